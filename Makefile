@@ -49,6 +49,7 @@ exam: $(VENV)/.installed
 	$(BIN)/python -m pytest -n 2 --dist worksteal -m exam
 
 check: $(VENV)/.installed
+	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports

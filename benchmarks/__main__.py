@@ -1,7 +1,10 @@
-"""`python -m benchmarks`: what there is, a line each. `python -m benchmarks NAME ...`: one of them, with its options.
+"""`python -m benchmarks`: what there is, a line each. `python -m benchmarks NAME ...`: one of
+them, with its options.
 
-A benchmark is a file that runs; the others are what several share. `python benchmarks/NAME.py` does the same.
+A benchmark is a file that runs; the others are what several share. `python benchmarks/NAME.py`
+does the same.
 """
+
 from __future__ import annotations
 
 import ast
@@ -17,7 +20,9 @@ def index() -> dict[str, str]:
     found = {}
     for path in sorted(HERE.rglob("*.py")):
         tree = ast.parse(path.read_text(encoding="utf-8"))
-        runs = any(isinstance(node, ast.If) and "__name__" in ast.unparse(node.test) for node in tree.body)
+        runs = any(
+            isinstance(node, ast.If) and "__name__" in ast.unparse(node.test) for node in tree.body
+        )
         if runs and path.stem != "__main__":
             name = path.relative_to(HERE).with_suffix("").as_posix()
             found[name] = (ast.get_docstring(tree) or "").split("\n")[0].split(": `")[0].rstrip(".")
@@ -35,7 +40,8 @@ def main(words: list[str]) -> int:
         return 2
     path = HERE / f"{words[0]}.py"
     sys.argv = [str(path), *words[1:]]
-    sys.path.insert(0, str(path.parent))            # as `python benchmarks/NAME.py` has it: for what they share
+    # as `python benchmarks/NAME.py` has it: for what they share
+    sys.path.insert(0, str(path.parent))
     runpy.run_path(str(path), run_name="__main__")
     return 0
 

@@ -1,12 +1,15 @@
-"""A million mutated frames through every driver: does one fall over, hang, or believe what was never said?
+"""A million mutated frames through every driver: does one fall over, hang, or believe what was
+never said?
 
     python -m benchmarks fuzz_protocols --frames 1000000
 
-Each frame is made of random values, spoilt in one way (the kinds below), and given to the protocol's streaming decoder
-(crash, slowest piece) and to its frame reader. Accepted is counted as right where it says exactly what one of the
-frames that went into it said, else as wrong. What is wrong and accepted is looked at: could any reader that knows the
-protocol tell it from a frame that was sent?
+Each frame is made of random values, spoilt in one way (the kinds below), and given to the
+protocol's streaming decoder (crash, slowest piece) and to its frame reader. Accepted is counted
+as right where it says exactly what one of the frames that went into it said, else as wrong.
+What is wrong and accepted is looked at: could any reader that knows the protocol tell it from a
+frame that was sent?
 """
+
 from __future__ import annotations
 
 import argparse
@@ -27,7 +30,13 @@ from drivers.devices.canopy_heads import PROTOCOLS, HeadDecoder, HeadFields
 from drivers.devices.gnss import GnssDecoder
 from drivers.devices.lines import Ignored, Rejected
 from drivers.devices.nmea import parse
-from drivers.devices.rate_module_frames import FlowTarget, Relays, Status, encode_relays, encode_target
+from drivers.devices.rate_module_frames import (
+    FlowTarget,
+    Relays,
+    Status,
+    encode_relays,
+    encode_target,
+)
 from drivers.devices.rate_module_frames import encode_status as encode_module
 from drivers.devices.slave_board import SlaveBoard
 from drivers.devices.tractor_speed import TractorSpeedDecoder
@@ -42,20 +51,30 @@ Said = tuple[Any, ...]
 
 
 class Subject(NamedTuple):
-    """One protocol: a frame of random values, what a frame says (None: rejected), a streaming decoder's `feed`."""
+    """One protocol: a frame of random values, what a frame says (None: rejected), a streaming
+    decoder's `feed`."""
 
     make: Callable[[random.Random], bytes]
     read: Callable[[bytes], Iterable[Said]]
     stream: Callable[[], Callable[[bytes], object]]
-    why: str                        # why a wrong frame that is believed looks like one that was sent
+    # why a wrong frame that is believed looks like one that was sent
+    why: str
 
 
 def fix(chance: random.Random) -> GnssFix:
-    utc = (f"2026-04-01T{chance.randrange(24):02d}:{chance.randrange(60):02d}:{chance.randrange(60):02d}."
-           f"{chance.randrange(10)}00Z")
-    return GnssFix(0.0, chance.uniform(-80, 80), chance.uniform(-179, 179), chance.choice((1, 2, 4, 5)),
-                   chance.randrange(4, 30), chance.uniform(0.5, 5.0), chance.uniform(0.0, 8.0),
-                   chance.uniform(0.0, 359.9), utc)
+    hour, minute, second = chance.randrange(24), chance.randrange(60), chance.randrange(60)
+    utc = f"2026-04-01T{hour:02d}:{minute:02d}:{second:02d}.{chance.randrange(10)}00Z"
+    return GnssFix(
+        0.0,
+        chance.uniform(-80, 80),
+        chance.uniform(-179, 179),
+        chance.choice((1, 2, 4, 5)),
+        chance.randrange(4, 30),
+        chance.uniform(0.5, 5.0),
+        chance.uniform(0.0, 8.0),
+        chance.uniform(0.0, 359.9),
+        utc,
+    )
 
 
 def nmea_frame(chance: random.Random) -> bytes:
@@ -75,12 +94,14 @@ def nmea_said(data: bytes) -> list[Said]:
 
 
 def head_frame(layout: HeadFields, multiplexed: bool, chance: random.Random) -> bytes:
-    return head_line(chance.uniform(-0.2, 0.95), layout, chance.randrange(1, 7) if multiplexed else None)
+    return head_line(
+        chance.uniform(-0.2, 0.95), layout, chance.randrange(1, 7) if multiplexed else None
+    )
 
 
 def head_said(layout: HeadFields, multiplexed: bool, data: bytes) -> list[Said]:
     decoder = HeadDecoder(layout, head=None if multiplexed else 1)
-    decoder.feed(b"#\n", 0.0)                   # not the first line any more
+    decoder.feed(b"#\n", 0.0)  # not the first line any more
     return list(decoder.feed(data, 0.0))
 
 
@@ -94,6 +115,7 @@ def crc_frames(decode: Callable[[bytes], Said]) -> Callable[[bytes], list[Said]]
                 except ValueError:
                     continue
         return found
+
     return said
 
 
@@ -103,43 +125,82 @@ def whole(chance: random.Random) -> int:
 
 def board_status(chance: random.Random) -> bytes:
     counts = ",".join(str(chance.randrange(2**bits)) for bits in (16, 16, 32, 32, 32))
-    read = ",".join(f"{chance.uniform(*ends):.3f}" for ends in ((0, 100), (0, 60), (0, 300), (9, 15), (-9, 9), (-9, 9)))
+    read = ",".join(
+        f"{chance.uniform(*ends):.3f}"
+        for ends in ((0, 100), (0, 60), (0, 300), (9, 15), (-9, 9), (-9, 9))
+    )
     return seal(f"S1,{counts},{read},{chance.choice(('', '1', '0'))},1")
 
 
 def board_command(chance: random.Random) -> bytes:
-    return encode_command(CommandFrame(whole(chance), chance.uniform(0, 100), chance.uniform(0, 60),
-                                       chance.random() < 0.5, word=chance.choice((None, chance.randrange(2**32)))))
+    return encode_command(
+        CommandFrame(
+            whole(chance),
+            chance.uniform(0, 100),
+            chance.uniform(0, 60),
+            chance.random() < 0.5,
+            word=chance.choice((None, chance.randrange(2**32))),
+        )
+    )
 
 
 def lag_line(chance: random.Random) -> bytes:
     start = chance.randrange(2**32)
-    return seal(f"L1,{whole(chance)},{whole(chance)},3,{start + 1700000},{chance.uniform(0, 100):.3f},"
-                f"{chance.randrange(4096)},{start},{start + chance.randrange(2000000)},0")
+    return seal(
+        f"L1,{whole(chance)},{whole(chance)},3,{start + 1700000},{chance.uniform(0, 100):.3f},"
+        f"{chance.randrange(4096)},{start},{start + chance.randrange(2000000)},0"
+    )
 
 
 def dose_report(chance: random.Random) -> bytes:
     begin = chance.randrange(2**31)
-    return seal(f"E1,{whole(chance)},{whole(chance)},{chance.randrange(1, 5)},{chance.uniform(0, 360):.3f},{begin},"
-                f"{begin + chance.randrange(500000)}")
+    return seal(
+        f"E1,{whole(chance)},{whole(chance)},{chance.randrange(1, 5)},"
+        f"{chance.uniform(0, 360):.3f},{begin},"
+        f"{begin + chance.randrange(500000)}"
+    )
 
 
 def module_status(chance: random.Random) -> bytes:
-    return encode_module(Status(chance.randrange(16), chance.randrange(16), chance.uniform(0, 100),
-                                chance.uniform(0, 1e6), chance.randrange(-255, 256), True, False,
-                                chance.uniform(0, 1000)))
+    return encode_module(
+        Status(
+            chance.randrange(16),
+            chance.randrange(16),
+            chance.uniform(0, 100),
+            chance.uniform(0, 1e6),
+            chance.randrange(-255, 256),
+            True,
+            False,
+            chance.uniform(0, 1000),
+        )
+    )
 
 
 def module_commands(chance: random.Random) -> bytes:
     if chance.random() < 0.3:
-        return encode_relays(Relays(chance.randrange(16), chance.randrange(16), chance.randrange(2)))
-    return encode_target(FlowTarget(chance.randrange(16), 0, chance.uniform(0, 100), chance.uniform(100, 1000), "motor",
-                                    chance.random() < 0.5))
+        return encode_relays(
+            Relays(chance.randrange(16), chance.randrange(16), chance.randrange(2))
+        )
+    return encode_target(
+        FlowTarget(
+            chance.randrange(16),
+            0,
+            chance.uniform(0, 100),
+            chance.uniform(100, 1000),
+            "motor",
+            chance.random() < 0.5,
+        )
+    )
 
 
 def tractor_line(chance: random.Random) -> bytes:
-    return plan_sentence(SpeedPlan(0.0, ((0.0, chance.uniform(-3, 5)), (chance.uniform(0.1, 9), chance.uniform(-3, 5))),
-                              chance.uniform(0.1, 2.0)))
+    return plan_sentence(
+        SpeedPlan(
+            0.0,
+            ((0.0, chance.uniform(-3, 5)), (chance.uniform(0.1, 9), chance.uniform(-3, 5))),
+            chance.uniform(0.1, 2.0),
+        )
+    )
 
 
 def datagrams(decode: Callable[[bytes], Said]) -> Callable[[bytes], list[Said]]:
@@ -148,6 +209,7 @@ def datagrams(decode: Callable[[bytes], Said]) -> Callable[[bytes], list[Said]]:
             return [decode(data)]
         except (Rejected, Ignored):
             return []
+
     return said
 
 
@@ -160,8 +222,9 @@ def gpsd_frame(chance: random.Random) -> bytes:
 
     class Sensed:
         gnss = fix(chance)
-    virtual.after(Sensed(), 0.0)                # type: ignore[arg-type]
-    return client.read().splitlines(keepends=True)[-1]              # TPV; SKY before it
+
+    virtual.after(Sensed(), 0.0)  # type: ignore[arg-type]
+    return client.read().splitlines(keepends=True)[-1]  # TPV; SKY before it
 
 
 def aog_frame(chance: random.Random) -> bytes:
@@ -169,33 +232,45 @@ def aog_frame(chance: random.Random) -> bytes:
 
 
 NO_SUM_TCP = "JSON carries no checksum; the TCP connection that it comes on does"
-NO_SUM = "there is no checksum: a digit changed into a digit, a sign lost or lines run together make a line as sent"
+NO_SUM = (
+    "there is no checksum: a digit changed into a digit, a sign lost or lines run together "
+    "make a line as sent"
+)
 CRC16 = "its CRC of 16 bits is right: noise hits it once in 65 536"
-XOR = ("its sum of 8 bits is right: two flips in one bit column cancel, so do two equal characters lost or doubled, "
-       "and noise hits it once in 256")
+XOR = (
+    "its sum of 8 bits is right: two flips in one bit column cancel, so do two equal "
+    "characters lost or doubled, "
+    "and noise hits it once in 256"
+)
 SUM = "its sum of 8 bits is right: changes that add up to 0, and noise once in 256"
 # share of the frames: docs/protocol-fuzz.md and half as much again
 MOST_WRONG = {NO_SUM_TCP: 0.15, NO_SUM: 0.11, CRC16: 1e-5, XOR: 4e-3, SUM: 1e-2}
-FEW = 3                         # of a short run
+FEW = 3  # of a short run
 
 
 def heads(name: str, multiplexed: bool) -> Subject:
     layout = PROTOCOLS[name]
-    return Subject(lambda chance: head_frame(layout, multiplexed, chance),
-                   lambda data: head_said(layout, multiplexed, data),
-                   lambda: _fed(HeadDecoder(layout, head=None if multiplexed else 1)), NO_SUM)
+    return Subject(
+        lambda chance: head_frame(layout, multiplexed, chance),
+        lambda data: head_said(layout, multiplexed, data),
+        lambda: _fed(HeadDecoder(layout, head=None if multiplexed else 1)),
+        NO_SUM,
+    )
 
 
 def _fed(decoder: Any) -> Callable[[bytes], object]:
     return lambda data: decoder.feed(data, 0.0)
 
 
-def by_decoder(make: Callable[[random.Random], bytes], decoder: Callable[[], Any], why: str) -> Subject:
+def by_decoder(
+    make: Callable[[random.Random], bytes], decoder: Callable[[], Any], why: str
+) -> Subject:
     return Subject(make, lambda data: list(decoder().feed(data, 0.0)), lambda: _fed(decoder()), why)
 
 
 def _module() -> Callable[[bytes], object]:
     from drivers.devices.rate_module import ModuleAddress, RateModule
+
     driver = RateModule(ModuleAddress(), 360.0, 100.0)
     return lambda data: driver.feed([data], 0.0)
 
@@ -209,13 +284,25 @@ SUBJECTS: dict[str, Subject] = {
     "acs430": heads("acs430", False),
     "acs435": heads("acs435", False),
     "greenseeker-multi": heads("greenseeker", True),
-    "board status": Subject(board_status, crc_frames(board_frames.decode_status), lambda: _fed(SlaveBoard()), CRC16),
-    "board command": Subject(board_command, lambda data: [tuple(fields) for fields in Receiver().feed(data)],
-                             lambda: _fed(VirtualBoard()), CRC16),
-    "dose report": Subject(dose_report, crc_frames(point_dose.decode_report), lambda: _fed(SlaveBoard()), CRC16),
-    "lag rig": Subject(lag_line, crc_frames(lag_rig.decode_status), lambda: _fed(lag_rig.LagRig()), CRC16),
+    "board status": Subject(
+        board_status, crc_frames(board_frames.decode_status), lambda: _fed(SlaveBoard()), CRC16
+    ),
+    "board command": Subject(
+        board_command,
+        lambda data: [tuple(fields) for fields in Receiver().feed(data)],
+        lambda: _fed(VirtualBoard()),
+        CRC16,
+    ),
+    "dose report": Subject(
+        dose_report, crc_frames(point_dose.decode_report), lambda: _fed(SlaveBoard()), CRC16
+    ),
+    "lag rig": Subject(
+        lag_line, crc_frames(lag_rig.decode_status), lambda: _fed(lag_rig.LagRig()), CRC16
+    ),
     "rate module": Subject(module_status, datagrams(rate_module_frames.decode_heard), _module, SUM),
-    "rate module, commands": Subject(module_commands, datagrams(rate_module_frames.decode_command), _module, SUM),
+    "rate module, commands": Subject(
+        module_commands, datagrams(rate_module_frames.decode_command), _module, SUM
+    ),
 }
 
 
@@ -227,11 +314,11 @@ def flip(data: bytes, other: bytes, chance: random.Random, times: int) -> bytes:
 
 
 def splice(data: bytes, other: bytes, chance: random.Random) -> bytes:
-    return data[:chance.randrange(len(data))] + other[chance.randrange(len(other)):]
+    return data[: chance.randrange(len(data))] + other[chance.randrange(len(other)) :]
 
 
 def truncate(data: bytes, other: bytes, chance: random.Random) -> bytes:
-    return data[:chance.randrange(len(data))] + other
+    return data[: chance.randrange(len(data))] + other
 
 
 def double(data: bytes, other: bytes, chance: random.Random) -> bytes:
@@ -242,13 +329,13 @@ def double(data: bytes, other: bytes, chance: random.Random) -> bytes:
 
 def drop(data: bytes, other: bytes, chance: random.Random) -> bytes:
     begin = chance.randrange(len(data))
-    return data[:begin] + data[begin + chance.randrange(1, 6):]
+    return data[:begin] + data[begin + chance.randrange(1, 6) :]
 
 
 def noise(data: bytes, other: bytes, chance: random.Random) -> bytes:
     begin = chance.randrange(len(data))
     burst = chance.randbytes(chance.randrange(1, 9))
-    return data[:begin] + burst + data[begin + len(burst):]
+    return data[:begin] + burst + data[begin + len(burst) :]
 
 
 KINDS: dict[str, Callable[[bytes, bytes, random.Random], bytes]] = {
@@ -303,10 +390,15 @@ def main() -> int:
     parser.add_argument("--frames", type=int, default=1_000_000)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--only", help="protocols whose name contains this")
-    parser.add_argument("--examples", action="store_true", help="show one wrongly accepted frame of each kind")
+    parser.add_argument(
+        "--examples", action="store_true", help="show one wrongly accepted frame of each kind"
+    )
     asked = parser.parse_args()
     print(f"{asked.frames} mutated frames a protocol, seed {asked.seed}\n")
-    print("| protocol | accepted, right | accepted, wrong | share | by kind | slowest piece, ms | frames/s |")
+    print(
+        "| protocol | accepted, right | accepted, wrong | share | by kind | slowest piece, "
+        "ms | frames/s |"
+    )
     print("|---|---|---|---|---|---|---|")
     reasons, promises = {}, {}
     for name, subject in SUBJECTS.items():
@@ -315,12 +407,19 @@ def main() -> int:
         result = fuzz(subject, asked.frames, asked.seed)
         total = result.wrong.total()
         kinds = ", ".join(f"{kind} {times}" for kind, times in result.wrong.most_common()) or "-"
-        print(f"| {name} | {result.right} | {total} | {total / asked.frames:.2e} | {kinds} | {result.slowest_ms:.1f} | "
-              f"{result.frames / result.seconds:.0f} |", flush=True)
+        print(
+            f"| {name} | {result.right} | {total} | {total / asked.frames:.2e} | {kinds} | "
+            f"{result.slowest_ms:.1f} | "
+            f"{result.frames / result.seconds:.0f} |",
+            flush=True,
+        )
         promises |= {
-            f"{name}: accepted what was sent, {result.right} of {result.frames} frames": result.right > 0,
-            f"{name}: {total} wrongly accepted, at most {MOST_WRONG[subject.why]:g} of the frames":
-                total <= FEW + MOST_WRONG[subject.why] * result.frames}
+            f"{name}: accepted what was sent, {result.right} of {result.frames} frames": (
+                result.right > 0
+            ),
+            f"{name}: {total} wrongly accepted, at most {MOST_WRONG[subject.why]:g} of the "
+            "frames": total <= FEW + MOST_WRONG[subject.why] * result.frames,
+        }
         if total:
             reasons[name] = subject.why
         if asked.examples:

@@ -1,12 +1,15 @@
-"""The live check: false alarms in healthy work, and how long an effect works before the line says so.
+"""The live check: false alarms in healthy work, and how long an effect works before the line
+says so.
 
-Logs are those of the hidden generator of tests/diagnosis, which shares no formula with the program: machines within
-their tolerances, four kinds of noise, all programmes. They are fed half a minute at a time, as they would grow.
+Logs are those of the hidden generator of tests/diagnosis, which shares no formula with the
+program: machines within their tolerances, four kinds of noise, all programmes. They are fed
+half a minute at a time, as they would grow.
 
     python -m benchmarks live_check [--hours 50] [--delays] [--seed 1]
 
 Exit code 1 where there is more than one false alarm in 100 hours.
 """
+
 from __future__ import annotations
 
 import argparse
@@ -36,15 +39,23 @@ from drivers.files.config import load
 from drivers.files.kinds import MACHINE
 
 Columns = dict[str, npt.NDArray[Any]]
-PROMISED = 1.0                  # false alarms in 100 hours, at most
-MINUTES, REFILLED_MINUTES = 46.0, 91.0      # three and six quarters of an hour: two in a row may say something
+PROMISED = 1.0  # false alarms in 100 hours, at most
+# three and six quarters of an hour: two in a row may say something
+MINUTES, REFILLED_MINUTES = 46.0, 91.0
 BEGINS_S = 900.0
-SIZES: dict[str, tuple[float, float, float]] = {      # in the catalogue's units
-    "flow.gain": (-2.0, -4.0, -8.0), "flow.fill_falloff": (6.0, 12.0, 20.0), "shaft.gain": (-1.0, -2.0, -5.0),
-    "gate.offset": (0.5, 1.0, 2.0), "speed.wheel_radius": (2.0, 4.0, 8.0), "canopy.head_fouled": (-5.0, -10.0, -20.0)}
+SIZES: dict[str, tuple[float, float, float]] = {  # in the catalogue's units
+    "flow.gain": (-2.0, -4.0, -8.0),
+    "flow.fill_falloff": (6.0, 12.0, 20.0),
+    "shaft.gain": (-1.0, -2.0, -5.0),
+    "gate.offset": (0.5, 1.0, 2.0),
+    "speed.wheel_radius": (2.0, 4.0, 8.0),
+    "canopy.head_fouled": (-5.0, -10.0, -20.0),
+}
 
 
-def log_of(seed: int, effects: tuple[Effect, ...] = (), programme: Programme | None = None) -> Columns | None:
+def log_of(
+    seed: int, effects: tuple[Effect, ...] = (), programme: Programme | None = None
+) -> Columns | None:
     """None where the hopper would have run empty."""
     rng = np.random.default_rng([seed, 19])
     programmes = chosen("all")
@@ -77,14 +88,21 @@ def healthy(hours: float, seed: int) -> bool:
     while worked_h < hours:
         columns, begin = log_of(number), time.process_time()
         if columns is not None:
-            found += list(lines(columns))[:1]           # one alarm a log: the first line stands until it is looked at
+            # one alarm a log: the first line stands until it is looked at
+            found += list(lines(columns))[:1]
             worked_h += float(np.ptp(columns["time_s"])) / 3600.0
             used_s += time.process_time() - begin
         number += 1
-    low, high = (0.5 * chi2.ppf(0.05, 2 * len(found)) if found else 0.0), 0.5 * chi2.ppf(0.95, 2 * len(found) + 2)
+    low, high = (
+        (0.5 * chi2.ppf(0.05, 2 * len(found)) if found else 0.0),
+        0.5 * chi2.ppf(0.95, 2 * len(found) + 2),
+    )
     rate = 100.0 * len(found) / worked_h
-    print(f"healthy: {worked_h:.1f} h, {len(found)} false alarms: {rate:.2f} in 100 h, 90 % interval "
-          f"{100 * low / worked_h:.2f} to {100 * high / worked_h:.2f} (promised: at most {PROMISED:g})")
+    print(
+        f"healthy: {worked_h:.1f} h, {len(found)} false alarms: {rate:.2f} in 100 h, 90 % interval "
+        f"{100 * low / worked_h:.2f} to {100 * high / worked_h:.2f} (promised: at most "
+        f"{PROMISED:g})"
+    )
     print(f"processor: {100.0 * used_s / (3600.0 * worked_h):.1f} % of one core")
     for line in found:
         print("  false:", *line)
@@ -94,19 +112,34 @@ def healthy(hours: float, seed: int) -> bool:
 def delays(seed: int, repeated: int) -> None:
     print("effect, size, started at 900 s: minutes to the line (name), or not said")
     fits = [p for p in chosen("all") if p.strategy != "opening_first"]
-    for which in (1, 2, 0):             # the middle sizes first: a run may be cut
+    for which in (1, 2, 0):  # the middle sizes first: a run may be cut
         for k, (effect, sizes) in enumerate(SIZES.items()):
             size, cells = sizes[which], []
             for again in range(repeated):
                 number = seed + 1000 * again + k
-                e = Effect(effect, size, 0, 0.5, None, 2 if effect.startswith("canopy") else None, number,
-                           course=Course(ONSET, BEGINS_S, 0.0))
+                e = Effect(
+                    effect,
+                    size,
+                    0,
+                    0.5,
+                    None,
+                    2 if effect.startswith("canopy") else None,
+                    number,
+                    course=Course(ONSET, BEGINS_S, 0.0),
+                )
                 columns = log_of(number, (e,), fits[(2 * k + again) % len(fits)])
                 if columns is None:
                     cells.append("no log")
                     continue
-                cells.append(next((f"{(at_s - BEGINS_S) / 60.0:.1f} ({cause or channel})"
-                                   for at_s, channel, cause in lines(columns)), "not said"))
+                cells.append(
+                    next(
+                        (
+                            f"{(at_s - BEGINS_S) / 60.0:.1f} ({cause or channel})"
+                            for at_s, channel, cause in lines(columns)
+                        ),
+                        "not said",
+                    )
+                )
             print(f"  {effect:20} {size:6g}  {'   '.join(cells)}", flush=True)
 
 

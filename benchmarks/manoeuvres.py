@@ -1,10 +1,12 @@
 """The manoeuvres that `control_quality.py` and `other_machines.py` drive, and how one is judged.
 
-Each is driven on the demo field by the simulated machine and judged inside its own window of time. Rate
-error is the area mean of |landed - target| over the mean target; place error the distance between a step of the
-target and the half-way point of the landed step; outside: what landed beyond the field, in metres of the working
-width at the mean target, for each crossing of the edge.
+Each is driven on the demo field by the simulated machine and judged inside its own window of
+time. Rate error is the area mean of |landed - target| over the mean target; place error the
+distance between a step of the target and the half-way point of the landed step; outside: what
+landed beyond the field, in metres of the working width at the mean target, for each crossing of
+the edge.
 """
+
 from __future__ import annotations
 
 import datetime as dt
@@ -23,12 +25,14 @@ from drivers.files.setup import Setup, load_setup
 
 DT_S = 0.05
 GO = ((0.5, Order(Do.READY)), (1.0, Order(Do.START)))
-GO_HELD = (GO[0], *((1.0 + 0.2 * k, Order(Do.START, True)) for k in range(40)))     # START held until the machine works
-PASS_BEGINS_M = 15.0            # of a pass belong to its start
+# START held until the machine works
+GO_HELD = (GO[0], *((1.0 + 0.2 * k, Order(Do.START, True)) for k in range(40)))
+PASS_BEGINS_M = 15.0  # of a pass belong to its start
 
 
 class Manoeuvre(NamedTuple):
-    """`speeds`: (at s, km/h, m/s2). Judged from `begin_s` to `end_s`; `edges`: only the first metres of each pass."""
+    """`speeds`: (at s, km/h, m/s2). Judged from `begin_s` to `end_s`; `edges`: only the first
+    metres of each pass."""
 
     name: str
     begin_s: float
@@ -44,21 +48,33 @@ MANOEUVRES = (
     Manoeuvre("accelerating 3 to 7 km/h, 1.0 m/s2", 48, 56, ((0, 3, 0.5), (50, 7, 1.0))),
     Manoeuvre("decelerating 7 to 3 km/h, 0.5 m/s2", 48, 56, ((0, 7, 0.5), (50, 3, 0.5))),
     Manoeuvre("stop and go, 6 s standing", 48, 70, ((50, 0, 0.5), (58.5, 4.5, 0.5))),
-    Manoeuvre("reversing 4 m, going on", 48, 85, ((50, 0, 0.5), (56, -2, 0.5), (63, 0, 0.5), (66, 4.5, 0.5))),
+    Manoeuvre(
+        "reversing 4 m, going on",
+        48,
+        85,
+        ((50, 0, 0.5), (56, -2, 0.5), (63, 0, 0.5), (66, 4.5, 0.5)),
+    ),
     Manoeuvre("turning: whole passes of 60 m", 20, 260, (), {"pass_length_m": 60.0}),
     Manoeuvre("start of a pass, rolling", 20, 260, (), {"pass_length_m": 60.0}, True),
-    Manoeuvre("start from standstill at the edge", 3, 18, ((0, 0, 0.5), (3, 4.5, 0.5)), {"run_in_m": 0.5}),
-    Manoeuvre("start from standstill in the field", 3, 18, ((0, 0, 0.5), (3, 4.5, 0.5)),
-              {"run_in_m": 0.5, "begin_m": 20.0}),
+    Manoeuvre(
+        "start from standstill at the edge", 3, 18, ((0, 0, 0.5), (3, 4.5, 0.5)), {"run_in_m": 0.5}
+    ),
+    Manoeuvre(
+        "start from standstill in the field",
+        3,
+        18,
+        ((0, 0, 0.5), (3, 4.5, 0.5)),
+        {"run_in_m": 0.5, "begin_m": 20.0},
+    ),
 )
 
 
 class Judged(NamedTuple):
     """One run inside its window. Sums, so that runs can be added up."""
 
-    missed_kg_ha: Array             # |landed - target| by bin
+    missed_kg_ha: Array  # |landed - target| by bin
     target_kg_ha: Array
-    signed_kg_ha: Array             # landed - target by bin
+    signed_kg_ha: Array  # landed - target by bin
     places_m: Array
     lost: int
     outside_m: float
@@ -81,16 +97,30 @@ def the_setup() -> Setup:
     return load_setup("huanghai", "demo", dt.date(2014, 3, 7))
 
 
-def driven(setup: Setup, strategy: Strategy, seed: int, seconds: float, sim: dict[str, Any],
-           orders: Sequence[tuple[float, Order]] | None, look_ahead: bool = True) -> Record:
+def driven(
+    setup: Setup,
+    strategy: Strategy,
+    seed: int,
+    seconds: float,
+    sim: dict[str, Any],
+    orders: Sequence[tuple[float, Order]] | None,
+    look_ahead: bool = True,
+) -> Record:
     """The record of one run."""
     values = setup.job.simulated.model_dump() | sim
-    job = setup.job.model_copy(update={"strategy": strategy, "look_ahead": look_ahead,
-                                       "simulated": Simulated.model_validate(values)})
+    job = setup.job.model_copy(
+        update={
+            "strategy": strategy,
+            "look_ahead": look_ahead,
+            "simulated": Simulated.model_validate(values),
+        }
+    )
     job = with_simulated_field(job, setup.machine)
     plant = simulated_machine(setup.machine, job, seed, DT_S)
     record = Record()
-    for step in simulated_run(plant, control_loop(setup.machine, setup.crop, setup.rule, job), seconds, orders):
+    for step in simulated_run(
+        plant, control_loop(setup.machine, setup.crop, setup.rule, job), seconds, orders
+    ):
         record.add(step)
     return record
 
@@ -102,7 +132,9 @@ def judge(record: Record, what: Manoeuvre, width_m: float) -> Judged:
     rows = (time >= what.begin_s) & (time <= what.end_s)
     centres = land.ground.centres_m()
     inside = (land.inside > 0.0) & (centres >= way[rows].min()) & (centres <= way[rows].max())
-    begins = np.flatnonzero(np.diff(np.concatenate(([0.0], (land.target_kg_ha > 0.0).astype(float)))) > 0.0)
+    begins = np.flatnonzero(
+        np.diff(np.concatenate(([0.0], (land.target_kg_ha > 0.0).astype(float)))) > 0.0
+    )
     ends = np.flatnonzero(np.diff((land.target_kg_ha > 0.0).astype(float)) < 0.0)
     if what.edges:
         near = np.zeros(len(centres), dtype=bool)
@@ -113,17 +145,32 @@ def judge(record: Record, what: Manoeuvre, width_m: float) -> Judged:
     if what.edges:
         fired = [f for f in fired if f.before.rate_kg_ha <= 0.0]
     places, lost = place_errors(columns, fired, land, width_m)
-    beyond = land.landed_kg_ha[(land.target_kg_ha <= 0.0) & (centres >= way[rows].min())
-                               & (centres <= way[rows].max())].sum() * BIN_M
+    beyond = (
+        land.landed_kg_ha[
+            (land.target_kg_ha <= 0.0) & (centres >= way[rows].min()) & (centres <= way[rows].max())
+        ].sum()
+        * BIN_M
+    )
     target = land.target_kg_ha[inside]
-    crossings = int(((centres[begins] >= way[rows].min()) & (centres[begins] <= way[rows].max())).sum()
-                    + ((centres[ends] >= way[rows].min()) & (centres[ends] <= way[rows].max())).sum())
-    return Judged(np.abs(land.landed_kg_ha[inside] - target), target, land.landed_kg_ha[inside] - target, places, lost,
-                  float(beyond / target.mean()) if len(target) else 0.0, crossings)
+    crossings = int(
+        ((centres[begins] >= way[rows].min()) & (centres[begins] <= way[rows].max())).sum()
+        + ((centres[ends] >= way[rows].min()) & (centres[ends] <= way[rows].max())).sum()
+    )
+    return Judged(
+        np.abs(land.landed_kg_ha[inside] - target),
+        target,
+        land.landed_kg_ha[inside] - target,
+        places,
+        lost,
+        float(beyond / target.mean()) if len(target) else 0.0,
+        crossings,
+    )
 
 
 def sim_of(what: Manoeuvre) -> dict[str, Any]:
-    changes = [{"at_s": at, "speed_kmh": kmh, "acceleration_mps2": most} for at, kmh, most in what.speeds]
+    changes = [
+        {"at_s": at, "speed_kmh": kmh, "acceleration_mps2": most} for at, kmh, most in what.speeds
+    ]
     return {"speed_changes": changes, **what.sim}
 
 

@@ -1,9 +1,12 @@
-"""What orders that were recorded on the board's line and are played in again do: `python -m benchmarks old_orders`
+"""What orders that were recorded on the board's line and are played in again do: `python -m
+benchmarks old_orders`
 
-The worker's loop, cab and drivers against the virtual machine's bytes, on an injected clock. Everything that the
-console sends to the board is recorded; somebody on the line plays it in again for 30 s. Printed: the fastest that the
-shaft turned from the sixth second on, what left the machine (plant), the alarms.
+The worker's loop, cab and drivers against the virtual machine's bytes, on an injected clock.
+Everything that the console sends to the board is recorded; somebody on the line plays it in
+again for 30 s. Printed: the fastest that the shaft turned from the sixth second on, what left
+the machine (plant), the alarms.
 """
+
 from __future__ import annotations
 
 import sys
@@ -17,8 +20,10 @@ from control.orders import Do
 from drivers.virtual.board import VirtualBoard
 
 LASTS_S = 30.0
-OLDER_BY = 40               # frames: beyond the 16 that a board holds for a doubled line
-STOPS_WITHIN_S = 6.0        # a shaft that still slows down when the attack begins
+# frames: beyond the 16 that a board holds for a doubled line
+OLDER_BY = 40
+# a shaft that still slows down when the attack begins
+STOPS_WITHIN_S = 6.0
 
 
 class Tape:
@@ -27,7 +32,7 @@ class Tape:
     def __init__(self, it: Rig) -> None:
         self.lines: list[bytes] = []
         self._from = it.board_line.read
-        it.board_line.read = self.read          # type: ignore[method-assign]
+        it.board_line.read = self.read  # type: ignore[method-assign]
         self.play: Callable[[], bytes] = bytes
 
     def read(self) -> bytes:
@@ -38,8 +43,11 @@ class Tape:
     def enabled(self) -> list[bytes]:
         """Those that turn the shaft, older than the newest by more than what a board holds."""
         old = (line.split(b"*")[0].split(b",") for line in self.lines[:-OLDER_BY])
-        return [line for line, fields in zip(self.lines, old, strict=False)
-                if fields[0][:2] == b"$T" and fields[4] == b"1" and float(fields[2]) > 20.0]
+        return [
+            line
+            for line, fields in zip(self.lines, old, strict=False)
+            if fields[0][:2] == b"$T" and fields[4] == b"1" and float(fields[2]) > 20.0
+        ]
 
     def again(self, lines: list[bytes]) -> None:
         """One behind each of the console's, in their order, over and over."""
@@ -60,12 +68,13 @@ def working(it: Rig, tape: Tape) -> None:
 
 
 def console_again(it: Rig, tape: Tape) -> None:
-    """The whole of an earlier session, from its first order on, behind those of the console that was started again."""
+    """The whole of an earlier session, from its first order on, behind those of the console
+    that was started again."""
     it.work()
     it.order(Do.STOP)
     it.run(8.0)
     lines = list(tape.lines)
-    for _ in range(40):                 # two seconds without a console
+    for _ in range(40):  # two seconds without a console
         it.now_s += DT_S
         it.virtual.advance(it.now_s)
     it.cab = it.fresh_cab()
@@ -74,18 +83,23 @@ def console_again(it: Rig, tape: Tape) -> None:
 
 
 def no_console(it: Rig, tape: Tape) -> None:
-    """The board is switched off and on, no console runs, and an earlier session is played from its first order on."""
+    """The board is switched off and on, no console runs, and an earlier session is played from
+    its first order on."""
     it.work()
     it.order(Do.STOP)
     it.run(8.0)
     lines = list(tape.lines)
     it.virtual.board = VirtualBoard(it.ticks[-1].row.opening_mm)
-    it.cab.command = lambda *_: None        # type: ignore[method-assign]
+    it.cab.command = lambda *_: None  # type: ignore[method-assign]
     tape.again(lines)
 
 
-CASES = {"off": off, "working": working, "off, console started again": console_again,
-         "board started again, no console": no_console}
+CASES = {
+    "off": off,
+    "working": working,
+    "off, console started again": console_again,
+    "board started again, no console": no_console,
+}
 
 
 class Found(NamedTuple):
@@ -101,23 +115,37 @@ def played_in(name: str) -> Found:
     first, from_kg = len(it.ticks), it.hopper_kg
     it.run(LASTS_S)
     seen = it.ticks[first:]
-    fastest_rpm = max(abs(tick.row.shaft_rpm or 0.0) for tick in seen[int(STOPS_WITHIN_S / DT_S):])
-    return Found(fastest_rpm, from_kg - it.hopper_kg, sorted({alarm.id for tick in seen for alarm in tick.alarms}),
-                 str(seen[-1].row.state))
+    fastest_rpm = max(abs(tick.row.shaft_rpm or 0.0) for tick in seen[int(STOPS_WITHIN_S / DT_S) :])
+    return Found(
+        fastest_rpm,
+        from_kg - it.hopper_kg,
+        sorted({alarm.id for tick in seen for alarm in tick.alarms}),
+        str(seen[-1].row.state),
+    )
 
 
 def promised(name: str, found: Found) -> dict[str, object]:
-    return {f"{name}: the shaft stands, {found.fastest_rpm:.0f} r/min": found.fastest_rpm < 2.0,
-            f"{name}: old_orders is said, {found.alarms}": "old_orders" in found.alarms or name.endswith("no console")}
+    return {
+        f"{name}: the shaft stands, {found.fastest_rpm:.0f} r/min": found.fastest_rpm < 2.0,
+        f"{name}: old_orders is said, {found.alarms}": "old_orders" in found.alarms
+        or name.endswith("no console"),
+    }
 
 
 def main() -> int:
     promises: dict[str, object] = {}
-    print("| played in again | fastest shaft, r/min | kg by the plant | alarms | state then |\n|---|---|---|---|---|")
+    print(
+        "| played in again | fastest shaft, r/min | kg by the plant | alarms | state then "
+        "|\n|---|---|---|---|---|"
+    )
     for name in CASES:
         found = played_in(name)
-        print(f"| {name} | {found.fastest_rpm:.0f} | {found.plant_kg:.2f} | {', '.join(found.alarms) or 'none'} | "
-              f"{found.state} |", flush=True)
+        print(
+            f"| {name} | {found.fastest_rpm:.0f} | {found.plant_kg:.2f} | "
+            f"{', '.join(found.alarms) or 'none'} | "
+            f"{found.state} |",
+            flush=True,
+        )
         promises |= promised(name, found)
     return exit_code(promises)
 

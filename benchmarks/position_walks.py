@@ -2,13 +2,16 @@
 
     python -m benchmarks position_walks [--hours 10] [--recordings FOLDER]
 
-1. A machine at 1.25 m/s; after a minute its place drifts, at right angles to the way, while the receiver tells the same
-   quality, speed and course as before ("place"), or speed and course of the drift as well ("all"). Printed: how far it
-   was believed, and after how many seconds it was said.
+1. A machine at 1.25 m/s; after a minute its place drifts, at right angles to the way, while the
+   receiver tells the same quality, speed and course as before ("place"), or speed and course of
+   the drift as well ("all"). Printed: how far it was believed, and after how many seconds it
+   was said.
 2. Recordings of receivers (NMEA 0183): epochs, and those that were called a walk.
-3. Simulated hours of six receivers on a machine that works passes, turns, stops, backs up, loses GNSS, slips, and whose
-   wheel is calibrated wrongly: epochs, and those that were called a walk.
+3. Simulated hours of six receivers on a machine that works passes, turns, stops, backs up,
+   loses GNSS, slips, and whose wheel is calibrated wrongly: epochs, and those that were called
+   a walk.
 """
+
 from __future__ import annotations
 
 import argparse
@@ -29,16 +32,20 @@ from drivers.devices.gnss import GnssDecoder
 
 PLANE = TangentPlane(48.0, 11.0)
 TICK_S = 0.05
-ANTENNA_M, WHEEL_RIGHT_M = 1.0, 0.8        # ahead of the axle; of the wheel to the right of its middle
+# ahead of the axle; of the wheel to the right of its middle
+ANTENNA_M, WHEEL_RIGHT_M = 1.0, 0.8
 DRIFTS_MPS = (0.1, 0.25, 0.5, 3.0, 10.0, 30.0)
-SEEN_FROM_MPS = {4: 0.25, 5: 0.5, 2: 0.5, 1: 1.0}      # by fix quality, within a minute: docs/safety.md
+# by fix quality, within a minute: docs/safety.md
+SEEN_FROM_MPS = {4: 0.25, 5: 0.5, 2: 0.5, 1: 1.0}
 BEFORE_S, LOOKED_S = 60.0, 90.0
-COLD_STARTS = ("beidou-bd.log",)       # its first places jump by 33 m while it tells 0.15 m/s
+# its first places jump by 33 m while it tells 0.15 m/s
+COLD_STARTS = ("beidou-bd.log",)
 
 
 class Receiver(NamedTuple):
-    """How a receiver errs. Places: white noise, and a slow part of that s.d. and correlation; speeds: noise, delay, the
-    step in which they are reported, below which speed it reports none."""
+    """How a receiver errs. Places: white noise, and a slow part of that s.d. and correlation;
+    speeds: noise, delay, the step in which they are reported, below which speed it reports
+    none."""
 
     name: str
     quality: int
@@ -80,9 +87,9 @@ def straight(seconds: float, speed_mps: float = 1.25) -> Iterator[Moving]:
 
 
 def worked(seconds: float, rng: np.random.Generator) -> Iterator[Moving]:
-    """Passes of 150 to 350 m and turns, in which the antenna swings out and the wheel at one side rolls another way;
-    stops, backing up; the wheel slips 0 to 10 %, in bursts 20 %, now and then it
-    spins for some seconds, and it is calibrated up to 4 % wrongly."""
+    """Passes of 150 to 350 m and turns, in which the antenna swings out and the wheel at one
+    side rolls another way; stops, backing up; the wheel slips 0 to 10 %, in bursts 20 %, now
+    and then it spins for some seconds, and it is calibrated up to 4 % wrongly."""
     east = north = course = 0.0
     wrong, speed = 1.0 + rng.uniform(-0.04, 0.04), 0.0
     plan = _plan(rng)
@@ -94,16 +101,33 @@ def worked(seconds: float, rng: np.random.Generator) -> Iterator[Moving]:
             wanted, turn, left_s, spins = next(plan)
         speed += max(-0.8 * TICK_S, min(0.5 * TICK_S, wanted - speed))
         burst_s = rng.uniform(1.0, 6.0) if rng.random() < TICK_S / 60.0 else burst_s - TICK_S
-        slip += (0.2 - slip) * TICK_S / 0.5 if burst_s > 0.0 else (rng.uniform(0.0, 0.10) - slip) * TICK_S / 5.0
+        slip += (
+            (0.2 - slip) * TICK_S / 0.5
+            if burst_s > 0.0
+            else (rng.uniform(0.0, 0.10) - slip) * TICK_S / 5.0
+        )
         course += turn * TICK_S * (1.0 if speed >= 0.0 else -1.0)
         east += speed * sin(radians(course)) * TICK_S
         north += speed * cos(radians(course)) * TICK_S
-        ahead, right = (sin(radians(course)), cos(radians(course))), (cos(radians(course)), -sin(radians(course)))
+        ahead, right = (
+            (sin(radians(course)), cos(radians(course))),
+            (cos(radians(course)), -sin(radians(course))),
+        )
         turned = radians(turn) * (1.0 if speed >= 0.0 else -1.0) if speed else 0.0
-        east_mps, north_mps = (speed * a + ANTENNA_M * turned * r for a, r in zip(ahead, right, strict=True))
-        wheel = abs(speed + WHEEL_RIGHT_M * -turned) * (1.0 + slip) * wrong + (1.5 if spins else 0.0)
-        yield Moving(east + ANTENNA_M * ahead[0], north + ANTENNA_M * ahead[1], hypot(east_mps, north_mps),
-                     float(np.degrees(np.arctan2(east_mps, north_mps))) % 360.0, wheel, spins)
+        east_mps, north_mps = (
+            speed * a + ANTENNA_M * turned * r for a, r in zip(ahead, right, strict=True)
+        )
+        wheel = abs(speed + WHEEL_RIGHT_M * -turned) * (1.0 + slip) * wrong + (
+            1.5 if spins else 0.0
+        )
+        yield Moving(
+            east + ANTENNA_M * ahead[0],
+            north + ANTENNA_M * ahead[1],
+            hypot(east_mps, north_mps),
+            float(np.degrees(np.arctan2(east_mps, north_mps))) % 360.0,
+            wheel,
+            spins,
+        )
 
 
 def _plan(rng: np.random.Generator) -> Iterator[tuple[float, float, float, bool]]:
@@ -120,7 +144,7 @@ def _plan(rng: np.random.Generator) -> Iterator[tuple[float, float, float, bool]
                 yield 0.0, 0.0, rng.uniform(5.0, 90.0), False
             speed = max(0.6, speed * rng.uniform(0.7, 1.3))
         slow = rng.uniform(0.7, 1.8)
-        if rng.random() < 0.3:                      # a turn in three parts, backing up
+        if rng.random() < 0.3:  # a turn in three parts, backing up
             rate = 20.0 * side
             yield slow, rate, 90.0 / abs(rate), False
             yield 0.0, 0.0, 2.0, False
@@ -134,7 +158,8 @@ def _plan(rng: np.random.Generator) -> Iterator[tuple[float, float, float, bool]
 
 
 class Reports:
-    """Fixes of a receiver that watches a machine. `drift`: of the place, east, m; `with_it`: of its speed, m/s."""
+    """Fixes of a receiver that watches a machine. `drift`: of the place, east, m; `with_it`: of
+    its speed, m/s."""
 
     def __init__(self, receiver: Receiver, rng: np.random.Generator) -> None:
         self._r, self._rng = receiver, rng
@@ -142,7 +167,9 @@ class Reports:
         self._velocities: list[tuple[float, float]] = []
         self._next_s = 0.0
 
-    def fix(self, now_s: float, at: Moving, drift_m: float = 0.0, drift_mps: float = 0.0) -> GnssFix | None:
+    def fix(
+        self, now_s: float, at: Moving, drift_m: float = 0.0, drift_mps: float = 0.0
+    ) -> GnssFix | None:
         r, normal = self._r, self._rng.standard_normal
         east_mps = at.speed_mps * sin(radians(at.course_deg)) + drift_mps
         north_mps = at.speed_mps * cos(radians(at.course_deg))
@@ -157,26 +184,33 @@ class Reports:
         self._next_s += 1.0 / r.hz
         noise = r.white_m * normal(2) + self._slow
         lat, lon = PLANE.to_deg(at.east_m + drift_m + noise[0], at.north_m + noise[1])
-        east_mps, north_mps = (v + r.speed_mps * n for v, n in zip(self._velocities[0], normal(2), strict=True))
+        east_mps, north_mps = (
+            v + r.speed_mps * n for v, n in zip(self._velocities[0], normal(2), strict=True)
+        )
         speed = hypot(east_mps, north_mps)
         if r.step_mps:
             speed = round(speed / r.step_mps) * r.step_mps
         course = np.degrees(np.arctan2(east_mps, north_mps)) % 360.0
         if speed < r.cut_mps:
             speed, course = 0.0, None
-        return GnssFix(now_s, lat, lon, r.quality, 14, r.hdop, speed, None if course is None else float(course))
+        return GnssFix(
+            now_s, lat, lon, r.quality, 14, r.hdop, speed, None if course is None else float(course)
+        )
 
 
 class Believed(NamedTuple):
-    far_m: float            # the place in use was off by this much at most
-    said_s: float | None    # after the drift began
+    far_m: float  # the place in use was off by this much at most
+    said_s: float | None  # after the drift began
 
 
 def held_by(sensed: Sensed) -> bool:
     """Whether safety holds work because nothing says which speed is wrong."""
     doubt = sensed.doubt
-    return (doubt is not None and doubt.refused is Doubted.EITHER
-            and doubt.differed_s - doubt.since_s >= SafetyLimits().speeds_differ_s)
+    return (
+        doubt is not None
+        and doubt.refused is Doubted.EITHER
+        and doubt.differed_s - doubt.since_s >= SafetyLimits().speeds_differ_s
+    )
 
 
 def drifting(receiver: Receiver, drift_mps: float, with_it: bool, seed: int = 1) -> Believed:
@@ -185,9 +219,13 @@ def drifting(receiver: Receiver, drift_mps: float, with_it: bool, seed: int = 1)
     for k, at in enumerate(straight(BEFORE_S + LOOKED_S)):
         now_s = k * TICK_S
         since_s = max(0.0, now_s - BEFORE_S)
-        new = reports.fix(now_s, at, drift_mps * since_s, drift_mps if with_it and since_s > 0.0 else 0.0)
+        new = reports.fix(
+            now_s, at, drift_mps * since_s, drift_mps if with_it and since_s > 0.0 else 0.0
+        )
         fix = new or fix
-        sensed = sensing.update(Measurements(now_s, gnss=fix, wheel_speed_mps=Reading(at.wheel_mps, now_s)))
+        sensed = sensing.update(
+            Measurements(now_s, gnss=fix, wheel_speed_mps=Reading(at.wheel_mps, now_s))
+        )
         if since_s <= 0.0 or sensed.east_m is None or sensed.north_m is None:
             continue
         held = held_by(sensed)
@@ -200,20 +238,23 @@ def drifting(receiver: Receiver, drift_mps: float, with_it: bool, seed: int = 1)
 
 class Heard(NamedTuple):
     epochs: int
-    refused: int            # by one epoch, as before
-    walks: int              # spells
+    refused: int  # by one epoch, as before
+    walks: int  # spells
     walk_epochs: int
-    doubts: frozenset[tuple[Doubted, float]]    # which speed was not believed, from when on
-    spun_s: tuple[float, ...] = ()      # when the wheel spun
+    doubts: frozenset[tuple[Doubted, float]]  # which speed was not believed, from when on
+    spun_s: tuple[float, ...] = ()  # when the wheel spun
 
     def doubted(self, refused: Doubted) -> list[float]:
         return [from_s for one, from_s in self.doubts if one is refused]
 
     @property
     def wheel_unspun(self) -> int:
-        """Times that the wheel was not believed though it had not spun in the five seconds before."""
-        return sum(not any(from_s - 5.0 < at_s <= from_s for at_s in self.spun_s)
-                   for from_s in self.doubted(Doubted.WHEEL))
+        """Times that the wheel was not believed though it had not spun in the five seconds
+        before."""
+        return sum(
+            not any(from_s - 5.0 < at_s <= from_s for at_s in self.spun_s)
+            for from_s in self.doubted(Doubted.WHEEL)
+        )
 
 
 def heard(fixes: Iterator[tuple[float, GnssFix, Reading | None]]) -> Heard:
@@ -223,7 +264,9 @@ def heard(fixes: Iterator[tuple[float, GnssFix, Reading | None]]) -> Heard:
     before, seen_s, doubts = False, None, set()
     for now_s, fix, wheel in fixes:
         sensed = sensing.update(Measurements(now_s, gnss=fix, wheel_speed_mps=wheel))
-        if sensed.doubt is not None and (sensed.doubt.refused is not Doubted.EITHER or held_by(sensed)):
+        if sensed.doubt is not None and (
+            sensed.doubt.refused is not Doubted.EITHER or held_by(sensed)
+        ):
             doubts.add((sensed.doubt.refused, sensed.doubt.since_s))
         if fix.time_s == seen_s:
             continue
@@ -243,7 +286,11 @@ def recorded(path: Path, hz: float = 1.0) -> Iterator[tuple[float, GnssFix, Read
     for line in path.read_bytes().splitlines(keepends=True):
         for fix in decoder.feed(line, now_s):
             reports = None if fix.utc is None else np.datetime64(fix.utc.rstrip("Z"), "ms")
-            step_s = 1.0 / hz if reports is None or clock is None else (reports - clock) / np.timedelta64(1, "s")
+            step_s = (
+                1.0 / hz
+                if reports is None or clock is None
+                else (reports - clock) / np.timedelta64(1, "s")
+            )
             clock = reports
             now_s += step_s if 0.0 < step_s < 60.0 else 1.0 / hz
             yield now_s, fix._replace(time_s=now_s), None
@@ -267,6 +314,7 @@ def hour(receiver: Receiver, seconds: float, seed: int) -> Heard:
                 fix = new
             if fix is not None:
                 yield now_s, fix, Reading(at.wheel_mps, now_s)
+
     return heard(fixes())._replace(spun_s=tuple(spun_s))
 
 
@@ -282,27 +330,42 @@ def main() -> int:
             for drift in DRIFTS_MPS:
                 found = drifting(receiver, drift, with_it)
                 said = "never" if found.said_s is None else f"{found.said_s:.1f}"
-                print(f"| {receiver.name} | {'all' if with_it else 'place'} | {drift:g} | {found.far_m:.1f} | {said} |",
-                      flush=True)
+                print(
+                    f"| {receiver.name} | {'all' if with_it else 'place'} | {drift:g} | "
+                    f"{found.far_m:.1f} | {said} |",
+                    flush=True,
+                )
                 if not with_it and drift >= SEEN_FROM_MPS[receiver.quality]:
                     promises[f"{receiver.name}, {drift:g} m/s: said within a minute"] = (
-                        found.said_s is not None and found.said_s <= 60.0)
+                        found.said_s is not None and found.said_s <= 60.0
+                    )
     for path in sorted(asked.recordings.glob("*.log")) if asked.recordings else ():
         was = heard(recorded(path))
-        print(f"recording {path.name}: {was.epochs} epochs, {was.refused} refused, {was.walks} walks "
-              f"({was.walk_epochs} epochs)", flush=True)
+        print(
+            f"recording {path.name}: {was.epochs} epochs, {was.refused} refused, {was.walks} walks "
+            f"({was.walk_epochs} epochs)",
+            flush=True,
+        )
         most = 1 if path.name in COLD_STARTS else 0
         promises[f"{path.name}: {was.walks} walks: at most {most}"] = was.walks <= most
     for number, receiver in enumerate(RECEIVERS):
         seconds = 3600.0 * asked.hours / len(RECEIVERS)
         was = hour(receiver, seconds, 10 + number)
-        print(f"{receiver.name}: {seconds / 3600.0:.2f} h, {was.epochs} epochs, {was.refused} refused, {was.walks} "
-              f"walks ({was.walk_epochs} epochs); not believed: the wheel {len(was.doubted(Doubted.WHEEL))} times, "
-              f"{was.wheel_unspun} of them though it did not spin; GNSS's speed {len(was.doubted(Doubted.GNSS))}; open "
-              f"{len(was.doubted(Doubted.EITHER))}", flush=True)
+        print(
+            f"{receiver.name}: {seconds / 3600.0:.2f} h, {was.epochs} epochs, {was.refused} "
+            f"refused, {was.walks} "
+            f"walks ({was.walk_epochs} epochs); not believed: the wheel "
+            f"{len(was.doubted(Doubted.WHEEL))} times, "
+            f"{was.wheel_unspun} of them though it did not spin; GNSS's speed "
+            f"{len(was.doubted(Doubted.GNSS))}; open "
+            f"{len(was.doubted(Doubted.EITHER))}",
+            flush=True,
+        )
         promises[f"{receiver.name}: {was.walks} walks: none"] = was.walks == 0
-        promises[f"{receiver.name}: a wheel that did not spin, or GNSS's speed, accused, or work held: never"] = (
-            not was.wheel_unspun and {one for one, _ in was.doubts} <= {Doubted.WHEEL})
+        promises[
+            f"{receiver.name}: a wheel that did not spin, or GNSS's speed, accused, or work "
+            "held: never"
+        ] = not was.wheel_unspun and {one for one, _ in was.doubts} <= {Doubted.WHEEL}
     return exit_code(promises)
 
 

@@ -1,8 +1,10 @@
-"""One machine at work, reached through its bytes, and everything that can go wrong with it: what benchmarks share.
+"""One machine at work, reached through its bytes, and everything that can go wrong with it:
+what benchmarks share.
 
-Plant, virtual board and devices, lines in memory with faults in them, the cab's drivers and the control loop, all on
-one clock that only `tick` moves.
+Plant, virtual board and devices, lines in memory with faults in them, the cab's drivers and the
+control loop, all on one clock that only `tick` moves.
 """
+
 from __future__ import annotations
 
 import datetime as dt
@@ -28,46 +30,78 @@ DT_S = 0.05
 
 
 class Lying:
-    """The plant as the bytes have it: its sensors through `lie`, its shaft `turns` times as fast as commanded."""
+    """The plant as the bytes have it: its sensors through `lie`, its shaft `turns` times as
+    fast as commanded."""
 
-    def __init__(self, plant: Plant, lie: Callable[[SensorReadings], SensorReadings],
-                 turns: Callable[[float], float]) -> None:
+    def __init__(
+        self,
+        plant: Plant,
+        lie: Callable[[SensorReadings], SensorReadings],
+        turns: Callable[[float], float],
+    ) -> None:
         self.dt_s = plant.dt_s
         self._plant, self._lie, self._turns = plant, lie, turns
 
     def step(self, command: DriveCommand, enabled: bool) -> SensorReadings:
         turns = self._turns(self._plant.time_s)
-        return self._lie(self._plant.step(command._replace(shaft_rpm=turns * command.shaft_rpm), enabled))
+        return self._lie(
+            self._plant.step(command._replace(shaft_rpm=turns * command.shaft_rpm), enabled)
+        )
 
 
 class Rig:
-    """The whole way from the loop to the plant and back. `runaway`, `switch_up` and the lines' faults may be set at any
-    time.
+    """The whole way from the loop to the plant and back. `runaway`, `switch_up` and the lines'
+    faults may be set at any time.
 
-    lie : what the sensors make of what they sense. turns : times what the shaft is commanded, by the time. effects : of
-    the plant, as `topdress simulate --effect` has them. parks : the tractor stands while the machine is off or ready.
-    sim : of the job's simulation, where it differs.
+    lie : what the sensors make of what they sense. turns : times what the shaft is commanded,
+    by the time. effects : of the plant, as `topdress simulate --effect` has them. parks : the
+    tractor stands while the machine is off or ready. sim : of the job's simulation, where it
+    differs.
     """
 
-    def __init__(self, machine: str = "huanghai", job: str = "demo", seed: int = 1, *, dt_s: float = DT_S,
-                 parks: bool = True, lie: Callable[[SensorReadings], SensorReadings] = lambda sensed: sensed,
-                 turns: Callable[[float], float] = lambda at_s: 1.0, effects: Iterable[str] = (), **sim: Any) -> None:
+    def __init__(
+        self,
+        machine: str = "huanghai",
+        job: str = "demo",
+        seed: int = 1,
+        *,
+        dt_s: float = DT_S,
+        parks: bool = True,
+        lie: Callable[[SensorReadings], SensorReadings] = lambda sensed: sensed,
+        turns: Callable[[float], float] = lambda at_s: 1.0,
+        effects: Iterable[str] = (),
+        **sim: Any,
+    ) -> None:
         self.setup = setup = load_setup(machine, job, DAY)
         simulated = Simulated.model_validate(setup.job.simulated.model_dump() | sim)
-        self.job = with_simulated_field(setup.job.model_copy(update={"simulated": simulated}), setup.machine)
+        self.job = with_simulated_field(
+            setup.job.model_copy(update={"simulated": simulated}), setup.machine
+        )
         self.now_s, self.runaway, self.switch_up, self._parks = 0.0, Runaway(), False, parks
-        self.plant = simulated_machine(setup.machine, self.job, seed, dt_s, [parse_planted(text) for text in effects])
+        self.plant = simulated_machine(
+            setup.machine, self.job, seed, dt_s, [parse_planted(text) for text in effects]
+        )
         self.heads = [f"head_{k}" for k in range(1, 1 + setup.machine.geometry.heads)]
         pairs = {name: memory_pair(name, self.clock) for name in ("gnss", *self.heads, "board")}
         self.ports = {name: pair[0] for name, pair in pairs.items()}
         self.board_line = pairs["board"][1]
         self.cab = self.fresh_cab()
         self.virtual = VirtualMachine(
-            Lying(self.plant, lie, turns), pairs["gnss"][1], [pairs[name][1] for name in self.heads], self.board_line,
-            0.0, opening_mm=setup.machine.set_points.opening_mm,
-            extras=[VirtualRunaway(lambda at_s: self.runaway, 0.0)])
-        self.loop = control_loop(setup.machine, setup.crop, setup.rule, self.job,
-                                 prescription=map_of_job(self.job, setup.folder))
+            Lying(self.plant, lie, turns),
+            pairs["gnss"][1],
+            [pairs[name][1] for name in self.heads],
+            self.board_line,
+            0.0,
+            opening_mm=setup.machine.set_points.opening_mm,
+            extras=[VirtualRunaway(lambda at_s: self.runaway, 0.0)],
+        )
+        self.loop = control_loop(
+            setup.machine,
+            setup.crop,
+            setup.rule,
+            self.job,
+            prescription=map_of_job(self.job, setup.folder),
+        )
         self.ticks: list[Tick] = []
 
     def clock(self) -> float:
@@ -75,15 +109,24 @@ class Rig:
 
     def fresh_cab(self) -> Cab:
         """As a console that was started again has it: it remembers nothing of the lines."""
-        config = CabConfig(gnss=GnssConfig(port="gnss"), board=BoardConfig(port="board"), heads=HeadsConfig(
-            protocol="greenseeker", ports=tuple(self.heads), heads=len(self.heads)))
+        config = CabConfig(
+            gnss=GnssConfig(port="gnss"),
+            board=BoardConfig(port="board"),
+            heads=HeadsConfig(
+                protocol="greenseeker", ports=tuple(self.heads), heads=len(self.heads)
+            ),
+        )
         return Cab(config, self.clock, lambda url, _baud, _clock: self.ports[url])
 
     def tick(self, each: Callable[[], object] = lambda: None) -> None:
         """each : called once the plant is where the tick finds it."""
         self.now_s += DT_S
         if self._parks:
-            self.plant.parked = self.loop.safety.state in (State.OFF, State.READY, State.CALIBRATING)
+            self.plant.parked = self.loop.safety.state in (
+                State.OFF,
+                State.READY,
+                State.CALIBRATING,
+            )
         self.virtual.advance(self.now_s)
         each()
         m = self.cab.measure(self.now_s)

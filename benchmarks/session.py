@@ -1,12 +1,15 @@
-"""Twenty stories of a day in the cab, by real keys on the simulated machine: what the screen says, what the ground got.
+"""Twenty stories of a day in the cab, by real keys on the simulated machine: what the screen
+says, what the ground got.
 
-`python -m benchmarks session` all of them, a line each; `NAME` one of them. `--slow`: in this terminal, to be watched,
-as fast as in the field; `--size 80x24`; `--picture FILE.svg`: how the screen looks at the end.
+`python -m benchmarks session` all of them, a line each; `NAME` one of them. `--slow`: in this
+terminal, to be watched, as fast as in the field; `--size 80x24`; `--picture FILE.svg`: how the
+screen looks at the end.
 
-The console is the real one and gets its keys from Textual's pilot; worker, loop, bytes and plant are those of
-`loss_table`, on one injected clock, so that minutes in the field take seconds. What the ground got is what the plant
-let go, not what the console believes.
+The console is the real one and gets its keys from Textual's pilot; worker, loop, bytes and
+plant are those of `loss_table`, on one injected clock, so that minutes in the field take
+seconds. What the ground got is what the plant let go, not what the console believes.
 """
+
 from __future__ import annotations
 
 import argparse
@@ -31,13 +34,15 @@ from console.worker.assemble import PARKED
 from control.orders import Answer, Order
 
 SIZE = (120, 40)
-LOOK_S = 0.2                # between two looks of the console, as it has them live, and between two keys
-FAST_S = 2.0                # between two looks where nobody watches
-NO_KG = 1e-4                # what a shaft that stands lets go by rounding
+# between two looks of the console, as it has them live, and between two keys
+LOOK_S = 0.2
+FAST_S = 2.0  # between two looks where nobody watches
+NO_KG = 1e-4  # what a shaft that stands lets go by rounding
 
 
 class Ground(NamedTuple):
-    """What left the outlets: kg, over so many metres of way with flow, hence kg/ha; and the kg/ha that were wanted."""
+    """What left the outlets: kg, over so many metres of way with flow, hence kg/ha; and the
+    kg/ha that were wanted."""
 
     kg: float
     way_m: float
@@ -49,13 +54,20 @@ class Ground(NamedTuple):
         kg, way_m = self.kg - before.kg, self.way_m - before.way_m
         if way_m <= 0.0:
             return Ground(kg, way_m, 0.0, 0.0)
-        return Ground(kg, way_m, 10_000.0 * kg / (way_m * width_m), (self.wanted_kg_ha - before.wanted_kg_ha) / way_m)
+        return Ground(
+            kg,
+            way_m,
+            10_000.0 * kg / (way_m * width_m),
+            (self.wanted_kg_ha - before.wanted_kg_ha) / way_m,
+        )
 
 
 class Field(Hosted):
     """The machine, its driver parked until it works, and what it let go so far."""
 
-    def __init__(self, folder: Path, job: str = "demo", effects: tuple[str, ...] = (), **sim: Any) -> None:
+    def __init__(
+        self, folder: Path, job: str = "demo", effects: tuple[str, ...] = (), **sim: Any
+    ) -> None:
         self.sums = Ground(0.0, 0.0, 0.0, 0.0)
         super().__init__(folder, effects, job, **sim)
         self.width_m = self.setup.machine.geometry.working_width_m
@@ -67,7 +79,12 @@ class Field(Hosted):
         kg = self.truth.flow_kg_s * DT_S
         way_m = self.truth.driven_m - before_m if kg > 0.0 else 0.0
         kg_all, way_all_m, _rate, wanted = self.sums
-        self.sums = Ground(kg_all + kg, way_all_m + way_m, 0.0, wanted + way_m * (self.row.target_rate_kg_ha or 0.0))
+        self.sums = Ground(
+            kg_all + kg,
+            way_all_m + way_m,
+            0.0,
+            wanted + way_m * (self.row.target_rate_kg_ha or 0.0),
+        )
 
 
 class FieldSource:
@@ -94,7 +111,8 @@ class FieldSource:
 
 
 class Seat:
-    """Who sits in the cab: presses, waits, looks. Raises AssertionError where something is not as it should be."""
+    """Who sits in the cab: presses, waits, looks. Raises AssertionError where something is not
+    as it should be."""
 
     def __init__(self, field: Field, app: TopdressApp, pilot: Pilot[None], slow: bool) -> None:
         self.field, self.app, self.pilot, self.slow = field, app, pilot, slow
@@ -160,7 +178,9 @@ class Session(NamedTuple):
 SESSIONS: dict[str, Session] = {}
 
 
-def session(**machine: Any) -> Callable[[Callable[[Seat], Awaitable[Ground]]], Callable[[Seat], Awaitable[Ground]]]:
+def session(
+    **machine: Any,
+) -> Callable[[Callable[[Seat], Awaitable[Ground]]], Callable[[Seat], Awaitable[Ground]]]:
     def kept(play: Callable[[Seat], Awaitable[Ground]]) -> Callable[[Seat], Awaitable[Ground]]:
         SESSIONS[play.__name__] = Session(play, machine)
         return play
@@ -172,7 +192,8 @@ def near(got: Ground, wanted_kg_ha: float | None = None, percent: float = 6.0) -
     """Without a rate: what was wanted all the way."""
     wanted_kg_ha = wanted_kg_ha or got.wanted_kg_ha
     assert abs(got.kg_ha - wanted_kg_ha) <= 0.01 * percent * wanted_kg_ha, (
-        f"{got.kg_ha:.0f} kg/ha where {wanted_kg_ha:.0f} are wanted")
+        f"{got.kg_ha:.0f} kg/ha where {wanted_kg_ha:.0f} are wanted"
+    )
     return got
 
 
@@ -314,7 +335,8 @@ async def refill(seat: Seat) -> Ground:
     await seat.press("f", "5", "0", "enter")
     assert seat.keys - keys <= 5
     assert any(one.do == "refill" for one in seat.field.host.newest.ordered) or "refill" in (
-        Path(seat.field.writer.path).read_text(encoding="utf-8"))
+        Path(seat.field.writer.path).read_text(encoding="utf-8")
+    )
     await seat.press("s")
     await seat.go(8.0)
     return near(await seat.got(20.0))
@@ -332,7 +354,8 @@ async def empty_hopper(seat: Seat) -> Ground:
 
 @session()
 async def wheel_sticks(seat: Seat) -> Ground:
-    """The wheel sensor sticks: held, and said what to look at; once it counts again, A and S go on."""
+    """The wheel sensor sticks: held, and said what to look at; once it counts again, A and S go
+    on."""
     await seat.work()
     seat.field.wheel.stuck = True
     await seat.go(20.0)
@@ -416,18 +439,29 @@ async def night_and_chinese(seat: Seat) -> Ground:
     return near(await seat.got(20.0))
 
 
-async def play(one: Session, size: tuple[int, int] = SIZE, slow: bool = False, picture: Path | None = None) -> Ground:
+async def play(
+    one: Session, size: tuple[int, int] = SIZE, slow: bool = False, picture: Path | None = None
+) -> Ground:
     """What the ground got in the part of it that counts. Raises AssertionError."""
     with tempfile.TemporaryDirectory() as folder:
         field = Field(Path(folder), **one.machine)
-        app = TopdressApp(FieldSource(field), field.clock, live=False, utc_offset_s=0.0, language=ENGLISH, units=METRIC,
-                          services=Services(field=field_picture))
+        app = TopdressApp(
+            FieldSource(field),
+            field.clock,
+            live=False,
+            utc_offset_s=0.0,
+            language=ENGLISH,
+            units=METRIC,
+            services=Services(field=field_picture),
+        )
         got: list[Ground] = []
 
         async def in_the_cab(pilot: Pilot[None]) -> None:
             got.append(await one.play(Seat(field, app, pilot, slow)))
             if picture is not None:
-                picture.write_text(app.export_screenshot(title=one.play.__name__, simplify=True), encoding="utf-8")
+                picture.write_text(
+                    app.export_screenshot(title=one.play.__name__, simplify=True), encoding="utf-8"
+                )
             app.exit()
 
         try:
@@ -438,13 +472,16 @@ async def play(one: Session, size: tuple[int, int] = SIZE, slow: bool = False, p
                     await in_the_cab(pilot)
         finally:
             field.host.close("done")
-            use(ENGLISH)        # of the whole process: a story may have changed it
+            # of the whole process: a story may have changed it
+            use(ENGLISH)
         return got[0]
 
 
 def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m benchmarks session")
-    parser.add_argument("name", nargs="*", choices=[[], *SESSIONS], metavar="NAME", help=", ".join(SESSIONS))
+    parser.add_argument(
+        "name", nargs="*", choices=[[], *SESSIONS], metavar="NAME", help=", ".join(SESSIONS)
+    )
     parser.add_argument("--slow", action="store_true")
     parser.add_argument("--size", default="120x40")
     parser.add_argument("--picture", type=Path)
@@ -453,8 +490,13 @@ def main() -> int:
     failed = 0
     for name in asked.name or SESSIONS:
         try:
-            got = asyncio.run(play(SESSIONS[name], (int(columns), int(rows)), asked.slow, asked.picture))
-            said = f"{got.kg:6.2f} kg on {got.way_m:5.1f} m: {got.kg_ha:4.0f} kg/ha, wanted {got.wanted_kg_ha:4.0f}"
+            got = asyncio.run(
+                play(SESSIONS[name], (int(columns), int(rows)), asked.slow, asked.picture)
+            )
+            said = (
+                f"{got.kg:6.2f} kg on {got.way_m:5.1f} m: {got.kg_ha:4.0f} kg/ha, wanted "
+                f"{got.wanted_kg_ha:4.0f}"
+            )
         except AssertionError as error:
             failed, said = failed + 1, f"NOT SO: {error}"
         print(f"{name:18}  {said}   {SESSIONS[name].story}", flush=True)

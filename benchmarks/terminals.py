@@ -1,8 +1,10 @@
-"""Consoles in terminals of their own, driven by keys: what tests and benchmarks of the real program share. POSIX only.
+"""Consoles in terminals of their own, driven by keys: what tests and benchmarks of the real
+program share. POSIX only.
 
-A program runs in a pseudo-terminal that is read all the time, with folders of its own; `Watcher` looks on and keeps the
-time; `Tap` stands between worker and board.
+A program runs in a pseudo-terminal that is read all the time, with folders of its own;
+`Watcher` looks on and keeps the time; `Tap` stands between worker and board.
 """
+
 from __future__ import annotations
 
 import asyncio
@@ -29,11 +31,17 @@ from console.link import Link, WorkerGone
 from console.running import WorkerAddress, WorkerFailed, find_running
 
 SIZE = (120, 40)
-TAKES_ITS_TERMINAL = ("import fcntl, os, signal, sys, termios; os.setsid(); fcntl.ioctl(0, termios.TIOCSCTTY, 0); "
-                      "signal.signal(signal.SIGHUP, signal.SIG_DFL); "          # nohup hands on that it is ignored
-                      "os.execv(sys.argv[1], sys.argv[1:])")
-_SEQUENCE = re.compile(r"\x1b\[([0-9;?=<>]*)([ -/]*[@-~])|\x1b\][^\x07\x1b]*(?:\x07|\x1b\\)|\x1b[P_^][^\x1b]*\x1b\\"
-                       r"|\x1b[()][0-9A-Za-z]|\x1b[0-9=>A-Z\\a-z]|([^\x1b]+)", re.DOTALL)
+TAKES_ITS_TERMINAL = (
+    "import fcntl, os, signal, sys, termios; os.setsid(); fcntl.ioctl(0, termios.TIOCSCTTY, 0); "
+    # nohup hands on that it is ignored
+    "signal.signal(signal.SIGHUP, signal.SIG_DFL); "
+    "os.execv(sys.argv[1], sys.argv[1:])"
+)
+_SEQUENCE = re.compile(
+    r"\x1b\[([0-9;?=<>]*)([ -/]*[@-~])|\x1b\][^\x07\x1b]*(?:\x07|\x1b\\)|\x1b[P_^][^\x1b]*\x1b\\"
+    r"|\x1b[()][0-9A-Za-z]|\x1b[0-9=>A-Z\\a-z]|([^\x1b]+)",
+    re.DOTALL,
+)
 
 
 class Screen:
@@ -86,11 +94,18 @@ class Terminal:
         import fcntl
         import pty
         import termios
+
         self._master, slave = pty.openpty()
         fcntl.ioctl(slave, termios.TIOCSWINSZ, struct.pack("HHHH", SIZE[1], SIZE[0], 0, 0))
         self.screen = Screen(*SIZE)
-        self.process = subprocess.Popen([sys.executable, "-c", TAKES_ITS_TERMINAL, *command], stdin=slave, stdout=slave,
-                                        stderr=slave, env=environment, close_fds=True)
+        self.process = subprocess.Popen(
+            [sys.executable, "-c", TAKES_ITS_TERMINAL, *command],
+            stdin=slave,
+            stdout=slave,
+            stderr=slave,
+            env=environment,
+            close_fds=True,
+        )
         os.close(slave)
         self._open = True
         self._bytes = 0
@@ -109,12 +124,18 @@ class Terminal:
             return self.screen.text()
 
     def did(self) -> tuple[int, ...]:
-        """What the program has done so far: bytes written, and where the system tells it ticks of the processor."""
+        """What the program has done so far: bytes written, and where the system tells it ticks
+        of the processor."""
         try:
-            stat = Path(f"/proc/{self.process.pid}/stat").read_text(encoding="utf-8").rpartition(")")[2].split()
+            stat = (
+                Path(f"/proc/{self.process.pid}/stat")
+                .read_text(encoding="utf-8")
+                .rpartition(")")[2]
+                .split()
+            )
         except OSError:
             return (self._bytes,)
-        return self._bytes, int(stat[11]) + int(stat[12])           # utime and stime, man 5 proc
+        return self._bytes, int(stat[11]) + int(stat[12])  # utime and stime, man 5 proc
 
     def hang_up(self) -> None:
         """What closing the window does."""
@@ -142,7 +163,8 @@ class Terminal:
 
 
 class Watcher:
-    """A client that only looks, in a thread of its own: frames with the moment at which they came."""
+    """A client that only looks, in a thread of its own: frames with the moment at which they
+    came."""
 
     def __init__(self, where: WorkerAddress) -> None:
         self.frames: list[tuple[float, Frame]] = []
@@ -153,7 +175,14 @@ class Watcher:
 
     def since(self, at_s: float, true: Callable[[Frame], bool]) -> float | None:
         """Seconds from `at_s` to the first frame after it for which it is so."""
-        return next((came_s - at_s for came_s, frame in list(self.frames) if came_s >= at_s and true(frame)), None)
+        return next(
+            (
+                came_s - at_s
+                for came_s, frame in list(self.frames)
+                if came_s >= at_s and true(frame)
+            ),
+            None,
+        )
 
     def close(self) -> None:
         self._stop = True
@@ -174,28 +203,44 @@ class Watcher:
 
 
 class Console:
-    """The real program with everything of its own under `folder`; `more`: further words of `topdress run`."""
+    """The real program with everything of its own under `folder`; `more`: further words of
+    `topdress run`."""
 
     def __init__(self, folder: Path, *more: str, begin_m: float = 30.0) -> None:
         self.folder, self._more = folder, more
-        names = {"HOME": "home", "XDG_RUNTIME_DIR": "run", "XDG_DATA_HOME": "data", "XDG_STATE_HOME": "state",
-                 "XDG_CACHE_HOME": "cache", "XDG_CONFIG_HOME": "config"}
+        names = {
+            "HOME": "home",
+            "XDG_RUNTIME_DIR": "run",
+            "XDG_DATA_HOME": "data",
+            "XDG_STATE_HOME": "state",
+            "XDG_CACHE_HOME": "cache",
+            "XDG_CONFIG_HOME": "config",
+        }
         for name in names.values():
             (folder / name).mkdir(mode=0o700, exist_ok=True)
-        kept = {k: v for k, v in os.environ.items() if k not in ("NO_COLOR", "TEXTUAL_THEME", "TEXTUAL", "LANG")}
-        self.environment = kept | {k: str(folder / v) for k, v in names.items()} | {
-            "TERM": "xterm-256color", "LC_ALL": "C.UTF-8", "LANGUAGE": "en"}
+        kept = {
+            k: v
+            for k, v in os.environ.items()
+            if k not in ("NO_COLOR", "TEXTUAL_THEME", "TEXTUAL", "LANG")
+        }
+        self.environment = (
+            kept
+            | {k: str(folder / v) for k, v in names.items()}
+            | {"TERM": "xterm-256color", "LC_ALL": "C.UTF-8", "LANGUAGE": "en"}
+        )
         self.run_file = folder / "run" / "topdress" / "worker.json"
         self.job = folder / "job.yaml"
         shipped = Path(__file__).parents[1] / "configs" / "jobs" / "demo.yaml"
         job = yaml.safe_load(shipped.read_text(encoding="utf-8"))
-        job["simulated"]["begin_m"] = begin_m                       # in the field: material flows at once
+        job["simulated"]["begin_m"] = begin_m  # in the field: material flows at once
         self.job.write_text(yaml.safe_dump(job), encoding="utf-8")
         self.terminal = self.open()
 
     def open(self) -> Terminal:
         program = Path(sys.executable).parent / "topdress"
-        return Terminal([str(program), "run", "--config", str(self.job), *self._more], self.environment)
+        return Terminal(
+            [str(program), "run", "--config", str(self.job), *self._more], self.environment
+        )
 
     def where(self) -> WorkerAddress:
         found: list[WorkerAddress] = []
@@ -230,15 +275,22 @@ def console(*more: str) -> Iterator[Console]:
             one.end_worker()
 
 
-PATIENCE = 10                   # times what a quiet machine needs: others may use it, and a start is no measurement
+# times what a quiet machine needs: others may use it, and a start is no measurement
+PATIENCE = 10
 
 
-def wait(true: Callable[[], bool], most_s: float, what: str, terminal: Terminal | None = None,
-         every_s: float = 0.01) -> float:
+def wait(
+    true: Callable[[], bool],
+    most_s: float,
+    what: str,
+    terminal: Terminal | None = None,
+    every_s: float = 0.01,
+) -> float:
     """Seconds until it is so. Raises TimeoutError, with the screen, where it is not so in time.
 
-    most_s: on a machine that has nothing else to do. A program that is still at it, by what it writes and how long it
-    has had the processor, has PATIENCE times as long; one that has ended has no time left.
+    most_s: on a machine that has nothing else to do. A program that is still at it, by what it
+    writes and how long it has had the processor, has PATIENCE times as long; one that has ended
+    has no time left.
     """
     started_s = quiet_s = time.monotonic()
     did = terminal.did() if terminal else ()
@@ -249,8 +301,10 @@ def wait(true: Callable[[], bool], most_s: float, what: str, terminal: Terminal 
             quiet_s, did = now_s, terminal.did()
         idle = terminal is not None and now_s - quiet_s > most_s
         if ended or idle or now_s - started_s > PATIENCE * most_s:
-            raise TimeoutError(f"{what}: {'it ended' if ended else f'not after {now_s - started_s:.0f} s'}"
-                               + (f"\n{terminal.text()}" if terminal else ""))
+            raise TimeoutError(
+                f"{what}: {'it ended' if ended else f'not after {now_s - started_s:.0f} s'}"
+                + (f"\n{terminal.text()}" if terminal else "")
+            )
         time.sleep(every_s)
     return time.monotonic() - started_s
 
@@ -272,19 +326,24 @@ def to_work(terminal: Terminal, most_s: float = 180.0) -> None:
         if time.monotonic() > until_s:
             raise TimeoutError(f"the machine does not come to work:\n{terminal.text()}")
         first = terminal.text().splitlines()[0]
-        key = "r" if "OFF" in first or "FAULT" in first else "s" if "READY" in first or "HELD" in first else ""
+        key = (
+            "r"
+            if "OFF" in first or "FAULT" in first
+            else "s"
+            if "READY" in first or "HELD" in first
+            else ""
+        )
         if key == "s" and not terminal.shows("no alarms"):
             terminal.type("a")
             with suppress(TimeoutError):
                 wait(lambda: terminal.shows("no alarms"), 0.3, "no alarms")
         with suppress(TimeoutError):
-            took(terminal, key, lambda text, first=first: text.splitlines()[0] != first, 1.5)   # type: ignore[misc]
+            took(terminal, key, lambda text, first=first: text.splitlines()[0] != first, 1.5)  # type: ignore[misc]
 
 
 class Tap(threading.Thread):
-    """Between worker and board, byte for byte; `stopped_s`: when the newest drive frame that forbids the drives came
-    after one that allowed them."""
-
+    """Between worker and board, byte for byte; `stopped_s`: when the newest drive frame that
+    forbids the drives came after one that allowed them."""
 
     def __init__(self, board_url: str) -> None:
         super().__init__(daemon=True)
@@ -299,8 +358,12 @@ class Tap(threading.Thread):
     def run(self) -> None:
         while True:
             near, _ = self._listener.accept()
-            with suppress(OSError), near, socket.create_connection(self._board) as far, \
-                    selectors.DefaultSelector() as chooser:
+            with (
+                suppress(OSError),
+                near,
+                socket.create_connection(self._board) as far,
+                selectors.DefaultSelector() as chooser,
+            ):
                 chooser.register(near, selectors.EVENT_READ, far)
                 chooser.register(far, selectors.EVENT_READ, near)
                 self._pass_on(chooser, near)
@@ -332,7 +395,15 @@ class Tap(threading.Thread):
 @contextmanager
 def machine() -> Iterator[dict[str, str]]:
     """The served machine; gives the address of each device."""
-    words = ("-c", "from console.cli import main; main()", "serve-machine", "--port", "0", "--seed", "3")
+    words = (
+        "-c",
+        "from console.cli import main; main()",
+        "serve-machine",
+        "--port",
+        "0",
+        "--seed",
+        "3",
+    )
     child = subprocess.Popen([sys.executable, *words], stdout=subprocess.PIPE, text=True)
     urls: dict[str, str] = {}
     assert child.stdout is not None

@@ -1,4 +1,6 @@
-"""This tree and another one, measured by turns in the same run; and the control worker of either at work."""
+"""This tree and another one, measured by turns in the same run; and the control worker of
+either at work."""
+
 from __future__ import annotations
 
 import os
@@ -15,23 +17,35 @@ def trees(against: Path | None) -> dict[str, Path]:
 
 
 def environment_of(tree: Path, before: Mapping[str, str] = os.environ) -> dict[str, str]:
-    """A program started with it takes the code of the tree, and keeps it compiled: else a tree in which nobody has yet
-    run anything would be compiled anew by every process, 0.2 s of a start."""
-    return dict(before) | {"PYTHONPATH": str(tree), "OPENBLAS_NUM_THREADS": "1", "PYTHONDONTWRITEBYTECODE": ""}
+    """A program started with it takes the code of the tree, and keeps it compiled: else a tree
+    in which nobody has yet run anything would be compiled anew by every process, 0.2 s of a
+    start."""
+    return dict(before) | {
+        "PYTHONPATH": str(tree),
+        "OPENBLAS_NUM_THREADS": "1",
+        "PYTHONDONTWRITEBYTECODE": "",
+    }
 
 
-def worked(arguments: list[str], clock: Callable[[], float], wait: Callable[[float], object], until_s: float,
-           **options: Any) -> Any:
-    """The host of a control worker of the tree that this process was started with, once it has ended.
+def worked(
+    arguments: list[str],
+    clock: Callable[[], float],
+    wait: Callable[[float], object],
+    until_s: float,
+    **options: Any,
+) -> Any:
+    """The host of a control worker of the tree that this process was started with, once it has
+    ended.
 
-    arguments : of `python -m console.worker`. clock, wait : its time. An operator makes it ready and starts it; at
-    `until_s` it is asked to end. options : of the host.
+    arguments : of `python -m console.worker`. clock, wait : its time. An operator makes it
+    ready and starts it; at `until_s` it is asked to end. options : of the host.
     """
     from console.worker.assemble import assemble
     from console.worker.host import Host
     from console.worker.options import options_from
     from console.worker.requests import Ask
     from control.orders import Do, Order
+
     parts = assemble(options_from([*arguments, "--run-file", "none.json"]), clock)
 
     def sleep(seconds: float) -> None:

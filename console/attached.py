@@ -1,10 +1,11 @@
-"""Who is attached to the control worker, and who ordered what: names, the events of the log that say so, and what a
-frame has of both. Pure but for `own_name`.
+"""Who is attached to the control worker, and who ordered what: names, the events of the log
+that say so, and what a frame has of both. Pure but for `own_name`.
 
-Events: `attached NAME, console` (or `tablet`; `, looks only` where it may not order), `left NAME`, `silent NAME` (it no
-longer keeps the machine working), `heard NAME` (it does again), and behind every order the same word with `_by`:
-`nudge 5.0;nudge_by ann@cab pts/3`.
+Events: `attached NAME, console` (or `tablet`; `, looks only` where it may not order), `left
+NAME`, `silent NAME` (it no longer keeps the machine working), `heard NAME` (it does again), and
+behind every order the same word with `_by`: `nudge 5.0;nudge_by ann@cab pts/3`.
 """
+
 from __future__ import annotations
 
 import contextlib
@@ -14,15 +15,17 @@ import socket
 from collections.abc import Collection, Iterator
 from typing import NamedTuple
 
-NAME_CHARACTERS = 32          # two names and an order have room in 80 columns, cut at need
+# two names and an order have room in 80 columns, cut at need
+NAME_CHARACTERS = 32
 NAME_VARIABLE = "TOPDRESS_NAME"
-UNNAMED = "console"           # of one that says no name
-LATEST = 8                    # orders that a frame tells: a dialog of 24 rows holds them
+UNNAMED = "console"  # of one that says no name
+# orders that a frame tells: a dialog of 24 rows holds them
+LATEST = 8
 
 
 class Attached(NamedTuple):
-    """One that is attached. orders: has shown the token. keeps: said within 2 s that it lives, so that the machine
-    goes on."""
+    """One that is attached. orders: has shown the token. keeps: said within 2 s that it lives,
+    so that the machine goes on."""
 
     name: str
     tablet: bool = False
@@ -40,9 +43,13 @@ class Ordered(NamedTuple):
 
 
 def cleaned(name: object) -> str:
-    """A name that breaks neither an event of the log nor a line of the screen; empty where nothing of it is left."""
+    """A name that breaks neither an event of the log nor a line of the screen; empty where
+    nothing of it is left."""
     text = name if isinstance(name, str) else ""
-    plain = "".join(one if one.isprintable() and one not in ";,\"" else " " for one in text[:10 * NAME_CHARACTERS])
+    plain = "".join(
+        one if one.isprintable() and one not in ';,"' else " "
+        for one in text[: 10 * NAME_CHARACTERS]
+    )
     return " ".join(plain.split())[:NAME_CHARACTERS].strip()
 
 
@@ -50,20 +57,24 @@ def unlike(name: str, others: Collection[str]) -> str:
     """The name, with a number behind it where somebody else has it."""
     if name not in others:
         return name
-    found = (f"{name[:NAME_CHARACTERS - 4]} #{number}" for number in range(2, len(others) + 3))
+    found = (f"{name[: NAME_CHARACTERS - 4]} #{number}" for number in range(2, len(others) + 3))
     return next(one for one in found if one not in others)
 
 
 def own_name(given: str | None = None) -> str:
-    """What a console calls itself: as given, else as the environment variable TOPDRESS_NAME has it, else user, computer
-    and terminal: `ann@cab pts/3`."""
-    return cleaned(given) or cleaned(os.environ.get(NAME_VARIABLE)) or cleaned(f"{_user()}@{_host()} {_terminal()}")
+    """What a console calls itself: as given, else as the environment variable TOPDRESS_NAME has
+    it, else user, computer and terminal: `ann@cab pts/3`."""
+    return (
+        cleaned(given)
+        or cleaned(os.environ.get(NAME_VARIABLE))
+        or cleaned(f"{_user()}@{_host()} {_terminal()}")
+    )
 
 
 def _user() -> str:
     try:
         return getpass.getuser()
-    except (OSError, KeyError, ImportError):        # a user without a name in the system's list
+    except (OSError, KeyError, ImportError):  # a user without a name in the system's list
         return "user"
 
 
@@ -73,7 +84,7 @@ def _host() -> str:
 
 def _terminal() -> str:
     for number in (0, 1, 2):
-        with contextlib.suppress(OSError, AttributeError):          # Windows names none
+        with contextlib.suppress(OSError, AttributeError):  # Windows names none
             return os.ttyname(number).removeprefix("/dev/")
     return ""
 

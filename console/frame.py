@@ -1,7 +1,9 @@
-"""What the control worker tells its consoles, ten times a second while the machine moves: one JSON object a line.
+"""What the control worker tells its consoles, ten times a second while the machine moves: one
+JSON object a line.
 
 The same frame is made from a log by replay, so that the screens know one thing only.
 """
+
 from __future__ import annotations
 
 import json
@@ -18,16 +20,17 @@ from control.readings import NO_EFFORT, EffortSays
 from control.safety import Allowances, BenchRun
 from drivers.device_status import DeviceStatus
 
-LEAST_HA = 1e-4             # 1 m2: less ground has no mean rate
+LEAST_HA = 1e-4  # 1 m2: less ground has no mean rate
 
 
 class DeviceDo(StrEnum):
     """What may be ordered of one device (`Link.device`)."""
 
     CONNECT = "connect"
-    DISCONNECT = "disconnect"        # refused while the state is working or calibrating
-    TEST = "test"                    # listens what speaks there; nothing is sent
-    CAPTURE = "capture"              # what comes and goes into a file next to the log
+    # refused while the state is working or calibrating
+    DISCONNECT = "disconnect"
+    TEST = "test"  # listens what speaks there; nothing is sent
+    CAPTURE = "capture"  # what comes and goes into a file next to the log
     END_CAPTURE = "end_capture"
 
 
@@ -35,62 +38,69 @@ class DeviceTest(NamedTuple):
     """What listening to a device has found so far."""
 
     running: bool
-    protocol: str = ""        # empty: nothing known speaks there
-    baud: int | None = None   # of a serial line, where it was found at another rate than configured
+    protocol: str = ""  # empty: nothing known speaks there
+    # of a serial line, where it was found at another rate than configured
+    baud: int | None = None
     accepted: int = 0
     rejected: int = 0
-    said: str = ""            # the last line heard, or why the port cannot be used
+    # the last line heard, or why the port cannot be used
+    said: str = ""
 
 
 class LagTestView(NamedTuple):
     """The lag test under way (`Link.lag_test`): it goes on while the state is calibrating."""
 
-    phase: str                # settling, arming, running, done
-    shaft_rpm: float          # of the run under way
+    phase: str  # settling, arming, running, done
+    shaft_rpm: float  # of the run under way
     replicate: int
-    progress: float           # 0 to 1
-    runs: tuple[tuple[float, float, float], ...]    # shaft speed r/min, response s, drop s: as far as measured
-    left_out: int             # runs given up
-    said: str = ""            # the newest failure, in English
-    table_path: str = ""      # the lag bench table, complete as far as `runs`
+    progress: float  # 0 to 1
+    # shaft speed r/min, response s, drop s: as far as measured
+    runs: tuple[tuple[float, float, float], ...]
+    left_out: int  # runs given up
+    said: str = ""  # the newest failure, in English
+    table_path: str = ""  # the lag bench table, complete as far as `runs`
 
 
 class Tally(NamedTuple):
     """What is counted over a job along with its totals, its parts before a power cut included."""
 
     held_s: float = 0.0
-    moves: int = 0                                  # of the opening's set-point, while working
-    refills: tuple[tuple[str, float], ...] = ()     # worker's UTC, kg
-    log_before: str = ""                            # the part of the job before this one; empty: none
+    moves: int = 0  # of the opening's set-point, while working
+    refills: tuple[tuple[str, float], ...] = ()  # worker's UTC, kg
+    # the part of the job before this one; empty: none
+    log_before: str = ""
     began_utc: str = ""
-    finished: bool = False                          # the operator said so
-    trouble: str = ""                               # why the job could not go on after a power cut; one line
-    after_cut_kg: float | None = None               # thought to have been released after the last row, and counted
-    after_cut_scale_kg: float | None = None         # the same by the scale, once it is known
+    finished: bool = False  # the operator said so
+    # why the job could not go on after a power cut; one line
+    trouble: str = ""
+    # thought to have been released after the last row, and counted
+    after_cut_kg: float | None = None
+    after_cut_scale_kg: float | None = None  # the same by the scale, once it is known
 
 
 @dataclass(frozen=True, slots=True)
 class DeviceView(DeviceStatus):
     """One device as the Devices screen lists it."""
 
-    plugged: bool = True      # False: disconnected by order
-    capture_path: str = ""    # the file that is being written; empty: no capture
+    plugged: bool = True  # False: disconnected by order
+    # the file that is being written; empty: no capture
+    capture_path: str = ""
     test: DeviceTest | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class Frame:
     seq: int
-    at_s: float                                   # the worker's monotonic clock
+    at_s: float  # the worker's monotonic clock
     row: LogRow
     alarms: tuple[Alarm, ...] = ()
-    dropped_heads: tuple[int, ...] = ()           # 1-based
-    metres_left_m: float | None = None            # until the hopper is empty at the present rate
-    area_ha: float = 0.0                          # worked so far
+    dropped_heads: tuple[int, ...] = ()  # 1-based
+    metres_left_m: float | None = None  # until the hopper is empty at the present rate
+    area_ha: float = 0.0  # worked so far
     applied_kg: float = 0.0
     gnss_age_s: float | None = None
     gnss_hz: float | None = None
-    usable_speed_mps: float | None = None         # highest speed whose lead the heads still cover
+    usable_speed_mps: float | None = None  # highest speed whose lead the heads still cover
     look_ahead: bool = True
     flow_trim_on: bool = True
     job: str = ""
@@ -98,28 +108,38 @@ class Frame:
     crop: str = ""
     log_path: str = ""
     simulated: bool = False
-    place_m: tuple[float, float] | None = None    # outlet, east and north of the field's origin
+    # outlet, east and north of the field's origin
+    place_m: tuple[float, float] | None = None
     devices: tuple[DeviceView, ...] = ()
-    notes: tuple[str, ...] = field(default=())    # e.g. "lag_out_of_range"
-    why_no_flow: tuple[str, ...] = ()             # ids of `control.safety.INTERLOCKS`; empty: flow is allowed
-    why_state: str = ""                           # an order, an alarm id, or one of `control.safety.STATE_REASONS`
-    allow: Allowances = field(default_factory=Allowances)     # what the operator allows
-    totals: Totals | None = None                  # of the job so far, anew once a second
-    head_ndvi: tuple[float | None, ...] = ()      # every head, left to right; None: silent
+    notes: tuple[str, ...] = field(default=())  # e.g. "lag_out_of_range"
+    # ids of `control.safety.INTERLOCKS`; empty: flow is allowed
+    why_no_flow: tuple[str, ...] = ()
+    # an order, an alarm id, or one of `control.safety.STATE_REASONS`
+    why_state: str = ""
+    allow: Allowances = field(default_factory=Allowances)  # what the operator allows
+    totals: Totals | None = None  # of the job so far, anew once a second
+    head_ndvi: tuple[float | None, ...] = ()  # every head, left to right; None: silent
     lag_test: LagTestView | None = None
     tally: Tally | None = None
-    bench: BenchRun | None = None                 # while calibrating: set-points as sent, seconds gone and left
-    no_double: bool = True                        # ground that has its material gets no more
-    threshold_m: float | None = None              # of point mode, as learned, at the present speed
-    sections: tuple[SectionState, ...] = ()       # left to right; none: the machine has no valves
-    strips: Strips = field(default_factory=Strips)      # N-rich and farmer check, as they count now
-    sources: tuple[str, ...] = ()                 # of the target, that the job has; empty: none
-    ordered_source: str = ""                      # of the target, as ordered; what stands in for it is in the row
-    manual_rate_kg_ha: float | None = None        # as ordered, also while another source holds
-    consoles: int = 0                             # that keep the machine working now; 0: not given
-    attached: tuple[Attached, ...] = ()           # consoles and tablets, in the order in which they came
-    ordered: tuple[Ordered, ...] = ()             # the latest orders that were followed, the newest last
-    effort: EffortSays = NO_EFFORT                # of the metering drive, and where its alarms begin
+    # while calibrating: set-points as sent, seconds gone and left
+    bench: BenchRun | None = None
+    no_double: bool = True  # ground that has its material gets no more
+    threshold_m: float | None = None  # of point mode, as learned, at the present speed
+    # left to right; none: the machine has no valves
+    sections: tuple[SectionState, ...] = ()
+    # N-rich and farmer check, as they count now
+    strips: Strips = field(default_factory=Strips)
+    sources: tuple[str, ...] = ()  # of the target, that the job has; empty: none
+    # of the target, as ordered; what stands in for it is in the row
+    ordered_source: str = ""
+    manual_rate_kg_ha: float | None = None  # as ordered, also while another source holds
+    consoles: int = 0  # that keep the machine working now; 0: not given
+    # consoles and tablets, in the order in which they came
+    attached: tuple[Attached, ...] = ()
+    # the latest orders that were followed, the newest last
+    ordered: tuple[Ordered, ...] = ()
+    # of the metering drive, and where its alarms begin
+    effort: EffortSays = NO_EFFORT
 
     @property
     def mean_rate_kg_ha(self) -> float | None:
@@ -132,12 +152,17 @@ _NAMED = ("row", "allow", "totals", "bench", "lag_test", "tally", "strips", "eff
 
 
 def to_json(frame: Frame) -> bytes:
-    tuples: dict[str, Any] = {name: part._asdict() for name in _NAMED if (part := getattr(frame, name)) is not None}
+    tuples: dict[str, Any] = {
+        name: part._asdict() for name in _NAMED if (part := getattr(frame, name)) is not None
+    }
     for name in ("alarms", "attached", "ordered"):
         tuples[name] = [one._asdict() for one in getattr(frame, name)]
-    tuples["devices"] = [_plain(one) | {"test": one.test and one.test._asdict()} for one in frame.devices]
-    return json.dumps(_plain(frame) | tuples,
-                      separators=(",", ":"), allow_nan=False).encode() + b"\n"
+    tuples["devices"] = [
+        _plain(one) | {"test": one.test and one.test._asdict()} for one in frame.devices
+    ]
+    return (
+        json.dumps(_plain(frame) | tuples, separators=(",", ":"), allow_nan=False).encode() + b"\n"
+    )
 
 
 def _plain(one: Frame | DeviceView) -> dict[str, Any]:
@@ -145,6 +170,9 @@ def _plain(one: Frame | DeviceView) -> dict[str, Any]:
 
 
 def from_json(message: dict[str, Any]) -> Frame:
-    """Unknown keys are ignored, so that an older console can look at a newer worker. Raises ValueError, one line."""
-    from drivers.files.plain import typed  # pydantic: the worker, which writes frames, starts without it
+    """Unknown keys are ignored, so that an older console can look at a newer worker. Raises
+    ValueError, one line."""
+    # pydantic: the worker, which writes frames, starts without it
+    from drivers.files.plain import typed
+
     return typed(Frame, message)

@@ -1,4 +1,6 @@
-"""Who listens where a run file says: the greeting of a control worker, asked for without its key."""
+"""Who listens where a run file says: the greeting of a control worker, asked for without its
+key."""
+
 from __future__ import annotations
 
 import json
@@ -10,13 +12,14 @@ from typing import Any
 
 HOST = "127.0.0.1"
 GREETING = "topdress-worker/1"
-KNOCK_S = 0.5                 # a worker greets at once, and mends its run file within half of that
-LINE_BYTES = 1 << 20          # longest frame accepted
+# a worker greets at once, and mends its run file within half of that
+KNOCK_S = 0.5
+LINE_BYTES = 1 << 20  # longest frame accepted
 
 
 def knock(port: int, until_s: float) -> dict[str, Any] | None:
-    """The greeting of whoever listens there; {} where nobody does or it is no greeting; None: accepted, and no whole
-    line by `until_s` (time.monotonic), however often a byte of it came."""
+    """The greeting of whoever listens there; {} where nobody does or it is no greeting; None:
+    accepted, and no whole line by `until_s` (time.monotonic), however often a byte of it came."""
     heard = b""
     try:
         with socket.create_connection((HOST, port), timeout=KNOCK_S) as connection:
@@ -37,14 +40,20 @@ def knock(port: int, until_s: float) -> dict[str, Any] | None:
 
 
 def still_runs(run_file: Path) -> bool:
-    """Whether the worker that a run file names, another than this process, greets there: it runs, whatever became of
-    its lock. A file that is missing or wrong, a port that is closed or somebody else's: no. Takes 0.5 s at most."""
+    """Whether the worker that a run file names, another than this process, greets there: it
+    runs, whatever became of its lock. A file that is missing or wrong, a port that is closed or
+    somebody else's: no. Takes 0.5 s at most."""
     try:
         said = json.loads(run_file.read_bytes()[:LINE_BYTES])
         port, pid = said["port"], said["pid"]
     except (OSError, ValueError, KeyError, TypeError, RecursionError):
         return False
-    if type(port) is not int or type(pid) is not int or not 0 < port < 1 << 16 or pid == os.getpid():
+    if (
+        type(port) is not int
+        or type(pid) is not int
+        or not 0 < port < 1 << 16
+        or pid == os.getpid()
+    ):
         return False
     greeting = knock(port, time.monotonic() + KNOCK_S)
     return greeting is not None and greeting.get("hello") == GREETING and greeting.get("pid") == pid

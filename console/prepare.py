@@ -1,9 +1,12 @@
-"""Compiles once on a computer what a first diagnosis would compile: `python -m console.prepare`, after installing.
+"""Compiles once on a computer what a first diagnosis would compile: `python -m
+console.prepare`, after installing.
 
-`make test` does it; who added the extra diagnosis may. The machine model's steps are kept as machine code in the user's
-cache folder (`control.machine.compiled`), Python's modules next to their sources. Nothing depends on it: what is not
-there yet is compiled where it is first needed, and that diagnosis takes some seconds longer.
+`make test` does it; who added the extra diagnosis may. The machine model's steps are kept as
+machine code in the user's cache folder (`control.machine.compiled`), Python's modules next to
+their sources. Nothing depends on it: what is not there yet is compiled where it is first
+needed, and that diagnosis takes some seconds longer.
 """
+
 from __future__ import annotations
 
 import compileall
@@ -17,10 +20,11 @@ from drivers.files.extras import MissingExtra, need
 
 PACKAGES = Path(__file__).resolve().parents[1]
 PROGRAM = (sys.executable, "-c", "from console.cli import main; main()")
-# A short run with what a diagnosis looks for: an effect that begins in mid-run and a term, so that the searches for
-# both are gone through.
+# A short run with what a diagnosis looks for: an effect that begins in mid-run and a term, so
+# that the searches for both are gone through.
 PLANTED = ("--effect", "flow.gain=8@60", "--term", "flow_percent bend speed_mps bend=-4.4 at=1.2")
-SECONDS = 600               # as long as `simulate` asks of a run before it takes compiled steps
+# as long as `simulate` asks of a run before it takes compiled steps
+SECONDS = 600
 
 
 def prepare() -> None:
@@ -29,10 +33,18 @@ def prepare() -> None:
         compileall.compile_dir(str(PACKAGES / name), quiet=2)
     with tempfile.TemporaryDirectory(prefix="topdress-") as folder:
         log = str(Path(folder) / "log.csv")
-        for words in (("simulate", "--seconds", str(SECONDS), "--seed", "1", *PLANTED, "--out", log),
-                      ("diagnose", log)):
-            subprocess.run([*PROGRAM, *words], check=True, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL,
-                           stderr=subprocess.PIPE, cwd=folder)
+        for words in (
+            ("simulate", "--seconds", str(SECONDS), "--seed", "1", *PLANTED, "--out", log),
+            ("diagnose", log),
+        ):
+            subprocess.run(
+                [*PROGRAM, *words],
+                check=True,
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.PIPE,
+                cwd=folder,
+            )
 
 
 def main() -> int:
@@ -43,7 +55,10 @@ def main() -> int:
         prepare()
     except (MissingExtra, OSError, subprocess.SubprocessError) as error:
         said = (getattr(error, "stderr", None) or b"").decode(errors="replace").strip().splitlines()
-        print(f"topdress: not compiled: {said[-1] if said else error}; the first diagnosis does it", file=sys.stderr)
+        print(
+            f"topdress: not compiled: {said[-1] if said else error}; the first diagnosis does it",
+            file=sys.stderr,
+        )
         return 1
     print(f"topdress: compiled in {time.monotonic() - started_s:.0f} s", flush=True)
     return 0

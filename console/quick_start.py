@@ -1,8 +1,10 @@
 """What makes a program come up quickly: nothing is looked for that cannot be there.
 
-Modules make much and drop little: sweeps for garbage while they are imported take a seventh of the time and find
-nothing. Pydantic looks through all installed packages for plugins of its own, of which topdress has none.
+Modules make much and drop little: sweeps for garbage while they are imported take a seventh of
+the time and find nothing. Pydantic looks through all installed packages for plugins of its own,
+of which topdress has none.
 """
+
 from __future__ import annotations
 
 import atexit
@@ -11,8 +13,9 @@ import gc
 import os
 from contextlib import suppress
 
-# Settings of glibc's malloc.h: bytes freed at the end of the heap that stay, bytes from which on a block is not of the
-# heap, and how many heaps there are: a thread's own keeps what another could use.
+# Settings of glibc's malloc.h: bytes freed at the end of the heap that stay, bytes from which
+# on a block is not of the heap, and how many heaps there are: a thread's own keeps what another
+# could use.
 TRIM_THRESHOLD, MMAP_THRESHOLD, ARENA_MAX = -1, -3, -8
 KEPT = {TRIM_THRESHOLD: 1 << 26, MMAP_THRESHOLD: 1 << 25, ARENA_MAX: 1}
 
@@ -30,11 +33,13 @@ def done() -> None:
 
 
 def seldom() -> None:
-    """Before a long computation that leaves little garbage: what is there is not swept again, and what comes is swept a
-    hundred times more seldom. A simulated run takes a tenth less; so do the imports of a diagnosis.
+    """Before a long computation that leaves little garbage: what is there is not swept again,
+    and what comes is swept a hundred times more seldom. A simulated run takes a tenth less; so
+    do the imports of a diagnosis.
 
-    And what arrays leave stays for the arrays that follow: glibc gives 0.2 MB back each time, and the kernel clears it
-    anew: half of all page faults of a diagnosis of 24,000 rows, 8 % of its time. Other C libraries have no `mallopt`.
+    And what arrays leave stays for the arrays that follow: glibc gives 0.2 MB back each time,
+    and the kernel clears it anew: half of all page faults of a diagnosis of 24,000 rows, 8 % of
+    its time. Other C libraries have no `mallopt`.
 
     At the end nothing is swept: what a process leaves ends with it (0.15 s of a diagnosis).
     """

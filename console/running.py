@@ -2,6 +2,7 @@
 
 Imported before all else by what starts one: nothing heavy is needed for it.
 """
+
 from __future__ import annotations
 
 import contextlib
@@ -19,8 +20,9 @@ from console.knock import GREETING, KNOCK_S, LINE_BYTES, knock, still_runs
 from console.locale import _
 from drivers.files.lock import take_lock
 
-AGAIN_S = 0.02                # a run file that is not there yet is looked for this often
-START_S = 20.0                # opening devices may take its time
+# a run file that is not there yet is looked for this often
+AGAIN_S = 0.02
+START_S = 20.0  # opening devices may take its time
 WORKER = ("-P", "-m", "console.worker")
 
 
@@ -35,9 +37,9 @@ class WorkerAddress:
     port: int
     token: str | None
     pid: int
-    started: str = ""         # UTC, ISO 8601
+    started: str = ""  # UTC, ISO 8601
     log_path: str = ""
-    parent: int = 0           # the process that started it
+    parent: int = 0  # the process that started it
 
     def looking_only(self) -> WorkerAddress:
         return replace(self, token=None)
@@ -46,17 +48,21 @@ class WorkerAddress:
 def default_run_file() -> Path:
     """The file in the user's runtime folder in which a running worker says where it listens."""
     import platformdirs
-    with warnings.catch_warnings():                 # it warns on the terminal where XDG_RUNTIME_DIR is not set
+
+    # it warns on the terminal where XDG_RUNTIME_DIR is not set
+    with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         return Path(platformdirs.user_runtime_dir("topdress", appauthor=False)) / "worker.json"
 
 
 def find_running(run_file: Path | None = None) -> WorkerAddress | None:
-    """The worker that runs for this user, or None, also while one is just starting. Takes 0.5 s at most.
+    """The worker that runs for this user, or None, also while one is just starting. Takes 0.5 s
+    at most.
 
-    A run file is removed only where no worker holds the lock next to it. One that is missing or wrong while a worker
-    runs is written anew by that worker, and waited for. Raises WorkerFailed where a worker runs and its file stays
-    wrong, or where it does not greet in time.
+    A run file is removed only where no worker holds the lock next to it. One that is missing or
+    wrong while a worker runs is written anew by that worker, and waited for. Raises
+    WorkerFailed where a worker runs and its file stays wrong, or where it does not greet in
+    time.
     """
     path = run_file or default_run_file()
     until_s = time.monotonic() + KNOCK_S
@@ -81,30 +87,40 @@ def _greeted(where: WorkerAddress, until_s: float) -> WorkerAddress:
     """The same, once it has greeted. Raises WorkerFailed."""
     greeting = knock(where.port, until_s)
     if greeting is None:
-        raise WorkerFailed(_("the machine that runs on this computer does not answer: restart the computer, or end "
-                             "program {pid}").format(pid=where.pid))
+        raise WorkerFailed(
+            _(
+                "the machine that runs on this computer does not answer: restart the "
+                "computer, or end "
+                "program {pid}"
+            ).format(pid=where.pid)
+        )
     if greeting.get("hello") != GREETING or greeting.get("pid") != where.pid:
-        raise WorkerFailed(_("the machine that runs on this computer does not listen on its port {port}: restart the "
-                             "computer, or end program {pid}").format(
-            pid=where.pid, port=where.port))
+        raise WorkerFailed(
+            _(
+                "the machine that runs on this computer does not listen on its port {port}: "
+                "restart the "
+                "computer, or end program {pid}"
+            ).format(pid=where.pid, port=where.port)
+        )
     return where
 
 
 def _nobody_holds(path: Path) -> bool:
     """Whether no worker runs; the file that one left is then removed, while none can start."""
     try:
-        if path.stat().st_uid != getattr(os, "getuid", int)():            # Windows: 0 on both sides
+        if path.stat().st_uid != getattr(os, "getuid", int)():  # Windows: 0 on both sides
             raise WorkerFailed(_("{path}: belongs to another user; remove it").format(path=path))
     except FileNotFoundError:
         pass
     try:
         lock = take_lock(path.with_suffix(".lock"))
-    except FileNotFoundError:                   # not even the folder is there
+    except FileNotFoundError:  # not even the folder is there
         return True
     if lock is None:
         return False
     with lock:
-        if still_runs(path):                    # the lock's file was removed under it: it locks this one next
+        # the lock's file was removed under it: it locks this one next
+        if still_runs(path):
             return False
         path.unlink(missing_ok=True)
     return True
@@ -116,48 +132,80 @@ def _read(path: Path) -> WorkerAddress:
         port, pid, parent = said["port"], said["pid"], said.get("parent", 0)
         if not all(type(number) is int for number in (port, pid, parent)) or not 0 < port < 1 << 16:
             raise ValueError
-        return WorkerAddress(port, str(said["token"]), pid, str(said.get("started", "")),
-                             str(said.get("log_path", "")), parent)
+        return WorkerAddress(
+            port,
+            str(said["token"]),
+            pid,
+            str(said.get("started", "")),
+            str(said.get("log_path", "")),
+            parent,
+        )
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
-        raise WorkerFailed(_("{path}: does not say how to reach the machine that runs: restart the computer, or end "
-                             "that program").format(
-            path=path)) from None
+        raise WorkerFailed(
+            _(
+                "{path}: does not say how to reach the machine that runs: restart the "
+                "computer, or end "
+                "that program"
+            ).format(path=path)
+        ) from None
 
 
-def start_worker(args: Sequence[str], trouble_path: str | Path, *, run_file: Path | None = None,
-                 timeout_s: float = START_S, program: Sequence[str] = WORKER) -> WorkerAddress:
+def start_worker(
+    args: Sequence[str],
+    trouble_path: str | Path,
+    *,
+    run_file: Path | None = None,
+    timeout_s: float = START_S,
+    program: Sequence[str] = WORKER,
+) -> WorkerAddress:
     """Start a worker in a session of its own and wait until it says where it listens.
 
-    What it writes on stderr is appended to `trouble_path`, because the console draws on stderr. `program` are the
-    interpreter's arguments. Blocks: call it before the console starts, or in a thread of its own.
-    Raises WorkerFailed where one runs already, where it ends at once, or where it says nothing for `timeout_s`.
+    What it writes on stderr is appended to `trouble_path`, because the console draws on stderr.
+    `program` are the interpreter's arguments. Blocks: call it before the console starts, or in
+    a thread of its own. Raises WorkerFailed where one runs already, where it ends at once, or
+    where it says nothing for `timeout_s`.
     """
     path = run_file or default_run_file()
     running = find_running(path)
     if running:
-        raise WorkerFailed(_("a machine runs already on this computer (program {pid}): join it").format(
-            pid=running.pid))
-    apart = getattr(subprocess, "CREATE_NEW_PROCESS_GROUP", 0) | getattr(subprocess, "CREATE_NO_WINDOW", 0)
+        raise WorkerFailed(
+            _("a machine runs already on this computer (program {pid}): join it").format(
+                pid=running.pid
+            )
+        )
+    apart = getattr(subprocess, "CREATE_NEW_PROCESS_GROUP", 0) | getattr(
+        subprocess, "CREATE_NO_WINDOW", 0
+    )
     with open(trouble_path, "ab") as trouble:
         heard_before = trouble.tell()
-        child = subprocess.Popen([sys.executable, *program, "--run-file", str(path), *args],
-                                 stdin=subprocess.DEVNULL, stdout=trouble, stderr=trouble,
-                                 start_new_session=True, creationflags=apart)
+        child = subprocess.Popen(
+            [sys.executable, *program, "--run-file", str(path), *args],
+            stdin=subprocess.DEVNULL,
+            stdout=trouble,
+            stderr=trouble,
+            start_new_session=True,
+            creationflags=apart,
+        )
     until = time.monotonic() + timeout_s
     while time.monotonic() < until:
         if child.poll() is not None:
-            last = _last_line(Path(trouble_path), heard_before) or _("ended at once, code {code}").format(
-                code=child.returncode)
+            last = _last_line(Path(trouble_path), heard_before) or _(
+                "ended at once, code {code}"
+            ).format(code=child.returncode)
             raise WorkerFailed(_("the machine did not start: {last}").format(last=last))
         where = None
-        with contextlib.suppress(WorkerFailed):                    # it has the lock, and does not greet yet
+        with contextlib.suppress(WorkerFailed):  # it has the lock, and does not greet yet
             where = find_running(path)
-        if where and child.pid in (where.pid, where.parent):       # Windows: the environment's own program starts it
+        # Windows: the environment's own program starts it
+        if where and child.pid in (where.pid, where.parent):
             return where
         time.sleep(AGAIN_S)
     child.terminate()
-    raise WorkerFailed(_("the machine said nothing for {limit_s:g} s; see {path}").format(
-        limit_s=timeout_s, path=trouble_path))
+    raise WorkerFailed(
+        _("the machine said nothing for {limit_s:g} s; see {path}").format(
+            limit_s=timeout_s, path=trouble_path
+        )
+    )
 
 
 def _last_line(path: Path, start: int) -> str:

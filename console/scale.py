@@ -1,11 +1,13 @@
-"""Colour scales. For rates: perceptually even, safe for colour-blind eyes, from the screen's dark to its light end.
+"""Colour scales. For rates: perceptually even, safe for colour-blind eyes, from the screen's
+dark to its light end.
 
-Straight lines in OKLab (B. Ottosson, 2020, "A perceptual color space for image processing") from a dark blue over a
-full green to a light yellow: lightness rises evenly, blue to yellow is the axis that all common colour deficiencies
-keep, and the middle is a colour, not the grey that lies half-way between the ends. For errors: from a dark blue (too
-little) over a pale grey (right) to a dark orange (too much). For passes: from that blue (once) to
-that orange (overlap).
+Straight lines in OKLab (B. Ottosson, 2020, "A perceptual color space for image processing")
+from a dark blue over a full green to a light yellow: lightness rises evenly, blue to yellow is
+the axis that all common colour deficiencies keep, and the middle is a colour, not the grey that
+lies half-way between the ends. For errors: from a dark blue (too little) over a pale grey
+(right) to a dark orange (too much). For passes: from that blue (once) to that orange (overlap).
 """
+
 from __future__ import annotations
 
 from collections.abc import Iterable
@@ -28,9 +30,11 @@ def _to_srgb(lab: Lab) -> Rgb:
     long = (lightness + 0.3963377774 * a + 0.2158037573 * b) ** 3
     medium = (lightness - 0.1055613458 * a - 0.0638541728 * b) ** 3
     short = (lightness - 0.0894841775 * a - 1.2914855480 * b) ** 3
-    linear = (4.0767416621 * long - 3.3077115913 * medium + 0.2309699292 * short,
-              -1.2684380046 * long + 2.6097574011 * medium - 0.3413193965 * short,
-              -0.0041960863 * long - 0.7034186147 * medium + 1.7076147010 * short)
+    linear = (
+        4.0767416621 * long - 3.3077115913 * medium + 0.2309699292 * short,
+        -1.2684380046 * long + 2.6097574011 * medium - 0.3413193965 * short,
+        -0.0041960863 * long - 0.7034186147 * medium + 1.7076147010 * short,
+    )
 
     def channel(value: float) -> int:
         value = min(1.0, max(0.0, value))
@@ -44,7 +48,9 @@ def _to_srgb(lab: Lab) -> Rgb:
 @cache
 def _colour(step: int, steps: int) -> Rgb:
     share = 2.0 * step / (steps - 1)
-    return _to_srgb(_between(_LOW, _MIDDLE, share) if share < 1.0 else _between(_MIDDLE, _HIGH, share - 1.0))
+    return _to_srgb(
+        _between(_LOW, _MIDDLE, share) if share < 1.0 else _between(_MIDDLE, _HIGH, share - 1.0)
+    )
 
 
 @cache
@@ -67,12 +73,14 @@ STEPS = 32
 
 
 def colour(share: float) -> Rgb:
-    """sRGB at a place of the scale; share 0 is the low end, 1 the high end, outside is held at the ends."""
+    """sRGB at a place of the scale; share 0 is the low end, 1 the high end, outside is held at
+    the ends."""
     return _colour(round(min(1.0, max(0.0, share)) * (STEPS - 1)), STEPS)
 
 
 def error_colour(share: float) -> Rgb:
-    """sRGB of an error; share 0 is the most that is too little, 0.5 is right, 1 the most that is too much."""
+    """sRGB of an error; share 0 is the most that is too little, 0.5 is right, 1 the most that
+    is too much."""
     return _either_side(round(min(1.0, max(0.0, share)) * (STEPS - 1)), STEPS)
 
 
@@ -81,10 +89,13 @@ def passes_colour(share: float) -> Rgb:
     return _apart(round(min(1.0, max(0.0, share)) * (STEPS - 1)), STEPS)
 
 
-def calm_ends(values: Iterable[float], step: float = 50.0, least: float = 100.0) -> tuple[float, float]:
+def calm_ends(
+    values: Iterable[float], step: float = 50.0, least: float = 100.0
+) -> tuple[float, float]:
     """Round ends of a scale that holds all values and does not move with every sample.
 
-    Ends are multiples of `step`, `least` apart or more; below `least` the scale begins at 0; no values: 0 ... least.
+    Ends are multiples of `step`, `least` apart or more; below `least` the scale begins at 0; no
+    values: 0 ... least.
     """
     values = list(values)
     if not values:

@@ -1,22 +1,27 @@
 """What lives as long as the console is not swept again and again.
 
-Drawing leaves some 1,300 objects a second that only a sweep finds (Textual's styles and layouts), so Python sweeps
-every ten seconds, and with them all that lives: pages, their styles, what was drawn of them. That takes 45 to 100 ms on
-the computer of docs/decisions/0001, a second on one ten times slower, mostly while a dialog opens, which makes the most
-objects: the console is silent so long. Here what is left after such a sweep is set apart, as `quick_start` does with
-what the start made, and later sweeps take 10 to 20 ms. What was set apart and is given up later, and refers to itself,
-is never freed; so it is done a bounded number of times.
+Drawing leaves some 1,300 objects a second that only a sweep finds (Textual's styles and
+layouts), so Python sweeps every ten seconds, and with them all that lives: pages, their styles,
+what was drawn of them. That takes 45 to 100 ms on the computer of docs/decisions/0001, a second
+on one ten times slower, mostly while a dialog opens, which makes the most objects: the console
+is silent so long. Here what is left after such a sweep is set apart, as `quick_start` does with
+what the start made, and later sweeps take 10 to 20 ms. What was set apart and is given up
+later, and refers to itself, is never freed; so it is done a bounded number of times.
 """
+
 from __future__ import annotations
 
 import gc
 
-LIVES = 20_000              # objects that are worth it: some 20 ms of a sweep
-TIMES = 12                  # in all: once for each page, and some; each leaves 2 MB behind at most
+# objects that are worth it: some 20 ms of a sweep
+LIVES = 20_000
+# in all: once for each page, and some; each leaves 2 MB behind at most
+TIMES = 12
 
 
 class Sweeps:
-    """Of one console. Call `tick` often: between a sweep and the tick after it little can have become garbage."""
+    """Of one console. Call `tick` often: between a sweep and the tick after it little can have
+    become garbage."""
 
     def __init__(self, lives: int = LIVES) -> None:
         self.left, self._lives = TIMES, lives

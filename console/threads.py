@@ -1,10 +1,13 @@
-"""How many threads numeric libraries may take for themselves. They read it when they are loaded: set it before."""
+"""How many threads numeric libraries may take for themselves. They read it when they are
+loaded: set it before."""
+
 from __future__ import annotations
 
 import os
 
-# Matrices here are small, and groups of channels are judged side by side: BLAS's own threads only wait for each other
-# (a diagnosis of 24,000 rows on two busy cores: 7.9 s of processor with them, 3.0 without).
+# Matrices here are small, and groups of channels are judged side by side: BLAS's own threads
+# only wait for each other (a diagnosis of 24,000 rows on two busy cores: 7.9 s of processor
+# with them, 3.0 without).
 MATRICES = {name: "1" for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")}
 # Next to a working machine a core stays for the loop.
 ONE_THREAD = MATRICES | {name: "1" for name in ("NUMBA_NUM_THREADS", "POLARS_MAX_THREADS")}

@@ -1,4 +1,5 @@
 """What a file holds, once checked: a model whose values stay as they are."""
+
 from __future__ import annotations
 
 from pydantic import BaseModel, ConfigDict

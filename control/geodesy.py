@@ -2,6 +2,7 @@
 
 A place is (east_m, north_m) on a tangent plane; a heading is degrees clockwise from north.
 """
+
 from __future__ import annotations
 
 import math
@@ -11,22 +12,24 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-Place = tuple[float, float]                    # east_m, north_m
+Place = tuple[float, float]  # east_m, north_m
 Floats = npt.NDArray[np.float64]
 
-SEMI_MAJOR_M = 6_378_137.0                     # WGS84
+SEMI_MAJOR_M = 6_378_137.0  # WGS84
 FLATTENING = 1.0 / 298.257223563
 ECCENTRICITY_SQUARED = FLATTENING * (2.0 - FLATTENING)
-PAPER_RADIUS_M = 6_356_755.0                   # paper B, eq 3: the polar radius
+PAPER_RADIUS_M = 6_356_755.0  # paper B, eq 3: the polar radius
 
 
 @dataclass(frozen=True)
 class TangentPlane:
-    """The plane that touches the WGS84 ellipsoid at an origin: east and north in metres, height taken as zero.
+    """The plane that touches the WGS84 ellipsoid at an origin: east and north in metres, height
+    taken as zero.
 
-    Rigorous (earth-centred coordinates, rotated), so that there is no limit of validity to watch: lengths on the plane
-    fall short of those on the ellipsoid by d^3 / 6R^2, 0.03 mm over 2 km, 4 mm over 10 km.
-    Raises ValueError for an origin outside -90 to 90 and -180 to 180 degrees.
+    Rigorous (earth-centred coordinates, rotated), so that there is no limit of validity to
+    watch: lengths on the plane fall short of those on the ellipsoid by d^3 / 6R^2, 0.03 mm over
+    2 km, 4 mm over 10 km. Raises ValueError for an origin outside -90 to 90 and -180 to 180
+    degrees.
     """
 
     lat_deg: float
@@ -34,13 +37,19 @@ class TangentPlane:
 
     def __post_init__(self) -> None:
         if not (-90.0 <= self.lat_deg <= 90.0 and -180.0 <= self.lon_deg <= 180.0):
-            raise ValueError(f"origin {self.lat_deg}, {self.lon_deg}: allowed is latitude -90 to 90, "
-                             "longitude -180 to 180")
+            raise ValueError(
+                f"origin {self.lat_deg}, {self.lon_deg}: allowed is latitude -90 to 90, "
+                "longitude -180 to 180"
+            )
 
     @cached_property
     def _trig(self) -> tuple[float, float, float]:
         lat = math.radians(self.lat_deg)
-        return math.sin(lat), math.cos(lat), math.sqrt(1.0 - ECCENTRICITY_SQUARED * math.sin(lat) ** 2)
+        return (
+            math.sin(lat),
+            math.cos(lat),
+            math.sqrt(1.0 - ECCENTRICITY_SQUARED * math.sin(lat) ** 2),
+        )
 
     def to_m(self, lat_deg: float, lon_deg: float) -> Place:
         """East and north of a place, m."""
@@ -54,7 +63,8 @@ class TangentPlane:
         return normal1 * cos1 * math.sin(turn), cos0 * upward - sin0 * outward
 
     def many_to_m(self, lat_deg: npt.ArrayLike, lon_deg: npt.ArrayLike) -> Floats:
-        """Places (n,), (n,) in degrees -> (n, 2) east and north, m: `to_m` for a whole log. NaN stays NaN."""
+        """Places (n,), (n,) in degrees -> (n, 2) east and north, m: `to_m` for a whole log. NaN
+        stays NaN."""
         sin0, cos0, root0 = self._trig
         lat = np.radians(np.asarray(lat_deg, dtype=np.float64))
         turn = np.radians(np.asarray(lon_deg, dtype=np.float64) - self.lon_deg)
@@ -62,15 +72,20 @@ class TangentPlane:
         normal1 = SEMI_MAJOR_M / np.sqrt(1.0 - ECCENTRICITY_SQUARED * np.sin(lat) ** 2)
         outward = normal1 * np.cos(lat) * np.cos(turn) - normal0 * cos0
         upward = (1.0 - ECCENTRICITY_SQUARED) * (normal1 * np.sin(lat) - normal0 * sin0)
-        return np.column_stack((normal1 * np.cos(lat) * np.sin(turn), cos0 * upward - sin0 * outward))
+        return np.column_stack(
+            (normal1 * np.cos(lat) * np.sin(turn), cos0 * upward - sin0 * outward)
+        )
 
     def to_deg(self, east_m: float, north_m: float) -> tuple[float, float]:
-        """Latitude and longitude of a place on the plane, degrees; inverse of `to_m` to better than 1 um in 20 km.
+        """Latitude and longitude of a place on the plane, degrees; inverse of `to_m` to better
+        than 1 um in 20 km.
 
         Raises ValueError beyond 100 km, where a field's plane has no business.
         """
         if not math.hypot(east_m, north_m) <= 100_000.0:
-            raise ValueError(f"place {east_m:g}, {north_m:g} m: allowed is within 100 km of the origin")
+            raise ValueError(
+                f"place {east_m:g}, {north_m:g} m: allowed is within 100 km of the origin"
+            )
         meridian, parallel = self._metres_per_degree
         lat, lon = self.lat_deg, self.lon_deg
         for _ in range(6):
@@ -82,7 +97,7 @@ class TangentPlane:
     @cached_property
     def _metres_per_degree(self) -> tuple[float, float]:
         _, cos0, root0 = self._trig
-        meridian = SEMI_MAJOR_M * (1.0 - ECCENTRICITY_SQUARED) / root0 ** 3
+        meridian = SEMI_MAJOR_M * (1.0 - ECCENTRICITY_SQUARED) / root0**3
         parallel = SEMI_MAJOR_M / root0 * max(cos0, 1e-6)
         return math.radians(meridian), math.radians(parallel)
 
@@ -92,20 +107,30 @@ def distance_m(lat1_deg: float, lon1_deg: float, lat2_deg: float, lon2_deg: floa
 
     Keeps its digits at millimetres; within 1 mm of the geodesic up to 20 km.
     """
-    dx, dy, dz = (b - a for a, b in zip(_earth_centred(lat1_deg, lon1_deg), _earth_centred(lat2_deg, lon2_deg),
-                                        strict=True))
+    dx, dy, dz = (
+        b - a
+        for a, b in zip(
+            _earth_centred(lat1_deg, lon1_deg), _earth_centred(lat2_deg, lon2_deg), strict=True
+        )
+    )
     chord = math.sqrt(dx * dx + dy * dy + dz * dz)
     sin_mid = math.sin(math.radians(0.5 * (lat1_deg + lat2_deg)))
-    radius = SEMI_MAJOR_M * math.sqrt(1.0 - ECCENTRICITY_SQUARED) / (1.0 - ECCENTRICITY_SQUARED * sin_mid ** 2)
+    radius = (
+        SEMI_MAJOR_M
+        * math.sqrt(1.0 - ECCENTRICITY_SQUARED)
+        / (1.0 - ECCENTRICITY_SQUARED * sin_mid**2)
+    )
     return 2.0 * radius * math.asin(min(1.0, 0.5 * chord / radius))
 
 
 def paper_distance_m(lat1_deg: float, lon1_deg: float, lat2_deg: float, lon2_deg: float) -> float:
-    """Paper B, eq 3, as printed: R arccos(sinY1 sinY2 cos(X1 - X2) + cosY1 cosY2). For reproduction only.
+    """Paper B, eq 3, as printed: R arccos(sinY1 sinY2 cos(X1 - X2) + cosY1 cosY2). For
+    reproduction only.
 
-    The cosine of the longitude difference stands with the wrong product, so that east-west distances come out as
-    tan(latitude) of the true ones: 8.39 m for 10 m at 40 N. The radius is the polar one, and the arccosine loses
-    digits at metre distances. Nothing in control uses it; see `distance_m`.
+    The cosine of the longitude difference stands with the wrong product, so that east-west
+    distances come out as tan(latitude) of the true ones: 8.39 m for 10 m at 40 N. The radius is
+    the polar one, and the arccosine loses digits at metre distances. Nothing in control uses
+    it; see `distance_m`.
     """
     y1, y2 = math.radians(lat1_deg), math.radians(lat2_deg)
     turn = math.radians(lon1_deg - lon2_deg)
@@ -113,8 +138,11 @@ def paper_distance_m(lat1_deg: float, lon1_deg: float, lat2_deg: float, lon2_deg
     return PAPER_RADIUS_M * math.acos(max(-1.0, min(1.0, cosine)))
 
 
-def paper_distance_corrected_m(lat1_deg: float, lon1_deg: float, lat2_deg: float, lon2_deg: float) -> float:
-    """Paper B, eq 3, with its products put right, on the paper's own polar radius. For reproduction only.
+def paper_distance_corrected_m(
+    lat1_deg: float, lon1_deg: float, lat2_deg: float, lon2_deg: float
+) -> float:
+    """Paper B, eq 3, with its products put right, on the paper's own polar radius. For
+    reproduction only.
 
     East-west distances still come out 0.47 % short at 40 N, for the radius.
     """
@@ -125,7 +153,8 @@ def paper_distance_corrected_m(lat1_deg: float, lon1_deg: float, lat2_deg: float
 
 
 def turn_deg(from_deg: float, to_deg: float) -> float:
-    """The short way from one heading to another, -180 (excluded) to 180 degrees; clockwise is positive."""
+    """The short way from one heading to another, -180 (excluded) to 180 degrees; clockwise is
+    positive."""
     turn = math.remainder(to_deg - from_deg, 360.0)
     return 180.0 if turn == -180.0 else turn
 
@@ -137,9 +166,13 @@ def direction(heading: float) -> Place:
 
 
 def offset(place: Place, heading: float, forward_m: float, right_m: float = 0.0) -> Place:
-    """The place so far ahead of and to the right of another, seen along a heading in degrees (lever arms)."""
+    """The place so far ahead of and to the right of another, seen along a heading in degrees
+    (lever arms)."""
     east, north = direction(heading)
-    return (place[0] + forward_m * east + right_m * north, place[1] + forward_m * north - right_m * east)
+    return (
+        place[0] + forward_m * east + right_m * north,
+        place[1] + forward_m * north - right_m * east,
+    )
 
 
 def apart_m(one: Place, other: Place) -> float:
@@ -150,5 +183,8 @@ def apart_m(one: Place, other: Place) -> float:
 def _earth_centred(lat_deg: float, lon_deg: float) -> tuple[float, float, float]:
     lat, lon = math.radians(lat_deg), math.radians(lon_deg)
     normal = SEMI_MAJOR_M / math.sqrt(1.0 - ECCENTRICITY_SQUARED * math.sin(lat) ** 2)
-    return (normal * math.cos(lat) * math.cos(lon), normal * math.cos(lat) * math.sin(lon),
-            normal * (1.0 - ECCENTRICITY_SQUARED) * math.sin(lat))
+    return (
+        normal * math.cos(lat) * math.cos(lon),
+        normal * math.cos(lat) * math.sin(lon),
+        normal * (1.0 - ECCENTRICITY_SQUARED) * math.sin(lat),
+    )

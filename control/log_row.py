@@ -1,7 +1,9 @@
 """One row of a run log: the public column contract, in its published order. `None`: not known.
 
-Row k holds the measurements as sampled at `time_s`, and the commands computed from them, in force until row k+1.
+Row k holds the measurements as sampled at `time_s`, and the commands computed from them, in
+force until row k+1.
 """
+
 from __future__ import annotations
 
 from types import MappingProxyType
@@ -45,37 +47,55 @@ class LogRow(NamedTuple):
     strategy: str | None = None
     target_source: str | None = None
     work_switch: int | None = None
-    alarms: str | None = None        # ids separated by ;
-    events: str | None = None        # separated by ;
-    speed_told: str | None = None    # new in this row: `control.readings.announced_text`
-    ndre_1: float | None = None      # in the place of ndvi_1 ... ndvi where the heads give NDRE
+    alarms: str | None = None  # ids separated by ;
+    events: str | None = None  # separated by ;
+    # new in this row: `control.readings.announced_text`
+    speed_told: str | None = None
+    # in the place of ndvi_1 ... ndvi where the heads give NDRE
+    ndre_1: float | None = None
     ndre_2: float | None = None
     ndre_3: float | None = None
     ndre_4: float | None = None
     ndre_5: float | None = None
     ndre_6: float | None = None
     ndre: float | None = None
-    shaft_effort: float | None = None    # how hard a drive works, in the machine file's unit: % of full duty, A, N m
+    # how hard a drive works, in the machine file's unit: % of full duty, A, N m
+    shaft_effort: float | None = None
     gate_effort: float | None = None
-    sections_cmd: str | None = None  # of machines with valves: the command of each, left to right, separated by ;
+    # of machines with valves: the command of each, left to right, separated by ;
+    sections_cmd: str | None = None
 
 
 ALL_COLUMNS: tuple[str, ...] = LogRow._fields
-SECTION_COLUMNS = ("sections_cmd",)      # the last ones; only in logs of machines whose sections have valves
-COLUMNS: tuple[str, ...] = ALL_COLUMNS[:-len(SECTION_COLUMNS)]
+# the last ones; only in logs of machines whose sections have valves
+SECTION_COLUMNS = ("sections_cmd",)
+COLUMNS: tuple[str, ...] = ALL_COLUMNS[: -len(SECTION_COLUMNS)]
 HEAD_COLUMNS = ("ndvi_1", "ndvi_2", "ndvi_3", "ndvi_4", "ndvi_5", "ndvi_6")
 NDRE_COLUMNS = ("ndre_1", "ndre_2", "ndre_3", "ndre_4", "ndre_5", "ndre_6")
 # How long a row goes on holding a value that no longer comes, s; then the cell is empty.
-HOLDS_S = MappingProxyType({
-    "wheel_speed_mps": 1.0, "shaft_rpm": 0.5, "opening_mm": 0.5, "hopper_kg": 2.0, "supply_v": 2.0, "pitch_deg": 1.0,
-    "roll_deg": 1.0, "shaft_effort": 0.5, "gate_effort": 0.5,
-    **dict.fromkeys(HEAD_COLUMNS + NDRE_COLUMNS, 1.25)})
-GNSS_HOLDS_S = 1.0                      # all that an epoch reported
-COMMANDS_HELD = "commands_held"      # event: from here on each command held until the next row
-FILE_BEGINS, LOG_BEGINS = "mark file ", "mark log "     # events, with a name: the first row of each file of a log
+HOLDS_S = MappingProxyType(
+    {
+        "wheel_speed_mps": 1.0,
+        "shaft_rpm": 0.5,
+        "opening_mm": 0.5,
+        "hopper_kg": 2.0,
+        "supply_v": 2.0,
+        "pitch_deg": 1.0,
+        "roll_deg": 1.0,
+        "shaft_effort": 0.5,
+        "gate_effort": 0.5,
+        **dict.fromkeys(HEAD_COLUMNS + NDRE_COLUMNS, 1.25),
+    }
+)
+GNSS_HOLDS_S = 1.0  # all that an epoch reported
+# event: from here on each command held until the next row
+COMMANDS_HELD = "commands_held"
+# events, with a name: the first row of each file of a log
+FILE_BEGINS, LOG_BEGINS = "mark file ", "mark log "
 
-TEXT_COLUMNS = frozenset({"utc", "state", "strategy", "target_source", "alarms", "events", "speed_told",
-                          "sections_cmd"})
+TEXT_COLUMNS = frozenset(
+    {"utc", "state", "strategy", "target_source", "alarms", "events", "speed_told", "sections_cmd"}
+)
 WHOLE_COLUMNS = frozenset({"fix_quality", "satellites", "work_switch"})
 
 EFFORTS = ("shaft_effort", "gate_effort")
@@ -83,25 +103,57 @@ SPEEDS = ("speed_mps", "wheel_speed_mps", "speed_used_mps")
 
 # What the quantity can be on any machine of this kind; wide on purpose.
 PLAUSIBLE = {
-    "lat_deg": (-90.0, 90.0), "lon_deg": (-180.0, 180.0), "fix_quality": (0, 9), "satellites": (0, 100),
-    "hdop": (0, 100), "heading_deg": (-180.0, 360.0), "pitch_deg": (-60.0, 60.0), "roll_deg": (-60.0, 60.0),
+    "lat_deg": (-90.0, 90.0),
+    "lon_deg": (-180.0, 180.0),
+    "fix_quality": (0, 9),
+    "satellites": (0, 100),
+    "hdop": (0, 100),
+    "heading_deg": (-180.0, 360.0),
+    "pitch_deg": (-60.0, 60.0),
+    "roll_deg": (-60.0, 60.0),
     **dict.fromkeys(SPEEDS, (-15.0, 30.0)),
     **dict.fromkeys((*HEAD_COLUMNS, "ndvi", *NDRE_COLUMNS, "ndre"), (-1.0, 1.0)),
-    "target_rate_kg_ha": (0.0, 5000.0), "nudge_percent": (-100.0, 100.0), "shaft_rpm_cmd": (-1e5, 1e5),
-    "shaft_rpm": (-1e5, 1e5), "opening_mm_cmd": (-50.0, 500.0), "opening_mm": (-50.0, 500.0),
-    "hopper_kg": (-500.0, 50_000.0), "flow_trim": (0.0, 10.0), "supply_v": (0.0, 60.0),
-    "applied_rate_kg_ha": (0.0, 20_000.0), "lag_s": (0.0, 60.0), "lag_m": (-100.0, 500.0),
+    "target_rate_kg_ha": (0.0, 5000.0),
+    "nudge_percent": (-100.0, 100.0),
+    "shaft_rpm_cmd": (-1e5, 1e5),
+    "shaft_rpm": (-1e5, 1e5),
+    "opening_mm_cmd": (-50.0, 500.0),
+    "opening_mm": (-50.0, 500.0),
+    "hopper_kg": (-500.0, 50_000.0),
+    "flow_trim": (0.0, 10.0),
+    "supply_v": (0.0, 60.0),
+    "applied_rate_kg_ha": (0.0, 20_000.0),
+    "lag_s": (0.0, 60.0),
+    "lag_m": (-100.0, 500.0),
     **dict.fromkeys(EFFORTS, (-1000.0, 1000.0)),
 }
 
 # As sent or as decided: the shortest text that reads back as the same number.
-EXACT_COLUMNS = frozenset({"target_rate_kg_ha", "nudge_percent", "shaft_rpm_cmd", "opening_mm_cmd", "flow_trim"})
+EXACT_COLUMNS = frozenset(
+    {"target_rate_kg_ha", "nudge_percent", "shaft_rpm_cmd", "opening_mm_cmd", "flow_trim"}
+)
 
 # Measured or derived: finer than any sensor fitted resolves.
 DECIMALS = {
-    "time_s": 3, "lat_deg": 9, "lon_deg": 9, "hdop": 2, "heading_deg": 3, "pitch_deg": 3, "roll_deg": 3,
-    "speed_mps": 4, "wheel_speed_mps": 4, "speed_used_mps": 4,
-    **dict.fromkeys((*HEAD_COLUMNS, *NDRE_COLUMNS), 4), "ndvi": 5, "ndre": 5,
-    "shaft_rpm": 3, "opening_mm": 3, "hopper_kg": 3, "supply_v": 3, "applied_rate_kg_ha": 3, "lag_s": 4, "lag_m": 4,
+    "time_s": 3,
+    "lat_deg": 9,
+    "lon_deg": 9,
+    "hdop": 2,
+    "heading_deg": 3,
+    "pitch_deg": 3,
+    "roll_deg": 3,
+    "speed_mps": 4,
+    "wheel_speed_mps": 4,
+    "speed_used_mps": 4,
+    **dict.fromkeys((*HEAD_COLUMNS, *NDRE_COLUMNS), 4),
+    "ndvi": 5,
+    "ndre": 5,
+    "shaft_rpm": 3,
+    "opening_mm": 3,
+    "hopper_kg": 3,
+    "supply_v": 3,
+    "applied_rate_kg_ha": 3,
+    "lag_s": 4,
+    "lag_m": 4,
     **dict.fromkeys(EFFORTS, 3),
 }

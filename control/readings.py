@@ -1,4 +1,5 @@
 """What the machine's sensors said, and what is sent to its drives. Every value carries its time."""
+
 from __future__ import annotations
 
 from enum import Enum
@@ -6,30 +7,32 @@ from itertools import pairwise
 from math import isfinite
 from typing import Any, NamedTuple
 
-MOST_ANNOUNCED = 200         # points of a speed plan
+MOST_ANNOUNCED = 200  # points of a speed plan
 FASTEST_ANNOUNCED_MPS = 30.0
-AHEAD_S = 0.1           # a reading may be this much newer than the tick that looks at it
+# a reading may be this much newer than the tick that looks at it
+AHEAD_S = 0.1
 
 
 class Reading(NamedTuple):
     """One accepted value. `None` in place of a Reading: never received."""
 
     value: float
-    time_s: float          # when it was sampled, on the loop's clock
+    time_s: float  # when it was sampled, on the loop's clock
 
 
 class GnssFix(NamedTuple):
     """One accepted GNSS epoch, as received (antenna, WGS84, NMEA meanings)."""
 
-    time_s: float          # arrival on the loop's clock
+    time_s: float  # arrival on the loop's clock
     lat_deg: float
     lon_deg: float
-    fix_quality: int       # NMEA GGA: 0 none, 1 GNSS, 2 differential, 4 RTK fixed, 5 RTK float
+    # NMEA GGA: 0 none, 1 GNSS, 2 differential, 4 RTK fixed, 5 RTK float
+    fix_quality: int
     satellites: int | None = None
     hdop: float | None = None
     speed_mps: float | None = None
-    heading_deg: float | None = None     # course over ground
-    utc: str | None = None               # ISO 8601, milliseconds, Z
+    heading_deg: float | None = None  # course over ground
+    utc: str | None = None  # ISO 8601, milliseconds, Z
 
 
 class PlantSeen(NamedTuple):
@@ -47,40 +50,47 @@ class ValvesSeen(NamedTuple):
 
 
 class Measurements(NamedTuple):
-    """Everything known at one control tick; values are the newest accepted, however old (see their time)."""
+    """Everything known at one control tick; values are the newest accepted, however old (see
+    their time)."""
 
     time_s: float
     gnss: GnssFix | None = None
     wheel_speed_mps: Reading | None = None
-    ndvi: tuple[Reading | None, ...] = ()        # one per head, left to right
+    ndvi: tuple[Reading | None, ...] = ()  # one per head, left to right
     shaft_rpm: Reading | None = None
     opening_mm: Reading | None = None
     hopper_kg: Reading | None = None
     supply_v: Reading | None = None
-    pitch_deg: Reading | None = None             # nose up positive
-    roll_deg: Reading | None = None              # right side down positive
-    work_switch: bool | None = None              # None: not fitted
-    drive_fault: bool = False                    # a motor driver says so
-    drive_stopped: bool = False                  # the drives have stood still by themselves though commanded to turn
-    old_orders: bool = False                     # the drive board hears commands that it had before: it stops
-    put_aside: tuple[str, ...] = ()              # devices whose driver failed: not listened to any more
-    control_failed: bool = False                 # the tick before this one could not be finished
-    log_cut: str = ""                            # the log in which the run goes on: the one before was cut short
-    plants: tuple[PlantSeen, ...] = ()           # of the pictures that came since the tick before (point mode)
-    speed_told: SpeedPlan | None = None          # newest
-    canopy_index: str = "ndvi"                   # that the heads give: ndvi or ndre
-    valves: ValvesSeen | None = None             # None: no valves, or a board that does not tell
-    shaft_effort: Reading | None = None          # how hard the drive works, in the machine file's unit
+    pitch_deg: Reading | None = None  # nose up positive
+    roll_deg: Reading | None = None  # right side down positive
+    work_switch: bool | None = None  # None: not fitted
+    drive_fault: bool = False  # a motor driver says so
+    # the drives have stood still by themselves though commanded to turn
+    drive_stopped: bool = False
+    # the drive board hears commands that it had before: it stops
+    old_orders: bool = False
+    # devices whose driver failed: not listened to any more
+    put_aside: tuple[str, ...] = ()
+    control_failed: bool = False  # the tick before this one could not be finished
+    # the log in which the run goes on: the one before was cut short
+    log_cut: str = ""
+    # of the pictures that came since the tick before (point mode)
+    plants: tuple[PlantSeen, ...] = ()
+    speed_told: SpeedPlan | None = None  # newest
+    canopy_index: str = "ndvi"  # that the heads give: ndvi or ndre
+    valves: ValvesSeen | None = None  # None: no valves, or a board that does not tell
+    # how hard the drive works, in the machine file's unit
+    shaft_effort: Reading | None = None
     gate_effort: Reading | None = None
-    rate_asked: Reading | None = None             # kg/ha that another display wants
-    rate_applied: Reading | None = None          # kg/ha that another controller says it applies
+    rate_asked: Reading | None = None  # kg/ha that another display wants
+    rate_applied: Reading | None = None  # kg/ha that another controller says it applies
 
 
 class SpeedPlan(NamedTuple):
     """Speeds that the tractor, or whoever plans its way, says it will aim at.
 
-    points: (seconds after `time_s`, m/s), rising in time, the first at 0; the last one holds. It gets there with at
-    most `acceleration_mps2`.
+    points: (seconds after `time_s`, m/s), rising in time, the first at 0; the last one holds.
+    It gets there with at most `acceleration_mps2`.
     """
 
     time_s: float
@@ -89,11 +99,24 @@ class SpeedPlan(NamedTuple):
 
 
 def announced_text(announced: SpeedPlan, now_s: float) -> str:
-    """As a log's row says it: age in s, acceleration in m/s2, then pairs of seconds after its announcement and m/s. A
-    point with the speed of the one before it says nothing new and is left out."""
-    points = [point for k, point in enumerate(announced.points) if k == 0 or point[1] != announced.points[k - 1][1]]
-    return " ".join(map(repr, (max(0.0, now_s - announced.time_s), announced.acceleration_mps2,
-                               *(float(number) for point in points for number in point))))
+    """As a log's row says it: age in s, acceleration in m/s2, then pairs of seconds after its
+    announcement and m/s. A point with the speed of the one before it says nothing new and is
+    left out."""
+    points = [
+        point
+        for k, point in enumerate(announced.points)
+        if k == 0 or point[1] != announced.points[k - 1][1]
+    ]
+    return " ".join(
+        map(
+            repr,
+            (
+                max(0.0, now_s - announced.time_s),
+                announced.acceleration_mps2,
+                *(float(number) for point in points for number in point),
+            ),
+        )
+    )
 
 
 def announced_of(text: str, now_s: float) -> SpeedPlan | None:
@@ -104,7 +127,9 @@ def announced_of(text: str, now_s: float) -> SpeedPlan | None:
         return None
     if len(numbers) < 4 or len(numbers) % 2:
         return None
-    announced = SpeedPlan(now_s - numbers[0], tuple(zip(numbers[2::2], numbers[3::2], strict=True)), numbers[1])
+    announced = SpeedPlan(
+        now_s - numbers[0], tuple(zip(numbers[2::2], numbers[3::2], strict=True)), numbers[1]
+    )
     return announced if can_be_announced(announced) else None
 
 
@@ -120,13 +145,14 @@ class DriveCommand(NamedTuple):
 
     shaft_rpm: float
     opening_mm: float
-    dose: DoseOrder | None = None       # begins in this tick
-    valves: tuple[bool, ...] = ()       # of the sections, left to right: open; none: the machine has no valves
+    dose: DoseOrder | None = None  # begins in this tick
+    # of the sections, left to right: open; none: the machine has no valves
+    valves: tuple[bool, ...] = ()
 
 
 def is_fresh(time_s: float, now_s: float, holds_s: float) -> bool:
-    """Whether what was sampled at `time_s` still holds at `now_s`: not too old, and not from the future, which is a
-    clock gone wrong. False where a time is no number."""
+    """Whether what was sampled at `time_s` still holds at `now_s`: not too old, and not from
+    the future, which is a clock gone wrong. False where a time is no number."""
     return -AHEAD_S <= now_s - time_s <= holds_s
 
 
@@ -138,34 +164,52 @@ def held(reading: Reading | None, now_s: float, holds_s: float) -> float | None:
     return value if is_fresh(time_s, now_s, holds_s) and isfinite(value) else None
 
 
-# What a reading can be on any machine that spreads: far wider than a sensor's own range, which its driver knows.
+# What a reading can be on any machine that spreads: far wider than a sensor's own range, which
+# its driver knows.
 POSSIBLE: dict[str, tuple[float, float]] = {
-    "wheel_speed_mps": (-100.0, 100.0), "shaft_rpm": (-10_000.0, 10_000.0), "opening_mm": (-1_000.0, 10_000.0),
-    "hopper_kg": (-100_000.0, 100_000.0), "supply_v": (-1_000.0, 1_000.0), "pitch_deg": (-180.0, 180.0),
+    "wheel_speed_mps": (-100.0, 100.0),
+    "shaft_rpm": (-10_000.0, 10_000.0),
+    "opening_mm": (-1_000.0, 10_000.0),
+    "hopper_kg": (-100_000.0, 100_000.0),
+    "supply_v": (-1_000.0, 1_000.0),
+    "pitch_deg": (-180.0, 180.0),
     "roll_deg": (-180.0, 180.0),
-    "shaft_effort": (-1_000.0, 1_000.0), "gate_effort": (-1_000.0, 1_000.0),
-    "rate_asked": (0.0, 2_000.0), "rate_applied": (0.0, 2_000.0)}
+    "shaft_effort": (-1_000.0, 1_000.0),
+    "gate_effort": (-1_000.0, 1_000.0),
+    "rate_asked": (0.0, 2_000.0),
+    "rate_applied": (0.0, 2_000.0),
+}
 POSSIBLE_NDVI = (-100.0, 100.0)
 _OF_A_FIX = ("hdop", "speed_mps", "heading_deg")
 
 
 def possible(m: Measurements) -> Measurements:
-    """The measurements without what cannot be: a reading that is no number, outside `POSSIBLE`, or of no time counts
-    as never received, a fix without a place on earth as well. Of a fix that has one, other numbers that are none go."""
+    """The measurements without what cannot be: a reading that is no number, outside `POSSIBLE`,
+    or of no time counts as never received, a fix without a place on earth as well. Of a fix
+    that has one, other numbers that are none go."""
     unknown: dict[str, Any] = {}
     for name, (low, high) in POSSIBLE.items():
         reading = getattr(m, name)
         if reading is not None and not (low <= reading.value <= high and isfinite(reading.time_s)):
             unknown[name] = None
     low, high = POSSIBLE_NDVI
-    ndvi = tuple([reading if reading is None or (low <= reading.value <= high and isfinite(reading.time_s)) else None
-                  for reading in m.ndvi])
+    ndvi = tuple(
+        [
+            reading
+            if reading is None or (low <= reading.value <= high and isfinite(reading.time_s))
+            else None
+            for reading in m.ndvi
+        ]
+    )
     if ndvi != m.ndvi:
         unknown["ndvi"] = ndvi
     fix = m.gnss
     if fix is not None:
-        odd: dict[str, Any] = {name: None for name in _OF_A_FIX
-                               if (value := getattr(fix, name)) is not None and not isfinite(value)}
+        odd: dict[str, Any] = {
+            name: None
+            for name in _OF_A_FIX
+            if (value := getattr(fix, name)) is not None and not isfinite(value)
+        }
         if not (isfinite(fix.time_s) and abs(fix.lat_deg) <= 90.0 and abs(fix.lon_deg) <= 180.0):
             unknown["gnss"] = None
         elif odd:
@@ -178,23 +222,34 @@ def possible(m: Measurements) -> Measurements:
 def can_be_announced(announced: SpeedPlan) -> bool:
     """Whether these are speeds of a machine that spreads, at times that rise from now on."""
     times = [in_s for in_s, _ in announced.points]
-    return (isfinite(announced.time_s) and 0.0 < announced.acceleration_mps2 <= 10.0
-            and 0 < len(times) <= MOST_ANNOUNCED and times[0] == 0.0 and all(a < b for a, b in pairwise(times))
-            and times[-1] <= 60.0
-            and all(-FASTEST_ANNOUNCED_MPS <= mps <= FASTEST_ANNOUNCED_MPS for _, mps in announced.points))
+    return (
+        isfinite(announced.time_s)
+        and 0.0 < announced.acceleration_mps2 <= 10.0
+        and 0 < len(times) <= MOST_ANNOUNCED
+        and times[0] == 0.0
+        and all(a < b for a, b in pairwise(times))
+        and times[-1] <= 60.0
+        and all(
+            -FASTEST_ANNOUNCED_MPS <= mps <= FASTEST_ANNOUNCED_MPS for _, mps in announced.points
+        )
+    )
 
 
 class ScaleSays(NamedTuple):
     """What the scale says that is no trim, now; neutral values: nothing."""
 
-    unordered_kg: float = 0.0           # left while nothing turned
-    off_kg: float = 0.0                 # left more (less: negative) than is believed, and why is not decided yet
-    share: float | None = None          # of the believed flow, that left: outside `low_share` to `high_share`
-    outlets: int = 0                    # that give nothing ...
-    of_outlets: int = 0                 # ... of so many
-    beyond_percent: float | None = None     # the flow is so far off by the scale, which is more than is trimmed
-    trimmed_percent: float = 0.0        # the flow is moved so far
-    refill_percent: float | None = None     # the scale's rise at the last refill is so far off the order's kg
+    unordered_kg: float = 0.0  # left while nothing turned
+    # left more (less: negative) than is believed, and why is not decided yet
+    off_kg: float = 0.0
+    # of the believed flow, that left: outside `low_share` to `high_share`
+    share: float | None = None
+    outlets: int = 0  # that give nothing ...
+    of_outlets: int = 0  # ... of so many
+    # the flow is so far off by the scale, which is more than is trimmed
+    beyond_percent: float | None = None
+    trimmed_percent: float = 0.0  # the flow is moved so far
+    # the scale's rise at the last refill is so far off the order's kg
+    refill_percent: float | None = None
 
     @property
     def agrees(self) -> bool:
@@ -206,15 +261,17 @@ NOTHING_SAID = ScaleSays()
 
 
 class EffortSays(NamedTuple):
-    """What the metering drive's effort says, now; neutral values: nothing. Efforts are in `unit`."""
+    """What the metering drive's effort says, now; neutral values: nothing. Efforts are in
+    `unit`."""
 
-    harder_percent: float = 0.0         # than it should
-    unloaded: bool = False              # as if no material were in the rollers
-    mean: float | None = None           # of the last seconds; None: not judged
-    should: float = 0.0                 # by the machine file, at this speed, supply and load
-    low: float = 0.0                    # below it, and above `high`, it is an alarm
+    harder_percent: float = 0.0  # than it should
+    unloaded: bool = False  # as if no material were in the rollers
+    mean: float | None = None  # of the last seconds; None: not judged
+    # by the machine file, at this speed, supply and load
+    should: float = 0.0
+    low: float = 0.0  # below it, and above `high`, it is an alarm
     high: float = 0.0
-    unit: str = ""                      # "": the machine file says nothing of effort
+    unit: str = ""  # "": the machine file says nothing of effort
 
 
 NO_EFFORT = EffortSays()
@@ -225,12 +282,12 @@ class Doubted(Enum):
 
     WHEEL = "wheel"
     GNSS = "gnss"
-    EITHER = "either"       # nothing says which
+    EITHER = "either"  # nothing says which
 
 
 class SpeedDoubt(NamedTuple):
-    """`differed_s`: when they were last seen to differ; `*_mps`: as read when first; `ratio`: GNSS's speed by the
-    wheel's, before they parted."""
+    """`differed_s`: when they were last seen to differ; `*_mps`: as read when first; `ratio`:
+    GNSS's speed by the wheel's, before they parted."""
 
     refused: Doubted
     since_s: float

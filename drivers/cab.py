@@ -1,12 +1,29 @@
-"""The cab: all ports and drivers of one machine, and what they say and are commanded once a tick."""
+"""The cab: all ports and drivers of one machine, and what they say and are commanded once a
+tick."""
+
 from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
 from typing import Any, Protocol
 
-from control.readings import DoseOrder, DriveCommand, GnssFix, Measurements, Reading, SpeedPlan, ValvesSeen
-from drivers.cab_config import MODULE_STOPS_S, BoardConfig, CabConfig, GnssConfig, HeadsConfig, RateModuleConfig
+from control.readings import (
+    DoseOrder,
+    DriveCommand,
+    GnssFix,
+    Measurements,
+    Reading,
+    SpeedPlan,
+    ValvesSeen,
+)
+from drivers.cab_config import (
+    MODULE_STOPS_S,
+    BoardConfig,
+    CabConfig,
+    GnssConfig,
+    HeadsConfig,
+    RateModuleConfig,
+)
 from drivers.cab_line import DatagramLine, DeviceLine
 from drivers.datagrams import Datagrams, UdpPort, open_line
 from drivers.device_status import DeviceStatus
@@ -27,7 +44,15 @@ from drivers.devices.wheel import WheelGeometry
 from drivers.plugins import plugged
 from drivers.ports import Clock, Port
 
-__all__ = ["BoardConfig", "Cab", "CabConfig", "DeviceStatus", "GnssConfig", "HeadsConfig", "RateModuleConfig"]
+__all__ = [
+    "BoardConfig",
+    "Cab",
+    "CabConfig",
+    "DeviceStatus",
+    "GnssConfig",
+    "HeadsConfig",
+    "RateModuleConfig",
+]
 
 Opener = Callable[[str, int, Clock], Port]
 DatagramOpener = Callable[[str, Clock], Datagrams]
@@ -45,24 +70,30 @@ class Cab:
     """Owns the ports and drivers of one machine.
 
     `measure` and `command` are called once a tick by one thread; they never wait for a device.
-    `refused_commands` counts the set-points that were not finite: in their place a stop was sent; `dropped_doses` those
-    that came while the board was still giving the one before.
+    `refused_commands` counts the set-points that were not finite: in their place a stop was
+    sent; `dropped_doses` those that came while the board was still giving the one before.
     """
 
-    def __init__(self, config: CabConfig, clock: Clock, opener: Opener = open_line,
-                 datagram_opener: DatagramOpener = UdpPort) -> None:
+    def __init__(
+        self,
+        config: CabConfig,
+        clock: Clock,
+        opener: Opener = open_line,
+        datagram_opener: DatagramOpener = UdpPort,
+    ) -> None:
         self._record_only = config.record_only
         self.refused_commands = 0
         self.dropped_doses = 0
         self._dose_waits: tuple[float, DoseOrder] | None = None
-        self.board: BoardReadings | None = None      # the newest status line, flags included
-        self.rig: RigReadings | None = None          # the newest line of the lag rig
+        self.board: BoardReadings | None = None  # the newest status line, flags included
+        self.rig: RigReadings | None = None  # the newest line of the lag rig
         self._board_connects = 0
-        self._enabled_since_s: float | None = None    # since when the board has been sent enable 1
+        # since when the board has been sent enable 1
+        self._enabled_since_s: float | None = None
         self._clock = clock
         self._fix: GnssFix | None = None
         self._ndvi: list[Reading | None] = [None] * (config.heads.count if config.heads else 0)
-        self._readings: dict[str, Any] = dict.fromkeys(BOARD_READINGS)      # Reading or None
+        self._readings: dict[str, Any] = dict.fromkeys(BOARD_READINGS)  # Reading or None
         self._valves_seen: ValvesSeen | None = None
         self._work_switch: bool | None = None
         self._work_switch_s = 0.0
@@ -70,63 +101,122 @@ class Cab:
         self._gnss = _Gnss(config.gnss, clock, opener) if config.gnss else None
         self._heads: list[tuple[DeviceLine, HeadDecoder]] = []
         self._drives: tuple[DeviceLine, SlaveBoard] | None = None
-        self._module = _Module(config.rate_module, clock, datagram_opener) if config.rate_module else None
+        self._module = (
+            _Module(config.rate_module, clock, datagram_opener) if config.rate_module else None
+        )
         self._index = "ndvi" if config.heads is None else config.heads.index
         if config.heads is not None:
-            self._heads = [_open_heads(config.heads, place, clock, opener) for place in range(len(config.heads.ports))]
+            self._heads = [
+                _open_heads(config.heads, place, clock, opener)
+                for place in range(len(config.heads.ports))
+            ]
         if config.board is not None:
             board = SlaveBoard(
                 SetPointLimits(config.board.max_shaft_rpm, config.board.max_opening_mm),
-                WheelGeometry(config.board.wheel_circumference_m, config.board.wheel_pulses_per_turn))
-            self._drives = _opened("board", "slave-board/1", config.board.port, config.board.baud, board, clock,
-                                   opener), board
+                WheelGeometry(
+                    config.board.wheel_circumference_m, config.board.wheel_pulses_per_turn
+                ),
+            )
+            self._drives = (
+                _opened(
+                    "board",
+                    "slave-board/1",
+                    config.board.port,
+                    config.board.baud,
+                    board,
+                    clock,
+                    opener,
+                ),
+                board,
+            )
         self._rig: tuple[DeviceLine, LagRig] | None = None
         if config.lag_rig is not None:
             rig = LagRig()
-            self._rig = _opened("lag_rig", "lag-rig/1", config.lag_rig.port, config.lag_rig.baud, rig, clock,
-                                opener), rig
+            self._rig = (
+                _opened(
+                    "lag_rig",
+                    "lag-rig/1",
+                    config.lag_rig.port,
+                    config.lag_rig.baud,
+                    rig,
+                    clock,
+                    opener,
+                ),
+                rig,
+            )
         self._speed_told: SpeedPlan | None = None
         self._tractor: tuple[DeviceLine, TractorSpeedDecoder] | None = None
         if config.tractor is not None:
             decoder = TractorSpeedDecoder()
-            self._tractor = _opened("tractor", "tractor-speed/1", config.tractor.port, config.tractor.baud, decoder,
-                                    clock, opener), decoder
+            self._tractor = (
+                _opened(
+                    "tractor",
+                    "tractor-speed/1",
+                    config.tractor.port,
+                    config.tractor.baud,
+                    decoder,
+                    clock,
+                    opener,
+                ),
+                decoder,
+            )
         self._rate_asked: Reading | None = None
         self._rate_applied: Reading | None = None
         self._rate_line: tuple[DeviceLine, RateLineDecoder] | None = None
         if config.rate_line is not None:
             said = RateLineDecoder(config.rate_line.unit_kg_ha)
-            self._rate_line = _opened("rate_line", "rate-line/1", config.rate_line.port, config.rate_line.baud, said,
-                                      clock, opener), said
+            self._rate_line = (
+                _opened(
+                    "rate_line",
+                    "rate-line/1",
+                    config.rate_line.port,
+                    config.rate_line.baud,
+                    said,
+                    clock,
+                    opener,
+                ),
+                said,
+            )
         self._listening = self._listeners()
 
     def measure(self, now_s: float) -> Measurements:
         """Read what has arrived and give the newest accepted value of everything, however old.
 
-        Bytes are stamped `now_s`, the tick at which they are read: late by less than one tick. A device whose driver
-        raises is put aside until it is plugged again.
+        Bytes are stamped `now_s`, the tick at which they are read: late by less than one tick.
+        A device whose driver raises is put aside until it is plugged again.
         """
         for line, listen in self._listening:
             if line.aside:
                 continue
             try:
                 listen(now_s)
-            except Exception as error:      # one device that nobody understands must not cost the others the tick
+            # one device that nobody understands must not cost the others the tick
+            except Exception as error:
                 line.put_aside(error)
-        return Measurements(now_s, gnss=self._fix, ndvi=tuple(self._ndvi), **self._readings,
-                            work_switch=self._switch(now_s), drive_fault=self._drive_fault(),
-                            drive_stopped=self._drive_stopped(),
-                            old_orders=self.board is not None and self.board.old_order,
-                            speed_told=self._speed_told, rate_asked=self._rate_asked,
-                            rate_applied=self._rate_applied, canopy_index=self._index,
-                            valves=self._valves_seen,
-                            put_aside=tuple(line.name for line, _ in self._listening if line.aside))
+        return Measurements(
+            now_s,
+            gnss=self._fix,
+            ndvi=tuple(self._ndvi),
+            **self._readings,
+            work_switch=self._switch(now_s),
+            drive_fault=self._drive_fault(),
+            drive_stopped=self._drive_stopped(),
+            old_orders=self.board is not None and self.board.old_order,
+            speed_told=self._speed_told,
+            rate_asked=self._rate_asked,
+            rate_applied=self._rate_applied,
+            canopy_index=self._index,
+            valves=self._valves_seen,
+            put_aside=tuple(line.name for line, _ in self._listening if line.aside),
+        )
 
     def command(self, now_s: float, command: DriveCommand | None, enabled: bool) -> None:
-        """Send the set-points of this tick, which are also the heartbeat; without a drive nothing happens.
+        """Send the set-points of this tick, which are also the heartbeat; without a drive
+        nothing happens.
 
-        Not enabled, or no command: a stop. Set-points are cut to the drives' limits. With a rate module the board gets
-        the gate's set-point only. Record only: nothing is sent at all.
+        Not enabled, or no command: a stop. Set-points are cut to the drives' limits. With a
+        rate module the board gets the gate's set-point only. Record only: nothing is sent at
+        all.
         """
         if self._record_only:
             return
@@ -138,8 +228,8 @@ class Cab:
             self._send(now_s, None, False)
 
     def _give_ordered(self, now_s: float, command: DriveCommand | None) -> None:
-        """The dose of this tick's command. Where the board is not yet done with the one before it waits a tick or two;
-        then it is dropped, and counted."""
+        """The dose of this tick's command. Where the board is not yet done with the one before
+        it waits a tick or two; then it is dropped, and counted."""
         if command is None or self._drives is None:
             self._dose_waits = None
             return
@@ -157,7 +247,8 @@ class Cab:
             self.dropped_doses += 1
 
     def give_dose(self, now_s: float, angle_deg: float, shaft_rpm: float) -> GivenDose | None:
-        """Send one dose of a point applicator; None without a board. Raises ValueError as `PointDose.give` does.
+        """Send one dose of a point applicator; None without a board. Raises ValueError as
+        `PointDose.give` does.
 
         What became of it is in `dose` at every later tick.
         """
@@ -188,7 +279,8 @@ class Cab:
             line.write(self._clock(), rig.order(run, arm))
 
     def status(self, now_s: float) -> tuple[DeviceStatus, ...]:
-        """Every device, in the order gnss, heads, board, rate module, lag rig, tractor, rate line."""
+        """Every device, in the order gnss, heads, board, rate module, lag rig, tractor, rate
+        line."""
         return tuple(line.status(now_s) for line in self._lines())
 
     def line(self, name: str) -> DeviceLine | None:
@@ -202,14 +294,21 @@ class Cab:
             line.port.close()
 
     def _send(self, now_s: float, command: DriveCommand | None, enabled: bool) -> None:
-        """Both drives' bytes are made before any is sent: a number that one refuses reaches neither."""
+        """Both drives' bytes are made before any is sent: a number that one refuses reaches
+        neither."""
         datagrams: list[bytes] = []
         if self._module is not None:
             valves = command.valves if command is not None and self._module.has_valves else ()
-            datagrams = self._module.driver.command(None if command is None else command.shaft_rpm, enabled, now_s,
-                                                    valves)
-            command = None if command is None else command._replace(
-                shaft_rpm=0.0, valves=() if self._module.has_valves else command.valves)
+            datagrams = self._module.driver.command(
+                None if command is None else command.shaft_rpm, enabled, now_s, valves
+            )
+            command = (
+                None
+                if command is None
+                else command._replace(
+                    shaft_rpm=0.0, valves=() if self._module.has_valves else command.valves
+                )
+            )
         if self._drives is not None:
             line, board = self._drives
             line.write(now_s, board.command(command, enabled))
@@ -272,11 +371,17 @@ class Cab:
         return self.board is not None and self.board.driver_fault
 
     def _drive_stopped(self) -> bool:
-        """The board has not followed for as long as a command and its echo may take: it lost the heartbeat, or its
-        power, and waits for an enable 0. (A driver's fault is reported by itself.)"""
+        """The board has not followed for as long as a command and its echo may take: it lost
+        the heartbeat, or its power, and waits for an enable 0. (A driver's fault is reported by
+        itself.)"""
         board, since_s = self.board, self._enabled_since_s
-        return (board is not None and since_s is not None and not board.enabled and not board.driver_fault
-                and board.time_s - since_s > FOLLOWS_WITHIN_S)
+        return (
+            board is not None
+            and since_s is not None
+            and not board.enabled
+            and not board.driver_fault
+            and board.time_s - since_s > FOLLOWS_WITHIN_S
+        )
 
     def _switch(self, now_s: float) -> bool | None:
         """The work switch as last heard; one that is fitted is forgotten when it falls silent."""
@@ -310,7 +415,9 @@ class Cab:
             self._valves_seen = readings.valves
             for name in BOARD_READINGS:
                 value = getattr(readings, name)
-                if value is not None and not (name in ("shaft_rpm", "shaft_effort") and self._module is not None):
+                if value is not None and not (
+                    name in ("shaft_rpm", "shaft_effort") and self._module is not None
+                ):
                     self._readings[name] = value
         board.dose.look(now_s)
         line.note(readings.time_s for readings in accepted)
@@ -322,11 +429,21 @@ class Cab:
         line.note(readings.time_s for readings in accepted)
 
 
-BOARD_READINGS = ("wheel_speed_mps", "shaft_rpm", "opening_mm", "hopper_kg", "supply_v", "pitch_deg", "roll_deg",
-                  "shaft_effort", "gate_effort")
+BOARD_READINGS = (
+    "wheel_speed_mps",
+    "shaft_rpm",
+    "opening_mm",
+    "hopper_kg",
+    "supply_v",
+    "pitch_deg",
+    "roll_deg",
+    "shaft_effort",
+    "gate_effort",
+)
 SWITCH_SILENT_S = 0.5
-DOSE_WAITS_S = 0.1          # for the board to be done with the dose before
-FOLLOWS_WITHIN_S = 0.3      # from the first enable 1 to a status line that says so
+DOSE_WAITS_S = 0.1  # for the board to be done with the dose before
+# from the first enable 1 to a status line that says so
+FOLLOWS_WITHIN_S = 0.3
 
 
 class _Gnss:
@@ -334,9 +451,14 @@ class _Gnss:
 
     def __init__(self, config: GnssConfig, clock: Clock, opener: Opener) -> None:
         makers: dict[str, Callable[[], FixDecoder]] = {
-            "nmea0183": GnssDecoder, "gpsd": GpsdDecoder, "agopengps": AgOpenGpsDecoder}
+            "nmea0183": GnssDecoder,
+            "gpsd": GpsdDecoder,
+            "agopengps": AgOpenGpsDecoder,
+        }
         self._decoder = (makers.get(config.protocol) or plugged("devices", config.protocol))()
-        self.line = _opened("gnss", config.protocol, config.port, config.baud, self._decoder, clock, opener)
+        self.line = _opened(
+            "gnss", config.protocol, config.port, config.baud, self._decoder, clock, opener
+        )
         self._hello = WATCH if config.protocol == "gpsd" else b""
         self._greeted = 0
 
@@ -355,13 +477,22 @@ class _Gnss:
 
 
 class _Module:
-    """A rate module on its datagram line. A gate set by hand is as fresh as the module's own news."""
+    """A rate module on its datagram line. A gate set by hand is as fresh as the module's own
+    news."""
 
     def __init__(self, config: RateModuleConfig, clock: Clock, opener: DatagramOpener) -> None:
-        self.driver = RateModule(ModuleAddress(config.module, config.sensor), config.pulses_per_turn,
-                                 config.max_shaft_rpm, config.drive)
-        self.line = DatagramLine("rate_module", f"rate-module/udp (stops by itself after {MODULE_STOPS_S:g} s)",
-                                 opener(config.url, clock), self.driver.counts)
+        self.driver = RateModule(
+            ModuleAddress(config.module, config.sensor),
+            config.pulses_per_turn,
+            config.max_shaft_rpm,
+            config.drive,
+        )
+        self.line = DatagramLine(
+            "rate_module",
+            f"rate-module/udp (stops by itself after {MODULE_STOPS_S:g} s)",
+            opener(config.url, clock),
+            self.driver.counts,
+        )
         self._fixed_opening_mm = config.fixed_opening_mm
         self._has_switch = config.work_switch
         self.has_valves = config.valves
@@ -370,7 +501,11 @@ class _Module:
     def work_switch(self) -> tuple[bool, float] | None:
         """As last heard, and when."""
         board, heard_s = self.driver.board, self.driver.board_s
-        return (board.work_switch, heard_s) if self._has_switch and board is not None and heard_s is not None else None
+        return (
+            (board.work_switch, heard_s)
+            if self._has_switch and board is not None and heard_s is not None
+            else None
+        )
 
     def read(self, now_s: float) -> dict[str, Reading | None]:
         """The readings that are new."""
@@ -379,19 +514,25 @@ class _Module:
         for readings in accepted:
             if readings.shaft_rpm is not None:
                 found["shaft_rpm"] = readings.shaft_rpm
-                found["shaft_effort"] = Reading(100.0 * abs(readings.pwm) / FULL_PWM, readings.time_s)
+                found["shaft_effort"] = Reading(
+                    100.0 * abs(readings.pwm) / FULL_PWM, readings.time_s
+                )
                 if self._fixed_opening_mm is not None:
                     found["opening_mm"] = Reading(self._fixed_opening_mm, readings.time_s)
         self.line.note(readings.time_s for readings in accepted)
         return found
 
 
-def _open_heads(config: HeadsConfig, place: int, clock: Clock, opener: Opener) -> tuple[DeviceLine, HeadDecoder]:
+def _open_heads(
+    config: HeadsConfig, place: int, clock: Clock, opener: Opener
+) -> tuple[DeviceLine, HeadDecoder]:
     head = None if config.multiplexed else place + 1
     decoder = HeadDecoder(config.field_map, head=head, heads=config.count)
     baud = config.baud or config.field_map.baud
     name = "heads" if config.multiplexed else f"head_{place + 1}"
-    return _opened(name, config.protocol, config.ports[place], baud, decoder, clock, opener), decoder
+    return _opened(
+        name, config.protocol, config.ports[place], baud, decoder, clock, opener
+    ), decoder
 
 
 class _Counting(Protocol):
@@ -401,10 +542,13 @@ class _Counting(Protocol):
     def counts(self) -> Counts: ...
 
 
-def _opened(name: str, protocol: str, url: str, baud: int, driver: _Counting, clock: Clock,
-            opener: Opener) -> DeviceLine:
+def _opened(
+    name: str, protocol: str, url: str, baud: int, driver: _Counting, clock: Clock, opener: Opener
+) -> DeviceLine:
     """The line of one device, with the rate that it has."""
-    return DeviceLine(name, protocol, opener(url, baud, clock), driver.counts, serial_baud(url, baud))
+    return DeviceLine(
+        name, protocol, opener(url, baud, clock), driver.counts, serial_baud(url, baud)
+    )
 
 
 def serial_baud(url: str, baud: int) -> int | None:

@@ -1,4 +1,5 @@
 """The cab file: which devices a machine has and where they are plugged in."""
+
 from __future__ import annotations
 
 import ipaddress
@@ -12,8 +13,10 @@ from drivers.devices.canopy_heads import PROTOCOLS, HeadFields, head_fields
 from drivers.plugins import names, plugged
 
 MOST_HEADS = 12
-MODULE_PORT, CONSOLE_PORT = 28888, 29999        # where rate modules listen, and where they answer
-MODULE_STOPS_S = 4.0                            # a rate module stops its own motor after this much silence
+# where rate modules listen, and where they answer
+MODULE_PORT, CONSOLE_PORT = 28888, 29999
+# a rate module stops its own motor after this much silence
+MODULE_STOPS_S = 4.0
 
 LineUrl = Annotated[str, AfterValidator(line_url)]
 Baud = Annotated[int, Field(ge=300, le=4_000_000)]
@@ -26,7 +29,9 @@ RECEIVERS = ("nmea0183", "gpsd", "agopengps")
 
 def _receiver(name: str) -> str:
     if name not in RECEIVERS and not callable(plugged("devices", name)):
-        raise ValueError(f"protocol {name!r}: allowed is one of {', '.join((*RECEIVERS, *names('devices')))}")
+        raise ValueError(
+            f"protocol {name!r}: allowed is one of {', '.join((*RECEIVERS, *names('devices')))}"
+        )
     return name
 
 
@@ -36,8 +41,9 @@ Receiver = Annotated[str, AfterValidator(_receiver), Field(examples=list(RECEIVE
 class GnssConfig(FrozenModel):
     """A receiver, or a program that passes on what its receiver says.
 
-    `nmea0183`: a serial line or `socket://`. `gpsd`: `socket://HOST:2947`. `agopengps`: `udp://127.0.0.1:17777`, the
-    address at which this program listens; another one than loopback says who is believed: `?from=ADDRESS`.
+    `nmea0183`: a serial line or `socket://`. `gpsd`: `socket://HOST:2947`. `agopengps`:
+    `udp://127.0.0.1:17777`, the address at which this program listens; another one than
+    loopback says who is believed: `?from=ADDRESS`.
     """
 
     protocol: Receiver = "nmea0183"
@@ -47,11 +53,18 @@ class GnssConfig(FrozenModel):
     @model_validator(mode="after")
     def _reachable(self) -> Self:
         if (self.protocol == "agopengps") != self.port.startswith("udp://"):
-            wanted = "udp://127.0.0.1:17777" if self.protocol == "agopengps" else "a serial port or socket://HOST:PORT"
+            wanted = (
+                "udp://127.0.0.1:17777"
+                if self.protocol == "agopengps"
+                else "a serial port or socket://HOST:PORT"
+            )
             raise ValueError(f"port {self.port}: allowed with {self.protocol} is {wanted}")
         if self.port.startswith("udp://") and udp_address(self.port).senders is None:
-            raise ValueError(f"port {self.port}: anybody on that network could say where the machine is: allowed is "
-                             "udp://127.0.0.1:PORT, or ?from=ADDRESS with the one that is believed")
+            raise ValueError(
+                f"port {self.port}: anybody on that network could say where the machine is: "
+                "allowed is "
+                "udp://127.0.0.1:PORT, or ?from=ADDRESS with the one that is believed"
+            )
         return self
 
 
@@ -65,7 +78,9 @@ class HeadLayout(FrozenModel):
     @model_validator(mode="after")
     def _inside_the_line(self) -> Self:
         if max(self.ndvi, self.index_2) > self.fields:
-            raise ValueError(f"ndvi {self.ndvi} and index_2 {self.index_2} must be at most fields {self.fields}")
+            raise ValueError(
+                f"ndvi {self.ndvi} and index_2 {self.index_2} must be at most fields {self.fields}"
+            )
         return self
 
 
@@ -74,24 +89,33 @@ class HeadsConfig(FrozenModel):
 
     protocol: str = "greenseeker"
     ports: Annotated[tuple[LineUrl, ...], Field(min_length=1, max_length=MOST_HEADS)]
-    baud: Baud | None = None                    # None: the protocol's own
+    baud: Baud | None = None  # None: the protocol's own
     multiplexed: bool = False
-    heads: Annotated[int, Field(ge=1, le=MOST_HEADS)] = 6      # how many, where multiplexed
-    layout: HeadLayout | None = None            # None: the protocol's own
-    index: Literal["ndvi", "ndre"] = "ndvi"     # which of the heads' indices counts; ndre: the second one
+    heads: Annotated[int, Field(ge=1, le=MOST_HEADS)] = 6  # how many, where multiplexed
+    layout: HeadLayout | None = None  # None: the protocol's own
+    # which of the heads' indices counts; ndre: the second one
+    index: Literal["ndvi", "ndre"] = "ndvi"
 
     @model_validator(mode="after")
     def _fits(self) -> Self:
         if head_fields(self.protocol) is None and self.layout is None:
-            raise ValueError(f"protocol {self.protocol!r}: allowed is one of {', '.join(PROTOCOLS)}, "
-                             "or any name together with a layout")
+            raise ValueError(
+                f"protocol {self.protocol!r}: allowed is one of {', '.join(PROTOCOLS)}, "
+                "or any name together with a layout"
+            )
         if self.multiplexed and len(self.ports) != 1:
             raise ValueError(f"ports: {len(self.ports)} given, a multiplexed line has 1")
-        if self.index == "ndre" and (self.field_map.index_2_is != "ndre" if self.layout is None
-                                     else self.layout.index_2 == 0):
-            able = ", ".join(name for name, known in PROTOCOLS.items() if known.index_2_is == "ndre")
-            raise ValueError(f"index ndre: heads of protocol {self.protocol} give NDVI: allowed with {able}, or with a "
-                             "layout whose index_2 is NDRE")
+        if self.index == "ndre" and (
+            self.field_map.index_2_is != "ndre" if self.layout is None else self.layout.index_2 == 0
+        ):
+            able = ", ".join(
+                name for name, known in PROTOCOLS.items() if known.index_2_is == "ndre"
+            )
+            raise ValueError(
+                f"index ndre: heads of protocol {self.protocol} give NDVI: allowed with "
+                f"{able}, or with a "
+                "layout whose index_2 is NDRE"
+            )
         return self
 
     @property
@@ -116,17 +140,19 @@ class BoardConfig(FrozenModel):
     max_opening_mm: Annotated[float, Field(gt=0, le=100)] = 60.0
     wheel_circumference_m: Annotated[float, Field(gt=0, le=20)] = 2.50
     wheel_pulses_per_turn: Annotated[float, Field(ge=1, le=10000)] = 16.0
-    work_switch: bool = False                   # fitted: then silence about it means "up"
+    work_switch: bool = False  # fitted: then silence about it means "up"
 
 
 class RateModuleConfig(FrozenModel):
-    """A rate module on UDP as the metering drive. Its unit is one turn of the metering shaft: units a minute are r/min.
+    """A rate module on UDP as the metering drive. Its unit is one turn of the metering shaft:
+    units a minute are r/min.
 
-    `address`: the module's own or the subnet's broadcast address; None: 192.168.1.(50 + module), the modules' default.
-    `listen`: this computer's own address on the module's network, or 0.0.0.0 where the module answers to the whole
-    subnet. `subnet`: from where answers are believed, as 192.168.1.0/24; None: from `address` alone.
-    `fixed_opening_mm`: where the gate is set by hand, on a machine whose board does not move it.
-    `valves`: the sections' valves hang on its relays, from the second on; else on the slave board.
+    `address`: the module's own or the subnet's broadcast address; None: 192.168.1.(50 +
+    module), the modules' default. `listen`: this computer's own address on the module's
+    network, or 0.0.0.0 where the module answers to the whole subnet. `subnet`: from where
+    answers are believed, as 192.168.1.0/24; None: from `address` alone. `fixed_opening_mm`:
+    where the gate is set by hand, on a machine whose board does not move it. `valves`: the
+    sections' valves hang on its relays, from the second on; else on the slave board.
     """
 
     address: str | None = None
@@ -157,11 +183,16 @@ class RateModuleConfig(FrozenModel):
     @model_validator(mode="after")
     def _hears_its_module_only(self) -> Self:
         if is_loopback(self.listen) != is_loopback(self.at):
-            raise ValueError(f"listen {self.listen}: a module at {self.at} cannot be heard there: allowed is this "
-                             "computer's own address on the module's network, or 0.0.0.0")
+            raise ValueError(
+                f"listen {self.listen}: a module at {self.at} cannot be heard there: "
+                "allowed is this "
+                "computer's own address on the module's network, or 0.0.0.0"
+            )
         if self.subnet is None and (self.at.endswith(".255") or not _is_address(self.at)):
-            raise ValueError(f"address {self.at} is not one module's: subnet is missing, from where answers are "
-                             "believed: allowed is a network, as 192.168.1.0/24")
+            raise ValueError(
+                f"address {self.at} is not one module's: subnet is missing, from where answers are "
+                "believed: allowed is a network, as 192.168.1.0/24"
+            )
         if self.subnet is not None and not _is_network(self.subnet):
             raise ValueError(f"subnet {self.subnet}: allowed is a network, as 192.168.1.0/24")
         return self
@@ -191,7 +222,8 @@ class LagRigConfig(FrozenModel):
 
 
 class TractorConfig(FrozenModel):
-    """The tractor's own computer, or a gateway to it, that tells the speeds it will aim at (`$PTDSP`)."""
+    """The tractor's own computer, or a gateway to it, that tells the speeds it will aim at
+    (`$PTDSP`)."""
 
     port: LineUrl
     baud: Baud = 115200
@@ -200,8 +232,9 @@ class TractorConfig(FrozenModel):
 class RateLineConfig(FrozenModel):
     """Another display that tells the target: `$R,RC` as it tells a Raven console, or `$PTDRT`.
 
-    A serial line, `socket://`, or the `udp://` address at which this program listens; another one than loopback says
-    who is believed: `?from=ADDRESS`. `unit_kg_ha`: of the number in a Raven sentence, which has no decimal point.
+    A serial line, `socket://`, or the `udp://` address at which this program listens; another
+    one than loopback says who is believed: `?from=ADDRESS`. `unit_kg_ha`: of the number in a
+    Raven sentence, which has no decimal point.
     """
 
     port: LineUrl
@@ -211,17 +244,21 @@ class RateLineConfig(FrozenModel):
     @model_validator(mode="after")
     def _heard_from_one(self) -> Self:
         if self.port.startswith("udp://") and udp_address(self.port).senders is None:
-            raise ValueError(f"port {self.port}: anybody on that network could say how much is spread: allowed is "
-                             "udp://127.0.0.1:PORT, or ?from=ADDRESS with the one that is believed")
+            raise ValueError(
+                f"port {self.port}: anybody on that network could say how much is spread: "
+                "allowed is "
+                "udp://127.0.0.1:PORT, or ?from=ADDRESS with the one that is believed"
+            )
         return self
 
 
 class CabConfig(FrozenModel):
     """Which devices a machine has and where they are plugged in; None: not fitted.
 
-    `record_only`: nothing is sent to any drive; what a machine of somebody else's does is logged and mapped.
-    `virtual`: at the other end of the ports is `topdress serve-machine` and no machine. The screens say so, and a job
-    without a boundary gets the field of its simulated passes.
+    `record_only`: nothing is sent to any drive; what a machine of somebody else's does is
+    logged and mapped. `virtual`: at the other end of the ports is `topdress serve-machine` and
+    no machine. The screens say so, and a job without a boundary gets the field of its simulated
+    passes.
     """
 
     format: Literal["topdress-cab/1"] = "topdress-cab/1"
@@ -240,8 +277,11 @@ class CabConfig(FrozenModel):
     def _can_meter(self) -> Self:
         module = self.rate_module
         if module is not None and (self.board is None) == (module.fixed_opening_mm is None):
-            what = ("missing: a machine without a board has a gate set by hand, 0 to 100 mm" if self.board is None
-                    else "given, but the board moves the gate: leave one of them out")
+            what = (
+                "missing: a machine without a board has a gate set by hand, 0 to 100 mm"
+                if self.board is None
+                else "given, but the board moves the gate: leave one of them out"
+            )
             raise ValueError(f"rate_module.fixed_opening_mm is {what}")
         return self
 
@@ -254,12 +294,17 @@ class CabConfig(FrozenModel):
         """What an operator must know of these devices."""
         found = []
         if self.rate_module is not None:
-            found.append(f"rate_module: the module stops its motor by itself only after {MODULE_STOPS_S:g} s without "
-                         "the console (a slave board after 1 s): have the hard-wired stop within reach")
+            found.append(
+                "rate_module: the module stops its motor by itself only after "
+                f"{MODULE_STOPS_S:g} s without "
+                "the console (a slave board after 1 s): have the hard-wired stop within reach"
+            )
         if self.record_only:
             return ("record only: no drive is commanded, what the machine does is logged",)
         if self.board is None and self.rate_module is None:
             found.append("no board and no rate_module: nothing can be spread")
         if not self.has_work_switch:
-            found.append("no work switch is fitted: flow stops by speed, field edge and operator only")
+            found.append(
+                "no work switch is fitted: flow stops by speed, field edge and operator only"
+            )
         return tuple(found)

@@ -1,4 +1,5 @@
 """One device's line in the cab: its port with name, counts and rate, and who listens in."""
+
 from __future__ import annotations
 
 from collections import deque
@@ -10,22 +11,26 @@ from drivers.device_status import DeviceStatus
 from drivers.devices.lines import Counts
 from drivers.ports import Port
 
-RATE_OVER_S = 2.0           # a device silent for this long has rate 0
+RATE_OVER_S = 2.0  # a device silent for this long has rate 0
 ASIDE_CHARACTERS = 200
 
-Direction = Literal["<", ">"]                           # received, sent
-Tap = Callable[[float, Direction, bytes], None]         # must return at once: the control loop calls it
+Direction = Literal["<", ">"]  # received, sent
+# must return at once: the control loop calls it
+Tap = Callable[[float, Direction, bytes], None]
 
 
 class DeviceLine:
     """`baud`: of a serial line; None where the port has none (socket, memory, datagrams)."""
 
-    def __init__(self, name: str, protocol: str, port: Port, counts: Counts, baud: int | None = None) -> None:
+    def __init__(
+        self, name: str, protocol: str, port: Port, counts: Counts, baud: int | None = None
+    ) -> None:
         self.name = name
         self.port = port
         self.baud = baud
         self.plugged = True
-        self.aside = ""             # why the device is not listened to any more; empty: it is
+        # why the device is not listened to any more; empty: it is
+        self.aside = ""
         self._protocol = protocol
         self._counts = counts
         self._taps: list[Tap] = []
@@ -48,7 +53,8 @@ class DeviceLine:
         self._times_s.extend(times_s)
 
     def listen_in(self, tap: Tap) -> None:
-        """Give `tap` everything that is received and sent from now on, as it is (each datagram by itself)."""
+        """Give `tap` everything that is received and sent from now on, as it is (each datagram
+        by itself)."""
         self._taps.append(tap)
 
     def leave(self, tap: Tap) -> None:
@@ -56,8 +62,8 @@ class DeviceLine:
             self._taps.remove(tap)
 
     def put_aside(self, error: Exception) -> None:
-        """Its driver could not digest what it said: it is not listened to until it is plugged again. What is sent to
-        it goes on, so that a drive can be stopped."""
+        """Its driver could not digest what it said: it is not listened to until it is plugged
+        again. What is sent to it goes on, so that a drive can be stopped."""
         self.aside = f"put aside: {type(error).__name__}: {error}"[:ASIDE_CHARACTERS]
 
     def plug(self, plugged: bool) -> None:
@@ -73,18 +79,28 @@ class DeviceLine:
         lively = age_s is not None and age_s < RATE_OVER_S and span_s > 0.0
         last = state.last_lines()
         return DeviceStatus(
-            self.name, self.port.name, self._protocol, state.connected, age_s,
+            self.name,
+            self.port.name,
+            self._protocol,
+            state.connected,
+            age_s,
             (len(times_s) - 1) / span_s if lively else 0.0,
-            self._counts.accepted, self._counts.rejected_total,
+            self._counts.accepted,
+            self._counts.rejected_total,
             self.aside or (last[0] if last else state.last_error),
-            state.connects, state.bytes_in, state.bytes_out, self.aside or state.last_error,
-            tuple(sorted(self._counts.rejected.items())))
+            state.connects,
+            state.bytes_in,
+            state.bytes_out,
+            self.aside or state.last_error,
+            tuple(sorted(self._counts.rejected.items())),
+        )
 
     def _tell(self, now_s: float, direction: Direction, data: bytes) -> None:
         for tap in list(self._taps):
             try:
                 tap(now_s, direction, data)
-            except Exception:           # whoever listens in costs neither the device nor the tick
+            # whoever listens in costs neither the device nor the tick
+            except Exception:
                 self._taps.remove(tap)
 
 

@@ -1,4 +1,6 @@
-"""UDP: datagrams in and out, whole ones only. A bound UDP socket never makes the loop wait, so it needs no thread."""
+"""UDP: datagrams in and out, whole ones only. A bound UDP socket never makes the loop wait, so
+it needs no thread."""
+
 from __future__ import annotations
 
 import contextlib
@@ -11,12 +13,15 @@ from urllib.parse import parse_qs, urlsplit
 from drivers.ports import TAIL_BYTES, UNPLUGGED, Clock, Port, PortState, open_port, scheme_of
 
 LONGEST_DATAGRAM = 2048
-MOST_WAITING = 64               # datagrams given at one read; older ones are dropped: a flood
-MOST_TAKEN = 512                # taken from the system at one read, strangers' included; the rest is its to drop
+# datagrams given at one read; older ones are dropped: a flood
+MOST_WAITING = 64
+# taken from the system at one read, strangers' included; the rest is its to drop
+MOST_TAKEN = 512
 LOOPBACK = ipaddress.ip_network("127.0.0.0/8")
 Network = ipaddress.IPv4Network | ipaddress.IPv6Network
 TRY_AGAIN_S = 1.0
-SILENT_S = 2.0                  # UDP has no plug: "connected" means heard this lately
+# UDP has no plug: "connected" means heard this lately
+SILENT_S = 2.0
 
 
 class Datagrams(Port, Protocol):
@@ -28,7 +33,8 @@ class Datagrams(Port, Protocol):
 
 
 class UdpAddress(NamedTuple):
-    """Both ends of `udp://HOST:PORT[?to=HOST:PORT][&from=NETWORK]`. `senders`: who is listened to; None: everybody."""
+    """Both ends of `udp://HOST:PORT[?to=HOST:PORT][&from=NETWORK]`. `senders`: who is listened
+    to; None: everybody."""
 
     host: str
     number: int
@@ -37,9 +43,11 @@ class UdpAddress(NamedTuple):
 
 
 def udp_address(url: str) -> UdpAddress:
-    """Where to listen, where to send, whom to believe; ValueError with one line where any of it cannot be read.
+    """Where to listen, where to send, whom to believe; ValueError with one line where any of it
+    cannot be read.
 
-    Without `from`, a port on loopback hears this computer only, any other one the address that it sends to.
+    Without `from`, a port on loopback hears this computer only, any other one the address that
+    it sends to.
     """
     try:
         parts = urlsplit(url)
@@ -47,15 +55,25 @@ def udp_address(url: str) -> UdpAddress:
         to = asked.get("to")
         other = urlsplit(f"udp://{to[0]}") if to else None
         if parts.scheme == "udp" and parts.hostname and parts.port is not None:
-            there = (other.hostname, other.port) if other is not None and other.hostname and other.port else None
+            there = (
+                (other.hostname, other.port)
+                if other is not None and other.hostname and other.port
+                else None
+            )
             if other is None or there is not None:
-                senders = ipaddress.ip_network(asked["from"][0]) if "from" in asked else _usual_senders(
-                    parts.hostname, there)
+                senders = (
+                    ipaddress.ip_network(asked["from"][0])
+                    if "from" in asked
+                    else _usual_senders(parts.hostname, there)
+                )
                 return UdpAddress(parts.hostname, parts.port, there, senders)
     except ValueError:
         pass
-    raise ValueError(f"port {url}: allowed is udp://HOST:PORT or udp://HOST:PORT?to=HOST:PORT, with from=ADDRESS or "
-                     "from=NETWORK where others than these are to be heard")
+    raise ValueError(
+        f"port {url}: allowed is udp://HOST:PORT or udp://HOST:PORT?to=HOST:PORT, with "
+        "from=ADDRESS or "
+        "from=NETWORK where others than these are to be heard"
+    )
 
 
 def is_loopback(host: str) -> bool:
@@ -92,12 +110,22 @@ class _Traffic:
 
     def state(self, connects: int, last_error: str) -> PortState:
         connected = self._last_s is not None and self._clock() - self._last_s < SILENT_S
-        return PortState(connected, connects, last_error, self._in, self.out, self.dropped_in, self.dropped_out,
-                         self._last_s, self._tail)
+        return PortState(
+            connected,
+            connects,
+            last_error,
+            self._in,
+            self.out,
+            self.dropped_in,
+            self.dropped_out,
+            self._last_s,
+            self._tail,
+        )
 
 
 class UdpPort:
-    """A bound socket. Where it cannot be bound (another program has the port), it is tried again every second.
+    """A bound socket. Where it cannot be bound (another program has the port), it is tried
+    again every second.
 
     Who is not among the senders of its address is not heard, and counted with what was dropped.
     """
@@ -113,7 +141,7 @@ class UdpPort:
         self._next_try_s = clock()
         self._closed = False
         self._plugged = True
-        self._asked, self._believed = "", False     # the newest sender, and whether it is one
+        self._asked, self._believed = "", False  # the newest sender, and whether it is one
         self._bind()
 
     @property
@@ -135,7 +163,8 @@ class UdpPort:
                 data, sender = self._socket.recvfrom(LONGEST_DATAGRAM)
             except BlockingIOError:
                 break
-            except OSError as error:        # Windows tells here that nobody listened to an earlier datagram
+            # Windows tells here that nobody listened to an earlier datagram
+            except OSError as error:
                 self._last_error = str(error)
                 break
             if not self._believes(sender[0]):
@@ -153,7 +182,10 @@ class UdpPort:
         """Asked for each datagram, so the answer for the newest sender is kept."""
         if host != self._asked:
             senders = self._address.senders
-            self._asked, self._believed = host, senders is None or ipaddress.ip_address(host) in senders
+            self._asked, self._believed = (
+                host,
+                senders is None or ipaddress.ip_address(host) in senders,
+            )
         return self._believed
 
     def read(self) -> bytes:
@@ -194,7 +226,12 @@ class UdpPort:
 
     def _bind(self) -> None:
         now_s = self._clock()
-        if self._socket is not None or self._closed or not self._plugged or now_s < self._next_try_s:
+        if (
+            self._socket is not None
+            or self._closed
+            or not self._plugged
+            or now_s < self._next_try_s
+        ):
             return
         self._next_try_s = now_s + TRY_AGAIN_S
         made = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)

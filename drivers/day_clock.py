@@ -1,11 +1,13 @@
-"""What day it is, by the computer's clock, whatever that says: one that no date can be made of (Python's time ends in
-2262, some systems' begins in 1970) costs no start and no tick. All of the program asks here."""
+"""What day it is, by the computer's clock, whatever that says: one that no date can be made of
+(Python's time ends in 2262, some systems' begins in 1970) costs no start and no tick. All of
+the program asks here."""
+
 from __future__ import annotations
 
 import datetime as dt
 import time
 
-UNKNOWN = dt.datetime(1970, 1, 1, tzinfo=dt.UTC)        # a clock that was never set says the same
+UNKNOWN = dt.datetime(1970, 1, 1, tzinfo=dt.UTC)  # a clock that was never set says the same
 _NO_DATE = (OverflowError, OSError, ValueError)
 _epoch_s = time.time
 

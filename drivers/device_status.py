@@ -1,4 +1,6 @@
-"""What is known of one device in the cab. The console's end needs it, and nothing else of the drivers."""
+"""What is known of one device in the cab. The console's end needs it, and nothing else of the
+drivers."""
+
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -8,16 +10,16 @@ from dataclasses import dataclass
 class DeviceStatus:
     """What a device's line has counted and heard."""
 
-    name: str                 # "gnss", "heads", "board"
+    name: str  # "gnss", "heads", "board"
     port: str
     protocol: str
     connected: bool
-    age_s: float | None       # since the last accepted message
+    age_s: float | None  # since the last accepted message
     rate_hz: float
     accepted: int
     rejected: int
     last_raw: str = ""
-    connects: int = 0         # times the line was opened
+    connects: int = 0  # times the line was opened
     bytes_in: int = 0
     bytes_out: int = 0
     last_error: str = ""

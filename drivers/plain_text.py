@@ -1,9 +1,11 @@
-"""Text from files, devices and networks before a terminal sees it: characters that steer a terminal are left out.
+"""Text from files, devices and networks before a terminal sees it: characters that steer a
+terminal are left out.
 
-Control characters of both sets (C0 but for the end of a line and the tabulator, DEL, C1), which begin escape sequences,
-and the marks that turn the direction of writing round, with which a text can show something else than it says
-(Unicode Technical Report 36, section 2.7).
+Control characters of both sets (C0 but for the end of a line and the tabulator, DEL, C1), which
+begin escape sequences, and the marks that turn the direction of writing round, with which a
+text can show something else than it says (Unicode Technical Report 36, section 2.7).
 """
+
 from __future__ import annotations
 
 from collections.abc import Mapping
@@ -12,8 +14,15 @@ from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple, Self
 
-_STEERING = [*(code for code in range(32) if chr(code) not in "\n\t"), *range(127, 160), 0x061C, 0x200E, 0x200F,
-             *range(0x202A, 0x202F), *range(0x2066, 0x206A)]
+_STEERING = [
+    *(code for code in range(32) if chr(code) not in "\n\t"),
+    *range(127, 160),
+    0x061C,
+    0x200E,
+    0x200F,
+    *range(0x202A, 0x202F),
+    *range(0x2066, 0x206A),
+]
 _WITHOUT = dict.fromkeys(_STEERING)
 
 
@@ -24,7 +33,9 @@ def plain(text: str) -> str:
 
 def one_line(text: str) -> str:
     """The same in one line: a message that quotes a file, in which anything may stand."""
-    return " ".join(part for part in map(str.strip, plain(text.replace("\r", "\n")).splitlines()) if part)
+    return " ".join(
+        part for part in map(str.strip, plain(text.replace("\r", "\n")).splitlines()) if part
+    )
 
 
 class OneLine(ValueError):
@@ -41,7 +52,8 @@ class OneLine(ValueError):
 
 @dataclass(frozen=True)
 class Reason:
-    """A sentence as catalogues of translations have it, and the values of its {names}; a value may be a Reason."""
+    """A sentence as catalogues of translations have it, and the values of its {names}; a value
+    may be a Reason."""
 
     text: str
     values: Mapping[str, object] = field(default_factory=dict)
@@ -65,19 +77,36 @@ class PlaceInFile(NamedTuple):
 
 
 class Refused(OneLine):
-    """Where, and why. Its one line is for a terminal; a screen says the same in its own language from `where` and
-    `reason`. `hint`: what only the user of a command can do about it (an option, a program to run)."""
+    """Where, and why. Its one line is for a terminal; a screen says the same in its own
+    language from `where` and `reason`. `hint`: what only the user of a command can do about it
+    (an option, a program to run)."""
 
-    def __init__(self, where: PlaceInFile | Path | str, text: str, hint: str = "", **values: object) -> None:
+    def __init__(
+        self, where: PlaceInFile | Path | str, text: str, hint: str = "", **values: object
+    ) -> None:
         self.where = where if isinstance(where, PlaceInFile) else PlaceInFile(str(where))
         self.reason, self.hint = Reason(text, values), hint
-        super().__init__(": ".join(part for part in (str(self.where), f"{self.reason}{hint}") if part))
+        super().__init__(
+            ": ".join(part for part in (str(self.where), f"{self.reason}{hint}") if part)
+        )
 
     @classmethod
-    def of(cls, error: Refused, where: PlaceInFile | Path | str | None = None, hint: str = "") -> Self:
-        """The same refusal as one of this kind; where: instead of the place that it names. hint: one more."""
-        return cls(error.where if where is None else where, error.reason.text, error.hint + hint, **error.reason.values)
+    def of(
+        cls, error: Refused, where: PlaceInFile | Path | str | None = None, hint: str = ""
+    ) -> Self:
+        """The same refusal as one of this kind; where: instead of the place that it names.
+        hint: one more."""
+        return cls(
+            error.where if where is None else where,
+            error.reason.text,
+            error.hint + hint,
+            **error.reason.values,
+        )
 
     def __reduce__(self) -> tuple[Any, ...]:
         """From one process to another as what it is, not as its line."""
-        return partial(type(self), self.where, self.reason.text, self.hint, **self.reason.values), (), self.__dict__
+        return (
+            partial(type(self), self.where, self.reason.text, self.hint, **self.reason.values),
+            (),
+            self.__dict__,
+        )

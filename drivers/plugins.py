@@ -1,11 +1,15 @@
-"""What other packages add to topdress by entry points (CONTRIBUTING.md, "Plug-ins"): looked for where a name or a
-suffix is none of ours, and loaded then.
+"""What other packages add to topdress by entry points (CONTRIBUTING.md, "Plug-ins"): looked for
+where a name or a suffix is none of ours, and loaded then.
 
-    topdress.devices   NAME    -> `HeadFields` of a canopy head's line; or a receiver's decoder, made without arguments,
-                                  with `counts`, `feed(data, time_s)` and `flush(time_s)`, both -> list[GnssFix]
-    topdress.formats   SUFFIX  -> a function of a path that gives a GeoJSON FeatureCollection, as a dict
+    topdress.devices   NAME    -> `HeadFields` of a canopy head's line; or a receiver's decoder,
+                               made without arguments,
+                                  with `counts`, `feed(data, time_s)` and `flush(time_s)`, both ->
+                                  list[GnssFix]
+    topdress.formats   SUFFIX  -> a function of a path that gives a GeoJSON FeatureCollection, as
+                       a dict
     topdress.effects   NAME    -> `EffectPlugin`
 """
+
 from __future__ import annotations
 
 from contextlib import suppress
@@ -19,8 +23,9 @@ Group = Literal["devices", "formats", "effects"]
 
 
 class EffectPlugin(NamedTuple):
-    """An effect as a term of the machine model (docs/terms.md): `simulate --effect NAME=SIZE` plants it, and a term
-    that a diagnosis finds with the same action, form and variables is named by it. term: as of `--term`, with {size}.
+    """An effect as a term of the machine model (docs/terms.md): `simulate --effect NAME=SIZE`
+    plants it, and a term that a diagnosis finds with the same action, form and variables is
+    named by it. term: as of `--term`, with {size}.
     """
 
     title: str
@@ -41,10 +46,11 @@ def plugged(group: Group, name: str) -> Any:
     one = names(group)[name]
     try:
         return one.load()
-    except Exception as error:          # another's code
+    except Exception as error:  # another's code
         of = one.dist.name if one.dist is not None else one.value
-        raise ValueError(f"plug-in {name} of {of}: not loaded: {type(error).__name__}: {one_line(str(error))}"
-                         ) from None
+        raise ValueError(
+            f"plug-in {name} of {of}: not loaded: {type(error).__name__}: {one_line(str(error))}"
+        ) from None
 
 
 def effects() -> dict[str, EffectPlugin]:

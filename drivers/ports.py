@@ -1,10 +1,12 @@
 """Ports: bytes in and out of one device, never blocking the control loop.
 
-`open_port` takes a serial device (`/dev/ttyUSB0`, `COM3`), `socket://HOST:PORT` or `rfc2217://HOST:PORT`, and nothing
-else: of pyserial's other URLs `spy://` writes what passes into any file that it names.
-A reader and a writer thread do what blocks; the loop only takes bytes from, and puts bytes into, bounded queues.
-`memory_pair` gives two ends of one line without any thread.
+`open_port` takes a serial device (`/dev/ttyUSB0`, `COM3`), `socket://HOST:PORT` or
+`rfc2217://HOST:PORT`, and nothing else: of pyserial's other URLs `spy://` writes what passes
+into any file that it names. A reader and a writer thread do what blocks; the loop only takes
+bytes from, and puts bytes into, bounded queues. `memory_pair` gives two ends of one line
+without any thread.
 """
+
 from __future__ import annotations
 
 import contextlib
@@ -21,31 +23,35 @@ import serial.rfc2217
 
 Clock = Callable[[], float]
 
-MAX_BUFFERED_BYTES = 16384      # received and not yet read, 1.4 s at 115 200 Bd: bounds what a tick reads from a
-                                # flood; older bytes are dropped and counted
-MAX_QUEUED_WRITES = 64          # not yet sent; the oldest is dropped and counted, for only the newest command matters
-READ_TIMEOUT_S = 0.05           # a reader thread looks at its stop flag this often
+# received and not yet read, 1.4 s at 115 200 Bd: bounds what a tick reads from a flood; older
+# bytes are dropped and counted
+MAX_BUFFERED_BYTES = 16384
+# not yet sent; the oldest is dropped and counted, for only the newest command matters
+MAX_QUEUED_WRITES = 64
+# a reader thread looks at its stop flag this often
+READ_TIMEOUT_S = 0.05
 WRITE_TIMEOUT_S = 0.5
 CONNECT_TIMEOUT_S = 3.0
 FIRST_BACK_OFF_S = 0.25
 LONGEST_BACK_OFF_S = 2.0
-SCHEMES = ("socket", "rfc2217")     # docs/devices.md; datagrams (udp) have a module of their own
+# docs/devices.md; datagrams (udp) have a module of their own
+SCHEMES = ("socket", "rfc2217")
 UNPLUGGED = "unplugged"
-TAIL_BYTES = 512                # kept to show the last raw lines
+TAIL_BYTES = 512  # kept to show the last raw lines
 
 
 class PortState(NamedTuple):
     """What is known of a port; times are on the injected clock."""
 
     connected: bool
-    connects: int                   # times the line was opened
+    connects: int  # times the line was opened
     last_error: str
     bytes_in: int
     bytes_out: int
-    dropped_in: int                 # bytes received and never read
-    dropped_out: int                # writes never sent
+    dropped_in: int  # bytes received and never read
+    dropped_out: int  # writes never sent
     last_byte_s: float | None
-    raw_tail: bytes                 # the newest bytes received
+    raw_tail: bytes  # the newest bytes received
 
     def last_lines(self, count: int = 1) -> list[str]:
         """The newest `count` whole lines received, oldest first; unprintable bytes as `\\xNN`."""
@@ -71,14 +77,16 @@ class Port(Protocol):
     def state(self) -> PortState: ...
 
     def plug(self, plugged: bool) -> None:
-        """False: let go of the line and leave it alone until True, as if the plug had been pulled."""
+        """False: let go of the line and leave it alone until True, as if the plug had been
+        pulled."""
         ...
 
     def close(self) -> None: ...
 
 
 class Stream(Protocol):
-    """An opened line, used by the threads of a `ThreadedPort`. Any `OSError` means the line is gone."""
+    """An opened line, used by the threads of a `ThreadedPort`. Any `OSError` means the line is
+    gone."""
 
     def read(self) -> bytes:
         """Wait `READ_TIMEOUT_S` at most for the first byte, then return what is there."""
@@ -92,13 +100,14 @@ class Stream(Protocol):
 def printable(line: bytes) -> str:
     """ASCII text with every other byte as `\\xNN`, for screens and messages."""
     text = line.decode("latin-1")
-    if text.isascii() and text.isprintable():           # nearly every line, and five times a second
+    if text.isascii() and text.isprintable():  # nearly every line, and five times a second
         return text
     return "".join(chr(byte) if 32 <= byte < 127 else f"\\x{byte:02x}" for byte in line)
 
 
 class _Inbox:
-    """Bytes between the thread that receives and the loop that reads, with the counters of both directions."""
+    """Bytes between the thread that receives and the loop that reads, with the counters of both
+    directions."""
 
     def __init__(self, clock: Clock) -> None:
         self._clock = clock
@@ -133,8 +142,17 @@ class _Inbox:
 
     def state(self, connected: bool, connects: int, last_error: str) -> PortState:
         with self._lock:
-            return PortState(connected, connects, last_error, self._in, self.out, self._dropped_in, self.dropped_out,
-                             self._last_byte_s, self._tail)
+            return PortState(
+                connected,
+                connects,
+                last_error,
+                self._in,
+                self.out,
+                self._dropped_in,
+                self.dropped_out,
+                self._last_byte_s,
+                self._tail,
+            )
 
 
 class MemoryPort:
@@ -167,8 +185,11 @@ class MemoryPort:
             self._inbox.dropped_out += 1
 
     def state(self) -> PortState:
-        return self._inbox.state(self._connected, self._connects,
-                                 "" if self._connected else "closed" if self._plugged else UNPLUGGED)
+        return self._inbox.state(
+            self._connected,
+            self._connects,
+            "" if self._connected else "closed" if self._plugged else UNPLUGGED,
+        )
 
     def plug(self, plugged: bool) -> None:
         self._connects += plugged and not self._plugged
@@ -191,16 +212,21 @@ def memory_pair(name: str = "memory", clock: Clock = lambda: 0.0) -> tuple[Memor
 
 
 class SerialStream:
-    """A serial line of this computer or (RFC 2217) of another, for this process alone: a second one would take bytes
-    from it."""
+    """A serial line of this computer or (RFC 2217) of another, for this process alone: a second
+    one would take bytes from it."""
 
     def __init__(self, url: str, baud: int) -> None:
         self._serial: serial.Serial | serial.rfc2217.Serial
-        if scheme_of(url) == "rfc2217":         # which knows no time-out of a write
+        if scheme_of(url) == "rfc2217":  # which knows no time-out of a write
             self._serial = serial.rfc2217.Serial(url, baudrate=baud, timeout=READ_TIMEOUT_S)
         else:
-            self._serial = serial.Serial(url, baudrate=baud, timeout=READ_TIMEOUT_S, write_timeout=WRITE_TIMEOUT_S,
-                                         exclusive=True)
+            self._serial = serial.Serial(
+                url,
+                baudrate=baud,
+                timeout=READ_TIMEOUT_S,
+                write_timeout=WRITE_TIMEOUT_S,
+                exclusive=True,
+            )
 
     def read(self) -> bytes:
         data: bytes = self._serial.read(1)
@@ -216,7 +242,8 @@ class SerialStream:
 
 
 class SocketStream:
-    """A TCP line. pyserial's own `socket://` gives one byte a call or waits for its time-out; this does neither."""
+    """A TCP line. pyserial's own `socket://` gives one byte a call or waits for its time-out;
+    this does neither."""
 
     def __init__(self, connection: socket.socket) -> None:
         self._socket = connection
@@ -240,16 +267,25 @@ class SocketStream:
 
 
 class ThreadedPort:
-    """A port kept open by threads of its own: opened, read, written and, when lost, opened again with back-off.
+    """A port kept open by threads of its own: opened, read, written and, when lost, opened
+    again with back-off.
 
-    `opener` gives a `Stream` or raises `OSError` (pyserial's own errors are `OSError`) or `ValueError`. What was
-    queued for sending when the line went down is dropped: a set-point must never arrive late.
+    `opener` gives a `Stream` or raises `OSError` (pyserial's own errors are `OSError`) or
+    `ValueError`. What was queued for sending when the line went down is dropped: a set-point
+    must never arrive late.
 
-    A subclass may say in `let_go` what else ends while it is unplugged; the reader's thread calls it, again and again.
+    A subclass may say in `let_go` what else ends while it is unplugged; the reader's thread
+    calls it, again and again.
     """
 
-    def __init__(self, name: str, opener: Callable[[], Stream], clock: Clock,
-                 first_back_off_s: float = FIRST_BACK_OFF_S, longest_back_off_s: float = LONGEST_BACK_OFF_S) -> None:
+    def __init__(
+        self,
+        name: str,
+        opener: Callable[[], Stream],
+        clock: Clock,
+        first_back_off_s: float = FIRST_BACK_OFF_S,
+        longest_back_off_s: float = LONGEST_BACK_OFF_S,
+    ) -> None:
         self._name = name
         self._opener = opener
         self._first_back_off_s = first_back_off_s
@@ -258,14 +294,18 @@ class ThreadedPort:
         self._outbox: deque[bytes] = deque()
         self._to_send = threading.Condition()
         self._stop = threading.Event()
-        self._again = threading.Event()                     # ends a pause of the reader's thread
+        self._again = threading.Event()  # ends a pause of the reader's thread
         self._plugged = True
         self._stream: Stream | None = None
         self._connects = 0
         self._last_error = "not yet opened"
         self._closing = False
-        self._reader = threading.Thread(target=self._keep_reading, name=f"{name} reader", daemon=True)
-        self._writer = threading.Thread(target=self._keep_writing, name=f"{name} writer", daemon=True)
+        self._reader = threading.Thread(
+            target=self._keep_reading, name=f"{name} reader", daemon=True
+        )
+        self._writer = threading.Thread(
+            target=self._keep_writing, name=f"{name} writer", daemon=True
+        )
         self._reader.start()
         self._writer.start()
 
@@ -291,7 +331,8 @@ class ThreadedPort:
         return self._inbox.state(self._stream is not None, self._connects, self._last_error)
 
     def plug(self, plugged: bool) -> None:
-        """False: the line ends now and is not opened again until True, which opens it without waiting."""
+        """False: the line ends now and is not opened again until True, which opens it without
+        waiting."""
         self._plugged = plugged
         stream = self._stream
         if not plugged and stream is not None:
@@ -302,7 +343,8 @@ class ThreadedPort:
         """For subclasses: unplugged."""
 
     def close(self) -> None:
-        """Send what is queued (a last stop, say), then give the line back; takes a second at most."""
+        """Send what is queued (a last stop, say), then give the line back; takes a second at
+        most."""
         with self._to_send:
             self._closing = True
             self._to_send.notify()
@@ -344,7 +386,8 @@ class ThreadedPort:
         while not self._stop.is_set() and self._stream is stream:
             try:
                 data = stream.read()
-            except (OSError, ValueError, TypeError) as error:   # pyserial raises the last two when closed under a read
+            # pyserial raises the last two when closed under a read
+            except (OSError, ValueError, TypeError) as error:
                 self._last_error = str(error) or type(error).__name__
                 break
             if data:
@@ -372,7 +415,7 @@ class ThreadedPort:
 
     def _connect(self, stream: Stream) -> None:
         with self._to_send:
-            if not self._plugged:                           # pulled while it was being opened
+            if not self._plugged:  # pulled while it was being opened
                 return
             self._connects += 1
             self._last_error = ""
@@ -399,38 +442,45 @@ def open_port(url: str, baud: int, clock: Clock) -> ThreadedPort:
     baud : bits per second; without meaning for a socket.
     clock : seconds; stamps the arrival of bytes.
 
-    Raises
-    ------
-    ValueError : the URL is of another kind or names no host and port, or the baud rate is not positive. A device that
+    Raises ------ ValueError : the URL is of another kind or names no host and port, or the baud
+    rate is not positive. A device that
         is not there is no error: the port keeps trying and says so in `state().last_error`.
     """
     if baud <= 0:
         raise ValueError(f"port {url}: baud {baud}, allowed is 1 or more")
     if scheme_of(url) == "socket":
         address = socket_address(url)
-        return ThreadedPort(url, lambda: SocketStream(socket.create_connection(address, CONNECT_TIMEOUT_S)), clock)
+        return ThreadedPort(
+            url, lambda: SocketStream(socket.create_connection(address, CONNECT_TIMEOUT_S)), clock
+        )
     return ThreadedPort(url, lambda: SerialStream(url, baud), clock)
 
 
 def scheme_of(url: str) -> str:
-    """`socket` or `rfc2217`, with a host and a port behind it; empty: a serial device. ValueError with one line."""
+    """`socket` or `rfc2217`, with a host and a port behind it; empty: a serial device.
+    ValueError with one line."""
     scheme, found, _ = url.partition("://")
     if not found:
         return ""
     if scheme not in SCHEMES:
-        raise ValueError(f"port {url}: allowed is a serial device (/dev/ttyUSB0, COM3), socket://HOST:PORT, "
-                         "rfc2217://HOST:PORT or udp://HOST:PORT")
+        raise ValueError(
+            f"port {url}: allowed is a serial device (/dev/ttyUSB0, COM3), socket://HOST:PORT, "
+            "rfc2217://HOST:PORT or udp://HOST:PORT"
+        )
     socket_address(url)
     return scheme
 
 
 def socket_address(url: str) -> tuple[str, int]:
-    """Host and port number of `socket://host:port`; `ValueError` with one line where either is missing."""
+    """Host and port number of `socket://host:port`; `ValueError` with one line where either is
+    missing."""
     try:
         parts = urlsplit(url)
         host, number = parts.hostname, parts.port
     except ValueError:
         host, number = None, None
     if not host or not number:
-        raise ValueError(f"port {url}: allowed is {url.partition(':')[0]}://HOST:PORT with a port of 1 to 65535")
+        raise ValueError(
+            f"port {url}: allowed is {url.partition(':')[0]}://HOST:PORT with a port of 1 to 65535"
+        )
     return host, number

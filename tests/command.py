@@ -1,4 +1,5 @@
 """The command as a user calls it."""
+
 import contextlib
 import subprocess
 import sys
@@ -10,7 +11,8 @@ from typer.testing import CliRunner
 
 from console.cli import app
 
-TOPDRESS = [sys.executable, "-c", "from console.cli import main; main()"]       # as a process of its own
+# as a process of its own
+TOPDRESS = [sys.executable, "-c", "from console.cli import main; main()"]
 
 
 def topdress(*words: object, **given: Any) -> Result:
@@ -20,9 +22,13 @@ def topdress(*words: object, **given: Any) -> Result:
 
 @contextlib.contextmanager
 def serving(*options: str, before: str = "") -> Iterator[dict[str, list[str]]]:
-    """`topdress serve-machine` on free ports: device -> URLs. `before`: what its process does first."""
-    child = subprocess.Popen([*TOPDRESS[:2], before + TOPDRESS[2], "serve-machine", "--port", "0", *options],
-                             stdout=subprocess.PIPE, text=True)
+    """`topdress serve-machine` on free ports: device -> URLs. `before`: what its process does
+    first."""
+    child = subprocess.Popen(
+        [*TOPDRESS[:2], before + TOPDRESS[2], "serve-machine", "--port", "0", *options],
+        stdout=subprocess.PIPE,
+        text=True,
+    )
     urls: dict[str, list[str]] = {}
     try:
         for line in child.stdout:

@@ -1,4 +1,5 @@
 """Maps in GeoJSON as a test writes them."""
+
 from __future__ import annotations
 
 import json
@@ -7,7 +8,11 @@ from typing import Any
 
 
 def feature(coordinates: Any, kind: str = "Polygon", /, **properties: Any) -> dict[str, Any]:
-    return {"type": "Feature", "properties": properties, "geometry": {"type": kind, "coordinates": coordinates}}
+    return {
+        "type": "Feature",
+        "properties": properties,
+        "geometry": {"type": kind, "coordinates": coordinates},
+    }
 
 
 def collection(*features: dict[str, Any], **more: Any) -> str:

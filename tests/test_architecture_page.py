@@ -1,4 +1,5 @@
 """docs/architecture.md and the tree name the same things."""
+
 from __future__ import annotations
 
 import re
@@ -8,13 +9,20 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 PAGE = ROOT / "docs" / "architecture.md"
-BASES = (ROOT, ROOT / "control", ROOT / "drivers", ROOT / "console", ROOT / "console" / "app", ROOT / "console" / "cli",
-         ROOT / "docs")
+BASES = (
+    ROOT,
+    ROOT / "control",
+    ROOT / "drivers",
+    ROOT / "console",
+    ROOT / "console" / "app",
+    ROOT / "console" / "cli",
+    ROOT / "docs",
+)
 
 
 def first_cells(text: str) -> list[str]:
     """The first cells of the table of rooms."""
-    rows = text[text.index("| room |"):text.index("Time enters")].splitlines()
+    rows = text[text.index("| room |") : text.index("Time enters")].splitlines()
     return [row.split("|")[1] for row in rows[2:] if row.startswith("|")]
 
 
@@ -30,16 +38,31 @@ def names(text: str) -> list[str]:
 
 
 def is_there(name: str) -> bool:
-    return any(list(base.glob(name.rstrip("/") + ending)) for base in BASES for ending in ("", ".py"))
+    return any(
+        list(base.glob(name.rstrip("/") + ending)) for base in BASES for ending in ("", ".py")
+    )
 
 
 def insides(text: str) -> dict[str, set[str]]:
     """Folder -> what the table of the larger rooms says to be in it."""
-    rows = [row for row in text[text.index("| folder |"):text.index("## One tick")].splitlines()[2:] if row]
-    return {names(row.split("|")[1])[0]: set(re.findall(r"`(\w+)`", row.split("|", 2)[2])) for row in rows}
+    rows = [
+        row
+        for row in text[text.index("| folder |") : text.index("## One tick")].splitlines()[2:]
+        if row
+    ]
+    return {
+        names(row.split("|")[1])[0]: set(re.findall(r"`(\w+)`", row.split("|", 2)[2]))
+        for row in rows
+    }
 
 
-PATHS = sorted({name for name in names(PAGE.read_text(encoding="utf-8")) if "/" in name or name.endswith(".py")})
+PATHS = sorted(
+    {
+        name
+        for name in names(PAGE.read_text(encoding="utf-8"))
+        if "/" in name or name.endswith(".py")
+    }
+)
 
 
 @pytest.mark.parametrize("name", PATHS)
@@ -49,20 +72,31 @@ def test_what_the_page_names_is_there(name: str) -> None:
 
 @pytest.mark.parametrize("room", ["control", "drivers", "console"])
 def test_what_is_there_is_named_on_the_page(room: str) -> None:
-    told = {name.removeprefix(f"{room}/").split("/")[0].removesuffix(".py")
-            for cell in first_cells(PAGE.read_text(encoding="utf-8")) for name in names(cell)}
-    there = {path.stem for path in (ROOT / room).iterdir() if path.suffix == ".py" or any(path.glob("*.py"))}
+    told = {
+        name.removeprefix(f"{room}/").split("/")[0].removesuffix(".py")
+        for cell in first_cells(PAGE.read_text(encoding="utf-8"))
+        for name in names(cell)
+    }
+    there = {
+        path.stem
+        for path in (ROOT / room).iterdir()
+        if path.suffix == ".py" or any(path.glob("*.py"))
+    }
     assert there - {"__init__"} - told == set()
 
 
 @pytest.mark.parametrize(("folder", "told"), insides(PAGE.read_text(encoding="utf-8")).items())
 def test_the_larger_rooms_hold_what_the_page_says(folder: str, told: set[str]) -> None:
-    there = {path.stem for path in (ROOT / folder).iterdir() if path.suffix == ".py" or any(path.glob("*.py"))}
+    there = {
+        path.stem
+        for path in (ROOT / folder).iterdir()
+        if path.suffix == ".py" or any(path.glob("*.py"))
+    }
     assert told == there - {"__init__"}
 
 
 def test_every_file_of_the_diagnosis_of_run_logs_is_a_step_on_its_page() -> None:
     page = (ROOT / "docs" / "diagnosis.md").read_text(encoding="utf-8")
-    steps = page[page.index("| step |"):page.index("### What is read")]
+    steps = page[page.index("| step |") : page.index("### What is read")]
     there = {path.name for path in (ROOT / "control" / "diagnosis" / "runs").glob("*.py")}
     assert set(re.findall(r"`(\w+\.py)`", steps)) == there - {"__init__.py"}

@@ -1,4 +1,5 @@
 """Degrees to metres: against formulas of another make, and against the papers' own figures."""
+
 from __future__ import annotations
 
 import math
@@ -25,16 +26,25 @@ METRES = st.floats(-2000.0, 2000.0)
 
 
 def enu(lat0: float, lon0: float, lat: float, lon: float) -> np.ndarray:
-    """East, north, up by rotation matrices, with the axes of the ellipsoid instead of its eccentricity."""
+    """East, north, up by rotation matrices, with the axes of the ellipsoid instead of its
+    eccentricity."""
     a, b = 6378137.0, 6356752.314245179
 
     def xyz(phi: float, lam: float) -> np.ndarray:
         phi, lam = np.radians(phi), np.radians(lam)
         n = a * a / np.hypot(a * np.cos(phi), b * np.sin(phi))
-        return np.array([n * np.cos(phi) * np.cos(lam), n * np.cos(phi) * np.sin(lam), b * b / a / a * n * np.sin(phi)])
+        return np.array(
+            [
+                n * np.cos(phi) * np.cos(lam),
+                n * np.cos(phi) * np.sin(lam),
+                b * b / a / a * n * np.sin(phi),
+            ]
+        )
 
     phi, lam = np.radians(lat0), np.radians(lon0)
-    about_axis = np.array([[-np.sin(lam), np.cos(lam), 0], [-np.cos(lam), -np.sin(lam), 0], [0, 0, 1]])
+    about_axis = np.array(
+        [[-np.sin(lam), np.cos(lam), 0], [-np.cos(lam), -np.sin(lam), 0], [0, 0, 1]]
+    )
     tilt = np.array([[1, 0, 0], [0, np.sin(phi), np.cos(phi)], [0, -np.cos(phi), np.sin(phi)]])
     return tilt @ about_axis @ (xyz(lat, lon) - xyz(lat0, lon0))
 
@@ -46,25 +56,45 @@ def vincenty_m(lat1: float, lon1: float, lat2: float, lon2: float) -> float:
     u1, u2 = (math.atan((1 - f) * math.tan(math.radians(v))) for v in (lat1, lat2))
     big_l = lam = math.radians(lon2 - lon1)
     for _ in range(50):
-        sin_s = math.hypot(math.cos(u2) * math.sin(lam),
-                           math.cos(u1) * math.sin(u2) - math.sin(u1) * math.cos(u2) * math.cos(lam))
+        sin_s = math.hypot(
+            math.cos(u2) * math.sin(lam),
+            math.cos(u1) * math.sin(u2) - math.sin(u1) * math.cos(u2) * math.cos(lam),
+        )
         if sin_s == 0.0:
             return 0.0
         cos_s = math.sin(u1) * math.sin(u2) + math.cos(u1) * math.cos(u2) * math.cos(lam)
         sigma = math.atan2(sin_s, cos_s)
         sin_a = math.cos(u1) * math.cos(u2) * math.sin(lam) / sin_s
-        cos2_a = 1 - sin_a ** 2
-        cos_2m = cos_s - 2 * math.sin(u1) * math.sin(u2) / cos2_a if cos2_a > 0.0 else 0.0      # 0: on the equator
+        cos2_a = 1 - sin_a**2
+        # 0: on the equator
+        cos_2m = cos_s - 2 * math.sin(u1) * math.sin(u2) / cos2_a if cos2_a > 0.0 else 0.0
         c = f / 16 * cos2_a * (4 + f * (4 - 3 * cos2_a))
-        before, lam = lam, big_l + (1 - c) * f * sin_a * (
-            sigma + c * sin_s * (cos_2m + c * cos_s * (2 * cos_2m ** 2 - 1)))
+        before, lam = (
+            lam,
+            big_l
+            + (1 - c)
+            * f
+            * sin_a
+            * (sigma + c * sin_s * (cos_2m + c * cos_s * (2 * cos_2m**2 - 1))),
+        )
         if abs(lam - before) < 1e-15:
             break
     u_sq = cos2_a * (a * a - b * b) / (b * b)
     big_a = 1 + u_sq / 16384 * (4096 + u_sq * (-768 + u_sq * (320 - 175 * u_sq)))
     big_b = u_sq / 1024 * (256 + u_sq * (-128 + u_sq * (74 - 47 * u_sq)))
-    delta = big_b * sin_s * (cos_2m + big_b / 4 * (cos_s * (2 * cos_2m ** 2 - 1)
-                             - big_b / 6 * cos_2m * (4 * sin_s ** 2 - 3) * (4 * cos_2m ** 2 - 3)))
+    delta = (
+        big_b
+        * sin_s
+        * (
+            cos_2m
+            + big_b
+            / 4
+            * (
+                cos_s * (2 * cos_2m**2 - 1)
+                - big_b / 6 * cos_2m * (4 * sin_s**2 - 3) * (4 * cos_2m**2 - 3)
+            )
+        )
+    )
     return b * big_a * (sigma - delta)
 
 
@@ -132,12 +162,15 @@ def test_nonsense_is_refused():
 @pytest.mark.parametrize("heading", [0.0, 45.0, 90.0, 200.0])
 def test_distance_keeps_its_digits(far, heading):
     lat, lon = TangentPlane(40.0, 116.0).to_deg(*offset((0.0, 0.0), heading, far))
-    assert distance_m(40.0, 116.0, lat, lon) == pytest.approx(vincenty_m(40.0, 116.0, lat, lon), abs=1e-3)
+    assert distance_m(40.0, 116.0, lat, lon) == pytest.approx(
+        vincenty_m(40.0, 116.0, lat, lon), abs=1e-3
+    )
     assert distance_m(lat, lon, lat, lon) == 0.0
 
 
 def test_what_the_printed_distance_costs():
-    """Paper B, eq 3: 10 m east at 40 N (on its own sphere) comes out as 8.39 m; 10 m north stays."""
+    """Paper B, eq 3: 10 m east at 40 N (on its own sphere) comes out as 8.39 m; 10 m north
+    stays."""
     east = math.degrees(10.0 / (6356755.0 * math.cos(math.radians(40.0))))
     assert paper_distance_m(40.0, 116.0, 40.0, 116.0 + east) == pytest.approx(8.39, abs=0.005)
     north = math.degrees(10.0 / 6356755.0)

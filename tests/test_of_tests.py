@@ -1,4 +1,5 @@
 """Rules that the tests themselves keep."""
+
 from __future__ import annotations
 
 import subprocess
@@ -31,14 +32,39 @@ def test_every_test_has_a_time_limit(request: pytest.FixtureRequest) -> None:
     assert request.config.pluginmanager.hasplugin("timeout")
 
 
-def test_a_test_that_loops_fails_and_the_others_run(tmp_path: Path, request: pytest.FixtureRequest) -> None:
-    (tmp_path / "conftest.py").write_text(Path(__file__).with_name("conftest.py").read_text(encoding="utf-8"))
+def test_a_test_that_loops_fails_and_the_others_run(
+    tmp_path: Path, request: pytest.FixtureRequest
+) -> None:
+    (tmp_path / "conftest.py").write_text(
+        Path(__file__).with_name("conftest.py").read_text(encoding="utf-8")
+    )
     (tmp_path / "test_loops.py").write_text(LOOPS)
     began_s = time.monotonic()
-    ended = subprocess.run([sys.executable, "-m", "pytest", "-c", str(request.config.inipath), "--rootdir",
-                            str(tmp_path), "-p", "no:cacheprovider", "-o", "timeout=2", "-m", "", str(tmp_path)],
-                           cwd=request.config.rootpath, capture_output=True, text=True, timeout=LONGEST_S)
-    assert "1 failed, 2 passed" in ended.stdout and "Timeout (>2.0s)" in ended.stdout, ended.stdout[-2000:]
+    ended = subprocess.run(
+        [
+            sys.executable,
+            "-m",
+            "pytest",
+            "-c",
+            str(request.config.inipath),
+            "--rootdir",
+            str(tmp_path),
+            "-p",
+            "no:cacheprovider",
+            "-o",
+            "timeout=2",
+            "-m",
+            "",
+            str(tmp_path),
+        ],
+        cwd=request.config.rootpath,
+        capture_output=True,
+        text=True,
+        timeout=LONGEST_S,
+    )
+    assert "1 failed, 2 passed" in ended.stdout and "Timeout (>2.0s)" in ended.stdout, ended.stdout[
+        -2000:
+    ]
     assert time.monotonic() - began_s < 60.0
 
 

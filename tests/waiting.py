@@ -1,4 +1,5 @@
 """Waiting for what another thread or program does."""
+
 import asyncio
 import time
 from collections.abc import Callable

@@ -1,12 +1,15 @@
-"""Hidden effects and terms, from one run log to the adopted machine to the closed loop: what knowing them is worth.
+"""Hidden effects and terms, from one run log to the adopted machine to the closed loop: what
+knowing them is worth.
 
     python -m benchmarks diagnosis/adopted --seconds 1200 --out docs/benchmark-diagnosis-adopted.md
 
-A machine with two effects, or with a term that no catalogue holds, is driven by control that does not know it. Its log
-is diagnosed, adopted and the new file checked by the commands that a user would give; `topdress history --undo` takes
-the change back. Then the same machine is driven on another field, with other canopy and noise, by control that reads
-the shipped machine file and by control that reads the adopted one: dose and place on the ground, in truth.
+A machine with two effects, or with a term that no catalogue holds, is driven by control that
+does not know it. Its log is diagnosed, adopted and the new file checked by the commands that a
+user would give; `topdress history --undo` takes the change back. Then the same machine is
+driven on another field, with other canopy and noise, by control that reads the shipped machine
+file and by control that reads the adopted one: dose and place on the ground, in truth.
 """
+
 from __future__ import annotations
 
 import argparse
@@ -23,16 +26,27 @@ import yaml
 ROOT = Path(__file__).resolve().parents[2]
 sys.path[:0] = [str(ROOT), str(ROOT / "benchmarks")]
 
-STRATEGY = "opening_first"        # the shaft turns at 70 r/min, where both effects of the flow weigh most
+# the shaft turns at 70 r/min, where both effects of the flow weigh most
+STRATEGY = "opening_first"
 LOGGED_SEED, DRIVEN_SEED = 7, 11
-WORSE_PERCENT = 0.1               # of the rate error: the noise of one field
-ROUGHNESS_DEG, SLOW_KMH, FAST_KMH, EVERY_S = 2.0, 3.0, 6.0, 45.0      # of the field on which a term shows
-HEADS = ("hidden", "flow trim", "found (90 %)", "the log again, file known", "undone", "mean dose off target, %",
-         "rate error, %", "place error, m")
+WORSE_PERCENT = 0.1  # of the rate error: the noise of one field
+# of the field on which a term shows
+ROUGHNESS_DEG, SLOW_KMH, FAST_KMH, EVERY_S = 2.0, 3.0, 6.0, 45.0
+HEADS = (
+    "hidden",
+    "flow trim",
+    "found (90 %)",
+    "the log again, file known",
+    "undone",
+    "mean dose off target, %",
+    "rate error, %",
+    "place error, m",
+)
 
 
 class Hidden(NamedTuple):
-    """What the machine has: options of `topdress simulate`; `rough`: driven on rougher ground, slowly and fast."""
+    """What the machine has: options of `topdress simulate`; `rough`: driven on rougher ground,
+    slowly and fast."""
 
     effects: tuple[str, ...]
     terms: tuple[str, ...] = ()
@@ -40,11 +54,18 @@ class Hidden(NamedTuple):
     rough: bool = False
 
 
-PAIRS = (("flow.fill_falloff=15", "shaft.dead_time=0.4"), ("gate.offset=1.5", "shaft.voltage_sag=4"))
-TERMS = ("flow_percent product roll_deg,speed_mps slope=20 at=0 second_at=1.2",
-         "flow_percent hinge speed_mps at=1.2 above=-25")
-MACHINES = (*(Hidden(pair, trim=trim) for pair in PAIRS for trim in ("off", "on")),
-            *(Hidden((), (term,), rough=True) for term in TERMS))
+PAIRS = (
+    ("flow.fill_falloff=15", "shaft.dead_time=0.4"),
+    ("gate.offset=1.5", "shaft.voltage_sag=4"),
+)
+TERMS = (
+    "flow_percent product roll_deg,speed_mps slope=20 at=0 second_at=1.2",
+    "flow_percent hinge speed_mps at=1.2 above=-25",
+)
+MACHINES = (
+    *(Hidden(pair, trim=trim) for pair in PAIRS for trim in ("off", "on")),
+    *(Hidden((), (term,), rough=True) for term in TERMS),
+)
 
 
 class Driven(NamedTuple):
@@ -68,8 +89,13 @@ class Outcome(NamedTuple):
 
 def command(*words: str) -> None:
     """A topdress command of this checkout. Raises RuntimeError with what it said where it fails."""
-    done = subprocess.run([sys.executable, "-c", "from console.cli import main; main()", *words], cwd=ROOT,
-                          capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        [sys.executable, "-c", "from console.cli import main; main()", *words],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
     if done.returncode != 0:
         raise RuntimeError(f"topdress {' '.join(words)}: {done.stderr.strip()}")
 
@@ -81,8 +107,10 @@ def job_file(hidden: Hidden, folder: Path, seconds: float) -> Path:
 
     data = load("demo", JOB).model.model_dump(mode="json", exclude_unset=True)
     if hidden.rough:
-        changes = [{"at_s": k * EVERY_S, "speed_kmh": SLOW_KMH if k % 2 else FAST_KMH}
-                   for k in range(1, 1 + int(seconds / EVERY_S))]
+        changes = [
+            {"at_s": k * EVERY_S, "speed_kmh": SLOW_KMH if k % 2 else FAST_KMH}
+            for k in range(1, 1 + int(seconds / EVERY_S))
+        ]
         data["simulated"] |= {"roughness_deg": ROUGHNESS_DEG, "speed_changes": changes}
     path = folder / "job.yaml"
     path.write_text(yaml.safe_dump(data, sort_keys=False), encoding="utf-8")
@@ -90,27 +118,58 @@ def job_file(hidden: Hidden, folder: Path, seconds: float) -> Path:
 
 
 def outcome(hidden: Hidden, seconds: float, folder: Path) -> Outcome:
-    """Log, diagnosis, adopted machine, two fields. Raises RuntimeError where a command refuses, as `diagnose --adopt`
-    does where it finds nothing."""
+    """Log, diagnosis, adopted machine, two fields. Raises RuntimeError where a command refuses,
+    as `diagnose --adopt` does where it finds nothing."""
     from drivers.files.config import load
     from drivers.files.kinds import MACHINE
     from drivers.files.setup import load_setup
 
     log, answer, again = folder / "run.csv", folder / "answer.json", folder / "again.json"
-    new, undone, job = folder / "adopted.yaml", folder / "undone.yaml", job_file(hidden, folder, seconds)
-    planted = [word for option, texts in (("--effect", hidden.effects), ("--term", hidden.terms)) for text in texts
-               for word in (option, text)]
-    command("simulate", "--job", str(job), "--seconds", str(seconds), "--seed", str(LOGGED_SEED), "--strategy",
-            STRATEGY, "--flow-trim", hidden.trim, "--out", str(log), *planted)
+    new, undone, job = (
+        folder / "adopted.yaml",
+        folder / "undone.yaml",
+        job_file(hidden, folder, seconds),
+    )
+    planted = [
+        word
+        for option, texts in (("--effect", hidden.effects), ("--term", hidden.terms))
+        for text in texts
+        for word in (option, text)
+    ]
+    command(
+        "simulate",
+        "--job",
+        str(job),
+        "--seconds",
+        str(seconds),
+        "--seed",
+        str(LOGGED_SEED),
+        "--strategy",
+        STRATEGY,
+        "--flow-trim",
+        hidden.trim,
+        "--out",
+        str(log),
+        *planted,
+    )
     command("diagnose", str(log), "--json", str(answer), "--adopt", str(new))
     command("check", str(new))
     command("diagnose", str(log), "--machine", str(new), "--json", str(again))
     command("history", str(new), "--undo", "--out", str(undone))
     said, after = (json.loads(path.read_text(encoding="utf-8")) for path in (answer, again))
     setup = load_setup("huanghai", str(job), dt.date.today())
-    back = load(str(undone), MACHINE).model.model_copy(update={"history": ()})      # its history keeps both changes
-    return Outcome(hidden, found_in(said), after["verdict"], back == setup.machine,
-                   *(driven(setup, known, hidden, seconds) for known in (setup.machine, load(str(new), MACHINE).model)))
+    # its history keeps both changes
+    back = load(str(undone), MACHINE).model.model_copy(update={"history": ()})
+    return Outcome(
+        hidden,
+        found_in(said),
+        after["verdict"],
+        back == setup.machine,
+        *(
+            driven(setup, known, hidden, seconds)
+            for known in (setup.machine, load(str(new), MACHINE).model)
+        ),
+    )
 
 
 def driven(setup: Any, known: Any, hidden: Hidden, seconds: float) -> Driven:
@@ -123,43 +182,83 @@ def driven(setup: Any, known: Any, hidden: Hidden, seconds: float) -> Driven:
     from control.simulation.errors import errors
 
     machine = setup.machine
-    job = with_simulated_field(setup.job.model_copy(update={"strategy": Strategy(STRATEGY),
-                                                            "flow_trim": hidden.trim == "on"}), machine)
+    job = with_simulated_field(
+        setup.job.model_copy(
+            update={"strategy": Strategy(STRATEGY), "flow_trim": hidden.trim == "on"}
+        ),
+        machine,
+    )
     record = Record()
-    plant = simulated_machine(machine, job, DRIVEN_SEED, 0.05, [parse_planted(text) for text in hidden.effects],
-                              terms=[parse_term(text, Term.model_validate) for text in hidden.terms])
+    plant = simulated_machine(
+        machine,
+        job,
+        DRIVEN_SEED,
+        0.05,
+        [parse_planted(text) for text in hidden.effects],
+        terms=[parse_term(text, Term.model_validate) for text in hidden.terms],
+    )
     for step in simulated_run(plant, control_loop(known, setup.crop, setup.rule, job), seconds):
         record.add(step)
-    off = errors(record.columns(), record.fired, machine.geometry.working_width_m, machine.fall.lever_arm_m)
-    return Driven(100.0 * off.bias_kg_ha / off.mean_target_kg_ha, off.rate_error_percent, off.place_error_m)
+    off = errors(
+        record.columns(), record.fired, machine.geometry.working_width_m, machine.fall.lever_arm_m
+    )
+    return Driven(
+        100.0 * off.bias_kg_ha / off.mean_target_kg_ha, off.rate_error_percent, off.place_error_m
+    )
 
 
 def found_in(answer: dict[str, Any]) -> str:
     """Causes and terms of a diagnosis in a table's cell."""
-    causes = [f"{c['id']} {c['size']['value']:.3g} ({c['size']['low']:.3g} to {c['size']['high']:.3g})"
-              for c in answer["causes"] if c["size"]["low"] is not None]
-    terms = [f"{t['term']['acts_on']} {t['term']['form']} {','.join(v['name'] for v in t['term']['over'])} "
-             + " ".join(f"{k}={v:.3g}" for k, v in t["term"]["coefficients"].items()) for t in answer["terms"]]
+    causes = [
+        f"{c['id']} {c['size']['value']:.3g} ({c['size']['low']:.3g} to {c['size']['high']:.3g})"
+        for c in answer["causes"]
+        if c["size"]["low"] is not None
+    ]
+    terms = [
+        f"{t['term']['acts_on']} {t['term']['form']} "
+        f"{','.join(v['name'] for v in t['term']['over'])} "
+        + " ".join(f"{k}={v:.3g}" for k, v in t["term"]["coefficients"].items())
+        for t in answer["terms"]
+    ]
     return "; ".join((*terms, *causes)) or str(answer["verdict"])
 
 
 def table(outcomes: list[Outcome]) -> list[str]:
     """Markdown: not known -> known."""
-    rows = [[" + ".join((*o.hidden.effects, *o.hidden.terms)), o.hidden.trim, o.found, o.again,
-             "yes" if o.undone else "NO",
-             f"{o.not_known.bias_percent:+.2f} -> {o.known.bias_percent:+.2f}",
-             f"{o.not_known.rate_error_percent:.2f} -> {o.known.rate_error_percent:.2f}",
-             f"{o.not_known.place_error_m:.3f} -> {o.known.place_error_m:.3f}"] for o in outcomes]
-    return [f"| {' | '.join(HEADS)} |", "|" + "---|" * len(HEADS), *(f"| {' | '.join(row)} |" for row in rows)]
+    rows = [
+        [
+            " + ".join((*o.hidden.effects, *o.hidden.terms)),
+            o.hidden.trim,
+            o.found,
+            o.again,
+            "yes" if o.undone else "NO",
+            f"{o.not_known.bias_percent:+.2f} -> {o.known.bias_percent:+.2f}",
+            f"{o.not_known.rate_error_percent:.2f} -> {o.known.rate_error_percent:.2f}",
+            f"{o.not_known.place_error_m:.3f} -> {o.known.place_error_m:.3f}",
+        ]
+        for o in outcomes
+    ]
+    return [
+        f"| {' | '.join(HEADS)} |",
+        "|" + "---|" * len(HEADS),
+        *(f"| {' | '.join(row)} |" for row in rows),
+    ]
 
 
 def main() -> int:
     from kept import written
     from verdict import exit_code
 
-    a = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    a = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     a.add_argument("--seconds", type=float, default=1200.0, help="of the log, and of each field")
-    a.add_argument("--term", action="append", default=[], help="machines with these terms instead of this benchmark's")
+    a.add_argument(
+        "--term",
+        action="append",
+        default=[],
+        help="machines with these terms instead of this benchmark's",
+    )
     a.add_argument("--out", type=Path)
     args = a.parse_args()
     outcomes, refused = [], []
@@ -170,18 +269,38 @@ def main() -> int:
             print(outcomes[-1], file=sys.stderr, flush=True)
         except RuntimeError as error:
             refused.append(f"{hidden}: {error}")
-    text = "\n".join([
-        "# Hidden effects and terms, found, adopted, driven", "",
-        f"`python -m benchmarks diagnosis/adopted --seconds {args.seconds:g}`; opening first; log of seed "
-        f"{LOGGED_SEED}, fields of seed {DRIVEN_SEED}; terms on ground of {ROUGHNESS_DEG:g} deg, {SLOW_KMH:g} and "
-        f"{FAST_KMH:g} km/h in turn. Control that does not know what is hidden -> control that reads the adopted file; "
-        "the machine has what is hidden, not what was found. Undone: after `topdress history --undo` the file is the "
-        "shipped one again.", "", *table(outcomes), *(f"\nNot adopted: {line}" for line in refused)]) + "\n"
+    text = (
+        "\n".join(
+            [
+                "# Hidden effects and terms, found, adopted, driven",
+                "",
+                f"`python -m benchmarks diagnosis/adopted --seconds {args.seconds:g}`; "
+                "opening first; log of seed "
+                f"{LOGGED_SEED}, fields of seed {DRIVEN_SEED}; terms on ground of "
+                f"{ROUGHNESS_DEG:g} deg, {SLOW_KMH:g} and "
+                f"{FAST_KMH:g} km/h in turn. Control that does not know what is hidden -> "
+                "control that reads the adopted file; "
+                "the machine has what is hidden, not what was found. Undone: after "
+                "`topdress history --undo` the file is the "
+                "shipped one again.",
+                "",
+                *table(outcomes),
+                *(f"\nNot adopted: {line}" for line in refused),
+            ]
+        )
+        + "\n"
+    )
     written(text, args.out)
-    return exit_code({f"{len(refused)} machines with nothing adopted: none": not refused} | {
-        f"{' + '.join((*o.hidden.effects, *o.hidden.terms))}, flow trim {o.hidden.trim}: something is found, driving "
-        "with it is not worse": o.found.count(" ") > 0
-        and o.known.rate_error_percent <= o.not_known.rate_error_percent + WORSE_PERCENT for o in outcomes})
+    return exit_code(
+        {f"{len(refused)} machines with nothing adopted: none": not refused}
+        | {
+            f"{' + '.join((*o.hidden.effects, *o.hidden.terms))}, flow trim "
+            f"{o.hidden.trim}: something is found, driving "
+            "with it is not worse": o.found.count(" ") > 0
+            and o.known.rate_error_percent <= o.not_known.rate_error_percent + WORSE_PERCENT
+            for o in outcomes
+        }
+    )
 
 
 if __name__ == "__main__":

@@ -1,4 +1,5 @@
 """Puts one case to the diagnosis, as the command line would, and returns its published JSON."""
+
 from __future__ import annotations
 
 import json
@@ -8,7 +9,9 @@ from control.diagnosis.result import Diagnosis
 from control.machine.machine import Machine
 
 
-def found(kind: str, columns: dict[str, Any], machine: Machine, name: str, seed: int = 0) -> Diagnosis:
+def found(
+    kind: str, columns: dict[str, Any], machine: Machine, name: str, seed: int = 0
+) -> Diagnosis:
     """`kind`: run, lag, catch, weigh, heads, place. Raises whatever the diagnosis raises."""
     if kind == "run":
         from control.diagnosis.runs.diagnose import diagnose_run
@@ -19,7 +22,9 @@ def found(kind: str, columns: dict[str, Any], machine: Machine, name: str, seed:
     numbers = {k: v for k, v in columns.items() if v.dtype != object}
     texts = [(k, v.astype(str)) for k, v in columns.items() if v.dtype == object]
     name_of, label = texts[0] if texts else ("", None)
-    return diagnose_tables([Table(kind, numbers, name_of, f"{name}.csv", label)], machine, seed=seed)
+    return diagnose_tables(
+        [Table(kind, numbers, name_of, f"{name}.csv", label)], machine, seed=seed
+    )
 
 
 def published(one: Diagnosis) -> dict[str, Any]:
@@ -28,6 +33,8 @@ def published(one: Diagnosis) -> dict[str, Any]:
     return answer
 
 
-def diagnosis(kind: str, columns: dict[str, Any], machine: Machine, name: str, seed: int = 0) -> dict[str, Any]:
+def diagnosis(
+    kind: str, columns: dict[str, Any], machine: Machine, name: str, seed: int = 0
+) -> dict[str, Any]:
     """`found`, published."""
     return published(found(kind, columns, machine, name, seed))

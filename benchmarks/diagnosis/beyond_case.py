@@ -1,4 +1,6 @@
-"""One case of the benchmark beyond the catalogue: made, diagnosed, adopted, held against other runs of the machine."""
+"""One case of the benchmark beyond the catalogue: made, diagnosed, adopted, held against other
+runs of the machine."""
+
 from __future__ import annotations
 
 import time
@@ -6,10 +8,23 @@ import traceback
 from typing import Any, NamedTuple
 
 # Healthy logs, in turn: half of them as the machine is said to be, half from further afield.
-NULLS = ("none", "healthy_columns", "none", "healthy_loud", "none", "healthy_loop", "none", "healthy_coarse",
-         "none", "healthy_sparse", "none", "healthy_foreign")
-FIRST_NULL = 1_000_000            # number of the first healthy log
-AGAIN = {"again": False, "elsewhere": True}      # other runs: of the same programme, of another one
+NULLS = (
+    "none",
+    "healthy_columns",
+    "none",
+    "healthy_loud",
+    "none",
+    "healthy_loop",
+    "none",
+    "healthy_coarse",
+    "none",
+    "healthy_sparse",
+    "none",
+    "healthy_foreign",
+)
+FIRST_NULL = 1_000_000  # number of the first healthy log
+# other runs: of the same programme, of another one
+AGAIN = {"again": False, "elsewhere": True}
 
 
 class Task(NamedTuple):
@@ -26,21 +41,32 @@ def made(task: Task) -> Any:
     from hidden.terms import CLASSES
 
     if task.number >= FIRST_NULL:
-        return one(task.number, task.seed, task.programmes, (NULLS[task.number % len(NULLS)],), ("run",))
+        return one(
+            task.number, task.seed, task.programmes, (NULLS[task.number % len(NULLS)],), ("run",)
+        )
     kind = CLASSES[task.number % len(CLASSES)]
     category = "column" if kind == "column" else "term"
     return one(task.number, task.seed, task.programmes, (category,), ("run",), (kind,))
 
 
 def examine(task: Task) -> dict[str, Any]:
-    """Truth, answer, and what the adopted file is worth on other runs. Without a truth: the case could not be made."""
+    """Truth, answer, and what the adopted file is worth on other runs. Without a truth: the
+    case could not be made."""
     from drivers.files.config import load
     from drivers.files.kinds import MACHINE
 
     started = time.perf_counter()
     nominal = load("huanghai", MACHINE).model
-    out: dict[str, Any] = {"number": task.number, "truth": None, "answer": None, "seconds": 0.0, "processor_s": 0.0,
-                           "adopted": False, "trouble": None, **dict.fromkeys(AGAIN)}
+    out: dict[str, Any] = {
+        "number": task.number,
+        "truth": None,
+        "answer": None,
+        "seconds": 0.0,
+        "processor_s": 0.0,
+        "adopted": False,
+        "trouble": None,
+        **dict.fromkeys(AGAIN),
+    }
     try:
         case = made(task)
         out["truth"] = case.truth
@@ -56,8 +82,10 @@ def _other_runs(case: Any) -> dict[str, Any]:
 
     if not case.truth["outside"]:
         return dict.fromkeys(AGAIN)
-    return {word: another_run(case.redriven, case.truth, k, elsewhere)
-            for k, (word, elsewhere) in enumerate(AGAIN.items())}
+    return {
+        word: another_run(case.redriven, case.truth, k, elsewhere)
+        for k, (word, elsewhere) in enumerate(AGAIN.items())
+    }
 
 
 def _answered(case: Any, nominal: Any, others: dict[str, Any], seed: int) -> dict[str, Any]:
@@ -71,8 +99,21 @@ def _answered(case: Any, nominal: Any, others: dict[str, Any], seed: int) -> dic
     seconds, busy = time.perf_counter() - began, time.process_time() - busy
     adopted = extend(nominal, diagnosis, date="2026-01-01")
     changed = adopted.model_copy(update={"adopted": nominal.adopted}) != nominal
-    worth = {word: None if other is None else
-             {"programme": other.truth["programme"],
-              **judged(other.columns, other.changed(), case.truth["outside"]["channel"], nominal, adopted)}
-             for word, other in others.items()}
-    return {"answer": ask.published(diagnosis), "seconds": seconds, "processor_s": busy, "adopted": changed, **worth}
+    worth = {
+        word: None
+        if other is None
+        else {
+            "programme": other.truth["programme"],
+            **judged(
+                other.columns, other.changed(), case.truth["outside"]["channel"], nominal, adopted
+            ),
+        }
+        for word, other in others.items()
+    }
+    return {
+        "answer": ask.published(diagnosis),
+        "seconds": seconds,
+        "processor_s": busy,
+        "adopted": changed,
+        **worth,
+    }

@@ -1,13 +1,17 @@
-"""Every recording of a real drive: what a diagnosis says of it, and whether the file made of it predicts the next.
+"""Every recording of a real drive: what a diagnosis says of it, and whether the file made of it
+predicts the next.
 
-    python benchmarks/diagnosis/drives.py --out drives.json [--only sweep] [--no-rival] [--against OLD.json]
+    python benchmarks/diagnosis/drives.py --out drives.json [--only sweep] [--no-rival] \\
+        [--against OLD.json]
 
-The recordings are strangers' (../shared/data/drives; without them nothing is run). Each wheel, motor and direction is a
-case: imported with an import file, diagnosed against a machine file with what a data sheet says, adopted. What is there
-by eye stands in `CASES`; nothing is fitted to that. Then pairs: fitted to one recording, judged on every row of
-another of the same machine or kind, as the nominal machine file, the adopted one, and a rival (least squares over
-eight forms of the command, a lag, a dead time: ../shared/prototypes/drive_peer) predict it.
+The recordings are strangers' (../shared/data/drives; without them nothing is run). Each wheel,
+motor and direction is a case: imported with an import file, diagnosed against a machine file
+with what a data sheet says, adopted. What is there by eye stands in `CASES`; nothing is fitted
+to that. Then pairs: fitted to one recording, judged on every row of another of the same machine
+or kind, as the nominal machine file, the adopted one, and a rival (least squares over eight
+forms of the command, a lag, a dead time: ../shared/prototypes/drive_peer) predict it.
 """
+
 from __future__ import annotations
 
 import argparse
@@ -30,22 +34,27 @@ DRIVES = SHARED / "data" / "drives"
 KNOWN = SHARED / "data" / "known_causes"
 PEER = SHARED / "prototypes" / "drive_peer" / "peer.py"
 
-# What a data sheet says of each machine: full speed in r/min at the full command, times in s, noise of the reading.
+# What a data sheet says of each machine: full speed in r/min at the full command, times in s,
+# noise of the reading.
 GEAR_MOTOR = {"full_rpm": 650.0, "tau_s": 0.06, "dead_s": 0.02, "noise_rpm": 2.0}
-FOOTBALL = {"full_rpm": 1500.0, "tau_s": 0.10, "dead_s": 0.01, "noise_rpm": 4.4}        # 0.46 rad/s a count
-WHEEL_IN_AIR = {"full_rpm": 600.0, "tau_s": 0.10, "dead_s": 0.01, "noise_rpm": 2.2}     # 0.23 rad/s a count
-SWEPT = {"full_rpm": 1050.0, "tau_s": 0.10, "dead_s": 0.01, "noise_rpm": 1.8}           # 0.18 rad/s a count
+# 0.46 rad/s a count
+FOOTBALL = {"full_rpm": 1500.0, "tau_s": 0.10, "dead_s": 0.01, "noise_rpm": 4.4}
+# 0.23 rad/s a count
+WHEEL_IN_AIR = {"full_rpm": 600.0, "tau_s": 0.10, "dead_s": 0.01, "noise_rpm": 2.2}
+# 0.18 rad/s a count
+SWEPT = {"full_rpm": 1050.0, "tau_s": 0.10, "dead_s": 0.01, "noise_rpm": 1.8}
 BRAKED = {"full_rpm": 1800.0, "tau_s": 0.05, "dead_s": 0.01, "noise_rpm": 10.0}
 # 6.43 deg/s a count; read as r/min: 1 for each 6 deg/s
 DC_MOTOR = {"full_rpm": 81.0, "tau_s": 0.05, "dead_s": 0.0, "noise_rpm": 0.31}
-HEATER = {"full_rpm": 70.0, "tau_s": 5.0, "dead_s": 5.0, "noise_rpm": 0.1}      # degrees above the room for r/min
+# degrees above the room for r/min
+HEATER = {"full_rpm": 70.0, "tau_s": 5.0, "dead_s": 5.0, "noise_rpm": 0.1}
 THRUSTER = {"full_rpm": 3800.0, "tau_s": 0.10, "dead_s": 0.01, "noise_rpm": 5.0, "supply_v": 20.0}
 ACTUATOR = {"slew_mm_s": 200.0, "noise_mm": 0.05}
 
 ZONE, CURVE, GAIN, SLOW, SIDES = "dead zone", "curve", "gain", "slow", "two sides"
 BRAKE, SUPPLY, PLAY = "brake", "supply", "play"
-# Names and terms that say each of them. A curve over the command is said by a term over it; two that stand for each
-# other over half of a range are not told apart by eye either.
+# Names and terms that say each of them. A curve over the command is said by a term over it; two
+# that stand for each other over half of a range are not told apart by eye either.
 FORMS = ("slope", "bend", "hinge", "saturation", "dead_zone", "threshold", "side", "table")
 CURVES = ("shaft.knee_shaft_rpm", *(f"shaft.{form}_shaft_rpm" for form in FORMS))
 # terms over the command that remember nothing
@@ -55,14 +64,16 @@ SAYS = {
     GAIN: ("shaft.gain", "shaft.backwards", *CURVES),
     SIDES: ("shaft.back_gain", "shaft.back_zone"),
     SLOW: ("shaft.slow", "shaft.dead_time", "shaft.memory", "shaft.second_order"),
-    BRAKE: ("x_load",),         # straight lines over it: any form
+    BRAKE: ("x_load",),  # straight lines over it: any form
     SUPPLY: ("shaft.voltage_sag", "supply_v"),
     PLAY: ("gate.backlash", "gate.side", "gate.memory", "gate.slow"),
 }
-# Of the sweeps: r/min by r/min of the command is 1.32 from 30 to 60 % of the range, 1.20 up to 90 %, 1.08 above (robot
-# 2, m1; 1.37, 1.23, 1.00 of robot 5): the curve bends. Settled speeds of the same command differ by direction: 27
-# against 0 and 218 against 162 r/min (stairs 2, left), 1071 against 1064 (sweep 2, m1), at every command alike.
-NEVER_BY_EYE = ("shaft.coarse_encoder",)        # true of every encoder, and no fault: right along with anything
+# Of the sweeps: r/min by r/min of the command is 1.32 from 30 to 60 % of the range, 1.20 up to
+# 90 %, 1.08 above (robot 2, m1; 1.37, 1.23, 1.00 of robot 5): the curve bends. Settled speeds
+# of the same command differ by direction: 27 against 0 and 218 against 162 r/min (stairs 2,
+# left), 1071 against 1064 (sweep 2, m1), at every command alike. true of every encoder, and no
+# fault: right along with anything
+NEVER_BY_EYE = ("shaft.coarse_encoder",)
 
 
 LEAST_ROWS = 60
@@ -70,9 +81,9 @@ VOLTS = ("10V", "14V", "16V", "20V")
 
 
 class Case(NamedTuple):
-    """One recording of one wheel. name : "kind/recording/wheel/direction"; what is paired has the kind and wheel of
-    `pair`. file, columns : as the import file says them. rows : settled answers or not. sheet : the data sheet.
-    truth : what is there by eye."""
+    """One recording of one wheel. name : "kind/recording/wheel/direction"; what is paired has
+    the kind and wheel of `pair`. file, columns : as the import file says them. rows : settled
+    answers or not. sheet : the data sheet. truth : what is there by eye."""
 
     name: str
     pair: str
@@ -83,11 +94,13 @@ class Case(NamedTuple):
     truth: tuple[str, ...]
     time: dict[str, Any]
     settled: bool
-    side: int = 0               # 1, -1: rows of one direction alone, turned forwards; 0: all
+    # 1, -1: rows of one direction alone, turned forwards; 0: all
+    side: int = 0
     names: tuple[str, ...] = ()
     extra: dict[str, Any] = {}  # further columns of the log
     stage: str = "shaft"
-    fits: bool = True           # whether others of its pair are judged by what it gave
+    # whether others of its pair are judged by what it gave
+    fits: bool = True
 
 
 def _wheels() -> list[Case]:
@@ -98,18 +111,49 @@ def _wheels() -> list[Case]:
         for run in (1, 2, 3):
             for word, side in (("forwards", 1), ("backwards", -1), ("both", 0)):
                 if run > 1 or side == 1:
-                    found.append(Case(f"stairs/{run}/{wheel}/{word}", f"stairs/{wheel}/{word}",
-                                      f"wheelSpeedCalibration{run}.csv", {"from": "motorCommand", "scale": 2.5},
-                                      {"from": f"{wheel}SpeedRpm"}, GEAR_MOTOR,
-                                      (ZONE, CURVE, GAIN, *(() if side else (SIDES,))), ms, True, side))
+                    found.append(
+                        Case(
+                            f"stairs/{run}/{wheel}/{word}",
+                            f"stairs/{wheel}/{word}",
+                            f"wheelSpeedCalibration{run}.csv",
+                            {"from": "motorCommand", "scale": 2.5},
+                            {"from": f"{wheel}SpeedRpm"},
+                            GEAR_MOTOR,
+                            (ZONE, CURVE, GAIN, *(() if side else (SIDES,))),
+                            ms,
+                            True,
+                            side,
+                        )
+                    )
         for run in (1, 2, 3):
             when = {"column": "time", "counts": "ms" if run == 1 else "s"}
             file = f"testPid{run}.csv"
-            found.append(Case(f"motor/{run}/{wheel}/forwards", f"motor/{wheel}", file,
-                              {"from": f"{wheel}Command", "scale": 2.5}, {"from": f"{wheel}Speed"}, GEAR_MOTOR,
-                              (ZONE, CURVE, GAIN, SLOW), when, False))
-            found.append(Case(f"loop/{run}/{wheel}/forwards", f"loop/{wheel}", file, {"from": "targetSpeed"},
-                              {"from": f"{wheel}Speed"}, GEAR_MOTOR, (GAIN, SLOW), when, False))
+            found.append(
+                Case(
+                    f"motor/{run}/{wheel}/forwards",
+                    f"motor/{wheel}",
+                    file,
+                    {"from": f"{wheel}Command", "scale": 2.5},
+                    {"from": f"{wheel}Speed"},
+                    GEAR_MOTOR,
+                    (ZONE, CURVE, GAIN, SLOW),
+                    when,
+                    False,
+                )
+            )
+            found.append(
+                Case(
+                    f"loop/{run}/{wheel}/forwards",
+                    f"loop/{wheel}",
+                    file,
+                    {"from": "targetSpeed"},
+                    {"from": f"{wheel}Speed"},
+                    GEAR_MOTOR,
+                    (GAIN, SLOW),
+                    when,
+                    False,
+                )
+            )
     return found
 
 
@@ -117,53 +161,147 @@ def _football() -> list[Case]:
     """The football robots: duty cycle, a wheel in the air, sweeps."""
     found = []
     for run in (1, 2):
-        found.append(Case(f"duty/{run}/motor/both", "duty", f"duty_run{run}.csv",
-                          {"from": "c1", "scale": 15.0}, {"from": "c2", "unit": "rad/s"}, FOOTBALL, (ZONE, GAIN, SLOW),
-                          {"counts": "rows", "step_s": 0.005}, False, 0, ("c1", "c2")))
+        found.append(
+            Case(
+                f"duty/{run}/motor/both",
+                "duty",
+                f"duty_run{run}.csv",
+                {"from": "c1", "scale": 15.0},
+                {"from": "c2", "unit": "rad/s"},
+                FOOTBALL,
+                (ZONE, GAIN, SLOW),
+                {"counts": "rows", "step_s": 0.005},
+                False,
+                0,
+                ("c1", "c2"),
+            )
+        )
     for wheel in (1, 2, 3, 4):
-        found.append(Case(f"air/1/wheel {wheel}/both", "air", "wheel_air.csv", {"from": "c1", "unit": "rad/s"},
-                          {"from": f"c{1 + wheel}", "unit": "rad/s"}, WHEEL_IN_AIR, (SLOW,),
-                          {"counts": "rows", "step_s": 0.005}, False, 0, ("c1", "c2", "c3", "c4", "c5")))
+        found.append(
+            Case(
+                f"air/1/wheel {wheel}/both",
+                "air",
+                "wheel_air.csv",
+                {"from": "c1", "unit": "rad/s"},
+                {"from": f"c{1 + wheel}", "unit": "rad/s"},
+                WHEEL_IN_AIR,
+                (SLOW,),
+                {"counts": "rows", "step_s": 0.005},
+                False,
+                0,
+                ("c1", "c2", "c3", "c4", "c5"),
+            )
+        )
     for robot in (2, 3, 4, 5):
-        for motor, sides in (("m1", (0,)), ("m2", (0,)), ("m3", (0,)), ("m4", (0,)), ("mean", (1, -1))):
+        for motor, sides in (
+            ("m1", (0,)),
+            ("m2", (0,)),
+            ("m3", (0,)),
+            ("m4", (0,)),
+            ("mean", (1, -1)),
+        ):
             for side in sides:
                 word = {0: "both", 1: "forwards", -1: "backwards"}[side]
-                found.append(Case(f"sweep/{robot}/{motor}/{word}", f"sweep/{motor}/{word}", f"sweep_robot{robot}.csv",
-                                  {"from": "pwm", "scale": 15.0}, {"from": motor, "unit": "rad/s"}, SWEPT,
-                                  (ZONE, CURVE, GAIN, *(() if side else (SIDES,))),
-                                  {"counts": "rows", "step_s": 1.0}, True, side))
+                found.append(
+                    Case(
+                        f"sweep/{robot}/{motor}/{word}",
+                        f"sweep/{motor}/{word}",
+                        f"sweep_robot{robot}.csv",
+                        {"from": "pwm", "scale": 15.0},
+                        {"from": motor, "unit": "rad/s"},
+                        SWEPT,
+                        (ZONE, CURVE, GAIN, *(() if side else (SIDES,))),
+                        {"counts": "rows", "step_s": 1.0},
+                        True,
+                        side,
+                    )
+                )
     return found
 
 
 def _known() -> list[Case]:
-    """Recordings whose cause is known, a braked motor, a motor in open loop, a heater (tables by `_prepared`)."""
+    """Recordings whose cause is known, a braked motor, a motor in open loop, a heater (tables
+    by `_prepared`)."""
     found = []
     seconds = {"column": "time_s", "counts": "s"}
     for run in (1, 2):
-        found.append(Case(f"braked/{run}/motor/forwards", "braked", f"braked_{run}.csv",
-                          {"from": "velocity setpoint [Hz]", "scale": 60.0},
-                          {"from": "velocity measured [Hz]", "scale": 60.0}, BRAKED, (BRAKE, GAIN, SLOW),
-                          {"column": "time [s]", "counts": "s"}, False,
-                          extra={"x_load": {"from": "load cell weight [g]"}}))
+        found.append(
+            Case(
+                f"braked/{run}/motor/forwards",
+                "braked",
+                f"braked_{run}.csv",
+                {"from": "velocity setpoint [Hz]", "scale": 60.0},
+                {"from": "velocity measured [Hz]", "scale": 60.0},
+                BRAKED,
+                (BRAKE, GAIN, SLOW),
+                {"column": "time [s]", "counts": "s"},
+                False,
+                extra={"x_load": {"from": "load cell weight [g]"}},
+            )
+        )
     for run in (1, 2):
-        found.append(Case(f"prbs/{run}/motor/forwards", "prbs", f"unA_prbs{run}.csv", {"from": "u", "scale": 30.0},
-                          {"from": "y", "scale": 1.0 / 6.0}, DC_MOTOR, (ZONE, GAIN, SLOW),
-                          {"column": "t", "counts": "s"}, False))
+        found.append(
+            Case(
+                f"prbs/{run}/motor/forwards",
+                "prbs",
+                f"unA_prbs{run}.csv",
+                {"from": "u", "scale": 30.0},
+                {"from": "y", "scale": 1.0 / 6.0},
+                DC_MOTOR,
+                (ZONE, GAIN, SLOW),
+                {"column": "t", "counts": "s"},
+                False,
+            )
+        )
     for run in (1, 2):
-        found.append(Case(f"heater/{run}/1/forwards", "heater", f"tclabA_{run}.txt", {"from": "u1", "scale": 0.7},
-                          {"from": "t1", "offset": -20.8}, HEATER, (GAIN, SLOW), seconds, False,
-                          extra={"x_heater2": {"from": "u2"}}))
-    for which in ("even", "odd", *VOLTS):        # halves of all supplies; and adopted at 14 V, judged at the others
+        found.append(
+            Case(
+                f"heater/{run}/1/forwards",
+                "heater",
+                f"tclabA_{run}.txt",
+                {"from": "u1", "scale": 0.7},
+                {"from": "t1", "offset": -20.8},
+                HEATER,
+                (GAIN, SLOW),
+                seconds,
+                False,
+                extra={"x_heater2": {"from": "u2"}},
+            )
+        )
+    # halves of all supplies; and adopted at 14 V, judged at the others
+    for which in ("even", "odd", *VOLTS):
         alone = which in VOLTS
-        found.append(Case(f"thruster/{which}/motor/both", "thruster alone" if alone else "thruster",
-                          f"thruster/{which}", {"from": "pwm", "scale": 9.5, "offset": -14250.0}, {"from": "rpm"},
-                          THRUSTER, ((ZONE, CURVE, GAIN, SIDES) if alone else (SUPPLY, ZONE, CURVE, GAIN, SIDES)),
-                          {"counts": "rows", "step_s": 1.0}, True, extra={"supply_v": {"from": "v"}},
-                          fits=not alone or which == "14V"))
+        found.append(
+            Case(
+                f"thruster/{which}/motor/both",
+                "thruster alone" if alone else "thruster",
+                f"thruster/{which}",
+                {"from": "pwm", "scale": 9.5, "offset": -14250.0},
+                {"from": "rpm"},
+                THRUSTER,
+                ((ZONE, CURVE, GAIN, SIDES) if alone else (SUPPLY, ZONE, CURVE, GAIN, SIDES)),
+                {"counts": "rows", "step_s": 1.0},
+                True,
+                extra={"supply_v": {"from": "v"}},
+                fits=not alone or which == "14V",
+            )
+        )
     for word, truth in (("normal", (PLAY,)), ("lackLubrication1", (PLAY,)), ("backlash1", (PLAY,))):
-        found.append(Case(f"actuator/{word}/gate/both", "actuator", f"actuator/{word}", {"from": "set_point"},
-                          {"from": "position"}, ACTUATOR, truth, {"counts": "rows", "step_s": 0.04}, False,
-                          extra={"x_current": {"from": "current"}, "x_load": {"from": "load"}}, stage="gate"))
+        found.append(
+            Case(
+                f"actuator/{word}/gate/both",
+                "actuator",
+                f"actuator/{word}",
+                {"from": "set_point"},
+                {"from": "position"},
+                ACTUATOR,
+                truth,
+                {"counts": "rows", "step_s": 0.04},
+                False,
+                extra={"x_current": {"from": "current"}, "x_load": {"from": "load"}},
+                stage="gate",
+            )
+        )
     return found
 
 
@@ -174,19 +312,35 @@ def machine_text(case: Case) -> str:
     """The machine file: what a data sheet says, and no more."""
     s = case.sheet
     if case.stage == "gate":
-        return yaml.safe_dump({
-            "format": "topdress-machine/1", "id": "actuator", "gate": {"slew_mm_s": s["slew_mm_s"], "full_mm": 150.0,
-                                                                      "dead_time_s": 0.0},
-            "limits": {"opening_low_mm": 0.0, "opening_high_mm": 150.0}, "noise": {"opening_mm": s["noise_mm"]}})
-    return yaml.safe_dump({
-        "format": "topdress-machine/1", "id": case.pair.split("/")[0],
-        # no data sheet of a motor has a ramp, and `topdress machine --from` writes none
-        "shaft": {"dead_time_s": s["dead_s"], "time_constant_s": s["tau_s"], "acceleration_rpm_s": 1e6,
-                  "nominal_supply_v": s.get("supply_v", 7.4), "full_rpm": s["full_rpm"]},
-        "flow": {"full_rpm": s["full_rpm"]}, "fall": {"full_rpm": s["full_rpm"]},
-        "limits": {"shaft_low_rpm": 0.0, "shaft_high_rpm": s["full_rpm"]},
-        "set_points": {"shaft_rpm": 0.5 * s["full_rpm"]}, "noise": {"shaft_rpm": s["noise_rpm"]},
-        "tolerance": {"shaft_percent": 0.5, "time_constant_s": 0.015}})
+        return yaml.safe_dump(
+            {
+                "format": "topdress-machine/1",
+                "id": "actuator",
+                "gate": {"slew_mm_s": s["slew_mm_s"], "full_mm": 150.0, "dead_time_s": 0.0},
+                "limits": {"opening_low_mm": 0.0, "opening_high_mm": 150.0},
+                "noise": {"opening_mm": s["noise_mm"]},
+            }
+        )
+    return yaml.safe_dump(
+        {
+            "format": "topdress-machine/1",
+            "id": case.pair.split("/")[0],
+            # no data sheet of a motor has a ramp, and `topdress machine --from` writes none
+            "shaft": {
+                "dead_time_s": s["dead_s"],
+                "time_constant_s": s["tau_s"],
+                "acceleration_rpm_s": 1e6,
+                "nominal_supply_v": s.get("supply_v", 7.4),
+                "full_rpm": s["full_rpm"],
+            },
+            "flow": {"full_rpm": s["full_rpm"]},
+            "fall": {"full_rpm": s["full_rpm"]},
+            "limits": {"shaft_low_rpm": 0.0, "shaft_high_rpm": s["full_rpm"]},
+            "set_points": {"shaft_rpm": 0.5 * s["full_rpm"]},
+            "noise": {"shaft_rpm": s["noise_rpm"]},
+            "tolerance": {"shaft_percent": 0.5, "time_constant_s": 0.015},
+        }
+    )
 
 
 COLUMNS_OF = {"shaft": ("shaft_rpm_cmd", "shaft_rpm"), "gate": ("opening_mm_cmd", "opening_mm")}
@@ -195,9 +349,13 @@ COLUMNS_OF = {"shaft": ("shaft_rpm_cmd", "shaft_rpm"), "gate": ("opening_mm_cmd"
 def import_text(case: Case) -> str:
     """The import file that a user writes."""
     command, reading = COLUMNS_OF[case.stage]
-    said: dict[str, Any] = {"format": "topdress-import/1", "time": case.time,
-                            "columns": {command: case.command, reading: case.reading, **case.extra},
-                            "rows": "answer_in_row" if case.settled else "answer_next_row", "extra": "drop"}
+    said: dict[str, Any] = {
+        "format": "topdress-import/1",
+        "time": case.time,
+        "columns": {command: case.command, reading: case.reading, **case.extra},
+        "rows": "answer_in_row" if case.settled else "answer_next_row",
+        "extra": "drop",
+    }
     if case.names:
         said["source"] = {"names": list(case.names)}
     return yaml.safe_dump(said)
@@ -207,18 +365,28 @@ def _prepared(case: Case, folder: Path) -> Path | None:
     """A table with plain columns of a recording that is no such table; None of the others."""
     import csv
     import gzip
+
     kind, _, which = case.file.partition("/")
     rows: list[tuple[float | str, ...]] = []
     if case.pair == "braked":
-        lines = [line for line in (DRIVES / case.file).read_text().splitlines() if not line.startswith("#")]
+        lines = [
+            line
+            for line in (DRIVES / case.file).read_text().splitlines()
+            if not line.startswith("#")
+        ]
         place = folder / f"{which or case.file}.table.csv"
         place.write_text("\n".join(lines) + "\n")
         return place
     if case.pair == "heater":
         rows.append(("time_s", "u1", "u2", "t1"))
-        rows += [(t, u1, u2, t1) for t, u1, u2, t1, *_ in np.loadtxt(
-            DRIVES / case.file, delimiter=",", skiprows=1).tolist()]
-    elif kind == "thruster":                # speeds have no sign: below 1500 us it turns backwards
+        rows += [
+            (t, u1, u2, t1)
+            for t, u1, u2, t1, *_ in np.loadtxt(
+                DRIVES / case.file, delimiter=",", skiprows=1
+            ).tolist()
+        ]
+    # speeds have no sign: below 1500 us it turns backwards
+    elif kind == "thruster":
         rows.append(("pwm", "rpm", "v"))
         for volts in (which,) if which in VOLTS else VOLTS:
             with (KNOWN / f"thruster_{volts}.csv").open(encoding="utf-8") as lines_of:
@@ -229,8 +397,15 @@ def _prepared(case: Case, folder: Path) -> Path | None:
     elif kind == "actuator":
         rows.append(("set_point", "position", "current", "load"))
         with gzip.open(KNOWN / f"actuator_{which}.csv.gz", "rt") as lines_of:
-            rows += [(float(one["set_point"]), float(one["set_point"]) - float(one["position_error"]),
-                      float(one["current"]), float(one["load"])) for one in csv.DictReader(lines_of)]
+            rows += [
+                (
+                    float(one["set_point"]),
+                    float(one["set_point"]) - float(one["position_error"]),
+                    float(one["current"]),
+                    float(one["load"]),
+                )
+                for one in csv.DictReader(lines_of)
+            ]
     else:
         return None
     place = folder / f"{case.file.replace('/', '_')}.table.csv"
@@ -281,32 +456,55 @@ def run(case: Case, folder: Path) -> Ran:
     from drivers.files.imports.read import read_raw
     from drivers.files.kinds import MACHINE
     from drivers.files.read_log import read_rows
+
     place = folder / case.name.replace("/", "_").replace(" ", "_")
     place.mkdir()
     (place / "import.yaml").write_text(import_text(case))
     (place / "machine.yaml").write_text(machine_text(case))
     mapping = load(str(place / "import.yaml"), IMPORT).model
     log, adopted = place / "log.csv", place / "adopted.yaml"
-    imported = joined([convert(read_raw(_one_side(case, place), mapping.source), mapping)], mapping.join)
+    imported = joined(
+        [convert(read_raw(_one_side(case, place), mapping.source), mapping)], mapping.join
+    )
     write_imported(log, imported, mapping, place / "import.yaml")
     machine = load(str(place / "machine.yaml"), MACHINE).model
     started = time.process_time()
     try:
         found = diagnose_run(dict(read_rows(log).columns), machine, path=str(log))
     except ValueError as error:
-        return Ran(log, place / "machine.yaml", None, {
-            "verdict": "refused", "names": [], "p": [], "terms": [], "why": str(error), "cpu_s": 0.0})
-    said = {"verdict": found.verdict, "names": [one.id for one in found.causes],
-            "p": [round(one.probability, 3) for one in found.causes],
-            "sizes": [one.size.value for one in found.causes],
-            "open": [one.id for one in found.causes if one.rivals],
-            "terms": [one.term["id"] for one in found.terms],
-            "fitted": {} if found.fitted is None else {name: size.value for name, size in found.fitted.sizes},
-            "left": [f"{one.channel}.{one.variable}" for one in found.unexplained],
-            "cpu_s": round(time.process_time() - started, 1)}
-    taken = adoptable_of(found, [one.id for one in found.causes if not undecided(one)])     # as `diagnose --adopt` does
+        return Ran(
+            log,
+            place / "machine.yaml",
+            None,
+            {
+                "verdict": "refused",
+                "names": [],
+                "p": [],
+                "terms": [],
+                "why": str(error),
+                "cpu_s": 0.0,
+            },
+        )
+    said = {
+        "verdict": found.verdict,
+        "names": [one.id for one in found.causes],
+        "p": [round(one.probability, 3) for one in found.causes],
+        "sizes": [one.size.value for one in found.causes],
+        "open": [one.id for one in found.causes if one.rivals],
+        "terms": [one.term["id"] for one in found.terms],
+        "fitted": {}
+        if found.fitted is None
+        else {name: size.value for name, size in found.fitted.sizes},
+        "left": [f"{one.channel}.{one.variable}" for one in found.unexplained],
+        "cpu_s": round(time.process_time() - started, 1),
+    }
+    # as `diagnose --adopt` does
+    taken = adoptable_of(found, [one.id for one in found.causes if not undecided(one)])
     there = bool(taken.found.causes or taken.found.terms or taken.found.fitted)
-    said |= {"taken": [one.id for one in taken.found.causes], "refused": [name for name, _ in taken.refused]}
+    said |= {
+        "taken": [one.id for one in taken.found.causes],
+        "refused": [name for name, _ in taken.refused],
+    }
     if there:
         save(adopted, extend(machine, taken.found), MACHINE)
     return Ran(log, place / "machine.yaml", adopted if there else None, said)
@@ -317,7 +515,11 @@ def judged(case: Case, said: dict[str, Any]) -> str:
     if said["verdict"] == "none":
         return "false none" if case.truth else "right"
     claims = [*said["names"], *said["terms"]] if said["verdict"] == "named" else list(said["terms"])
-    claims = [one for one in claims if one not in said.get("open", ()) and not one.startswith(NEVER_BY_EYE)]
+    claims = [
+        one
+        for one in claims
+        if one not in said.get("open", ()) and not one.startswith(NEVER_BY_EYE)
+    ]
     if not claims:
         return "honest"
     known = [word for kind in case.truth for word in SAYS[kind]]
@@ -325,7 +527,8 @@ def judged(case: Case, said: dict[str, Any]) -> str:
 
 
 def error_on(log: Path, machine_file: Path, case: Case) -> float:
-    """r.m.s. of measured less predicted over every row of a log, r/min or mm, as a machine file stands."""
+    """r.m.s. of measured less predicted over every row of a log, r/min or mm, as a machine file
+    stands."""
     from control.diagnosis.runs.channels import drive_rows
     from control.diagnosis.runs.drives import whole_drives
     from control.diagnosis.runs.hypothesis import schedule, stages_of
@@ -334,13 +537,22 @@ def error_on(log: Path, machine_file: Path, case: Case) -> float:
     from drivers.files.config import load
     from drivers.files.kinds import MACHINE
     from drivers.files.read_log import read_rows
+
     machine = load(str(machine_file), MACHINE).model
     columns = {name: np.asarray(values) for name, values in read_rows(log).columns.items()}
     rows = len(columns["time_s"])
-    if rows < LEAST_ROWS:           # a short table of settled answers is predicted by being read again and again
+    # a short table of settled answers is predicted by being read again and again
+    if rows < LEAST_ROWS:
         later = columns["time_s"][-1] + 1.0
-        columns = {name: np.concatenate([values + k * later if name == "time_s" else values
-                                         for k in range(1 + LEAST_ROWS // rows)]) for name, values in columns.items()}
+        columns = {
+            name: np.concatenate(
+                [
+                    values + k * later if name == "time_s" else values
+                    for k in range(1 + LEAST_ROWS // rows)
+                ]
+            )
+            for name, values in columns.items()
+        }
     clean = gate(columns)
     drive = whole_drives(clean, machine)[case.stage]
     predicted = drive_rows(drive)(schedule(stages_of(machine), ()), MOST_STEP_S)[:, 1]
@@ -350,22 +562,29 @@ def error_on(log: Path, machine_file: Path, case: Case) -> float:
 
 
 def rival_on(fit: Path, held: Path, case: Case) -> tuple[float, str]:
-    """The rival's error on the log that it was not fitted to, r/min or mm, and its form: along with it straight lines
-    over the further columns, by least squares, cells far out held at the ends of the others."""
+    """The rival's error on the log that it was not fitted to, r/min or mm, and its form: along
+    with it straight lines over the further columns, by least squares, cells far out held at the
+    ends of the others."""
     import ast
     import importlib.util
     import warnings
 
     import pandas as pd
+
     command, reading = COLUMNS_OF[case.stage]
     tables = {path: pd.read_csv(path) for path in (fit, held)}
     for path, table in tables.items():
-        table.rename(columns={command: "shaft_rpm_cmd", reading: "shaft_rpm"}).to_csv(path.with_suffix(".peer.csv"),
-                                                                                      index=False)
+        table.rename(columns={command: "shaft_rpm_cmd", reading: "shaft_rpm"}).to_csv(
+            path.with_suffix(".peer.csv"), index=False
+        )
     fit_of, held_of = (path.with_suffix(".peer.csv") for path in (fit, held))
     tau_s = case.sheet.get("tau_s", 0.05)
-    done = subprocess.run([sys.executable, str(PEER), str(fit_of), str(held_of), "--tau", str(tau_s)],
-                          capture_output=True, text=True, check=True)
+    done = subprocess.run(
+        [sys.executable, str(PEER), str(fit_of), str(held_of), "--tau", str(tau_s)],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
     words = done.stdout.splitlines()[0].split("held", 1)[1]
     error, form = float(words.split()[0]), " ".join(words.split("{")[0].split()[1:])
     if not case.extra:
@@ -379,13 +598,23 @@ def rival_on(fit: Path, held: Path, case: Case) -> tuple[float, str]:
     for path, of in ((fit, fit_of), (held, held_of)):
         time_s, u, y, settled = peer.load(of)
         said = peer.FORMS[form][1](sizes, u)
-        said = said if settled else peer.lagged(said, time_s, sizes.get("tau", tau_s), sizes.get("dead", 0.02), y[0])
-        series = [np.interp(time_s, tables[path]["time_s"], tables[path][name].ffill().bfill()) for name in names]
+        said = (
+            said
+            if settled
+            else peer.lagged(said, time_s, sizes.get("tau", tau_s), sizes.get("dead", 0.02), y[0])
+        )
+        series = [
+            np.interp(time_s, tables[path]["time_s"], tables[path][name].ffill().bfill())
+            for name in names
+        ]
         if path == fit:
-            ends = {name: np.percentile(one, (1.0, 99.0)) for name, one in zip(names, series, strict=True)}
+            ends = {
+                name: np.percentile(one, (1.0, 99.0))
+                for name, one in zip(names, series, strict=True)
+            }
         held_in = [np.clip(one, *ends[name]) for name, one in zip(names, series, strict=True)]
         left[path], lines[path] = y - said, np.array([np.ones(len(y)), *held_in]).T
-        if settled and "supply_v" in names:         # a supply acts in proportion
+        if settled and "supply_v" in names:  # a supply acts in proportion
             lines[path] = np.hstack([lines[path], said[:, None] * lines[path]])
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
@@ -395,7 +624,8 @@ def rival_on(fit: Path, held: Path, case: Case) -> tuple[float, str]:
 
 
 def pairs(ran: dict[str, Ran]) -> list[tuple[Case, Case]]:
-    """Each recording fitted to, and the others of its kind judged: where there are many, the next one."""
+    """Each recording fitted to, and the others of its kind judged: where there are many, the
+    next one."""
     found = []
     by_pair: dict[str, list[Case]] = {}
     for case in CASES:
@@ -403,14 +633,19 @@ def pairs(ran: dict[str, Ran]) -> list[tuple[Case, Case]]:
             by_pair.setdefault(case.pair, []).append(case)
     for several in by_pair.values():
         for k, case in enumerate(several):
-            others = [one for one in several if one is not case] if len(several) < 4 or not all(
-                one.fits for one in several) else [several[(k + 1) % len(several)]]
+            others = (
+                [one for one in several if one is not case]
+                if len(several) < 4 or not all(one.fits for one in several)
+                else [several[(k + 1) % len(several)]]
+            )
             found += [(case, other) for other in others if case.fits]
     return found
 
 
 def main() -> int:
-    args = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    args = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     args.add_argument("--out", type=Path, default=None, help="figures as JSON")
     args.add_argument("--only", default="", help="cases whose name holds this")
     args.add_argument("--no-rival", action="store_true")
@@ -436,27 +671,49 @@ def _kept(written: dict[str, Any], out: Path | None) -> None:
         out.write_text(json.dumps(written, indent=1) + "\n")
 
 
-def _run_cases(only: str, folder: Path, written: dict[str, Any], before: dict[str, Any]) -> dict[str, Ran]:
+def _run_cases(
+    only: str, folder: Path, written: dict[str, Any], before: dict[str, Any]
+) -> dict[str, Ran]:
     ran: dict[str, Ran] = {}
     for case in CASES:
         if only in case.name:
             ran[case.name] = one = run(case, folder)
             how = judged(case, one.said)
-            written["cases"][case.name] = {**one.said, "judged": how, "adopted": one.adopted is not None}
+            written["cases"][case.name] = {
+                **one.said,
+                "judged": how,
+                "adopted": one.adopted is not None,
+            }
+            found = ", ".join([*one.said["names"], *one.said["terms"]])
             was = before["cases"].get(case.name, {}).get("judged", "")
-            print(f"{case.name:28s} {how:10s} {'file' if one.adopted else '    '} {one.said['verdict']:12s} "
-                  f"{', '.join([*one.said['names'], *one.said['terms']]) or one.said.get('why', '-')[:60]}"
-                  f"{f'   (was {was})' if was not in ('', how) else ''}", flush=True)
-    counts = {word: sum(one["judged"] == word for one in written["cases"].values())
-              for word in ("right", "honest", "wrong", "false none")}
+            print(
+                f"{case.name:28s} {how:10s} {'file' if one.adopted else '    '} "
+                f"{one.said['verdict']:12s} "
+                f"{found or one.said.get('why', '-')[:60]}"
+                f"{f'   (was {was})' if was not in ('', how) else ''}",
+                flush=True,
+            )
+    counts = {
+        word: sum(one["judged"] == word for one in written["cases"].values())
+        for word in ("right", "honest", "wrong", "false none")
+    }
     files = sum(one["adopted"] for one in written["cases"].values())
-    print(f"\n{len(ran)} cases: " + ", ".join(f"{word} {count}" for word, count in counts.items())
-          + f"; a file adopted {files}; processor {sum(one['cpu_s'] for one in written['cases'].values()):.0f} s\n")
+    print(
+        f"\n{len(ran)} cases: "
+        + ", ".join(f"{word} {count}" for word, count in counts.items())
+        + f"; a file adopted {files}; processor "
+        f"{sum(one['cpu_s'] for one in written['cases'].values()):.0f} s\n"
+    )
     return ran
 
 
-def _run_pairs(ran: dict[str, Ran], written: dict[str, Any], before: dict[str, Any], no_rival: bool,
-               out: Path | None) -> None:
+def _run_pairs(
+    ran: dict[str, Ran],
+    written: dict[str, Any],
+    before: dict[str, Any],
+    no_rival: bool,
+    out: Path | None,
+) -> None:
     print(f"{'fitted to -> judged on':52s} {'nominal':>8s} {'adopted':>8s} {'rival':>8s}")
     for case, other in pairs(ran):
         key = f"{case.name} -> {other.name}"
@@ -467,17 +724,30 @@ def _run_pairs(ran: dict[str, Ran], written: dict[str, Any], before: dict[str, A
         rival, form = known.get("rival"), known.get("form", "")
         if rival is None and not no_rival:
             rival, form = rival_on(one.log, held.log, case)
-        written["pairs"][key] = {"nominal": nominal, "adopted": adopted, "rival": rival, "form": form}
+        written["pairs"][key] = {
+            "nominal": nominal,
+            "adopted": adopted,
+            "rival": rival,
+            "form": form,
+        }
         _kept(written, out)
-        print(f"{key:52s} {nominal:8.1f} {'-' if adopted is None else f'{adopted:.1f}':>8s} "
-              f"{'-' if rival is None else f'{rival:.1f}':>8s}  {form}", flush=True)
+        print(
+            f"{key:52s} {nominal:8.1f} {'-' if adopted is None else f'{adopted:.1f}':>8s} "
+            f"{'-' if rival is None else f'{rival:.1f}':>8s}  {form}",
+            flush=True,
+        )
     done = list(written["pairs"].values())
     with_rival = [one for one in done if one["rival"] is not None]
-    near = sum(one["adopted"] is not None and one["adopted"] <= 1.1 * one["rival"] for one in with_rival)
+    near = sum(
+        one["adopted"] is not None and one["adopted"] <= 1.1 * one["rival"] for one in with_rival
+    )
     worse = sum(one["adopted"] is not None and one["adopted"] > one["nominal"] for one in done)
     adopted_in = sum(one["adopted"] is not None for one in done)
-    print(f"\n{len(done)} pairs: within 1.1 of the rival {near} of {len(with_rival)}; adopted {adopted_in}; "
-          f"adopted and above nominal {worse}")
+    print(
+        f"\n{len(done)} pairs: within 1.1 of the rival {near} of {len(with_rival)}; adopted "
+        f"{adopted_in}; "
+        f"adopted and above nominal {worse}"
+    )
 
 
 if __name__ == "__main__":

@@ -1,4 +1,6 @@
-"""Cases worked on in processes of their own, each kept as a line as soon as it is done, and not done again."""
+"""Cases worked on in processes of their own, each kept as a line as soon as it is done, and not
+done again."""
+
 from __future__ import annotations
 
 import argparse
@@ -17,17 +19,21 @@ sys.path.insert(0, str(ROOT))
 
 from console.threads import few_for_matrices  # noqa: E402
 
-few_for_matrices()          # here and in the processes that it starts
+few_for_matrices()  # here and in the processes that it starts
 
 # They neither make a case nor answer it.
 AFTERWARDS = ("score.py", "report.py", "class_report.py", "make.py", "write.py")
 
 
 def code_hash(more: Iterable[Path] = ()) -> str:
-    """Of everything that decides an answer or a case: answers of other code are not mixed in. more: further files."""
-    found = [path for folder in ("control/diagnosis", "control/machine", "tests/diagnosis/hidden")
-             for path in sorted((ROOT / folder).rglob("*.py"))
-             if not (folder.endswith("hidden") and path.name in AFTERWARDS)]
+    """Of everything that decides an answer or a case: answers of other code are not mixed in.
+    more: further files."""
+    found = [
+        path
+        for folder in ("control/diagnosis", "control/machine", "tests/diagnosis/hidden")
+        for path in sorted((ROOT / folder).rglob("*.py"))
+        if not (folder.endswith("hidden") and path.name in AFTERWARDS)
+    ]
     digest = hashlib.sha256()
     for path in (*found, *more):
         digest.update(path.read_bytes())
@@ -35,12 +41,15 @@ def code_hash(more: Iterable[Path] = ()) -> str:
 
 
 def arguments(parser: argparse.ArgumentParser, folder: str, programmes: str) -> None:
-    """What every examination can be asked: which cases, how long, what is kept and written where."""
+    """What every examination can be asked: which cases, how long, what is kept and written
+    where."""
     parser.add_argument("--start", type=int, default=0, help="number of the first case")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--programmes", choices=("tuning", "unseen", "all"), default=programmes)
     parser.add_argument("--jobs", type=int, default=2)
-    parser.add_argument("--minutes", type=float, default=240.0, help="stop after so long; what is done counts")
+    parser.add_argument(
+        "--minutes", type=float, default=240.0, help="stop after so long; what is done counts"
+    )
     parser.add_argument("--keep", type=Path, default=ROOT / ".benchmarks" / folder)
     parser.add_argument("--out", type=Path, help="Markdown; else to the screen")
 
@@ -65,12 +74,19 @@ def done_in(path: Path) -> dict[int, dict[str, Any]]:
     return kept
 
 
-def worked(asked: Sequence[Any], examine: Callable[[Any], dict[str, Any]], path: Path, jobs: int,
-           minutes: float) -> tuple[dict[int, dict[str, Any]], int]:
-    """What is kept of the asked tasks once those not done before are done, and how many were done in this call.
+def worked(
+    asked: Sequence[Any],
+    examine: Callable[[Any], dict[str, Any]],
+    path: Path,
+    jobs: int,
+    minutes: float,
+) -> tuple[dict[int, dict[str, Any]], int]:
+    """What is kept of the asked tasks once those not done before are done, and how many were
+    done in this call.
 
-    asked : tasks with a `number`. examine : one task to a record with `number` and `trouble` (text or None). path : a
-    line for each record. minutes : after so long no further task is waited for.
+    asked : tasks with a `number`. examine : one task to a record with `number` and `trouble`
+    (text or None). path : a line for each record. minutes : after so long no further task is
+    waited for.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     numbers = {task.number for task in asked}
@@ -86,13 +102,20 @@ def worked(asked: Sequence[Any], examine: Callable[[Any], dict[str, Any]], path:
                 print(f"\ncase {one['number']}:\n{one['trouble']}", file=sys.stderr)
             spent = time.monotonic() - began
             left = spent / (len(kept) - before) * (len(asked) - len(kept))
-            print(f"\r{len(kept)}/{len(asked)}, {left / 60:.0f} min left ", end="", file=sys.stderr, flush=True)
+            print(
+                f"\r{len(kept)}/{len(asked)}, {left / 60:.0f} min left ",
+                end="",
+                file=sys.stderr,
+                flush=True,
+            )
             if spent > 60.0 * minutes:
                 break
     return kept, len(kept) - before
 
 
-def _results(tasks: Sequence[Any], examine: Callable[[Any], dict[str, Any]], jobs: int) -> Iterator[dict[str, Any]]:
+def _results(
+    tasks: Sequence[Any], examine: Callable[[Any], dict[str, Any]], jobs: int
+) -> Iterator[dict[str, Any]]:
     if jobs <= 1 or not tasks:
         yield from map(examine, tasks)
         return

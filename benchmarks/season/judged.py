@@ -1,4 +1,5 @@
 """What a season reported against its table of truth."""
+
 from __future__ import annotations
 
 import itertools
@@ -8,11 +9,13 @@ from truth import DAYS, MACHINES, OTHER_FLOW, OTHER_PRODUCT, PLANTED, PRODUCTS, 
 
 from control.diagnosis.season.courses import Cause, wears
 
-MOST_STRANGE = 1            # machines with an effect reported that was not planted, of all
+# machines with an effect reported that was not planted, of all
+MOST_STRANGE = 1
 DATE_OFF_D = 3.0
-SLOPE_OFF = 0.25            # share of a planted slope
-MEAN_OFF = 0.2              # share of a planted size, and two half widths
-OTHER_FORM = ("flow.fill_falloff",)     # the generator's form is another: of one size at 100 r/min only
+SLOPE_OFF = 0.25  # share of a planted slope
+MEAN_OFF = 0.2  # share of a planted size, and two half widths
+# the generator's form is another: of one size at 100 r/min only
+OTHER_FORM = ("flow.fill_falloff",)
 
 
 def judge(courses: Sequence[Cause], shared: Sequence[Cause]) -> dict[str, bool]:
@@ -22,24 +25,38 @@ def judge(courses: Sequence[Cause], shared: Sequence[Cause]) -> dict[str, bool]:
     for planted in PLANTED:
         course = _course(courses, planted)
         if course is None:
-            promises[f"{planted.machine} {planted.name} {planted.begin:g} to {planted.end:g}: nothing"] = False
+            promises[
+                f"{planted.machine} {planted.name} {planted.begin:g} to {planted.end:g}: nothing"
+            ] = False
             continue
         matched.add((course.level, course.effect))
-        promises[f"{planted.machine} {planted.name} {planted.begin:g} to {planted.end:g} on days {planted.first} to "
-                 f"{planted.last}: reported {_words(course)}"] = _held(planted, course)
+        promises[
+            f"{planted.machine} {planted.name} {planted.begin:g} to {planted.end:g} on days "
+            f"{planted.first} to "
+            f"{planted.last}: reported {_words(course)}"
+        ] = _held(planted, course)
     products = [one for one in shared if one.factor == "product" and one.effect == "flow.gain"]
     size = sum(one.size if one.level == OTHER_PRODUCT else -one.size for one in products)
     half = max((one.half for one in products), default=0.0)
-    promises[f"product {OTHER_PRODUCT} against {PRODUCTS[0]}: flow {OTHER_FLOW:+g} % planted, reported {size:+.2f} +- "
-             f"{half:.2f} %"] = bool(products) and abs(size - OTHER_FLOW) < 2.0 * half
-    others = [(one.factor, one.level, one.effect, round(one.size, 3)) for one in shared if one not in products]
+    promises[
+        f"product {OTHER_PRODUCT} against {PRODUCTS[0]}: flow {OTHER_FLOW:+g} % planted, "
+        f"reported {size:+.2f} +- "
+        f"{half:.2f} %"
+    ] = bool(products) and abs(size - OTHER_FLOW) < 2.0 * half
+    others = [
+        (one.factor, one.level, one.effect, round(one.size, 3))
+        for one in shared
+        if one not in products
+    ]
     promises[f"nothing else is shared: reported {others}"] = not others
     strange = [one for one in courses if (one.level, one.effect) not in matched and _matters(one)]
     for one in strange:
         print(f"            strange: {one.level} {one.effect} {_words(one)}; alike {one.alike}")
     machines = {one.level for one in strange}
-    promises[f"effects reported that were not planted: {len(strange)} on {len(machines)} of {MACHINES} machines"] = \
-        len(machines) <= MOST_STRANGE
+    promises[
+        f"effects reported that were not planted: {len(strange)} on {len(machines)} of "
+        f"{MACHINES} machines"
+    ] = len(machines) <= MOST_STRANGE
     return promises
 
 
@@ -51,23 +68,32 @@ def _course(courses: Sequence[Cause], planted: Planted) -> Cause | None:
 
 
 def _matters(one: Cause) -> bool:
-    """Whether more is reported than what the machine's tolerances, and a product's level, leave open."""
-    return any(abs(size) > 2.0 * half for piece in one.pieces
-               for size, half in ((piece.begin, piece.begin_half), (piece.end, piece.end_half)))
+    """Whether more is reported than what the machine's tolerances, and a product's level, leave
+    open."""
+    return any(
+        abs(size) > 2.0 * half
+        for piece in one.pieces
+        for size, half in ((piece.begin, piece.begin_half), (piece.end, piece.end_half))
+    )
 
 
 def _held(planted: Planted, course: Cause) -> bool:
     if planted.wears and not planted.repaired:
         last = course.pieces[-1]
         span = last.end_d - last.begin_d
-        slope = last.per_day if span > 0.6 * DAYS else (last.end - course.pieces[0].begin) / (DAYS - 1)
-        right = planted.effect in OTHER_FORM or abs(slope - planted.per_day) < SLOPE_OFF * abs(planted.per_day)
+        slope = (
+            last.per_day if span > 0.6 * DAYS else (last.end - course.pieces[0].begin) / (DAYS - 1)
+        )
+        right = planted.effect in OTHER_FORM or abs(slope - planted.per_day) < SLOPE_OFF * abs(
+            planted.per_day
+        )
         return wears(course) and right
     if planted.repaired:
         return any(abs(one - (planted.last + 0.5)) < DATE_OFF_D for one in _repaired_d(course))
     if planted.first > 0:
-        return any(abs(one - (planted.first - 0.5)) < DATE_OFF_D for one in _breaks_d(course)) and _size_held(
-            planted.end, course.pieces[-1].end, course.pieces[-1].end_half)
+        return any(
+            abs(one - (planted.first - 0.5)) < DATE_OFF_D for one in _breaks_d(course)
+        ) and _size_held(planted.end, course.pieces[-1].end, course.pieces[-1].end_half)
     return _size_held(planted.end, course.size, course.half)
 
 
@@ -84,7 +110,11 @@ def _size_held(truth: float, size: float, half: float) -> bool:
 
 
 def _words(course: Cause) -> str:
-    pieces = "; ".join(f"{piece.begin:+.2f} to {piece.end:+.2f} (+-{piece.end_half:.2f}) on days {piece.begin_d:.0f} "
-                       f"to {piece.end_d:.0f}" for piece in course.pieces)
+    pieces = "; ".join(
+        f"{piece.begin:+.2f} to {piece.end:+.2f} (+-{piece.end_half:.2f}) on days "
+        f"{piece.begin_d:.0f} "
+        f"to {piece.end_d:.0f}"
+        for piece in course.pieces
+    )
     repairs = "".join(f", repaired at {one:.1f}" for one in _repaired_d(course))
     return f"{course.effect} {pieces}{', wears' if wears(course) else ''}{repairs}"

@@ -1,18 +1,23 @@
-"""From one computer to many: `topdress fleet` over drawn logs in an object store, on a cluster of processes.
+"""From one computer to many: `topdress fleet` over drawn logs in an object store, on a cluster
+of processes.
 
-The store is a server that answers fsspec over HTTP: a folder of each machine, a log an object, requests and bytes
-counted, each answer after `--latency-ms` as a store far away. A log's bytes are its record as `drawn.py` draws it,
-and in the place of a diagnosis a worker reads them. All else is what a fleet really does, in processes of their own:
-the command, a Dask scheduler, `--workers` of one thread.
+The store is a server that answers fsspec over HTTP: a folder of each machine, a log an object,
+requests and bytes counted, each answer after `--latency-ms` as a store far away. A log's bytes
+are its record as `drawn.py` draws it, and in the place of a diagnosis a worker reads them. All
+else is what a fleet really does, in processes of their own: the command, a Dask scheduler,
+`--workers` of one thread.
 
-    python -m benchmarks season/many --logs 1000 10000 100000 [--model] [--cut 0.5] [--latency-ms 5] [--together 16]
+    python -m benchmarks season/many --logs 1000 10000 100000 [--model] [--cut 0.5] \\
+        [--latency-ms 5] [--together 16]
 
-For each number the command three times: killed (SIGKILL) when a share `--cut` of the records is there; the same again,
-which goes on; and once more, with nothing to do. `--model`: the second puts the logs together too (else none does; its
-time is that of season/drawn). `--files`: the store is a folder, nothing counted. `--together`: so many records
-to a task, for a machine that has other work to do; what a task costs shows with one to a task, as a fleet has them.
-Exit code 1 where a run does not end with every log, or a log is read for nothing.
+For each number the command three times: killed (SIGKILL) when a share `--cut` of the records is
+there; the same again, which goes on; and once more, with nothing to do. `--model`: the second
+puts the logs together too (else none does; its time is that of season/drawn). `--files`: the
+store is a folder, nothing counted. `--together`: so many records to a task, for a machine that
+has other work to do; what a task costs shows with one to a task, as a fleet has them. Exit code
+1 where a run does not end with every log, or a log is read for nothing.
 """
+
 from __future__ import annotations
 
 import argparse
@@ -38,16 +43,25 @@ sys.path[:0] = [str(HERE), str(HERE.parent), str(HERE.parents[1])]
 
 from verdict import exit_code  # noqa: E402
 
-FIRST_D = 20_500.0              # days since 1970 of the first log
+FIRST_D = 20_500.0  # days since 1970 of the first log
 LOOK_S = 0.5
-PERCENT = {"flow.gain": 1.0, "scale.gain": -1.0, "flow.fill_falloff": -0.5, "gate.offset": 2.0, "shaft.gain": 1.0,
-           "speed.wheel_radius": 0.5}           # of the dose by one unit
+PERCENT = {
+    "flow.gain": 1.0,
+    "scale.gain": -1.0,
+    "flow.fill_falloff": -0.5,
+    "gate.offset": 2.0,
+    "shaft.gain": 1.0,
+    "speed.wheel_radius": 0.5,
+}  # of the dose by one unit
 COUNTS = "/counts"
 
 
-def read(where: str, options: Mapping[str, str], machine: Mapping[str, Any], *more: Any) -> dict[str, Any]:
+def read(
+    where: str, options: Mapping[str, str], machine: Mapping[str, Any], *more: Any
+) -> dict[str, Any]:
     """In the place of a diagnosis, on a worker: the record that lies there."""
     from console.services.fleet_job import local
+
     with local(where, options, *more) as path:
         return {**json.loads(path.read_bytes()), "path": where}
 
@@ -57,18 +71,43 @@ def bodies(seed: int, count: int) -> Iterator[tuple[str, bytes]]:
     from drawn import season_of
 
     from console.services.fleet_job import FORMAT
+
     for number, one in enumerate(season_of(seed, count)):
-        form = {name: value.tolist() if hasattr(value, "tolist") else value for name, value in one.form.items()}
-        made = {"format": FORMAT, "path": "", "content": str(number), "rows": 3600, "duration_s": 3600.0,
-                "model": "huanghai", "nominal": "", "unit": one.machine, "time_d": FIRST_D + one.time_d,
-                "time_from": "log", "shared": one.shared, "verdict": "healthy", "percent": PERCENT,
-                "worked": {"hours": 1.0, "applied_kg": 900.0, "area_ha": 3.0, "low_minutes": 1.0, "refills": 2},
-                "units": dict.fromkeys(form["names"], "%"), "causes": [], "forms": [form]}
+        form = {
+            name: value.tolist() if hasattr(value, "tolist") else value
+            for name, value in one.form.items()
+        }
+        made = {
+            "format": FORMAT,
+            "path": "",
+            "content": str(number),
+            "rows": 3600,
+            "duration_s": 3600.0,
+            "model": "huanghai",
+            "nominal": "",
+            "unit": one.machine,
+            "time_d": FIRST_D + one.time_d,
+            "time_from": "log",
+            "shared": one.shared,
+            "verdict": "healthy",
+            "percent": PERCENT,
+            "worked": {
+                "hours": 1.0,
+                "applied_kg": 900.0,
+                "area_ha": 3.0,
+                "low_minutes": 1.0,
+                "refills": 2,
+            },
+            "units": dict.fromkeys(form["names"], "%"),
+            "causes": [],
+            "forms": [form],
+        }
         yield f"season/{one.machine}/{number:06d}.csv", json.dumps(made).encode()
 
 
 class Store:
-    """Objects by their place over HTTP, and pages of links for folders; what was asked is counted."""
+    """Objects by their place over HTTP, and pages of links for folders; what was asked is
+    counted."""
 
     def __init__(self, objects: Mapping[str, bytes], latency_s: float) -> None:
         self.objects, self.latency_s, self.asked = objects, latency_s, Counter[str]()
@@ -77,7 +116,8 @@ class Store:
             parts = place.split("/")
             for k in range(1, len(parts)):
                 self.folders.setdefault("/".join(parts[:k]), set()).add(
-                    parts[k] + ("/" if k < len(parts) - 1 else ""))
+                    parts[k] + ("/" if k < len(parts) - 1 else "")
+                )
 
     async def serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         with contextlib.suppress(ConnectionError, asyncio.IncompleteReadError):
@@ -86,7 +126,10 @@ class Store:
                 status, kind, body = self.answer(place.decode())
                 if self.latency_s:
                     await asyncio.sleep(self.latency_s)
-                header = f"HTTP/1.1 {status}\r\nContent-Type: {kind}\r\nContent-Length: {len(body)}\r\n\r\n"
+                header = (
+                    f"HTTP/1.1 {status}\r\nContent-Type: {kind}\r\nContent-Length: "
+                    f"{len(body)}\r\n\r\n"
+                )
                 writer.write(header.encode() + (b"" if method == b"HEAD" else body))
                 await writer.drain()
         writer.close()
@@ -115,11 +158,13 @@ def stored(seed: int, count: int, port: int, latency_s: float) -> None:
         server = await asyncio.start_server(store.serve, "127.0.0.1", port, backlog=256)
         print("ready", sum(map(len, store.objects.values())), flush=True)
         await server.serve_forever()
+
     asyncio.run(run())
 
 
 def command(words: list[str], model: bool, together: int) -> None:
-    """`topdress fleet` in this process, with `read` in the place of a diagnosis; how long its parts take is printed."""
+    """`topdress fleet` in this process, with `read` in the place of a diagnosis; how long its
+    parts take is printed."""
     import functools
 
     import many  # type: ignore[import-not-found]   # by its own name: workers load it by that
@@ -136,13 +181,20 @@ def command(words: list[str], model: bool, together: int) -> None:
                 return work(*words, **more)
             finally:
                 most_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024
-                print(f"  {what} {time.monotonic() - begin:.1f} s, {most_mb} MB", file=sys.stderr, flush=True)
+                print(
+                    f"  {what} {time.monotonic() - begin:.1f} s, {most_mb} MB",
+                    file=sys.stderr,
+                    flush=True,
+                )
+
         return wrapped
+
     fleet.logs_at = timed("listing", fleet.logs_at)
     fleet.diagnosed = timed("logs", functools.partial(fleet.diagnosed, record=many.read))
     twice = fleet._Work.twice
     fleet._Work.twice = lambda its, work, todo, several=1: twice(  # type: ignore[method-assign]
-        its, work, todo, max(together, several))
+        its, work, todo, max(together, several)
+    )
     if not model:
         fleet_season.fitted = lambda logs: SeasonFit((), (), (), ())
     fleet_season.fitted = timed("model", fleet_season.fitted)
@@ -152,7 +204,8 @@ def command(words: list[str], model: bool, together: int) -> None:
 
 
 class Took(NamedTuple):
-    """One run: seconds and processor seconds by wall and of each process, most memory, requests and bytes."""
+    """One run: seconds and processor seconds by wall and of each process, most memory, requests
+    and bytes."""
 
     wall_s: float
     command_s: float
@@ -170,8 +223,10 @@ def process(pid: int) -> tuple[float, int]:
     """Seconds of processor so far, and the most memory in MB."""
     fields = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()
     status = Path(f"/proc/{pid}/status").read_text()
-    return ((int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK"),
-            int(status.split("VmHWM:")[1].split()[0]) // 1024)
+    return (
+        (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK"),
+        int(status.split("VmHWM:")[1].split()[0]) // 1024,
+    )
 
 
 def free_port() -> int:
@@ -186,8 +241,18 @@ class Rig:
     def __init__(self, given: argparse.Namespace, count: int, room: Path) -> None:
         self.given = given
         self.port, self.address, self.room = free_port(), f"tcp://127.0.0.1:{free_port()}", room
-        self.env = {**os.environ, "OPENBLAS_NUM_THREADS": "1", "PYTHONPATH": os.pathsep.join(
-            [str(HERE.parents[1]), str(HERE), str(HERE.parent), os.environ.get("PYTHONPATH", "")])}
+        self.env = {
+            **os.environ,
+            "OPENBLAS_NUM_THREADS": "1",
+            "PYTHONPATH": os.pathsep.join(
+                [
+                    str(HERE.parents[1]),
+                    str(HERE),
+                    str(HERE.parent),
+                    os.environ.get("PYTHONPATH", ""),
+                ]
+            ),
+        }
         self.children = list[subprocess.Popen[str]]()
         if given.files:
             self.bytes, self.url = 0, f"file://{room}/season/"
@@ -201,18 +266,39 @@ class Rig:
             assert store.stdout is not None
             self.bytes = int(store.stdout.readline().split()[1])
         quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
-        self.scheduler = self.child("-m", "distributed.cli.dask_scheduler", "--host", self.address, "--no-dashboard",
-                                    **quiet)
-        self.workers = [self.child("-m", "distributed.cli.dask_worker", self.address, "--nthreads", "1",
-                                   "--no-nanny", "--no-dashboard", "--local-directory", str(room), **quiet)
-                        for _ in range(given.workers)]
+        self.scheduler = self.child(
+            "-m",
+            "distributed.cli.dask_scheduler",
+            "--host",
+            self.address,
+            "--no-dashboard",
+            **quiet,
+        )
+        self.workers = [
+            self.child(
+                "-m",
+                "distributed.cli.dask_worker",
+                self.address,
+                "--nthreads",
+                "1",
+                "--no-nanny",
+                "--no-dashboard",
+                "--local-directory",
+                str(room),
+                **quiet,
+            )
+            for _ in range(given.workers)
+        ]
 
     def child(self, *words: str, **more: Any) -> subprocess.Popen[str]:
-        self.children.append(subprocess.Popen([sys.executable, *words], env=self.env, text=True, **more))
+        self.children.append(
+            subprocess.Popen([sys.executable, *words], env=self.env, text=True, **more)
+        )
         return self.children[-1]
 
     def counts(self) -> dict[str, int]:
         import urllib.request
+
         if self.given.files:
             return {}
         with urllib.request.urlopen(f"http://127.0.0.1:{self.port}{COUNTS}") as opened:
@@ -220,22 +306,35 @@ class Rig:
 
     def run(self, out: Path, model: bool, cut_at: int | None = None) -> Took:
         from distributed import Client
+
         self.counts()
         before = process(self.scheduler.pid)[0], sum(process(one.pid)[0] for one in self.workers)
         words = [self.url, "--out", str(out), "--scheduler", self.address]
         begin, wanted = time.monotonic(), (words, model, self.given.together)
-        child = self.child("-c", f"import many; many.command{wanted}", stdout=subprocess.DEVNULL,
-                           stderr=subprocess.PIPE)
+        child = self.child(
+            "-c",
+            f"import many; many.command{wanted}",
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.PIPE,
+        )
         over, tasks, used = threading.Event(), [0], [0.0, 0]
 
         def watch() -> None:
             with Client(self.address, set_as_default=False) as client:
                 while not over.wait(LOOK_S):
-                    tasks[0] = max(tasks[0], client.run_on_scheduler(lambda dask_scheduler: len(dask_scheduler.tasks)))
+                    tasks[0] = max(
+                        tasks[0],
+                        client.run_on_scheduler(lambda dask_scheduler: len(dask_scheduler.tasks)),
+                    )
                     with contextlib.suppress(OSError, IndexError):
                         used[:] = process(child.pid)
-                    if cut_at is not None and (out / "logs").is_dir() and len(os.listdir(out / "logs")) >= cut_at:
+                    if (
+                        cut_at is not None
+                        and (out / "logs").is_dir()
+                        and len(os.listdir(out / "logs")) >= cut_at
+                    ):
                         child.send_signal(signal.SIGKILL)
+
         watching = threading.Thread(target=watch)
         watching.start()
         said = child.communicate()[1]
@@ -243,8 +342,18 @@ class Rig:
         wall_s = time.monotonic() - begin
         watching.join()
         after, most_mb = process(self.scheduler.pid)
-        return Took(wall_s, used[0], int(used[1]), said, child.returncode, self.counts(), after - before[0], most_mb,
-                    sum(process(one.pid)[0] for one in self.workers) - before[1], tasks[0])
+        return Took(
+            wall_s,
+            used[0],
+            int(used[1]),
+            said,
+            child.returncode,
+            self.counts(),
+            after - before[0],
+            most_mb,
+            sum(process(one.pid)[0] for one in self.workers) - before[1],
+            tasks[0],
+        )
 
     def end(self) -> None:
         for one in self.children[::-1]:
@@ -253,16 +362,29 @@ class Rig:
 
 
 def report(what: str, one: Took, logs: int) -> None:
-    print(f"{logs} logs, {what}: {one.wall_s:.1f} s ({1e3 * one.wall_s / logs:.2f} ms a log); processor: command "
-          f"{one.command_s:.1f} s, scheduler {one.scheduler_s:.1f} s, workers {one.workers_s:.1f} s; most memory: "
-          f"command {one.command_mb} MB, scheduler {one.scheduler_mb} MB with {one.tasks} tasks; asked of the store: "
-          + ", ".join(f"{value} {name}" for name, value in sorted(one.asked.items())))
-    print("\n".join(line for line in one.said.splitlines()
-                    if line.startswith("  ") or "diagnosed" in line or (one.code and " of " not in line)), flush=True)
+    print(
+        f"{logs} logs, {what}: {one.wall_s:.1f} s ({1e3 * one.wall_s / logs:.2f} ms a log); "
+        "processor: command "
+        f"{one.command_s:.1f} s, scheduler {one.scheduler_s:.1f} s, workers "
+        f"{one.workers_s:.1f} s; most memory: "
+        f"command {one.command_mb} MB, scheduler {one.scheduler_mb} MB with {one.tasks} "
+        "tasks; asked of the store: "
+        + ", ".join(f"{value} {name}" for name, value in sorted(one.asked.items()))
+    )
+    print(
+        "\n".join(
+            line
+            for line in one.said.splitlines()
+            if line.startswith("  ") or "diagnosed" in line or (one.code and " of " not in line)
+        ),
+        flush=True,
+    )
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--logs", type=int, nargs="+", default=[990])
     parser.add_argument("--seed", type=int, default=3701)
     parser.add_argument("--cut", type=float, default=0.5)
@@ -287,16 +409,22 @@ def main() -> int:
                 nothing = rig.run(out, False)
                 report("nothing to do", nothing, logs)
                 files = list((out / "logs").iterdir())
-                print(f"  in DIR/logs {len(files)} files, {sum(one.stat().st_size for one in files)} bytes; seen.json "
-                      f"{(out / 'seen.json').stat().st_size} bytes", flush=True)
+                print(
+                    f"  in DIR/logs {len(files)} files, "
+                    f"{sum(one.stat().st_size for one in files)} bytes; seen.json "
+                    f"{(out / 'seen.json').stat().st_size} bytes",
+                    flush=True,
+                )
             finally:
                 rig.end()
         promises |= {
             f"{logs}: killed on the way": cut.code != 0 and 0 < kept < logs,
             f"{logs}: the same command ends with all": again.code == 0
             and f"{logs} diagnosed ({kept} before)" in again.said,
-            f"{logs}: once more reads no log": nothing.code == 0 and f"({logs} before)" in nothing.said
-            and nothing.asked.get("found_bytes", 0) == 0}
+            f"{logs}: once more reads no log": nothing.code == 0
+            and f"({logs} before)" in nothing.said
+            and nothing.asked.get("found_bytes", 0) == 0,
+        }
     return exit_code(promises)
 
 

@@ -1,4 +1,6 @@
-"""The table of truth of a season: what is wrong with which machine when, who drives it and what it spreads."""
+"""The table of truth of a season: what is wrong with which machine when, who drives it and what
+it spreads."""
+
 from __future__ import annotations
 
 from collections.abc import Iterator
@@ -6,7 +8,8 @@ from typing import NamedTuple
 
 MACHINES, DAYS = 20, 50
 WEAK, WEAK_DAYS = "m15", 30
-WEAK_PROGRAMME = "stairs_speed"         # always the same work: the effect has the same z in each log
+# always the same work: the effect has the same z in each log
+WEAK_PROGRAMME = "stairs_speed"
 PRODUCTS, OTHER_PRODUCT, OTHER_FLOW = ("urea", "compound"), "compound", 5.0
 OPERATORS = ("王强", "Li, Ming", "Zhao", "Sun", "O'Brien")
 
@@ -25,7 +28,9 @@ class Planted(NamedTuple):
     def at(self, day: int) -> float:
         if not self.first <= day <= self.last:
             return 0.0
-        return self.begin + (self.end - self.begin) * (day - self.first) / max(self.last - self.first, 1)
+        return self.begin + (self.end - self.begin) * (day - self.first) / max(
+            self.last - self.first, 1
+        )
 
     @property
     def name(self) -> str:
@@ -76,8 +81,17 @@ def days(machines: int = MACHINES, count: int = DAYS) -> Iterator[Day]:
         for number in range(machines):
             name = f"m{number:02d}"
             product = PRODUCTS[(day // 8 + number) % 3 == 0]
-            effects = [(one.effect, one.at(day), one.member) for one in PLANTED if one.machine == name]
+            effects = [
+                (one.effect, one.at(day), one.member) for one in PLANTED if one.machine == name
+            ]
             if product == OTHER_PRODUCT:
                 effects.append(("flow.gain", OTHER_FLOW, None))
-            yield Day(name, number, day, product, OPERATORS[(day // 2 + number) % len(OPERATORS)],
-                      f"field {number // 4}-{day // 10}", tuple(one for one in effects if one[1]))
+            yield Day(
+                name,
+                number,
+                day,
+                product,
+                OPERATORS[(day // 2 + number) % len(OPERATORS)],
+                f"field {number // 4}-{day // 10}",
+                tuple(one for one in effects if one[1]),
+            )

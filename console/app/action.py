@@ -1,4 +1,5 @@
 """One action: its key, its words, what it does, and the screen that it belongs to."""
+
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
@@ -12,10 +13,11 @@ REPLAY, DIAGNOSIS, JOB, SETTINGS = "replay", "diagnosis", "job", "settings"
 
 
 class Action(NamedTuple):
-    """id: also the key for a keymap. do: is given the page; that of an action of every screen is given the app. bar:
-    place in the key bar, 0 = not there. locked: still works in lock mode. why: why it cannot be done now, one line,
-    empty where it can; given what `do` is given. judged: it is tried all the same, for the worker has the last word,
-    whose state is newer than the frame on the screen. asks: a "number" or a "text" is typed after it."""
+    """id: also the key for a keymap. do: is given the page; that of an action of every screen
+    is given the app. bar: place in the key bar, 0 = not there. locked: still works in lock
+    mode. why: why it cannot be done now, one line, empty where it can; given what `do` is
+    given. judged: it is tried all the same, for the worker has the last word, whose state is
+    newer than the frame on the screen. asks: a "number" or a "text" is typed after it."""
 
     id: str
     keys: str
@@ -34,8 +36,17 @@ class Action(NamedTuple):
 
 def bindings(actions: Iterable[Action]) -> list[BindingType]:
     """As Textual bindings, with their ids for a keymap."""
-    return [Binding(action.keys, f"app.do('{action.id}')", action.label, id=action.id, priority=action.priority,
-                    show=False) for action in actions]
+    return [
+        Binding(
+            action.keys,
+            f"app.do('{action.id}')",
+            action.label,
+            id=action.id,
+            priority=action.priority,
+            show=False,
+        )
+        for action in actions
+    ]
 
 
 def on(where: str, *actions: Action) -> tuple[Action, ...]:

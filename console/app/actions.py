@@ -1,4 +1,5 @@
 """Every action once. Bindings, key bar, help and palette are read off this table."""
+
 from __future__ import annotations
 
 from collections.abc import Mapping
@@ -16,14 +17,43 @@ from console.app.pages.run import keys as run
 from console.app.pages.settings import keys as settings
 from console.app.pages.trends import keys as trends
 
-ACTIONS: tuple[Action, ...] = (*run.ACTIONS, *devices.ACTIONS, *calibrate.ACTIONS, *replay.ACTIONS, *diagnosis.ACTIONS,
-                               *map.ACTIONS, *trends.ACTIONS, *job.ACTIONS, *settings.ACTIONS, *common.ACTIONS)
-_NAMES = {"pageup": "PgUp", "pagedown": "PgDn", "plus": "+", "minus": "-", "comma": ",", "full_stop": ".", "left": "<",
-          "right": ">", "up": "Up", "down": "Down", "equals_sign": "=", "slash": "/", "semicolon": ";",
-          "exclamation_mark": "!", "apostrophe": "'", "left_square_bracket": "[", "right_square_bracket": "]",
-          "delete": "Del", "backspace": "Bksp"}
-_IN_MENU = "q_"                      # key of what stands in a page's menu, before its digit: no terminal sends it
-_shown: dict[str, str] = {}          # action -> key as it is shown, where the user's keymap has another one
+ACTIONS: tuple[Action, ...] = (
+    *run.ACTIONS,
+    *devices.ACTIONS,
+    *calibrate.ACTIONS,
+    *replay.ACTIONS,
+    *diagnosis.ACTIONS,
+    *map.ACTIONS,
+    *trends.ACTIONS,
+    *job.ACTIONS,
+    *settings.ACTIONS,
+    *common.ACTIONS,
+)
+_NAMES = {
+    "pageup": "PgUp",
+    "pagedown": "PgDn",
+    "plus": "+",
+    "minus": "-",
+    "comma": ",",
+    "full_stop": ".",
+    "left": "<",
+    "right": ">",
+    "up": "Up",
+    "down": "Down",
+    "equals_sign": "=",
+    "slash": "/",
+    "semicolon": ";",
+    "exclamation_mark": "!",
+    "apostrophe": "'",
+    "left_square_bracket": "[",
+    "right_square_bracket": "]",
+    "delete": "Del",
+    "backspace": "Bksp",
+}
+# key of what stands in a page's menu, before its digit: no terminal sends it
+_IN_MENU = "q_"
+# action -> key as it is shown, where the user's keymap has another one
+_shown: dict[str, str] = {}
 BY_ID = {action.id: action for action in ACTIONS}
 
 
@@ -39,18 +69,24 @@ def key_name(key: str) -> str:
         return _shown.get("menu", "Q") + key.removeprefix(_IN_MENU)
     *held, last = key.split("+")
     last = _NAMES.get(last, last.removeprefix("kp_"))
-    return "".join({"ctrl": "^", "shift": "S-", "alt": "A-"}.get(one, f"{one}+") for one in held) + (
-        last.upper() if len(last) == 1 else last[:1].upper() + last[1:])
+    return "".join(
+        {"ctrl": "^", "shift": "S-", "alt": "A-"}.get(one, f"{one}+") for one in held
+    ) + (last.upper() if len(last) == 1 else last[:1].upper() + last[1:])
 
 
 def at(where: str) -> tuple[Action, ...]:
     """The actions of one screen: its own and those of every screen."""
     found = [action for action in ACTIONS if action.where in (ANYWHERE, where)]
     own_start = any(action.id in ("start", "job_start") for action in found)
-    as_here: dict[str, dict[str, Any]] = {       # where the page has an S of its own ^S is not on the bar
-        "start_anywhere": {"bar": 0} if own_start else {"label": BY_ID["start"].label}}
-    return tuple(action._replace(shown=shown_key(action), **as_here.get(action.id, {})) for action in found
-                 if action.id != "menu" or menu(where))
+    # where the page has an S of its own ^S is not on the bar
+    as_here: dict[str, dict[str, Any]] = {
+        "start_anywhere": {"bar": 0} if own_start else {"label": BY_ID["start"].label}
+    }
+    return tuple(
+        action._replace(shown=shown_key(action), **as_here.get(action.id, {}))
+        for action in found
+        if action.id != "menu" or menu(where)
+    )
 
 
 def shown_key(action: Action) -> str:
@@ -61,9 +97,18 @@ def shown_key(action: Action) -> str:
 
 
 def menu(where: str) -> tuple[Action, ...]:
-    """What stands in the page's menu, in the order of its digits: seventy actions are more than there are letters."""
-    return tuple(sorted((action for action in ACTIONS if action.where == where and action.keys.startswith(_IN_MENU)),
-                        key=lambda action: action.keys))
+    """What stands in the page's menu, in the order of its digits: seventy actions are more than
+    there are letters."""
+    return tuple(
+        sorted(
+            (
+                action
+                for action in ACTIONS
+                if action.where == where and action.keys.startswith(_IN_MENU)
+            ),
+            key=lambda action: action.keys,
+        )
+    )
 
 
 def bound_at(where: str, keymap: Mapping[str, str]) -> frozenset[str]:

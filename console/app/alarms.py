@@ -1,7 +1,9 @@
 """Alarms on the console: when the bell rings, and what the list of the run's alarms says.
 
-Delay and hysteresis of the alarms themselves are safety's (`control.safety.limits`): here is only what is heard.
+Delay and hysteresis of the alarms themselves are safety's (`control.safety.limits`): here is
+only what is heard.
 """
+
 from __future__ import annotations
 
 from collections.abc import Iterable
@@ -14,23 +16,27 @@ from console.locale import _
 from console.worker.resume_alarms import AlarmRecord
 from control.orders import Alarm, Severity
 
-LEAST_APART_S = 5.0         # between two bells
-STROKES = {Severity.AMBER: 1, Severity.RED: 3}      # a terminal has one bell: how often it strikes tells which
-AGAIN_S = 30.0              # while a red alarm stands that nobody has acknowledged
-CAME_BACK_S = 10.0          # an alarm that was away for less is not new to the ear
+LEAST_APART_S = 5.0  # between two bells
+# a terminal has one bell: how often it strikes tells which
+STROKES = {Severity.AMBER: 1, Severity.RED: 3}
+# while a red alarm stands that nobody has acknowledged
+AGAIN_S = 30.0
+# an alarm that was away for less is not new to the ear
+CAME_BACK_S = 10.0
 
 
 class Bell:
-    """When the terminal's bell rings: for each new alarm, and again while a red one is not acknowledged."""
+    """When the terminal's bell rings: for each new alarm, and again while a red one is not
+    acknowledged."""
 
     def __init__(self) -> None:
-        self._gone_s: dict[str, float | None] = {}      # id -> when it went; None: it stands
+        self._gone_s: dict[str, float | None] = {}  # id -> when it went; None: it stands
         self._rang_s = float("-inf")
-        self._owed = 0                      # strokes
+        self._owed = 0  # strokes
 
     def due(self, now_s: float, alarms: Iterable[Alarm]) -> int:
-        """Look at what stands, a few times a second; how often the bell is to strike now, for the worst that is new;
-        0: not at all."""
+        """Look at what stands, a few times a second; how often the bell is to strike now, for
+        the worst that is new; 0: not at all."""
         standing = {alarm.id: alarm for alarm in alarms}
         for name, alarm in standing.items():
             gone_s = self._gone_s.get(name, float("-inf"))
@@ -40,7 +46,9 @@ class Bell:
         for name, gone_s in self._gone_s.items():
             if gone_s is None and name not in standing:
                 self._gone_s[name] = now_s
-        urgent = any(alarm.severity is Severity.RED and not alarm.acknowledged for alarm in standing.values())
+        urgent = any(
+            alarm.severity is Severity.RED and not alarm.acknowledged for alarm in standing.values()
+        )
         waited_s = now_s - self._rang_s
         if urgent and waited_s >= AGAIN_S:
             self._owed = STROKES[Severity.RED]
@@ -62,31 +70,50 @@ class AlarmEntry(NamedTuple):
     place: str
     todo: str
     stands: bool
-    when: str                   # first, last, how often, acknowledged
-    gone: bool = False          # stands, though its cause is away
+    when: str  # first, last, how often, acknowledged
+    gone: bool = False  # stands, though its cause is away
 
 
-def entries(records: Iterable[AlarmRecord], units: Units, utc_offset_s: float) -> tuple[AlarmEntry, ...]:
+def entries(
+    records: Iterable[AlarmRecord], units: Units, utc_offset_s: float
+) -> tuple[AlarmEntry, ...]:
     """The list's lines, in the language in use; standing ones first."""
     return tuple(_entry(record, units, utc_offset_s) for record in records)
 
 
 def _entry(record: AlarmRecord, units: Units, utc_offset_s: float) -> AlarmEntry:
-    said = words.alarm_words(Alarm(record.id, record.severity, record.first_s, record.acknowledged, record.details),
-                             units)
+    said = words.alarm_words(
+        Alarm(record.id, record.severity, record.first_s, record.acknowledged, record.details),
+        units,
+    )
 
     def clock(utc: str, time_s: float) -> str:
         return wall_clock(utc, utc_offset_s) or f"{time_s:.0f} s"
 
-    when = [_("first {time}").format(time=clock(record.first_utc, record.first_s)),
-            _("last {time}").format(time=clock(record.last_utc, record.last_s)),
-            _("{count} times").format(count=record.times) if record.times != 1 else _("once")]
+    when = [
+        _("first {time}").format(time=clock(record.first_utc, record.first_s)),
+        _("last {time}").format(time=clock(record.last_utc, record.last_s)),
+        _("{count} times").format(count=record.times) if record.times != 1 else _("once"),
+    ]
     gone = record.stands and bool(record.gone_utc)
     if gone:
         when.append(_("cause gone at {time}").format(time=clock(record.gone_utc, record.last_s)))
     if record.acknowledged_utc or record.acknowledged:
-        when.append(_("acknowledged {time}").format(time=wall_clock(record.acknowledged_utc, utc_offset_s) or ""))
+        when.append(
+            _("acknowledged {time}").format(
+                time=wall_clock(record.acknowledged_utc, utc_offset_s) or ""
+            )
+        )
     elif record.severity is Severity.RED:
         when.append(_("not acknowledged"))
-    return AlarmEntry(record.severity, words.SEVERITY_SYMBOLS[record.severity], _(words.SEVERITIES[record.severity]),
-                      said.text, said.place, said.todo, record.stands, "  ".join(when).rstrip(), gone)
+    return AlarmEntry(
+        record.severity,
+        words.SEVERITY_SYMBOLS[record.severity],
+        _(words.SEVERITIES[record.severity]),
+        said.text,
+        said.place,
+        said.todo,
+        record.stands,
+        "  ".join(when).rstrip(),
+        gone,
+    )

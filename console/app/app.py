@@ -1,4 +1,6 @@
-"""The Textual app: it supervises the source of frames, turns keys into orders, and looks at what is new."""
+"""The Textual app: it supervises the source of frames, turns keys into orders, and looks at
+what is new."""
+
 from __future__ import annotations
 
 import asyncio
@@ -70,14 +72,18 @@ if TYPE_CHECKING:
     from control.machine.machine import Machine
 
 LEADS_TO = {Do.START: State.WORKING, Do.CALIBRATE: State.CALIBRATING, Do.READY: State.READY}
-NOTES = (TextDialog, HelpScreen, AlarmList)     # nothing is asked in them
+NOTES = (TextDialog, HelpScreen, AlarmList)  # nothing is asked in them
 NOTICE_S = 4.0
-STROKE_S = 0.35                # between two strokes of the bell: closer ones are one on some terminals
-FIRST_S = 0.02                 # how often the first frame is looked for
-SEEN_S = 0.5                   # after the first frame: its picture is drawn, and the other pages are made ready, ...
-BREATHER_S = 0.05                # ... so far apart that keys come between them
-LATE_MODULES = ("rich.traceback", "textual.scrollbar", "textual.system_commands")      # Textual's, once it needs them
-WIDE = "\u80a5"       # the first character that is not ASCII has Rich read its table of widths
+# between two strokes of the bell: closer ones are one on some terminals
+STROKE_S = 0.35
+FIRST_S = 0.02  # how often the first frame is looked for
+# after the first frame: its picture is drawn, and the other pages are made ready, ...
+SEEN_S = 0.5
+BREATHER_S = 0.05  # ... so far apart that keys come between them
+# Textual's, once it needs them
+LATE_MODULES = ("rich.traceback", "textual.scrollbar", "textual.system_commands")
+# the first character that is not ASCII has Rich read its table of widths
+WIDE = "\u80a5"
 _HERE = Path(__file__).parent
 T = TypeVar("T")
 Connect = Callable[[], Awaitable[FrameSource]]
@@ -90,39 +96,60 @@ def _ordered(order: Order, source: FrameSource) -> Awaitable[Answer]:
 class TopdressApp(App[None], inherit_bindings=False):
     """The console.
 
-    source: the control worker's link, or None for a replay alone. clock: s, as time.monotonic. start, attach: make a
-    new source when the worker is gone; their errors (OSError, RuntimeError) are one line. replay: a log to open.
-    units, language, theme, keymap: instead of the settings' own.
-    keymap: action id -> keys. limits_kg_ha: the range that a manual rate may have. live: False for tests and pictures:
-    nothing moves but by `tick`. tour: begin with the guided tour. joined: `source` is of a machine that ran already.
-    ask_job: once it is seen, ask which of the jobs that were worked lately.
+    source: the control worker's link, or None for a replay alone. clock: s, as time.monotonic.
+    start, attach: make a new source when the worker is gone; their errors (OSError,
+    RuntimeError) are one line. replay: a log to open. units, language, theme, keymap: instead
+    of the settings' own. keymap: action id -> keys. limits_kg_ha: the range that a manual rate
+    may have. live: False for tests and pictures: nothing moves but by `tick`. tour: begin with
+    the guided tour. joined: `source` is of a machine that ran already. ask_job: once it is
+    seen, ask which of the jobs that were worked lately.
     """
 
     CSS_PATH: ClassVar = [_HERE / "style.tcss", *sorted((_HERE / "pages").glob("*/style.tcss"))]
     TITLE = "topdress"
-    ENABLE_COMMAND_PALETTE = False         # Textual's own key for it would pass by the lock
+    ENABLE_COMMAND_PALETTE = False  # Textual's own key for it would pass by the lock
     BINDINGS: ClassVar = bindings(ACTIONS)
-    keeps_working: ClassVar[bool] = True   # the machine is held where no such console is open
+    # the machine is held where no such console is open
+    keeps_working: ClassVar[bool] = True
 
-    def __init__(self, source: FrameSource | None, clock: Callable[[], float] = time.monotonic, *,
-                 start: Connect | None = None, attach: Connect | None = None, replay: ReplayJob | None = None,
-                 units: Units | None = None, language: str | None = None, theme: str | None = None,
-                 keymap: Mapping[str, str] | None = None, utc_offset_s: float | None = None,
-                 limits_kg_ha: tuple[float, float] = (0.0, 600.0), hopper_kg: float = 300.0, live: bool = True,
-                 services: Services | None = None, tour: bool = False, joined: Joined | None = None,
-                 ask_job: bool = False) -> None:
+    def __init__(
+        self,
+        source: FrameSource | None,
+        clock: Callable[[], float] = time.monotonic,
+        *,
+        start: Connect | None = None,
+        attach: Connect | None = None,
+        replay: ReplayJob | None = None,
+        units: Units | None = None,
+        language: str | None = None,
+        theme: str | None = None,
+        keymap: Mapping[str, str] | None = None,
+        utc_offset_s: float | None = None,
+        limits_kg_ha: tuple[float, float] = (0.0, 600.0),
+        hopper_kg: float = 300.0,
+        live: bool = True,
+        services: Services | None = None,
+        tour: bool = False,
+        joined: Joined | None = None,
+        ask_job: bool = False,
+    ) -> None:
         self._plain_lines = PlainLines()
         super().__init__()
         self.source, self.clock = source, clock
         self.start, self.attach = start, attach
         self.units = METRIC
         self.utc_offset_s = day_clock.offset_s() if utc_offset_s is None else utc_offset_s
-        self.limits_kg_ha, self.crop_limits_kg_ha, self.hopper_kg = limits_kg_ha, limits_kg_ha, hopper_kg
-        self.machine: Machine | None = None         # that runs; None: not known
-        self.presets_kg_ha = (100.0, 150.0, 200.0)      # the settings' own take their place
+        self.limits_kg_ha, self.crop_limits_kg_ha, self.hopper_kg = (
+            limits_kg_ha,
+            limits_kg_ha,
+            hopper_kg,
+        )
+        self.machine: Machine | None = None  # that runs; None: not known
+        self.presets_kg_ha = (100.0, 150.0, 200.0)  # the settings' own take their place
         self.guide = GuideLine()
         self.sound = live
-        self.sounds: dict[int, str] = {}        # strokes of the bell -> the command in their place
+        # strokes of the bell -> the command in their place
+        self.sounds: dict[int, str] = {}
         self.alarm_book, self.ring = AlarmBook(), Bell()
         self.live = live
         self.services = services or Services()
@@ -130,17 +157,19 @@ class TopdressApp(App[None], inherit_bindings=False):
         self.tour = Tour() if tour else None
         self.sweeps = Sweeps()
         self.joined = joined
-        self._to_say = joined              # with the first frame, before all else
+        self._to_say = joined  # with the first frame, before all else
         self.ask_job = ask_job
         self.locked = False
         self.stray, self.held_enter, self.undo = StrayTyping(), HeldEnter(), Undo()
-        self.asked_by = ""                  # the key that was pressed last on a page
+        self.asked_by = ""  # the key that was pressed last on a page
         self.gone = ""
-        self.not_started = ""              # why the worker that this console began with never came up
+        # why the worker that this console began with never came up
+        self.not_started = ""
         self.arrival, self.history = FrameArrival(), History()
         self.notice_text, self._notice_until_s = "", 0.0
-        self._first_shown: Frame | None = None          # the newest of those that are shown when they come ...
-        self._first_s = 0.0                             # ... from then on
+        # the newest of those that are shown when they come ...
+        self._first_shown: Frame | None = None
+        self._first_s = 0.0  # ... from then on
         self.rates = Rates()
         self.pages = Pages(replay, self.services, self._page_made)
         self.page_actions = actions.pages()
@@ -166,9 +195,13 @@ class TopdressApp(App[None], inherit_bindings=False):
         """From now on these keys, and the built-in ones for all other actions."""
         self.set_keymap(dict(keys))
         actions.remap(keys)
-        self.bound_keys = {where: actions.bound_at(where, keys) for where in {one.where for one in actions.ACTIONS}}
+        self.bound_keys = {
+            where: actions.bound_at(where, keys) for where in {one.where for one in actions.ACTIONS}
+        }
         self.bound_by = {one.id: actions.keys_of(one, keys) for one in actions.ACTIONS}
-        self._page_keys = {key: one.id for one in actions.pages() for key in actions.keys_of(one, keys)}
+        self._page_keys = {
+            key: one.id for one in actions.pages() for key in actions.keys_of(one, keys)
+        }
         self._hold_keys = frozenset(actions.keys_of(actions.BY_ID["hold"], keys))
         self._urgent_keys = self._hold_keys.union(actions.keys_of(actions.BY_ID["stop"], keys))
 
@@ -181,7 +214,9 @@ class TopdressApp(App[None], inherit_bindings=False):
             store.trouble = store.trouble or apply(self, store.settings)
 
     def get_default_screen(self) -> Screen[None]:
-        return self.pages[RUN if self.source is not None or self.replay_page.job is None else REPLAY]
+        return self.pages[
+            RUN if self.source is not None or self.replay_page.job is None else REPLAY
+        ]
 
     @property
     def replay_page(self) -> ReplayScreen:
@@ -199,7 +234,7 @@ class TopdressApp(App[None], inherit_bindings=False):
         self.pace(page)
         if self.arrival.frame is not None:
             page.gather(self.arrival.frame)
-        if self.is_running:                 # the first page is the app's own screen
+        if self.is_running:  # the first page is the app's own screen
             self.install_screen(page, where)
 
     def pace(self, page: Page) -> None:
@@ -225,14 +260,19 @@ class TopdressApp(App[None], inherit_bindings=False):
         self.call_after_refresh(self.tick)
 
     async def on_event(self, event: events.Event) -> None:
-        """A key as it is meant; a click on hold and STOP in sight works also while a dialog is open."""
+        """A key as it is meant; a click on hold and STOP in sight works also while a dialog is
+        open."""
         if isinstance(event, events.Key) and not event.is_forwarded and self.screen_stack:
             if await self._is_done(event):
                 return
             key = self._meant(event)
             if key != event.key and not isinstance(self.focused, Input):
                 event = events.Key(key, key if len(key) == 1 else None)
-        elif isinstance(event, events.MouseDown | events.MouseUp) and not event.is_forwarded and self.screen_stack:
+        elif (
+            isinstance(event, events.MouseDown | events.MouseUp)
+            and not event.is_forwarded
+            and self.screen_stack
+        ):
             name = self._urgent_under(event)
             if name:
                 if isinstance(event, events.MouseDown):
@@ -244,12 +284,15 @@ class TopdressApp(App[None], inherit_bindings=False):
         return pressed.meant(event.key, self.bound_keys[self.page.where], self._urgent_keys)
 
     async def _is_done(self, event: events.Key) -> bool:
-        """A key that goes no further. F12, and Ctrl with the key of hold, come first even where a text field has the
-        focus, which takes what can be printed; a note that is read gives way to a page."""
+        """A key that goes no further. F12, and Ctrl with the key of hold, come first even where
+        a text field has the focus, which takes what can be printed; a note that is read gives
+        way to a page."""
         key, typing = self._meant(event), isinstance(self.focused, Input)
         if isinstance(self.screen, NameDialog) and self.screen.types_early(event):
             return True
-        if key == pressed.ALWAYS_STOP or (typing and key in self._hold_keys and not event.is_printable):
+        if key == pressed.ALWAYS_STOP or (
+            typing and key in self._hold_keys and not event.is_printable
+        ):
             await self.action_do("stop" if key == pressed.ALWAYS_STOP else "hold")
             return True
         if self.screen is self.page:
@@ -258,26 +301,41 @@ class TopdressApp(App[None], inherit_bindings=False):
                 return True
             if key.isalpha() and len(key) == 1 and key not in self.bound_keys[self.page.where]:
                 self._say_where(key)
-        elif isinstance(self.screen, NOTES) and key in self._page_keys and not (typing and event.is_printable):
+        elif (
+            isinstance(self.screen, NOTES)
+            and key in self._page_keys
+            and not (typing and event.is_printable)
+        ):
             self.screen.dismiss(None)
             await self.action_do(self._page_keys[key])
             return True
         return key == "enter" and self.live and self.held_enter.repeats(self.screen, self.clock())
 
     def _say_where(self, key: str) -> None:
-        """A letter that means something on other pages alone; START, asked, has a key of every page."""
+        """A letter that means something on other pages alone; START, asked, has a key of every
+        page."""
         pages = {one.id.removesuffix("_screen"): one for one in self.page_actions}
-        there = [one for one in actions.ACTIONS if one.where in pages and key in self.bound_by.get(one.id, ())]
+        there = [
+            one
+            for one in actions.ACTIONS
+            if one.where in pages and key in self.bound_by.get(one.id, ())
+        ]
         if there:
-            places = ", ".join(_("{action} on {page} ({open})").format(
-                action=_(one.label), page=_(pages[one.where].label), open=self.shown_key(pages[one.where].id))
-                for one in there)
+            places = ", ".join(
+                _("{action} on {page} ({open})").format(
+                    action=_(one.label),
+                    page=_(pages[one.where].label),
+                    open=self.shown_key(pages[one.where].id),
+                )
+                for one in there
+            )
             here = _("; {key} starts from here").format(key=self.shown_key("start_anywhere"))
             start = any(one.id == "start" for one in there)
             self.notice(f"{self.shown_key(there[0].id)}: {places}{here if start else ''}")
 
     def _urgent_under(self, event: events.MouseEvent) -> str:
-        """hold or stop where a dialog leaves it in sight at this place; "" elsewhere and without a dialog."""
+        """hold or stop where a dialog leaves it in sight at this place; "" elsewhere and
+        without a dialog."""
         if self.screen is self.page or not self.page.is_mounted:
             return ""
         x, y = int(event.screen_x), int(event.screen_y)
@@ -287,7 +345,8 @@ class TopdressApp(App[None], inherit_bindings=False):
         name = bar.action_at(x - bar.content_region.x)
         return name if name in URGENT else ""
 
-    # --- frames -------------------------------------------------------------------------------------------------
+    # --- frames
+    # ----------------------------------------------------------------------------------------------
 
     @property
     def page(self) -> Page:
@@ -296,10 +355,15 @@ class TopdressApp(App[None], inherit_bindings=False):
 
     def tick(self) -> None:
         """Take the newest frame and show what is due; 5 times a second, or by hand in tests."""
-        if self.not_started:                # it closes, and its page may never have been composed
+        # it closes, and its page may never have been composed
+        if self.not_started:
             return
         now_s = self.clock()
-        if self.source is not None and self.arrival.see(self.source.newest, now_s) and self.arrival.frame is not None:
+        if (
+            self.source is not None
+            and self.arrival.see(self.source.newest, now_s)
+            and self.arrival.frame is not None
+        ):
             self.history.add(self.arrival.frame)
             self._note_others(self.arrival.frame)
             self._note_alarms(self.arrival.frame, now_s)
@@ -312,13 +376,15 @@ class TopdressApp(App[None], inherit_bindings=False):
             if self.tour.over:
                 self.tour = None
                 self.notice(_("That was the tour. Ctrl+T shows it again."))
-        if self.page.is_mounted:            # not between its being turned to and its being composed
+        # not between its being turned to and its being composed
+        if self.page.is_mounted:
             self.page.tick(now_s)
         if self.live:
             self.sweeps.tick()
 
     def _first(self) -> None:
-        """The first frames are shown when they come, not with the next of the ticks, until one has the receiver's."""
+        """The first frames are shown when they come, not with the next of the ticks, until one
+        has the receiver's."""
         frame, now_s = None if self.source is None else self.source.newest, self.clock()
         if frame is None or frame is self._first_shown:
             return
@@ -331,10 +397,14 @@ class TopdressApp(App[None], inherit_bindings=False):
         if begins:
             if self.ask_job and self.services.job is not None:
                 ask_first(self, self.services.job)
-            self.set_timer(SEEN_S, lambda: self.run_worker(self._make_pages(), group="pages", exit_on_error=False))
+            self.set_timer(
+                SEEN_S,
+                lambda: self.run_worker(self._make_pages(), group="pages", exit_on_error=False),
+            )
 
     async def _make_pages(self) -> None:
-        """The other pages come up once the first one is seen; their modules are read by a thread."""
+        """The other pages come up once the first one is seen; their modules are read by a
+        thread."""
         await asyncio.to_thread(self.services.make)
         for where in self.pages:
             await asyncio.to_thread(self.pages.read, where)
@@ -352,7 +422,9 @@ class TopdressApp(App[None], inherit_bindings=False):
 
     def company_view(self) -> CompanyView | None:
         """The row that says who else is at this machine."""
-        return company_view(None if self.gone else self.arrival.frame, self.own_name, self.utc_offset_s)
+        return company_view(
+            None if self.gone else self.arrival.frame, self.own_name, self.utc_offset_s
+        )
 
     def action_company(self) -> None:
         """Everybody who is attached, and the latest orders."""
@@ -360,10 +432,15 @@ class TopdressApp(App[None], inherit_bindings=False):
         if frame is None or self.gone or self.source is None:
             self.notice(_("no machine is connected"))
         else:
-            self.push_screen(TextDialog(_("At this machine"), list_words(frame, self.own_name, self.utc_offset_s)))
+            self.push_screen(
+                TextDialog(
+                    _("At this machine"), list_words(frame, self.own_name, self.utc_offset_s)
+                )
+            )
 
     def _note_others(self, frame: Frame) -> None:
-        """Who came, went, fell silent or ordered is said by the others; who has just come hears whom it found."""
+        """Who came, went, fell silent or ordered is said by the others; who has just come hears
+        whom it found."""
         before, self._frame_before = self._frame_before, frame
         if before is None:
             found = " ".join(arrival_words(frame, self.own_name, self.utc_offset_s))
@@ -376,8 +453,13 @@ class TopdressApp(App[None], inherit_bindings=False):
             said = news(before, frame, self.own_name)
             if said:
                 self.notice(said)
-        elif 0 < frame.consoles < before.consoles:          # a worker that does not tell who is attached
-            self.notice(_("another console has ended or is silent; open now: {count}").format(count=frame.consoles))
+        # a worker that does not tell who is attached
+        elif 0 < frame.consoles < before.consoles:
+            self.notice(
+                _("another console has ended or is silent; open now: {count}").format(
+                    count=frame.consoles
+                )
+            )
 
     def _say_joined(self, joined: Joined, found: str, frame: Frame) -> None:
         """With files of its own on the command line this console may take the machine's place."""
@@ -388,11 +470,21 @@ class TopdressApp(App[None], inherit_bindings=False):
             return
 
         works = frame.row.state not in MAY_CHANGE
-        mine = _("end that machine and use {files}").format(files=", ".join(map(file_name, joined.named)))
-        self.ask(ChoiceDialog(heading, (
-            Choice("theirs", _("go on with that machine")),
-            Choice("mine", mine, _("it works: hold or stop it first") if works else "")), "", text),
-            lambda which: self._use_named(joined) if which == "mine" else None)
+        mine = _("end that machine and use {files}").format(
+            files=", ".join(map(file_name, joined.named))
+        )
+        self.ask(
+            ChoiceDialog(
+                heading,
+                (
+                    Choice("theirs", _("go on with that machine")),
+                    Choice("mine", mine, _("it works: hold or stop it first") if works else ""),
+                ),
+                "",
+                text,
+            ),
+            lambda which: self._use_named(joined) if which == "mine" else None,
+        )
 
     def _use_named(self, joined: Joined) -> None:
         if self.services.job is not None:
@@ -402,13 +494,21 @@ class TopdressApp(App[None], inherit_bindings=False):
     def _note_alarms(self, frame: Frame, now_s: float) -> None:
         if frame.log_path != self._earlier_of:
             self._earlier_of = frame.log_path
-            self.call_after_refresh(lambda: self.run_worker(self._learn_earlier(frame.log_path), group="earlier",
-                                                            exit_on_error=False))     # once the numbers are seen
+            self.call_after_refresh(
+                lambda: self.run_worker(
+                    self._learn_earlier(frame.log_path),
+                    group="earlier",
+                    # once the numbers are seen
+                    exit_on_error=False,
+                )
+            )
         self.alarm_book.see(frame.row.time_s, frame.row.utc, frame.alarms)
         strokes = self.ring.due(now_s, frame.alarms)
         command, play = self.sounds.get(strokes, ""), self.services.play
         if strokes and self.sound and command and play is not None:
-            self.run_worker(self._played(play, command, strokes), group="sound", exit_on_error=False)
+            self.run_worker(
+                self._played(play, command, strokes), group="sound", exit_on_error=False
+            )
         elif strokes and self.sound:
             self._strike(strokes)
 
@@ -424,7 +524,8 @@ class TopdressApp(App[None], inherit_bindings=False):
             self.set_timer(number * STROKE_S, self.bell)
 
     async def _learn_earlier(self, log_path: str) -> None:
-        """What the machine goes by that writes this log; alarms, track and lines from before this console looked."""
+        """What the machine goes by that writes this log; alarms, track and lines from before
+        this console looked."""
         look_back = self.services.earlier
         if self.services.at_work is not None:
             await self._learn_limits(self.services.at_work, log_path)
@@ -445,7 +546,8 @@ class TopdressApp(App[None], inherit_bindings=False):
             limit_rates(self, None if store is None else store.settings.manual_rate)
 
     def keep_line(self, record: str) -> None:
-        """Of the A-B line or a boundary that is being driven: the next console on this log has it too."""
+        """Of the A-B line or a boundary that is being driven: the next console on this log has
+        it too."""
         frame, files = self.arrival.frame, self.services.lines
         if files is not None and frame is not None and frame.log_path:
             files.append(frame.log_path, record)
@@ -460,8 +562,13 @@ class TopdressApp(App[None], inherit_bindings=False):
             self.guide = kept.guide
             self.keep_line(guide_record(self.guide))
             away = actions.shown_key(actions.BY_ID["map_no_guide"])
-            self.notice(_("the A-B line of this field's job of {day} is here again; {key} on the Map page takes it "
-                          "away").format(day=kept.of_day[:10], key=away))
+            self.notice(
+                _(
+                    "the A-B line of this field's job of {day} is here again; {key} on the "
+                    "Map page takes it "
+                    "away"
+                ).format(day=kept.of_day[:10], key=away)
+            )
         if kept.drive is not None and self.map_page.drive is None:
             self.map_page.go_on_driving(kept.drive, kept.way)
 
@@ -484,6 +591,7 @@ class TopdressApp(App[None], inherit_bindings=False):
 
     def ask(self, question: Screen[T | None], then: Callable[[T], object]) -> None:
         """`then` has the answer; one that was not given is nobody's concern."""
+
         def answered(answer: T | None) -> None:
             if answer is not None:
                 then(answer)
@@ -505,37 +613,54 @@ class TopdressApp(App[None], inherit_bindings=False):
             self.page.show_keys()
 
     def list_files(self, work: Callable[[], T], then: Callable[[T], object]) -> None:
-        """What is asked about after files are looked at: `then` has it, if the page is still the one that is seen.
-        As `with_files` for the rest."""
+        """What is asked about after files are looked at: `then` has it, if the page is still
+        the one that is seen. As `with_files` for the rest."""
         page = self.page
         self.with_files(work, lambda found: then(found) if self.page is page else None)
 
-    def with_files(self, work: Callable[[], T], then: Callable[[T], object],
-                   failed: Callable[[str], object] | None = None, *, group: str = "files",
-                   exclusive: bool = True) -> Worker[None]:
-        """Files and long work in a thread, for a disk may take its time. An error is one line, to `failed` or in the
-        key bar. One that is cancelled is not heard of any more; work that goes on long asks `get_current_worker()`
-        whether it was. exclusive: a second one of the group takes the place of one that is not done."""
-        return self.run_worker(self._with_files(work, then, failed or self.notice), group=group, exclusive=exclusive,
-                               exit_on_error=False)
+    def with_files(
+        self,
+        work: Callable[[], T],
+        then: Callable[[T], object],
+        failed: Callable[[str], object] | None = None,
+        *,
+        group: str = "files",
+        exclusive: bool = True,
+    ) -> Worker[None]:
+        """Files and long work in a thread, for a disk may take its time. An error is one line,
+        to `failed` or in the key bar. One that is cancelled is not heard of any more; work that
+        goes on long asks `get_current_worker()` whether it was. exclusive: a second one of the
+        group takes the place of one that is not done."""
+        return self.run_worker(
+            self._with_files(work, then, failed or self.notice),
+            group=group,
+            exclusive=exclusive,
+            exit_on_error=False,
+        )
 
     @staticmethod
-    async def _with_files(work: Callable[[], T], then: Callable[[T], object], failed: Callable[[str], object]) -> None:
+    async def _with_files(
+        work: Callable[[], T], then: Callable[[T], object], failed: Callable[[str], object]
+    ) -> None:
         try:
             found = await asyncio.to_thread(work)
-        except Exception as error:      # whatever it is, nobody must wait for an answer that never comes
+        # whatever it is, nobody must wait for an answer that never comes
+        except Exception as error:
             failed((str(error).splitlines() or [type(error).__name__])[0])
         else:
             then(found)
 
-    # --- the other end ------------------------------------------------------------------------------------------
+    # --- the other end
+    # ------------------------------------------------------------------------------------------
 
     def _supervise(self) -> None:
         if self._supervisor is not None:
             self._supervisor.cancel()
         self._supervisor = None
         if self.source is not None:
-            self._supervisor = self.run_worker(self._run_source(self.source), group="source", exit_on_error=False)
+            self._supervisor = self.run_worker(
+                self._run_source(self.source), group="source", exit_on_error=False
+            )
 
     async def _run_source(self, source: FrameSource) -> None:
         if isinstance(source, Link) and not self.is_headless:
@@ -547,7 +672,8 @@ class TopdressApp(App[None], inherit_bindings=False):
             self.exit()
         except WorkerGone as error:
             self._say_gone(str(error))
-        except Exception as error:      # a link that fails in any other way is as useless as one that is gone
+        # a link that fails in any other way is as useless as one that is gone
+        except Exception as error:
             self._say_gone(f"{type(error).__name__}: {error}")
 
     def _say_gone(self, why: str) -> None:
@@ -560,7 +686,9 @@ class TopdressApp(App[None], inherit_bindings=False):
         self.page.hurry()
         self.page.tick(self.clock())
         if not isinstance(self.screen, GoneScreen):
-            self.push_screen(GoneScreen(why, self.start is not None, self.attach is not None), self._reconnect)
+            self.push_screen(
+                GoneScreen(why, self.start is not None, self.attach is not None), self._reconnect
+            )
 
     def _reconnect(self, how: str | None) -> None:
         if how == "start" and self.joined is not None and self.joined.unused and self.joined.named:
@@ -575,7 +703,9 @@ class TopdressApp(App[None], inherit_bindings=False):
         """Go on with another source; None: stay without one."""
         if connect is not None:
             self.notice(_("connecting to the machine"))
-            self.run_worker(self._connect(connect), group="connect", exclusive=True, exit_on_error=False)
+            self.run_worker(
+                self._connect(connect), group="connect", exclusive=True, exit_on_error=False
+            )
 
     def ask_to_go_on(self, service: JobService) -> None:
         """Go on with the job that was cut off, or begin anew: asked. Without such a job: begin."""
@@ -595,21 +725,43 @@ class TopdressApp(App[None], inherit_bindings=False):
             else:
                 self.notice(_("nothing is connected: C asks again"))
 
-        self.push_screen(self.pass_question(offer, _("A job was left at {time}: {job}").format(
-            time=wall_clock(offer.saved_utc, self.utc_offset_s)[:5], job=offer.job)), answer)
+        self.push_screen(
+            self.pass_question(
+                offer,
+                _("A job was left at {time}: {job}").format(
+                    time=wall_clock(offer.saved_utc, self.utc_offset_s)[:5], job=offer.job
+                ),
+            ),
+            answer,
+        )
 
     def pass_question(self, offer: Offer, heading: str) -> ChoiceDialog:
         """What is spread twice on purpose is asked: "resume" or "anew"."""
         resume = _("resume the job of {time} ({area} done)").format(
-            time=wall_clock(offer.began_utc, self.utc_offset_s)[:5], area=self.units.area.full(offer.area_ha))
+            time=wall_clock(offer.began_utc, self.utc_offset_s)[:5],
+            area=self.units.area.full(offer.area_ha),
+        )
         wanted = ", ".join(map(file_name, offer.others))
-        by = "\n" + _("Either way it goes by {files} from now on.").format(files=wanted) if wanted else ""
-        return ChoiceDialog(heading, (Choice("resume", resume), Choice("anew", _("begin anew"))), "", _(
-            "Resumed, totals go on and the ground that is done gets nothing a second time. Anew, that job is ended, "
-            "and its ground gets material again. The machine is off until you start it.") + by)
+        by = (
+            "\n" + _("Either way it goes by {files} from now on.").format(files=wanted)
+            if wanted
+            else ""
+        )
+        return ChoiceDialog(
+            heading,
+            (Choice("resume", resume), Choice("anew", _("begin anew"))),
+            "",
+            _(
+                "Resumed, totals go on and the ground that is done gets nothing a second "
+                "time. Anew, that job is ended, "
+                "and its ground gets material again. The machine is off until you start it."
+            )
+            + by,
+        )
 
     def restart(self, start: Connect) -> None:
         """End the worker that runs, then start one anew."""
+
         async def change() -> None:
             self._restarting = True
             try:
@@ -651,15 +803,19 @@ class TopdressApp(App[None], inherit_bindings=False):
         self.give_all(Order(do, value))
 
     def give_all(self, *orders: Order, also_back: Callable[[], None] = lambda: None) -> None:
-        """Send orders that are one change, one after the other; a refusal or a missing answer is said in the key bar
-        and ends them. Those that were followed are the newest change that can be taken back. also_back: what taking
-        them back does besides."""
+        """Send orders that are one change, one after the other; a refusal or a missing answer
+        is said in the key bar and ends them. Those that were followed are the newest change
+        that can be taken back. also_back: what taking them back does besides."""
         if self.source is None:
             self.notice(_("no machine is connected"))
             return
-        self.run_worker(self._give(orders, self.arrival.frame, also_back), group="orders", exit_on_error=False)
+        self.run_worker(
+            self._give(orders, self.arrival.frame, also_back), group="orders", exit_on_error=False
+        )
 
-    async def _give(self, orders: tuple[Order, ...], before: Frame | None, also_back: Callable[[], None]) -> None:
+    async def _give(
+        self, orders: tuple[Order, ...], before: Frame | None, also_back: Callable[[], None]
+    ) -> None:
         followed: list[Order] = []
         for order in orders:
             if not (await self.asked(partial(_ordered, order), do=order.do)).accepted:
@@ -667,16 +823,24 @@ class TopdressApp(App[None], inherit_bindings=False):
             followed.append(order)
         back = orders_back(followed, before)
         if back:
+
             def take_back() -> None:
-                self.run_worker(self._give(back, None, also_back), group="orders", exit_on_error=False)
+                self.run_worker(
+                    self._give(back, None, also_back), group="orders", exit_on_error=False
+                )
                 also_back()
 
             self.undo.add(back_words(back, self.units), take_back)
 
-    async def asked(self, ask: Callable[[FrameSource], Awaitable[Answer]], quiet: bool = False,
-                    do: Do | None = None) -> Answer:
-        """Ask something of the source; a refusal or a missing answer is said in the key bar unless `quiet`. do: what
-        was ordered: where its state is wrong, the key that comes first is said.
+    async def asked(
+        self,
+        ask: Callable[[FrameSource], Awaitable[Answer]],
+        quiet: bool = False,
+        do: Do | None = None,
+    ) -> Answer:
+        """Ask something of the source; a refusal or a missing answer is said in the key bar
+        unless `quiet`. do: what was ordered: where its state is wrong, the key that comes first
+        is said.
 
         `why` of the answer is then as from the worker, or gone, no_answer, no_machine.
         """
@@ -697,7 +861,11 @@ class TopdressApp(App[None], inherit_bindings=False):
             said = words.answer_words(answer.why, frame.alarms if frame is not None else ())
             wanted = None if do is None else LEADS_TO.get(do)
             name, _mark, state = answer.why.partition(";state=")
-            first = key_first(self, wanted, state) if wanted is not None and name == "not_from_state" else ""
+            first = (
+                key_first(self, wanted, state)
+                if wanted is not None and name == "not_from_state"
+                else ""
+            )
             if first:
                 said = f"{said} {_('Press {key} first.').format(key=first)}"
             self.notice(said if answer.why == "no_answer" else _("refused: {why}").format(why=said))
@@ -707,15 +875,19 @@ class TopdressApp(App[None], inherit_bindings=False):
         """The key of an action as the key bar shows it."""
         return actions.shown_key(actions.BY_ID[name])
 
-    # --- actions ------------------------------------------------------------------------------------------------
+    # --- actions
+    # ----------------------------------------------------------------------------------------------
 
     async def action_do(self, name: str) -> None:
         """One of the table's actions, if it belongs to this screen and is not locked."""
         action, before = actions.BY_ID[name], self.screen
         if action.where not in (ANYWHERE, self.page.where):
             return
-        why = _("locked: F8 unlocks; hold and stop work") if self.locked and not action.locked else (
-            "" if action.judged else self.why_not(action))
+        why = (
+            _("locked: F8 unlocks; hold and stop work")
+            if self.locked and not action.locked
+            else ("" if action.judged else self.why_not(action))
+        )
         if why:
             self.notice(why)
         elif action.where == ANYWHERE:
@@ -726,8 +898,13 @@ class TopdressApp(App[None], inherit_bindings=False):
             self.stray.refused(action.asks, self.clock())
 
     def why_not(self, action: Action) -> str:
-        """Why this cannot be done now, in one line; empty where it can, or where nobody here knows."""
-        return "" if action.why is None else action.why(self if action.where == ANYWHERE else self.pages[action.where])
+        """Why this cannot be done now, in one line; empty where it can, or where nobody here
+        knows."""
+        return (
+            ""
+            if action.why is None
+            else action.why(self if action.where == ANYWHERE else self.pages[action.where])
+        )
 
     def turn_to(self, where: str) -> None:
         """One page is the app's first screen, another lies over it while it is looked at."""
@@ -741,7 +918,8 @@ class TopdressApp(App[None], inherit_bindings=False):
         if self.page is not page:
             self.push_screen(page)
         page.hurry()
-        if page.is_mounted:         # else it shows for a moment what it showed when it was left
+        # else it shows for a moment what it showed when it was left
+        if page.is_mounted:
             self.tick()
         self.call_after_refresh(self.tick)
 
@@ -761,13 +939,22 @@ class TopdressApp(App[None], inherit_bindings=False):
         elif self.source is None and (self.start or self.attach):
             self._show_gone(_("no machine is connected"))
         else:
-            self.notice(_("no machine is connected") if self.source is None else _("the machine is connected"))
+            self.notice(
+                _("no machine is connected")
+                if self.source is None
+                else _("the machine is connected")
+            )
 
     def get_system_commands(self, screen: Screen[object]) -> Iterable[SystemCommand]:
-        yield SystemCommand(_("who is at this machine"), _("All consoles and tablets, and who ordered what."),
-                            self.action_company)
+        yield SystemCommand(
+            _("who is at this machine"),
+            _("All consoles and tablets, and who ordered what."),
+            self.action_company,
+        )
         for action in self.offered(self.page.where):
             if action.id != "palette":
                 why = self.why_not(action)
                 said = _("not now: {why}").format(why=why) if why else _(action.help)
-                yield SystemCommand(_(action.label), f"{action.shown}  {said}", partial(self.action_do, action.id))
+                yield SystemCommand(
+                    _(action.label), f"{action.shown}  {said}", partial(self.action_do, action.id)
+                )

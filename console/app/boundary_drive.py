@@ -1,4 +1,6 @@
-"""A field's boundary by driving round it: the places of the antenna, moved to the side where the edge is. Pure."""
+"""A field's boundary by driving round it: the places of the antenna, moved to the side where
+the edge is. Pure."""
+
 from __future__ import annotations
 
 from dataclasses import dataclass, field
@@ -7,9 +9,11 @@ from typing import NamedTuple
 from control.geodesy import Place, TangentPlane, apart_m, offset
 from control.log_row import LogRow
 
-APART_M = 2.0           # of two corners: finer than any edge of a field, and 20,000 of them are 40 km
+# of two corners: finer than any edge of a field, and 20,000 of them are 40 km
+APART_M = 2.0
 LEAST_CORNERS = 4
-FIXES = (1, 2, 4, 5)    # no dead reckoning: the edge is where the receiver says
+# no dead reckoning: the edge is where the receiver says
+FIXES = (1, 2, 4, 5)
 
 
 class Corner(NamedTuple):
@@ -28,8 +32,14 @@ class BoundaryDrive:
     _plane: TangentPlane | None = None
 
     def add(self, row: LogRow) -> None:
-        """A row of the run; those without a fix or a course, and those too near to the last corner, are left out."""
-        if row.lat_deg is None or row.lon_deg is None or row.heading_deg is None or row.fix_quality not in FIXES:
+        """A row of the run; those without a fix or a course, and those too near to the last
+        corner, are left out."""
+        if (
+            row.lat_deg is None
+            or row.lon_deg is None
+            or row.heading_deg is None
+            or row.fix_quality not in FIXES
+        ):
             return
         self.add_corner(Corner(row.lat_deg, row.lon_deg, row.heading_deg))
 
@@ -51,7 +61,11 @@ class BoundaryDrive:
     @property
     def open_m(self) -> float:
         """From the end back to the beginning."""
-        return apart_m(self._at(self.corners[-1]), self._at(self.corners[0])) if len(self.corners) > 1 else 0.0
+        return (
+            apart_m(self._at(self.corners[-1]), self._at(self.corners[0]))
+            if len(self.corners) > 1
+            else 0.0
+        )
 
     @property
     def enough(self) -> bool:
@@ -62,4 +76,7 @@ class BoundaryDrive:
         plane = self._plane
         if plane is None:
             return ()
-        return tuple(plane.to_deg(*offset(self._at(one), one.heading_deg, 0.0, self.right_m)) for one in self.corners)
+        return tuple(
+            plane.to_deg(*offset(self._at(one), one.heading_deg, 0.0, self.right_m))
+            for one in self.corners
+        )

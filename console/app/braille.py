@@ -1,16 +1,19 @@
-"""Lines in braille, 2 x 4 dots a cell: of values over a time, held level from one to the next. Pure."""
+"""Lines in braille, 2 x 4 dots a cell: of values over a time, held level from one to the next.
+Pure."""
+
 from __future__ import annotations
 
 from collections.abc import Sequence
 from typing import NamedTuple
 
-BITS = ((0x01, 0x08), (0x02, 0x10), (0x04, 0x20), (0x40, 0x80))       # of a cell, row by row
+BITS = ((0x01, 0x08), (0x02, 0x10), (0x04, 0x20), (0x40, 0x80))  # of a cell, row by row
 BLANK = 0x2800
-Dots = dict[tuple[int, int], int]            # (column, row) of a cell -> its bits
+Dots = dict[tuple[int, int], int]  # (column, row) of a cell -> its bits
 
 
 class Piece(NamedTuple):
-    """at: place in the span, 0 ... 1; low, high: of the axis, 0 ... 1; joined: to the piece before."""
+    """at: place in the span, 0 ... 1; low, high: of the axis, 0 ... 1; joined: to the piece
+    before."""
 
     at: float
     low: float
@@ -19,8 +22,8 @@ class Piece(NamedTuple):
 
 
 def traced(pieces: Sequence[Piece], columns: int, rows: int) -> Dots:
-    """Cells of pieces: from lowest to highest at their time, held level from one to the next; columns, rows: of the
-    plot in cells, of which nothing is drawn outside."""
+    """Cells of pieces: from lowest to highest at their time, held level from one to the next;
+    columns, rows: of the plot in cells, of which nothing is drawn outside."""
     wide, high = 2 * columns, 4 * rows
     cells: Dots = {}
 
@@ -47,7 +50,15 @@ def traced(pieces: Sequence[Piece], columns: int, rows: int) -> Dots:
 
 
 def trace(values: Sequence[tuple[float, float | None]], columns: int, rows: int) -> Dots:
-    """Cells of a line through (x, y), x and y in 0 ... 1 of the plot: a step, as the drives see it; None breaks it."""
+    """Cells of a line through (x, y), x and y in 0 ... 1 of the plot: a step, as the drives see
+    it; None breaks it."""
     known = [y is not None for _x, y in values]
-    return traced([Piece(x, y, y, after > 0 and known[after - 1]) for after, (x, y) in enumerate(values)
-                   if y is not None], columns, rows)
+    return traced(
+        [
+            Piece(x, y, y, after > 0 and known[after - 1])
+            for after, (x, y) in enumerate(values)
+            if y is not None
+        ],
+        columns,
+        rows,
+    )

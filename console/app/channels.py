@@ -1,4 +1,6 @@
-"""Every number of a log row as a channel that can be plotted: its words, its unit, and what it is compared with."""
+"""Every number of a log row as a channel that can be plotted: its words, its unit, and what it
+is compared with."""
+
 from __future__ import annotations
 
 from collections.abc import Callable
@@ -14,6 +16,7 @@ UnitOf = Callable[[Units], Unit]
 
 def _of(name: str, decimals: int | None = None) -> UnitOf:
     """One of the units in use, to as many decimals where they are said."""
+
     def unit(units: Units) -> Unit:
         found: Unit = getattr(units, name)
         return found if decimals is None else found._replace(decimals=decimals)
@@ -27,7 +30,8 @@ def _plain(name: str, decimals: int) -> UnitOf:
 
 
 class TrendChannel(NamedTuple):
-    """id: the log's column. group: channels of one group share their scale when they are plotted together."""
+    """id: the log's column. group: channels of one group share their scale when they are
+    plotted together."""
 
     id: str
     label: str
@@ -83,17 +87,26 @@ AT_FIRST = ("target_rate_kg_ha", "applied_rate_kg_ha", "speed_used_mps")
 NAN = float("nan")
 
 _AT = tuple(COLUMNS.index(channel.id) if channel.id in COLUMNS else -1 for channel in CHANNELS)
-# Single heads by red edge are seen on the Run page: a channel takes 0.7 MB, and these are empty on most machines.
-assert {COLUMNS[at] for at in _AT if at >= 0} == set(COLUMNS) - TEXT_COLUMNS - {"time_s", *NDRE_COLUMNS}
+# Single heads by red edge are seen on the Run page: a channel takes 0.7 MB, and these are empty
+# on most machines.
+assert {COLUMNS[at] for at in _AT if at >= 0} == set(COLUMNS) - TEXT_COLUMNS - {
+    "time_s",
+    *NDRE_COLUMNS,
+}
 
 
 def value_of(row: LogRow, channel: str) -> float:
-    """One channel of a row, NaN where it is not known. The error counts only while the machine works."""
+    """One channel of a row, NaN where it is not known. The error counts only while the machine
+    works."""
     at = _AT[COLUMN[channel]]
     if at >= 0:
         value = row[at]
         return NAN if value is None else float(value)
-    error = rate_error(row.target_rate_kg_ha, row.applied_rate_kg_ha) if row.state in (None, "working") else None
+    error = (
+        rate_error(row.target_rate_kg_ha, row.applied_rate_kg_ha)
+        if row.state in (None, "working")
+        else None
+    )
     return NAN if error is None else 100.0 * error
 
 

@@ -1,4 +1,6 @@
-"""Others at the same machine, in words: who is attached, who comes and goes, who ordered what. Pure."""
+"""Others at the same machine, in words: who is attached, who comes and goes, who ordered what.
+Pure."""
+
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -14,7 +16,8 @@ from control.orders import State
 
 
 class CompanyView(NamedTuple):
-    """order: the latest that another gave, or that this console gave while it has company. others: who they are."""
+    """order: the latest that another gave, or that this console gave while it has company.
+    others: who they are."""
 
     order: str
     others: str
@@ -33,8 +36,10 @@ def company_view(frame: Frame | None, own: str, utc_offset_s: float) -> CompanyV
     latest = frame.ordered[-1] if frame.ordered else None
     if not rest and (latest is None or latest.name == own):
         return None
-    return CompanyView("" if latest is None else order_words(latest, frame, own, utc_offset_s),
-                       _("at this machine: {names}").format(names=", ".join([_("this one"), *map(short, rest)])))
+    return CompanyView(
+        "" if latest is None else order_words(latest, frame, own, utc_offset_s),
+        _("at this machine: {names}").format(names=", ".join([_("this one"), *map(short, rest)])),
+    )
 
 
 def short(one: Attached) -> str:
@@ -57,23 +62,40 @@ def kind_of(one: Attached) -> str:
 def order_words(one: Ordered, frame: Frame, own: str, utc_offset_s: float) -> str:
     """What was ordered, by whom, when."""
     back_s = max(0.0, frame.row.time_s - one.time_s)
-    when = wall_clock(frame.row.utc, utc_offset_s, back_s) or _("{duration} ago").format(duration=duration(back_s))
+    when = wall_clock(frame.row.utc, utc_offset_s, back_s) or _("{duration} ago").format(
+        duration=duration(back_s)
+    )
     return _("{order} by {name}, {when}").format(
-        order=order_text(one.do, one.value, METRIC), name=_("this console") if one.name == own else one.name, when=when)
+        order=order_text(one.do, one.value, METRIC),
+        name=_("this console") if one.name == own else one.name,
+        when=when,
+    )
 
 
 def news(before: Frame, now: Frame, own: str) -> str:
     """What the others did since, in one line; empty: nothing."""
     was, here = ({one.name: one for one in others(frame, own)} for frame in (before, now))
-    lines = [_("{name} has joined ({kind})").format(name=one.name, kind=kind_of(one))
-             for name, one in here.items() if name not in was]
-    lines += [_("{name} has left").format(name=name) + _what_then(one, now)
-              for name, one in was.items() if name not in here]
-    lines += [_("{name} is silent").format(name=name) + _what_then(was[name], now) for name, one in here.items()
-              if name in was and was[name].keeps and not one.keeps]
+    lines = [
+        _("{name} has joined ({kind})").format(name=one.name, kind=kind_of(one))
+        for name, one in here.items()
+        if name not in was
+    ]
+    lines += [
+        _("{name} has left").format(name=name) + _what_then(one, now)
+        for name, one in was.items()
+        if name not in here
+    ]
+    lines += [
+        _("{name} is silent").format(name=name) + _what_then(was[name], now)
+        for name, one in here.items()
+        if name in was and was[name].keeps and not one.keeps
+    ]
     known = set(before.ordered)
-    lines += [_("{name}: {order}").format(name=one.name, order=order_text(one.do, one.value, METRIC))
-              for one in now.ordered if one not in known and one.name != own]
+    lines += [
+        _("{name}: {order}").format(name=one.name, order=order_text(one.do, one.value, METRIC))
+        for one in now.ordered
+        if one not in known and one.name != own
+    ]
     return ";  ".join(lines)
 
 
@@ -89,23 +111,37 @@ def _what_then(one: Attached, now: Frame) -> str:
 
 def leave_words(frame: Frame, own: str, keeps_working: bool) -> str:
     """What becomes of a machine at work when this console is left."""
-    if not frame.attached:                      # a worker that does not tell who is attached
+    if not frame.attached:  # a worker that does not tell who is attached
         if frame.consoles - keeps_working > 0:
-            return _("The machine works, and goes on: another console is open and keeps it working.")
-        return _("The machine works: it is held after 2 s without console.") if frame.consoles else _(
-            "The machine works: it is held after 2 s, unless another console is open.")
+            return _(
+                "The machine works, and goes on: another console is open and keeps it working."
+            )
+        return (
+            _("The machine works: it is held after 2 s without console.")
+            if frame.consoles
+            else _("The machine works: it is held after 2 s, unless another console is open.")
+        )
     rest = others(frame, own)
     keep = [one.name for one in rest if one.keeps]
     if keep:
-        return _("The machine works, and goes on: {names} keeps it working.").format(names=", ".join(keep))
+        return _("The machine works, and goes on: {names} keeps it working.").format(
+            names=", ".join(keep)
+        )
     text = _("The machine works: it is held after 2 s without console.")
     stay = ", ".join(map(short, rest))
-    return f"{text} {_('None of those that stay keeps it working: {names}.').format(names=stay)}" if stay else text
+    return (
+        f"{text} {_('None of those that stay keeps it working: {names}.').format(names=stay)}"
+        if stay
+        else text
+    )
 
 
 def list_words(frame: Frame, own: str, utc_offset_s: float) -> str:
     """Everybody, and the latest orders, for a dialog."""
-    lines = [f"{one.name}{' ' + _('(this one)') if one.name == own else ''}:  {kind_of(one)}" for one in frame.attached]
+    lines = [
+        f"{one.name}{' ' + _('(this one)') if one.name == own else ''}:  {kind_of(one)}"
+        for one in frame.attached
+    ]
     orders = [order_words(one, frame, own, utc_offset_s) for one in reversed(frame.ordered)]
     return "\n".join([*lines, "", _("Latest orders:") if orders else _("No orders yet."), *orders])
 
@@ -113,8 +149,19 @@ def list_words(frame: Frame, own: str, utc_offset_s: float) -> str:
 def arrival_words(frame: Frame, own: str, utc_offset_s: float) -> Sequence[str]:
     """For one that has just attached: whom it found there, and what was ordered last."""
     rest = others(frame, own)
-    found = [_("Also attached: {names}.").format(names="; ".join(f"{one.name} ({kind_of(one)})" for one in rest)
-                                                  )] if rest else []
+    found = (
+        [
+            _("Also attached: {names}.").format(
+                names="; ".join(f"{one.name} ({kind_of(one)})" for one in rest)
+            )
+        ]
+        if rest
+        else []
+    )
     if frame.ordered:
-        found.append(_("Latest order: {order}.").format(order=order_words(frame.ordered[-1], frame, own, utc_offset_s)))
+        found.append(
+            _("Latest order: {order}.").format(
+                order=order_words(frame.ordered[-1], frame, own, utc_offset_s)
+            )
+        )
     return found

@@ -1,4 +1,6 @@
-"""What is asked before a dose changes: one question, Enter for yes, Escape for no. Hold and stop work underneath."""
+"""What is asked before a dose changes: one question, Enter for yes, Escape for no. Hold and
+stop work underneath."""
+
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -21,20 +23,25 @@ if TYPE_CHECKING:
     from console.app.app import TopdressApp
 
 R = TypeVar("R")
-DIALOG_FRAME = 7          # rows of the border, and of alarms and keys that stay in sight
+# rows of the border, and of alarms and keys that stay in sight
+DIALOG_FRAME = 7
 
 
 class Dialog(ModalScreen[R], Generic[R]):
     """A box in the middle; hold and stop have priority over it.
 
-    Textual calls `on_button_pressed` of every class in a dialog's line, so a kind of dialog only handles its own.
+    Textual calls `on_button_pressed` of every class in a dialog's line, so a kind of dialog
+    only handles its own.
     """
 
     AUTO_FOCUS = ""
     VERTICAL_BREAKPOINTS = [(0, "-few"), (28, "-enough")]
-    BINDINGS: ClassVar = [Binding("escape", "cancel", show=False), Binding("enter", "yes", show=False),
-                          Binding("apostrophe", "app.do('jump')", id="jump", show=False),
-                          Binding("ctrl+y", "app.do('copy')", id="copy", show=False)]
+    BINDINGS: ClassVar = [
+        Binding("escape", "cancel", show=False),
+        Binding("enter", "yes", show=False),
+        Binding("apostrophe", "app.do('jump')", id="jump", show=False),
+        Binding("ctrl+y", "app.do('copy')", id="copy", show=False),
+    ]
 
     def __init__(self, title: str, text: str = "") -> None:
         super().__init__()
@@ -51,10 +58,13 @@ class Dialog(ModalScreen[R], Generic[R]):
                 yield from self.buttons()
 
     def on_resize(self, event: events.Resize) -> None:
-        """The middle part has the rows that are left: title and keys stay in sight at any height."""
+        """The middle part has the rows that are left: title and keys stay in sight at any
+        height."""
         for box in self.query(".dialog-body"):
-            around = sum(one.outer_size.height + one.styles.margin.height for one in self.query(
-                ".dialog-title, .dialog-buttons, .dialog > ChoiceList"))
+            around = sum(
+                one.outer_size.height + one.styles.margin.height
+                for one in self.query(".dialog-title, .dialog-buttons, .dialog > ChoiceList")
+            )
             box.styles.max_height = max(1, event.size.height - around - DIALOG_FRAME)
 
     def body(self) -> ComposeResult:
@@ -91,16 +101,21 @@ class Confirm(Dialog[bool | None]):
 class NudgeDialog(Dialog[float | None]):
     """Steps of 5 % from where the nudge is; one Enter for all of them."""
 
-    BINDINGS: ClassVar = [Binding("plus,equals_sign,kp_plus,up", "step(1)", show=False),
-                          Binding("minus,kp_minus,down", "step(-1)", show=False),
-                          Binding("0,kp_0", "zero", show=False)]
+    BINDINGS: ClassVar = [
+        Binding("plus,equals_sign,kp_plus,up", "step(1)", show=False),
+        Binding("minus,kp_minus,down", "step(-1)", show=False),
+        Binding("0,kp_0", "zero", show=False),
+    ]
     STEP_PERCENT, LIMIT_PERCENT = 5, 30
 
     def __init__(self, now_percent: float, first: int) -> None:
-        super().__init__(_("Nudge the target"), _("+ and - change, 0 takes it away, at most 30 % either way"))
+        super().__init__(
+            _("Nudge the target"), _("+ and - change, 0 takes it away, at most 30 % either way")
+        )
         self.before = now_percent
         self.percent = now_percent
-        self._typing = False            # a number was started, which is not how it is changed: its 0 is no 0
+        # a number was started, which is not how it is changed: its 0 is no 0
+        self._typing = False
         self.action_step(first)
 
     def body(self) -> ComposeResult:
@@ -141,14 +156,22 @@ class NudgeDialog(Dialog[float | None]):
 
 
 class ChoiceDialog(Dialog[str | None]):
-    """One of a list. Digits mark a line, two typed one after the other are one number; so do arrows and clicks. Only
-    Enter takes. A number that no line has is said, and Enter takes nothing until a line is marked again."""
+    """One of a list. Digits mark a line, two typed one after the other are one number; so do
+    arrows and clicks. Only Enter takes. A number that no line has is said, and Enter takes
+    nothing until a line is marked again."""
 
-    BINDINGS: ClassVar = [Binding("up", "move(-1)", show=False), Binding("down", "move(1)", show=False),
-                          Binding("pageup", "go(-10)", show=False), Binding("pagedown", "go(10)", show=False),
-                          Binding("home", "go(-10_000)", show=False), Binding("end", "go(10_000)", show=False)]
+    BINDINGS: ClassVar = [
+        Binding("up", "move(-1)", show=False),
+        Binding("down", "move(1)", show=False),
+        Binding("pageup", "go(-10)", show=False),
+        Binding("pagedown", "go(10)", show=False),
+        Binding("home", "go(-10_000)", show=False),
+        Binding("end", "go(10_000)", show=False),
+    ]
 
-    def __init__(self, title: str, choices: Sequence[Choice], now: str, text: str = "", at: int | None = None) -> None:
+    def __init__(
+        self, title: str, choices: Sequence[Choice], now: str, text: str = "", at: int | None = None
+    ) -> None:
         """at: the line that is marked at first, -1: none; without it the one in force."""
         super().__init__(title, text)
         self.choices = tuple(choices)
@@ -171,8 +194,13 @@ class ChoiceDialog(Dialog[str | None]):
     def _fit(self) -> None:
         for box in self.query(".dialog-body"):
             rows = box.styles.max_height
-            said = sum(one.outer_size.height + one.styles.margin.height for one in self.query(".dialog-text"))
-            self.query_one(ChoiceList).styles.max_height = max(3, int(rows.value if rows else 0) - said)
+            said = sum(
+                one.outer_size.height + one.styles.margin.height
+                for one in self.query(".dialog-text")
+            )
+            self.query_one(ChoiceList).styles.max_height = max(
+                3, int(rows.value if rows else 0) - said
+            )
 
     def _view(self) -> ChoicesView:
         return ChoicesView(self.choices, self.at, self.now, self._wrong)
@@ -193,7 +221,9 @@ class ChoiceDialog(Dialog[str | None]):
         self._go_to(max(0, min(len(self.choices) - 1, self.at + by)))
 
     def on_key(self, event: events.Key) -> None:
-        digit = event.key.removeprefix("kp_") if event.key.startswith("kp_") else event.character or ""
+        digit = (
+            event.key.removeprefix("kp_") if event.key.startswith("kp_") else event.character or ""
+        )
         if len(digit) != 1 or not digit.isdecimal():
             return
         event.stop()
@@ -223,7 +253,8 @@ class ChoiceDialog(Dialog[str | None]):
 
 
 class TextDialog(Dialog[bool | None]):
-    """Reads only: lines of text, scrolled where they are many; Escape, Enter or a click on the last line closes."""
+    """Reads only: lines of text, scrolled where they are many; Escape, Enter or a click on the
+    last line closes."""
 
     AUTO_FOCUS = "#text-scroll"
 

@@ -1,8 +1,10 @@
 """Numerals drawn from blocks: one 3 x 5 pixel face, at one or two pixels a dot.
 
-At scale 1 a numeral is 3 columns and 3 rows (half-blocks), at scale 2 it is 6 columns and 5 rows of full cells, with
-strokes two columns wide: readable at arm's length. At scale 3 it is 12 columns and 10 rows: from outside the cab.
+At scale 1 a numeral is 3 columns and 3 rows (half-blocks), at scale 2 it is 6 columns and 5
+rows of full cells, with strokes two columns wide: readable at arm's length. At scale 3 it is 12
+columns and 10 rows: from outside the cab.
 """
+
 from __future__ import annotations
 
 from collections.abc import Iterable
@@ -24,7 +26,7 @@ _FACE = {
     " ": (" ", " ", " ", " ", " "),
 }
 ROWS = {1: 3, 2: 5, 3: 10}
-_APART = {1: 1, 2: 2, 3: 4}        # columns between the numerals of a number
+_APART = {1: 1, 2: 2, 3: 4}  # columns between the numerals of a number
 _HALVES = {"  ": " ", "# ": "▀", " #": "▄", "##": "█"}
 
 
@@ -39,13 +41,23 @@ def draw(text: str, scale: int = 1) -> tuple[str, ...]:
         drawn = ["".join(("█" if dot == "#" else " ") * wide for dot in row) for row in pixels]
         return tuple(row for row in drawn for _same in range(high))
     pixels.append(" " * len(pixels[0]))
-    return tuple("".join(_HALVES[up + down] for up, down in zip(pixels[i], pixels[i + 1], strict=True))
-                 for i in range(0, 6, 2))
+    return tuple(
+        "".join(_HALVES[up + down] for up, down in zip(pixels[i], pixels[i + 1], strict=True))
+        for i in range(0, 6, 2)
+    )
 
 
 def largest(texts: Iterable[str], columns: int, rows: int) -> int:
-    """The largest scale at which each text fits into the room; 1 where none does. columns: from one number to the next,
-    which must stand twice as far apart as the numerals of one, else 89 and 89 are read as 8 98 9."""
+    """The largest scale at which each text fits into the room; 1 where none does. columns: from
+    one number to the next, which must stand twice as far apart as the numerals of one, else 89
+    and 89 are read as 8 98 9."""
     kept = list(texts)
-    return next((scale for scale in (3, 2) if ROWS[scale] <= rows and all(
-        len(draw(text, scale)[0]) + 2 * _APART[scale] <= columns for text in kept)), 1)
+    return next(
+        (
+            scale
+            for scale in (3, 2)
+            if ROWS[scale] <= rows
+            and all(len(draw(text, scale)[0]) + 2 * _APART[scale] <= columns for text in kept)
+        ),
+        1,
+    )

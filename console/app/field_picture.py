@@ -1,4 +1,6 @@
-"""What does not move on a map: the field's outline and the planned rates, as the job's files have them."""
+"""What does not move on a map: the field's outline and the planned rates, as the job's files
+have them."""
+
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -16,7 +18,8 @@ M2_PER_HA = 10_000.0
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Planned:
-    """Planned rates, kg/ha: rate_kg_ha[row, column], row 0 in the south, column 0 in the west; NaN: nothing said."""
+    """Planned rates, kg/ha: rate_kg_ha[row, column], row 0 in the south, column 0 in the west;
+    NaN: nothing said."""
 
     west_m: float
     south_m: float
@@ -26,11 +29,19 @@ class Planned:
     @property
     def box(self) -> Box:
         rows, columns = self.rate_kg_ha.shape
-        return Box(self.west_m, self.south_m, self.west_m + columns * self.cell_m, self.south_m + rows * self.cell_m)
+        return Box(
+            self.west_m,
+            self.south_m,
+            self.west_m + columns * self.cell_m,
+            self.south_m + rows * self.cell_m,
+        )
 
     def at(self, east_m: float, north_m: float) -> float | None:
         """The planned rate at a place; None where nothing is said."""
-        column, row = int((east_m - self.west_m) // self.cell_m), int((north_m - self.south_m) // self.cell_m)
+        column, row = (
+            int((east_m - self.west_m) // self.cell_m),
+            int((north_m - self.south_m) // self.cell_m),
+        )
         rows, columns = self.rate_kg_ha.shape
         if not (0 <= column < columns and 0 <= row < rows):
             return None
@@ -61,8 +72,9 @@ class Planned:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class FieldPicture:
-    """title: of the field. rings_m: outlines and holes, east and north. width_m: that the outlets cover. sections: the
-    right ends of those that have valves, as shares of the width; none: it is one whole."""
+    """title: of the field. rings_m: outlines and holes, east and north. width_m: that the
+    outlets cover. sections: the right ends of those that have valves, as shares of the width;
+    none: it is one whole."""
 
     title: str = ""
     rings_m: tuple[Ring, ...] = ()

@@ -1,4 +1,6 @@
-"""The pictures of fields, loaded once each along with the screens; until then, or where there is none, nothing."""
+"""The pictures of fields, loaded once each along with the screens; until then, or where there
+is none, nothing."""
+
 from __future__ import annotations
 
 from collections.abc import Callable
@@ -16,7 +18,8 @@ _KEPT = 4
 
 
 class FieldPictures:
-    """load: makes the picture of a frame's job, in a thread; its ValueErrors are said once, in one line."""
+    """load: makes the picture of a frame's job, in a thread; its ValueErrors are said once, in
+    one line."""
 
     def __init__(self, app: TopdressApp, load: Load | None) -> None:
         self._app, self._load = app, load
@@ -29,7 +32,9 @@ class FieldPictures:
         key = (frame.log_path, frame.job)
         if key not in self._known:
             self._known[key] = None
-            self._app.with_files(partial(self._load, frame), partial(self._keep, key), group="field", exclusive=False)
+            self._app.with_files(
+                partial(self._load, frame), partial(self._keep, key), group="field", exclusive=False
+            )
         return self._known[key]
 
     def _keep(self, key: tuple[str, str], picture: FieldPicture | None) -> None:

@@ -1,4 +1,6 @@
-"""Which field and job, asked at the start: what was worked lately first, one key for all as it is."""
+"""Which field and job, asked at the start: what was worked lately first, one key for all as it
+is."""
+
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
@@ -13,26 +15,36 @@ if TYPE_CHECKING:
     from console.app.app import TopdressApp
     from console.app.pages.job.service import JobService, Offer, Recent
 
-MAY_CHANGE = (None, "off")          # states in which nothing is lost by another start
+# states in which nothing is lost by another start
+MAY_CHANGE = (None, "off")
 
 
 def ask_first(app: TopdressApp, service: JobService) -> None:
-    """Asks when there is something to choose from. The machine is there meanwhile, off: nothing waits for an answer."""
+    """Asks when there is something to choose from. The machine is there meanwhile, off: nothing
+    waits for an answer."""
+
     def listed(found: tuple[Recent, ...]) -> None:
         frame = app.arrival.frame
         if found and app.screen is app.page and (frame is None or frame.row.state in MAY_CHANGE):
             now = _("Esc: it stays as it is now, {job} on {machine}.").format(
-                job=frame.job if frame is not None else "--", machine=frame.machine if frame is not None else "--")
-            choices = [Choice(str(number), _words(one, app), picture=one.card and one.card.picture)
-                       for number, one in enumerate(found)]
-            app.ask(ChoiceDialog(_("Which field and job?"), choices, "", now),
-                    lambda number: start_with(app, service, found[int(number)]))
+                job=frame.job if frame is not None else "--",
+                machine=frame.machine if frame is not None else "--",
+            )
+            choices = [
+                Choice(str(number), _words(one, app), picture=one.card and one.card.picture)
+                for number, one in enumerate(found)
+            ]
+            app.ask(
+                ChoiceDialog(_("Which field and job?"), choices, "", now),
+                lambda number: start_with(app, service, found[int(number)]),
+            )
 
-    app.list_files(lambda: service.recent(), listed)      # made in the thread
+    app.list_files(lambda: service.recent(), listed)  # made in the thread
 
 
 def start_with(app: TopdressApp, service: JobService, files: Recent) -> None:
     """The machine that runs is ended and starts anew with these, unless it works."""
+
     def begin() -> None:
         frame = app.arrival.frame
         if frame is not None and not app.gone and frame.row.state not in MAY_CHANGE:
@@ -46,6 +58,7 @@ def start_with(app: TopdressApp, service: JobService, files: Recent) -> None:
 
 def _start(app: TopdressApp, service: JobService, left: Offer | None) -> None:
     """left: a job that has spread on the field that was chosen."""
+
     def answer(how: str | None) -> None:
         if how is None:
             service.drop()
@@ -60,12 +73,26 @@ def _start(app: TopdressApp, service: JobService, left: Offer | None) -> None:
 
 def _words(one: Recent, app: TopdressApp) -> str:
     day = one.began_utc[:10]
-    since = f"{day} {wall_clock(one.began_utc, app.utc_offset_s)[:5]}" if day else _("not worked yet")
-    done = _("{area} done").format(area=app.units.area.full(one.card.done_ha)) if one.card and one.card.done_ha else ""
-    rows = (since, one.field or _("no field")), (one.job or file_name(one.files[0]), done), (one.machine,)
+    since = (
+        f"{day} {wall_clock(one.began_utc, app.utc_offset_s)[:5]}" if day else _("not worked yet")
+    )
+    done = (
+        _("{area} done").format(area=app.units.area.full(one.card.done_ha))
+        if one.card and one.card.done_ha
+        else ""
+    )
+    rows = (
+        (since, one.field or _("no field")),
+        (one.job or file_name(one.files[0]), done),
+        (one.machine,),
+    )
     return "\n".join("  ".join(part for part in row if part) for row in rows).strip()
 
 
 def start_from_any_page(app: TopdressApp) -> None:
     """Where the numbers of the machine are not in sight, START is asked."""
-    app.confirm(_("Start to work?"), _("The machine begins to spread as soon as it moves."), lambda: app.give(Do.START))
+    app.confirm(
+        _("Start to work?"),
+        _("The machine begins to spread as soon as it moves."),
+        lambda: app.give(Do.START),
+    )

@@ -1,8 +1,10 @@
-"""A guidance line from A to B: how far the machine is off the nearest of its parallels. It shows; it does not steer.
-Pure.
+"""A guidance line from A to B: how far the machine is off the nearest of its parallels. It
+shows; it does not steer. Pure.
 
-Places are east and north, m, of the plane on which the frames tell them. The parallels lie a working width apart.
+Places are east and north, m, of the plane on which the frames tell them. The parallels lie a
+working width apart.
 """
+
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -11,16 +13,18 @@ from typing import NamedTuple
 
 from console.app.camera import MapCamera
 
-LEAST_M = 10.0          # from A to B: below it the noise of a fix turns the line by degrees
-FAR_M = 10_000.0        # so far the line is drawn beyond its ends
-TURNED_DEG = 90.0       # driven the other way round, left and right change sides
+# from A to B: below it the noise of a fix turns the line by degrees
+LEAST_M = 10.0
+FAR_M = 10_000.0  # so far the line is drawn beyond its ends
+# driven the other way round, left and right change sides
+TURNED_DEG = 90.0
 
 Place = tuple[float, float]
 
 
 class Off(NamedTuple):
-    """right_m: how far the machine is to the right of the track that it is on, as it drives; number: of that track, to
-    the right of A to B positive."""
+    """right_m: how far the machine is to the right of the track that it is on, as it drives;
+    number: of that track, to the right of A to B positive."""
 
     right_m: float
     number: int
@@ -65,7 +69,10 @@ class GuideLine:
         right_m = ((place[0] - self.a[0]) * north - (place[1] - self.a[1]) * east) / long_m
         number = round(right_m / self.width_m)
         off_m = right_m - number * self.width_m
-        if heading_deg is not None and abs((heading_deg - self.heading_deg + 180.0) % 360.0 - 180.0) > TURNED_DEG:
+        if (
+            heading_deg is not None
+            and abs((heading_deg - self.heading_deg + 180.0) % 360.0 - 180.0) > TURNED_DEG
+        ):
             off_m = -off_m
         return Off(off_m, number)
 
@@ -75,4 +82,9 @@ class GuideLine:
             return ()
         east, north = self.b[0] - self.a[0], self.b[1] - self.a[1]
         far = min(FAR_M, 500.0 * camera.metres) / hypot(east, north)
-        return (((self.a[0] - far * east, self.a[1] - far * north), (self.a[0] + far * east, self.a[1] + far * north)),)
+        return (
+            (
+                (self.a[0] - far * east, self.a[1] - far * north),
+                (self.a[0] + far * east, self.a[1] + far * north),
+            ),
+        )

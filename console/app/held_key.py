@@ -1,13 +1,15 @@
-"""A key or a mouse button that must stay down while the shaft turns. Pure: times come in, down or up comes out.
+"""A key or a mouse button that must stay down while the shaft turns. Pure: times come in, down
+or up comes out.
 
-A terminal tells no release of a key, only its repeats: the first press arms, the second within a second means that the
-key is held (repeats begin after 0.25 to 0.7 s and then come 10 to 30 times a second), and a gap means that it was let
-go. A stray press therefore turns nothing.
+A terminal tells no release of a key, only its repeats: the first press arms, the second within
+a second means that the key is held (repeats begin after 0.25 to 0.7 s and then come 10 to 30
+times a second), and a gap means that it was let go. A stray press therefore turns nothing.
 """
+
 from __future__ import annotations
 
-SECOND_PRESS_S = 1.0          # longest delay before a terminal's first repeat
-KEY_GAP_S = 0.25              # slowest usual repeat: 0.092 s
+SECOND_PRESS_S = 1.0  # longest delay before a terminal's first repeat
+KEY_GAP_S = 0.25  # slowest usual repeat: 0.092 s
 
 
 class HeldKey:
@@ -15,9 +17,10 @@ class HeldKey:
 
     def __init__(self) -> None:
         self._first_s: float | None = None
-        self._last_s: float | None = None       # of a key that is held
+        self._last_s: float | None = None  # of a key that is held
         self._mouse = False
-        self._blocked_s: float | None = None    # ended by a refusal: nothing counts until the key was let go
+        # ended by a refusal: nothing counts until the key was let go
+        self._blocked_s: float | None = None
 
     @property
     def armed(self) -> bool:
@@ -31,7 +34,9 @@ class HeldKey:
                 return
             self._blocked_s = None
         held = self._last_s is not None and now_s - self._last_s <= KEY_GAP_S
-        second = self.armed and self._first_s is not None and now_s - self._first_s <= SECOND_PRESS_S
+        second = (
+            self.armed and self._first_s is not None and now_s - self._first_s <= SECOND_PRESS_S
+        )
         if held or second:
             self._last_s = now_s
         else:
@@ -53,6 +58,10 @@ class HeldKey:
     def down(self, now_s: float) -> bool:
         if self._last_s is not None and now_s - self._last_s > KEY_GAP_S:
             self._first_s = self._last_s = None
-        if self._first_s is not None and self._last_s is None and now_s - self._first_s > SECOND_PRESS_S:
+        if (
+            self._first_s is not None
+            and self._last_s is None
+            and now_s - self._first_s > SECOND_PRESS_S
+        ):
             self._first_s = None
         return self._mouse or self._last_s is not None

@@ -1,4 +1,5 @@
 """What the plots and the map remember, bounded in memory however long the day is."""
+
 from __future__ import annotations
 
 from collections import deque
@@ -49,7 +50,8 @@ class History:
             self.worked.add((spot,))
 
     def add_before(self, places: Iterable[tuple[float, float, float, float]]) -> None:
-        """Ground worked before the first frame: east m, north m, heading degrees, kg/ha, as it was driven."""
+        """Ground worked before the first frame: east m, north m, heading degrees, kg/ha, as it
+        was driven."""
         unknown = float("nan")
         self.worked.add_earlier([Spot(*place, unknown, unknown) for place in places])
 
@@ -70,8 +72,9 @@ class LogHistory:
         self._entered = 0
 
     def work_up_to(self, last: int, most: int = FRAMES_AT_ONCE) -> bool:
-        """Enter frames 0 ... last (in) into `worked`, at most so many at once, so that the screen never stands; true
-        when all are entered. Back in the log the ground is entered anew."""
+        """Enter frames 0 ... last (in) into `worked`, at most so many at once, so that the
+        screen never stands; true when all are entered. Back in the log the ground is entered
+        anew."""
         if last + 1 < self._entered:
             self.worked.clear()
             self._entered = 0

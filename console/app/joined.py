@@ -1,4 +1,6 @@
-"""A console that joins a machine which runs already says so, and by which files that machine goes."""
+"""A console that joins a machine which runs already says so, and by which files that machine
+goes."""
+
 from __future__ import annotations
 
 from typing import NamedTuple
@@ -9,9 +11,9 @@ from console.locale import _
 
 
 class Joined(NamedTuple):
-    """started_utc: of the control worker. files: that it runs with, empty: those that are shipped. unused: named on
-    this command line, and not what runs. known: whether that could be read; else `unused` is all that was named here,
-    used or not. named: all that was."""
+    """started_utc: of the control worker. files: that it runs with, empty: those that are
+    shipped. unused: named on this command line, and not what runs. known: whether that could be
+    read; else `unused` is all that was named here, used or not. named: all that was."""
 
     started_utc: str = ""
     log_path: str = ""
@@ -24,7 +26,11 @@ class Joined(NamedTuple):
 def joined_words(joined: Joined, utc_offset_s: float) -> str:
     """What the operator reads before all else."""
     since = wall_clock(joined.started_utc, utc_offset_s)[:5] or "--"
-    lines = [_("It has been on since {time}. This console has joined it and changed nothing.").format(time=since)]
+    lines = [
+        _("It has been on since {time}. This console has joined it and changed nothing.").format(
+            time=since
+        )
+    ]
     if joined.files:
         lines.append(_("Its files: {files}").format(files=", ".join(map(file_name, joined.files))))
     if joined.log_path:
@@ -33,8 +39,14 @@ def joined_words(joined: Joined, utc_offset_s: float) -> str:
     if not joined.known:
         lines.append(_("Its files are not known: nothing can be read next to its log."))
         if named:
-            lines.append(_("Named on this command line, and perhaps NOT used: {files}.").format(files=named))
+            lines.append(
+                _("Named on this command line, and perhaps NOT used: {files}.").format(files=named)
+            )
     elif joined.unused:
-        lines.append(_("NOT used, though named on this command line: {files}. F10 takes another job, crop or machine."
-                       ).format(files=named))
+        lines.append(
+            _(
+                "NOT used, though named on this command line: {files}. F10 takes another "
+                "job, crop or machine."
+            ).format(files=named)
+        )
     return "\n".join(lines)

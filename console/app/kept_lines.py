@@ -1,9 +1,10 @@
-"""The A-B line and a boundary that is being driven, as records of a file next to the log: a console that dies, or is
-closed, leaves them to the next one. Pure.
+"""The A-B line and a boundary that is being driven, as records of a file next to the log: a
+console that dies, or is closed, leaves them to the next one. Pure.
 
-A record is a line of JSON. The file only grows: what was said last holds, and a line that was cut off counts for
-nothing.
+A record is a line of JSON. The file only grows: what was said last holds, and a line that was
+cut off counts for nothing.
 """
+
 from __future__ import annotations
 
 import json
@@ -15,9 +16,10 @@ from console.app.guide_line import GuideLine, Place
 
 
 class KeptLines(NamedTuple):
-    """drive None: no boundary is being driven. way: of the drive, east and north, m, as the map draws it. until_s: the
-    log's time of its last record. changed: the line was set or taken away here. of_day: when the job began, by its
-    log, whose line this is on the same field; "": of this job itself."""
+    """drive None: no boundary is being driven. way: of the drive, east and north, m, as the map
+    draws it. until_s: the log's time of its last record. changed: the line was set or taken
+    away here. of_day: when the job began, by its log, whose line this is on the same field; "":
+    of this job itself."""
 
     guide: GuideLine
     drive: BoundaryDrive | None = None
@@ -29,12 +31,20 @@ class KeptLines(NamedTuple):
 
 def guide_record(guide: GuideLine) -> str:
     """As it is now; a line that was taken away too."""
-    return json.dumps({"guide": None if guide.a is None else {"a": guide.a, "b": guide.b, "width_m": guide.width_m}})
+    return json.dumps(
+        {
+            "guide": None
+            if guide.a is None
+            else {"a": guide.a, "b": guide.b, "width_m": guide.width_m}
+        }
+    )
 
 
 def drive_record(drive: BoundaryDrive | None, time_s: float) -> str:
     """A drive that begins; None: it has ended, kept or cancelled."""
-    return json.dumps({"drive": None if drive is None else {"right_m": drive.right_m, "time_s": time_s}})
+    return json.dumps(
+        {"drive": None if drive is None else {"right_m": drive.right_m, "time_s": time_s}}
+    )
 
 
 def corner_record(corner: Corner, place: Place, time_s: float) -> str:
@@ -56,17 +66,34 @@ def _with(kept: KeptLines, said: dict[str, Any]) -> KeptLines:
     """Raises ValueError, TypeError, KeyError."""
     if "guide" in said:
         line = said["guide"]
-        guide = GuideLine() if line is None else GuideLine(
-            _place(line["a"]), None if line["b"] is None else _place(line["b"]), float(line["width_m"]))
+        guide = (
+            GuideLine()
+            if line is None
+            else GuideLine(
+                _place(line["a"]),
+                None if line["b"] is None else _place(line["b"]),
+                float(line["width_m"]),
+            )
+        )
         return kept._replace(guide=guide, changed=True)
     if "drive" in said:
         drive = said["drive"]
         if drive is None:
             return KeptLines(kept.guide, changed=kept.changed)
-        return KeptLines(kept.guide, BoundaryDrive(float(drive["right_m"])), (), float(drive["time_s"]), kept.changed)
+        return KeptLines(
+            kept.guide,
+            BoundaryDrive(float(drive["right_m"])),
+            (),
+            float(drive["time_s"]),
+            kept.changed,
+        )
     if kept.drive is None:
         return kept
-    corner, place, time_s = Corner(*map(float, said["corner"])), _place(said["place_m"]), float(said["time_s"])
+    corner, place, time_s = (
+        Corner(*map(float, said["corner"])),
+        _place(said["place_m"]),
+        float(said["time_s"]),
+    )
     kept.drive.add_corner(corner)
     return kept._replace(way=(*kept.way, place), until_s=time_s)
 

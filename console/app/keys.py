@@ -1,4 +1,5 @@
 """Keys of every page and what they do."""
+
 from __future__ import annotations
 
 from collections.abc import Callable
@@ -63,7 +64,9 @@ def alarm_list(app: TopdressApp) -> None:
     if isinstance(app.screen, AlarmList):
         return
     replayed = app.page.where == REPLAY and app.replay_page.job is not None
-    records: tuple[AlarmRecord, ...] = app.replay_page.alarm_records() if replayed else app.alarm_book.records
+    records: tuple[AlarmRecord, ...] = (
+        app.replay_page.alarm_records() if replayed else app.alarm_book.records
+    )
     title = _("Alarms of this log") if replayed else _("Alarms of this run")
     app.push_screen(AlarmList(title, entries(records, app.units, app.utc_offset_s)))
 
@@ -124,23 +127,32 @@ def next_language(app: TopdressApp) -> None:
 
 
 def _asked_while_working(app: TopdressApp, question: str, change: Callable[[], None]) -> None:
-    """What makes every number or word on the screen another one is no slip of a finger while the machine works."""
+    """What makes every number or word on the screen another one is no slip of a finger while
+    the machine works."""
     frame = app.arrival.frame
     if frame is None or app.gone or frame.row.state != State.WORKING:
         change()
     else:
-        app.confirm(question, _("The machine works. Everything on the screen is written anew."), change)
+        app.confirm(
+            question, _("The machine works. Everything on the screen is written anew."), change
+        )
 
 
 def pages(app: TopdressApp) -> None:
-    choices = [Choice(one.id.removesuffix("_screen"), f"{_(one.label)}  ({one.shown})") for one in app.page_actions]
+    choices = [
+        Choice(one.id.removesuffix("_screen"), f"{_(one.label)}  ({one.shown})")
+        for one in app.page_actions
+    ]
     app.ask(ChoiceDialog(_("Go to which page?"), choices, app.page.where), app.turn_to)
 
 
 def menu(app: TopdressApp) -> None:
     """The page's menu: what has no letter of its own, for a letter means one thing on all pages."""
     choices = [Choice(one.id, _(one.label), app.why_not(one)) for one in app.menu()]
-    app.ask(ChoiceDialog(_("What else this page does"), choices, ""), lambda name: app.call_later(app.action_do, name))
+    app.ask(
+        ChoiceDialog(_("What else this page does"), choices, ""),
+        lambda name: app.call_later(app.action_do, name),
+    )
 
 
 def jump(app: TopdressApp) -> None:
@@ -159,13 +171,19 @@ def take_back(app: TopdressApp) -> None:
         app.undo.take()
         change.back()
 
-    app.confirm(_("Take the last change back?"), _("It goes back to: {what}").format(what=change.what), back)
+    app.confirm(
+        _("Take the last change back?"), _("It goes back to: {what}").format(what=change.what), back
+    )
 
 
 def copy(app: TopdressApp) -> None:
     """By the terminal's own clipboard (OSC 52), which works through ssh too."""
     frame, screen = app.arrival.frame, app.screen
-    text = screen.get_selected_text() or getattr(screen, "text", "") or ("" if frame is None else frame.log_path)
+    text = (
+        screen.get_selected_text()
+        or getattr(screen, "text", "")
+        or ("" if frame is None else frame.log_path)
+    )
     if text:
         app.copy_to_clipboard(text)
         app.notice(_("copied: {text}").format(text=text.splitlines()[0]))
@@ -181,58 +199,251 @@ def leave(app: TopdressApp) -> None:
 
 
 ACTIONS = (
-    Action("hold", "space", "Space", N_("hold"), N_("Stops the flow at once; Start resumes. In a replay alone: pause."),
-           hold, bar=1, locked=True, priority=True),
-    Action("stop", "x,f12", "X", N_("STOP"), N_("Machine off, from any state and on every screen (also F12)."),
-           lambda app: app.give(Do.STOP), bar=2, locked=True, priority=True),
-    Action("acknowledge", "a", "A", N_("acknowledge"), N_("Acknowledges the alarms that are shown."), acknowledge,
-           bar=9, why=why_no_acknowledge),
-    Action("menu", "q", "Q", N_("menu"), N_("What else this page does: a list; digit or arrow, then Enter."), menu,
-           bar=3, why=lambda app: "" if app.menu() else _("this page has no menu: all its keys are in F1")),
+    Action(
+        "hold",
+        "space",
+        "Space",
+        N_("hold"),
+        N_("Stops the flow at once; Start resumes. In a replay alone: pause."),
+        hold,
+        bar=1,
+        locked=True,
+        priority=True,
+    ),
+    Action(
+        "stop",
+        "x,f12",
+        "X",
+        N_("STOP"),
+        N_("Machine off, from any state and on every screen (also F12)."),
+        lambda app: app.give(Do.STOP),
+        bar=2,
+        locked=True,
+        priority=True,
+    ),
+    Action(
+        "acknowledge",
+        "a",
+        "A",
+        N_("acknowledge"),
+        N_("Acknowledges the alarms that are shown."),
+        acknowledge,
+        bar=9,
+        why=why_no_acknowledge,
+    ),
+    Action(
+        "menu",
+        "q",
+        "Q",
+        N_("menu"),
+        N_("What else this page does: a list; digit or arrow, then Enter."),
+        menu,
+        bar=3,
+        why=lambda app: "" if app.menu() else _("this page has no menu: all its keys are in F1"),
+    ),
     Action("help", "f1", "F1", N_("help"), N_("This page."), show_help, bar=3, locked=True),
-    Action("run_screen", "f2", "F2", N_("run"), N_("The machine at work."), lambda app: app.turn_to(RUN), locked=True),
-    Action("map_screen", "f3", "F3", N_("map"), N_("The field: applied, target, error, NDVI, plan."),
-           lambda app: app.turn_to(MAP), locked=True),
-    Action("trends_screen", "f4", "F4", N_("trends"), N_("Any channel over any time span; freeze it, read off values."),
-           lambda app: app.turn_to(TRENDS), locked=True),
-    Action("devices_screen", "f5", "F5", N_("devices"), N_("Every port and what it sends; test it, record raw data."),
-           lambda app: app.turn_to(DEVICES), locked=True),
-    Action("calibrate_screen", "f6", "F6", N_("calibrate"), N_("Catch test, lag test, heads check, wheel, effort."),
-           lambda app: app.turn_to(CALIBRATE), locked=True),
-    Action("replay_screen", "f7", "F7", N_("replay"), N_("A log, played again."), lambda app: app.turn_to(REPLAY),
-           locked=True),
-    Action("diagnosis_screen", "f9", "F9", N_("diagnosis"),
-           N_("What is wrong with the machine, and why: from its logs."), lambda app: app.turn_to(DIAGNOSIS),
-           locked=True),
-    Action("job_screen", "f10", "F10", N_("job"), N_("Before work, totals, refills, N-rich strip, end of the job."),
-           lambda app: app.turn_to(JOB), locked=True),
-    Action("settings_screen", "f11", "F11", N_("settings"), N_("Units, language, look, sound, limits, keys."),
-           lambda app: app.turn_to(SETTINGS), locked=True),
-    Action("pages", "tab", "Tab", N_("pages"), N_("Goes to a page, where the terminal keeps the F-keys to itself."),
-           pages, bar=10, locked=True),
-    Action("start_anywhere", "ctrl+s", "^S", N_("start, asked"),
-           N_("Ready or held: begins to work, from any page; asks first."),
-           lambda app: start_from_any_page(app), bar=2,
-           why=why_no_start),
-    Action("undo", "ctrl+z", "^Z", N_("undo"),
-           N_("Takes the last change back: dose, target, strategy, strip, switch, refill, setting; asks first."),
-           take_back, why=why_no_undo),
-    Action("alarm_list", "exclamation_mark", "!", N_("alarms"), N_("All alarms of the run or log, with what to do."),
-           alarm_list, locked=True),
-    Action("lock", "f8", "F8", N_("lock"), N_("Only hold and stop stay; unlocking asks first."), lock, bar=11,
-           locked=True),
-    Action("theme", "d", "D", N_("day / night"), N_("Day, night, high contrast."), next_theme, bar=12, locked=True),
-    Action("palette", "ctrl+p", "^P", N_("all actions"), N_("Find any action by its name."), palette, bar=13),
-    Action("jump", "apostrophe", "'", N_("letters"), N_("Letters over what can be clicked; typing them clicks it."),
-           jump, locked=True),
-    Action("tour", "ctrl+t", "^T", N_("guided tour"), N_("A minute on the simulated machine, key by key."), begin_tour),
-    Action("tour_next", "ctrl+n", "^N", N_("tour: next"), N_("Skips a step of the guided tour."), next_step,
-           why=why_no_tour),
-    Action("tour_end", "ctrl+e", "^E", N_("tour: end"), N_("Ends the guided tour."), end_tour, why=why_no_tour),
+    Action(
+        "run_screen",
+        "f2",
+        "F2",
+        N_("run"),
+        N_("The machine at work."),
+        lambda app: app.turn_to(RUN),
+        locked=True,
+    ),
+    Action(
+        "map_screen",
+        "f3",
+        "F3",
+        N_("map"),
+        N_("The field: applied, target, error, NDVI, plan."),
+        lambda app: app.turn_to(MAP),
+        locked=True,
+    ),
+    Action(
+        "trends_screen",
+        "f4",
+        "F4",
+        N_("trends"),
+        N_("Any channel over any time span; freeze it, read off values."),
+        lambda app: app.turn_to(TRENDS),
+        locked=True,
+    ),
+    Action(
+        "devices_screen",
+        "f5",
+        "F5",
+        N_("devices"),
+        N_("Every port and what it sends; test it, record raw data."),
+        lambda app: app.turn_to(DEVICES),
+        locked=True,
+    ),
+    Action(
+        "calibrate_screen",
+        "f6",
+        "F6",
+        N_("calibrate"),
+        N_("Catch test, lag test, heads check, wheel, effort."),
+        lambda app: app.turn_to(CALIBRATE),
+        locked=True,
+    ),
+    Action(
+        "replay_screen",
+        "f7",
+        "F7",
+        N_("replay"),
+        N_("A log, played again."),
+        lambda app: app.turn_to(REPLAY),
+        locked=True,
+    ),
+    Action(
+        "diagnosis_screen",
+        "f9",
+        "F9",
+        N_("diagnosis"),
+        N_("What is wrong with the machine, and why: from its logs."),
+        lambda app: app.turn_to(DIAGNOSIS),
+        locked=True,
+    ),
+    Action(
+        "job_screen",
+        "f10",
+        "F10",
+        N_("job"),
+        N_("Before work, totals, refills, N-rich strip, end of the job."),
+        lambda app: app.turn_to(JOB),
+        locked=True,
+    ),
+    Action(
+        "settings_screen",
+        "f11",
+        "F11",
+        N_("settings"),
+        N_("Units, language, look, sound, limits, keys."),
+        lambda app: app.turn_to(SETTINGS),
+        locked=True,
+    ),
+    Action(
+        "pages",
+        "tab",
+        "Tab",
+        N_("pages"),
+        N_("Goes to a page, where the terminal keeps the F-keys to itself."),
+        pages,
+        bar=10,
+        locked=True,
+    ),
+    Action(
+        "start_anywhere",
+        "ctrl+s",
+        "^S",
+        N_("start, asked"),
+        N_("Ready or held: begins to work, from any page; asks first."),
+        lambda app: start_from_any_page(app),
+        bar=2,
+        why=why_no_start,
+    ),
+    Action(
+        "undo",
+        "ctrl+z",
+        "^Z",
+        N_("undo"),
+        N_(
+            "Takes the last change back: dose, target, strategy, strip, switch, refill, "
+            "setting; asks first."
+        ),
+        take_back,
+        why=why_no_undo,
+    ),
+    Action(
+        "alarm_list",
+        "exclamation_mark",
+        "!",
+        N_("alarms"),
+        N_("All alarms of the run or log, with what to do."),
+        alarm_list,
+        locked=True,
+    ),
+    Action(
+        "lock",
+        "f8",
+        "F8",
+        N_("lock"),
+        N_("Only hold and stop stay; unlocking asks first."),
+        lock,
+        bar=11,
+        locked=True,
+    ),
+    Action(
+        "theme",
+        "d",
+        "D",
+        N_("day / night"),
+        N_("Day, night, high contrast."),
+        next_theme,
+        bar=12,
+        locked=True,
+    ),
+    Action(
+        "palette",
+        "ctrl+p",
+        "^P",
+        N_("all actions"),
+        N_("Find any action by its name."),
+        palette,
+        bar=13,
+    ),
+    Action(
+        "jump",
+        "apostrophe",
+        "'",
+        N_("letters"),
+        N_("Letters over what can be clicked; typing them clicks it."),
+        jump,
+        locked=True,
+    ),
+    Action(
+        "tour",
+        "ctrl+t",
+        "^T",
+        N_("guided tour"),
+        N_("A minute on the simulated machine, key by key."),
+        begin_tour,
+    ),
+    Action(
+        "tour_next",
+        "ctrl+n",
+        "^N",
+        N_("tour: next"),
+        N_("Skips a step of the guided tour."),
+        next_step,
+        why=why_no_tour,
+    ),
+    Action(
+        "tour_end",
+        "ctrl+e",
+        "^E",
+        N_("tour: end"),
+        N_("Ends the guided tour."),
+        end_tour,
+        why=why_no_tour,
+    ),
     Action("units", "u", "U", N_("units"), N_("Metric, or mph and lb/ac."), next_units),
     Action("language", "g", "G", N_("language"), N_("English, Chinese."), next_language),
-    Action("copy", "ctrl+y", "^Y", N_("copy"), N_("The list of alarms, the text of a dialog, or the path of the log."),
-           copy),
-    Action("quit", "ctrl+q,ctrl+c", "^Q", N_("quit"), N_("Leaves the console; asks first while the machine works."),
-           leave),
+    Action(
+        "copy",
+        "ctrl+y",
+        "^Y",
+        N_("copy"),
+        N_("The list of alarms, the text of a dialog, or the path of the log."),
+        copy,
+    ),
+    Action(
+        "quit",
+        "ctrl+q,ctrl+c",
+        "^Q",
+        N_("quit"),
+        N_("Leaves the console; asks first while the machine works."),
+        leave,
+    ),
 )

@@ -1,4 +1,6 @@
-"""A file of another day, laid on the map under the work: what was applied there, or what was harvested."""
+"""A file of another day, laid on the map under the work: what was applied there, or what was
+harvested."""
+
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -9,11 +11,13 @@ from console.app.layers import RATES, LayerScale, MapLayer
 from console.app.worked import Worked
 from console.scale import calm_ends
 
-_PARTS = 10                    # of a harvest's range: its scale ends at a round tenth
+# of a harvest's range: its scale ends at a round tenth
+_PARTS = 10
 
 
 class Harvest(NamedTuple):
-    """What a file of no rates tells in their place, in its own unit; `Worked` holds it where it holds NDVI."""
+    """What a file of no rates tells in their place, in its own unit; `Worked` holds it where it
+    holds NDVI."""
 
     label: str
     unit: str
@@ -21,7 +25,8 @@ class Harvest(NamedTuple):
 
 @dataclass(frozen=True, eq=False, slots=True)
 class LaidFile:
-    """has: what the map's colours can show of it. apart_m: from the job's field or the machine; 0: there."""
+    """has: what the map's colours can show of it. apart_m: from the job's field or the machine;
+    0: there."""
 
     name: str
     worked: Worked
@@ -34,12 +39,15 @@ class LaidFile:
         return self.worked.rate_ends if self.has & RATES else None
 
     def scale(self, shown: LayerScale) -> LayerScale | None:
-        """The scale that it is drawn by where the map is coloured by `shown`; None: it does not tell that."""
+        """The scale that it is drawn by where the map is coloured by `shown`; None: it does not
+        tell that."""
         if self.harvest is not None:
             low, high = self.worked.ndvi_ends or (0.0, 1.0)
             step = 10.0 ** floor(log10(max(high - low, abs(high), 1e-3) / _PARTS))
             low, high = calm_ends((low, high), step, 2 * step)
-            return LayerScale(MapLayer.NDVI, low, high, 1.0, max(0, -floor(log10(step))), self.harvest.unit)
+            return LayerScale(
+                MapLayer.NDVI, low, high, 1.0, max(0, -floor(log10(step))), self.harvest.unit
+            )
         return shown if shown.layer in self.has else None
 
 

@@ -1,4 +1,5 @@
 """What a map can be coloured by, and from where to where its colours go."""
+
 from __future__ import annotations
 
 from enum import StrEnum
@@ -20,12 +21,23 @@ class MapLayer(StrEnum):
     PASSES = "passes"
 
 
-LABELS = {MapLayer.APPLIED: N_("applied"), MapLayer.TARGET: N_("target"), MapLayer.ERROR: N_("error"),
-          MapLayer.NDVI: N_("NDVI"), MapLayer.PASSES: N_("passes")}
-KINDS_OF = {MapLayer.APPLIED: (0,), MapLayer.TARGET: (1,), MapLayer.ERROR: (0, 1), MapLayer.NDVI: (2,),
-            MapLayer.PASSES: (3,)}      # of Worked
-PASSES_ENDS = (1.0, 2.0)    # covered once; twice or more: overlap
-NDVI_ENDS = (0.2, 0.9)      # bare soil to a closed canopy, as the heads tell them
+LABELS = {
+    MapLayer.APPLIED: N_("applied"),
+    MapLayer.TARGET: N_("target"),
+    MapLayer.ERROR: N_("error"),
+    MapLayer.NDVI: N_("NDVI"),
+    MapLayer.PASSES: N_("passes"),
+}
+KINDS_OF = {
+    MapLayer.APPLIED: (0,),
+    MapLayer.TARGET: (1,),
+    MapLayer.ERROR: (0, 1),
+    MapLayer.NDVI: (2,),
+    MapLayer.PASSES: (3,),
+}  # of Worked
+PASSES_ENDS = (1.0, 2.0)  # covered once; twice or more: overlap
+# bare soil to a closed canopy, as the heads tell them
+NDVI_ENDS = (0.2, 0.9)
 RATES = frozenset({MapLayer.APPLIED, MapLayer.TARGET})
 
 
@@ -47,22 +59,36 @@ class LayerScale(NamedTuple):
         return f"{sign}{round(value * self.per_si, self.decimals) + 0.0:.{self.decimals}f}"
 
     def colour(self, share: float) -> Rgb:
-        return {MapLayer.ERROR: error_colour, MapLayer.PASSES: passes_colour}.get(self.layer, colour)(share)
+        return {MapLayer.ERROR: error_colour, MapLayer.PASSES: passes_colour}.get(
+            self.layer, colour
+        )(share)
 
 
-def scale_of(layer: MapLayer, worked: Worked, picture: FieldPicture | None, units: Units,
-             laid: tuple[float, float] | None = None, most_kg_ha: float | None = None) -> LayerScale:
-    """Applied and target share one scale, which also holds what is planned, and the rates of a laid file.
+def scale_of(
+    layer: MapLayer,
+    worked: Worked,
+    picture: FieldPicture | None,
+    units: Units,
+    laid: tuple[float, float] | None = None,
+    most_kg_ha: float | None = None,
+) -> LayerScale:
+    """Applied and target share one scale, which also holds what is planned, and the rates of a
+    laid file.
 
-    most_kg_ha: of the job that runs. Its scale then stands from the first metre to the last, by the plan, else by this
-    limit: a colour that meant 200 kg/ha in the morning means 200 kg/ha in the evening. None: by what was worked so far.
+    most_kg_ha: of the job that runs. Its scale then stands from the first metre to the last, by
+    the plan, else by this limit: a colour that meant 200 kg/ha in the morning means 200 kg/ha
+    in the evening. None: by what was worked so far.
     """
     if layer is MapLayer.ERROR:
         return LayerScale(layer, -ERROR_SPAN, ERROR_SPAN, 100.0, 0, "%")
     if layer is MapLayer.PASSES:
         return LayerScale(layer, *PASSES_ENDS, 1.0, 0, "x")
     if layer is MapLayer.NDVI:
-        low, high = NDVI_ENDS if most_kg_ha is not None else calm_ends(worked.ndvi_ends or (), step=0.05, least=0.2)
+        low, high = (
+            NDVI_ENDS
+            if most_kg_ha is not None
+            else calm_ends(worked.ndvi_ends or (), step=0.05, least=0.2)
+        )
         return LayerScale(layer, low, high, 1.0, 2, "")
     planned = picture.planned.ends if picture is not None and picture.planned is not None else None
     per_si = units.rate.per_si

@@ -1,5 +1,6 @@
-"""The map as numbers: which palette entry every pixel has, and which two of them a cell of the terminal shows. Pure;
-MapInk turns it into colours."""
+"""The map as numbers: which palette entry every pixel has, and which two of them a cell of the
+terminal shows. Pure; MapInk turns it into colours."""
+
 from __future__ import annotations
 
 from collections.abc import Iterable
@@ -18,19 +19,21 @@ from console.app.view import RATE_FLOOR_KG_HA
 from console.app.worked import KINDS, NOTHING_KG_HA, Window, Worked
 from console.scale import STEPS
 
-Image = npt.NDArray[np.uint8]           # (rows, columns), from the north-west
-Codes = npt.NDArray[np.int32]           # (rows, columns) of the terminal
+Image = npt.NDArray[np.uint8]  # (rows, columns), from the north-west
+Codes = npt.NDArray[np.int32]  # (rows, columns) of the terminal
 Values = npt.NDArray[np.float32]
 _BITS = np.array(BITS, dtype=np.uint8)
 
 EMPTY, PASSAGE = 0, 1
-DONE = 2                                # DONE + step: worked ground
-PLAN = DONE + STEPS                     # PLAN + step: planned ground
-LAID = PLAN + STEPS                     # LAID + step: ground of a laid file
-GLOW = LAID + STEPS                     # GLOW + step: worked ground of the pass behind the machine
+DONE = 2  # DONE + step: worked ground
+PLAN = DONE + STEPS  # PLAN + step: planned ground
+LAID = PLAN + STEPS  # LAID + step: ground of a laid file
+# GLOW + step: worked ground of the pass behind the machine
+GLOW = LAID + STEPS
 ENTRIES = GLOW + STEPS
-CELL_SHARE = 0.75                       # of a pixel's height, that a cell under it has at most
-STRAIGHT_DEG, STRAIGHT_M = 10.0, 8.0    # a pass: so long, and so straight
+# of a pixel's height, that a cell under it has at most
+CELL_SHARE = 0.75
+STRAIGHT_DEG, STRAIGHT_M = 10.0, 8.0  # a pass: so long, and so straight
 
 
 class Ground(NamedTuple):
@@ -43,11 +46,12 @@ class Ground(NamedTuple):
         return self.shown(layer)[0]
 
     def shown(self, layer: MapLayer) -> tuple[Values, npt.NDArray[np.bool_]]:
-        """Means over each pixel, NaN where nothing is known; and whether the outlets' middle went there."""
+        """Means over each pixel, NaN where nothing is known; and whether the outlets' middle
+        went there."""
         kinds = KINDS_OF[layer]
         planes = self.planes(*kinds, *(KINDS + kind for kind in kinds), 2 * KINDS)
         with np.errstate(invalid="ignore", divide="ignore"):
-            means = planes[:len(kinds)] / planes[len(kinds):-1]
+            means = planes[: len(kinds)] / planes[len(kinds) : -1]
         if layer is MapLayer.ERROR:
             means = (means[:1] - means[1:]) / np.maximum(means[1:], np.float32(RATE_FLOOR_KG_HA))
         return means[0], planes[-1] > 0.0
@@ -65,16 +69,31 @@ class Ground(NamedTuple):
         left, right = max(0, left), min(pixels.columns, right + 1)
         top, bottom = max(0, top), min(pixels.rows, bottom + 1)
         if left < right and top < bottom:
-            columns = _PixelAxis.of(pixels.west_m + left * pixels.wide_m, pixels.wide_m, right - left, cell)
-            rows = _PixelAxis.of(pixels.north_m - bottom * pixels.metres, pixels.metres, bottom - top, cell)
-            planes = worked.window(cell, columns.first, rows.first, columns.cells, rows.cells, which)
-            seen[:, top:bottom, left:right] = columns.gathered(rows.gathered(planes, 1), 2)[:, ::-1, :]
+            columns = _PixelAxis.of(
+                pixels.west_m + left * pixels.wide_m, pixels.wide_m, right - left, cell
+            )
+            rows = _PixelAxis.of(
+                pixels.north_m - bottom * pixels.metres, pixels.metres, bottom - top, cell
+            )
+            planes = worked.window(
+                cell, columns.first, rows.first, columns.cells, rows.cells, which
+            )
+            seen[:, top:bottom, left:right] = columns.gathered(rows.gathered(planes, 1), 2)[
+                :, ::-1, :
+            ]
         return seen
 
 
-def image(worked: Worked, picture: FieldPicture | None, scale: LayerScale, pixels: Pixels, plan: bool = True,
-          laid: LaidView | None = None) -> Image:
-    """The palette entries of all pixels. plan: planned rates lie under the worked ground (rate layers only).
+def image(
+    worked: Worked,
+    picture: FieldPicture | None,
+    scale: LayerScale,
+    pixels: Pixels,
+    plan: bool = True,
+    laid: LaidView | None = None,
+) -> Image:
+    """The palette entries of all pixels. plan: planned rates lie under the worked ground (rate
+    layers only).
 
     A laid file lies over the plan and under the worked ground.
     """
@@ -83,7 +102,12 @@ def image(worked: Worked, picture: FieldPicture | None, scale: LayerScale, pixel
         _colour(seen, picture.planned.seen(pixels), scale, PLAN)
     if laid is not None:
         values = Ground(laid.worked, pixels).layer(laid.scale.layer)
-        _colour(seen, np.where(_nothing(values, laid.scale), np.float32(np.nan), values), laid.scale, LAID)
+        _colour(
+            seen,
+            np.where(_nothing(values, laid.scale), np.float32(np.nan), values),
+            laid.scale,
+            LAID,
+        )
     values, passed = Ground(worked, pixels).shown(scale.layer)
     seen[passed] = PASSAGE
     nothing = _nothing(values, scale)
@@ -95,8 +119,10 @@ def image(worked: Worked, picture: FieldPicture | None, scale: LayerScale, pixel
 def glow(seen: Image, worked: Worked, pixels: Pixels) -> None:
     """The worked ground that the trail covers, in its own entries."""
     cells_m = np.maximum((pixels.wide_m, pixels.metres), worked.cells_m[0])
-    east, north = (np.floor(middles / cell_m).astype(np.int64) for middles, cell_m in zip(
-        pixels.middles(), cells_m, strict=True))
+    east, north = (
+        np.floor(middles / cell_m).astype(np.int64)
+        for middles, cell_m in zip(pixels.middles(), cells_m, strict=True)
+    )
     trail = np.floor(worked.trail_places() / cells_m).astype(np.int64)
     trail = trail[((trail >= (east[0], north[-1])) & (trail <= (east[-1], north[0]))).all(axis=1)]
     if not len(trail):
@@ -107,16 +133,25 @@ def glow(seen: Image, worked: Worked, pixels: Pixels) -> None:
     columns = slice(*np.searchsorted(east, (west, east_end + 1)))
     rows = slice(*np.searchsorted(-north, (-north_end, 1 - south)))
     near = seen[rows, columns]
-    near[covered[np.ix_(north[rows] - south, east[columns] - west)] & (near >= DONE) & (near < PLAN)] += GLOW - DONE
+    near[
+        covered[np.ix_(north[rows] - south, east[columns] - west)] & (near >= DONE) & (near < PLAN)
+    ] += GLOW - DONE
 
 
 def next_passes(worked: Worked, pixels: Pixels) -> tuple[Ring, ...]:
-    """Where the machine drives straight: the line of each pass next to its own that nothing was spread on yet."""
+    """Where the machine drives straight: the line of each pass next to its own that nothing was
+    spread on yet."""
     if not worked.trail:
         return ()
     here = worked.trail[-1]
-    begin = next((one for one in reversed(worked.trail) if hypot(
-        here.east_m - one.east_m, here.north_m - one.north_m) >= STRAIGHT_M), None)
+    begin = next(
+        (
+            one
+            for one in reversed(worked.trail)
+            if hypot(here.east_m - one.east_m, here.north_m - one.north_m) >= STRAIGHT_M
+        ),
+        None,
+    )
     if begin is None:
         return ()
     east, north = here.east_m - begin.east_m, here.north_m - begin.north_m
@@ -129,16 +164,22 @@ def next_passes(worked: Worked, pixels: Pixels) -> tuple[Ring, ...]:
     found = []
     for aside_m in (-worked.width_m, worked.width_m):
         middle = begin.east_m + aside_m * north, begin.north_m - aside_m * east
-        spread = Ground(worked, Pixels(1, 1, 2.0 * half_m, middle[0] - half_m, middle[1] + half_m)).layer(
-            MapLayer.APPLIED)
+        spread = Ground(
+            worked, Pixels(1, 1, 2.0 * half_m, middle[0] - half_m, middle[1] + half_m)
+        ).layer(MapLayer.APPLIED)
         if not np.isfinite(spread).any():
-            found.append(tuple((middle[0] + way_m * east, middle[1] + way_m * north) for way_m in (-far_m, far_m)))
+            found.append(
+                tuple(
+                    (middle[0] + way_m * east, middle[1] + way_m * north)
+                    for way_m in (-far_m, far_m)
+                )
+            )
     return tuple(found)
 
 
 def line_dots(lines: Iterable[Ring], pixels: Pixels) -> Image:
-    """Lines from corner to corner, as the bits of braille: of each cell of the terminal, two pixels high. A dot is half
-    a pixel."""
+    """Lines from corner to corner, as the bits of braille: of each cell of the terminal, two
+    pixels high. A dot is half a pixel."""
     dots = np.zeros((pixels.rows // 2, pixels.columns), dtype=np.uint8)
     for line in lines:
         places = np.array(line, dtype=np.float64)
@@ -155,12 +196,13 @@ def line_dots(lines: Iterable[Ring], pixels: Pixels) -> Image:
     return dots
 
 
-PAIR_BITS = 8                           # of an entry in a code
+PAIR_BITS = 8  # of an entry in a code
 
 
 class Halves(NamedTuple):
-    """What the cells of the terminal show of 2 x 2 pixels each. codes: which of them, bit 0 the north-western, have the
-    higher entry x 2^16 + that entry x 2^8 + the lower one; behind: what lies behind a line."""
+    """What the cells of the terminal show of 2 x 2 pixels each. codes: which of them, bit 0 the
+    north-western, have the higher entry x 2^16 + that entry x 2^8 + the lower one; behind: what
+    lies behind a line."""
 
     codes: Codes
     behind: Image
@@ -169,14 +211,16 @@ class Halves(NamedTuple):
 def halves(seen: Image) -> Halves:
     """A cell has two colours: its four entries are parted where they lie farthest apart."""
     quarters = seen[0::2, 0::2], seen[0::2, 1::2], seen[1::2, 0::2], seen[1::2, 1::2]
-    (low, high), (other_low, other_high) = ((np.minimum(a, b), np.maximum(a, b)) for a, b in (
-        quarters[:2], quarters[2:]))
+    (low, high), (other_low, other_high) = (
+        (np.minimum(a, b), np.maximum(a, b)) for a, b in (quarters[:2], quarters[2:])
+    )
     inner, other_inner = np.maximum(low, other_low), np.minimum(high, other_high)
     first, second = np.minimum(low, other_low), np.minimum(inner, other_inner)
     third, fourth = np.maximum(inner, other_inner), np.maximum(high, other_high)
     gap = np.maximum(np.maximum(second - first, third - second), fourth - third)
     one_below, one_above = second - first == gap, fourth - third == gap
-    below = np.where(one_below, first, np.where(one_above, third, second))       # the highest of the lower ones
+    # the highest of the lower ones
+    below = np.where(one_below, first, np.where(one_above, third, second))
     codes = np.zeros(first.shape, dtype=np.int32)
     for k, quarter in enumerate(quarters):
         codes |= (quarter > below).astype(np.int32) << (2 * PAIR_BITS + k)
@@ -197,8 +241,8 @@ def _colour(seen: Image, values: Values, scale: LayerScale, first: int) -> None:
 
 
 class _PixelAxis(NamedTuple):
-    """The cells (first, how many) under a row of pixels; starts: the first cell of each pixel, or, where pixels are
-    smaller than cells, the one cell that a pixel lies in."""
+    """The cells (first, how many) under a row of pixels; starts: the first cell of each pixel,
+    or, where pixels are smaller than cells, the one cell that a pixel lies in."""
 
     first: int
     cells: int
@@ -208,9 +252,13 @@ class _PixelAxis(NamedTuple):
     @classmethod
     def of(cls, begin_m: float, metres: float, pixels: int, cell_m: float) -> _PixelAxis:
         if metres < cell_m:
-            cells = np.floor((begin_m + (np.arange(pixels) + 0.5) * metres) / cell_m).astype(np.int64)
+            cells = np.floor((begin_m + (np.arange(pixels) + 0.5) * metres) / cell_m).astype(
+                np.int64
+            )
             return cls(int(cells[0]), int(cells[-1] - cells[0]) + 1, cells - cells[0], False)
-        starts = np.ceil((begin_m + np.arange(pixels + 1) * metres) / cell_m - 0.5 - 1e-6).astype(np.int64)
+        starts = np.ceil((begin_m + np.arange(pixels + 1) * metres) / cell_m - 0.5 - 1e-6).astype(
+            np.int64
+        )
         return cls(int(starts[0]), int(starts[-1] - starts[0]), starts[:-1] - starts[0], True)
 
     def gathered(self, planes: Window, axis: int) -> Window:
@@ -221,10 +269,13 @@ class _PixelAxis(NamedTuple):
         return np.take(planes, self.starts, axis=axis)
 
 
-def _visible(column: npt.NDArray[np.float64], row: npt.NDArray[np.float64], pixels: Pixels
-             ) -> Iterable[tuple[int, int]]:
+def _visible(
+    column: npt.NDArray[np.float64], row: npt.NDArray[np.float64], pixels: Pixels
+) -> Iterable[tuple[int, int]]:
     """Edges whose box touches the picture, as pairs of corners."""
     low_c, high_c = np.minimum(column[:-1], column[1:]), np.maximum(column[:-1], column[1:])
     low_r, high_r = np.minimum(row[:-1], row[1:]), np.maximum(row[:-1], row[1:])
-    near = np.flatnonzero((high_c >= 0) & (low_c < 2 * pixels.columns) & (high_r >= 0) & (low_r < 2 * pixels.rows))
+    near = np.flatnonzero(
+        (high_c >= 0) & (low_c < 2 * pixels.columns) & (high_r >= 0) & (low_r < 2 * pixels.rows)
+    )
     return ((int(k), int(k) + 1) for k in near)

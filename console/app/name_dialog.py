@@ -1,4 +1,5 @@
 """A line of text is asked for: a file's name, a path."""
+
 from __future__ import annotations
 
 from collections.abc import Callable
@@ -14,29 +15,37 @@ from console.locale import _
 
 
 class NameDialog(Dialog[str | None]):
-    """wrong: says in one line what is wrong with a text, or "" when it will do. Ctrl+Space (hold) and F12
-    (stop) work as ever."""
+    """wrong: says in one line what is wrong with a text, or "" when it will do. Ctrl+Space
+    (hold) and F12 (stop) work as ever."""
 
     AUTO_FOCUS = "#name-input"
     BINDINGS: ClassVar = [Binding("escape", "cancel", show=False, priority=True)]
 
-    def __init__(self, title: str, begin: str, text: str = "", wrong: Callable[[str], str] = lambda text: "") -> None:
+    def __init__(
+        self, title: str, begin: str, text: str = "", wrong: Callable[[str], str] = lambda text: ""
+    ) -> None:
         super().__init__(title, text)
         self.begin, self.wrong = begin, wrong
-        self._up = False                # the field has the focus, or had it
+        self._up = False  # the field has the focus, or had it
 
     def types_early(self, event: events.Key) -> bool:
-        """A character that is typed before the field is up is part of the name, not hold or a letter's action; F12 and
-        Ctrl+Space are none."""
+        """A character that is typed before the field is up is part of the name, not hold or a
+        letter's action; F12 and Ctrl+Space are none."""
         if self._up or event.key == "escape" or not (event.is_printable or event.key == "enter"):
             return False
         self.begin += event.character if event.is_printable and event.character else ""
         return True
 
     def body(self) -> ComposeResult:
-        yield Input(self.begin, id="name-input", classes="name-input", compact=True, select_on_focus=False)
+        yield Input(
+            self.begin, id="name-input", classes="name-input", compact=True, select_on_focus=False
+        )
         yield Static("", id="name-wrong", classes="dialog-value", markup=False)
-        yield Static(_("Ctrl+Space holds, F12 stops, also while typing."), classes="dialog-hint", markup=False)
+        yield Static(
+            _("Ctrl+Space holds, F12 stops, also while typing."),
+            classes="dialog-hint",
+            markup=False,
+        )
 
     def on_mount(self) -> None:
         self.query_one("#name-wrong", Static).display = False

@@ -1,4 +1,6 @@
-"""A number is asked for: the one field of this console that takes one, by keys, by the pad or pasted."""
+"""A number is asked for: the one field of this console that takes one, by keys, by the pad or
+pasted."""
+
 from __future__ import annotations
 
 from collections.abc import Callable
@@ -14,21 +16,32 @@ from console.locale import _
 
 
 class NumberDialog(Dialog[float | None]):
-    """What is typed stands there as it was typed, and the number that it is read as on the key that takes it. Nothing
-    typed is dropped: what is no number, or lies outside the range, is refused in words.
+    """What is typed stands there as it was typed, and the number that it is read as on the key
+    that takes it. Nothing typed is dropped: what is no number, or lies outside the range, is
+    refused in words.
 
-    low, high, typed (what stands there at first; the first key replaces it): as shown; the answer is `to_si` of the
-    number. The letter that asked for the number is no part of it while nothing else is typed: a key that stays down.
-    full: a key, its word and a number, as shown, that the key puts there. doubt: what speaks against a number
-    in SI, in words, "" where nothing does; then it is asked once more.
+    low, high, typed (what stands there at first; the first key replaces it): as shown; the
+    answer is `to_si` of the number. The letter that asked for the number is no part of it while
+    nothing else is typed: a key that stays down. full: a key, its word and a number, as shown,
+    that the key puts there. doubt: what speaks against a number in SI, in words, "" where
+    nothing does; then it is asked once more.
     """
 
     PAD = ("7", "8", "9", "4", "5", "6", "1", "2", "3", "0", ".", "C")
 
-    def __init__(self, title: str, unit: str, low: float, high: float, text: str = "",
-                 to_si: Callable[[float], float] = lambda shown: shown, *, typed: str = "",
-                 doubt: Callable[[float], str] = lambda value: "",
-                 full: tuple[str, str, float] | None = None) -> None:
+    def __init__(
+        self,
+        title: str,
+        unit: str,
+        low: float,
+        high: float,
+        text: str = "",
+        to_si: Callable[[float], float] = lambda shown: shown,
+        *,
+        typed: str = "",
+        doubt: Callable[[float], str] = lambda value: "",
+        full: tuple[str, str, float] | None = None,
+    ) -> None:
         super().__init__(title, text)
         self.unit, self.low, self.high, self.to_si, self.doubt = unit, low, high, to_si, doubt
         self.full = full
@@ -45,7 +58,7 @@ class NumberDialog(Dialog[float | None]):
         with Vertical(classes="pad"):
             for row in range(0, len(self.PAD), 3):
                 with Horizontal(classes="pad-row"):
-                    for key in self.PAD[row:row + 3]:
+                    for key in self.PAD[row : row + 3]:
                         yield Button(key, name=key, classes="pad-key")
 
     def buttons(self) -> ComposeResult:
@@ -55,7 +68,8 @@ class NumberDialog(Dialog[float | None]):
         yield from super().buttons()
 
     def _fill(self) -> None:
-        """As if it were typed: what stands there is still read, allowed and asked like any other number."""
+        """As if it were typed: what stands there is still read, allowed and asked like any
+        other number."""
         if self.full is not None:
             self.typed, self._fresh = plain_number(self.full[2]), True
             self._show(asked=False)
@@ -65,12 +79,16 @@ class NumberDialog(Dialog[float | None]):
 
     def yes_label(self) -> str:
         value = self.reading.value
-        return _("yes") if value is None else _("take {number} {unit}").format(number=plain_number(value),
-                                                                              unit=self.unit)
+        return (
+            _("yes")
+            if value is None
+            else _("take {number} {unit}").format(number=plain_number(value), unit=self.unit)
+        )
 
     def _says(self) -> str:
-        allowed = _("allowed: {low} to {high} {unit}").format(low=f"{self.low:g}", high=f"{self.high:g}",
-                                                              unit=self.unit)
+        allowed = _("allowed: {low} to {high} {unit}").format(
+            low=f"{self.low:g}", high=f"{self.high:g}", unit=self.unit
+        )
         return f"{self.typed or '_'} {self.unit}     {allowed}"
 
     def type(self, key: str) -> None:
@@ -81,7 +99,8 @@ class NumberDialog(Dialog[float | None]):
             self.typed = self.typed[:-1]
         else:
             before = "" if self._fresh else self.typed
-            self.typed = (before + key)[:MOST_CHARACTERS + 1]       # one more than any number has: so it is refused
+            # one more than any number has: so it is refused
+            self.typed = (before + key)[: MOST_CHARACTERS + 1]
         self._fresh = False
         self._show(asked=False)
 
@@ -96,22 +115,34 @@ class NumberDialog(Dialog[float | None]):
         said.display = bool(wrong)
         take = self.query_one("#yes", Button)
         take.label = f"{_('Enter')}  {self.yes_label()}"
-        take.refresh(layout=True)               # as wide as it says
+        take.refresh(layout=True)  # as wide as it says
 
     def on_key(self, event: events.Key) -> None:
-        named = {"backspace": "back", "delete": "C", "kp_decimal": ".", "kp_separator": ","}.get(event.key, "")
+        named = {"backspace": "back", "delete": "C", "kp_decimal": ".", "kp_separator": ","}.get(
+            event.key, ""
+        )
         number_key = event.key.removeprefix("kp_") if event.key.startswith("kp_") else ""
         key = named or (number_key if number_key.isdecimal() else event.character or "")
         if key in ("c", "C", "ｃ", "Ｃ"):
             key = "C"
-        if self.full is not None and key.upper() == self.full[0] and (not self.typed or self._fresh):
+        if (
+            self.full is not None
+            and key.upper() == self.full[0]
+            and (not self.typed or self._fresh)
+        ):
             event.stop()
             self._fill()
             return
-        if (not self.typed or self._fresh) and key.isalpha() and event.key.lower() == getattr(self.app, "asked_by", ""):
-            event.stop()                # the letter that asks for the number, still held down
+        if (
+            (not self.typed or self._fresh)
+            and key.isalpha()
+            and event.key.lower() == getattr(self.app, "asked_by", "")
+        ):
+            # the letter that asks for the number, still held down
+            event.stop()
             return
-        if key and key != "'" and (named or (key.isprintable() and len(key) == 1)):     # ' jumps to a button
+        # ' jumps to a button
+        if key and key != "'" and (named or (key.isprintable() and len(key) == 1)):
             event.stop()
             self.type(key)
 
@@ -143,5 +174,12 @@ class NumberDialog(Dialog[float | None]):
             if yes:
                 self.dismiss(taken)
 
-        self.app.push_screen(Confirm(_("{number} {unit}: is that right?").format(
-            number=plain_number(value), unit=self.unit), why), answer)
+        self.app.push_screen(
+            Confirm(
+                _("{number} {unit}: is that right?").format(
+                    number=plain_number(value), unit=self.unit
+                ),
+                why,
+            ),
+            answer,
+        )

@@ -1,4 +1,5 @@
 """An order in words, as it was given or as it is offered. Pure."""
+
 from __future__ import annotations
 
 from console.app import words
@@ -9,16 +10,32 @@ from control.agronomy.strips import read_strip
 from control.orders import Do
 
 ORDERS: dict[str, str] = {
-    Do.READY: N_("READY"), Do.START: N_("START"), Do.HOLD: N_("HOLD"), Do.STOP: N_("STOP"),
-    Do.CALIBRATE: N_("calibrating"), Do.RELEASE: N_("end of calibrating"), Do.STRATEGY: N_("strategy"),
-    Do.SOURCE: N_("target"), Do.NUDGE: N_("nudge"), Do.MANUAL_RATE: N_("manual rate"), Do.MARK: N_("mark"),
-    Do.REFILL: N_("refill"), Do.REFILL_BACK: N_("refill taken back"),
-    Do.ALLOW_REVERSE: N_("flow in reverse"), Do.ALLOW_OUTSIDE: N_("flow outside the field"),
-    Do.ALLOW_MAP_ELSEWHERE: N_("a map that lies elsewhere"), Do.GO_ON_UNLOGGED: N_("work without a log"),
+    Do.READY: N_("READY"),
+    Do.START: N_("START"),
+    Do.HOLD: N_("HOLD"),
+    Do.STOP: N_("STOP"),
+    Do.CALIBRATE: N_("calibrating"),
+    Do.RELEASE: N_("end of calibrating"),
+    Do.STRATEGY: N_("strategy"),
+    Do.SOURCE: N_("target"),
+    Do.NUDGE: N_("nudge"),
+    Do.MANUAL_RATE: N_("manual rate"),
+    Do.MARK: N_("mark"),
+    Do.REFILL: N_("refill"),
+    Do.REFILL_BACK: N_("refill taken back"),
+    Do.ALLOW_REVERSE: N_("flow in reverse"),
+    Do.ALLOW_OUTSIDE: N_("flow outside the field"),
+    Do.ALLOW_MAP_ELSEWHERE: N_("a map that lies elsewhere"),
+    Do.GO_ON_UNLOGGED: N_("work without a log"),
     Do.ALLOW_NO_WHEEL: N_("work without the wheel"),
-    Do.FLOW_TRIM: N_("scale trim"), Do.LOOK_AHEAD: N_("look-ahead"), Do.NO_DOUBLE: N_("nothing twice"),
-    Do.SECTION: N_("section"), Do.STRIP: N_("strip"), Do.DOSE_ERROR: N_("dose error"),
-    Do.CALIBRATE_SHAFT: N_("calibrating, shaft"), Do.CALIBRATE_OPENING: N_("calibrating, opening"),
+    Do.FLOW_TRIM: N_("scale trim"),
+    Do.LOOK_AHEAD: N_("look-ahead"),
+    Do.NO_DOUBLE: N_("nothing twice"),
+    Do.SECTION: N_("section"),
+    Do.STRIP: N_("strip"),
+    Do.DOSE_ERROR: N_("dose error"),
+    Do.CALIBRATE_SHAFT: N_("calibrating, shaft"),
+    Do.CALIBRATE_OPENING: N_("calibrating, opening"),
 }
 STRIPS = {"nrich": N_("N-rich strip"), "check": N_("farmer check")}
 
@@ -29,7 +46,11 @@ def order_text(do: str, value: str | float | bool | None, units: Units) -> str:
     strip = read_strip(value) if do == Do.STRIP else None
     if strip is not None:
         named = _(STRIPS[strip.which])
-        return _("no {strip}").format(strip=named) if strip.ndvi is None else f"{named} NDVI {strip.ndvi:.3f}"
+        return (
+            _("no {strip}").format(strip=named)
+            if strip.ndvi is None
+            else f"{named} NDVI {strip.ndvi:.3f}"
+        )
     return f"{word} {_value(do, '' if value is None else str(value), units)}".rstrip()
 
 
@@ -48,6 +69,13 @@ def _value(do: str, value: str, units: Units) -> str:
     except ValueError:
         return value
     shown = {Do.MANUAL_RATE: units.rate, Do.REFILL: units.mass, Do.REFILL_BACK: units.mass}
-    plain = {Do.NUDGE: "%", Do.DOSE_ERROR: "m", Do.CALIBRATE_SHAFT: "r/min", Do.CALIBRATE_OPENING: "mm"}
-    unit = shown.get(Do(do), Unit(plain.get(Do(do), ""), 1.0, 1)) if do in ORDERS else Unit("", 1.0, 1)
+    plain = {
+        Do.NUDGE: "%",
+        Do.DOSE_ERROR: "m",
+        Do.CALIBRATE_SHAFT: "r/min",
+        Do.CALIBRATE_OPENING: "mm",
+    }
+    unit = (
+        shown.get(Do(do), Unit(plain.get(Do(do), ""), 1.0, 1)) if do in ORDERS else Unit("", 1.0, 1)
+    )
     return f"{'+' if do == Do.NUDGE and number >= 0.0 else ''}{in_words(unit, number)}".rstrip()

@@ -1,4 +1,6 @@
-"""How often each kind of panel is looked at: numbers 5 Hz, plots 2 Hz, maps 1 Hz, on an injected clock."""
+"""How often each kind of panel is looked at: numbers 5 Hz, plots 2 Hz, maps 1 Hz, on an
+injected clock."""
+
 from __future__ import annotations
 
 NUMBERS_S, PLOTS_S, MAPS_S = 0.2, 0.5, 1.0

@@ -1,4 +1,5 @@
 """The last gate before the screen: no text, wherever it came from, steers the terminal."""
+
 from __future__ import annotations
 
 from rich.segment import Segment
@@ -9,9 +10,13 @@ from drivers.plain_text import plain
 
 
 class PlainLines(LineFilter):
-    """Applied to every line that is drawn. What it leaves out has no width, so that no line becomes shorter."""
+    """Applied to every line that is drawn. What it leaves out has no width, so that no line
+    becomes shorter."""
 
     def apply(self, segments: list[Segment], background: Color) -> list[Segment]:
         if all(segment.control or segment.text.isprintable() for segment in segments):
             return segments
-        return [segment if segment.control else Segment(plain(segment.text), segment.style) for segment in segments]
+        return [
+            segment if segment.control else Segment(plain(segment.text), segment.style)
+            for segment in segments
+        ]

@@ -1,25 +1,36 @@
-"""Which key is meant by one that was pressed: Caps Lock, Shift, a full-width input method and other layouts do not keep
-an operator from STOP, nor from any other letter.
+"""Which key is meant by one that was pressed: Caps Lock, Shift, a full-width input method and
+other layouts do not keep an operator from STOP, nor from any other letter.
 
-Terminals send Shift and a letter as the capital ("X"), with the kitty keyboard protocol also as "shift+x"; Caps Lock as
-the capital; Shift+F12 as "shift+f12" or, on older ones, as "f24".
+Terminals send Shift and a letter as the capital ("X"), with the kitty keyboard protocol also as
+"shift+x"; Caps Lock as the capital; Shift+F12 as "shift+f12" or, on older ones, as "f24".
 """
+
 from __future__ import annotations
 
 import unicodedata
 from collections.abc import Set
 
-ALWAYS_STOP = "f12"            # whatever the keymap says, also where a text field has the focus
-_SAME = {"less_than_sign": "left", "greater_than_sign": "right",       # as the arrow keys are shown
-         "f24": "f12", "ideographic_space": "space", "no_break_space": "space", "@": "space"}    # ctrl+@: Ctrl+Space
-# Letters on the key of X: Russian and Ukrainian, Serbian and Macedonian, Greek, Hebrew, Arabic, Georgian, Thai, Korean,
-# Japanese kana, Bopomofo; and the Cyrillic and Greek letters that look like X.
+# whatever the keymap says, also where a text field has the focus
+ALWAYS_STOP = "f12"
+# as the arrow keys are shown
+_SAME = {
+    "less_than_sign": "left",
+    "greater_than_sign": "right",
+    # ctrl+@: Ctrl+Space
+    "f24": "f12",
+    "ideographic_space": "space",
+    "no_break_space": "space",
+    "@": "space",
+}
+# Letters on the key of X: Russian and Ukrainian, Serbian and Macedonian, Greek, Hebrew, Arabic,
+# Georgian, Thai, Korean, Japanese kana, Bopomofo; and the Cyrillic and Greek letters that look
+# like X.
 _ON_THE_KEY_OF_X = frozenset("чџχסءხปㅌさㄌх")
 
 
 def meant(key: str, bound: Set[str], urgent: Set[str]) -> str:
-    """key: as Textual names it. bound: keys that have an action here. urgent: those of hold and STOP, which are taken
-    with any modifier and, for X, from other layouts."""
+    """key: as Textual names it. bound: keys that have an action here. urgent: those of hold and
+    STOP, which are taken with any modifier and, for X, from other layouts."""
     *held, last = key.split("+")
     last = _SAME.get(last, last) if last != "@" or held else last
     if last == ALWAYS_STOP:
@@ -41,4 +52,8 @@ def meant(key: str, bound: Set[str], urgent: Set[str]) -> str:
 
 def _narrow(letter: str) -> str:
     """A full-width letter or digit as the plain one; a superscript two is no 2."""
-    return unicodedata.normalize("NFKC", letter) if unicodedata.decomposition(letter).startswith("<wide>") else letter
+    return (
+        unicodedata.normalize("NFKC", letter)
+        if unicodedata.decomposition(letter).startswith("<wide>")
+        else letter
+    )

@@ -1,4 +1,6 @@
-"""Why something cannot be done now, in one line; empty where it can. By the newest frame: safety has the last word."""
+"""Why something cannot be done now, in one line; empty where it can. By the newest frame:
+safety has the last word."""
+
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
@@ -18,7 +20,9 @@ def why_no_undo(app: TopdressApp) -> str:
 
 def why_no_acknowledge(app: TopdressApp) -> str:
     frame = app.arrival.frame
-    owed = frame is not None and any(one.severity is Severity.RED and not one.acknowledged for one in frame.alarms)
+    owed = frame is not None and any(
+        one.severity is Severity.RED and not one.acknowledged for one in frame.alarms
+    )
     return "" if owed else _("no alarm waits for it")
 
 
@@ -49,11 +53,13 @@ def _why_no_state(app: TopdressApp, from_: tuple[State, ...], already: State) ->
     if first:
         return _("the machine is {state}: press {key} first").format(state=now, key=first)
     return _("the machine is {state}; this begins from {states}").format(
-        state=now, states=", ".join(state_word(one.value) for one in from_))
+        state=now, states=", ".join(state_word(one.value) for one in from_)
+    )
 
 
 def key_first(app: TopdressApp, wanted: State, state: str | None) -> str:
-    """The key, as it is shown, that leads on from this state towards the one that is wanted; empty where none does."""
+    """The key, as it is shown, that leads on from this state towards the one that is wanted;
+    empty where none does."""
     if wanted is State.READY:
         return app.shown_key("hold") if state == State.WORKING else ""
     return app.shown_key("ready") if state in (State.OFF, State.FAULT, State.HELD) else ""

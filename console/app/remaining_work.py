@@ -1,4 +1,6 @@
-"""What a job still takes: area, product, way and time, from what is left of its field and its plan. Pure."""
+"""What a job still takes: area, product, way and time, from what is left of its field and its
+plan. Pure."""
+
 from __future__ import annotations
 
 from typing import NamedTuple
@@ -8,7 +10,7 @@ from console.app.units import M2_PER_HA, Units
 from console.app.view import duration
 from console.frame import Frame
 
-LEAST_WORKED_S = 30.0       # before, nobody can tell how fast the work goes
+LEAST_WORKED_S = 30.0  # before, nobody can tell how fast the work goes
 
 
 class RemainingWork(NamedTuple):
@@ -23,11 +25,14 @@ class RemainingWork(NamedTuple):
         if self.area_ha is None and self.product_kg is None:
             return "--"
         time = "--" if self.time_s is None else duration(self.time_s)
-        return f"{time}  {units.mass.full(self.product_kg)}  {units.way(self.way_m).full(self.way_m)}"
+        return (
+            f"{time}  {units.mass.full(self.product_kg)}  {units.way(self.way_m).full(self.way_m)}"
+        )
 
 
 def remaining_work(frame: Frame | None, picture: FieldPicture | None) -> RemainingWork:
-    """The plan's product where there is one, else the mean so far on what is left; time at the pace so far."""
+    """The plan's product where there is one, else the mean so far on what is left; time at the
+    pace so far."""
     if frame is None or picture is None:
         return RemainingWork()
     planned = picture.planned

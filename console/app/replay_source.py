@@ -1,4 +1,6 @@
-"""A log's frames on a clock of their own: play, pause, seek, step, 0.1x to 1000x. Orders are refused."""
+"""A log's frames on a clock of their own: play, pause, seek, step, 0.1x to 1000x. Orders are
+refused."""
+
 from __future__ import annotations
 
 import asyncio
@@ -13,7 +15,8 @@ SPEEDS = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1
 
 
 class ReplaySource:
-    """A FrameSource over recorded frames, in order of row.time_s. `clock` gives s, as time.monotonic does.
+    """A FrameSource over recorded frames, in order of row.time_s. `clock` gives s, as
+    time.monotonic does.
 
     Raises ValueError for a log without rows.
     """
@@ -34,7 +37,8 @@ class ReplaySource:
         self.start_s, self.end_s = self._times[0], self._times[-1]
 
     def replace(self, frames: Sequence[Frame]) -> None:
-        """Other frames (a what-if), at the place and speed that are played now. Raises ValueError when empty."""
+        """Other frames (a what-if), at the place and speed that are played now. Raises
+        ValueError when empty."""
         if not frames:
             raise ValueError("replay: the recomputed log has no rows")
         at_s = self.at_s
@@ -109,7 +113,8 @@ class ReplaySource:
         self.set_speed(SPEEDS[max(0, min(len(SPEEDS) - 1, at + steps))])
 
     def next_alarm(self) -> bool:
-        """To the next frame that has an alarm which the one before has not; false where there is none."""
+        """To the next frame that has an alarm which the one before has not; false where there
+        is none."""
         for index in range(self.index + 1, len(self.frames)):
             before = {alarm.id for alarm in self.frames[index - 1].alarms}
             if any(alarm.id not in before for alarm in self.frames[index].alarms):

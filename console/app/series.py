@@ -1,4 +1,6 @@
-"""Lowest, highest and mean of a channel over spans of time: live in a pyramid of bounded size, or from a whole log."""
+"""Lowest, highest and mean of a channel over spans of time: live in a pyramid of bounded size,
+or from a whole log."""
+
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -12,13 +14,14 @@ from console.frame import Frame
 
 Floats = npt.NDArray[np.float64]
 
-WIDTHS_S = (0.2, 1.0, 4.0, 16.0, 64.0)       # of a bucket, from level to level
-KEPT = 2_048                                 # buckets of each level: 7 min, 34 min, 2.3 h, 9 h, 36 h
+WIDTHS_S = (0.2, 1.0, 4.0, 16.0, 64.0)  # of a bucket, from level to level
+# buckets of each level: 7 min, 34 min, 2.3 h, 9 h, 36 h
+KEPT = 2_048
 
 
 class TrendStretch(NamedTuple):
-    """Buckets in order of time. time_s: of a bucket's first row; low, high, mean: NaN where nothing was known; counts:
-    of known values."""
+    """Buckets in order of time. time_s: of a bucket's first row; low, high, mean: NaN where
+    nothing was known; counts: of known values."""
 
     time_s: Floats
     low: Floats
@@ -46,7 +49,8 @@ class TrendSeries(Protocol):
     def end_s(self) -> float | None: ...
 
     def stretch(self, channel: str, from_s: float, to_s: float, buckets: int) -> TrendStretch:
-        """The channel from one time to another in about `buckets` or more pieces, as far as they are held."""
+        """The channel from one time to another in about `buckets` or more pieces, as far as
+        they are held."""
 
 
 def sums(stretch: TrendStretch) -> SpanSums:
@@ -55,12 +59,16 @@ def sums(stretch: TrendStretch) -> SpanSums:
     if not known.any():
         return SpanSums(np.nan, np.nan, np.nan)
     weight = stretch.counts[known]
-    return SpanSums(float(stretch.low[known].min()), float((stretch.mean[known] * weight).sum() / weight.sum()),
-                    float(stretch.high[known].max()))
+    return SpanSums(
+        float(stretch.low[known].min()),
+        float((stretch.mean[known] * weight).sum() / weight.sum()),
+        float(stretch.high[known].max()),
+    )
 
 
 class _RowOfAll(NamedTuple):
-    """Of all channels, made once for all levels: (value, minus value) and (value or 0, 1 where known)."""
+    """Of all channels, made once for all levels: (value, minus value) and (value or 0, 1 where
+    known)."""
 
     extremes: Floats
     totals: Floats
@@ -92,7 +100,7 @@ class _BucketLevel:
     def _begin(self, number: int, time_s: float) -> None:
         if self.size == 2 * self.kept:
             for array in (self.time_s, self.extremes, self.totals):
-                array[:self.kept] = array[self.kept:]
+                array[: self.kept] = array[self.kept :]
             self.size = self.kept
         self.time_s[self.size], self.number = time_s, number
         self.size += 1
@@ -102,7 +110,7 @@ class _BucketLevel:
         return float(self.time_s[0])
 
     def stretch(self, column: int, from_s: float, to_s: float) -> TrendStretch:
-        times = self.time_s[:self.size]
+        times = self.time_s[: self.size]
         begin = max(0, int(np.searchsorted(times, from_s - self.width_s, side="right")))
         end = int(np.searchsorted(times, to_s, side="right"))
         total, count = self.totals[begin:end, :, column].T.copy()
@@ -112,7 +120,8 @@ class _BucketLevel:
 
 
 class Pyramid:
-    """A Series grown row by row. Each level has wider buckets and reaches further back; the memory never grows."""
+    """A Series grown row by row. Each level has wider buckets and reaches further back; the
+    memory never grows."""
 
     def __init__(self, widths_s: Sequence[float] = WIDTHS_S, kept: int = KEPT) -> None:
         self.widths_s, self.kept = tuple(widths_s), kept
@@ -133,15 +142,20 @@ class Pyramid:
 
     @property
     def bytes(self) -> int:
-        return sum(array.nbytes for level in self._levels
-                   for array in (level.time_s, level.extremes, level.totals))
+        return sum(
+            array.nbytes
+            for level in self._levels
+            for array in (level.time_s, level.extremes, level.totals)
+        )
 
     def add(self, frame: Frame) -> None:
         """One more row; rows come in order of time."""
         values = np.array(values_of(frame.row))
         known = np.isfinite(values)
         time_s = frame.row.time_s
-        row = _RowOfAll(np.array((values, -values)), np.array((np.where(known, values, 0.0), known)))
+        row = _RowOfAll(
+            np.array((values, -values)), np.array((np.where(known, values, 0.0), known))
+        )
         for level in self._levels:
             level.add(time_s, row)
         self._end_s = time_s
@@ -149,15 +163,19 @@ class Pyramid:
             self._started_s = time_s
 
     def stretch(self, channel: str, from_s: float, to_s: float, buckets: int) -> TrendStretch:
-        """From the coarsest level that gives as many buckets and reaches back far enough, else the one that does."""
+        """From the coarsest level that gives as many buckets and reaches back far enough, else
+        the one that does."""
         started = self._started_s or 0.0
-        reach = [level for level in self._levels if level.first_s <= max(from_s, started)] or self._levels[-1:]
+        reach = [
+            level for level in self._levels if level.first_s <= max(from_s, started)
+        ] or self._levels[-1:]
         fine = [level for level in reach if level.width_s * buckets <= to_s - from_s]
         return (fine[-1] if fine else reach[0]).stretch(COLUMN[channel], from_s, to_s)
 
 
 class LogSeries:
-    """A Series over all frames of a log; a channel's values are taken out when they are first asked for."""
+    """A Series over all frames of a log; a channel's values are taken out when they are first
+    asked for."""
 
     def __init__(self, frames: Sequence[Frame]) -> None:
         self._frames = frames
@@ -175,9 +193,16 @@ class LogSeries:
     def stretch(self, channel: str, from_s: float, to_s: float, buckets: int) -> TrendStretch:
         values = self._values.get(channel)
         if values is None:
-            values = self._values[channel] = np.array([value_of(frame.row, channel) for frame in self._frames])
-        begin, end = np.searchsorted(self._times, from_s, side="left"), np.searchsorted(self._times, to_s, side="right")
-        return _in_buckets(self._times[begin:end], values[begin:end], from_s, (to_s - from_s) / max(1, buckets))
+            values = self._values[channel] = np.array(
+                [value_of(frame.row, channel) for frame in self._frames]
+            )
+        begin, end = (
+            np.searchsorted(self._times, from_s, side="left"),
+            np.searchsorted(self._times, to_s, side="right"),
+        )
+        return _in_buckets(
+            self._times[begin:end], values[begin:end], from_s, (to_s - from_s) / max(1, buckets)
+        )
 
 
 def _in_buckets(times: Floats, values: Floats, from_s: float, width_s: float) -> TrendStretch:
@@ -190,4 +215,10 @@ def _in_buckets(times: Floats, values: Floats, from_s: float, width_s: float) ->
     count = np.add.reduceat(known.astype(np.float64), begins)
     with np.errstate(invalid="ignore", divide="ignore"):
         mean = np.add.reduceat(np.where(known, values, 0.0), begins) / count
-    return TrendStretch(times[begins], np.fmin.reduceat(values, begins), np.fmax.reduceat(values, begins), mean, count)
+    return TrendStretch(
+        times[begins],
+        np.fmin.reduceat(values, begins),
+        np.fmax.reduceat(values, begins),
+        mean,
+        count,
+    )

@@ -1,4 +1,6 @@
-"""What screens can have done that needs files or long work. The command line gives it; None: not offered here."""
+"""What screens can have done that needs files or long work. The command line gives it; None:
+not offered here."""
+
 from __future__ import annotations
 
 from collections.abc import Callable
@@ -34,15 +36,15 @@ class _Late:
 
 
 def late(make: Callable[[], T]) -> T:
-    """A service that is made, and what it needs imported, when something of it is first asked for: the first picture
-    does without."""
+    """A service that is made, and what it needs imported, when something of it is first asked
+    for: the first picture does without."""
     return cast(T, _Late(make))
 
 
 @dataclass(frozen=True, slots=True)
 class Services:
-    """Each field belongs to one screen. Its errors are one-line ValueErrors; long work runs in a thread and asks
-    `cancelled` between steps."""
+    """Each field belongs to one screen. Its errors are one-line ValueErrors; long work runs in
+    a thread and asks `cancelled` between steps."""
 
     calibrate: CalibrateService | None = None
 
@@ -50,7 +52,8 @@ class Services:
 
     job: JobService | None = None
 
-    field: Callable[[Frame], FieldPicture | None] | None = None        # outline and planned rates of a frame's job
+    # outline and planned rates of a frame's job
+    field: Callable[[Frame], FieldPicture | None] | None = None
 
     diagnosis: DiagnosisService | None = None
 
@@ -58,16 +61,21 @@ class Services:
 
     layers: LayerFiles | None = None
 
-    earlier: Callable[[str], Earlier | None] | None = None      # before this console looked
+    earlier: Callable[[str], Earlier | None] | None = None  # before this console looked
 
-    at_work: Callable[[str], AtWork | None] | None = None       # the limits of the run that writes a log
+    # the limits of the run that writes a log
+    at_work: Callable[[str], AtWork | None] | None = None
 
-    lines: LineFiles | None = None      # of the Map page: the A-B line, a boundary that is being driven
+    # of the Map page: the A-B line, a boundary that is being driven
+    lines: LineFiles | None = None
 
-    model_check: Callable[[str], Departure | None] | None = None     # of the log at a path, so far; returns at once
-    missing: str = ""                   # a sentence for the start: what this console does without
+    # of the log at a path, so far; returns at once
+    model_check: Callable[[str], Departure | None] | None = None
+    # a sentence for the start: what this console does without
+    missing: str = ""
 
-    play: Callable[[str], str] | None = None      # begins a command that plays a sound; why it did not, empty: it did
+    # begins a command that plays a sound; why it did not, empty: it did
+    play: Callable[[str], str] | None = None
 
     def make(self) -> None:
         """Those that are `late`, in a thread: each imports much."""

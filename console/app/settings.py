@@ -1,4 +1,5 @@
 """The user's settings on the console: what of them is wrong for it, and how they take effect."""
+
 from __future__ import annotations
 
 import re
@@ -21,12 +22,21 @@ from drivers.files.settings_theme import ThemeData
 if TYPE_CHECKING:
     from console.app.app import TopdressApp
 
-TAKEN = frozenset({"escape", "enter", "tab", "shift+tab"})      # dialogs need them
+TAKEN = frozenset({"escape", "enter", "tab", "shift+tab"})  # dialogs need them
 _KEY = re.compile(r"[A-Z]|[a-z0-9_]+(\+[a-z0-9_]+)*")
 
-_VARIABLES = {"red": "alarm-red", "on-red": "on-alarm-red", "amber": "alarm-amber", "on-amber": "on-alarm-amber",
-              "keybar": "keybar", "on-keybar": "on-keybar", "keybar-key": "keybar-key", "stale": "stale",
-              "muted": "muted", "target": "target"}
+_VARIABLES = {
+    "red": "alarm-red",
+    "on-red": "on-alarm-red",
+    "amber": "alarm-amber",
+    "on-amber": "on-alarm-amber",
+    "keybar": "keybar",
+    "on-keybar": "on-keybar",
+    "keybar-key": "keybar-key",
+    "stale": "stale",
+    "muted": "muted",
+    "target": "target",
+}
 _OWN = ("background", "surface", "panel", "foreground", "primary")
 
 
@@ -38,9 +48,13 @@ def keymap_problem(keymap: Mapping[str, str]) -> str:
             return _("key keymap.{name}: no such action").format(name=name)
         for key in (key.strip() for key in keys.split(",")):
             if key.rpartition("+")[2] == ALWAYS_STOP and name != "stop":
-                return _("key keymap.{name}: value {key}: F12 is STOP on every screen").format(name=name, key=key)
+                return _("key keymap.{name}: value {key}: F12 is STOP on every screen").format(
+                    name=name, key=key
+                )
             if key in TAKEN or not _KEY.fullmatch(key):
-                return _("key keymap.{name}: value {key}: not a key that can be used").format(name=name, key=key)
+                return _("key keymap.{name}: value {key}: not a key that can be used").format(
+                    name=name, key=key
+                )
     return clash(keymap)
 
 
@@ -50,8 +64,9 @@ def clash(keymap: Mapping[str, str]) -> str:
         if one.where == other.where or ANYWHERE in (one.where, other.where):
             both = set(actions.keys_of(one, keymap)) & set(actions.keys_of(other, keymap))
             if both and (one.id in keymap or other.id in keymap):
-                return _("key {key}: both {one} and {other}").format(key=min(both), one=_(one.label),
-                                                                     other=_(other.label))
+                return _("key {key}: both {one} and {other}").format(
+                    key=min(both), one=_(one.label), other=_(other.label)
+                )
     return ""
 
 
@@ -65,13 +80,23 @@ def theme_of(data: ThemeData) -> Theme:
             variables[_VARIABLES[name]] = colour
     variables["applied"] = data.colours.get("foreground", like.variables["applied"])
     return Theme(
-        name=data.name, dark=like.dark if data.dark is None else data.dark, **own, secondary=variables["target"],
-        accent=own["primary"], warning=variables["alarm-amber"], error=variables["alarm-red"],
-        success=variables["target"], boost=own["surface"], text_alpha=like.text_alpha, variables=variables)
+        name=data.name,
+        dark=like.dark if data.dark is None else data.dark,
+        **own,
+        secondary=variables["target"],
+        accent=own["primary"],
+        warning=variables["alarm-amber"],
+        error=variables["alarm-red"],
+        success=variables["target"],
+        boost=own["surface"],
+        text_alpha=like.text_alpha,
+        variables=variables,
+    )
 
 
 def apply(app: TopdressApp, settings: Settings) -> str:
-    """Make them take effect now. Returns what of them cannot be used, one line; empty where all can."""
+    """Make them take effect now. Returns what of them cannot be used, one line; empty where all
+    can."""
     trouble = keymap_problem(settings.keymap)
     app.units = UNITS[settings.units]
     use(preferred() if settings.language == "auto" else settings.language)
@@ -79,10 +104,15 @@ def apply(app: TopdressApp, settings: Settings) -> str:
         app.theme = settings.theme
     else:
         known = ", ".join(themes.NAMES)
-        trouble = trouble or _("key theme: value {name}: allowed {known}").format(name=settings.theme, known=known)
+        trouble = trouble or _("key theme: value {name}: allowed {known}").format(
+            name=settings.theme, known=known
+        )
     app.use_keymap({} if trouble and keymap_problem(settings.keymap) else settings.keymap)
     app.sound = settings.sound
-    app.sounds = {STROKES[Severity.RED]: settings.sounds.alarm, STROKES[Severity.AMBER]: settings.sounds.caution}
+    app.sounds = {
+        STROKES[Severity.RED]: settings.sounds.alarm,
+        STROKES[Severity.AMBER]: settings.sounds.caution,
+    }
     limit_rates(app, settings.manual_rate)
     presets = settings.presets
     app.presets_kg_ha = presets.first_kg_ha, presets.second_kg_ha, presets.third_kg_ha

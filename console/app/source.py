@@ -1,4 +1,5 @@
 """Where frames come from and orders go to. The screens know nothing else of the machine."""
+
 from __future__ import annotations
 
 from typing import Protocol
@@ -21,10 +22,12 @@ class FrameSource(Protocol):
         """Sends one order and waits for its answer. Raises `console.link.WorkerGone`."""
 
     async def device(self, name: str, do: DeviceDo) -> Answer:
-        """Asks something of one device, by its name in the frame. Raises `console.link.WorkerGone`."""
+        """Asks something of one device, by its name in the frame. Raises
+        `console.link.WorkerGone`."""
 
     async def lag_test(self, begin: bool) -> Answer:
-        """Begins or ends the lag test, which measures while the state is calibrating. Raises as `order`."""
+        """Begins or ends the lag test, which measures while the state is calibrating. Raises as
+        `order`."""
 
 
 class FrameArrival:
@@ -34,7 +37,9 @@ class FrameArrival:
 
     def see(self, frame: Frame | None, now_s: float) -> bool:
         """Take the newest frame; true when it is another than before."""
-        if frame is None or (self.frame is not None and frame.seq == self.frame.seq and frame.at_s == self.frame.at_s):
+        if frame is None or (
+            self.frame is not None and frame.seq == self.frame.seq and frame.at_s == self.frame.at_s
+        ):
             return False
         self.frame, self._at_s = frame, now_s
         return True

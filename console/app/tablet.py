@@ -1,8 +1,10 @@
-"""The console in a browser's tab: it attaches to the worker that runs and only looks, until the tablet's key is typed.
+"""The console in a browser's tab: it attaches to the worker that runs and only looks, until the
+tablet's key is typed.
 
-Two doors: what changes something is refused here in words, and the link is opened without the worker's token, so that
-the worker refuses what slips through.
+Two doors: what changes something is refused here in words, and the link is opened without the
+worker's token, so that the worker refuses what slips through.
 """
+
 from __future__ import annotations
 
 import hmac
@@ -24,19 +26,22 @@ from console.app.source import FrameSource
 from console.app.widgets.key_bar import URGENT
 from console.locale import N_, _
 
-CLOSED = frozenset({CALIBRATE, DIAGNOSIS, SETTINGS})    # pages that write files, closed while the tab only looks
-SHOWS = frozenset({MAP, TRENDS, REPLAY})                # pages whose own actions change nothing but the view
+# pages that write files, closed while the tab only looks
+CLOSED = frozenset({CALIBRATE, DIAGNOSIS, SETTINGS})
+# pages whose own actions change nothing but the view
+SHOWS = frozenset({MAP, TRENDS, REPLAY})
 LOOKS = frozenset({"help", "theme", "units", "language", "palette", "quit", "alarm_list", "menu"})
-WAIT_S, MOST_WAIT_S = 1.0, 10.0                         # after a wrong key; twice as long each time
-RETRY_S = 0.2                                           # after a wait, until it is over on every clock
+WAIT_S, MOST_WAIT_S = 1.0, 10.0  # after a wrong key; twice as long each time
+RETRY_S = 0.2  # after a wait, until it is over on every clock
 
 NONE_RUNS = N_("The console on the machine is not running: start it there, then join here.")
 
-LinkTo = Callable[[bool], Awaitable[FrameSource]]       # True: with the worker's token
+LinkTo = Callable[[bool], Awaitable[FrameSource]]  # True: with the worker's token
 
 
 class Waits(Protocol):
-    """How long to wait after wrong keys: seconds, and until when on the clock. One for all tabs of an address."""
+    """How long to wait after wrong keys: seconds, and until when on the clock. One for all tabs
+    of an address."""
 
     def taken(self) -> AbstractContextManager[Waits | None]:
         """For this tab alone while it is judged; None: another tab has it just now."""
@@ -65,13 +70,16 @@ class OwnWaits:
 class Key:
     """The tablet's key, and how often a wrong one was typed. text None: no key opens anything.
 
-    A key that comes too soon is judged when the wait that it found is over, whatever else is typed at other tabs
-    meanwhile: so no wrong keys of others keep the right one out for longer than `MOST_WAIT_S`.
+    A key that comes too soon is judged when the wait that it found is over, whatever else is
+    typed at other tabs meanwhile: so no wrong keys of others keep the right one out for longer
+    than `MOST_WAIT_S`.
     """
 
-    def __init__(self, text: str | None, clock: Callable[[], float], waits: Waits | None = None) -> None:
+    def __init__(
+        self, text: str | None, clock: Callable[[], float], waits: Waits | None = None
+    ) -> None:
         self._text, self._clock, self._waits = text, clock, waits or OwnWaits()
-        self._judged_s: float | None = None             # of the key that was typed too soon
+        self._judged_s: float | None = None  # of the key that was typed too soon
 
     @property
     def left_s(self) -> float | None:
@@ -87,7 +95,7 @@ class Key:
         if self._text is None:
             return _("There is no key: this server was started for viewing only.")
         with self._waits.taken() as waits:
-            if waits is None:                           # another tab's is judged just now
+            if waits is None:  # another tab's is judged just now
                 self._judged_s = self._clock()
                 return _("The last key was wrong: wait {seconds} s.").format(seconds=1)
             return self._judged(typed, self._text, waits)
@@ -95,10 +103,13 @@ class Key:
     def _judged(self, typed: str, text: str, waits: Waits) -> str:
         now_s = self._clock()
         wait_s, until_s = waits.read()
-        if self._judged_s is None and until_s - now_s <= MOST_WAIT_S:   # more was reported by the clock of another day
+        # more was reported by the clock of another day
+        if self._judged_s is None and until_s - now_s <= MOST_WAIT_S:
             self._judged_s = until_s
         if self._judged_s is not None and self._judged_s > now_s:
-            return _("The last key was wrong: wait {seconds} s.").format(seconds=int(self._judged_s - now_s) + 1)
+            return _("The last key was wrong: wait {seconds} s.").format(
+                seconds=int(self._judged_s - now_s) + 1
+            )
         self._judged_s = None
         if hmac.compare_digest(typed.strip().encode(errors="replace"), text.encode()):
             waits.write(0.0, now_s)
@@ -109,7 +120,8 @@ class Key:
 
 
 class KeyDialog(NameDialog):
-    """As any line of text, but nobody reads it over a shoulder. A key that has to wait is tried again by itself."""
+    """As any line of text, but nobody reads it over a shoulder. A key that has to wait is tried
+    again by itself."""
 
     def __init__(self, title: str, text: str, key: Key) -> None:
         super().__init__(title, "", text, key.wrong)
@@ -134,12 +146,15 @@ class KeyDialog(NameDialog):
 
 
 class TabletApp(TopdressApp):
-    """link_to: a link to the worker that runs; its errors are one line (OSError, RuntimeError). key: see `Key`."""
+    """link_to: a link to the worker that runs; its errors are one line (OSError, RuntimeError).
+    key: see `Key`."""
 
     BINDINGS: ClassVar = [Binding("asterisk", "tab_key", show=False)]
     keeps_working: ClassVar[bool] = False
 
-    def __init__(self, source: FrameSource | None, link_to: LinkTo, key: Key, **options: Any) -> None:
+    def __init__(
+        self, source: FrameSource | None, link_to: LinkTo, key: Key, **options: Any
+    ) -> None:
         self.looking = True
         self.key = key
         self._link_to = link_to
@@ -159,7 +174,7 @@ class TabletApp(TopdressApp):
 
     async def action_do(self, name: str) -> None:
         if self.looking and name in URGENT:
-            self.notice(self.why_no_stop())         # no question while the machine runs
+            self.notice(self.why_no_stop())  # no question while the machine runs
         elif self.looking and not self.may(actions.BY_ID[name]):
             self.refuse()
         else:
@@ -200,9 +215,18 @@ class TabletApp(TopdressApp):
         elif not self.key.exists:
             self.refuse()
         elif not isinstance(self.screen, KeyDialog):
-            self.push_screen(KeyDialog(_("This tab is for viewing only"), _(
-                "The tablet's key lets it operate the machine. Hold and stop, too, are at the machine's console until "
-                "then. Esc: go on looking."), self.key), self._opened)
+            self.push_screen(
+                KeyDialog(
+                    _("This tab is for viewing only"),
+                    _(
+                        "The tablet's key lets it operate the machine. Hold and stop, too, "
+                        "are at the machine's console until "
+                        "then. Esc: go on looking."
+                    ),
+                    self.key,
+                ),
+                self._opened,
+            )
 
     def _opened(self, typed: str | None) -> None:
         """The dialog is only left with a key that was found right."""

@@ -1,4 +1,5 @@
 """What the terminal at hand can show, and whether it still does."""
+
 from __future__ import annotations
 
 import os
@@ -9,17 +10,21 @@ from collections.abc import Callable
 
 from textual.app import App
 
-STALLED_S = 0.5             # a terminal that takes nothing for that long stands: no terminal that draws takes so long
+# a terminal that takes nothing for that long stands: no terminal that draws takes so long
+STALLED_S = 0.5
 
 
 def few_colours(app: App[object]) -> bool:
     """Whether colours cannot carry a scale: NO_COLOR, or a terminal of 16 colours or none."""
-    return app.no_color or (not app.is_headless and app.console.color_system in (None, "standard", "windows"))
+    return app.no_color or (
+        not app.is_headless and app.console.color_system in (None, "standard", "windows")
+    )
 
 
 class Takes:
-    """Whether the terminal takes what is drawn. One that stands (its line is cut, its program stopped, Ctrl-S pressed)
-    shows an old screen, and keys on it may lead nowhere: the console on it says no more that it lives.
+    """Whether the terminal takes what is drawn. One that stands (its line is cut, its program
+    stopped, Ctrl-S pressed) shows an old screen, and keys on it may lead nowhere: the console
+    on it says no more that it lives.
 
     handle: of what is drawn on; None: none that could stand.
     """

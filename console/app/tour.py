@@ -1,4 +1,5 @@
 """The guided tour: eight steps on the simulated machine, each done by doing it; about a minute."""
+
 from __future__ import annotations
 
 from collections.abc import Callable
@@ -9,7 +10,7 @@ from console.frame import Frame
 from console.locale import N_
 
 FLOWING_KG_HA = 1.0
-READ_S = 8.0                  # long enough to read what a step only shows
+READ_S = 8.0  # long enough to read what a step only shows
 
 
 class TourSeen(NamedTuple):
@@ -31,20 +32,41 @@ class TourStep(NamedTuple):
 
 
 STEPS = (
-    TourStep(N_("This machine is simulated: nothing moves outside. Press R to make it ready."),
-             lambda seen: seen.state in ("ready", "working", "held")),
-    TourStep(N_("Press S: the tractor drives on and fertilizer flows."),
-             lambda seen: seen.state == "working" and (seen.frame.row.applied_rate_kg_ha or 0.0) > FLOWING_KG_HA),
-    TourStep(N_("The big numbers: target rate and applied rate. Below: speed, shaft, opening, what is left in the "
-                "hopper."),
-             lambda seen: seen.lasted_s >= READ_S),
-    TourStep(N_("Press T and choose another strategy: shaft and opening change, the rate does not."),
-             lambda seen: seen.frame.row.strategy != seen.began.row.strategy),
-    TourStep(N_("Press F3: the map of what was applied, and where."), lambda seen: seen.where == MAP),
-    TourStep(N_("Press Space: flow stops at once, on every page."), lambda seen: seen.state == "held"),
-    TourStep(N_("Press F2 for the numbers, then S: work goes on."), lambda seen: seen.state == "working"),
-    TourStep(N_("Press X: machine off, from any state. F1 explains every key of a page."),
-             lambda seen: seen.state == "off"),
+    TourStep(
+        N_("This machine is simulated: nothing moves outside. Press R to make it ready."),
+        lambda seen: seen.state in ("ready", "working", "held"),
+    ),
+    TourStep(
+        N_("Press S: the tractor drives on and fertilizer flows."),
+        lambda seen: (
+            seen.state == "working" and (seen.frame.row.applied_rate_kg_ha or 0.0) > FLOWING_KG_HA
+        ),
+    ),
+    TourStep(
+        N_(
+            "The big numbers: target rate and applied rate. Below: speed, shaft, opening, "
+            "what is left in the "
+            "hopper."
+        ),
+        lambda seen: seen.lasted_s >= READ_S,
+    ),
+    TourStep(
+        N_("Press T and choose another strategy: shaft and opening change, the rate does not."),
+        lambda seen: seen.frame.row.strategy != seen.began.row.strategy,
+    ),
+    TourStep(
+        N_("Press F3: the map of what was applied, and where."), lambda seen: seen.where == MAP
+    ),
+    TourStep(
+        N_("Press Space: flow stops at once, on every page."), lambda seen: seen.state == "held"
+    ),
+    TourStep(
+        N_("Press F2 for the numbers, then S: work goes on."), lambda seen: seen.state == "working"
+    ),
+    TourStep(
+        N_("Press X: machine off, from any state. F1 explains every key of a page."),
+        lambda seen: seen.state == "off",
+    ),
 )
 
 
@@ -67,7 +89,8 @@ class Tour:
         return "" if self.over else self.steps[self.index].text
 
     def see(self, frame: Frame | None, where: str, now_s: float) -> None:
-        """One look, some times a second; goes on when the step is done. where: the page that is open."""
+        """One look, some times a second; goes on when the step is done. where: the page that is
+        open."""
         if frame is None or self.over:
             return
         if self._began is None:

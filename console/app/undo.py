@@ -1,5 +1,6 @@
-"""What was changed last and can be taken back: one key, asked once. Which order takes another back stands here for all
-of them; where none does, why."""
+"""What was changed last and can be taken back: one key, asked once. Which order takes another
+back stands here for all of them; where none does, why."""
+
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
@@ -16,14 +17,22 @@ from control.orders import Do, Order, TargetSource
 
 MOST = 20
 # Orders that change nothing that could be as before, each with the reason.
-NOT_TAKEN_BACK = MappingProxyType({
-    Do.READY: "a state: HOLD and STOP leave it", Do.START: "a state: HOLD and STOP leave it",
-    Do.HOLD: "a state: START leaves it", Do.STOP: "a state: READY leaves it",
-    Do.CALIBRATE: "while a button is down", Do.RELEASE: "while a button is down",
-    Do.CALIBRATE_SHAFT: "ends with the run on the bench", Do.CALIBRATE_OPENING: "ends with the run on the bench",
-    Do.ACKNOWLEDGE: "what was read was read", Do.MARK: "a line of the log",
-    Do.REFILL_BACK: "is itself what takes a refill back", Do.DOSE_ERROR: "a measurement: the next one corrects it",
-})
+NOT_TAKEN_BACK = MappingProxyType(
+    {
+        Do.READY: "a state: HOLD and STOP leave it",
+        Do.START: "a state: HOLD and STOP leave it",
+        Do.HOLD: "a state: START leaves it",
+        Do.STOP: "a state: READY leaves it",
+        Do.CALIBRATE: "while a button is down",
+        Do.RELEASE: "while a button is down",
+        Do.CALIBRATE_SHAFT: "ends with the run on the bench",
+        Do.CALIBRATE_OPENING: "ends with the run on the bench",
+        Do.ACKNOWLEDGE: "what was read was read",
+        Do.MARK: "a line of the log",
+        Do.REFILL_BACK: "is itself what takes a refill back",
+        Do.DOSE_ERROR: "a measurement: the next one corrects it",
+    }
+)
 
 
 class Undoable(NamedTuple):
@@ -40,7 +49,7 @@ class Undo:
         self._changes: list[Undoable] = []
 
     def add(self, what: str, back: Callable[[], None]) -> None:
-        self._changes = [*self._changes[1 - MOST:], Undoable(what, back)]
+        self._changes = [*self._changes[1 - MOST :], Undoable(what, back)]
 
     @property
     def newest(self) -> Undoable | None:
@@ -54,22 +63,34 @@ class Undo:
 
 
 def orders_back(orders: Sequence[Order], before: Frame | None) -> tuple[Order, ...]:
-    """What takes these orders back, the last of them first, by what held before they were given; () where nothing
-    does, or where all is as it was."""
-    found = [] if before is None else [one for order in reversed(orders) if order.do in _BACK
-                                       for one in _BACK[order.do](before, order)]
+    """What takes these orders back, the last of them first, by what held before they were
+    given; () where nothing does, or where all is as it was."""
+    found = (
+        []
+        if before is None
+        else [
+            one
+            for order in reversed(orders)
+            if order.do in _BACK
+            for one in _BACK[order.do](before, order)
+        ]
+    )
     return tuple(one for one in found if one not in orders)
 
 
 def back_words(orders: Sequence[Order], units: Units) -> str:
     """As it would be again."""
-    return ", ".join(_("without the refill of {mass}").format(mass=in_words(units.mass, float(one.value or 0.0)))
-                     if one.do is Do.REFILL_BACK else order_text(one.do, one.value, units) for one in orders)
+    return ", ".join(
+        _("without the refill of {mass}").format(mass=in_words(units.mass, float(one.value or 0.0)))
+        if one.do is Do.REFILL_BACK
+        else order_text(one.do, one.value, units)
+        for one in orders
+    )
 
 
 def ordered_source(frame: Frame | None) -> str:
-    """The source of the target as ordered; "" where it is not known. A worker that does not tell it: by its row, where
-    the index map stands in for the canopy's heads."""
+    """The source of the target as ordered; "" where it is not known. A worker that does not
+    tell it: by its row, where the index map stands in for the canopy's heads."""
     if frame is None:
         return ""
     now = frame.ordered_source or frame.row.target_source or ""
@@ -83,29 +104,38 @@ def _known(do: Do, value: str | float | bool | None) -> tuple[Order, ...]:
 def _sections(frame: Frame, order: Order) -> tuple[Order, ...]:
     """Those of the ones that it names that are otherwise now: closed by hand, or not."""
     number = str(order.value).partition(" ")[0]
-    return tuple(Order(Do.SECTION, f"{k} {'off' if one.why == 'hand' else 'auto'}")
-                 for k, one in enumerate(frame.sections, start=1)
-                 if number == str(k) or (number == "all" and one.why == "hand"))
+    return tuple(
+        Order(Do.SECTION, f"{k} {'off' if one.why == 'hand' else 'auto'}")
+        for k, one in enumerate(frame.sections, start=1)
+        if number == str(k) or (number == "all" and one.why == "hand")
+    )
 
 
 def _strip(frame: Frame, order: Order) -> tuple[Order, ...]:
     strip = read_strip(order.value)
-    return () if strip is None else (Order(Do.STRIP, StripValue(strip.which, getattr(frame.strips, strip.which)).text),)
+    return (
+        ()
+        if strip is None
+        else (Order(Do.STRIP, StripValue(strip.which, getattr(frame.strips, strip.which)).text),)
+    )
 
 
-_BACK: Mapping[Do, Callable[[Frame, Order], tuple[Order, ...]]] = MappingProxyType({
-    Do.STRATEGY: lambda frame, order: _known(order.do, frame.row.strategy),
-    Do.SOURCE: lambda frame, order: _known(order.do, ordered_source(frame)),
-    Do.NUDGE: lambda frame, order: _known(order.do, frame.row.nudge_percent),
-    Do.MANUAL_RATE: lambda frame, order: _known(order.do, frame.manual_rate_kg_ha),
-    Do.REFILL: lambda frame, order: _known(Do.REFILL_BACK, order.value),
-    Do.ALLOW_REVERSE: lambda frame, order: _known(order.do, frame.allow.reverse),
-    Do.ALLOW_OUTSIDE: lambda frame, order: _known(order.do, frame.allow.outside),
-    Do.ALLOW_MAP_ELSEWHERE: lambda frame, order: _known(order.do, frame.allow.map_elsewhere),
-    Do.ALLOW_NO_WHEEL: lambda frame, order: _known(order.do, frame.allow.no_wheel),
-    Do.GO_ON_UNLOGGED: lambda frame, order: _known(order.do, frame.allow.unlogged),
-    Do.FLOW_TRIM: lambda frame, order: _known(order.do, frame.flow_trim_on),
-    Do.LOOK_AHEAD: lambda frame, order: _known(order.do, frame.look_ahead),
-    Do.NO_DOUBLE: lambda frame, order: _known(order.do, frame.no_double),
-    Do.SECTION: _sections, Do.STRIP: _strip,
-})
+_BACK: Mapping[Do, Callable[[Frame, Order], tuple[Order, ...]]] = MappingProxyType(
+    {
+        Do.STRATEGY: lambda frame, order: _known(order.do, frame.row.strategy),
+        Do.SOURCE: lambda frame, order: _known(order.do, ordered_source(frame)),
+        Do.NUDGE: lambda frame, order: _known(order.do, frame.row.nudge_percent),
+        Do.MANUAL_RATE: lambda frame, order: _known(order.do, frame.manual_rate_kg_ha),
+        Do.REFILL: lambda frame, order: _known(Do.REFILL_BACK, order.value),
+        Do.ALLOW_REVERSE: lambda frame, order: _known(order.do, frame.allow.reverse),
+        Do.ALLOW_OUTSIDE: lambda frame, order: _known(order.do, frame.allow.outside),
+        Do.ALLOW_MAP_ELSEWHERE: lambda frame, order: _known(order.do, frame.allow.map_elsewhere),
+        Do.ALLOW_NO_WHEEL: lambda frame, order: _known(order.do, frame.allow.no_wheel),
+        Do.GO_ON_UNLOGGED: lambda frame, order: _known(order.do, frame.allow.unlogged),
+        Do.FLOW_TRIM: lambda frame, order: _known(order.do, frame.flow_trim_on),
+        Do.LOOK_AHEAD: lambda frame, order: _known(order.do, frame.look_ahead),
+        Do.NO_DOUBLE: lambda frame, order: _known(order.do, frame.no_double),
+        Do.SECTION: _sections,
+        Do.STRIP: _strip,
+    }
+)

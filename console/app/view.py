@@ -1,8 +1,10 @@
-"""What the panels show, as frozen values: a frame and its age in, texts and shares out. Pure, and all in one language.
+"""What the panels show, as frozen values: a frame and its age in, texts and shares out. Pure,
+and all in one language.
 
-A panel compares its view with the last one and is drawn again only when they differ, so every number here is already
-rounded to what is shown.
+A panel compares its view with the last one and is drawn again only when they differ, so every
+number here is already rounded to what is shown.
 """
+
 from __future__ import annotations
 
 from datetime import datetime, timedelta
@@ -17,14 +19,16 @@ from control.orders import Alarm, Severity
 from control.safety import ALARMS
 from control.safety.limits import SafetyLimits
 
-STALE_S = 1.0                 # older than this is greyed
-RATE_FLOOR_KG_HA = 50.0       # rate errors are relative to the target, but never to less than this
+STALE_S = 1.0  # older than this is greyed
+# rate errors are relative to the target, but never to less than this
+RATE_FLOOR_KG_HA = 50.0
 ERROR_AMBER = 0.10
 ERROR_RED = 0.20
 LAG_NOTE = "lag_out_of_range"
-# Of the ground ahead, and of the flow that is owed: reported while working only, else nothing is owed.
+# Of the ground ahead, and of the flow that is owed: reported while working only, else nothing
+# is owed.
 WORK_NOTES = ("already_spread", "on_headland", "zero_", "limited_")
-ERROR_SPAN = 0.30             # the error bar's end
+ERROR_SPAN = 0.30  # the error bar's end
 STANDS_RPM = SafetyLimits().shaft_stands_rpm
 
 
@@ -36,14 +40,14 @@ class Shown(NamedTuple):
 
 
 class StatusView(NamedTuple):
-    state: str                # id
+    state: str  # id
     symbol: str
     word: str
     strategy: str
     source: str
-    lead: str                 # stands before all else: REPLAY
-    marks: tuple[str, ...]    # SIMULATED, LOCKED, ...
-    silent: str               # "NO DATA 3 s", or empty
+    lead: str  # stands before all else: REPLAY
+    marks: tuple[str, ...]  # SIMULATED, LOCKED, ...
+    silent: str  # "NO DATA 3 s", or empty
     clock: str
     elapsed: str
 
@@ -57,17 +61,21 @@ class AlarmLine(NamedTuple):
     text: str
     place: str
     todo: str
-    since: str                # time of day of its beginning, where that is known
+    # time of day of its beginning, where that is known
+    since: str
     lasted: str
-    gone: str = ""            # its cause is away since, in words; empty: the cause is there
+    # its cause is away since, in words; empty: the cause is there
+    gone: str = ""
 
 
 class AlarmsView(NamedTuple):
     lines: tuple[AlarmLine, ...]
-    calm: str                 # what stands there where there is no alarm
-    fault: str = ""           # id of the alarm that made the machine faulty; empty: no fault
-    urgent: bool = False      # `calm` is not: somebody has to do something, or nothing is known
-    about: tuple[str, ...] = ()       # what works on what, behind `calm`
+    calm: str  # what stands there where there is no alarm
+    # id of the alarm that made the machine faulty; empty: no fault
+    fault: str = ""
+    # `calm` is not: somebody has to do something, or nothing is known
+    urgent: bool = False
+    about: tuple[str, ...] = ()  # what works on what, behind `calm`
 
 
 class RatesView(NamedTuple):
@@ -76,9 +84,10 @@ class RatesView(NamedTuple):
     unit: str
     nudge: str
     error: Shown
-    error_share: float | None     # of ERROR_SPAN, -1 ... 1
-    level: str                    # "", amber, red
-    notes: tuple[str, ...] = ()   # why the machine gives another rate than wanted, most telling first
+    error_share: float | None  # of ERROR_SPAN, -1 ... 1
+    level: str  # "", amber, red
+    # why the machine gives another rate than wanted, most telling first
+    notes: tuple[str, ...] = ()
 
 
 class Tile(NamedTuple):
@@ -87,7 +96,7 @@ class Tile(NamedTuple):
     value: Shown
     below: str
     level: str = ""
-    below_short: str = ""         # where there is no room for it
+    below_short: str = ""  # where there is no room for it
 
 
 class Head(NamedTuple):
@@ -118,15 +127,16 @@ class RunView(NamedTuple):
 
 
 def rate_error(target_kg_ha: float | None, applied_kg_ha: float | None) -> float | None:
-    """(applied - target) / max(target, 50 kg/ha): as the alarm `rate off`, but against the target as it stands."""
+    """(applied - target) / max(target, 50 kg/ha): as the alarm `rate off`, but against the
+    target as it stands."""
     if target_kg_ha is None or applied_kg_ha is None:
         return None
     return (applied_kg_ha - target_kg_ha) / max(target_kg_ha, RATE_FLOOR_KG_HA)
 
 
 def applied_kg_ha(row: LogRow) -> float | None:
-    """What leaves the outlets: nothing where the machine does not work and its shaft reads no more than the noise of a
-    standing one. A shaft that is not read may turn."""
+    """What leaves the outlets: nothing where the machine does not work and its shaft reads no
+    more than the noise of a standing one. A shaft that is not read may turn."""
     stands = row.shaft_rpm is not None and abs(row.shaft_rpm) < STANDS_RPM
     if row.applied_rate_kg_ha is not None and stands and row.state not in (None, "working"):
         return 0.0
@@ -152,80 +162,140 @@ def wall_clock(utc: str | None, offset_s: float, back_s: float = 0.0) -> str:
     if not utc:
         return ""
     try:
-        moment = datetime.fromisoformat(utc.replace("Z", "+00:00")) + timedelta(seconds=offset_s - back_s)
+        moment = datetime.fromisoformat(utc.replace("Z", "+00:00")) + timedelta(
+            seconds=offset_s - back_s
+        )
     except (ValueError, OverflowError):
         return ""
     return moment.strftime("%H:%M:%S")
 
 
-def look(frame: Frame | None, age_s: float, units: Units, utc_offset_s: float = 0.0,
-         marks: tuple[str, ...] = ()) -> RunView:
+def look(
+    frame: Frame | None,
+    age_s: float,
+    units: Units,
+    utc_offset_s: float = 0.0,
+    marks: tuple[str, ...] = (),
+) -> RunView:
     """Everything that the Run screen's panels show.
 
-    frame: newest frame, or None before the first. age_s: s since it arrived. utc_offset_s: local time minus UTC.
-    marks: words that the screen adds to the status line.
+    frame: newest frame, or None before the first. age_s: s since it arrived. utc_offset_s:
+    local time minus UTC. marks: words that the screen adds to the status line.
     """
     if frame is None:
         return _nothing(units, marks)
     old = age_s > STALE_S
-    return RunView(_status(frame, age_s, utc_offset_s, marks), alarms(frame, utc_offset_s, units, old),
-                   _rates(frame, old, units), _tiles(frame, old, units), _heads(frame, old),
-                   _items(frame, age_s, units))
+    return RunView(
+        _status(frame, age_s, utc_offset_s, marks),
+        alarms(frame, utc_offset_s, units, old),
+        _rates(frame, old, units),
+        _tiles(frame, old, units),
+        _heads(frame, old),
+        _items(frame, age_s, units),
+    )
 
 
 def _nothing(units: Units, marks: tuple[str, ...]) -> RunView:
     blank = Shown("--", True)
-    status = StatusView("", " ", _("NO DATA"), "", "", "", marks, _("waiting for the first values"), "", "")
+    status = StatusView(
+        "", " ", _("NO DATA"), "", "", "", marks, _("waiting for the first values"), "", ""
+    )
     tiles = tuple(Tile(label, unit, blank, "") for label, unit in _tile_labels(units))
-    return RunView(status, AlarmsView((), _("no values yet")),
-                   RatesView(blank, blank, units.rate.name, "", blank, None, ""), tiles,
-                   HeadsView(blank, tuple(Head(n, "--", None, False) for n in range(1, 7)), ""), ())
+    return RunView(
+        status,
+        AlarmsView((), _("no values yet")),
+        RatesView(blank, blank, units.rate.name, "", blank, None, ""),
+        tiles,
+        HeadsView(blank, tuple(Head(n, "--", None, False) for n in range(1, 7)), ""),
+        (),
+    )
 
 
 def _status(frame: Frame, age_s: float, utc_offset_s: float, marks: tuple[str, ...]) -> StatusView:
     row = frame.row
     state = row.state or ""
     own = ((_("SIMULATED"),) if frame.simulated else ()) + tuple(
-        _(word) for name, word in words.ALLOWANCES.items() if getattr(frame.allow, name))
+        _(word) for name, word in words.ALLOWANCES.items() if getattr(frame.allow, name)
+    )
     silent = _("NO DATA {age}").format(age=f"{int(age_s)} s") if age_s > STALE_S else ""
     word = words.state_word(row.state, frame.why_state)
     word = _("was {state}").format(state=word) if silent else word
-    return StatusView(state, words.STATE_SYMBOLS.get(state, " "), word,
-                      words.strategy_word(row.strategy), words.source_word(row.target_source), "", own + marks,
-                      silent, wall_clock(row.utc, utc_offset_s), duration(row.time_s))
+    return StatusView(
+        state,
+        words.STATE_SYMBOLS.get(state, " "),
+        word,
+        words.strategy_word(row.strategy),
+        words.source_word(row.target_source),
+        "",
+        own + marks,
+        silent,
+        wall_clock(row.utc, utc_offset_s),
+        duration(row.time_s),
+    )
 
 
 def alarms(frame: Frame, utc_offset_s: float, units: Units, old: bool = False) -> AlarmsView:
-    """Alarms: red before amber, unacknowledged before acknowledged, else in safety's order (worst first). old: the
-    frame is: that it has no alarm says nothing."""
+    """Alarms: red before amber, unacknowledged before acknowledged, else in safety's order
+    (worst first). old: the frame is: that it has no alarm says nothing."""
     ordered = sorted(frame.alarms, key=lambda a: (a.severity is not Severity.RED, a.acknowledged))
     lines = []
     for alarm in ordered:
         said = words.alarm_words(alarm, units)
         lasted_s = max(0.0, frame.at_s - alarm.since_s)
         since = wall_clock(frame.row.utc, utc_offset_s, lasted_s)
-        lines.append(AlarmLine(alarm.id, alarm.severity, alarm.acknowledged, words.SEVERITY_SYMBOLS[alarm.severity],
-                               _(words.SEVERITIES[alarm.severity]), said.text, said.place, said.todo, since,
-                               duration(lasted_s), _gone(alarm, frame, utc_offset_s)))
+        lines.append(
+            AlarmLine(
+                alarm.id,
+                alarm.severity,
+                alarm.acknowledged,
+                words.SEVERITY_SYMBOLS[alarm.severity],
+                _(words.SEVERITIES[alarm.severity]),
+                said.text,
+                said.place,
+                said.todo,
+                since,
+                duration(lasted_s),
+                _gone(alarm, frame, utc_offset_s),
+            )
+        )
     fault = frame.why_state or "fault" if frame.row.state == "fault" else ""
     calm = _("no values: alarms are not known") if old else _("no alarms")
-    if fault and not old:               # its alarm has gone: what is next, then what it was
+    # its alarm has gone: what is next, then what it was
+    if fault and not old:
         was = words.alarm_words(Alarm(fault, Severity.RED, 0.0)).text if fault in ALARMS else ""
-        calm = f"{_('FAULT, its cause is gone: R on the Run page makes the machine ready.')}   {was}".rstrip()
+        calm = (
+            f"{_('FAULT, its cause is gone: R on the Run page makes the machine ready.')}   "
+            f"{was}".rstrip()
+        )
     return AlarmsView(tuple(lines), calm, fault, old or bool(fault))
 
 
 def without_worker(view: RunView) -> RunView:
-    """What is left of a view where no control worker is there: it may still spread, or stand, or alarm."""
+    """What is left of a view where no control worker is there: it may still spread, or stand,
+    or alarm."""
     shown = view.alarms
-    return view if shown.lines else view._replace(alarms=shown._replace(urgent=True, calm=_(
-        "No connection to the machine: its state and alarms are not known. C on the Run page connects.")))
+    return (
+        view
+        if shown.lines
+        else view._replace(
+            alarms=shown._replace(
+                urgent=True,
+                calm=_(
+                    "No connection to the machine: its state and alarms are not known. C on "
+                    "the Run page connects."
+                ),
+            )
+        )
+    )
 
 
 def without_machine(view: RunView) -> RunView:
     """What there is to see where nothing is connected: no first value comes by waiting for it."""
     status = view.status._replace(silent=_("no machine is connected"))
-    return view._replace(status=status, alarms=AlarmsView((), _("C on the Run page connects a machine."), urgent=True))
+    return view._replace(
+        status=status,
+        alarms=AlarmsView((), _("C on the Run page connects a machine."), urgent=True),
+    )
 
 
 def _gone(alarm: Alarm, frame: Frame, utc_offset_s: float) -> str:
@@ -240,23 +310,34 @@ def _gone(alarm: Alarm, frame: Frame, utc_offset_s: float) -> str:
 
 def _rates(frame: Frame, old: bool, units: Units) -> RatesView:
     row = frame.row
-    at_work = row.state in (None, "working")            # None: a foreign log; held or off, nothing is owed
+    # None: a foreign log; held or off, nothing is owed
+    at_work = row.state in (None, "working")
     error = rate_error(row.target_rate_kg_ha, row.applied_rate_kg_ha) if at_work else None
     level = ""
     if error is not None and abs(error) > ERROR_AMBER:
         level = "red" if abs(error) > ERROR_RED else "amber"
     nudge = "" if not row.nudge_percent else f"{row.nudge_percent:+.0f} %"
-    return RatesView(Shown(units.rate.text(row.target_rate_kg_ha), old),
-                     Shown(units.rate.text(applied_kg_ha(row)), old), units.rate.name, nudge,
-                     Shown("--" if error is None else signed_percent(100 * error), old),
-                     None if error is None else round(max(-1.0, min(1.0, error / ERROR_SPAN)), 2), level,
-                     why_other_rate(frame))
+    return RatesView(
+        Shown(units.rate.text(row.target_rate_kg_ha), old),
+        Shown(units.rate.text(applied_kg_ha(row)), old),
+        units.rate.name,
+        nudge,
+        Shown("--" if error is None else signed_percent(100 * error), old),
+        None if error is None else round(max(-1.0, min(1.0, error / ERROR_SPAN)), 2),
+        level,
+        why_other_rate(frame),
+    )
 
 
 def why_other_rate(frame: Frame) -> tuple[str, ...]:
-    """Why nothing flows while working, else why the rate is not the one wanted; in words, none where all is plain."""
+    """Why nothing flows while working, else why the rate is not the one wanted; in words, none
+    where all is plain."""
     row, at_work = frame.row, frame.row.state in (None, "working")
-    notes = [note for note in frame.notes if note != LAG_NOTE and (at_work or not note.startswith(WORK_NOTES))]
+    notes = [
+        note
+        for note in frame.notes
+        if note != LAG_NOTE and (at_work or not note.startswith(WORK_NOTES))
+    ]
     if at_work and frame.why_no_flow:
         notes = list(frame.why_no_flow)
     elif row.state == "working" and row.target_rate_kg_ha == 0.0 and not notes:
@@ -265,8 +346,12 @@ def why_other_rate(frame: Frame) -> tuple[str, ...]:
 
 
 def _tile_labels(units: Units) -> tuple[tuple[str, str], ...]:
-    return ((_("speed"), units.speed.name), (_("shaft"), units.shaft.name), (_("opening"), units.opening.name),
-            (_("hopper"), units.mass.name))
+    return (
+        (_("speed"), units.speed.name),
+        (_("shaft"), units.shaft.name),
+        (_("opening"), units.opening.name),
+        (_("hopper"), units.mass.name),
+    )
 
 
 def _tiles(frame: Frame, old: bool, units: Units) -> tuple[Tile, ...]:
@@ -276,18 +361,38 @@ def _tiles(frame: Frame, old: bool, units: Units) -> tuple[Tile, ...]:
     usable = frame.usable_speed_mps
     fast = usable is not None and speed_mps is not None and speed_mps > usable
     low = any(alarm.id.startswith("hopper") for alarm in frame.alarms)
-    speed_below = _("max {speed}").format(speed=units.speed.text(usable)) if usable is not None else ""
+    speed_below = (
+        _("max {speed}").format(speed=units.speed.text(usable)) if usable is not None else ""
+    )
     left = frame.metres_left_m
-    hopper_below = _("{distance} left").format(distance=units.way(left).full(left)) if left is not None else ""
-    below = (speed_below, _set(units.shaft.text(row.shaft_rpm_cmd)), _set(units.opening.text(row.opening_mm_cmd)),
-             hopper_below)
-    values = (Shown(units.speed.text(speed_mps), old), Shown(units.shaft.text(row.shaft_rpm), board_old),
-              Shown(units.opening.text(row.opening_mm), board_old), Shown(units.mass.text(row.hopper_kg), board_old))
+    hopper_below = (
+        _("{distance} left").format(distance=units.way(left).full(left)) if left is not None else ""
+    )
+    below = (
+        speed_below,
+        _set(units.shaft.text(row.shaft_rpm_cmd)),
+        _set(units.opening.text(row.opening_mm_cmd)),
+        hopper_below,
+    )
+    values = (
+        Shown(units.speed.text(speed_mps), old),
+        Shown(units.shaft.text(row.shaft_rpm), board_old),
+        Shown(units.opening.text(row.opening_mm), board_old),
+        Shown(units.mass.text(row.hopper_kg), board_old),
+    )
     levels = ("amber" if fast else "", "", "", "amber" if low else "")
-    short = (units.speed.text(usable), units.shaft.text(row.shaft_rpm_cmd), units.opening.text(row.opening_mm_cmd),
-             units.way(left).full(left) if left is not None else "")
-    return tuple(Tile(label, unit, value, under, level, fewer) for (label, unit), value, under, level, fewer
-                 in zip(_tile_labels(units), values, below, levels, short, strict=True))
+    short = (
+        units.speed.text(usable),
+        units.shaft.text(row.shaft_rpm_cmd),
+        units.opening.text(row.opening_mm_cmd),
+        units.way(left).full(left) if left is not None else "",
+    )
+    return tuple(
+        Tile(label, unit, value, under, level, fewer)
+        for (label, unit), value, under, level, fewer in zip(
+            _tile_labels(units), values, below, levels, short, strict=True
+        )
+    )
 
 
 def _set(value: str) -> str:
@@ -300,12 +405,21 @@ def _heads(frame: Frame, old: bool) -> HeadsView:
     by_red_edge = any(getattr(row, name) is not None for name in (*NDRE_COLUMNS, "ndre"))
     readings = [getattr(row, name) for name in (NDRE_COLUMNS if by_red_edge else HEAD_COLUMNS)]
     fused = row.ndre if by_red_edge else row.ndvi
-    heads = tuple(Head(n, "--" if value is None else f"{value:.2f}",
-                       None if value is None else round(max(0.0, min(1.0, value)), 2), n in frame.dropped_heads)
-                  for n, value in enumerate(readings, 1))
+    heads = tuple(
+        Head(
+            n,
+            "--" if value is None else f"{value:.2f}",
+            None if value is None else round(max(0.0, min(1.0, value)), 2),
+            n in frame.dropped_heads,
+        )
+        for n, value in enumerate(readings, 1)
+    )
     good = sum(head.share is not None and not head.dropped for head in heads)
-    return HeadsView(Shown("--" if fused is None else f"{fused:.2f}", old), heads,
-                     _("{good} of {all} heads").format(good=good, all=len(heads)))
+    return HeadsView(
+        Shown("--" if fused is None else f"{fused:.2f}", old),
+        heads,
+        _("{good} of {all} heads").format(good=good, all=len(heads)),
+    )
 
 
 def _items(frame: Frame, age_s: float, units: Units) -> tuple[Item, ...]:
@@ -325,24 +439,50 @@ def _items(frame: Frame, age_s: float, units: Units) -> tuple[Item, ...]:
         Item(_("GNSS"), Shown(f"{fix}  {_('{count} sat').format(count=satellites)}", gnss_old)),
         Item(_("fix age"), Shown(f"{age} s  {hz} Hz", gnss_old)),
         Item(_("look-ahead"), Shown(lag if frame.look_ahead else f"{lag}  {_('OFF')}", old)),
-        *(by_plant or (
-            Item(_("scale trim"), Shown(trim if frame.flow_trim_on else f"{trim}  {_('OFF')}", old)),
-            Item(_("done"), Shown(units.area.full(frame.area_ha), old)))),
-        Item(_("applied"), Shown(f"{units.mass.full(frame.applied_kg)}  "
-                                 f"{_('mean {rate}').format(rate=units.rate.full(frame.mean_rate_kg_ha))}", old)),
+        *(
+            by_plant
+            or (
+                Item(
+                    _("scale trim"),
+                    Shown(trim if frame.flow_trim_on else f"{trim}  {_('OFF')}", old),
+                ),
+                Item(_("done"), Shown(units.area.full(frame.area_ha), old)),
+            )
+        ),
+        Item(
+            _("applied"),
+            Shown(
+                f"{units.mass.full(frame.applied_kg)}  "
+                f"{_('mean {rate}').format(rate=units.rate.full(frame.mean_rate_kg_ha))}",
+                old,
+            ),
+        ),
     )
 
 
 def point_items(frame: Frame, old: bool, units: Units) -> tuple[Item, ...]:
-    """Doses given and missed, and the threshold as learned (more: dosed earlier); nothing where not in point mode."""
+    """Doses given and missed, and the threshold as learned (more: dosed earlier); nothing where
+    not in point mode."""
     t = frame.totals
     if frame.threshold_m is None or t is None or t.doses is None:
         return ()
     metres = units.fine_distance._replace(decimals=2)
-    return (Item(_("doses"), Shown(_("{count}  missed {missed}").format(count=t.doses, missed=t.doses_missed or 0),
-                                   old)),
-            Item(_("threshold"), Shown(f"{frame.threshold_m * metres.per_si:+.{metres.decimals}f} {metres.name}", old)))
+    return (
+        Item(
+            _("doses"),
+            Shown(
+                _("{count}  missed {missed}").format(count=t.doses, missed=t.doses_missed or 0), old
+            ),
+        ),
+        Item(
+            _("threshold"),
+            Shown(f"{frame.threshold_m * metres.per_si:+.{metres.decimals}f} {metres.name}", old),
+        ),
+    )
 
 
 def _device_old(frame: Frame, name: str) -> bool:
-    return any(device.name == name and (device.age_s is None or device.age_s > STALE_S) for device in frame.devices)
+    return any(
+        device.name == name and (device.age_s is None or device.age_s > STALE_S)
+        for device in frame.devices
+    )

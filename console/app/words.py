@@ -1,4 +1,6 @@
-"""Words for what frames carry as ids: states, strategies, sources, fixes, alarms, answers. Translated when asked."""
+"""Words for what frames carry as ids: states, strategies, sources, fixes, alarms, answers.
+Translated when asked."""
+
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
@@ -10,42 +12,83 @@ from control.orders import Alarm, Severity, Strategy
 from control.safety import ALARMS, REFUSALS, read_refusal
 
 STATES = {
-    "off": N_("OFF"), "ready": N_("READY"), "working": N_("WORKING"), "held": N_("HELD"),
-    "calibrating": N_("CALIBRATING"), "fault": N_("FAULT"),
+    "off": N_("OFF"),
+    "ready": N_("READY"),
+    "working": N_("WORKING"),
+    "held": N_("HELD"),
+    "calibrating": N_("CALIBRATING"),
+    "fault": N_("FAULT"),
 }
-STATE_SYMBOLS = {"off": "▯", "ready": "▹", "working": "▸", "held": "▮▮", "calibrating": "✚", "fault": "✖"}
+STATE_SYMBOLS = {
+    "off": "▯",
+    "ready": "▹",
+    "working": "▸",
+    "held": "▮▮",
+    "calibrating": "✚",
+    "fault": "✖",
+}
 
-STRATEGIES = {one.value: one.value.replace("_", " ") for one in Strategy}       # `opening first`
+STRATEGIES = {one.value: one.value.replace("_", " ") for one in Strategy}  # `opening first`
 SOURCES = {
-    "canopy": N_("from canopy"), "map": N_("from map"), "point": N_("plant by plant"), "manual": N_("manual rate"),
-    "fallback": N_("FALLBACK RATE"), "none": N_("no target"), "map_and_canopy": N_("map and canopy"),
-    "index_map": N_("index map"), "external": N_("other display"),
+    "canopy": N_("from canopy"),
+    "map": N_("from map"),
+    "point": N_("plant by plant"),
+    "manual": N_("manual rate"),
+    "fallback": N_("FALLBACK RATE"),
+    "none": N_("no target"),
+    "map_and_canopy": N_("map and canopy"),
+    "index_map": N_("index map"),
+    "external": N_("other display"),
 }
-FIXES = {0: N_("no fix"), 1: N_("GNSS"), 2: N_("DGNSS"), 4: N_("RTK fixed"), 5: N_("RTK float"),
-         6: N_("dead reckoning")}
+FIXES = {
+    0: N_("no fix"),
+    1: N_("GNSS"),
+    2: N_("DGNSS"),
+    4: N_("RTK fixed"),
+    5: N_("RTK float"),
+    6: N_("dead reckoning"),
+}
 
 SEVERITIES = {Severity.RED: N_("ALARM"), Severity.AMBER: N_("CAUTION")}
 SEVERITY_SYMBOLS = {Severity.RED: "✖", Severity.AMBER: "!"}
 
 NOTES = {
-    "limited_lowest": N_("machine's lowest"), "limited_highest": N_("machine's highest"),
+    "limited_lowest": N_("machine's lowest"),
+    "limited_highest": N_("machine's highest"),
     "limited_zero": N_("closed: below the machine's lowest rate"),
-    "not_working": N_("not working"), "drive_silent": N_("a drive is silent"), "speed_silent": N_("no speed"),
-    "standstill": N_("standing still"), "low_speed": N_("too slow"), "reversing": N_("reversing"),
-    "course_unknown": N_("course not known yet"), "position_lost": N_("no position"),
-    "outside_field": N_("lands outside field"), "map_elsewhere": N_("the map lies elsewhere"),
+    "not_working": N_("not working"),
+    "drive_silent": N_("a drive is silent"),
+    "speed_silent": N_("no speed"),
+    "standstill": N_("standing still"),
+    "low_speed": N_("too slow"),
+    "reversing": N_("reversing"),
+    "course_unknown": N_("course not known yet"),
+    "position_lost": N_("no position"),
+    "outside_field": N_("lands outside field"),
+    "map_elsewhere": N_("the map lies elsewhere"),
     "work_switch_up": N_("work switch is up"),
-    "log_failed": N_("log not writable"), "target_refused": N_("target refused"),
-    "already_spread": N_("already spread"), "on_headland": N_("headland"),
-    "growth_stage_outside": N_("growth stage"), "rate_is_zero": N_("rate here is zero"),
-    "zero_above_cutoff": N_("canopy too dense: no rate"), "zero_below_cutoff": N_("bare soil: no rate"),
-    "zero_yield_reached": N_("canopy needs nothing"), "zero_map": N_("the map says 0 here"),
+    "log_failed": N_("log not writable"),
+    "target_refused": N_("target refused"),
+    "already_spread": N_("already spread"),
+    "on_headland": N_("headland"),
+    "growth_stage_outside": N_("growth stage"),
+    "rate_is_zero": N_("rate here is zero"),
+    "zero_above_cutoff": N_("canopy too dense: no rate"),
+    "zero_below_cutoff": N_("bare soil: no rate"),
+    "zero_yield_reached": N_("canopy needs nothing"),
+    "zero_map": N_("the map says 0 here"),
     "zero_no_zone": N_("the zone gets nothing"),
     "zero_external": N_("the other display says 0"),
-    "zero_manual": N_("the manual rate is 0"), "zero_fallback": N_("the fallback rate is 0"),
+    "zero_manual": N_("the manual rate is 0"),
+    "zero_fallback": N_("the fallback rate is 0"),
 }
-ALLOWANCES = {"reverse": N_("REVERSE OK"), "outside": N_("OUTSIDE OK"), "unlogged": N_("NO LOG OK"),
-              "map_elsewhere": N_("MAP ELSEWHERE OK"), "no_wheel": N_("NO WHEEL OK")}
+ALLOWANCES = {
+    "reverse": N_("REVERSE OK"),
+    "outside": N_("OUTSIDE OK"),
+    "unlogged": N_("NO LOG OK"),
+    "map_elsewhere": N_("MAP ELSEWHERE OK"),
+    "no_wheel": N_("NO WHEEL OK"),
+}
 
 ANSWERS: Mapping[str, str] = dict(REFUSALS) | {
     "no_lag_rig": N_("No signal from the lag rig."),
@@ -71,12 +114,20 @@ ANSWERS: Mapping[str, str] = dict(REFUSALS) | {
 }
 
 
-SECTIONS = {"outside": N_("outside"), "headland": N_("headland"), "done": N_("done"), "map": N_("map: nothing"),
-            "hand": N_("BY HAND"), "no_flow": N_("closed")}
+SECTIONS = {
+    "outside": N_("outside"),
+    "headland": N_("headland"),
+    "done": N_("done"),
+    "map": N_("map: nothing"),
+    "hand": N_("BY HAND"),
+    "no_flow": N_("closed"),
+}
 
 
 def state_word(state: str | None, why: str = "") -> str:
-    return _(STATES.get(state or "", state or "")) or (_("RECORDS ONLY") if why == "record_only" else _("NO STATE"))
+    return _(STATES.get(state or "", state or "")) or (
+        _("RECORDS ONLY") if why == "record_only" else _("NO STATE")
+    )
 
 
 def strategy_word(strategy: str | None) -> str:
@@ -100,18 +151,22 @@ class AlarmWords(NamedTuple):
 
 
 def alarm_words(alarm: Alarm, units: Units = METRIC) -> AlarmWords:
-    """Text, what to do and place of an alarm, its details filled in; the id where the alarm is not known here."""
+    """Text, what to do and place of an alarm, its details filled in; the id where the alarm is
+    not known here."""
     kind = ALARMS.get(alarm.id)
     if kind is None:
         return AlarmWords(alarm.id, "", "")
     details = dict(alarm.details)
-    return AlarmWords(_filled(kind.text, details, units), _filled(kind.todo, details, units),
-                      _filled(kind.place, details, units))
+    return AlarmWords(
+        _filled(kind.text, details, units),
+        _filled(kind.todo, details, units),
+        _filled(kind.place, details, units),
+    )
 
 
 def answer_words(why: str, alarms: Iterable[Alarm] = ()) -> str:
-    """A refusal in words: `why` is an id and its details as `control.safety.read_refusal` takes them apart. alarms: the
-    live ones, one of which it may name."""
+    """A refusal in words: `why` is an id and its details as `control.safety.read_refusal` takes
+    them apart. alarms: the live ones, one of which it may name."""
     if not why:
         return _("not accepted")
     name, _mark, _rest = why.partition(";")
@@ -123,7 +178,10 @@ def answer_words(why: str, alarms: Iterable[Alarm] = ()) -> str:
         details = {}
     shown: dict[str, str | float] = dict(details)
     if "alarm" in details:
-        named = next((one for one in alarms if one.id == details["alarm"]), Alarm(details["alarm"], Severity.RED, 0.0))
+        named = next(
+            (one for one in alarms if one.id == details["alarm"]),
+            Alarm(details["alarm"], Severity.RED, 0.0),
+        )
         shown["alarm"] = alarm_words(named).text.rstrip(".")
     if "state" in details:
         shown["state"] = state_word(details["state"])
@@ -136,16 +194,20 @@ def note_word(note: str) -> str:
 
 
 def _filled(text: str, details: Mapping[str, str | float], units: Units = METRIC) -> str:
-    """The translated text with its values; one that is missing is `--`, never its name in braces nor an error.
+    """The translated text with its values; one that is missing is `--`, never its name in
+    braces nor an error.
 
-    Where the text names a value in SI ("{speed_mps} m/s"), number and unit are the shown ones instead.
+    Where the text names a value in SI ("{speed_mps} m/s"), number and unit are the shown ones
+    instead.
     """
     said = _(text)
     for key, value in details.items():
         for ending, si_name, unit in _measures(units):
             if key.endswith(ending) and isinstance(value, int | float):
                 said = said.replace(f"{{{key}}} {si_name}", unit.full(value))
-    shown = {key: f"{value:g}" if isinstance(value, float) else value for key, value in details.items()}
+    shown = {
+        key: f"{value:g}" if isinstance(value, float) else value for key, value in details.items()
+    }
     try:
         return said.format_map(_Known(shown))
     except (KeyError, IndexError, ValueError):
@@ -160,5 +222,9 @@ class _Known(dict[str, "str | float"]):
 def _measures(units: Units) -> tuple[tuple[str, str, Unit], ...]:
     """Ending of a detail's name, its unit inside, and how it is shown."""
     kilograms = units.mass._replace(decimals=1)
-    return (("_mps", "m/s", units.speed), ("_kg_ha", "kg/ha", units.rate), ("_kg", "kg", kilograms),
-            ("metres_left", "m", units.distance))
+    return (
+        ("_mps", "m/s", units.speed),
+        ("_kg_ha", "kg/ha", units.rate),
+        ("_kg", "kg", kilograms),
+        ("metres_left", "m", units.distance),
+    )

@@ -1,8 +1,10 @@
-"""What was done where: a raster of the worked ground, in tiles and at several sizes of cell, bounded in memory.
+"""What was done where: a raster of the worked ground, in tiles and at several sizes of cell,
+bounded in memory.
 
-A map pixel is the mean of the cells under it, taken from the coarsest cells that are not larger than the pixel, so a
-picture of a whole day costs as much as one of a minute.
+A map pixel is the mean of the cells under it, taken from the coarsest cells that are not larger
+than the pixel, so a picture of a whole day costs as much as one of a minute.
 """
+
 from __future__ import annotations
 
 from collections import deque
@@ -17,29 +19,36 @@ import numpy.typing as npt
 from console.frame import Frame
 
 Floats = npt.NDArray[np.float64]
-Window = npt.NDArray[np.float32]       # (2 x kinds + 1, rows, columns): sums, counts, passages
+# (2 x kinds + 1, rows, columns): sums, counts, passages
+Window = npt.NDArray[np.float32]
 
 CELLS_M = (0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0)
-VALUES = 3                             # of a spot: applied, target, NDVI
-KINDS = VALUES + 1                     # and how often the ground was spread on
+VALUES = 3  # of a spot: applied, target, NDVI
+KINDS = VALUES + 1  # and how often the ground was spread on
 PLANES = 2 * KINDS + 1
-_SINCE = PLANES                        # a cell's own plane: how far was driven when it was spread on last, m; 0: never
-REVISIT_WIDTHS = 3.0                   # driven since: not the same pass; as control.field.coverage has it
-STEP_M = 0.4                           # shorter ways are not entered: standing still weighs nothing
-SPACING = 0.7                          # of a cell, between places that are entered: below the side of a square that has
-                                       # a place of such a lattice in it however it is turned, 1 / sqrt(2)
-TRAIL = 90                             # places of the pass behind the machine: some 30 m
-NOTHING_KG_HA = 1.0                    # less than this is passage, not application
-TURNING_RPM = 2.0                      # the lag paper's threshold of a shaft that turns
-JUMP_M = 12.0                          # places further apart are not joined
-MOST_TILES = 1_400                     # of one size of cell: 57 MB
-_TILE = 32                             # cells on a side
+# a cell's own plane: how far was driven when it was spread on last, m; 0: never
+_SINCE = PLANES
+# driven since: not the same pass; as control.field.coverage has it
+REVISIT_WIDTHS = 3.0
+# shorter ways are not entered: standing still weighs nothing
+STEP_M = 0.4
+# of a cell, between places that are entered: below the side of a square that has a place of
+# such a lattice in it however it is turned, 1 / sqrt(2)
+SPACING = 0.7
+# places of the pass behind the machine: some 30 m
+TRAIL = 90
+NOTHING_KG_HA = 1.0  # less than this is passage, not application
+TURNING_RPM = 2.0  # the lag paper's threshold of a shaft that turns
+JUMP_M = 12.0  # places further apart are not joined
+MOST_TILES = 1_400  # of one size of cell: 57 MB
+_TILE = 32  # cells on a side
 ALL_OPEN = -1.0
-MOST_BITS = 52                         # that a float holds exactly
+MOST_BITS = 52  # that a float holds exactly
 
 
 class Spot(NamedTuple):
-    """One place of the outlets, m east and north of the field's origin; what is not known is NaN."""
+    """One place of the outlets, m east and north of the field's origin; what is not known is
+    NaN."""
 
     east_m: float
     north_m: float
@@ -47,34 +56,50 @@ class Spot(NamedTuple):
     applied_kg_ha: float
     target_kg_ha: float
     ndvi: float
-    open_bits: float = ALL_OPEN         # of the sections, bit 0 the leftmost
-    way_m: float = 0.0                  # driven until here; Worked says it
+    open_bits: float = ALL_OPEN  # of the sections, bit 0 the leftmost
+    way_m: float = 0.0  # driven until here; Worked says it
 
 
 def spot_of(frame: Frame) -> Spot | None:
-    """Rates count only where the machine worked: a machine that is held owes nothing. None: no place."""
+    """Rates count only where the machine worked: a machine that is held owes nothing. None: no
+    place."""
     if frame.place_m is None or not all(map(isfinite, frame.place_m)):
         return None
     row = frame.row
-    at_work = row.state in (None, "working")           # None: a foreign log
-    # Out of work, commanded to stop, and the shaft turns: what it gives lies there all the same. What a calibrating run
-    # gives lies in a tray.
-    lands = at_work or (row.state != "calibrating" and row.shaft_rpm_cmd == 0.0
-                        and (row.shaft_rpm or 0.0) > TURNING_RPM)
+    at_work = row.state in (None, "working")  # None: a foreign log
+    # Out of work, commanded to stop, and the shaft turns: what it gives lies there all the
+    # same. What a calibrating run gives lies in a tray.
+    lands = at_work or (
+        row.state != "calibrating"
+        and row.shaft_rpm_cmd == 0.0
+        and (row.shaft_rpm or 0.0) > TURNING_RPM
+    )
 
     def known(value: float | None) -> float:
         return float("nan") if value is None else value
 
-    return Spot(frame.place_m[0], frame.place_m[1], known(row.heading_deg),
-                known(row.applied_rate_kg_ha) if lands else float("nan"),
-                known(row.target_rate_kg_ha) if at_work else float("nan"), known(row.ndvi), open_bits(row.sections_cmd))
+    return Spot(
+        frame.place_m[0],
+        frame.place_m[1],
+        known(row.heading_deg),
+        known(row.applied_rate_kg_ha) if lands else float("nan"),
+        known(row.target_rate_kg_ha) if at_work else float("nan"),
+        known(row.ndvi),
+        open_bits(row.sections_cmd),
+    )
 
 
 def open_bits(sections_cmd: str | None) -> float:
     """The log's column of the valves as a number; all open where it tells nothing."""
     if not sections_cmd:
         return ALL_OPEN
-    return float(sum(1 << k for k, command in enumerate(sections_cmd.split(";")[:MOST_BITS]) if command == "1"))
+    return float(
+        sum(
+            1 << k
+            for k, command in enumerate(sections_cmd.split(";")[:MOST_BITS])
+            if command == "1"
+        )
+    )
 
 
 class Box(NamedTuple):
@@ -87,24 +112,27 @@ class Box(NamedTuple):
 class Worked:
     """Fed with spots in the order of driving. width_m: of the ground that the outlets cover.
 
-    `version` changes when anything was entered. Where the finest cells would need more than `most_tiles` tiles they are
-    given up, and the map is as coarse as the next size. Larger cells are summed up when they are looked at.
+    `version` changes when anything was entered. Where the finest cells would need more than
+    `most_tiles` tiles they are given up, and the map is as coarse as the next size. Larger
+    cells are summed up when they are looked at.
     """
 
     def __init__(self, width_m: float = 2.4, most_tiles: int = MOST_TILES) -> None:
         self.width_m, self.most_tiles = width_m, most_tiles
-        self.sections: tuple[float, ...] = ()       # right ends of the sections, as shares of the width
+        # right ends of the sections, as shares of the width
+        self.sections: tuple[float, ...] = ()
         self.clear()
 
     def clear(self) -> None:
         self.version = 0
         self.cells_m: tuple[float, ...] = CELLS_M
-        self.box: Box | None = None             # of the outlets' middle
-        self.reach_m = 0.0                      # to either side of it
-        self.rate_ends: tuple[float, float] | None = None       # of applied and target, kg/ha
+        self.box: Box | None = None  # of the outlets' middle
+        self.reach_m = 0.0  # to either side of it
+        self.rate_ends: tuple[float, float] | None = None  # of applied and target, kg/ha
         self.ndvi_ends: tuple[float, float] | None = None
         self._tiles: dict[float, dict[tuple[int, int], Window]] = {cell: {} for cell in CELLS_M}
-        self._new: dict[float, set[tuple[int, int]]] = {cell: set() for cell in CELLS_M}   # not yet in larger cells
+        # not yet in larger cells
+        self._new: dict[float, set[tuple[int, int]]] = {cell: set() for cell in CELLS_M}
         self._last: Spot | None = None
         self._way_m = 0.0
         self.trail: deque[Spot] = deque(maxlen=TRAIL)
@@ -115,15 +143,18 @@ class Worked:
         return sum(len(tiles) for tiles in self._tiles.values())
 
     def add(self, spots: Sequence[Spot]) -> None:
-        """Enter the next spots. Those that lie less than STEP_M from the one before are left out."""
+        """Enter the next spots. Those that lie less than STEP_M from the one before are left
+        out."""
         ways = list(self._new_ways(spots))
         if not ways:
             return
         self.version += 1
         along = _filled([way for way in ways if way.joined], SPACING * self.cells_m[0])
-        points = np.array([way.end for way in ways if not way.joined], dtype=np.float64).reshape(-1, len(Spot._fields))
+        points = np.array([way.end for way in ways if not way.joined], dtype=np.float64).reshape(
+            -1, len(Spot._fields)
+        )
         laid = np.concatenate((along, points))
-        laid = laid[np.argsort(laid[:, -1], kind="stable")]         # as it was driven
+        laid = laid[np.argsort(laid[:, -1], kind="stable")]  # as it was driven
         self.trail.extend(Spot(*row) for row in laid[-TRAIL:].tolist())
         self._widen(laid)
         middle = np.full((len(laid), 2 + KINDS + 1), np.nan)
@@ -135,15 +166,26 @@ class Worked:
             self.cells_m = self.cells_m[1:]
 
     def add_earlier(self, spots: Sequence[Spot]) -> None:
-        """Enter spots of an earlier time; the next ones of `add` go on from where the last ones were."""
-        (last, self._last), (trail, self.trail) = (self._last, None), (self.trail, deque(maxlen=TRAIL))
+        """Enter spots of an earlier time; the next ones of `add` go on from where the last ones
+        were."""
+        (last, self._last), (trail, self.trail) = (
+            (self._last, None),
+            (self.trail, deque(maxlen=TRAIL)),
+        )
         self.add(spots)
         self._last, self.trail = last, trail
 
-    def window(self, cell_m: float, column: int, row: int, columns: int, rows: int,
-               planes: Sequence[int] = range(PLANES)) -> Window:
-        """Planes (sums of applied, target, NDVI, how often; their counts; passages) of cells column ... column +
-        columns, row south to north; zeros where nothing was entered."""
+    def window(
+        self,
+        cell_m: float,
+        column: int,
+        row: int,
+        columns: int,
+        rows: int,
+        planes: Sequence[int] = range(PLANES),
+    ) -> Window:
+        """Planes (sums of applied, target, NDVI, how often; their counts; passages) of cells
+        column ... column + columns, row south to north; zeros where nothing was entered."""
         self._sum_up(cell_m)
         seen = np.zeros((len(planes), rows, columns), dtype=np.float32)
         tiles = self._tiles[cell_m]
@@ -156,8 +198,9 @@ class Worked:
                 r = slice(max(row, r0), min(row + rows, r0 + _TILE))
                 c = slice(max(column, c0), min(column + columns, c0 + _TILE))
                 for k, plane in enumerate(planes):
-                    seen[k, r.start - row:r.stop - row, c.start - column:c.stop - column] = (
-                        tile[plane, r.start - r0:r.stop - r0, c.start - c0:c.stop - c0])
+                    seen[k, r.start - row : r.stop - row, c.start - column : c.stop - column] = (
+                        tile[plane, r.start - r0 : r.stop - r0, c.start - c0 : c.stop - c0]
+                    )
         return seen
 
     def cell_for(self, pixel_m: float) -> float:
@@ -165,17 +208,22 @@ class Worked:
         return max((cell for cell in self.cells_m if cell <= pixel_m), default=self.cells_m[0])
 
     def trail_places(self) -> Floats:
-        """East and north of the ground that the trail covers, a place for each of the finest cells across."""
+        """East and north of the ground that the trail covers, a place for each of the finest
+        cells across."""
         laid = np.array(self.trail, dtype=np.float64).reshape(-1, len(Spot._fields))
         return self._swath(laid, self._aside())[0].reshape(-1, 2)
 
-    # --- inside -------------------------------------------------------------------------------------------------
+    # --- inside
+    # ----------------------------------------------------------------------------------------------
 
     def _new_ways(self, spots: Sequence[Spot]) -> Iterator[_Way]:
         for spot in spots:
             last = self._last
-            apart_m = 2.0 * self._revisit_m if last is None else hypot(spot.east_m - last.east_m,
-                                                                       spot.north_m - last.north_m)
+            apart_m = (
+                2.0 * self._revisit_m
+                if last is None
+                else hypot(spot.east_m - last.east_m, spot.north_m - last.north_m)
+            )
             if last is None or apart_m >= STEP_M:
                 self._way_m += apart_m
                 self._last = spot._replace(way_m=self._way_m)
@@ -186,10 +234,18 @@ class Worked:
         return REVISIT_WIDTHS * self.width_m
 
     def _widen(self, laid: Floats) -> None:
-        (west, south), (east, north) = laid[:, :2].min(axis=0).tolist(), laid[:, :2].max(axis=0).tolist()
+        (west, south), (east, north) = (
+            laid[:, :2].min(axis=0).tolist(),
+            laid[:, :2].max(axis=0).tolist(),
+        )
         old = self.box or Box(west, south, east, north)
         self.reach_m = max(self.reach_m, 0.5 * self.width_m)
-        self.box = Box(min(old.west_m, west), min(old.south_m, south), max(old.east_m, east), max(old.north_m, north))
+        self.box = Box(
+            min(old.west_m, west),
+            min(old.south_m, south),
+            max(old.east_m, east),
+            max(old.north_m, north),
+        )
         self.rate_ends = _ends(self.rate_ends, laid[:, 3:5], NOTHING_KG_HA)
         self.ndvi_ends = _ends(self.ndvi_ends, laid[:, 5], -1.0)
 
@@ -200,28 +256,32 @@ class Worked:
 
     @staticmethod
     def _swath(laid: Floats, aside: Floats) -> tuple[Floats, Floats]:
-        """Places (spot, aside, east and north), and the direction to the right (spot, east and north)."""
+        """Places (spot, aside, east and north), and the direction to the right (spot, east and
+        north)."""
         heading = np.radians(laid[:, 2])
         right = np.stack((np.cos(heading), -np.sin(heading)), axis=1)
         right[~np.isfinite(heading)] = 0.0
         return laid[:, None, :2] + right[:, None, :] * aside[:, None], right
 
     def _across(self, laid: Floats) -> Floats:
-        """Rows east, north, values, the way driven where something was spread on the cell's middle, else NaN, and 0 for
-        no passage: a row for each place across."""
+        """Rows east, north, values, the way driven where something was spread on the cell's
+        middle, else NaN, and 0 for no passage: a row for each place across."""
         aside = self._aside()
         places, right = self._swath(laid, aside)
         count = len(aside)
-        values = np.repeat(laid[:, 3:3 + VALUES], count, axis=0)
+        values = np.repeat(laid[:, 3 : 3 + VALUES], count, axis=0)
         if self.sections:
-            of = np.searchsorted(self.sections, aside / self.width_m + 0.5).clip(max=len(self.sections) - 1)
+            of = np.searchsorted(self.sections, aside / self.width_m + 0.5).clip(
+                max=len(self.sections) - 1
+            )
             bits = laid[:, 3 + VALUES].astype(np.int64)
-            values[(bits[:, None] >> of & 1 == 0).reshape(-1), :2] = np.nan     # nothing from a closed section
+            # nothing from a closed section
+            values[(bits[:, None] >> of & 1 == 0).reshape(-1), :2] = np.nan
         middles = (np.floor(places / self.cells_m[0]) + 0.5) * self.cells_m[0]
         off = ((middles - laid[:, None, :2]) * right[:, None, :]).sum(axis=2)
         spread = (np.abs(off) <= 0.5 * self.width_m).reshape(-1) & (values[:, 0] >= NOTHING_KG_HA)
         rows = np.zeros((len(values), 2 + KINDS + 1))
-        rows[:, :2], rows[:, 2:2 + VALUES] = places.reshape(-1, 2), values
+        rows[:, :2], rows[:, 2 : 2 + VALUES] = places.reshape(-1, 2), values
         rows[:, 2 + VALUES] = np.where(spread, np.repeat(laid[:, 4 + VALUES], count), np.nan)
         return rows
 
@@ -259,7 +319,8 @@ class Worked:
         before[1:][same] = way_m[:-1][same]
         anew = cells[(before == 0.0) | (way_m - before > self._revisit_m)]
         covered[anew] = np.maximum(1.0, covered[anew])
-        np.add.at(times, anew, covered[anew])           # of a cell that was made of four: all that were covered
+        # of a cell that was made of four: all that were covered
+        np.add.at(times, anew, covered[anew])
         np.maximum.at(since, cells, way_m)
 
     def _tile(self, cell_m: float, at: tuple[int, int]) -> Window:
@@ -269,7 +330,8 @@ class Worked:
         return tile
 
     def _sum_up(self, cell_m: float) -> None:
-        """Larger cells, up to this size, are made of the new tiles of the smaller ones: each the sum of four."""
+        """Larger cells, up to this size, are made of the new tiles of the smaller ones: each
+        the sum of four."""
         half = _TILE // 2
         for small, large in pairwise(cell for cell in self.cells_m if cell <= cell_m):
             for column, row in self._new[small]:
@@ -278,7 +340,7 @@ class Worked:
                 fours[_SINCE] = tile_of_four[_SINCE].max(axis=(1, 3))
                 tile = self._tile(large, (column // 2, row // 2))
                 r, c = half * (row % 2), half * (column % 2)
-                tile[:, r:r + half, c:c + half] = fours
+                tile[:, r : r + half, c : c + half] = fours
                 self._new[large].add((column // 2, row // 2))
             self._new[small].clear()
 
@@ -290,7 +352,8 @@ class _Way(NamedTuple):
 
 
 def _filled(ways: Sequence[_Way], step_m: float) -> Floats:
-    """Rows of Spot values along joined ways, `step_m` apart at most, each way's end in, its begin out."""
+    """Rows of Spot values along joined ways, `step_m` apart at most, each way's end in, its
+    begin out."""
     if not ways:
         return np.zeros((0, len(Spot._fields)))
     begin = np.array([way.begin for way in ways], dtype=np.float64)
@@ -299,11 +362,13 @@ def _filled(ways: Sequence[_Way], step_m: float) -> Floats:
     which = np.repeat(np.arange(len(ways)), count)
     share = (np.arange(len(which)) - np.repeat(np.cumsum(count) - count, count) + 1) / count[which]
     way = end - begin
-    way[:, 2:-1] = 0.0              # heading and values are those of its end
+    way[:, 2:-1] = 0.0  # heading and values are those of its end
     return np.asarray(end[which] - (1.0 - share)[:, None] * way[which])
 
 
-def _ends(old: tuple[float, float] | None, values: Floats, least: float) -> tuple[float, float] | None:
+def _ends(
+    old: tuple[float, float] | None, values: Floats, least: float
+) -> tuple[float, float] | None:
     known = values[np.isfinite(values) & (values >= least)]
     if not known.size:
         return old

@@ -1,5 +1,6 @@
-"""The command line: `topdress --help`. Each command has a file of its own, imported where it is asked for; what is
-heavy is imported when it runs."""
+"""The command line: `topdress --help`. Each command has a file of its own, imported where it is
+asked for; what is heavy is imported when it runs."""
+
 from __future__ import annotations
 
 import os
@@ -20,51 +21,94 @@ from console.threads import few_for_matrices
 
 # Examples that stand under each command's help. A test parses every one of them.
 EXAMPLES: dict[str, tuple[str, ...]] = {
-    "run": ("topdress run", "topdress run --config job.yaml --config cab.yaml", "topdress run --effect shaft.gain=-6"),
-    "replay": ("topdress replay run.csv", "topdress replay run.csv --headless --out again.csv --strategy speed_first"),
-    "simulate": ("topdress simulate --summary",
-                 "topdress simulate --seconds 3600 --out run.csv --effect shaft.gain=-6"),
-    "diagnose": ("topdress diagnose run.csv", "topdress diagnose run.csv --report why.html --adopt mended.yaml",
-                 "topdress diagnose lag.csv catch.csv --machine huanghai"),
-    "compare": ("topdress compare huanghai mended.yaml other-day.csv",
-                "topdress compare old.yaml new.yaml a.csv b.csv --report compared.html"),
+    "run": (
+        "topdress run",
+        "topdress run --config job.yaml --config cab.yaml",
+        "topdress run --effect shaft.gain=-6",
+    ),
+    "replay": (
+        "topdress replay run.csv",
+        "topdress replay run.csv --headless --out again.csv --strategy speed_first",
+    ),
+    "simulate": (
+        "topdress simulate --summary",
+        "topdress simulate --seconds 3600 --out run.csv --effect shaft.gain=-6",
+    ),
+    "diagnose": (
+        "topdress diagnose run.csv",
+        "topdress diagnose run.csv --report why.html --adopt mended.yaml",
+        "topdress diagnose lag.csv catch.csv --machine huanghai",
+    ),
+    "compare": (
+        "topdress compare huanghai mended.yaml other-day.csv",
+        "topdress compare old.yaml new.yaml a.csv b.csv --report compared.html",
+    ),
     "watch": ("topdress watch run.csv", "topdress watch planter.csv --machine planter --to-end"),
-    "fleet": ("topdress fleet season --out report --price 2.8",
-              "topdress fleet s3://farm/logs/*.parquet --out report --scheduler tcp://barn:8786"),
-    "history": ("topdress history mended.yaml", "topdress history mended.yaml --undo --out before.yaml"),
-    "machine": ("topdress machine --from pump.csv --out my-pump.yaml --kind pump",
-                "topdress machine --from wheel.csv --out left.yaml --full-speed 650 --both-ways --noise 2 --running"),
+    "fleet": (
+        "topdress fleet season --out report --price 2.8",
+        "topdress fleet s3://farm/logs/*.parquet --out report --scheduler tcp://barn:8786",
+    ),
+    "history": (
+        "topdress history mended.yaml",
+        "topdress history mended.yaml --undo --out before.yaml",
+    ),
+    "machine": (
+        "topdress machine --from pump.csv --out my-pump.yaml --kind pump",
+        "topdress machine --from wheel.csv --out left.yaml --full-speed 650 --both-ways "
+        "--noise 2 --running",
+    ),
     "calibrate catch": ("topdress calibrate catch weighed.csv --out mine.yaml",),
-    "calibrate lag": ("topdress calibrate lag drops.csv --out mine.yaml --from-rpm 20 --to-rpm 60",
-                      "topdress calibrate lag --rig COM5 --board COM4 --out drops.csv"),
+    "calibrate lag": (
+        "topdress calibrate lag drops.csv --out mine.yaml --from-rpm 20 --to-rpm 60",
+        "topdress calibrate lag --rig COM5 --board COM4 --out drops.csv",
+    ),
     "calibrate wheel": ("topdress calibrate wheel run.csv --out mine.yaml",),
     "calibrate effort": ("topdress calibrate effort run.csv --out mine.yaml",),
     "calibrate heads": ("topdress calibrate heads run.csv --out mine.yaml",),
-    "calibrate encoder": ("topdress calibrate encoder --board /dev/ttyACM0 --out board_settings.py",
-                          "topdress calibrate encoder --board COM4 --turns 20 --rpm 20 --out board_settings.py"),
-    "live": ("topdress live --port 4110", "topdress live --quiet --mqtt mqtt://cab@barn.local/farm/spreader --every 1"),
+    "calibrate encoder": (
+        "topdress calibrate encoder --board /dev/ttyACM0 --out board_settings.py",
+        "topdress calibrate encoder --board COM4 --turns 20 --rpm 20 --out board_settings.py",
+    ),
+    "live": (
+        "topdress live --port 4110",
+        "topdress live --quiet --mqtt mqtt://cab@barn.local/farm/spreader --every 1",
+    ),
     "info": ("topdress info", "topdress info --json"),
     "extras": ("topdress extras",),
     "effects": ("topdress effects", "topdress effects --json"),
     "decode": ("topdress decode gnss receiver.bin", "topdress decode board board.bin --json"),
-    "import": ("topdress import yield.csv --guess --mapping yield.import.yaml",
-               "topdress import yield.csv --mapping yield.import.yaml --out yield-log.csv"),
-    "map": ("topdress map field.shp", "topdress map field.shp --column RATE --unit lb/ac --out task.zip",
-            "topdress map run.csv --out sheet.html"),
-    "field": ("topdress field ~/Documents/AgOpenGPS/Fields/North --job demo --out north.yaml",
-              "topdress field north.kml --out north.geojson", "topdress field north.yaml --out north"),
-    "record": ("topdress record run.csv --out farm.csv", "topdress record *.csv --price urea=0.42 --currency EUR"),
+    "import": (
+        "topdress import yield.csv --guess --mapping yield.import.yaml",
+        "topdress import yield.csv --mapping yield.import.yaml --out yield-log.csv",
+    ),
+    "map": (
+        "topdress map field.shp",
+        "topdress map field.shp --column RATE --unit lb/ac --out task.zip",
+        "topdress map run.csv --out sheet.html",
+    ),
+    "field": (
+        "topdress field ~/Documents/AgOpenGPS/Fields/North --job demo --out north.yaml",
+        "topdress field north.kml --out north.geojson",
+        "topdress field north.yaml --out north",
+    ),
+    "record": (
+        "topdress record run.csv --out farm.csv",
+        "topdress record *.csv --price urea=0.42 --currency EUR",
+    ),
     "reproduce": ("topdress reproduce --out papers",),
-    "trial": ("topdress trial plots.geojson run.csv weights.csv --out trial.html",
-              "topdress trial plots.shp march.csv weights.csv --after april.csv --control CK --out trial.html"),
+    "trial": (
+        "topdress trial plots.geojson run.csv weights.csv --out trial.html",
+        "topdress trial plots.shp march.csv weights.csv --after april.csv --control CK "
+        "--out trial.html",
+    ),
     "check": ("topdress check job.yaml cab.yaml", "topdress check --schema machine"),
     "devices": ("topdress devices",),
     "serve": ("topdress serve",),
     "serve-machine": ("topdress serve-machine --port 4100",),
 }
-ENDS = """Exit codes: 0 done; 1 a disk, port or line failed; 2 what was given is wrong; 3 nothing of the data could be
-judged; 70 a fault of topdress itself; 130 cancelled. Words are completed by the tab key after: topdress
---install-completion."""
+ENDS = """Exit codes: 0 done; 1 a disk, port or line failed; 2 what was given is wrong;
+3 nothing of the data could be judged; 70 a fault of topdress itself; 130 cancelled.
+Words are completed by the tab key after: topdress --install-completion."""
 
 
 def under(name: str) -> str:
@@ -72,16 +116,24 @@ def under(name: str) -> str:
     return "\b\nExamples:\n" + "\n".join(f"  {line}" for line in EXAMPLES[name])
 
 
-# Help in words: an argument's name says what it is, ranges are written out, no types and signs of Python.
+# Help in words: an argument's name says what it is, ranges are written out, no types and signs
+# of Python.
 _TYPES = re.compile(r"^(  .*?)( <(?:str|int|float|path|list\[\w+\])>)( *)", re.MULTILINE)
 _NUMBER = r"-?[\d.]+(?:e[-+]?\d+)?"
-_RANGE = re.compile(rf"(?P<low>{_NUMBER})<=x<=(?P<high>{_NUMBER})|x>=(?P<least>{_NUMBER})|x<=(?P<most>{_NUMBER})")
+_RANGE = re.compile(
+    rf"(?P<low>{_NUMBER})<=x<=(?P<high>{_NUMBER})|x>=(?P<least>{_NUMBER})|x<=(?P<most>{_NUMBER})"
+)
 
 
 def ranges_in_words(text: str) -> str:
     """`1<=x<=100` as from 1 to 100, `x>=0.0` as 0 or more, `x<=9` as at most 9."""
+
     def words(found: re.Match[str]) -> str:
-        number = {name: value.removesuffix(".0") for name, value in found.groupdict().items() if value is not None}
+        number = {
+            name: value.removesuffix(".0")
+            for name, value in found.groupdict().items()
+            if value is not None
+        }
         if "low" in number:
             return f"from {number['low']} to {number['high']}"
         return f"{number['least']} or more" if "least" in number else f"at most {number['most']}"
@@ -92,35 +144,65 @@ def ranges_in_words(text: str) -> str:
 class PlainCommand(TyperCommand):
     def get_help(self, ctx: Any) -> str:
         """What is left out leaves its room: the texts behind stay in their column."""
-        said = _TYPES.sub(lambda found: found[1] + " " * len(found[2]) + found[3] if found[3] else found[1],
-                          super().get_help(ctx))
+        said = _TYPES.sub(
+            lambda found: found[1] + " " * len(found[2]) + found[3] if found[3] else found[1],
+            super().get_help(ctx),
+        )
         return ranges_in_words(said)
 
 
 def _app() -> typer.Typer:
-    return typer.Typer(name="topdress", no_args_is_help=False, rich_markup_mode=None, pretty_exceptions_enable=False,
-                       epilog=ENDS,
-                       context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 120})
+    return typer.Typer(
+        name="topdress",
+        no_args_is_help=False,
+        rich_markup_mode=None,
+        pretty_exceptions_enable=False,
+        epilog=ENDS,
+        context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 120},
+    )
 
 
-COMMANDS = {                    # by name: the file next to this one, and its function
-    "run": "run.run", "replay": "replay.replay", "simulate": "simulate.simulate", "diagnose": "diagnose.diagnose",
-    "compare": "compare.compare", "watch": "watch.watch", "fleet": "fleet.fleet", "history": "history.history",
+# by name: the file next to this one, and its function
+COMMANDS = {
+    "run": "run.run",
+    "replay": "replay.replay",
+    "simulate": "simulate.simulate",
+    "diagnose": "diagnose.diagnose",
+    "compare": "compare.compare",
+    "watch": "watch.watch",
+    "fleet": "fleet.fleet",
+    "history": "history.history",
     "machine": "machine.machine",
-    "effects": "effects.effects", "decode": "decode.decode", "import": "import_log.import_log", "map": "map.map_files",
+    "effects": "effects.effects",
+    "decode": "decode.decode",
+    "import": "import_log.import_log",
+    "map": "map.map_files",
     "field": "field.field",
-    "record": "record.record", "trial": "trial.trial",
-    "reproduce": "reproduce.reproduce", "check": "check.check", "devices": "devices.devices", "serve": "serve.serve",
-    "serve-machine": "serve_machine.serve_machine", "live": "live.live", "info": "info.info", "extras": "info.extras"}
-CALIBRATIONS = {name: f"calibrate.{name}" for name in ("catch", "lag", "wheel", "heads", "effort", "encoder")}
+    "record": "record.record",
+    "trial": "trial.trial",
+    "reproduce": "reproduce.reproduce",
+    "check": "check.check",
+    "devices": "devices.devices",
+    "serve": "serve.serve",
+    "serve-machine": "serve_machine.serve_machine",
+    "live": "live.live",
+    "info": "info.info",
+    "extras": "info.extras",
+}
+CALIBRATIONS = {
+    name: f"calibrate.{name}" for name in ("catch", "lag", "wheel", "heads", "effort", "encoder")
+}
 
 
-def console(context: typer.Context,
-            version: Annotated[bool, typer.Option("--version", help="Show the version and exit.")] = False) -> None:
-    """Terminal console of a variable-rate fertilizer applicator. Without a command: the console on the simulated
-    machine."""
+def console(
+    context: typer.Context,
+    version: Annotated[bool, typer.Option("--version", help="Show the version and exit.")] = False,
+) -> None:
+    """Terminal console of a variable-rate fertilizer applicator. Without a command: the console
+    on the simulated machine."""
     if version:
         from drivers.files.run_meta import software_version
+
         typer.echo(f"topdress {software_version()}")
         raise typer.Exit
     if context.invoked_subcommand is None:
@@ -135,7 +217,9 @@ def _function(place: str) -> Callable[..., None]:
 
 def _with(commands: Mapping[str, str], to: typer.Typer, of: str = "") -> typer.Typer:
     for name, place in commands.items():
-        to.command(name, cls=PlainCommand, epilog=under(f"{of} {name}".strip()))(guarded(_function(place)))
+        to.command(name, cls=PlainCommand, epilog=under(f"{of} {name}".strip()))(
+            guarded(_function(place))
+        )
     return to
 
 
@@ -149,10 +233,14 @@ def _started() -> typer.Typer:
 def whole() -> typer.Typer:
     """The app with every command; `console.cli.app` is the same."""
     app = _with(COMMANDS, _started())
-    calibrations = typer.Typer(rich_markup_mode=None,
-                               help="Fit flow or lag to a bench table, or wheel or heads to a run log; count a turn of "
-                                    "the shaft.")
-    app.add_typer(_with(CALIBRATIONS, calibrations, "calibrate"), name="calibrate", no_args_is_help=True)
+    calibrations = typer.Typer(
+        rich_markup_mode=None,
+        help="Fit flow or lag to a bench table, or wheel or heads to a run log; count a turn of "
+        "the shaft.",
+    )
+    app.add_typer(
+        _with(CALIBRATIONS, calibrations, "calibrate"), name="calibrate", no_args_is_help=True
+    )
     return app
 
 
@@ -163,9 +251,9 @@ def __getattr__(name: str) -> Any:
 
 
 def asked(words: Sequence[str], environment: Mapping[str, str]) -> typer.Typer:
-    """The app with the one command that is asked for, where one is: to import all of them and to make them ready takes
-    a tenth of the time to the first picture. Help of all, completion and unknown
-    commands load the full app."""
+    """The app with the one command that is asked for, where one is: to import all of them and
+    to make them ready takes a tenth of the time to the first picture. Help of all, completion
+    and unknown commands load the full app."""
     name = words[0] if words else "run"
     if name not in COMMANDS or any(key.endswith("_COMPLETE") for key in environment):
         return whole()
@@ -176,13 +264,22 @@ def main() -> None:
     """The entry point `topdress`."""
     few_for_matrices()
     import control
+
     own = " an environment of its own, e.g. by pipx or `uv tool install`"
     if not (control.__doc__ or "").startswith("What is decided and modelled."):
-        typer.echo("topdress's folder `control` is not whole: another package of that name (python-control) came over "
-                   f"it or was taken away with it: install topdress again, in{own}", err=True)
+        typer.echo(
+            "topdress's folder `control` is not whole: another package of that name "
+            "(python-control) came over "
+            f"it or was taken away with it: install topdress again, in{own}",
+            err=True,
+        )
         raise SystemExit(1)
     if (Path(control.__file__ or "").parent / "xferfcn.py").exists():
-        typer.echo("note: python-control lies in the same folder `control` as topdress and no longer works there: give "
-                   f"topdress{own}", err=True)
+        typer.echo(
+            "note: python-control lies in the same folder `control` as topdress and no "
+            "longer works there: give "
+            f"topdress{own}",
+            err=True,
+        )
     take_terminals()
     asked(sys.argv[1:], os.environ)()

@@ -1,4 +1,6 @@
-"""The person at the bench: the shaft turns under the control loop's interlocks, and only while a key is held."""
+"""The person at the bench: the shaft turns under the control loop's interlocks, and only while
+a key is held."""
+
 from __future__ import annotations
 
 import contextlib
@@ -26,7 +28,8 @@ if TYPE_CHECKING:
 
 # Keys of the terminal as they are pressed, without waiting for a line; POSIX and Windows.
 class Keys:
-    """`pressed`: what was typed since the last call, as text. Nothing where standard input is no terminal."""
+    """`pressed`: what was typed since the last call, as text. Nothing where standard input is
+    no terminal."""
 
     def __init__(self, there: bool) -> None:
         self.there = there
@@ -36,6 +39,7 @@ class Keys:
             return ""
         if sys.platform == "win32":
             import msvcrt
+
             typed = ""
             while msvcrt.kbhit():
                 typed += msvcrt.getwch()
@@ -55,6 +59,7 @@ def keys() -> Iterator[Keys]:
         return
     import termios
     import tty
+
     before = termios.tcgetattr(sys.stdin)
     try:
         tty.setcbreak(sys.stdin)
@@ -64,9 +69,10 @@ def keys() -> Iterator[Keys]:
 
 
 HZ = 50.0
-HEARD_WITHIN_S = 10.0           # every device must have been heard by then
-REPEAT_S = 0.2                  # the held button is confirmed this often
-PATIENCE_S = 5.0                # without a key: a refusal that lasts ends the test
+HEARD_WITHIN_S = 10.0  # every device must have been heard by then
+REPEAT_S = 0.2  # the held button is confirmed this often
+# without a key: a refusal that lasts ends the test
+PATIENCE_S = 5.0
 KEY = " "
 
 
@@ -84,24 +90,39 @@ class Unlogged:
         pass
 
 
-def host_of(urls: Mapping[str, str | None], machine: str, clock: Callable[[], float],
-            between: Callable[[float], None]) -> tuple[Host, Cab]:
-    """The control loop with every interlock on the devices of a cab file that are there (`urls` by name), its board
-    with the machine's limits; and the cab that it has. Nothing is logged."""
+def host_of(
+    urls: Mapping[str, str | None],
+    machine: str,
+    clock: Callable[[], float],
+    between: Callable[[float], None],
+) -> tuple[Host, Cab]:
+    """The control loop with every interlock on the devices of a cab file that are there (`urls`
+    by name), its board with the machine's limits; and the cab that it has. Nothing is logged."""
     from console.worker.host import Host
     from console.worker.parts import Assembly, Names
     from control.loop import ControlLoop
     from control.safety import SafetyLimits
     from drivers.cab import Cab, CabConfig
     from drivers.files.setup import load_setup
+
     setup = load_setup(machine, "demo", day_clock.today())
     limits = setup.machine.limits
-    devices: dict[str, dict[str, Any]] = {name: {"port": url} for name, url in urls.items() if url is not None}
-    devices["board"] |= {"max_shaft_rpm": limits.shaft_high_rpm, "max_opening_mm": limits.opening_high_mm,
-                         "wheel_circumference_m": setup.machine.speed.wheel_circumference_m,
-                         "wheel_pulses_per_turn": setup.machine.speed.pulses_per_turn}
-    loop = ControlLoop(setup.machine, setup.crop, setup.rule, setup.job,
-                       safety_limits=SafetyLimits(both_speeds_to_start="gnss" in devices))
+    devices: dict[str, dict[str, Any]] = {
+        name: {"port": url} for name, url in urls.items() if url is not None
+    }
+    devices["board"] |= {
+        "max_shaft_rpm": limits.shaft_high_rpm,
+        "max_opening_mm": limits.opening_high_mm,
+        "wheel_circumference_m": setup.machine.speed.wheel_circumference_m,
+        "wheel_pulses_per_turn": setup.machine.speed.pulses_per_turn,
+    }
+    loop = ControlLoop(
+        setup.machine,
+        setup.crop,
+        setup.rule,
+        setup.job,
+        safety_limits=SafetyLimits(both_speeds_to_start="gnss" in devices),
+    )
     cab = Cab(CabConfig.model_validate(devices), clock)
     return Host(Assembly(cab, loop, Unlogged(), Names()), clock, between, hz=HZ), cab
 
@@ -120,14 +141,19 @@ def say(text: str) -> None:
 
 
 class AtTheBench:
-    """Stands for the person at the bench: between ticks it holds the button down while the space bar is. `trouble`: why
-    it was given up; `refusal`: why the held key turns nothing. Who inherits says in `go_on` what is done once the
-    machine is ready."""
+    """Stands for the person at the bench: between ticks it holds the button down while the
+    space bar is. `trouble`: why it was given up; `refusal`: why the held key turns nothing. Who
+    inherits says in `go_on` what is done once the machine is ready."""
 
     host: Host
 
-    def __init__(self, keyboard: Keys, no_key: bool, clock: Callable[[], float] = time.monotonic,
-                 sleep: Callable[[float], None] = time.sleep) -> None:
+    def __init__(
+        self,
+        keyboard: Keys,
+        no_key: bool,
+        clock: Callable[[], float] = time.monotonic,
+        sleep: Callable[[float], None] = time.sleep,
+    ) -> None:
         self._clock, self._sleep = clock, sleep
         self.trouble = ""
         self._keyboard, self._no_key = keyboard, no_key
@@ -138,7 +164,8 @@ class AtTheBench:
         self._was_down = self._calibrated = False
 
     def go_on(self, frame: Frame, now_s: float, pressed: str) -> None:
-        """Every tick in which the machine is neither off nor in fault; `pressed`: keys since the last one."""
+        """Every tick in which the machine is neither off nor in fault; `pressed`: keys since
+        the last one."""
         raise NotImplementedError
 
     def settings(self) -> Sequence[Order]:
@@ -170,7 +197,10 @@ class AtTheBench:
             self.order(Order(Do.READY))
         elif now_s > HEARD_WITHIN_S:
             said = next(one for one in frame.devices if one.name == silent[0])
-            self.give_up(f"{said.name} at {said.port} is silent: {said.last_error or said.last_raw or 'no byte'}")
+            self.give_up(
+                f"{said.name} at {said.port} is silent: "
+                f"{said.last_error or said.last_raw or 'no byte'}"
+            )
 
     def hold(self, frame: Frame, now_s: float) -> None:
         """The button, as the key is now."""
@@ -185,7 +215,7 @@ class AtTheBench:
         if not down or now_s - self._confirmed_s < REPEAT_S:
             return
         self._confirmed_s = now_s
-        if self._no_key and frame.why_state == "calibration_time":      # the next two minutes
+        if self._no_key and frame.why_state == "calibration_time":  # the next two minutes
             self.order(Order(Do.RELEASE))
         self.host.ask(Order(Do.CALIBRATE), lambda answer, _: self._heard(answer, now_s))
 

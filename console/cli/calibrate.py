@@ -1,4 +1,6 @@
-"""`topdress calibrate`: bench tables and run logs to a new machine file; the old one stays as it is."""
+"""`topdress calibrate`: bench tables and run logs to a new machine file; the old one stays as
+it is."""
+
 from __future__ import annotations
 
 import datetime as dt
@@ -37,25 +39,42 @@ if TYPE_CHECKING:
 Table = Annotated[Path, typer.Argument(metavar="TABLE.csv", help="The bench table.")]
 Log = Annotated[Path, typer.Argument(metavar="LOG.csv", help="A run log.")]
 Out = Annotated[Path, typer.Option(metavar="NEW.yaml", help="The new machine file.")]
-From = Annotated[str, typer.Option(metavar="MACHINE", help="Machine file to begin with, or name of a shipped one.")]
-Date = Annotated[str | None, typer.Option(metavar="YYYY-MM-DD", help="Of the test; default: today.")]
+From = Annotated[
+    str,
+    typer.Option(metavar="MACHINE", help="Machine file to begin with, or name of a shipped one."),
+]
+Date = Annotated[
+    str | None, typer.Option(metavar="YYYY-MM-DD", help="Of the test; default: today.")
+]
 
 
 def catch(
     data: Table,
     *,
-    out: Annotated[Path, typer.Option(metavar="NEW.yaml", help="The new machine file; with --product the new product "
-                                      "file.")],
+    out: Annotated[
+        Path,
+        typer.Option(
+            metavar="NEW.yaml", help="The new machine file; with --product the new product file."
+        ),
+    ],
     machine: From = "huanghai",
-    product: Annotated[str | None, typer.Option(metavar="PRODUCT", help="What was caught: the test is added, with its "
-                                                "date, to this product file instead of the machine's.")] = None,
+    product: Annotated[
+        str | None,
+        typer.Option(
+            metavar="PRODUCT",
+            help="What was caught: the test is added, with its "
+            "date, to this product file instead of the machine's.",
+        ),
+    ] = None,
     date: Date = None,
     as_json: AsJson = False,
     force: Force = False,
 ) -> None:
-    """Fit the flow model to a catch test: what was weighed at each shaft speed and opening, with intervals."""
+    """Fit the flow model to a catch test: what was weighed at each shaft speed and opening,
+    with intervals."""
     from control.calibration.flow_fit import fit_flow
     from drivers.files.bench_table import read_bench_table
+
     _table(data, out, "calibrate catch")
     loaded = _started(data, out, machine, force)
     day = _day(date)
@@ -74,94 +93,176 @@ def _day(text: str | None) -> dt.date:
         raise CommandError(f"--date {text}: allowed is a day such as 2026-03-18") from None
 
 
-def _save_test(product: str, machine: Machine, flow: FlowFit, day: dt.date, data: Path, out: Path,
-               as_json: bool) -> None:
+def _save_test(
+    product: str,
+    machine: Machine,
+    flow: FlowFit,
+    day: dt.date,
+    data: Path,
+    out: Path,
+    as_json: bool,
+) -> None:
     """The product with this test added to its earlier ones."""
     from control.calibration.flow_fit import catch_test
     from drivers.files.config import load, save, sha256_of
     from drivers.files.kinds import PRODUCT
+
     read = load(product, PRODUCT)
     if read.path.resolve() == out.resolve():
         raise CommandError(f"--out {out}: is the product file that is read: allowed is a new name")
-    save(out, read.model.with_test(catch_test(machine, flow, day, str(data), sha256_of(data))), PRODUCT)
+    save(
+        out,
+        read.model.with_test(catch_test(machine, flow, day, str(data), sha256_of(data))),
+        PRODUCT,
+    )
     typer.echo(f"product file: {out}", err=as_json)
 
 
 def lag(
-    data: Annotated[Path | None, typer.Argument(metavar="[TABLE.csv]", help="The bench table; none with "
-                                                "--rig.")] = None,
+    data: Annotated[
+        Path | None, typer.Argument(metavar="[TABLE.csv]", help="The bench table; none with --rig.")
+    ] = None,
     *,
-    out: Annotated[Path, typer.Option(metavar="NEW.yaml|TABLE.csv", help="The new machine file; with --rig the new "
-                                      "bench table.")],
+    out: Annotated[
+        Path,
+        typer.Option(
+            metavar="NEW.yaml|TABLE.csv",
+            help="The new machine file; with --rig the new bench table.",
+        ),
+    ],
     machine: From = "huanghai",
-    label: Annotated[str | None, typer.Option(metavar="WORD", help="Only the rows with this label (e.g. "
-                                              "detected).")] = None,
-    from_rpm: Annotated[float | None, typer.Option(metavar="RPM", help="Lowest shaft speed used.")] = None,
-    to_rpm: Annotated[float | None, typer.Option(metavar="RPM", help="Highest shaft speed used.")] = None,
-    rig: Annotated[str | None, typer.Option(metavar="URL", help="Measure, with the lag rig there.")] = None,
-    board: Annotated[str | None, typer.Option(metavar="URL", help="--rig: the board that turns the shaft; none: "
-                                            "turned by hand, drop times only.")] = None,
-    gnss: Annotated[str | None, typer.Option(metavar="URL", help="--rig: the GNSS receiver, where fitted.")] = None,
-    rpm: Annotated[list[float] | None, typer.Option(metavar="RPM", help="--rig: a shaft speed (repeatable); default 10 "
-                                                    "to 70 in steps of 10.")] = None,
-    repeats: Annotated[int, typer.Option(metavar="NUMBER", min=1, max=100, help="--rig: runs at each speed.")] = 10,
-    opening_mm: Annotated[float | None, typer.Option(metavar="MM", help="--rig: opening of the gate; default: as it "
-                                                     "stands.")] = None,
-    no_key: Annotated[bool, typer.Option("--no-key", help="--rig: turn without a held key; somebody stands at the "
-                                         "hard-wired stop.")] = False,
+    label: Annotated[
+        str | None,
+        typer.Option(metavar="WORD", help="Only the rows with this label (e.g. detected)."),
+    ] = None,
+    from_rpm: Annotated[
+        float | None, typer.Option(metavar="RPM", help="Lowest shaft speed used.")
+    ] = None,
+    to_rpm: Annotated[
+        float | None, typer.Option(metavar="RPM", help="Highest shaft speed used.")
+    ] = None,
+    rig: Annotated[
+        str | None, typer.Option(metavar="URL", help="Measure, with the lag rig there.")
+    ] = None,
+    board: Annotated[
+        str | None,
+        typer.Option(
+            metavar="URL",
+            help="--rig: the board that turns the shaft; none: turned by hand, drop times only.",
+        ),
+    ] = None,
+    gnss: Annotated[
+        str | None, typer.Option(metavar="URL", help="--rig: the GNSS receiver, where fitted.")
+    ] = None,
+    rpm: Annotated[
+        list[float] | None,
+        typer.Option(
+            metavar="RPM",
+            help="--rig: a shaft speed (repeatable); default 10 to 70 in steps of 10.",
+        ),
+    ] = None,
+    repeats: Annotated[
+        int, typer.Option(metavar="NUMBER", min=1, max=100, help="--rig: runs at each speed.")
+    ] = 10,
+    opening_mm: Annotated[
+        float | None,
+        typer.Option(metavar="MM", help="--rig: opening of the gate; default: as it stands."),
+    ] = None,
+    no_key: Annotated[
+        bool,
+        typer.Option(
+            "--no-key",
+            help="--rig: turn without a held key; somebody stands at the hard-wired stop.",
+        ),
+    ] = False,
     date: Date = None,
     as_json: AsJson = False,
     force: Force = False,
 ) -> None:
-    """Fit the lag to drop times at several shaft speeds, or measure such a table with the lag rig."""
+    """Fit the lag to drop times at several shaft speeds, or measure such a table with the lag
+    rig."""
     if rig is not None and data is None:
         from console.cli.lag_rig import measure_lag
+
         need_ending("--out", out, ".csv")
         _refuse((), out, machine, force)
-        measure_lag(rig, board, gnss, machine=machine, out=out, speeds_rpm=rpm or (), repeats=repeats,
-                    opening_mm=opening_mm, no_key=no_key)
+        measure_lag(
+            rig,
+            board,
+            gnss,
+            machine=machine,
+            out=out,
+            speeds_rpm=rpm or (),
+            repeats=repeats,
+            opening_mm=opening_mm,
+            no_key=no_key,
+        )
         return
     if data is None or rig is not None:
         raise CommandError("calibrate lag: allowed is a bench table, or --rig URL and no table")
     from control.calibration.lag_fit import fit_lag
     from control.calibration.tube_fit import settle_tube
     from drivers.files.bench_table import read_bench_table
+
     _table(data, out, "calibrate lag")
     fitted, day = _started(data, out, machine, force), _day(date).isoformat()
     table = read_bench_table(data, "lag")
     running = table.running()
     line, tube = None, None
     if not running.all():
-        fitted, line = fit_lag(table, fitted, label=label, from_rpm=from_rpm, to_rpm=to_rpm, date=day)
+        fitted, line = fit_lag(
+            table, fitted, label=label, from_rpm=from_rpm, to_rpm=to_rpm, date=day
+        )
     if running.any():
         fitted, tube = settle_tube(table, fitted, date=day)
-    _say({"lag": line, "tube": tube}, lambda: _tell_lag(line, tube, fitted.tube_is_settled), as_json)
+    _say(
+        {"lag": line, "tube": tube}, lambda: _tell_lag(line, tube, fitted.tube_is_settled), as_json
+    )
     _save(fitted, data, out, as_json)
 
 
-def wheel(data: Log, *, out: Out, machine: From = "huanghai", date: Date = None,
-          as_json: AsJson = False, force: Force = False) -> None:
+def wheel(
+    data: Log,
+    *,
+    out: Out,
+    machine: From = "huanghai",
+    date: Date = None,
+    as_json: AsJson = False,
+    force: Force = False,
+) -> None:
     """Fit the wheel's circumference to GNSS distances of a run log."""
     from control.calibration.wheel_fit import fit_wheel
     from drivers.files.calibration_log import counted_by, wheel_columns
     from drivers.files.read_log import read_rows
+
     _log(data, out, "calibrate wheel")
     loaded, log = _started(data, out, machine, force), read_rows(data)
-    fitted, found = fit_wheel(wheel_columns(log), loaded, counted_by(log, loaded), str(data),
-                              date=_day(date).isoformat())
+    fitted, found = fit_wheel(
+        wheel_columns(log), loaded, counted_by(log, loaded), str(data), date=_day(date).isoformat()
+    )
     _say(found, lambda: _tell_wheel(found), as_json)
     _save(fitted, data, out, as_json)
 
 
-def heads(data: Log, *, out: Out, machine: From = "huanghai", date: Date = None,
-          as_json: AsJson = False, force: Force = False) -> None:
+def heads(
+    data: Log,
+    *,
+    out: Out,
+    machine: From = "huanghai",
+    date: Date = None,
+    as_json: AsJson = False,
+    force: Force = False,
+) -> None:
     """Fit each canopy head against the others over a run log."""
     from control.calibration.heads_check import check_heads
     from drivers.files.calibration_log import heads_columns
     from drivers.files.read_log import read_rows
+
     _log(data, out, "calibrate heads")
     loaded, log = _started(data, out, machine, force), read_rows(data)
-    fitted, found = check_heads(log.time_s, heads_columns(log), loaded, str(data), date=_day(date).isoformat())
+    fitted, found = check_heads(
+        log.time_s, heads_columns(log), loaded, str(data), date=_day(date).isoformat()
+    )
     _say(found, lambda: _tell_heads(found), as_json)
     _save(fitted, data, out, as_json)
 
@@ -174,17 +275,32 @@ class EffortUnit(StrEnum):
     TORQUE = "N m"
 
 
-def effort(data: Log, *, out: Out, machine: From = "huanghai",
-           unit: Annotated[EffortUnit | None, typer.Option(help="What the drives tell; default: the machine "
-                                                           "file's.")] = None,
-           date: Date = None, as_json: AsJson = False, force: Force = False) -> None:
-    """Fit how hard the drives of a sound machine work to a run log: what later logs are held against."""
+def effort(
+    data: Log,
+    *,
+    out: Out,
+    machine: From = "huanghai",
+    unit: Annotated[
+        EffortUnit | None, typer.Option(help="What the drives tell; default: the machine file's.")
+    ] = None,
+    date: Date = None,
+    as_json: AsJson = False,
+    force: Force = False,
+) -> None:
+    """Fit how hard the drives of a sound machine work to a run log: what later logs are held
+    against."""
     from control.diagnosis.runs.effort_reference import fit_effort
     from drivers.files.any_log import open_log
+
     _log(data, out, "calibrate effort")
     loaded = _started(data, out, machine, force)
-    fitted, found = fit_effort(dict(open_log(data).columns), loaded, str(data), date=_day(date).isoformat(),
-                               unit=None if unit is None else unit.value)
+    fitted, found = fit_effort(
+        dict(open_log(data).columns),
+        loaded,
+        str(data),
+        date=_day(date).isoformat(),
+        unit=None if unit is None else unit.value,
+    )
     _say(found, lambda: _tell_effort(found), as_json)
     _save(fitted, data, out, as_json)
 
@@ -192,36 +308,59 @@ def effort(data: Log, *, out: Out, machine: From = "huanghai",
 def encoder(
     *,
     board: Annotated[str, typer.Option(metavar="URL", help="The slave board.")],
-    out: Annotated[Path, typer.Option(metavar="SETTINGS.py", help="The new line of the board's board_settings.py.")],
-    turns: Annotated[int, typer.Option(metavar="NUMBER", min=1, max=1000, help="Whole turns of the shaft a run.")] = 10,
-    repeats: Annotated[int, typer.Option(metavar="NUMBER", min=1, max=20, help="Runs; their scatter gives the "
-                                         "interval.")] = 3,
-    rpm: Annotated[float | None, typer.Option(metavar="RPM", help="The drive turns the shaft, at "
-                                              "this speed and while the space bar is held; default: by hand, nothing "
-                                              "that turns is sent.")] = None,
-    machine: Annotated[str, typer.Option(metavar="MACHINE", help="--rpm: whose limits hold.")] = "huanghai",
+    out: Annotated[
+        Path,
+        typer.Option(metavar="SETTINGS.py", help="The new line of the board's board_settings.py."),
+    ],
+    turns: Annotated[
+        int, typer.Option(metavar="NUMBER", min=1, max=1000, help="Whole turns of the shaft a run.")
+    ] = 10,
+    repeats: Annotated[
+        int,
+        typer.Option(
+            metavar="NUMBER", min=1, max=20, help="Runs; their scatter gives the interval."
+        ),
+    ] = 3,
+    rpm: Annotated[
+        float | None,
+        typer.Option(
+            metavar="RPM",
+            help="The drive turns the shaft, at "
+            "this speed and while the space bar is held; default: by hand, nothing "
+            "that turns is sent.",
+        ),
+    ] = None,
+    machine: Annotated[
+        str, typer.Option(metavar="MACHINE", help="--rpm: whose limits hold.")
+    ] = "huanghai",
     force: Force = False,
 ) -> None:
-    """Count the encoder's pulses over whole turns of the metering shaft, for the board's settings."""
+    """Count the encoder's pulses over whole turns of the metering shaft, for the board's
+    settings."""
     from console.cli.encoder import calibrate_encoder
+
     need_ending("--out", out, ".py")
     _refuse((), out, machine, force)
     limits = machine_of(machine).limits
     if rpm is not None and not limits.shaft_low_rpm <= rpm <= limits.shaft_high_rpm:
-        raise CommandError(f"--rpm {rpm:g}: allowed is {limits.shaft_low_rpm:g} to {limits.shaft_high_rpm:g}, the "
-                           f"limits of {machine}")
+        raise CommandError(
+            f"--rpm {rpm:g}: allowed is {limits.shaft_low_rpm:g} to {limits.shaft_high_rpm:g}, the "
+            f"limits of {machine}"
+        )
     calibrate_encoder(board, turns=turns, repeats=repeats, rpm=rpm, machine=machine, out=out)
 
 
 def _table(data: Path, out: Path, command: str) -> None:
-    """Raises WrongKind, CommandError: what is no bench table, and an ending that is none of a machine file."""
+    """Raises WrongKind, CommandError: what is no bench table, and an ending that is none of a
+    machine file."""
     refuse_other([data], TABLE)
     refuse_run_log(data, command)
     need_ending("--out", out, ".yaml", ".yml")
 
 
 def _log(data: Path, out: Path, command: str) -> None:
-    """Raises WrongKind, CommandError: what is no run log, and an ending that is none of a machine file."""
+    """Raises WrongKind, CommandError: what is no run log, and an ending that is none of a
+    machine file."""
     refuse_other([data], RUN_LOG)
     refuse_bench_table(data, command)
     need_ending("--out", out, ".yaml", ".yml")
@@ -239,6 +378,7 @@ def _started(data: Path, out: Path, machine: str, force: bool) -> Machine:
 def _save(fitted: Machine, data: Path, out: Path, as_json: bool) -> None:
     from drivers.files.config import save
     from drivers.files.kinds import MACHINE
+
     save(out, _signed(fitted, data), MACHINE)
     typer.echo(f"machine file: {out}", err=as_json)
 
@@ -251,21 +391,35 @@ def _say(found: object, tell: Callable[[], None], as_json: bool) -> None:
         tell()
 
 
-UNSETTLED = ("starts do not show whether the stream in the tube carries what falls; a step from 40 to 80 r/min at the "
-             "rig, ten times, does (before_rpm in the table): docs/field-work.md")
+UNSETTLED = (
+    "starts do not show whether the stream in the tube carries what falls; a step from 40 "
+    "to 80 r/min at the "
+    "rig, ten times, does (before_rpm in the table): docs/field-work.md"
+)
 
 
 def _signed(machine: Machine, data: Path) -> Machine:
     """The records of this calibration with the checksum of the file that they come from."""
     from drivers.files.config import sha256_of
+
     checksum = sha256_of(data)
-    return machine.model_copy(update={"adopted": tuple(
-        record.model_copy(update={"sha256": checksum}) if record.data == str(data) else record
-        for record in machine.adopted)})
+    return machine.model_copy(
+        update={
+            "adopted": tuple(
+                record.model_copy(update={"sha256": checksum})
+                if record.data == str(data)
+                else record
+                for record in machine.adopted
+            )
+        }
+    )
 
 
 def _tell_wheel(fit: WheelFit) -> None:
-    typer.echo(f"{fit.stretches} straight stretches, {fit.way_m:.0f} m {'at work' if fit.at_work else 'without flow'}")
+    typer.echo(
+        f"{fit.stretches} straight stretches, {fit.way_m:.0f} m "
+        f"{'at work' if fit.at_work else 'without flow'}"
+    )
     typer.echo(f"wheel circumference, m  {_span(fit.circumference_m)}")
     if fit.slip_percent is not None:
         typer.echo(f"slip at work, %  {_span(fit.slip_percent)}")
@@ -275,22 +429,29 @@ def _tell_wheel(fit: WheelFit) -> None:
 def _tell_heads(fit: HeadsFit) -> None:
     for head in fit.heads:
         line = "" if head.slope is None else f", line {head.slope:.3f} x others {head.offset:+.3f}"
-        typer.echo(f"head {head.number}  off by {_span(head.gain_percent)} %{line}{'  FOULED' if head.fouled else ''}")
+        typer.echo(
+            f"head {head.number}  off by {_span(head.gain_percent)} "
+            f"%{line}{'  FOULED' if head.fouled else ''}"
+        )
     _tell_notes(fit.notes)
 
 
 def _tell_effort(found: Iterable[EffortFit]) -> None:
     for fit in found:
-        typer.echo(f"{fit.bins} half seconds of moving, {fit.mean:.4g} {fit.unit} on the mean, scatter "
-                   f"{fit.scatter:.3g} {fit.unit}")
+        typer.echo(
+            f"{fit.bins} half seconds of moving, {fit.mean:.4g} {fit.unit} on the mean, scatter "
+            f"{fit.scatter:.3g} {fit.unit}"
+        )
         for place, interval, unit in fit.numbers:
             typer.echo(f"{place}, {unit}  {_span(interval)}")
         _tell_notes(fit.notes)
 
 
 def _tell_flow(fit: FlowFit, machine: Machine) -> None:
-    typer.echo(f"{fit.rows_used} catches, {fit.shaft_rpm[0]:g}-{fit.shaft_rpm[1]:g} r/min, "
-               f"{fit.opening_mm[0]:g}-{fit.opening_mm[1]:g} mm, scatter {fit.residual_sd_percent:.2f} %")
+    typer.echo(
+        f"{fit.rows_used} catches, {fit.shaft_rpm[0]:g}-{fit.shaft_rpm[1]:g} r/min, "
+        f"{fit.opening_mm[0]:g}-{fit.opening_mm[1]:g} mm, scatter {fit.residual_sd_percent:.2f} %"
+    )
     typer.echo(f"grams per revolution and mm  {_span(fit.grams_per_rev_mm)}")
     if fit.zero_offset_g_rev is not None:
         typer.echo(f"grams per revolution at zero opening  {_span(fit.zero_offset_g_rev)}")
@@ -301,17 +462,27 @@ def _tell_flow(fit: FlowFit, machine: Machine) -> None:
 
 def _tell_lag(line: LagFit | None, tube: TubeFit | None, tube_is_settled: bool) -> None:
     if line is not None:
-        typer.echo(f"{line.measured}: {line.rows_used} rows, {line.from_rpm:g}-{line.to_rpm:g} r/min, scatter "
-                   f"{line.residual_sd_s:.4f} s, correlation {line.correlation:.3f}")
+        typer.echo(
+            f"{line.measured}: {line.rows_used} rows, {line.from_rpm:g}-{line.to_rpm:g} "
+            "r/min, scatter "
+            f"{line.residual_sd_s:.4f} s, correlation {line.correlation:.3f}"
+        )
         typer.echo(f"slope, s per r/min  {_span(line.slope_s_per_rpm)}")
         typer.echo(f"intercept, s        {_span(line.intercept_s)}")
         _tell_notes(line.notes)
     if tube is not None:
-        typer.echo(f"tube: {tube.rows_used} changes between two rates, scatter {tube.scatter_s:.4f} s, "
-                   f"{tube.off_s:+.3f} s off the nearest tube")
-        typer.echo(f"share that the stream carries  {_span(tube.carried_share)}, s.d. {tube.sd:.2f}")
+        typer.echo(
+            f"tube: {tube.rows_used} changes between two rates, scatter {tube.scatter_s:.4f} s, "
+            f"{tube.off_s:+.3f} s off the nearest tube"
+        )
+        typer.echo(
+            f"share that the stream carries  {_span(tube.carried_share)}, s.d. {tube.sd:.2f}"
+        )
         if not tube.settles:
-            typer.echo("note: not settled yet, more repeats are needed: until then no strategy counts on the tube")
+            typer.echo(
+                "note: not settled yet, more repeats are needed: until then no strategy "
+                "counts on the tube"
+            )
     elif not tube_is_settled:
         typer.echo(f"note: {UNSETTLED}")
 

@@ -1,4 +1,6 @@
-"""`topdress check`: is this configuration file right? And the schemas by which editors know the same."""
+"""`topdress check`: is this configuration file right? And the schemas by which editors know the
+same."""
+
 from __future__ import annotations
 
 import json
@@ -20,13 +22,26 @@ if TYPE_CHECKING:
 
 
 def check(
-    files: Annotated[list[str] | None, typer.Argument(metavar="CFG...", help="Configuration files, or names of shipped "
-                                                      "ones; or task files (ISOXML): what is in "
-                                                      "them.")] = None,
-    schema: Annotated[str | None, typer.Option(metavar="KIND", help="Show the JSON schema of a kind of file instead: "
-                                               "machine, crop, job, cab, ...")] = None,
-    write_schemas: Annotated[Path | None, typer.Option(metavar="FOLDER", help="Write the schemas of all kinds there "
-                                                       "instead.")] = None,
+    files: Annotated[
+        list[str] | None,
+        typer.Argument(
+            metavar="CFG...",
+            help="Configuration files, or names of shipped "
+            "ones; or task files (ISOXML): what is in "
+            "them.",
+        ),
+    ] = None,
+    schema: Annotated[
+        str | None,
+        typer.Option(
+            metavar="KIND",
+            help="Show the JSON schema of a kind of file instead: machine, crop, job, cab, ...",
+        ),
+    ] = None,
+    write_schemas: Annotated[
+        Path | None,
+        typer.Option(metavar="FOLDER", help="Write the schemas of all kinds there instead."),
+    ] = None,
     as_json: AsJson = False,
     force: Force = False,
 ) -> None:
@@ -39,8 +54,11 @@ def check(
     if write_schemas is not None:
         write_all(write_schemas)
     if not files and schema is None and write_schemas is None:
-        raise CommandError("check: no file given: allowed are configuration files, --schema KIND or --write-schemas "
-                           "FOLDER")
+        raise CommandError(
+            "check: no file given: allowed are configuration files, --schema KIND or "
+            "--write-schemas "
+            "FOLDER"
+        )
     if files:
         _check(files, as_json)
 
@@ -48,12 +66,14 @@ def check(
 def kinds_by_name() -> dict[str, Any]:
     """The kinds of configuration files by the short name of their format."""
     from drivers.files.kinds import KINDS
+
     return {name.removeprefix("topdress-").partition("/")[0]: kind for name, kind in KINDS.items()}
 
 
 def schema_text(name: str) -> str:
     """The JSON schema of a kind, by its short name or its format. Raises CommandError."""
     from drivers.files.config import schema
+
     kinds = kinds_by_name()
     short = name.removeprefix("topdress-").partition("/")[0]
     if short not in kinds:
@@ -64,6 +84,7 @@ def schema_text(name: str) -> str:
 def write_all(folder: Path) -> None:
     """`<kind>.json` for every kind, whole or not at all. Raises OSError."""
     from drivers.files.atomic import write_atomically
+
     folder.mkdir(parents=True, exist_ok=True)
     for name in kinds_by_name():
         write_atomically(folder / f"{name}.json", schema_text(name))
@@ -74,6 +95,7 @@ def _check(files: list[str], as_json: bool) -> None:
     from drivers.files.config import load_any
     from drivers.files.kinds import CAB, JOB, KINDS, MACHINE
     from drivers.files.setup import disagreements
+
     wrong: list[str] = []
     notes: list[str] = []
     read: list[tuple[Any, Any]] = []
@@ -95,12 +117,19 @@ def _check(files: list[str], as_json: bool) -> None:
         own = [*_notes_of(loaded)] if kind is JOB else []
         if kind is JOB:
             wrong += _files_of(loaded, own)
-        notes += [f"{loaded.path}: note: {line}" for line in (*own, *getattr(loaded.model, "warnings", ()))]
-    jobs, cabs, machines = ([one for kind, one in read if kind is wanted] for wanted in (JOB, CAB, MACHINE))
+        notes += [
+            f"{loaded.path}: note: {line}"
+            for line in (*own, *getattr(loaded.model, "warnings", ()))
+        ]
+    jobs, cabs, machines = (
+        [one for kind, one in read if kind is wanted] for wanted in (JOB, CAB, MACHINE)
+    )
     wrong += [line for job in jobs for line in _heads_of(job, cabs)]
     for machine in machines:
         notes += _products_on(machine.model, jobs)
-        wrong += [line for cab in cabs for line in disagreements(cab, machine.model, str(machine.path))]
+        wrong += [
+            line for cab in cabs for line in disagreements(cab, machine.model, str(machine.path))
+        ]
     ok = [{"path": loaded.path, "format": kind.format} for kind, loaded in read]
     if as_json:
         say_json({"ok": ok, "notes": notes, "wrong": wrong})
@@ -112,13 +141,17 @@ def _check(files: list[str], as_json: bool) -> None:
 
 
 def _refuse_other(path: Path) -> None:
-    """What is there and no configuration, and what is not there and no shipped name either. Raises WrongKind."""
+    """What is there and no configuration, and what is not there and no shipped name either.
+    Raises WrongKind."""
     from console.cli.inputs import CHECKED, refuse_other
+
     if path.exists() or path.suffix.lower() not in ("", ".yaml", ".yml") or len(path.parts) > 1:
         refuse_other([path], CHECKED)
     if path.suffix.lower() in (".csv", ".tsv", ".xlsx"):
-        raise CommandError(f"{path}: this is a table (topdress import and diagnose read it): allowed here is "
-                           f"{CHECKED.words}")
+        raise CommandError(
+            f"{path}: this is a table (topdress import and diagnose read it): allowed here is "
+            f"{CHECKED.words}"
+        )
 
 
 def _of_task(path: Path) -> list[str] | None:
@@ -126,12 +159,13 @@ def _of_task(path: Path) -> list[str] | None:
     if not path.is_dir() and not (path.suffix.lower() in (".xml", ".zip") and path.is_file()):
         return None
     from drivers.files.imports.task_log import task_words
+
     return task_words(path)
 
 
 def _files_of(loaded: Any, notes: list[str]) -> list[str]:
-    """Notes what of a job's map will not be applied as it stands, under its ceiling too. Returns what is wrong with
-    the files that the job names, a line each."""
+    """Notes what of a job's map will not be applied as it stands, under its ceiling too.
+    Returns what is wrong with the files that the job names, a line each."""
     from console.app.pages.job.map_words import map_words
     from console.app.units import METRIC
     from drivers.files.config import load
@@ -139,6 +173,7 @@ def _files_of(loaded: Any, notes: list[str]) -> list[str]:
     from drivers.files.prescriptions.for_job import check_of_job, plants_of_job
     from drivers.files.setup import product_of, year_n
     from drivers.plain_text import Refused
+
     folder = loaded.path.parent
 
     def look_at_map() -> None:
@@ -149,8 +184,11 @@ def _files_of(loaded: Any, notes: list[str]) -> list[str]:
             notes.extend(map_words(found, METRIC))
 
     wrong: list[str] = []
-    looks: tuple[Callable[[], object], ...] = (look_at_map, lambda: plants_of_job(loaded.model, folder),
-                                               lambda: product_of(loaded.model, folder))
+    looks: tuple[Callable[[], object], ...] = (
+        look_at_map,
+        lambda: plants_of_job(loaded.model, folder),
+        lambda: product_of(loaded.model, folder),
+    )
     for look in looks:
         try:
             look()
@@ -164,38 +202,53 @@ def _files_of(loaded: Any, notes: list[str]) -> list[str]:
 
 
 def _notes_of(loaded: Any) -> list[str]:
-    """What is to be known of a job before work: strips that are missing or doubtful, the crop's stage."""
+    """What is to be known of a job before work: strips that are missing or doubtful, the crop's
+    stage."""
     from control.agronomy.strips import doubt, measured_index
     from drivers.files.setup import growth_note, load_setup
+
     try:
         setup = load_setup("huanghai", loaded.path, day_clock.today())
-    except ConfigError:                     # reported with the crop, or when the job is started
+    # reported with the crop, or when the job is started
+    except ConfigError:
         return []
     found = [growth_note(setup.growth), "" if setup.n_year is None else setup.n_year.text]
     rule = setup.rule
-    lowest = f"{setup.crop.min_rate_kg_ha:g} kg/ha" if setup.crop.min_rate_kg_ha > 0.0 else "nothing"
+    lowest = (
+        f"{setup.crop.min_rate_kg_ha:g} kg/ha" if setup.crop.min_rate_kg_ha > 0.0 else "nothing"
+    )
     if rule.response_rule == "field":
         index = measured_index(rule.strips)
-        said = {"below_1": f"response index {index or 0.0:.2f}: no response, {lowest} will be given",
-                "above_3": f"response index {index or 0.0:.2f}: above 3 is not to be believed"}
+        said = {
+            "below_1": f"response index {index or 0.0:.2f}: no response, {lowest} will be given",
+            "above_3": f"response index {index or 0.0:.2f}: above 3 is not to be believed",
+        }
         found.append(said.get(doubt(rule.strips), ""))
         if index is None:
-            found.append("response index of the field: strips missing yet: mark both on the way; until then the "
-                         f"{'fixed yield' if rule.is_ready else 'fallback rate'} holds")
+            found.append(
+                "response index of the field: strips missing yet: mark both on the way; "
+                "until then the "
+                f"{'fixed yield' if rule.is_ready else 'fallback rate'} holds"
+            )
     elif rule.crop.sufficiency is not None and not rule.is_ready:
-        found.append("sufficiency index: N-rich strip missing yet: mark it on the way; until then the fallback rate "
-                     "holds")
+        found.append(
+            "sufficiency index: N-rich strip missing yet: mark it on the way; until then "
+            "the fallback rate "
+            "holds"
+        )
     return [line for line in found if line]
 
 
 def _heads_of(job: Any, cabs: list[Any]) -> list[str]:
-    """Whether the heads of each cab, or where none is given the simulated ones, give what the job's crop needs."""
+    """Whether the heads of each cab, or where none is given the simulated ones, give what the
+    job's crop needs."""
     from drivers.files.config import load
     from drivers.files.kinds import CROP
     from drivers.files.setup import index_disagreements
+
     try:
         crop = load(job.model.crop, CROP, base=job.path.parent).model
-    except ConfigError:                     # reported with the job
+    except ConfigError:  # reported with the job
         return []
     return [line for cab in cabs or [None] for line in index_disagreements(cab, crop, job.model)]
 
@@ -203,9 +256,10 @@ def _heads_of(job: Any, cabs: list[Any]) -> list[str]:
 def _products_on(machine: Any, jobs: list[Any]) -> list[str]:
     """What is to be known of the jobs' products on this machine."""
     from drivers.files.setup import product_note, product_of
+
     found = []
     for job in jobs:
-        with suppress(ConfigError):         # reported with the job
+        with suppress(ConfigError):  # reported with the job
             product = product_of(job.model, job.path.parent)
             note = "" if product is None else product_note(product.model, machine)
             found += [f"{job.path}: note: {note}"] if note else []
@@ -215,7 +269,9 @@ def _products_on(machine: Any, jobs: list[Any]) -> list[str]:
 def _of_keymap(model: BaseModel) -> str:
     """What is wrong with the keys of a settings file, one line; empty for files of other kinds."""
     from drivers.files.settings import Settings
+
     if not isinstance(model, Settings) or not model.keymap:
         return ""
     from console.app.settings import keymap_problem
+
     return keymap_problem(model.keymap)

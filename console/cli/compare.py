@@ -1,4 +1,5 @@
 """`topdress compare`: the errors of two machine files on logs that neither was fitted to."""
+
 from __future__ import annotations
 
 import json
@@ -18,19 +19,33 @@ if TYPE_CHECKING:
 
 
 def compare(
-    old: Annotated[str, typer.Argument(metavar="OLD.yaml", help="Machine file, or name of a shipped one.")],
-    new: Annotated[str, typer.Argument(metavar="NEW.yaml", help="The machine file that is held against it.")],
-    logs: Annotated[list[Path], typer.Argument(metavar="LOG...", help="Logs of that machine that neither file was "
-                                               "fitted to.")],
-    as_json: Annotated[bool, typer.Option("--json", help="The result as JSON on standard output.")] = False,
-    report: Annotated[Path | None, typer.Option(metavar="OUT.html", help="A page with pictures.")] = None,
+    old: Annotated[
+        str, typer.Argument(metavar="OLD.yaml", help="Machine file, or name of a shipped one.")
+    ],
+    new: Annotated[
+        str, typer.Argument(metavar="NEW.yaml", help="The machine file that is held against it.")
+    ],
+    logs: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="LOG...", help="Logs of that machine that neither file was fitted to."
+        ),
+    ],
+    as_json: Annotated[
+        bool, typer.Option("--json", help="The result as JSON on standard output.")
+    ] = False,
+    report: Annotated[
+        Path | None, typer.Option(metavar="OUT.html", help="A page with pictures.")
+    ] = None,
     force: Force = False,
 ) -> None:
-    """Say which of two machine files predicts logs better: the error of each, channel by channel, and the difference.
+    """Say which of two machine files predicts logs better: the error of each, channel by
+    channel, and the difference.
 
     Exit code 3: no channel of any log could be held against both.
     """
     from console.reports.html import GENERATOR
+
     machines = [machine_of(name) for name in (old, new)]
     reads = [*(file for log in logs for file in log_files(log)), *map(machine_file, (old, new))]
     refuse_collisions(reads, [] if report is None else [marked(report, GENERATOR.encode())], force)
@@ -40,19 +55,30 @@ def compare(
         raise typer.Exit(NOT_JUDGED)
 
 
-def _compared(logs: list[Path], old: Machine, new: Machine, name: str) -> list[tuple[str, Compared]]:
+def _compared(
+    logs: list[Path], old: Machine, new: Machine, name: str
+) -> list[tuple[str, Compared]]:
     from control.diagnosis.runs.compared import compared
     from drivers.files.any_log import open_log
+
     line, found = ProgressLine(), []
     try:
         for number, path in enumerate(logs):
+
             def step(share: float, word: str, number: int = number, path: Path = path) -> None:
                 done = 100.0 * (number + share) / len(logs)
                 line.tell(f"{done:3.0f} % {path.name} {word} (Ctrl-C cancels)")
+
             log = open_log(path)
-            one = compared(dict(log.columns), old, new, step if line.shown else lambda share, word: None)
+            one = compared(
+                dict(log.columns), old, new, step if line.shown else lambda share, word: None
+            )
             line.end()
-            odd = [str(one) for one in log.findings if one.id != "missing" or not (old.stages and new.stages)]
+            odd = [
+                str(one)
+                for one in log.findings
+                if one.id != "missing" or not (old.stages and new.stages)
+            ]
             notes = [*odd, *one.findings, *_fitted_to(path, old, new)]
             notes += [] if one.channels else [f"no channel of it could be held against {name}"]
             say_notes(dict.fromkeys(notes), f"{path}: ")
@@ -63,18 +89,33 @@ def _compared(logs: list[Path], old: Machine, new: Machine, name: str) -> list[t
 
 
 def _fitted_to(path: Path, *machines: Machine) -> list[str]:
-    """Said of a log that one of the files was made from: its own error there says nothing about other logs."""
+    """Said of a log that one of the files was made from: its own error there says nothing about
+    other logs."""
     from drivers.files.config import sha256_of
-    own = {sha for machine in machines for sha in (
-        *(one.sha256 for one in machine.adopted), *(one.sha256 for one in machine.history),
-        *(term.source.sha256 for term in machine.terms)) if sha}
+
+    own = {
+        sha
+        for machine in machines
+        for sha in (
+            *(one.sha256 for one in machine.adopted),
+            *(one.sha256 for one in machine.history),
+            *(term.source.sha256 for term in machine.terms),
+        )
+        if sha
+    }
     if own and path.is_file() and sha256_of(path) in own:
-        return ["a machine file was fitted to this very log: how it does on another log is not seen here"]
+        return [
+            "a machine file was fitted to this very log: how it does on another log is not "
+            "seen here"
+        ]
     return []
 
 
-def _write(found: list[tuple[str, Compared]], old: str, new: str, as_json: bool, report: Path | None) -> None:
+def _write(
+    found: list[tuple[str, Compared]], old: str, new: str, as_json: bool, report: Path | None
+) -> None:
     from console.reports.compare_page import plain, summary
+
     if as_json:
         typer.echo(json.dumps(plain(found), indent=1))
     else:
@@ -83,5 +124,6 @@ def _write(found: list[tuple[str, Compared]], old: str, new: str, as_json: bool,
     if report is not None:
         from console.reports.compare_page import compare_page
         from drivers.files.atomic import write_atomically
+
         write_atomically(report, compare_page(found, old, new))
         typer.echo(f"report: {report}", err=True)

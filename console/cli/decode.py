@@ -1,4 +1,5 @@
 """`topdress decode`: a raw capture through its real driver."""
+
 from __future__ import annotations
 
 import json
@@ -12,26 +13,47 @@ from console.cli.inputs import CAPTURED, refuse_other
 from console.cli.plain_errors import CommandError
 
 
-def decode(protocol: Annotated[str, typer.Argument(metavar="PROTOCOL", help="gnss, greenseeker, board, ...")],
-           file: Annotated[Path, typer.Argument(metavar="FILE", help="The capture, as received.")],
-           as_json: Annotated[bool, typer.Option("--json", help="One JSON object a line.")] = False) -> None:
+def decode(
+    protocol: Annotated[
+        str, typer.Argument(metavar="PROTOCOL", help="gnss, greenseeker, board, ...")
+    ],
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="The capture, as received.")],
+    as_json: Annotated[bool, typer.Option("--json", help="One JSON object a line.")] = False,
+) -> None:
     """Read a raw capture of one device: a line for each accepted measurement, then the counts."""
     from drivers.devices.decode import decode as through_driver
+
     refuse_other([file], CAPTURED)
     records, counts = through_driver(protocol, file.read_bytes())
     for record in records:
         known = {name: value for name, value in record.items() if value is not None}
-        typer.echo(json.dumps(known) if as_json else "  ".join(f"{k}={_text(v)}" for k, v in known.items()))
+        typer.echo(
+            json.dumps(known) if as_json else "  ".join(f"{k}={_text(v)}" for k, v in known.items())
+        )
     if as_json:
-        typer.echo(json.dumps({"counts": {"read": counts.read, "accepted": counts.accepted,
-                                          "rejected": dict(counts.rejected), "ignored": dict(counts.ignored)}}))
+        typer.echo(
+            json.dumps(
+                {
+                    "counts": {
+                        "read": counts.read,
+                        "accepted": counts.accepted,
+                        "rejected": dict(counts.rejected),
+                        "ignored": dict(counts.ignored),
+                    }
+                }
+            )
+        )
     else:
-        typer.echo(f"read {counts.read}, accepted {counts.accepted}, rejected {_kinds(counts.rejected)}, "
-                   f"ignored {_kinds(counts.ignored)}")
+        typer.echo(
+            f"read {counts.read}, accepted {counts.accepted}, rejected {_kinds(counts.rejected)}, "
+            f"ignored {_kinds(counts.ignored)}"
+        )
     of_the_device = {kind for kind in counts.ignored if kind not in ("comment", "partial_first")}
     if not counts.accepted and not of_the_device:
-        raise CommandError(f"{file}: no measurement of {protocol} in {file.stat().st_size} bytes: allowed is the "
-                           "capture of such a device, as received")
+        raise CommandError(
+            f"{file}: no measurement of {protocol} in {file.stat().st_size} bytes: allowed is the "
+            "capture of such a device, as received"
+        )
 
 
 def _kinds(counted: Mapping[str, int]) -> str:

@@ -1,4 +1,5 @@
 """`topdress devices`: which ports there are, and what speaks on them."""
+
 from __future__ import annotations
 
 import time
@@ -11,13 +12,23 @@ from console.cli.plain_output import AsJson, say_json
 
 
 def devices(
-    ports: Annotated[list[str] | None, typer.Argument(metavar="[PORT...]", help="Serial ports, socket://HOST:PORT or "
-                                                      "udp://HOST:PORT. Without it: every serial port of this "
-                                                      "computer, and rate modules on the network.")] = None,
-    baud: Annotated[int | None, typer.Option(metavar="NUMBER", min=300, max=4_000_000,
-                                             help="Listen at this rate only.")] = None,
-    seconds: Annotated[float, typer.Option(metavar="SECONDS", min=0.2, max=60.0,
-                                           help="Listen this long at each rate.")] = 1.2,
+    ports: Annotated[
+        list[str] | None,
+        typer.Argument(
+            metavar="[PORT...]",
+            help="Serial ports, socket://HOST:PORT or "
+            "udp://HOST:PORT. Without it: every serial port of this "
+            "computer, and rate modules on the network.",
+        ),
+    ] = None,
+    baud: Annotated[
+        int | None,
+        typer.Option(metavar="NUMBER", min=300, max=4_000_000, help="Listen at this rate only."),
+    ] = None,
+    seconds: Annotated[
+        float,
+        typer.Option(metavar="SECONDS", min=0.2, max=60.0, help="Listen this long at each rate."),
+    ] = 1.2,
     no_probe: Annotated[bool, typer.Option("--no-probe", help="List only; open nothing.")] = False,
     as_json: AsJson = False,
 ) -> None:
@@ -26,6 +37,7 @@ def devices(
 
     from drivers.cab_config import CONSOLE_PORT
     from drivers.devices.probe import BAUDS
+
     descriptions = {one.device: one.description or "" for one in sorted(comports())}
     urls = list(ports) if ports else list(descriptions)
     if not urls and not as_json:
@@ -35,14 +47,25 @@ def devices(
         urls.append(every)
     failed = False
     for url in urls:
-        said, opened = ("", True) if no_probe else _modules(url, seconds) if url.startswith("udp://") else _line(
-            url, [baud] if baud else [115200] if url.startswith("socket://") else list(BAUDS), seconds)
+        said, opened = (
+            ("", True)
+            if no_probe
+            else _modules(url, seconds)
+            if url.startswith("udp://")
+            else _line(
+                url,
+                [baud] if baud else [115200] if url.startswith("socket://") else list(BAUDS),
+                seconds,
+            )
+        )
         failed |= bool(ports) and not opened
         description = descriptions.get(url, "")
         if as_json:
             say_json({"port": url, "description": description, "opened": opened, "said": said})
         else:
-            typer.echo("  ".join(part for part in (f"{url:32}", description, said) if part).rstrip())
+            typer.echo(
+                "  ".join(part for part in (f"{url:32}", description, said) if part).rstrip()
+            )
     if failed:
         raise typer.Exit(FAILED)
 
@@ -51,17 +74,25 @@ def _line(url: str, bauds: list[int], seconds: float) -> tuple[str, bool]:
     """What speaks there, and whether the port could be opened."""
     from drivers.devices.probe import probe
     from drivers.ports import open_port
+
     found = probe(lambda rate: open_port(url, rate, time.monotonic), bauds, listen_s=seconds)
     if not found.protocol:
-        return f"{'nothing known speaks' if found.opened else 'cannot be opened'}: {found.said}", found.opened
+        return (
+            f"{'nothing known speaks' if found.opened else 'cannot be opened'}: {found.said}",
+            found.opened,
+        )
     rate = "" if url.startswith("socket://") else f" at {found.baud} Bd"
-    said = f"{found.protocol}{rate}: {found.accepted} understood, {found.rejected} rejected; last: {found.said}"
+    said = (
+        f"{found.protocol}{rate}: {found.accepted} understood, {found.rejected} rejected; "
+        f"last: {found.said}"
+    )
     return said, True
 
 
 def _modules(url: str, seconds: float) -> tuple[str, bool]:
     from drivers.datagrams import UdpPort
     from drivers.devices.probe import recognise_modules
+
     port = UdpPort(url, time.monotonic)
     heard: list[bytes] = []
     until_s = time.monotonic() + seconds
@@ -73,5 +104,8 @@ def _modules(url: str, seconds: float) -> tuple[str, bool]:
     finally:
         port.close()
     found = recognise_modules(heard)
-    names = ", ".join(f"rate module {number}" + (f" ({label})" if label else "") for number, label in found.items())
+    names = ", ".join(
+        f"rate module {number}" + (f" ({label})" if label else "")
+        for number, label in found.items()
+    )
     return names or (f"cannot listen: {trouble}" if trouble else "none heard"), not trouble

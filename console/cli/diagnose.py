@@ -1,4 +1,6 @@
-"""`topdress diagnose`: what the machine model gets wrong on measured data, why, and what putting it right gains."""
+"""`topdress diagnose`: what the machine model gets wrong on measured data, why, and what
+putting it right gains."""
+
 from __future__ import annotations
 
 import dataclasses
@@ -25,31 +27,40 @@ if TYPE_CHECKING:
     from drivers.files.setup import Setup
 
 
-# What `diagnose --adopt` writes: all that is decided, and of what is undecided only what is picked by its name.
+# What `diagnose --adopt` writes: all that is decided, and of what is undecided only what is
+# picked by its name.
 def refuse_picks(picked: tuple[str, ...], out: Path | None) -> None:
     """Before minutes of work. Raises CommandError for names that no diagnosis could say."""
     from control.machine.machine import CATALOGUE
+
     for name in picked:
         if out is None:
             raise CommandError(f"--pick {name}: only --adopt takes up a cause")
         if name not in CATALOGUE:
-            raise CommandError(f"--pick {name}: allowed are the names that `topdress effects` lists")
+            raise CommandError(
+                f"--pick {name}: allowed are the names that `topdress effects` lists"
+            )
 
 
-def adopted(found: Diagnosis, machine: Machine, data: list[Path], out: Path, picked: tuple[str, ...] = ()
-            ) -> tuple[Diagnosis, Exception | None]:
-    """The diagnosis with the machine file that was written, or how the command ends where none was."""
+def adopted(
+    found: Diagnosis, machine: Machine, data: list[Path], out: Path, picked: tuple[str, ...] = ()
+) -> tuple[Diagnosis, Exception | None]:
+    """The diagnosis with the machine file that was written, or how the command ends where none
+    was."""
     try:
         return adopt(found, machine, data, out, picked), None
     except (ValueError, OSError, CommandError, typer.Exit) as why:
         return found, why
 
 
-def adopt(found: Diagnosis, machine: Machine, data: list[Path], out: Path, picked: tuple[str, ...] = ()) -> Diagnosis:
-    """Writes the machine file and says on stderr what it takes up, what not and why, and how to take it back.
+def adopt(
+    found: Diagnosis, machine: Machine, data: list[Path], out: Path, picked: tuple[str, ...] = ()
+) -> Diagnosis:
+    """Writes the machine file and says on stderr what it takes up, what not and why, and how to
+    take it back.
 
-    Raises ValueError for what holds in a part of the data only, CommandError for a name that cannot be picked,
-    typer.Exit where nothing is left to adopt.
+    Raises ValueError for what holds in a part of the data only, CommandError for a name that
+    cannot be picked, typer.Exit where nothing is left to adopt.
     """
     from console.reports.said import whole, whole_gain
     from console.reports.term_words import side_by_side
@@ -57,13 +68,16 @@ def adopt(found: Diagnosis, machine: Machine, data: list[Path], out: Path, picke
     from control.diagnosis.runs.adoption import adoptable_of
     from drivers.files.config import save, sha256_of
     from drivers.files.kinds import MACHINE
+
     for cause in found.causes:
         refuse_to_adopt(cause)
     for name in picked:
         _refuse_pick(name, found, out)
-    if picked:                      # by name: then not what predicts best without one
-        found = dataclasses.replace(found, fitted=None,
-                                    terms=tuple(one for one in found.terms if not one.predicts_best))
+    # by name: then not what predicts best without one
+    if picked:
+        found = dataclasses.replace(
+            found, fitted=None, terms=tuple(one for one in found.terms if not one.predicts_best)
+        )
     chosen = [cause.id for cause in found.causes if _taken_up(cause, picked, found)]
     taken = adoptable_of(found, chosen)
     for name, why in taken.refused:
@@ -74,20 +88,27 @@ def adopt(found: Diagnosis, machine: Machine, data: list[Path], out: Path, picke
     _say_terms(found)
     if not kept and not taken.found.terms and taken.found.fitted is None:
         raise _nothing(found, out, bool(taken.refused))
-    extended = extend(machine, taken.found, sha256=sha256_of(data[0]), date=day_clock.today().isoformat())
+    extended = extend(
+        machine, taken.found, sha256=sha256_of(data[0]), date=day_clock.today().isoformat()
+    )
     save(out, extended, MACHINE, _said(kept, picked))
-    typer.echo(f"{out}, before -> after (topdress history {shlex.quote(str(out))} --undo --out FILE takes "
-               "it back):", err=True)
+    typer.echo(
+        f"{out}, before -> after (topdress history {shlex.quote(str(out))} --undo --out FILE takes "
+        "it back):",
+        err=True,
+    )
     typer.echo("\n".join(side_by_side(extended.history[-1])), err=True)
     return dataclasses.replace(found, extended_machine=str(out))
 
 
 def _taken_up(cause: Cause, picked: tuple[str, ...], found: Diagnosis) -> bool:
-    """Whether a cause goes into the file; says why where it does not, and of what was picked that it was."""
+    """Whether a cause goes into the file; says why where it does not, and of what was picked
+    that it was."""
     from console.reports.said import undecided
     from control.diagnosis.extend import not_adoptable, taken_whole
+
     if taken_whole(found, cause):
-        return False                # said with the whole
+        return False  # said with the whole
     if why := not_adoptable(cause):
         typer.echo(f"note: {cause.id} is not adopted: {why}", err=True)
         return False
@@ -96,12 +117,17 @@ def _taken_up(cause: Cause, picked: tuple[str, ...], found: Diagnosis) -> bool:
     if cause.id in picked:
         typer.echo(f"note: {cause.id} is adopted as picked, though {_doubt(cause)}", err=True)
         return True
-    typer.echo(f"note: {cause.id} is not adopted: {_doubt(cause)}; --pick {cause.id} adopts it all the same", err=True)
+    typer.echo(
+        f"note: {cause.id} is not adopted: {_doubt(cause)}; --pick {cause.id} adopts it all "
+        "the same",
+        err=True,
+    )
     return False
 
 
 def _doubt(cause: Cause) -> str:
     from console.reports.said import name_of, others
+
     rivals = ", ".join(name_of(one) for one, _share in others(cause))
     return f"this data cannot tell it from {rivals}" if rivals else "it is only suspected"
 
@@ -110,10 +136,13 @@ def _refuse_pick(name: str, found: Diagnosis, out: Path) -> None:
     """Raises CommandError."""
     from console.reports.said import undecided
     from control.diagnosis.extend import not_adoptable
+
     own = [cause for cause in found.causes if cause.id == name]
     if any(not not_adoptable(cause) for cause in own):
         return
-    offered = ", ".join(dict.fromkeys(one.id for one in found.causes if undecided(one) and not not_adoptable(one)))
+    offered = ", ".join(
+        dict.fromkeys(one.id for one in found.causes if undecided(one) and not not_adoptable(one))
+    )
     why = f"not found in this data; undecided: {offered or 'nothing'}"
     if own:
         why = not_adoptable(own[0])
@@ -125,6 +154,7 @@ def _refuse_pick(name: str, found: Diagnosis, out: Path) -> None:
 def _say_terms(found: Diagnosis) -> None:
     from console.reports.term_words import compensation
     from control.diagnosis.extend import term_not_adoptable
+
     for one in found.terms:
         why = term_not_adoptable(one)
         word = f"is not adopted: {why}" if why else f"is adopted. {compensation(one.term)}"
@@ -133,6 +163,7 @@ def _say_terms(found: Diagnosis) -> None:
 
 def _nothing(found: Diagnosis, out: Path, refused: bool) -> typer.Exit:
     from control.diagnosis.extend import adoptable
+
     why = "no effect and no term was found that a machine file could take up"
     if refused:
         why = "a machine file with what was found would predict no better"
@@ -145,38 +176,80 @@ def _nothing(found: Diagnosis, out: Path, refused: bool) -> typer.Exit:
 def _said(kept: tuple[Cause, ...], picked: tuple[str, ...]) -> str:
     """For the file: what was picked against the data's silence."""
     from console.reports.said import undecided
-    return "\n".join(f"{cause.id}: picked by name (diagnose --pick), though {_doubt(cause)}."
-                     for cause in kept if undecided(cause) and cause.id in picked)
+
+    return "\n".join(
+        f"{cause.id}: picked by name (diagnose --pick), though {_doubt(cause)}."
+        for cause in kept
+        if undecided(cause) and cause.id in picked
+    )
 
 
-TOGETHER = 2                # groups of channels judged at the same time
+TOGETHER = 2  # groups of channels judged at the same time
 
 
 def diagnose(
-    data: Annotated[list[Path], typer.Argument(metavar="DATA.csv...", help="One or more run logs, or one or more "
-                                               "bench tables, of the same machine.")],
+    data: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="DATA.csv...",
+            help="One or more run logs, or one or more bench tables, of the same machine.",
+        ),
+    ],
     *,
     machine: MachineName = "huanghai",
-    kind: Annotated[str | None, typer.Option(metavar="KIND",
-                                             help="run, lag, catch, weigh, heads or place; default: from the "
-                                             "columns.")] = None,
-    as_json: Annotated[Path | None, typer.Option("--json", metavar="OUT", help="The result as JSON; - for standard "
-                                                 "output.")] = None,
-    report: Annotated[Path | None, typer.Option(metavar="OUT.html", help="A page with pictures.")] = None,
-    adopt: Annotated[Path | None, typer.Option(metavar="NEW.yaml", help="A machine file with the findings; what is "
-                                               "undecided is left out.")] = None,
-    pick: Annotated[list[str] | None, typer.Option(metavar="NAME", help="Of --adopt: an undecided cause, by its name, "
-                                                   "to be adopted all the same (repeatable).")] = None,
-    closed_loop: Annotated[float | None, typer.Option(min=60.0, metavar="SECONDS", help="Also simulate a job this "
-                                                      "long, twice, on a machine that has the named effects: "
-                                                      "control without and with knowing them.")] = None,
-    job: Annotated[str | None, typer.Option(metavar="JOB",
-                                            help="Of --closed-loop: job file, or name of a shipped one; default "
-                                            "demo.")] = None,
-    seed: Annotated[int, typer.Option(metavar="NUMBER", min=0, help="Of the draws behind the probabilities.")] = 0,
+    kind: Annotated[
+        str | None,
+        typer.Option(
+            metavar="KIND",
+            help="run, lag, catch, weigh, heads or place; default: from the columns.",
+        ),
+    ] = None,
+    as_json: Annotated[
+        Path | None,
+        typer.Option("--json", metavar="OUT", help="The result as JSON; - for standard output."),
+    ] = None,
+    report: Annotated[
+        Path | None, typer.Option(metavar="OUT.html", help="A page with pictures.")
+    ] = None,
+    adopt: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="NEW.yaml",
+            help="A machine file with the findings; what is undecided is left out.",
+        ),
+    ] = None,
+    pick: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME",
+            help="Of --adopt: an undecided cause, by its name, "
+            "to be adopted all the same (repeatable).",
+        ),
+    ] = None,
+    closed_loop: Annotated[
+        float | None,
+        typer.Option(
+            min=60.0,
+            metavar="SECONDS",
+            help="Also simulate a job this "
+            "long, twice, on a machine that has the named effects: "
+            "control without and with knowing them.",
+        ),
+    ] = None,
+    job: Annotated[
+        str | None,
+        typer.Option(
+            metavar="JOB",
+            help="Of --closed-loop: job file, or name of a shipped one; default demo.",
+        ),
+    ] = None,
+    seed: Annotated[
+        int, typer.Option(metavar="NUMBER", min=0, help="Of the draws behind the probabilities.")
+    ] = 0,
     force: Force = False,
 ) -> None:
-    """Find what is wrong with the machine: the cause, its size, how sure it is, what it costs and what to do.
+    """Find what is wrong with the machine: the cause, its size, how sure it is, what it costs
+    and what to do.
 
     Exit code 3: nothing of the data could be judged, or --adopt found nothing that is decided.
     """
@@ -191,7 +264,9 @@ def diagnose(
     loaded = machine_of(machine)
     setup = None if closed_loop is None else _setup(machine, job or "demo")
     reads = [*(file for path in data for file in log_files(path)), machine_file(machine)]
-    refuse_collisions([*reads, *(() if setup is None else setup.files)], _outputs(as_json, report, adopt), force)
+    refuse_collisions(
+        [*reads, *(() if setup is None else setup.files)], _outputs(as_json, report, adopt), force
+    )
     several: Several | None = None
     if kind == "run" or (kind is None and _is_run(data)):
         if len(data) > 1:
@@ -203,11 +278,13 @@ def diagnose(
         found, tools = _tables(data, loaded, kind, seed)
     refused: Exception | None = None
     if several is not None and several.of_a_kind and adopt is not None:
-        refused = CommandError(f"--adopt {adopt}: these logs are of machines of a kind, each with sizes of its own: "
-                               "allowed is one log, or logs of one machine")
+        refused = CommandError(
+            f"--adopt {adopt}: these logs are of machines of a kind, each with sizes of its own: "
+            "allowed is one log, or logs of one machine"
+        )
     elif adopt is not None:
         found, refused = adopted(found, loaded, data, adopt, picked)
-    _write(found, several, as_json, report, tools)      # whatever became of the adoption
+    _write(found, several, as_json, report, tools)  # whatever became of the adoption
     if setup is not None and closed_loop is not None:
         for line in _closed_loop(found, setup, job or "demo", closed_loop):
             typer.echo(line, err=as_json is not None and str(as_json) == "-")
@@ -219,6 +296,7 @@ def diagnose(
 
 def _outputs(as_json: Path | None, report: Path | None, adopt: Path | None) -> list[Output]:
     from console.reports.html import GENERATOR
+
     outputs = []
     if as_json is not None and str(as_json) != "-":
         outputs.append(marked(as_json, b'"format": "topdress-diagnosis/1"'))
@@ -230,8 +308,10 @@ def _outputs(as_json: Path | None, report: Path | None, adopt: Path | None) -> l
 
 
 def _is_run(data: list[Path]) -> bool:
-    """A run log of any program, by the import where its columns have no names; else a bench table."""
+    """A run log of any program, by the import where its columns have no names; else a bench
+    table."""
     from drivers.files.opened import Opened
+
     file = Opened(data[0])
     return not file.is_table or not file.names or file.holds == "log"
 
@@ -241,21 +321,30 @@ def _columns(path: Path, machine: Machine) -> tuple[dict[str, Any], list[str]]:
     from control.diagnosis.runs.log import UNREAD
     from control.log_row import TEXT_COLUMNS
     from drivers.files.any_log import open_log
-    log = open_log(path, UNREAD & TEXT_COLUMNS)         # numbers are examined, and what is odd about them is said
-    odd = [str(finding) for finding in log.findings
-           if finding.id != "missing" or not machine.stages]    # what the machine has not got is not missed
+
+    # numbers are examined, and what is odd about them is said
+    log = open_log(path, UNREAD & TEXT_COLUMNS)
+    odd = [
+        str(finding)
+        for finding in log.findings
+        # what the machine has not got is not missed
+        if finding.id != "missing" or not machine.stages
+    ]
     return {name: array for name, array in log.columns.items() if name not in UNREAD}, odd
 
 
 def _run(data: Path, machine: Machine, seed: int) -> tuple[Diagnosis, dict[str, Any]]:
     from control.diagnosis.runs.diagnose import diagnose_run
+
     columns, odd = _columns(data, machine)
     said: tuple[str, ...] = ()
     try:
         with ThreadPoolExecutor(TOGETHER) as pool:
-            found = diagnose_run(columns, machine, path=str(data), progress=_progress(), seed=seed, each=pool.map)
+            found = diagnose_run(
+                columns, machine, path=str(data), progress=_progress(), seed=seed, each=pool.map
+            )
         said = found.findings
-    finally:                                    # what the report says itself is said once
+    finally:  # what the report says itself is said once
         say_notes(one for one in odd if one not in said)
     return found, {"columns": columns, "machine": machine}
 
@@ -263,12 +352,24 @@ def _run(data: Path, machine: Machine, seed: int) -> tuple[Diagnosis, dict[str, 
 def _several(data: list[Path], machine: Machine) -> tuple[Several, dict[str, Any]]:
     """What logs of one machine share, and what each has of its own."""
     from control.diagnosis.runs.several import diagnose_runs, joined
-    twice = next((path for k, path in enumerate(data) if path.resolve() in [one.resolve() for one in data[:k]]), None)
+
+    twice = next(
+        (
+            path
+            for k, path in enumerate(data)
+            if path.resolve() in [one.resolve() for one in data[:k]]
+        ),
+        None,
+    )
     if twice is not None:
-        raise CommandError(f"{twice}: named twice: allowed is each log once, for its rows would count twice")
+        raise CommandError(
+            f"{twice}: named twice: allowed is each log once, for its rows would count twice"
+        )
     other = next((path for path in data if not _is_run([path])), None)
     if other is not None:
-        raise CommandError(f"{other}: a bench table among run logs: allowed are logs together, or tables together")
+        raise CommandError(
+            f"{other}: a bench table among run logs: allowed are logs together, or tables together"
+        )
     logs, names = [], [str(path) for path in data]
     for path in data:
         columns, odd = _columns(path, machine)
@@ -279,11 +380,17 @@ def _several(data: list[Path], machine: Machine) -> tuple[Several, dict[str, Any
     return found, {"columns": joined(logs, names, machine), "machine": machine}
 
 
-def _tables(data: list[Path], machine: Machine, kind: str | None, seed: int) -> tuple[Diagnosis, dict[str, Any]]:
+def _tables(
+    data: list[Path], machine: Machine, kind: str | None, seed: int
+) -> tuple[Diagnosis, dict[str, Any]]:
     from control.diagnosis.tables.diagnose import diagnose_tables
     from drivers.files.bench_table import read_bench_table
+
     tables = [read_bench_table(path, kind) for path in data]
-    return diagnose_tables(tables, machine, seed=seed, progress=_progress()), {"tables": tables, "machine": machine}
+    return diagnose_tables(tables, machine, seed=seed, progress=_progress()), {
+        "tables": tables,
+        "machine": machine,
+    }
 
 
 def _progress() -> Any:
@@ -294,50 +401,72 @@ def _progress() -> Any:
             line.end()
         else:
             line.tell(f"{100 * share:3.0f} % {word} (Ctrl-C cancels)")
+
     return tell if line.shown else None
 
 
 def _setup(machine: str, job: str) -> Setup:
     from control.orders import TargetSource
     from drivers.files.setup import load_setup
+
     setup = load_setup(machine, job, day_clock.today())
     if setup.job.target.source not in (TargetSource.CANOPY, TargetSource.MANUAL):
-        raise CommandError(f"--job {job}: target {setup.job.target.source.value}: --closed-loop simulates jobs of "
-                           "target canopy or manual")
+        raise CommandError(
+            f"--job {job}: target {setup.job.target.source.value}: --closed-loop simulates jobs of "
+            "target canopy or manual"
+        )
     return setup
 
 
 def _closed_loop(found: Diagnosis, setup: Setup, job: str, seconds: float) -> list[str]:
-    """The sizes found are taken for true, so this says what knowing them is worth, not whether they are right."""
+    """The sizes found are taken for true, so this says what knowing them is worth, not whether
+    they are right."""
     from control.diagnosis.extend import extend, planted
     from control.diagnosis.runs.closed_loop import closed_loop_gain
+
     effects = planted(setup.machine, found)
     if not effects:
         return ["", "closed loop: no named effect with a size, so there is nothing to compare"]
     known = extend(setup.machine, found)
-    gain = closed_loop_gain(setup.machine, known, effects, setup.crop, setup.rule, setup.job,
-                            seconds=seconds)
+    gain = closed_loop_gain(
+        setup.machine, known, effects, setup.crop, setup.rule, setup.job, seconds=seconds
+    )
     trim = "on" if setup.job.flow_trim else "off"
-    lines = ["", f"closed loop, simulated {seconds:g} s of job {job} ({setup.job.strategy.value}, flow trim {trim}), "
-                 "the sizes found taken for true:"]
+    lines = [
+        "",
+        f"closed loop, simulated {seconds:g} s of job {job} ({setup.job.strategy.value}, "
+        f"flow trim {trim}), "
+        "the sizes found taken for true:",
+    ]
     for word, one in (("not known", gain.before), ("known", gain.after)):
-        bias = 100.0 * one.bias_kg_ha / one.mean_target_kg_ha if one.mean_target_kg_ha > 0.0 else 0.0
-        lines.append(f"  {word:9}  mean landed {one.bias_kg_ha:+.2f} kg/ha off ({bias:+.2f} %), rate error "
-                     f"{one.rate_error_percent:.2f} %, place error {one.place_error_m:.2f} m")
+        bias = (
+            100.0 * one.bias_kg_ha / one.mean_target_kg_ha if one.mean_target_kg_ha > 0.0 else 0.0
+        )
+        lines.append(
+            f"  {word:9}  mean landed {one.bias_kg_ha:+.2f} kg/ha off ({bias:+.2f} %), rate error "
+            f"{one.rate_error_percent:.2f} %, place error {one.place_error_m:.2f} m"
+        )
     return lines
 
 
 def _lines(found: Diagnosis, several: Several) -> list[str]:
     from console.reports.diagnosis_text import by_log, of_a_kind, summary
+
     if several.of_a_kind:
         return [*of_a_kind(several), *by_log(several.each, "")]
     return [*summary(found), *by_log(several.each)]
 
 
-def _write(found: Diagnosis, several: Several | None, as_json: Path | None, report: Path | None,
-           tools: dict[str, Any]) -> None:
+def _write(
+    found: Diagnosis,
+    several: Several | None,
+    as_json: Path | None,
+    report: Path | None,
+    tools: dict[str, Any],
+) -> None:
     from console.reports.diagnosis_text import summary
     from drivers.files.atomic import write_atomically
+
     if sys.stderr.isatty():
         sys.stderr.write("\r\x1b[K")
     plain = found.to_json() if several is None else several._replace(together=found).to_json()
@@ -350,5 +479,8 @@ def _write(found: Diagnosis, several: Several | None, as_json: Path | None, repo
             write_atomically(as_json, json.dumps(plain, indent=1) + "\n")
     if report is not None:
         from console.reports.diagnosis_html import diagnosis_page
-        write_atomically(report, diagnosis_page(found, tools | {"date": day_clock.today().isoformat()}))
+
+        write_atomically(
+            report, diagnosis_page(found, tools | {"date": day_clock.today().isoformat()})
+        )
         typer.echo(f"report: {report}", err=True)

@@ -1,4 +1,6 @@
-"""`topdress calibrate lag --rig URL` without a board: the machine's own drive turns, the rig times the drop."""
+"""`topdress calibrate lag --rig URL` without a board: the machine's own drive turns, the rig
+times the drop."""
+
 from __future__ import annotations
 
 import sys
@@ -11,15 +13,21 @@ from console.cli.plain_errors import CommandError
 
 TICK_S = 0.02
 HEARD_WITHIN_S = 10.0
-WORDS = {"stop": "stop the shaft and wait", "arming": "the rig is made ready", "start": "START the shaft",
-         "falling": "wait for the granules"}
+WORDS = {
+    "stop": "stop the shaft and wait",
+    "arming": "the rig is made ready",
+    "start": "START the shaft",
+    "falling": "wait for the granules",
+}
 
 
 def measure_drop(rig: str, out: Path, runs: int) -> None:
-    """Measure `runs` runs and write `out`; interrupted, what was measured stays in it. Raises CommandError."""
+    """Measure `runs` runs and write `out`; interrupted, what was measured stays in it. Raises
+    CommandError."""
     from drivers.cab import Cab, CabConfig
     from drivers.devices.lag_test import DropTest, drop_table
     from drivers.files.atomic import write_atomically
+
     cab = Cab(CabConfig.model_validate({"lag_rig": {"port": rig}}), time.monotonic)
     test, started_s, phase, kept = DropTest(), time.monotonic(), "", 0
     typer.echo("no board: this program turns nothing; only drop times are measured (Ctrl-C ends)")
@@ -29,7 +37,9 @@ def measure_drop(rig: str, out: Path, runs: int) -> None:
             cab.measure(now_s)
             if cab.rig is None and now_s - started_s > HEARD_WITHIN_S:
                 state = cab.status(now_s)[0]
-                raise CommandError(f"lag test: lag_rig at {rig} is silent: {state.last_error or 'no byte'}")
+                raise CommandError(
+                    f"lag test: lag_rig at {rig} is silent: {state.last_error or 'no byte'}"
+                )
             wish = test.tick(now_s, cab.rig)
             cab.order_rig(wish.run, wish.arm)
             if wish.said:
@@ -37,7 +47,10 @@ def measure_drop(rig: str, out: Path, runs: int) -> None:
             if len(test.runs) > kept:
                 kept = len(test.runs)
                 write_atomically(out, drop_table(test.runs))
-                typer.echo(f"{kept} of {runs}: {test.runs[-1].shaft_rpm:.1f} r/min, {test.runs[-1].drop_s:.3f} s")
+                typer.echo(
+                    f"{kept} of {runs}: {test.runs[-1].shaft_rpm:.1f} r/min, "
+                    f"{test.runs[-1].drop_s:.3f} s"
+                )
             if cab.rig is not None and wish.phase != phase:
                 phase = wish.phase
                 sys.stderr.write(f"{WORDS[phase]}\n")

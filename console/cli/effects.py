@@ -1,4 +1,5 @@
 """`topdress effects`: the catalogue."""
+
 from __future__ import annotations
 
 from pathlib import Path
@@ -15,29 +16,55 @@ from drivers import plugins
 
 def effects(
     as_json: AsJson = False,
-    as_page: Annotated[Path | None, typer.Option("--markdown", metavar="OUT", help="Write the catalogue as a page of "
-                                                 "Markdown.")] = None,
-    machine: Annotated[str, typer.Option(metavar="MACHINE",
-                                         help="Machine file, or name of a shipped one: bounds of sizes are shares of "
-                                         "its ranges.")] = "huanghai",
+    as_page: Annotated[
+        Path | None,
+        typer.Option(
+            "--markdown", metavar="OUT", help="Write the catalogue as a page of Markdown."
+        ),
+    ] = None,
+    machine: Annotated[
+        str,
+        typer.Option(
+            metavar="MACHINE",
+            help="Machine file, or name of a shipped one: bounds of sizes are shares of "
+            "its ranges.",
+        ),
+    ] = "huanghai",
     force: Force = False,
 ) -> None:
-    """List the catalogue of effects: what each is, its unit and range, where it shows, its source."""
+    """List the catalogue of effects: what each is, its unit and range, where it shows, its
+    source."""
     from control.machine.machine import CATALOGUE, bounds, unit_of
+
     loaded = machine_of(machine)
     if as_page is not None:
         from console.reports.effects_page import markdown
         from drivers.files.atomic import write_atomically
-        refuse_collisions([machine_file(machine)], [marked(as_page, b"topdress effects --markdown")], force)
+
+        refuse_collisions(
+            [machine_file(machine)], [marked(as_page, b"topdress effects --markdown")], force
+        )
         write_atomically(as_page, markdown(CATALOGUE, loaded))
         if not as_json:
             return
     if as_json:
-        say_json([{
-            "id": e.effect.id, "unit": unit_of(e.effect.id, loaded), "low": bounds(e.effect.id, loaded).low,
-            "high": bounds(e.effect.id, loaded).high, "title": e.effect.title,
-            "physics": e.effect.physics, "source": e.effect.source, "seen_in": list(e.effect.seen_in),
-            "advice": e.effect.advice, "separate": e.effect.separate} for e in CATALOGUE.values()])
+        say_json(
+            [
+                {
+                    "id": e.effect.id,
+                    "unit": unit_of(e.effect.id, loaded),
+                    "low": bounds(e.effect.id, loaded).low,
+                    "high": bounds(e.effect.id, loaded).high,
+                    "title": e.effect.title,
+                    "physics": e.effect.physics,
+                    "source": e.effect.source,
+                    "seen_in": list(e.effect.seen_in),
+                    "advice": e.effect.advice,
+                    "separate": e.effect.separate,
+                }
+                for e in CATALOGUE.values()
+            ]
+        )
         return
     for e in CATALOGUE.values():
         effect = e.effect
@@ -48,6 +75,9 @@ def effects(
         typer.echo(f"    do: {effect.advice}")
         typer.echo(f"    tell apart: {effect.separate}")
     for name, plugin in plugins.effects().items():
-        typer.echo(f"{name}  (a plug-in's)\n    {plugin.title}. As a term: {plugin.term}\n    do: {plugin.advice}")
+        typer.echo(
+            f"{name}  (a plug-in's)\n    {plugin.title}. As a term: {plugin.term}\n    do: "
+            f"{plugin.advice}"
+        )
     for line in what_terms_are():
         typer.echo(line)

@@ -1,4 +1,6 @@
-"""`topdress calibrate encoder --board URL`: counts a turn of the metering shaft, to a line of the board's settings."""
+"""`topdress calibrate encoder --board URL`: counts a turn of the metering shaft, to a line of
+the board's settings."""
+
 from __future__ import annotations
 
 import time
@@ -23,42 +25,59 @@ if TYPE_CHECKING:
     from control.calibration.least_squares import FittedInterval
 
 TICK_S = 0.02
-ANSWERS_WITHIN_S = 2.0          # of a board that is heard: some 40 questions
-SHAFTS = (("counts", "counts_per_turn"), ("steps", "dose_steps_per_turn"))      # of `ShaftTurned`, and its setting
-CREEP_S = 1.0                   # of a press, at the machine's slowest speed: a short one is some 15 degrees
+ANSWERS_WITHIN_S = 2.0  # of a board that is heard: some 40 questions
+# of `ShaftTurned`, and its setting
+SHAFTS = (("counts", "counts_per_turn"), ("steps", "dose_steps_per_turn"))
+# of a press, at the machine's slowest speed: a short one is some 15 degrees
+CREEP_S = 1.0
 ENTER = "\r\n"
 
 
-def calibrate_encoder(board: str, *, turns: int, repeats: int, rpm: float | None, machine: str, out: Path) -> None:
-    """Count, say and write. Raises CommandError and ValueError with one line; nothing is written then."""
+def calibrate_encoder(
+    board: str, *, turns: int, repeats: int, rpm: float | None, machine: str, out: Path
+) -> None:
+    """Count, say and write. Raises CommandError and ValueError with one line; nothing is
+    written then."""
     with keys() as keyboard:
         if not keyboard.there:
-            raise CommandError("calibrate encoder: Enter says that the mark is at the pointer, and there is no "
-                               "keyboard here: allowed is a terminal")
+            raise CommandError(
+                "calibrate encoder: Enter says that the mark is at the pointer, and there is no "
+                "keyboard here: allowed is a terminal"
+            )
         count = MarkCount(board, turns, repeats, by_hand=rpm is None)
         if rpm is None:
             _by_hand(board, count, keyboard)
         else:
             _by_drive(board, count, keyboard, machine, rpm)
     from control.calibration.encoder_fit import fit_counts
-    lines = [_said(setting, fit_counts(runs, turns), believed) for setting, runs, believed in count.found()]
+
+    lines = [
+        _said(setting, fit_counts(runs, turns), believed)
+        for setting, runs, believed in count.found()
+    ]
     day = day_clock.today().isoformat()
-    write_atomically(out, f"# topdress calibrate encoder, {day}: {repeats} x {turns} turns\n" + "".join(lines))
+    write_atomically(
+        out, f"# topdress calibrate encoder, {day}: {repeats} x {turns} turns\n" + "".join(lines)
+    )
     typer.echo(f"settings of the board: {out}")
 
 
 def _said(setting: str, fit: FittedInterval, believed: float) -> str:
     """The line for the board, which is also said."""
-    typer.echo(f"{setting}  {fit.value:.2f} (90 %: {fit.low:.2f} to {fit.high:.2f}); the board takes {believed:g}, "
-               f"{100.0 * (believed / fit.value - 1.0):+.2f} %")
+    typer.echo(
+        f"{setting}  {fit.value:.2f} (90 %: {fit.low:.2f} to {fit.high:.2f}); the board "
+        f"takes {believed:g}, "
+        f"{100.0 * (believed / fit.value - 1.0):+.2f} %"
+    )
     return f"{setting} = {fit.value:.2f}     # 90 %: {fit.low:.2f} to {fit.high:.2f}\n"
 
 
 class MarkCount:
-    """Enter after Enter: how far the shaft turned from a mark to the same mark `turns` turns on, `repeats` times."""
+    """Enter after Enter: how far the shaft turned from a mark to the same mark `turns` turns
+    on, `repeats` times."""
 
     def __init__(self, board: str, turns: int, repeats: int, *, by_hand: bool) -> None:
-        self._shown = ""                    # how far since the newest mark
+        self._shown = ""  # how far since the newest mark
         self._board, self._turns, self._repeats, self._by_hand = board, turns, repeats, by_hand
         self._marks: list[ShaftTurned] = []
         self._newest: ShaftTurned | None = None
@@ -73,13 +92,20 @@ class MarkCount:
         return len(self._marks) > self._repeats
 
     def found(self) -> list[tuple[str, list[int], float]]:
-        """Of encoder and stepper, as far as they are there: the setting, the counts of each run, what the board takes
-        a turn to be."""
-        return [(setting, [_way(one, next_one, name) for one, next_one in pairwise(self._marks)],
-                 getattr(self._marks[0], name + "_per_turn")) for name, setting in self._shafts(self._marks[0])]
+        """Of encoder and stepper, as far as they are there: the setting, the counts of each
+        run, what the board takes a turn to be."""
+        return [
+            (
+                setting,
+                [_way(one, next_one, name) for one, next_one in pairwise(self._marks)],
+                getattr(self._marks[0], name + "_per_turn"),
+            )
+            for name, setting in self._shafts(self._marks[0])
+        ]
 
     def tick(self, cab: Cab, now_s: float, pressed: str, refusal: str = "") -> None:
-        """Ask the board, take what it answered and what was pressed, show how far it is. Raises CommandError."""
+        """Ask the board, take what it answered and what was pressed, show how far it is. Raises
+        CommandError."""
         turned, line = cab.ask_turned(), cab.line("board")
         assert line is not None
         state = line.port.state()
@@ -87,7 +113,9 @@ class MarkCount:
             self._refuse_silence(now_s, line.status(now_s).accepted, state.last_error)
             return
         if self._marks and state.connects != self._connects:
-            raise CommandError("calibrate encoder: the board was lost, and its count with it: begin again")
+            raise CommandError(
+                "calibrate encoder: the board was lost, and its count with it: begin again"
+            )
         self._connects = state.connects
         self._entered = self._entered or any(key in pressed for key in ENTER)
         before, self._newest = self._newest, turned
@@ -99,37 +127,57 @@ class MarkCount:
                 say("the shaft still turns: Enter when it stands")
             else:
                 self._mark(turned)
-        shown = ", ".join([f"{_way(self._marks[-1], turned, name):+d} {name}" for name, _ in self._shafts(turned)
-                           if self._marks] + [refusal] * bool(refusal))
+        shown = ", ".join(
+            [
+                f"{_way(self._marks[-1], turned, name):+d} {name}"
+                for name, _ in self._shafts(turned)
+                if self._marks
+            ]
+            + [refusal] * bool(refusal)
+        )
         if shown != self._shown:
             self._shown = shown
             show(shown)
 
     def _shafts(self, turned: ShaftTurned) -> list[tuple[str, str]]:
         """What counts. Raises CommandError where nothing does."""
-        found = [(name, setting) for name, setting in SHAFTS
-                 if getattr(turned, name) is not None and not (self._by_hand and name == "steps")]
+        found = [
+            (name, setting)
+            for name, setting in SHAFTS
+            if getattr(turned, name) is not None and not (self._by_hand and name == "steps")
+        ]
         if not found:
-            raise CommandError("calibrate encoder: this board has no encoder (counts_per_turn 0): the steps of its "
-                               "stepper are counted with --rpm")
+            raise CommandError(
+                "calibrate encoder: this board has no encoder (counts_per_turn 0): the "
+                "steps of its "
+                "stepper are counted with --rpm"
+            )
         return found
 
     def _mark(self, turned: ShaftTurned) -> None:
         self._marks.append(turned)
         if not self.done:
             how = "by hand" if self._by_hand else "the space bar held down"
-            say(f"run {len(self._marks)} of {self._repeats}: {self._turns} whole turns forwards, {how}, until the mark "
-                "is at the pointer again, then Enter")
+            say(
+                f"run {len(self._marks)} of {self._repeats}: {self._turns} whole turns "
+                f"forwards, {how}, until the mark "
+                "is at the pointer again, then Enter"
+            )
 
     def _refuse_silence(self, now_s: float, heard: int, error: str) -> None:
         self._began_s = now_s if self._began_s is None else self._began_s
         if heard and self._heard_s is None:
             self._heard_s = now_s
         if self._heard_s is not None and now_s - self._heard_s > ANSWERS_WITHIN_S:
-            raise CommandError(f"calibrate encoder: the board at {self._board} does not say how far its shaft turned: "
-                               "its program is older than this: put the new one on it (docs/wiring.md)")
+            raise CommandError(
+                f"calibrate encoder: the board at {self._board} does not say how far its "
+                "shaft turned: "
+                "its program is older than this: put the new one on it (docs/wiring.md)"
+            )
         if self._heard_s is None and now_s - self._began_s > HEARD_WITHIN_S:
-            raise CommandError(f"calibrate encoder: board at {self._board} is silent: {error or 'no byte'}")
+            raise CommandError(
+                f"calibrate encoder: board at {self._board} is silent: {error or 'no byte'}"
+            )
 
 
 def _way(one: ShaftTurned, later: ShaftTurned, name: str) -> int:
@@ -153,8 +201,8 @@ def _by_hand(board: str, count: MarkCount, keyboard: Keys) -> None:
 
 
 class ByDrive(AtTheBench):
-    """The drive turns the shaft while the space bar is held, under the control loop's interlocks: a short press creeps
-    to the mark."""
+    """The drive turns the shaft while the space bar is held, under the control loop's
+    interlocks: a short press creeps to the mark."""
 
     cab: Cab
     error: CommandError | None = None
@@ -188,7 +236,9 @@ class ByDrive(AtTheBench):
 def _by_drive(board: str, count: MarkCount, keyboard: Keys, machine: str, rpm: float) -> None:
     began_s = time.monotonic()
     person = ByDrive(keyboard, count, machine_of(machine).limits.shaft_low_rpm, rpm)
-    person.host, person.cab = host_of({"board": board}, machine, lambda: time.monotonic() - began_s, person.between)
+    person.host, person.cab = host_of(
+        {"board": board}, machine, lambda: time.monotonic() - began_s, person.between
+    )
     person.host.run()
     show("")
     if person.error is not None:

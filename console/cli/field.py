@@ -1,4 +1,6 @@
-"""`topdress field`: outlines, obstacles and guidance lines of other programs as the job's field, and out again."""
+"""`topdress field`: outlines, obstacles and guidance lines of other programs as the job's
+field, and out again."""
+
 from __future__ import annotations
 
 from pathlib import Path
@@ -14,45 +16,94 @@ from console.cli.plain_output import AsJson, say_json
 if TYPE_CHECKING:
     from drivers.files.fields.field_data import FieldData
 
-FAR_M = 1000.0          # done ground this far from the job's field is another field's
-READS = Reads(("kml", "kmz", "gpkg", "json", "shp", "zip", "folder", "aog", "config"),
-              "a field of AgOpenGPS (its folder), KML, KMZ, GeoPackage, GeoJSON, a shapefile (.shp, zip, folder), or a "
-              "job file")
+# done ground this far from the job's field is another field's
+FAR_M = 1000.0
+READS = Reads(
+    ("kml", "kmz", "gpkg", "json", "shp", "zip", "folder", "aog", "config"),
+    "a field of AgOpenGPS (its folder), KML, KMZ, GeoPackage, GeoJSON, a shapefile (.shp, "
+    "zip, folder), or a "
+    "job file",
+)
 
 DONE = Reads((*READS.kinds, "text"), f"{READS.words}, or Sections.txt of AgOpenGPS")
 
 
 def field(
-    source: Annotated[Path, typer.Argument(metavar="IN", help="A field of AgOpenGPS (its folder), KML, KMZ, "
-                                           "GeoPackage, GeoJSON, a shapefile (.shp, zip, folder), or a job file.")],
-    out: Annotated[Path | None, typer.Option(metavar="OUT", help="By its ending: .yaml (a job with this field), .kml, "
-                                             ".kmz, .gpkg, .geojson, a folder (AgOpenGPS). Without it: only a "
-                                             "summary of IN.")] = None,
-    job: Annotated[str, typer.Option(metavar="JOB", help="Of a .yaml: the job that gets the field, or the name of a "
-                                     "shipped one; it stays as it is.")] = "demo",
-    name: Annotated[str | None, typer.Option(metavar="NAME", help="Of IN with several fields.")] = None,
-    line: Annotated[str | None, typer.Option(metavar="NAME", help="Of several guidance lines: the one whose heading "
-                                             "the passes have.")] = None,
-    done: Annotated[bool, typer.Option("--done", help="What AgOpenGPS marked as worked (Sections.txt), or the polygons "
-                                       "of IN, as ground that is done: the job spreads nothing there again.")] = False,
-    largest: Annotated[bool, typer.Option("--largest", help="Of an outline that crosses itself: the largest part that "
-                                          "it encloses.")] = False,
+    source: Annotated[
+        Path,
+        typer.Argument(
+            metavar="IN",
+            help="A field of AgOpenGPS (its folder), KML, KMZ, "
+            "GeoPackage, GeoJSON, a shapefile (.shp, zip, folder), or a job file.",
+        ),
+    ],
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="OUT",
+            help="By its ending: .yaml (a job with this field), .kml, "
+            ".kmz, .gpkg, .geojson, a folder (AgOpenGPS). Without it: only a "
+            "summary of IN.",
+        ),
+    ] = None,
+    job: Annotated[
+        str,
+        typer.Option(
+            metavar="JOB",
+            help="Of a .yaml: the job that gets the field, or the name of a "
+            "shipped one; it stays as it is.",
+        ),
+    ] = "demo",
+    name: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Of IN with several fields.")
+    ] = None,
+    line: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME", help="Of several guidance lines: the one whose heading the passes have."
+        ),
+    ] = None,
+    done: Annotated[
+        bool,
+        typer.Option(
+            "--done",
+            help="What AgOpenGPS marked as worked (Sections.txt), or the polygons "
+            "of IN, as ground that is done: the job spreads nothing there again.",
+        ),
+    ] = False,
+    largest: Annotated[
+        bool,
+        typer.Option(
+            "--largest",
+            help="Of an outline that crosses itself: the largest part that it encloses.",
+        ),
+    ] = False,
     as_json: AsJson = False,
     force: Force = False,
 ) -> None:
-    """Take a field's outline, obstacles, guidance lines and headland into a job, or write a job's field for others."""
+    """Take a field's outline, obstacles, guidance lines and headland into a job, or write a
+    job's field for others."""
     refuse_other([source], DONE if done else READS)
     need_ending("--out", out, ".yaml", ".yml", ".kml", ".kmz", ".gpkg", ".geojson", ".json", "")
     is_job = out is not None and out.suffix.lower() in (".yaml", ".yml")
     if out is not None:
         from drivers.files.kinds import JOB
-        reads = [*(source.iterdir() if source.is_dir() else [source]), *([named(job, JOB.folder)] if is_job else [])]
-        files = (out,) if out.suffix else tuple(out / one for one in ("Field.txt", "Boundary.txt", "TrackLines.txt"))
+
+        reads = [
+            *(source.iterdir() if source.is_dir() else [source]),
+            *([named(job, JOB.folder)] if is_job else []),
+        ]
+        files = (
+            (out,)
+            if out.suffix
+            else tuple(out / one for one in ("Field.txt", "Boundary.txt", "TrackLines.txt"))
+        )
         refuse_collisions(reads, [Output(files)], force)
     if done:
         _take_done(source, out, job, as_json)
         return
     from drivers.files.fields.field_data import uncrossed
+
     data = uncrossed(_read(source, name), source, largest)
     say_notes(data.findings, f"{source}: ")
     _tell(data, as_json)
@@ -71,11 +122,13 @@ def _read(source: Path, name: str | None) -> FieldData:
     from drivers.files.fields.field_data import data_of
     from drivers.files.fields.shapes import read_shapes
     from drivers.files.what_it_is import what_is
+
     if source.is_dir() and what_is(source).id == "aog":
         return read_agopengps(source)
     if source.suffix.lower() in (".yaml", ".yml"):
         from drivers.files.config import load
         from drivers.files.kinds import JOB
+
         return data_of(load(source, JOB).model.field, str(source))
     return read_shapes(source, name)
 
@@ -83,6 +136,7 @@ def _read(source: Path, name: str | None) -> FieldData:
 def _write(data: FieldData, out: Path) -> None:
     from drivers.files.fields.agopengps import write_agopengps
     from drivers.files.fields.shapes import write_shapes
+
     if out.suffix:
         write_shapes(data, out)
     else:
@@ -93,6 +147,7 @@ def _into_job(data: FieldData, job: str, line: str | None, out: Path, source: Pa
     from drivers.files.config import load, save
     from drivers.files.fields.field_data import ground_of
     from drivers.files.kinds import JOB
+
     loaded = load(job, JOB)
     model = loaded.model.with_files(lambda name: str((loaded.path.parent / name).resolve()))
     new = model.model_copy(update={"field": ground_of(data, model.field, line)})
@@ -105,8 +160,11 @@ def _take_done(source: Path, out: Path | None, job: str, as_json: bool) -> None:
     from drivers.files.config import load, save
     from drivers.files.fields.done import read_done
     from drivers.files.kinds import JOB
+
     if out is not None and out.suffix.lower() not in (".yaml", ".yml"):
-        raise CommandError(f"--out {out}: allowed with --done is a job, a name that ends in .yaml or .yml")
+        raise CommandError(
+            f"--out {out}: allowed with --done is a job, a name that ends in .yaml or .yml"
+        )
     loaded = load(job, JOB)
     ground = loaded.model.field
     has_field = bool(ground.boundary_m) and out is not None
@@ -117,12 +175,20 @@ def _take_done(source: Path, out: Path | None, job: str, as_json: bool) -> None:
     else:
         typer.echo(f"done         {found.area_ha:.4f} ha, each place once: gets nothing more")
     boundary = ground.boundary()
-    if plane is not None and boundary is not None and (away_m := boundary.away_m(found.middle_m)) > FAR_M:
-        say_notes([f"lies {away_m / 1000.0:.1f} km from the field of {loaded.path.name}"], f"{source}: ")
+    if (
+        plane is not None
+        and boundary is not None
+        and (away_m := boundary.away_m(found.middle_m)) > FAR_M
+    ):
+        say_notes(
+            [f"lies {away_m / 1000.0:.1f} km from the field of {loaded.path.name}"], f"{source}: "
+        )
     if out is None:
         return
     model = loaded.model.with_files(lambda name: str((loaded.path.parent / name).resolve()))
-    new = model.model_copy(update={"field": model.field.model_copy(update={"done": str(source.resolve())})})
+    new = model.model_copy(
+        update={"field": model.field.model_copy(update={"done": str(source.resolve())})}
+    )
     out.parent.mkdir(parents=True, exist_ok=True)
     save(out, new, JOB, f"From {loaded.path.name}, done ground from {source.name}")
     typer.echo(f"written      {out}", err=as_json)
@@ -130,13 +196,17 @@ def _take_done(source: Path, out: Path | None, job: str, as_json: bool) -> None:
 
 def _tell(data: FieldData, as_json: bool) -> None:
     from drivers.files.plain import plain
+
     boundary = data.boundary(data.plane())
     if as_json:
         say_json({"area_ha": None if boundary is None else boundary.area_ha, **plain(data)})
         return
     if boundary is not None and data.outline_deg is not None:
         holes = f", {len(data.holes_deg)} obstacles taken out" if data.holes_deg else ""
-        typer.echo(f"field        {data.title}: {boundary.area_ha:.4f} ha, {len(data.outline_deg)} corners{holes}")
+        typer.echo(
+            f"field        {data.title}: {boundary.area_ha:.4f} ha, {len(data.outline_deg)} "
+            f"corners{holes}"
+        )
     for one in data.lines:
         kind = "line" if len(one.places_deg) == 2 else f"curve of {len(one.places_deg)} places"
         typer.echo(f"guidance     {one.title}: {kind}")

@@ -1,4 +1,5 @@
 """`topdress fleet`: a season of logs of many machines, on this computer or a Dask cluster."""
+
 from __future__ import annotations
 
 import os
@@ -21,36 +22,76 @@ if TYPE_CHECKING:
     from console.services.fleet_about import Listed
 
 REPORT = "report.html"
-EVERY_S = 30.0                  # between two lines of progress where there is no terminal
-MOST_SAID = 20                  # rows of the list that are of no log
+# between two lines of progress where there is no terminal
+EVERY_S = 30.0
+MOST_SAID = 20  # rows of the list that are of no log
 
 
 def fleet(
-    paths: Annotated[list[str], typer.Argument(metavar="PATHS...", help="Logs, folders of logs, patterns with stars, "
-                                               "fsspec URLs; CSV or Parquet, of any machine.")],
+    paths: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="PATHS...",
+            help="Logs, folders of logs, patterns with stars, "
+            "fsspec URLs; CSV or Parquet, of any machine.",
+        ),
+    ],
     *,
-    out: Annotated[Path, typer.Option(metavar="DIR", help="Report, data, and what was done already: a second run "
-                                      "diagnoses only what is new.")],
-    scheduler: Annotated[str | None, typer.Option(metavar="ADDRESS", help="Of a Dask cluster, as tcp://host:8786. "
-                                                  "Without it: workers on this computer.")] = None,
-    workers: Annotated[int, typer.Option(min=1, metavar="NUMBER",
-                                         help="On this computer.")] = max(1, os.cpu_count() or 1),
-    machine: Annotated[str, typer.Option(metavar="MACHINE", help="Machine file, or name of a shipped one, for logs "
-                                         "that name none.")] = "huanghai",
-    about: Annotated[str | None, typer.Option(metavar="TABLE.csv", help="What the logs do not say: a column log (a "
-                                               "path, or as much of its end as one log has), and unit, product, "
-                                               "operator, field, time.")] = None,
-    price: Annotated[float | None, typer.Option(min=0.0, metavar="MONEY", help="Of a kilogram: the report then counts "
-                                                "money.")] = None,
+    out: Annotated[
+        Path,
+        typer.Option(
+            metavar="DIR",
+            help="Report, data, and what was done already: a second run "
+            "diagnoses only what is new.",
+        ),
+    ],
+    scheduler: Annotated[
+        str | None,
+        typer.Option(
+            metavar="ADDRESS",
+            help="Of a Dask cluster, as tcp://host:8786. Without it: workers on this computer.",
+        ),
+    ] = None,
+    workers: Annotated[int, typer.Option(min=1, metavar="NUMBER", help="On this computer.")] = max(
+        1, os.cpu_count() or 1
+    ),
+    machine: Annotated[
+        str,
+        typer.Option(
+            metavar="MACHINE",
+            help="Machine file, or name of a shipped one, for logs that name none.",
+        ),
+    ] = "huanghai",
+    about: Annotated[
+        str | None,
+        typer.Option(
+            metavar="TABLE.csv",
+            help="What the logs do not say: a column log (a "
+            "path, or as much of its end as one log has), and unit, product, "
+            "operator, field, time.",
+        ),
+    ] = None,
+    price: Annotated[
+        float | None,
+        typer.Option(min=0.0, metavar="MONEY", help="Of a kilogram: the report then counts money."),
+    ] = None,
     currency: Annotated[str, typer.Option(metavar="NAME", help="Of the money.")] = "CNY",
-    storage: Annotated[list[str] | None, typer.Option("--storage-option", metavar="NAME=VALUE", help="Of the store at "
-                                                      "URLs, as fsspec names it; repeatable.")] = None,
-    retry: Annotated[bool, typer.Option("--retry", help="Try logs again that could not be read.")] = False,
+    storage: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--storage-option",
+            metavar="NAME=VALUE",
+            help="Of the store at URLs, as fsspec names it; repeatable.",
+        ),
+    ] = None,
+    retry: Annotated[
+        bool, typer.Option("--retry", help="Try logs again that could not be read.")
+    ] = False,
     as_json: AsJson = False,
     force: Force = False,
 ) -> None:
-    """Diagnose every log once, then all together: the course of each effect by machine, what products, operators and
-    fields share, what it cost. Ctrl-C ends; what is done is kept."""
+    """Diagnose every log once, then all together: the course of each effect by machine, what
+    products, operators and fields share, what it cost. Ctrl-C ends; what is done is kept."""
     from console.reports.html import GENERATOR
     from console.services.fleet import Asked, cluster, diagnosed, logs_at
     from console.services.fleet_job import FORMAT
@@ -59,6 +100,7 @@ def fleet(
     from drivers.files.extras import need
     from drivers.files.kinds import MACHINE
     from drivers.files.run_meta import software_version
+
     need("a season of logs", "fleet", "diagnosis", "report")
     loaded = load(machine, MACHINE)
     options = _options(storage or [])
@@ -66,8 +108,11 @@ def fleet(
     if not logs:
         raise CommandError(f"{paths[0]}: no logs there: allowed are .csv and .parquet")
     table = None if about is None else Path(about)
-    reads = [*(Path(log) for log in logs if "://" not in log), loaded.path,
-             *([] if table is None else [table])]
+    reads = [
+        *(Path(log) for log in logs if "://" not in log),
+        loaded.path,
+        *([] if table is None else [table]),
+    ]
     tables = [out / f"{name}.parquet" for name in TABLES]
     refuse_collisions(reads, [marked(out / REPORT, GENERATOR.encode(), tables)], force)
     known = None if table is None else _about(table, logs)
@@ -79,16 +124,25 @@ def fleet(
         try:
             found = diagnosed(client, logs, asked, out, _progress())
         except KeyboardInterrupt:
-            signal.signal(signal.SIGINT, lambda *_: os._exit(CANCELLED))     # a second one waits for no worker
-            typer.echo(f"\ncancelled: what is done is kept in {out}; the same command goes on", err=True)
+            # a second one waits for no worker
+            signal.signal(signal.SIGINT, lambda *_: os._exit(CANCELLED))
+            typer.echo(
+                f"\ncancelled: what is done is kept in {out}; the same command goes on", err=True
+            )
             raise typer.Exit(CANCELLED) from None
     took_s = time.monotonic() - begin
     _print_season(found, known.of if known else {}, out, price, currency, as_json)
     twins = f", {found.twins} the same as others" if found.twins else ""
-    typer.echo(f"{len(logs)} logs, {len(found.records)} diagnosed ({found.known} before), {len(found.broken)} broken"
-               f"{twins}; {took_s:.0f} s", err=True)
+    typer.echo(
+        f"{len(logs)} logs, {len(found.records)} diagnosed ({found.known} before), "
+        f"{len(found.broken)} broken"
+        f"{twins}; {took_s:.0f} s",
+        err=True,
+    )
     if not found.records:
-        raise CommandError(f"{out}: no log was diagnosed: allowed is a run with at least one that can be read")
+        raise CommandError(
+            f"{out}: no log was diagnosed: allowed is a run with at least one that can be read"
+        )
 
 
 def _options(said: list[str]) -> dict[str, str]:
@@ -99,14 +153,28 @@ def _options(said: list[str]) -> dict[str, str]:
     return {name: value for name, _equals, value in (one.partition("=") for one in said)}
 
 
-def _print_season(found: Found, rows: Mapping[str, Mapping[str, str]], out: Path, price: float | None,
-                  currency: str, as_json: bool) -> None:
-    from console.reports.fleet_page import aside_words, costliest, fleet_page, low_words, same_words, shared_words
+def _print_season(
+    found: Found,
+    rows: Mapping[str, Mapping[str, str]],
+    out: Path,
+    price: float | None,
+    currency: str,
+    as_json: bool,
+) -> None:
+    from console.reports.fleet_page import (
+        aside_words,
+        costliest,
+        fleet_page,
+        low_words,
+        same_words,
+        shared_words,
+    )
     from console.services.fleet_about import with_words
     from console.services.fleet_season import season
     from console.services.fleet_tables import write_tables
     from drivers.files.atomic import write_atomically
     from drivers.files.run_meta import software_version
+
     for line in found.blind:
         typer.echo(line, err=True)
     for path, why in found.broken:
@@ -114,49 +182,83 @@ def _print_season(found: Found, rows: Mapping[str, Mapping[str, str]], out: Path
     records = [with_words(one, rows.get(one["path"], {})) for one in found.records]
     whole = season(records, found.broken, day_clock.epoch_s() / 86_400.0)
     write_tables(out, whole, records)
-    page = fleet_page(whole.machines, whole.fit, low=whole.low, units=whole.units, broken=whole.broken, price=price,
-                      currency=currency, software=f"topdress {software_version()}", aside=whole.aside,
-                      by_file_date=whole.by_file_date)
+    page = fleet_page(
+        whole.machines,
+        whole.fit,
+        low=whole.low,
+        units=whole.units,
+        broken=whole.broken,
+        price=price,
+        currency=currency,
+        software=f"topdress {software_version()}",
+        aside=whole.aside,
+        by_file_date=whole.by_file_date,
+    )
     write_atomically(out / REPORT, page)
     if as_json:
         say_json(whole._replace(logs=()))
         return
     for one in whole.machines:
-        typer.echo(f"{one.machine:20} {one.wrong_kg:9.1f} of {one.applied_kg:9.1f} kg  now {one.now_percent:+5.1f} %"
-                   f"  {costliest(one)}")
+        typer.echo(
+            f"{one.machine:20} {one.wrong_kg:9.1f} of {one.applied_kg:9.1f} kg  now "
+            f"{one.now_percent:+5.1f} %"
+            f"  {costliest(one)}"
+        )
     fit = whole.fit
     shared = (shared_words(one, whole.units) for one in fit.shared)
-    for said in (*map(aside_words, whole.aside), *shared, *map(same_words, fit.same), *map(low_words, whole.low)):
+    for said in (
+        *map(aside_words, whole.aside),
+        *shared,
+        *map(same_words, fit.same),
+        *map(low_words, whole.low),
+    ):
         typer.echo(said)
     typer.echo(f"report: {out / REPORT}", err=True)
 
 
 def _about(table: Path, logs: list[str]) -> Listed:
-    """What the list says by log. What it does not say, and of which rows there is no log, is said here."""
+    """What the list says by log. What it does not say, and of which rows there is no log, is
+    said here."""
     from console.services.fleet_about import COLUMNS, listed
     from drivers.files.table import read_table
+
     read = read_table(table, texts=COLUMNS)
     strange = [name for name in read.names if name not in COLUMNS]
     if "log" not in read.columns or strange:
-        raise CommandError(f"{table}: column {(strange or ['log'])[0]}: allowed are {', '.join(COLUMNS)}; log must be "
-                           "there")
+        raise CommandError(
+            f"{table}: column {(strange or ['log'])[0]}: allowed are {', '.join(COLUMNS)}; "
+            "log must be "
+            "there"
+        )
     try:
-        found = listed([{name: str(column[k]) for name, column in read.columns.items()}
-                        for k in range(len(read.columns["log"]))], logs)
+        found = listed(
+            [
+                {name: str(column[k]) for name, column in read.columns.items()}
+                for k in range(len(read.columns["log"]))
+            ],
+            logs,
+        )
     except ValueError as error:
         raise CommandError(f"{table}: {error}") from None
     for said in found.unused[:MOST_SAID]:
         typer.echo(f"{table}: {said}", err=True)
-    typer.echo(f"{table}: {len(found.of)} of {len(logs)} logs have a row, {found.silent} have none; "
-               f"{len(found.unused)} rows are of no log", err=True)
+    typer.echo(
+        f"{table}: {len(found.of)} of {len(logs)} logs have a row, {found.silent} have none; "
+        f"{len(found.unused)} rows are of no log",
+        err=True,
+    )
     if not found.of:
-        raise CommandError(f"{table}: no row is of a log: allowed in column log is how the path of one log ends, as "
-                           f"{'/'.join(logs[0].split('/')[-2:])}")
+        raise CommandError(
+            f"{table}: no row is of a log: allowed in column log is how the path of one log "
+            "ends, as "
+            f"{'/'.join(logs[0].split('/')[-2:])}"
+        )
     return found
 
 
 def _progress(clock: Callable[[], float] = time.monotonic) -> Callable[[int, int, str], None]:
-    """On a terminal a line that rewrites itself; elsewhere a line now and then, for whoever reads it later."""
+    """On a terminal a line that rewrites itself; elsewhere a line now and then, for whoever
+    reads it later."""
     line, said_s = ProgressLine(), [clock()]
 
     def tell(done: int, of: int, what: str) -> None:
@@ -168,4 +270,5 @@ def _progress(clock: Callable[[], float] = time.monotonic) -> Callable[[int, int
             line.end()
         else:
             line.tell(f"{done} of {of} {what} (Ctrl-C cancels)")
+
     return tell

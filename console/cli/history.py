@@ -1,4 +1,6 @@
-"""`topdress history`: what diagnoses changed in a machine file, side by side; the last of it taken back."""
+"""`topdress history`: what diagnoses changed in a machine file, side by side; the last of it
+taken back."""
+
 from __future__ import annotations
 
 from pathlib import Path
@@ -14,20 +16,32 @@ from drivers import day_clock
 
 
 def history(
-    machine: Annotated[str, typer.Argument(metavar="MACHINE", help="Machine file, or name of a shipped one.")],
+    machine: Annotated[
+        str, typer.Argument(metavar="MACHINE", help="Machine file, or name of a shipped one.")
+    ],
     undo: Annotated[bool, typer.Option("--undo", help="Take the last change back.")] = False,
-    out: Annotated[Path | None, typer.Option(metavar="NEW.yaml", help="Of --undo: where the machine without it goes; "
-                                             "the file itself stays as it is.")] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="NEW.yaml",
+            help="Of --undo: where the machine without it goes; the file itself stays as it is.",
+        ),
+    ] = None,
     as_json: AsJson = False,
     force: Force = False,
 ) -> None:
-    """List what diagnoses changed in a machine file: day, data, each effect before and after, each term."""
+    """List what diagnoses changed in a machine file: day, data, each effect before and after,
+    each term."""
     from console.reports.term_words import side_by_side
     from control.machine.history import last_change, undone
     from drivers.files.config import save
     from drivers.files.kinds import MACHINE
+
     if undo != (out is not None):
-        raise CommandError("history: --undo and --out NEW.yaml are given together: the file itself is not written over")
+        raise CommandError(
+            "history: --undo and --out NEW.yaml are given together: the file itself is not "
+            "written over"
+        )
     need_ending("--out", out, ".yaml", ".yml")
     loaded = machine_of(machine)
     if out is not None:

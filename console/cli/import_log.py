@@ -1,4 +1,6 @@
-"""`topdress import`: the log of any machine as a run log; with --guess the first import file for it."""
+"""`topdress import`: the log of any machine as a run log; with --guess the first import file
+for it."""
+
 from __future__ import annotations
 
 from pathlib import Path
@@ -17,7 +19,7 @@ if TYPE_CHECKING:
     from drivers.files.imports.raw import RawTable
 
 
-_Answer = tuple[dict[str, Any], list[str]]          # as data, and as lines
+_Answer = tuple[dict[str, Any], list[str]]  # as data, and as lines
 
 
 class _ImportOptions(NamedTuple):
@@ -28,36 +30,94 @@ class _ImportOptions(NamedTuple):
 
 
 def import_log(
-    files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="Text tables of any dialect, Excel, GeoJSON or "
-                                                "shapefile of points, ISOXML task with a time log, Parquet.")],
+    files: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="FILE...",
+            help="Text tables of any dialect, Excel, GeoJSON or "
+            "shapefile of points, ISOXML task with a time log, Parquet.",
+        ),
+    ],
     *,
-    mapping: Annotated[Path | None, typer.Option(metavar="M.yaml", help="Import file: what the columns mean. With "
-                                                 "--guess: where to write it; default: by the output or file.")] = None,
-    guess: Annotated[bool, typer.Option("--guess", help="Write a first import file, what is unsure marked; import "
-                                        "nothing.")] = False,
-    machine: Annotated[str | None, typer.Option(metavar="MACHINE", help="Machine file, or name of a shipped one: what "
-                                                "100 % or the full count of a command is, where the file does not "
-                                                "say.")] = None,
-    out: Annotated[Path | None, typer.Option(metavar="LOG.csv", help="The run log; its sidecar is written next to it. "
-                                             "LOG.parquet: all in one small file; a run log becomes one too, and is "
-                                             "read back equal.")] = None,
-    inside: Annotated[str | None, typer.Option(metavar="NAME", help="Of a zip or folder with several: the task set or "
-                                               "shapefile.")] = None,
-    task: Annotated[str | None, typer.Option(metavar="TASK", help="Of a task set with several that were worked: its id "
-                                             "or title; all its time logs are joined.")] = None,
-    device: Annotated[str | None, typer.Option(metavar="DEVICE", help="Only what this device of a task set logged: its "
-                                               "id or name.")] = None,
-    log: Annotated[str | None, typer.Option("--log", metavar="TLG", help="One time log of a task set: "
-                                            "TLG00001.")] = None,
-    values_from: Annotated[str | None, typer.Option(metavar="ddi|presentation", help="Where a device contradicts the "
-                                                    "data dictionary on what a rate is worth.")] = None,
+    mapping: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="M.yaml",
+            help="Import file: what the columns mean. With "
+            "--guess: where to write it; default: by the output or file.",
+        ),
+    ] = None,
+    guess: Annotated[
+        bool,
+        typer.Option(
+            "--guess", help="Write a first import file, what is unsure marked; import nothing."
+        ),
+    ] = False,
+    machine: Annotated[
+        str | None,
+        typer.Option(
+            metavar="MACHINE",
+            help="Machine file, or name of a shipped one: what "
+            "100 % or the full count of a command is, where the file does not "
+            "say.",
+        ),
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="LOG.csv",
+            help="The run log; its sidecar is written next to it. "
+            "LOG.parquet: all in one small file; a run log becomes one too, and is "
+            "read back equal.",
+        ),
+    ] = None,
+    inside: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME", help="Of a zip or folder with several: the task set or shapefile."
+        ),
+    ] = None,
+    task: Annotated[
+        str | None,
+        typer.Option(
+            metavar="TASK",
+            help="Of a task set with several that were worked: its id "
+            "or title; all its time logs are joined.",
+        ),
+    ] = None,
+    device: Annotated[
+        str | None,
+        typer.Option(
+            metavar="DEVICE", help="Only what this device of a task set logged: its id or name."
+        ),
+    ] = None,
+    log: Annotated[
+        str | None,
+        typer.Option("--log", metavar="TLG", help="One time log of a task set: TLG00001."),
+    ] = None,
+    values_from: Annotated[
+        str | None,
+        typer.Option(
+            metavar="ddi|presentation",
+            help="Where a device contradicts the data dictionary on what a rate is worth.",
+        ),
+    ] = None,
     as_json: AsJson = False,
     force: Force = False,
 ) -> None:
     """Bring in the log of any machine: a run log that diagnose and replay read."""
-    twice = next((path for k, path in enumerate(files) if path.resolve() in [one.resolve() for one in files[:k]]), None)
+    twice = next(
+        (
+            path
+            for k, path in enumerate(files)
+            if path.resolve() in [one.resolve() for one in files[:k]]
+        ),
+        None,
+    )
     if twice is not None:
-        raise CommandError(f"{twice}: named twice: allowed is each file once, for its rows would count twice")
+        raise CommandError(
+            f"{twice}: named twice: allowed is each file once, for its rows would count twice"
+        )
     refuse_other(files, LOG)
     given = _ImportOptions(_said(inside, task, device, log, values_from), _full(machine))
     if guess:
@@ -77,12 +137,23 @@ def import_log(
         typer.echo("\n".join(lines))
 
 
-def _said(inside: str | None, task: str | None, device: str | None, log: str | None,
-          values_from: str | None) -> dict[str, str]:
+def _said(
+    inside: str | None,
+    task: str | None,
+    device: str | None,
+    log: str | None,
+    values_from: str | None,
+) -> dict[str, str]:
     """What the command line says of the reading, as `source` of an import file has it."""
     if values_from not in (None, "ddi", "presentation"):
         raise CommandError(f"--values-from {values_from}: allowed ddi, presentation")
-    given = {"inside": inside, "task": task, "device": device, "task_log": log, "values_from": values_from}
+    given = {
+        "inside": inside,
+        "task": task,
+        "device": device,
+        "task_log": log,
+        "values_from": values_from,
+    }
     return {name: value for name, value in given.items() if value is not None}
 
 
@@ -100,23 +171,31 @@ def _full(machine: str | None) -> dict[str, float]:
     if machine is None:
         return {}
     limits = machine_of(machine).limits
-    return {"shaft_rpm_cmd": limits.shaft_high_rpm, "shaft_rpm": limits.shaft_high_rpm,
-            "opening_mm_cmd": limits.opening_high_mm, "opening_mm": limits.opening_high_mm}
+    return {
+        "shaft_rpm_cmd": limits.shaft_high_rpm,
+        "shaft_rpm": limits.shaft_high_rpm,
+        "opening_mm_cmd": limits.opening_high_mm,
+        "opening_mm": limits.opening_high_mm,
+    }
 
 
 def _guess(files: list[Path], place: Path, given: _ImportOptions, force: bool) -> _Answer:
     from drivers.files.atomic import write_atomically
     from drivers.files.imports.guessed import first_import_file
+
     refuse_collisions(_read(files), [Output((place,))], force)
     raw, found = _guessed(files, given)
     write_atomically(place, first_import_file(found, files, place))
     questions = [*found.questions, *_elements(raw)]
-    return ({"path": place, "unsure": found.unsure, "questions": questions},
-            [f"{place}: {found.unsure}", *(f"{raw.path}: {line}" for line in questions)])
+    return (
+        {"path": place, "unsure": found.unsure, "questions": questions},
+        [f"{place}: {found.unsure}", *(f"{raw.path}: {line}" for line in questions)],
+    )
 
 
 def _elements(raw: RawTable) -> list[str]:
-    """What the parts of a machine are that columns are called by, where there is a question about them."""
+    """What the parts of a machine are that columns are called by, where there is a question
+    about them."""
     return [str(finding) for finding in raw.findings if finding.id == "elements"]
 
 
@@ -124,6 +203,7 @@ def _guessed(files: list[Path], given: _ImportOptions) -> tuple[RawTable, Guess]
     from drivers.files.imports.guess import guess
     from drivers.files.imports.mapping import Source
     from drivers.files.imports.read import read_raw
+
     raw = read_raw(files[0], Source.model_validate(given.said))
     return raw, guess(raw, given.full)
 
@@ -131,29 +211,45 @@ def _guessed(files: list[Path], given: _ImportOptions) -> tuple[RawTable, Guess]
 def _read(files: list[Path]) -> list[Path]:
     """With the companions of a shapefile and the files of a task."""
     from drivers.files.archives import files_of
+
     return [one for path in files for one in files_of(path)]
 
 
-def _import(files: list[Path], mapping_file: Path | None, out: Path, given: _ImportOptions, force: bool) -> _Answer:
+def _import(
+    files: list[Path], mapping_file: Path | None, out: Path, given: _ImportOptions, force: bool
+) -> _Answer:
     from drivers.files.imports.convert import convert
     from drivers.files.imports.join import joined
     from drivers.files.imports.log_file import is_import_of, write_imported
     from drivers.files.imports.read import read_raw
+
     reads = [*_read(files), *([] if mapping_file is None else [mapping_file])]
     refuse_collisions(reads, [Output(_written(out), lambda: is_import_of(out, files))], force)
     first, mapping = _mapping(files, mapping_file, given)
-    parts = [convert(read_raw(path, mapping.source) if first is None or path != files[0] else first, mapping)
-             for path in files]
+    parts = [
+        convert(
+            read_raw(path, mapping.source) if first is None or path != files[0] else first, mapping
+        )
+        for path in files
+    ]
     log = joined(parts, mapping.join)
-    say_notes((*(f"{part.raw.path}: {found}" for part in log.parts for found in part.findings), *log.findings))
+    say_notes(
+        (
+            *(f"{part.raw.path}: {found}" for part in log.parts for found in part.findings),
+            *log.findings,
+        )
+    )
     frame = write_imported(out, log, mapping, mapping_file)
     seconds = float(frame["time_s"][-1])
-    return ({"path": out, "rows": frame.height, "duration_s": seconds, "columns": frame.columns},
-            [f"{out}: {frame.height} rows, {seconds:.0f} s; columns {', '.join(frame.columns)}"])
+    return (
+        {"path": out, "rows": frame.height, "duration_s": seconds, "columns": frame.columns},
+        [f"{out}: {frame.height} rows, {seconds:.0f} s; columns {', '.join(frame.columns)}"],
+    )
 
 
 def _written(out: Path) -> tuple[Path, ...]:
     from drivers.files.log_store import SUFFIXES
+
     if out.suffix.lower() in SUFFIXES:
         return (out,)
     if out.suffix != ".csv":
@@ -162,9 +258,11 @@ def _written(out: Path) -> tuple[Path, ...]:
 
 
 def _is_copy(files: list[Path], mapping: Path | None, out: Path) -> bool:
-    """Whether a run log is only to be kept in the other form: text as Parquet, or Parquet of ours as text."""
+    """Whether a run log is only to be kept in the other form: text as Parquet, or Parquet of
+    ours as text."""
     from drivers.files.log_store import SUFFIXES, is_store
     from drivers.files.opened import Opened
+
     if mapping is not None or len(files) != 1 or not files[0].exists():
         return False
     if is_store(files[0]):
@@ -175,6 +273,7 @@ def _is_copy(files: list[Path], mapping: Path | None, out: Path) -> bool:
 def _copy(source: Path, out: Path, force: bool) -> _Answer:
     from drivers.files.log_store import SUFFIXES, write_store, write_text
     from drivers.files.read_log import read_rows
+
     refuse_collisions(log_files(source), [Output(_written(out))], force)
     log = read_rows(source)
     say_notes(log.findings, f"{source}: ")
@@ -182,20 +281,32 @@ def _copy(source: Path, out: Path, force: bool) -> _Answer:
         write_store(out, log.columns, log.meta, log.findings)
     else:
         write_text(out, log.columns, log.meta)
-    return ({"path": out, "rows": len(log), "duration_s": log.duration_s, "columns": list(log.columns)},
-            [f"{out}: {len(log)} rows, {log.duration_s:.0f} s, {out.stat().st_size / 1e6:.1f} MB"])
+    return (
+        {"path": out, "rows": len(log), "duration_s": log.duration_s, "columns": list(log.columns)},
+        [f"{out}: {len(log)} rows, {log.duration_s:.0f} s, {out.stat().st_size / 1e6:.1f} MB"],
+    )
 
 
-def _mapping(files: list[Path], place: Path | None, given: _ImportOptions) -> tuple[RawTable | None, ImportFile]:
-    """The import file; without one, the guess where nothing of it is unsure, and the file by which it was made."""
+def _mapping(
+    files: list[Path], place: Path | None, given: _ImportOptions
+) -> tuple[RawTable | None, ImportFile]:
+    """The import file; without one, the guess where nothing of it is unsure, and the file by
+    which it was made."""
     from drivers.files.config import load
     from drivers.files.imports.mapping import IMPORT
     from drivers.files.imports.trouble import ImportTrouble
+
     if place is not None:
         mapping = load(place, IMPORT).model
-        return None, mapping.model_copy(update={"source": mapping.source.model_copy(update=given.said)})
+        return None, mapping.model_copy(
+            update={"source": mapping.source.model_copy(update=given.said)}
+        )
     raw, found = _guessed(files, given)
     if not found.sure:
-        raise ImportTrouble(raw.path, *found.questions, *_elements(raw), "not imported: --guess writes an import file "
-                            "in which these lines can be put right")
+        raise ImportTrouble(
+            raw.path,
+            *found.questions,
+            *_elements(raw),
+            "not imported: --guess writes an import file in which these lines can be put right",
+        )
     return raw, found.mapping

@@ -1,4 +1,6 @@
-"""`topdress info` and `topdress extras`: what is installed where, for a report of trouble and for who misses a part."""
+"""`topdress info` and `topdress extras`: what is installed where, for a report of trouble and
+for who misses a part."""
+
 from __future__ import annotations
 
 import os
@@ -25,15 +27,25 @@ def extras(as_json: AsJson = False) -> None:
 
 
 def info(as_json: AsJson = False) -> None:
-    """Say versions, folders, ports and screen of this installation, for a report of trouble. Nothing is opened."""
+    """Say versions, folders, ports and screen of this installation, for a report of trouble.
+    Nothing is opened."""
     from serial.tools.list_ports import comports
+
     found: dict[str, dict[str, Any]] = {
         "topdress": _versions(),
-        "computer": {"system": platform.platform(), "machine": platform.machine(), "cores": os.cpu_count() or 0,
-                     "interpreter": sys.executable},
-        "folders": _folders(), "ports": {one.device: one.description or "" for one in sorted(comports())},
+        "computer": {
+            "system": platform.platform(),
+            "machine": platform.machine(),
+            "cores": os.cpu_count() or 0,
+            "interpreter": sys.executable,
+        },
+        "folders": _folders(),
+        "ports": {one.device: one.description or "" for one in sorted(comports())},
         "screen": _screen(),
-        "extras": {one["extra"]: "installed" if one["installed"] else one["line"] for one in _extras()}}
+        "extras": {
+            one["extra"]: "installed" if one["installed"] else one["line"] for one in _extras()
+        },
+    }
     if as_json:
         say_json(found)
         return
@@ -46,10 +58,21 @@ def info(as_json: AsJson = False) -> None:
 def _versions() -> dict[str, str]:
     from drivers.files.extras import OWN, name_of, version_of
     from drivers.files.run_meta import software_version
-    names = [name_of(one) for one in requires(OWN) or () if "extra" not in one and "sys_platform" not in one] \
-        if version_of(OWN) else []
-    return {OWN: software_version(), "python": platform.python_version(),
-            **{name: version_of(name) or "not there" for name in names}}
+
+    names = (
+        [
+            name_of(one)
+            for one in requires(OWN) or ()
+            if "extra" not in one and "sys_platform" not in one
+        ]
+        if version_of(OWN)
+        else []
+    )
+    return {
+        OWN: software_version(),
+        "python": platform.python_version(),
+        **{name: version_of(name) or "not there" for name in names},
+    }
 
 
 def _folders() -> dict[str, str]:
@@ -57,18 +80,31 @@ def _folders() -> dict[str, str]:
 
     from console.services.launcher import data_folder
     from drivers.files.settings import settings_path
-    return {"sources": str(Path(__file__).resolve().parents[2]), "settings": str(settings_path()),
-            "data": str(data_folder())}
+
+    return {
+        "sources": str(Path(__file__).resolve().parents[2]),
+        "settings": str(settings_path()),
+        "data": str(data_folder()),
+    }
 
 
 def _screen() -> dict[str, Any]:
     size = shutil.get_terminal_size()
-    return {"size": f"{size.columns}x{size.lines}", "terminal": sys.stdout.isatty(),
-            **{name: os.environ.get(name, "") for name in ("TERM", "COLORTERM", "LANG", "TMUX", "SSH_TTY")},
-            "encoding": sys.stdout.encoding}
+    return {
+        "size": f"{size.columns}x{size.lines}",
+        "terminal": sys.stdout.isatty(),
+        **{
+            name: os.environ.get(name, "")
+            for name in ("TERM", "COLORTERM", "LANG", "TMUX", "SSH_TTY")
+        },
+        "encoding": sys.stdout.encoding,
+    }
 
 
 def _extras() -> list[dict[str, Any]]:
     from drivers.files.extras import EXTRAS, extra_line, is_there
-    return [{"extra": extra, "for": words, "installed": is_there(extra), "line": extra_line(extra)}
-            for extra, (words, _) in EXTRAS.items()]
+
+    return [
+        {"extra": extra, "for": words, "installed": is_there(extra), "line": extra_line(extra)}
+        for extra, (words, _) in EXTRAS.items()
+    ]

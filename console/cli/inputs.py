@@ -1,4 +1,6 @@
-"""What a command is given to read, held against what it reads before anything is done: kinds of files, and endings."""
+"""What a command is given to read, held against what it reads before anything is done: kinds of
+files, and endings."""
+
 from __future__ import annotations
 
 from collections.abc import Iterable
@@ -13,9 +15,16 @@ if TYPE_CHECKING:
     from control.machine.machine import Machine
 
 JobName = Annotated[str, typer.Option(metavar="JOB", help="Job file, or name of a shipped one.")]
-PlantedEffects = Annotated[list[str] | None, typer.Option(
-    metavar="ID=SIZE[@ONSET_S][#MEMBER]", help="Plant an effect that the controller does not know (repeatable).")]
-MachineName = Annotated[str, typer.Option(metavar="MACHINE", help="Machine file, or name of a shipped one.")]
+PlantedEffects = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="ID=SIZE[@ONSET_S][#MEMBER]",
+        help="Plant an effect that the controller does not know (repeatable).",
+    ),
+]
+MachineName = Annotated[
+    str, typer.Option(metavar="MACHINE", help="Machine file, or name of a shipped one.")
+]
 
 AS_PDF = "a browser prints that page to a PDF"
 
@@ -28,19 +37,31 @@ class Reads(NamedTuple):
 
 
 _TABLES = ("text", "excel", "parquet", "json", "shp", "zip", "task", "folder", "empty")
-LOG = Reads(_TABLES, "a log: a table (CSV, Excel, Parquet), points (GeoJSON, shapefile), or an ISOXML task that was "
-            "worked")
+LOG = Reads(
+    _TABLES,
+    "a log: a table (CSV, Excel, Parquet), points (GeoJSON, shapefile), or an ISOXML task that was "
+    "worked",
+)
 TABLE = Reads(("text", "excel", "empty"), "a bench table (CSV, Excel)")
 RUN_LOG = Reads(("text", "excel", "parquet", "empty"), "a run log (CSV, Parquet)")
-MAP = Reads((*(kind for kind in _TABLES if kind != "empty"), "gpkg", "kml", "kmz", "geotiff"),
-            "a prescription (ISOXML, shapefile, GeoJSON, GeoPackage, KML, GeoTIFF, CSV), or a log of work done")
-CHECKED = Reads(("config", "text", "task", "zip", "folder", "empty"), "a configuration file, or an ISOXML task file")
-CAPTURED = Reads(("text", "nmea", "capture", "json", "binary", "empty"), "the capture of a device, as received")
+MAP = Reads(
+    (*(kind for kind in _TABLES if kind != "empty"), "gpkg", "kml", "kmz", "geotiff"),
+    "a prescription (ISOXML, shapefile, GeoJSON, GeoPackage, KML, GeoTIFF, CSV), or a log "
+    "of work done",
+)
+CHECKED = Reads(
+    ("config", "text", "task", "zip", "folder", "empty"),
+    "a configuration file, or an ISOXML task file",
+)
+CAPTURED = Reads(
+    ("text", "nmea", "capture", "json", "binary", "empty"), "the capture of a device, as received"
+)
 
 
 def refuse_other(files: Iterable[Path], reads: Reads) -> None:
     """Raises WrongKind in one line for a file that is not there, or of another kind; OSError."""
     from drivers.files.what_it_is import refuse_kind
+
     for file in files:
         refuse_kind(file, reads.kinds, reads.words)
 
@@ -49,6 +70,7 @@ def machine_of(name: str) -> Machine:
     """Of a machine file, or of the name of a shipped one. Raises ConfigError."""
     from drivers.files.config import load
     from drivers.files.kinds import MACHINE
+
     return load(name, MACHINE).model
 
 
@@ -57,21 +79,31 @@ def need_ending(option: str, path: Path | None, *endings: str) -> None:
     if path is not None and str(path) != "-" and path.suffix.lower() not in endings:
         said = "a folder, or a name" if "" in endings else "a name"
         how = f": {AS_PDF}" if path.suffix.lower() == ".pdf" and ".html" in endings else ""
-        raise CommandError(f"{option} {path}: allowed is {said} that ends in {' or '.join(filter(None, endings))}{how}")
+        raise CommandError(
+            f"{option} {path}: allowed is {said} that ends in "
+            f"{' or '.join(filter(None, endings))}{how}"
+        )
 
 
 def refuse_run_log(table: Path, command: str) -> None:
     """A run log where a bench table is asked for. Raises CommandError."""
     from drivers.files.opened import Opened
+
     if Opened(table).holds == "log":
-        raise CommandError(f"{table}: this is a run log (topdress diagnose reads it, topdress calibrate wheel and "
-                           f"heads too): allowed for {command} is a bench table")
+        raise CommandError(
+            f"{table}: this is a run log (topdress diagnose reads it, topdress calibrate wheel and "
+            f"heads too): allowed for {command} is a bench table"
+        )
 
 
 def refuse_bench_table(log: Path, command: str) -> None:
     """A bench table where a run log is asked for. Raises CommandError."""
     from drivers.files.opened import Opened
+
     file = Opened(log)
     if file.is_table and file.holds == "table":
-        raise CommandError(f"{log}: this is a bench table ({file.bench}; topdress diagnose reads it, calibrate lag "
-                           f"and catch fit it): allowed for {command} is a run log")
+        raise CommandError(
+            f"{log}: this is a bench table ({file.bench}; topdress diagnose reads it, "
+            "calibrate lag "
+            f"and catch fit it): allowed for {command} is a run log"
+        )

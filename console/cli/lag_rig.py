@@ -1,4 +1,5 @@
 """`topdress calibrate lag --rig URL`: the lag test on real bytes, to a lag bench table."""
+
 from __future__ import annotations
 
 import sys
@@ -16,26 +17,48 @@ from console.frame import Frame, LagTestView
 from control.orders import Do, Order, State
 
 
-def measure_lag(rig: str, board: str | None, gnss: str | None, *, machine: str, out: Path, speeds_rpm: Sequence[float],
-                repeats: int, opening_mm: float | None, no_key: bool) -> None:
-    """Run the procedure and write `out`. Raises CommandError; interrupted, what was measured stays in the table.
+def measure_lag(
+    rig: str,
+    board: str | None,
+    gnss: str | None,
+    *,
+    machine: str,
+    out: Path,
+    speeds_rpm: Sequence[float],
+    repeats: int,
+    opening_mm: float | None,
+    no_key: bool,
+) -> None:
+    """Run the procedure and write `out`. Raises CommandError; interrupted, what was measured
+    stays in the table.
 
     Without a board the machine's own drive turns the shaft: `repeats` runs, drop times only.
     """
     if board is None:
         from console.cli.drop_by_hand import measure_drop
+
         measure_drop(rig, out, repeats)
         return
     if not (no_key or sys.stdin.isatty()):
-        raise CommandError("lag test: the shaft turns only while the space bar is held down, and there is no keyboard "
-                           "here: allowed is --no-key, with somebody at the hard-wired stop")
+        raise CommandError(
+            "lag test: the shaft turns only while the space bar is held down, and there is "
+            "no keyboard "
+            "here: allowed is --no-key, with somebody at the hard-wired stop"
+        )
     from drivers.devices.lag_test import Plan
+
     plan = Plan(shaft_rpm=tuple(speeds_rpm) or Plan().shaft_rpm, repeats=repeats)
     with keys() as keyboard:
-        attended = Attended(keyboard, out, plan, opening_mm=opening_mm, no_key=no_key, with_gnss=gnss is not None)
+        attended = Attended(
+            keyboard, out, plan, opening_mm=opening_mm, no_key=no_key, with_gnss=gnss is not None
+        )
         began = time.monotonic()
-        host, _ = host_of({"lag_rig": rig, "board": board, "gnss": gnss}, machine, lambda: time.monotonic() - began,
-                          attended.between)
+        host, _ = host_of(
+            {"lag_rig": rig, "board": board, "gnss": gnss},
+            machine,
+            lambda: time.monotonic() - began,
+            attended.between,
+        )
         attended.host = host
         try:
             host.run()
@@ -52,11 +75,21 @@ def measure_lag(rig: str, board: str | None, gnss: str | None, *, machine: str, 
 
 
 class Attended(AtTheBench):
-    """The lag test, and how far it is. `measured`: runs in the table; `left_out`: those that are not, and why."""
+    """The lag test, and how far it is. `measured`: runs in the table; `left_out`: those that
+    are not, and why."""
 
-    def __init__(self, keyboard: Keys, out: Path, plan: Any, *, opening_mm: float | None, no_key: bool,
-                 with_gnss: bool, clock: Callable[[], float] = time.monotonic,
-                 sleep: Callable[[float], None] = time.sleep) -> None:
+    def __init__(
+        self,
+        keyboard: Keys,
+        out: Path,
+        plan: Any,
+        *,
+        opening_mm: float | None,
+        no_key: bool,
+        with_gnss: bool,
+        clock: Callable[[], float] = time.monotonic,
+        sleep: Callable[[float], None] = time.sleep,
+    ) -> None:
         super().__init__(keyboard, no_key, clock, sleep)
         self.measured = 0
         self.left_out: list[str] = []
@@ -85,7 +118,10 @@ class Attended(AtTheBench):
             say(f"failed: {view.said}")
         if view.phase == "done":
             test = self.host.lag.test
-            self.left_out = [f"{rpm:g} r/min, repeat {n}: {why}" for rpm, n, why in (test.left_out if test else ())]
+            self.left_out = [
+                f"{rpm:g} r/min, repeat {n}: {why}"
+                for rpm, n, why in (test.left_out if test else ())
+            ]
             self.host.stop("done")
             return
         self.hold(frame, now_s)
@@ -101,7 +137,10 @@ class Attended(AtTheBench):
         if view.progress and self._runs_started_s is not None:
             left_s = (now_s - self._runs_started_s) * (1.0 - view.progress) / view.progress
             left = f", about {left_s / 60.0:.0f} min left"
-        what = (f"{view.shaft_rpm:g} r/min, repeat {view.replicate}, {view.phase}"
-                if frame.row.state == State.CALIBRATING else self.refusal or "hold the space bar down")
+        what = (
+            f"{view.shaft_rpm:g} r/min, repeat {view.replicate}, {view.phase}"
+            if frame.row.state == State.CALIBRATING
+            else self.refusal or "hold the space bar down"
+        )
         standing = "" if self._with_gnss else " (standing by the wheel alone)"
         show(f"lag test {100 * view.progress:.0f} %: {what}{left}{standing}; Ctrl-C ends ")

@@ -1,7 +1,10 @@
-"""`topdress live`: what the machine does, as lines of JSON on stdout, on a local socket, and to an MQTT broker.
+"""`topdress live`: what the machine does, as lines of JSON on stdout, on a local socket, and to
+an MQTT broker.
 
-It looks on as any console without the token: it orders nothing, keeps nothing working, and its readers are not heard.
+It looks on as any console without the token: it orders nothing, keeps nothing working, and its
+readers are not heard.
 """
+
 from __future__ import annotations
 
 import asyncio
@@ -22,10 +25,27 @@ from console.running import WorkerFailed, find_running
 from drivers.files.extras import need
 
 FORMAT = "topdress-live/1"
-FIELDS = ("job", "machine", "crop", "simulated", "log_path", "area_ha", "applied_kg", "metres_left_m", "place_m",
-          "gnss_age_s", "head_ndvi", "sections", "why_no_flow", "why_state", "notes")      # of `console.frame.Frame`
-AGAIN_S = 2.0                   # where no machine runs, or it ended
-MOST_WAITING = 1 << 16          # bytes of a reader that does not take them: he misses lines until he does
+FIELDS = (
+    "job",
+    "machine",
+    "crop",
+    "simulated",
+    "log_path",
+    "area_ha",
+    "applied_kg",
+    "metres_left_m",
+    "place_m",
+    # of `console.frame.Frame`
+    "gnss_age_s",
+    "head_ndvi",
+    "sections",
+    "why_no_flow",
+    "why_state",
+    "notes",
+)
+AGAIN_S = 2.0  # where no machine runs, or it ended
+# bytes of a reader that does not take them: he misses lines until he does
+MOST_WAITING = 1 << 16
 PORTS = {"mqtt": 1883, "mqtts": 8883}
 PASSWORD = "TOPDRESS_MQTT_PASSWORD"
 ONLINE, FRAME = "online", "frame"
@@ -34,16 +54,37 @@ Tell = Callable[[bytes], None]
 
 
 def live(
-    port: Annotated[int | None, typer.Option(metavar="PORT", min=0, max=65535, help="Also to every program of this "
-                                             "computer that connects to this port; 0: any that is free.")] = None,
-    mqtt: Annotated[str | None, typer.Option(metavar="URL", help="Also to a broker: mqtt://USER@HOST:PORT/TOPIC, or "
-                                             "mqtts://; the password in the variable " + PASSWORD + ".")] = None,
-    every: Annotated[float, typer.Option(metavar="SECONDS", min=0.0, max=3600.0, help="Leave out lines that come "
-                                         "sooner after one.")] = 0.0,
+    port: Annotated[
+        int | None,
+        typer.Option(
+            metavar="PORT",
+            min=0,
+            max=65535,
+            help="Also to every program of this "
+            "computer that connects to this port; 0: any that is free.",
+        ),
+    ] = None,
+    mqtt: Annotated[
+        str | None,
+        typer.Option(
+            metavar="URL",
+            help="Also to a broker: mqtt://USER@HOST:PORT/TOPIC, or "
+            "mqtts://; the password in the variable " + PASSWORD + ".",
+        ),
+    ] = None,
+    every: Annotated[
+        float,
+        typer.Option(
+            metavar="SECONDS",
+            min=0.0,
+            max=3600.0,
+            help="Leave out lines that come sooner after one.",
+        ),
+    ] = 0.0,
     quiet: Annotated[bool, typer.Option("--quiet", help="Nothing on stdout.")] = False,
 ) -> None:
-    """Tell what the machine does while it works: the row of the run log and what goes with it, a line of JSON at most
-    ten times a second. Nothing can be ordered here. Ctrl-C ends."""
+    """Tell what the machine does while it works: the row of the run log and what goes with it,
+    a line of JSON at most ten times a second. Nothing can be ordered here. Ctrl-C ends."""
     with contextlib.ExitStack() as stack:
         to: list[Tell] = [] if quiet else [_print]
         if mqtt is not None:
@@ -53,7 +94,8 @@ def live(
 
 
 def published(message: dict[str, Any]) -> dict[str, Any]:
-    """Of a frame as the worker writes it (`console.frame.to_json`): the columns of the run log, and `FIELDS`."""
+    """Of a frame as the worker writes it (`console.frame.to_json`): the columns of the run log,
+    and `FIELDS`."""
     return {"format": FORMAT, **message["row"], **{name: message.get(name) for name in FIELDS}}
 
 
@@ -105,6 +147,7 @@ async def _served(port: int) -> Tell:
                 readers.remove(one)
             elif one.transport.get_write_buffer_size() < MOST_WAITING:
                 one.write(line)
+
     server = await asyncio.start_server(come, "127.0.0.1", port)
     typer.echo(f"socket       127.0.0.1:{server.sockets[0].getsockname()[1]}", err=True)
     return tell
@@ -117,10 +160,11 @@ def _print(line: bytes) -> None:
 
 @contextlib.contextmanager
 def _broker(url: str) -> Any:
-    """Tells a broker, which may come and go: paho connects anew by itself, and lines of the meantime are not kept.
-    Raises CommandError."""
+    """Tells a broker, which may come and go: paho connects anew by itself, and lines of the
+    meantime are not kept. Raises CommandError."""
     from paho.mqtt.client import Client
     from paho.mqtt.enums import CallbackAPIVersion
+
     where = _split(url)
     topic = where.path.strip("/") or "topdress"
     client = Client(CallbackAPIVersion.VERSION2)
@@ -137,6 +181,7 @@ def _broker(url: str) -> Any:
     def tell(line: bytes) -> None:
         if client.is_connected():
             client.publish(f"{topic}/{FRAME}", line.rstrip(b"\n"))
+
     client.on_connect = connected
     client.connect_async(str(where.hostname), where.port or PORTS[where.scheme])
     client.loop_start()
@@ -151,10 +196,18 @@ def _broker(url: str) -> Any:
 def _split(url: str) -> SplitResult:
     try:
         where = urlsplit(url)
-        if where.scheme in PORTS and where.hostname and where.port != 0 and where.password is None \
-                and not set("#+") & set(url):
+        if (
+            where.scheme in PORTS
+            and where.hostname
+            and where.port != 0
+            and where.password is None
+            and not set("#+") & set(url)
+        ):
             return where
     except ValueError:
         pass
-    raise CommandError(f"--mqtt {url.partition('@')[2] or url}: allowed is mqtt://USER@HOST:PORT/TOPIC or mqtts://, "
-                       "without a password, # and +")
+    raise CommandError(
+        f"--mqtt {url.partition('@')[2] or url}: allowed is mqtt://USER@HOST:PORT/TOPIC or "
+        "mqtts://, "
+        "without a password, # and +"
+    )

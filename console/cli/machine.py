@@ -1,4 +1,6 @@
-"""`topdress machine --from LOG`: a first machine file of one stage, by asking what the log does not say."""
+"""`topdress machine --from LOG`: a first machine file of one stage, by asking what the log does
+not say."""
+
 from __future__ import annotations
 
 import shlex
@@ -16,9 +18,12 @@ from console.cli.plain_errors import CommandError
 if TYPE_CHECKING:
     from control.calibration.first_machine import Suggested
 
-USUAL_TAU_S = 0.05          # of a small drive, where neither the log nor anybody says
-TIME_SHARE = 0.05           # of times that a log shows: to some rows, or to how far the drive is of first order
-HEAD = "Made by topdress machine from"      # of the comment on top, by which an earlier output is known
+# of a small drive, where neither the log nor anybody says
+USUAL_TAU_S = 0.05
+# of times that a log shows: to some rows, or to how far the drive is of first order
+TIME_SHARE = 0.05
+# of the comment on top, by which an earlier output is known
+HEAD = "Made by topdress machine from"
 
 
 class Driven(StrEnum):
@@ -39,7 +44,9 @@ class Answers:
             return usual if given is None else given
         self.count += 1
         while True:
-            value: float = typer.prompt(question, default=float(f"{usual:.4g}"), type=float, err=True)
+            value: float = typer.prompt(
+                question, default=float(f"{usual:.4g}"), type=float, err=True
+            )
             if value > 0.0:
                 return value
             typer.echo(f"value {value:g}: allowed more than 0", err=True)
@@ -51,7 +58,11 @@ class Answers:
         self.count += 1
         units = [*EffortUnit, "none"]
         while True:
-            said = typer.prompt(f"How hard it works, of a sound drive, in ({', '.join(units)})", default="%", err=True)
+            said = typer.prompt(
+                f"How hard it works, of a sound drive, in ({', '.join(units)})",
+                default="%",
+                err=True,
+            )
             if said in units:
                 return None if said == "none" else EffortUnit(said)
             typer.echo(f"{said}: allowed {', '.join(units)}", err=True)
@@ -65,32 +76,71 @@ class Answers:
 
 def machine(
     *,
-    log: Annotated[Path, typer.Option("--from", metavar="LOG", help="A log of the drive: its command and what was read "
-                                      "of its speed.")],
+    log: Annotated[
+        Path,
+        typer.Option(
+            "--from",
+            metavar="LOG",
+            help="A log of the drive: its command and what was read of its speed.",
+        ),
+    ],
     out: Annotated[Path, typer.Option(metavar="NEW.yaml", help="The machine file.")],
     kind: Annotated[Driven, typer.Option(help="What it drives.")] = Driven.WHEEL,
-    full_speed: Annotated[float | None, typer.Option(metavar="RPM", min=0.1, max=1e5, help="Speed at the full command, "
-                                                     "by its data sheet, r/min.")] = None,
-    settled: Annotated[bool | None, typer.Option("--settled/--running", help="A row holds a command with what it "
-                                                 "settled at, or the drive while it runs.")] = None,
-    both_ways: Annotated[bool | None, typer.Option("--both-ways/--one-way", help="Whether it turns backwards "
-                                                   "too.")] = None,
-    noise: Annotated[float | None, typer.Option(metavar="RPM", min=1e-6, max=1e4, help="Noise of its speed sensor, "
-                                                "1 s.d., r/min.")] = None,
-    time_constant: Annotated[float | None, typer.Option(metavar="S", min=1e-4, max=3600.0, help="Its time constant, s, "
-                                                        "where the log does not show it.")] = None,
-    effort_unit: Annotated[EffortUnit | None, typer.Option(help="Of `shaft_effort`, where the log has it and the drive "
-                                                           "was sound: later logs are held against it.")] = None,
-    yes: Annotated[bool, typer.Option("--yes", help="Ask nothing: what the log suggests is taken.")] = False,
+    full_speed: Annotated[
+        float | None,
+        typer.Option(
+            metavar="RPM",
+            min=0.1,
+            max=1e5,
+            help="Speed at the full command, by its data sheet, r/min.",
+        ),
+    ] = None,
+    settled: Annotated[
+        bool | None,
+        typer.Option(
+            "--settled/--running",
+            help="A row holds a command with what it settled at, or the drive while it runs.",
+        ),
+    ] = None,
+    both_ways: Annotated[
+        bool | None, typer.Option("--both-ways/--one-way", help="Whether it turns backwards too.")
+    ] = None,
+    noise: Annotated[
+        float | None,
+        typer.Option(
+            metavar="RPM", min=1e-6, max=1e4, help="Noise of its speed sensor, 1 s.d., r/min."
+        ),
+    ] = None,
+    time_constant: Annotated[
+        float | None,
+        typer.Option(
+            metavar="S",
+            min=1e-4,
+            max=3600.0,
+            help="Its time constant, s, where the log does not show it.",
+        ),
+    ] = None,
+    effort_unit: Annotated[
+        EffortUnit | None,
+        typer.Option(
+            help="Of `shaft_effort`, where the log has it and the drive "
+            "was sound: later logs are held against it."
+        ),
+    ] = None,
+    yes: Annotated[
+        bool, typer.Option("--yes", help="Ask nothing: what the log suggests is taken.")
+    ] = False,
     force: Force = False,
 ) -> None:
-    """Write a first machine file of one stage from a log, asking full speed, rows, direction and sensor noise, the time
-    constant where the log does not show it, and in what its effort is where it has one."""
+    """Write a first machine file of one stage from a log, asking full speed, rows, direction
+    and sensor noise, the time constant where the log does not show it, and in what its effort
+    is where it has one."""
     from control.calibration.first_machine import NoColumn, suggested
     from drivers.files.any_log import open_log
     from drivers.files.atomic import write_atomically
     from drivers.files.config import load
     from drivers.files.kinds import MACHINE
+
     if out.suffix not in (".yaml", ".yml"):
         raise CommandError(f"--out {out}: allowed is a name that ends in .yaml")
     if out.resolve() == log_files(log)[1].resolve():
@@ -100,8 +150,10 @@ def machine(
     try:
         found = suggested(columns)
     except NoColumn as error:
-        raise CommandError(f"{log}: {error}; topdress import {shlex.quote(str(log))} --guess writes an import "
-                           "file in which a line says which column it is") from None
+        raise CommandError(
+            f"{log}: {error}; topdress import {shlex.quote(str(log))} --guess writes an import "
+            "file in which a line says which column it is"
+        ) from None
     except ValueError as error:
         raise CommandError(f"{log}: {error}") from None
     answers = Answers(not yes)
@@ -109,39 +161,70 @@ def machine(
     text = machine_text(made, kind, f"{HEAD} {log.name}")
     text = _with_effort(text, columns, answers.unit(effort_unit, columns), log.name)
     write_atomically(out, text)
-    load(str(out), MACHINE)                 # what is written is what is read
-    typer.echo(f"{out}: a {kind.value}, {made.full_rpm:g} r/min{_times(found, made)}{_neutral(made)}; {answers.count} "
-               f"questions; next: topdress diagnose {log} --machine {out}")
+    load(str(out), MACHINE)  # what is written is what is read
+    typer.echo(
+        f"{out}: a {kind.value}, {made.full_rpm:g} "
+        f"r/min{_times(found, made)}{_neutral(made)}; {answers.count} "
+        f"questions; next: topdress diagnose {log} --machine {out}"
+    )
 
 
-def _asked(found: Suggested, answers: Answers, full_speed: float | None, settled: bool | None, both_ways: bool | None,
-           noise: float | None, time_constant: float | None) -> Suggested:
-    full = answers.number(full_speed, "Speed at the full command, by its data sheet, r/min", found.full_rpm)
-    rows = answers.yes(settled, "Does a row hold a command with what it settled at (no: the drive while it runs)",
-                       found.settled)
+def _asked(
+    found: Suggested,
+    answers: Answers,
+    full_speed: float | None,
+    settled: bool | None,
+    both_ways: bool | None,
+    noise: float | None,
+    time_constant: float | None,
+) -> Suggested:
+    full = answers.number(
+        full_speed, "Speed at the full command, by its data sheet, r/min", found.full_rpm
+    )
+    rows = answers.yes(
+        settled,
+        "Does a row hold a command with what it settled at (no: the drive while it runs)",
+        found.settled,
+    )
     both = answers.yes(both_ways, "Does it turn backwards too", found.both_ways)
     if both_ways is None and not answers.ask:
-        both = True             # a log that goes one way does not say that the drive cannot go back
+        # a log that goes one way does not say that the drive cannot go back
+        both = True
     sd = answers.number(noise, "Noise of its speed sensor, 1 s.d., r/min", found.noise_rpm)
     tau_s = 0.0 if rows else found.tau_s if time_constant is None else time_constant
     if tau_s is None:
-        tau_s = answers.number(None, "Time constant of the drive, s (this log does not show it)", USUAL_TAU_S)
-    return found._replace(full_rpm=full, settled=rows, both_ways=both, noise_rpm=sd, dead_s=found.dead_s or 0.0,
-                          tau_s=tau_s)
+        tau_s = answers.number(
+            None, "Time constant of the drive, s (this log does not show it)", USUAL_TAU_S
+        )
+    return found._replace(
+        full_rpm=full,
+        settled=rows,
+        both_ways=both,
+        noise_rpm=sd,
+        dead_s=found.dead_s or 0.0,
+        tau_s=tau_s,
+    )
 
 
 def _with_effort(text: str, columns: Mapping[str, Any], unit: EffortUnit | None, name: str) -> str:
-    """The file with what the drive takes for itself, by its log. Raises ValueError, one line, where it does not say."""
+    """The file with what the drive takes for itself, by its log. Raises ValueError, one line,
+    where it does not say."""
     import yaml
 
     from control.diagnosis.runs.effort_reference import fit_effort
     from control.machine.effort import Effort
     from control.machine.machine import Machine
+
     if unit is None:
         return text
-    fitted, _fits = fit_effort(columns, Machine.model_validate(yaml.safe_load(text)), name, unit=unit.value)
-    parts = ", ".join(f"{part}: {value:.4g}" for part, value in fitted.effort._asdict().items()
-                      if value != Effort._field_defaults[part])
+    fitted, _fits = fit_effort(
+        columns, Machine.model_validate(yaml.safe_load(text)), name, unit=unit.value
+    )
+    parts = ", ".join(
+        f"{part}: {value:.4g}"
+        for part, value in fitted.effort._asdict().items()
+        if value != Effort._field_defaults[part]
+    )
     text = text.replace("stages: [shaft]", "stages: [shaft, effort]")
     text = text.replace("noise: {", f"noise: {{effort: {fitted.noise.effort:.3g}, ")
     return text + f'effort_unit: "{unit.value}"\neffort: {{{parts}}}\n'
@@ -152,9 +235,15 @@ def _times(found: Suggested, made: Suggested) -> str:
     if made.settled or made.tau_s is None:
         return ""
     if made.tau_s != found.tau_s:
-        return f", time constant {made.tau_s:.3g} s as answered: the log does not show it" if found.tau_s is None else \
-            f", time constant {made.tau_s:.3g} s as given, {found.tau_s:.3g} s by the log"
-    return f", time constant {made.tau_s:.3g} s and dead time {made.dead_s:.3g} s as the log shows them"
+        return (
+            f", time constant {made.tau_s:.3g} s as answered: the log does not show it"
+            if found.tau_s is None
+            else f", time constant {made.tau_s:.3g} s as given, {found.tau_s:.3g} s by the log"
+        )
+    return (
+        f", time constant {made.tau_s:.3g} s and dead time {made.dead_s:.3g} s as the log "
+        "shows them"
+    )
 
 
 def _neutral(made: Suggested) -> str:
@@ -162,11 +251,13 @@ def _neutral(made: Suggested) -> str:
     if made.neutral is None:
         return ""
     return f", stands at a command of {made.neutral.rpm:.4g} as the log shows it" + (
-        ", slower the higher its command" if made.neutral.falls else "")
+        ", slower the higher its command" if made.neutral.falls else ""
+    )
 
 
 def machine_text(made: Suggested, kind: Driven, head: str) -> str:
-    """The file: what it is, what it has, what it can, what is read of it. Neutral figures are left out."""
+    """The file: what it is, what it has, what it can, what is read of it. Neutral figures are
+    left out."""
     dead_s, tau_s = made.dead_s or 0.0, made.tau_s or 0.0
     shaft = [f"full_rpm: {made.full_rpm:g}", "acceleration_rpm_s: 1.0e+6"]
     if not made.settled:
@@ -181,10 +272,15 @@ def machine_text(made: Suggested, kind: Driven, head: str) -> str:
         shaft += ["zero_stops: 0"] if made.neutral.zero_turns else []
     if made.supply_v is not None and 1.0 <= made.supply_v <= 60.0:
         shaft.append(f"nominal_supply_v: {made.supply_v:.3g}")
-    lines = [f"# {head}: what was answered, and what the log itself shows of the times.",
-             "format: topdress-machine/1", f"id: {kind.value}", "stages: [shaft]",
-             f"shaft: {{{', '.join(shaft)}}}", f"limits: {{shaft_low_rpm: 0, shaft_high_rpm: {made.full_rpm:g}}}",
-             f"noise: {{shaft_rpm: {made.noise_rpm:.3g}}}",
-             f"tolerance: {{shaft_percent: 0.5, dead_time_s: {max(0.01, TIME_SHARE * dead_s):.3g}, "
-             f"time_constant_s: {max(0.015, TIME_SHARE * tau_s):.3g}}}     # of a first file"]
+    lines = [
+        f"# {head}: what was answered, and what the log itself shows of the times.",
+        "format: topdress-machine/1",
+        f"id: {kind.value}",
+        "stages: [shaft]",
+        f"shaft: {{{', '.join(shaft)}}}",
+        f"limits: {{shaft_low_rpm: 0, shaft_high_rpm: {made.full_rpm:g}}}",
+        f"noise: {{shaft_rpm: {made.noise_rpm:.3g}}}",
+        f"tolerance: {{shaft_percent: 0.5, dead_time_s: {max(0.01, TIME_SHARE * dead_s):.3g}, "
+        f"time_constant_s: {max(0.015, TIME_SHARE * tau_s):.3g}}}     # of a first file",
+    ]
     return "\n".join(lines) + "\n"

@@ -1,4 +1,5 @@
 """`topdress map`: prescriptions read, summarised and converted; run logs to as-applied exports."""
+
 from __future__ import annotations
 
 from dataclasses import replace
@@ -22,43 +23,97 @@ SHOWN_RATES = 20
 
 
 def map_files(
-    source: Annotated[Path, typer.Argument(metavar="IN", help="A prescription (ISOXML task, its folder or zip; "
-                                           "shapefile; GeoJSON; GeoPackage; KML; GeoTIFF; CSV of polygons; points of "
-                                           "even cells), or a run log (.csv).")],
+    source: Annotated[
+        Path,
+        typer.Argument(
+            metavar="IN",
+            help="A prescription (ISOXML task, its folder or zip; "
+            "shapefile; GeoJSON; GeoPackage; KML; GeoTIFF; CSV of polygons; points of "
+            "even cells), or a run log (.csv).",
+        ),
+    ],
     *,
-    out: Annotated[Path | None, typer.Option(metavar="OUT", help="By its ending: .geojson, .shp, .gpkg, .kml, .zip "
-                                             "(ISOXML task), a folder (ISOXML task); of a run log also .csv and .html "
-                                             "(the job's report). Without it: only a summary of IN.")
-                   ] = None,
-    column: Annotated[str | None, typer.Option(metavar="NAME",
-                                               help="Rate column of a shapefile, GeoJSON or CSV.")] = None,
-    unit: Annotated[str | None, typer.Option(metavar="UNIT",
-                                             help="Of that column: kg/ha, l/ha, lb/ac, kg N/ha, ...")] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="OUT",
+            help="By its ending: .geojson, .shp, .gpkg, .kml, .zip "
+            "(ISOXML task), a folder (ISOXML task); of a run log also .csv and .html "
+            "(the job's report). Without it: only a summary of IN.",
+        ),
+    ] = None,
+    column: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Rate column of a shapefile, GeoJSON or CSV.")
+    ] = None,
+    unit: Annotated[
+        str | None,
+        typer.Option(metavar="UNIT", help="Of that column: kg/ha, l/ha, lb/ac, kg N/ha, ..."),
+    ] = None,
     scale: Annotated[float, typer.Option(metavar="FACTOR", help="Factor on every rate.")] = 1.0,
-    density: Annotated[float | None, typer.Option(metavar="KG_PER_L", help="Of the product, for rates in "
-                                                  "volumes.")] = None,
-    nitrogen: Annotated[float | None, typer.Option(metavar="SHARE", help="N in the product, 0 to 1, for rates of "
-                                                   "nitrogen and for what a run log applied.")] = None,
-    default: Annotated[float | None, typer.Option(metavar="KG_HA", help="Inside the field where the map says "
-                                                  "nothing.")] = None,
-    outside: Annotated[float | None, typer.Option(metavar="KG_HA", help="Outside the field or the map.")] = None,
-    lost: Annotated[float | None, typer.Option(metavar="KG_HA", help="When the position is lost.")] = None,
-    layer: Annotated[str | None, typer.Option(metavar="LAYER", help="Of a task file with several: TASK/DDI or "
-                                              "TASK/DDI/PRODUCT.")] = None,
-    inside: Annotated[str | None, typer.Option(metavar="NAME", help="Of a zip or folder with several: the task set or "
-                                               "shapefile.")] = None,
-    rate_from: Annotated[str | None, typer.Option(metavar="ddi|presentation", help="Where a task file contradicts "
-                                                  "itself about its unit.")] = None,
-    rule: Annotated[str | None, typer.Option(metavar="JOB", help="IN holds the canopy's index (NDVI): rates by the "
-                                             "rule of this job's crop.")] = None,
-    machine: Annotated[str | None, typer.Option(metavar="MACHINE",
-                                                help="Of a run log without its NAME.yaml.")] = None,
-    product: Annotated[str | None, typer.Option(metavar="NAME",
-                                                help="Name of the product, instead of the log's.")] = None,
-    every: Annotated[float, typer.Option(metavar="S", help="Longest stretch of an as-applied export, s.")] = 1.0,
-    polygons: Annotated[bool, typer.Option("--polygons", help="As-applied as ground covered, not points.")] = False,
-    merge: Annotated[float | None, typer.Option(metavar="KG_HA", help="Zones whose rates differ by no more than this "
-                                                "step become one; the mass stays.")] = None,
+    density: Annotated[
+        float | None, typer.Option(metavar="KG_PER_L", help="Of the product, for rates in volumes.")
+    ] = None,
+    nitrogen: Annotated[
+        float | None,
+        typer.Option(
+            metavar="SHARE",
+            help="N in the product, 0 to 1, for rates of nitrogen and for what a run log applied.",
+        ),
+    ] = None,
+    default: Annotated[
+        float | None,
+        typer.Option(metavar="KG_HA", help="Inside the field where the map says nothing."),
+    ] = None,
+    outside: Annotated[
+        float | None, typer.Option(metavar="KG_HA", help="Outside the field or the map.")
+    ] = None,
+    lost: Annotated[
+        float | None, typer.Option(metavar="KG_HA", help="When the position is lost.")
+    ] = None,
+    layer: Annotated[
+        str | None,
+        typer.Option(
+            metavar="LAYER", help="Of a task file with several: TASK/DDI or TASK/DDI/PRODUCT."
+        ),
+    ] = None,
+    inside: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME", help="Of a zip or folder with several: the task set or shapefile."
+        ),
+    ] = None,
+    rate_from: Annotated[
+        str | None,
+        typer.Option(
+            metavar="ddi|presentation", help="Where a task file contradicts itself about its unit."
+        ),
+    ] = None,
+    rule: Annotated[
+        str | None,
+        typer.Option(
+            metavar="JOB",
+            help="IN holds the canopy's index (NDVI): rates by the rule of this job's crop.",
+        ),
+    ] = None,
+    machine: Annotated[
+        str | None, typer.Option(metavar="MACHINE", help="Of a run log without its NAME.yaml.")
+    ] = None,
+    product: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Name of the product, instead of the log's.")
+    ] = None,
+    every: Annotated[
+        float, typer.Option(metavar="S", help="Longest stretch of an as-applied export, s.")
+    ] = 1.0,
+    polygons: Annotated[
+        bool, typer.Option("--polygons", help="As-applied as ground covered, not points.")
+    ] = False,
+    merge: Annotated[
+        float | None,
+        typer.Option(
+            metavar="KG_HA",
+            help="Zones whose rates differ by no more than this step become one; the mass stays.",
+        ),
+    ] = None,
     as_json: AsJson = False,
     force: Force = False,
 ) -> None:
@@ -66,6 +121,7 @@ def map_files(
     from drivers.files.opened import Opened
     from drivers.files.prescriptions.words import RateChoice
     from drivers.files.what_it_is import TABLES
+
     refuse_other([source], MAP)
     if out is not None and out.resolve() in (source.resolve(), source.resolve().parent):
         raise CommandError(f"--out {out}: allowed is another place than IN's")
@@ -74,36 +130,64 @@ def map_files(
     if out is not None:
         refuse_collisions(_read(source, is_log, machine), [_output(out)], force)
     if is_log:
-        _export(source, out, machine=machine, product=product, nitrogen=nitrogen, every_s=every, polygons=polygons,
-                as_json=as_json)
+        _export(
+            source,
+            out,
+            machine=machine,
+            product=product,
+            nitrogen=nitrogen,
+            every_s=every,
+            polygons=polygons,
+            as_json=as_json,
+        )
         return
-    choice = RateChoice(column=column, unit=unit, scale=scale, density_kg_l=density, n_fraction=nitrogen,
-                        default_kg_ha=default, outside_kg_ha=outside, lost_kg_ha=lost, layer=layer, inside=inside,
-                        rate_from=_source(rate_from))
+    choice = RateChoice(
+        column=column,
+        unit=unit,
+        scale=scale,
+        density_kg_l=density,
+        n_fraction=nitrogen,
+        default_kg_ha=default,
+        outside_kg_ha=outside,
+        lost_kg_ha=lost,
+        layer=layer,
+        inside=inside,
+        rate_from=_source(rate_from),
+    )
     _convert(source, out, choice, rule, merge, as_json)
 
 
 def _read(source: Path, is_log: bool, machine: str | None) -> tuple[Path, ...]:
     from drivers.files.archives import files_of
     from drivers.files.opened import Opened
+
     own = log_files(source) if is_log and Opened(source).is_table else files_of(source)
     return (*own, *(() if machine is None else (machine_file(machine),)))
 
 
 def _output(out: Path) -> Output:
-    """What is written at `out`, by its ending; an earlier export in a format that has room for its maker is known."""
+    """What is written at `out`, by its ending; an earlier export in a format that has room for
+    its maker is known."""
     from console.reports.html import GENERATOR
+
     match out.suffix.lower():
         case ".shp":
-            return Output(tuple(out.with_suffix(ending) for ending in (".shp", ".shx", ".dbf", ".prj", ".cpg")))
+            return Output(
+                tuple(
+                    out.with_suffix(ending) for ending in (".shp", ".shx", ".dbf", ".prj", ".cpg")
+                )
+            )
         case ".html":
             return marked(out, GENERATOR.encode())
         case ".geojson" | ".json":
             return marked(out, b'"topdress": {"format": "topdress-')
         case ".xml" | "":
             folder = out.parent if out.suffix else out
-            return marked(folder / "TASKDATA.XML", b'Manufacturer="topdress"',
-                          [folder / name for name in ("GRD00001.bin", "TLG00001.xml", "TLG00001.bin")])
+            return marked(
+                folder / "TASKDATA.XML",
+                b'Manufacturer="topdress"',
+                [folder / name for name in ("GRD00001.bin", "TLG00001.xml", "TLG00001.bin")],
+            )
     return Output((out,))
 
 
@@ -113,22 +197,49 @@ def _source(text: str | None) -> Literal["ddi", "presentation"] | None:
     return text  # type: ignore[return-value]
 
 
-def _convert(source: Path, out: Path | None, choice: RateChoice, job: str | None, merge_kg_ha: float | None,
-             as_json: bool) -> None:
+def _convert(
+    source: Path,
+    out: Path | None,
+    choice: RateChoice,
+    job: str | None,
+    merge_kg_ha: float | None,
+    as_json: bool,
+) -> None:
     from control.recordings.finding import Finding
-    from drivers.files.prescriptions.read import by_rule, index_choice, read_prescription, with_merged_zones
+    from drivers.files.prescriptions.read import (
+        by_rule,
+        index_choice,
+        read_prescription,
+        with_merged_zones,
+    )
     from drivers.files.prescriptions.write import not_written, write_prescription
+
     if job is None:
         read = read_prescription(source, choice)
-    else:                               # a map of an index, as rates by the rule of a job's crop
+    # a map of an index, as rates by the rule of a job's crop
+    else:
         from drivers.files.setup import load_setup
+
         rule = load_setup("huanghai", job, day_clock.today()).rule
         read = by_rule(read_prescription(source, index_choice(choice, rule, job)), rule)
     if merge_kg_ha is not None:
         read = with_merged_zones(read, merge_kg_ha)
     if out is not None:
-        if out.suffix.lower() not in (".geojson", ".json", ".shp", ".gpkg", ".kml", ".kmz", ".zip", ".xml", ""):
-            raise CommandError(f"--out {out}: allowed .geojson, .json, .shp, .gpkg, .kml, .kmz, .zip, .xml or a folder")
+        if out.suffix.lower() not in (
+            ".geojson",
+            ".json",
+            ".shp",
+            ".gpkg",
+            ".kml",
+            ".kmz",
+            ".zip",
+            ".xml",
+            "",
+        ):
+            raise CommandError(
+                f"--out {out}: allowed .geojson, .json, .shp, .gpkg, .kml, .kmz, .zip, .xml "
+                "or a folder"
+            )
         out.parent.mkdir(parents=True, exist_ok=True)
         write_prescription(read.data, out)
         if lost := not_written(read.data, out):
@@ -144,40 +255,80 @@ def _tell(read: Imported, as_json: bool) -> None:
     from control.recordings.finding import many
     from control.targets.map_check import map_check
     from control.targets.prescription import statistics
+
     shares = statistics(read.data)
     area, mass = sum(s.area_ha for s in shares), sum(s.mass_kg for s in shares)
     grid = read.data.grid
     if as_json:
-        say_json({
-            "path": read.path, "format": read.format, "rate_from": read.rate_from, "unit": read.unit,
-            "unit_from": read.unit_from, "kg_ha_per_unit": read.factor,
-            "layers": read.layers, "zones": len(read.data.zones),
-            "cells": None if grid is None else grid.rate_kg_ha.shape, "product": read.data.product,
-            "fallbacks": read.data.fallbacks, "area_ha": area, "mass_kg": mass,
-            "check": map_check(read.data), "rates": shares, "findings": read.findings})
+        say_json(
+            {
+                "path": read.path,
+                "format": read.format,
+                "rate_from": read.rate_from,
+                "unit": read.unit,
+                "unit_from": read.unit_from,
+                "kg_ha_per_unit": read.factor,
+                "layers": read.layers,
+                "zones": len(read.data.zones),
+                "cells": None if grid is None else grid.rate_kg_ha.shape,
+                "product": read.data.product,
+                "fallbacks": read.data.fallbacks,
+                "area_ha": area,
+                "mass_kg": mass,
+                "check": map_check(read.data),
+                "rates": shares,
+                "findings": read.findings,
+            }
+        )
         return
-    size = many(len(read.data.zones), "zone") if grid is None else "{} x {} cells".format(*grid.rate_kg_ha.shape)
-    typer.echo(f"{read.format:12} {size}, numbers in {read.unit}" + (f", {read.data.product}" if read.data.product
-                                                                   else ""))
+    size = (
+        many(len(read.data.zones), "zone")
+        if grid is None
+        else "{} x {} cells".format(*grid.rate_kg_ha.shape)
+    )
+    typer.echo(
+        f"{read.format:12} {size}, numbers in {read.unit}"
+        + (f", {read.data.product}" if read.data.product else "")
+    )
     typer.echo(f"rates        {read.rate_from}; {read.unit} {read.unit_from}")
     fallbacks = read.data.fallbacks
-    typer.echo(f"elsewhere    {fallbacks.default_kg_ha:g} kg/ha in the field, {fallbacks.outside_kg_ha:g} outside, "
-               f"{fallbacks.lost_kg_ha:g} with the position lost")
+    typer.echo(
+        f"elsewhere    {fallbacks.default_kg_ha:g} kg/ha in the field, "
+        f"{fallbacks.outside_kg_ha:g} outside, "
+        f"{fallbacks.lost_kg_ha:g} with the position lost"
+    )
     for share in shares[:SHOWN_RATES]:
-        typer.echo(f"{share.rate_kg_ha:9.2f} kg/ha {share.area_ha:10.4f} ha {share.mass_kg:10.2f} kg")
+        typer.echo(
+            f"{share.rate_kg_ha:9.2f} kg/ha {share.area_ha:10.4f} ha {share.mass_kg:10.2f} kg"
+        )
     if len(shares) > SHOWN_RATES:
         typer.echo(f"          ... {len(shares) - SHOWN_RATES} more rates")
-    typer.echo(f"altogether   {area:.4f} ha, {mass:.2f} kg, mean {mass / area if area else 0.0:.2f} kg/ha")
-    for text in (*(finding.text for finding in read.findings), *map_words(map_check(read.data), METRIC)):
+    typer.echo(
+        f"altogether   {area:.4f} ha, {mass:.2f} kg, mean {mass / area if area else 0.0:.2f} kg/ha"
+    )
+    for text in (
+        *(finding.text for finding in read.findings),
+        *map_words(map_check(read.data), METRIC),
+    ):
         typer.echo(f"note         {text}")
 
 
-def _export(source: Path, out: Path | None, *, machine: str | None, product: str | None, nitrogen: float | None,
-            every_s: float, polygons: bool, as_json: bool) -> None:
+def _export(
+    source: Path,
+    out: Path | None,
+    *,
+    machine: str | None,
+    product: str | None,
+    nitrogen: float | None,
+    every_s: float,
+    polygons: bool,
+    as_json: bool,
+) -> None:
     from drivers.files.any_log import open_log
     from drivers.files.exports.as_applied import SpreadProduct, as_applied
     from drivers.files.exports.columns import summary
     from drivers.files.exports.write import write_as_applied
+
     given = None
     if product is not None or nitrogen is not None:
         given = SpreadProduct(product or "product", nitrogen or 0.0)
@@ -186,7 +337,12 @@ def _export(source: Path, out: Path | None, *, machine: str | None, product: str
     applied = as_applied(log, loaded, given, every_s)
     if out is not None and out.suffix.lower() == ".html":
         from console.reports.job_page import MOST_STRETCHES
-        _report(as_applied(log, loaded, given, max(every_s, applied.totals.worked_s / MOST_STRETCHES)), out, log)
+
+        _report(
+            as_applied(log, loaded, given, max(every_s, applied.totals.worked_s / MOST_STRETCHES)),
+            out,
+            log,
+        )
     elif out is not None:
         write_as_applied(applied, out, polygons)
     if as_json:
@@ -203,6 +359,7 @@ def _report(applied: AsApplied, out: Path, log: RunLog) -> None:
     from drivers.files.atomic import write_atomically
     from drivers.files.extras import need
     from drivers.files.run_meta import software_version
+
     need("a report", "report")
     out.parent.mkdir(parents=True, exist_ok=True)
     write_atomically(out, job_page(applied, f"topdress {software_version()}", about_of(log)))
@@ -210,13 +367,22 @@ def _report(applied: AsApplied, out: Path, log: RunLog) -> None:
 
 def _tell_applied(applied: AsApplied) -> None:
     t = applied.totals
-    typer.echo(f"applied      {t.applied_kg:.2f} kg of {applied.product.name} ({t.applied_n_kg:.2f} kg N) on "
-               f"{applied.worked_ha:.4f} ha, mean {applied.mean_kg_ha:.1f} kg/ha")
+    typer.echo(
+        f"applied      {t.applied_kg:.2f} kg of {applied.product.name} "
+        f"({t.applied_n_kg:.2f} kg N) on "
+        f"{applied.worked_ha:.4f} ha, mean {applied.mean_kg_ha:.1f} kg/ha"
+    )
     error = "" if t.error_percent is None else f", applied {t.error_percent:+.2f} %"
     typer.echo(f"target       {t.target_kg:.2f} kg{error}")
     if (cut := applied.cut) is not None:
-        typer.echo(f"limit        {cut.area_ha:.4f} ha wanted up to {cut.highest_kg_ha:g} kg/ha: the crop's limit of "
-                   f"{cut.limit_kg_ha:g} was applied there, {cut.less_kg:.2f} kg less than wanted")
-    if t.stopped_kg >= 0.005:           # less would be written as 0.00
-        typer.echo(f"stopped      {t.stopped_kg:.2f} kg of it were released while the shaft should have stood")
+        typer.echo(
+            f"limit        {cut.area_ha:.4f} ha wanted up to {cut.highest_kg_ha:g} kg/ha: "
+            "the crop's limit of "
+            f"{cut.limit_kg_ha:g} was applied there, {cut.less_kg:.2f} kg less than wanted"
+        )
+    if t.stopped_kg >= 0.005:  # less would be written as 0.00
+        typer.echo(
+            f"stopped      {t.stopped_kg:.2f} kg of it were released while the shaft should "
+            "have stood"
+        )
     typer.echo(f"stretches    {len(applied.stretches.time_s)} in {t.worked_s:.0f} s of work")

@@ -1,4 +1,6 @@
-"""What a command is about to write, held against what it reads and what is there already, before anything is done."""
+"""What a command is about to write, held against what it reads and what is there already,
+before anything is done."""
+
 from __future__ import annotations
 
 import os
@@ -10,7 +12,9 @@ import typer
 
 from console.cli.plain_errors import CommandError
 
-Force = Annotated[bool, typer.Option("--force", help="Replace what is there already (never what is read).")]
+Force = Annotated[
+    bool, typer.Option("--force", help="Replace what is there already (never what is read).")
+]
 
 LOOKED_BYTES = 65_536
 
@@ -18,8 +22,8 @@ LOOKED_BYTES = 65_536
 class Output(NamedTuple):
     """Files that are written together.
 
-    `earlier`: whether those that are there are an earlier output of the same command, which can be made again: it is
-    replaced without a word.
+    `earlier`: whether those that are there are an earlier output of the same command, which can
+    be made again: it is replaced without a word.
     """
 
     files: tuple[Path, ...]
@@ -32,10 +36,11 @@ def marked(file: Path, mark: bytes, with_it: Iterable[Path] = ()) -> Output:
 
 
 def refuse_collisions(reads: Iterable[Path], writes: Iterable[Output], force: bool) -> None:
-    """Nothing that is read is written over, no two outputs go to one place, what is there stays unless `force`.
+    """Nothing that is read is written over, no two outputs go to one place, what is there stays
+    unless `force`.
 
-    Files are compared as such: links, relative paths and other spellings of a name are the same file.
-    Raises CommandError.
+    Files are compared as such: links, relative paths and other spellings of a name are the same
+    file. Raises CommandError.
     """
     read = {identity: path for path in reads if (identity := _identity(path)) is not None}
     taken: dict[str, Path] = {}
@@ -45,14 +50,19 @@ def refuse_collisions(reads: Iterable[Path], writes: Iterable[Output], force: bo
             source = None if identity is None else read.get(identity)
             if source is not None:
                 same = "" if source == file else f", the same file as {source}"
-                raise CommandError(f"{file}: would be written over, and is read{same}: allowed is another place")
-            place = str(file.resolve()).casefold()          # of a file that is not there only the name is known
+                raise CommandError(
+                    f"{file}: would be written over, and is read{same}: allowed is another place"
+                )
+            # of a file that is not there only the name is known
+            place = str(file.resolve()).casefold()
             if place in taken:
                 raise CommandError(f"{file}: two outputs go there: allowed is a place for each")
             taken[place] = file
         there = next((file for file in output.files if os.path.lexists(file)), None)
         if there is not None and not force and not output.earlier():
-            raise CommandError(f"{there}: exists already: nothing is overwritten (--force replaces it)")
+            raise CommandError(
+                f"{there}: exists already: nothing is overwritten (--force replaces it)"
+            )
 
 
 def log_files(log: Path) -> tuple[Path, Path]:
@@ -61,8 +71,8 @@ def log_files(log: Path) -> tuple[Path, Path]:
 
 
 def new_log_files(log: Path) -> tuple[Path, Path]:
-    """A run log about to be written, and what comes next to it. Raises CommandError for a name that is none of a
-    log."""
+    """A run log about to be written, and what comes next to it. Raises CommandError for a name
+    that is none of a log."""
     if log.suffix != ".csv":
         raise CommandError(f"--out {log}: allowed is a name that ends in .csv")
     return log_files(log)
@@ -71,12 +81,14 @@ def new_log_files(log: Path) -> tuple[Path, Path]:
 def machine_file(where: str) -> Path:
     """The machine file of a shipped name or path. Raises ConfigError."""
     from drivers.files.kinds import MACHINE
+
     return named(where, MACHINE.folder)
 
 
 def named(where: str, folder: str) -> Path:
     """The configuration file of a shipped name or path. Raises ConfigError."""
     from drivers.files.config import resolve
+
     return resolve(where, [folder])
 
 

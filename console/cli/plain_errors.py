@@ -1,8 +1,11 @@
-"""Errors of a command in plain lines on stderr and a non-zero exit; never a trace for what the user can put right.
+"""Errors of a command in plain lines on stderr and a non-zero exit; never a trace for what the
+user can put right.
 
-Whatever says what is wrong with a file or a value is a ValueError, or a ConfigError where it may be several lines. This
-is the one place that turns errors into lines and exit codes; anything else is a fault of ours, said in one line too.
+Whatever says what is wrong with a file or a value is a ValueError, or a ConfigError where it
+may be several lines. This is the one place that turns errors into lines and exit codes;
+anything else is a fault of ours, said in one line too.
 """
+
 from __future__ import annotations
 
 import functools
@@ -22,7 +25,8 @@ from drivers.plain_text import one_line
 F = TypeVar("F", bound=Callable[..., Any])
 
 
-FAILED, WRONG, NOT_JUDGED, OUR_FAULT, CANCELLED = 1, 2, 3, 70, 130      # exit codes, listed by `topdress --help`
+# exit codes, listed by `topdress --help`
+FAILED, WRONG, NOT_JUDGED, OUR_FAULT, CANCELLED = 1, 2, 3, 70, 130
 
 
 class CommandError(Exception):
@@ -31,6 +35,7 @@ class CommandError(Exception):
 
 def guarded(command: F) -> F:
     """The command with its expected errors turned into lines."""
+
     @functools.wraps(command)
     def run(*args: Any, **kwargs: Any) -> Any:
         try:
@@ -43,12 +48,13 @@ def guarded(command: F) -> F:
         except (CommandError, ValueError, WorkerFailed) as error:
             typer.echo(one_line(str(error)) or type(error).__name__, err=True)
             raise typer.Exit(WRONG) from None
-        except BrokenPipeError:             # `topdress decode ... | head` is no error
+        except BrokenPipeError:  # `topdress decode ... | head` is no error
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
             raise typer.Exit(0) from None
         except OSError as error:
             where = f"{error.filename}: " if error.filename else ""
-            gone = isinstance(error, FileNotFoundError)     # what was given is wrong, as of every command
+            # what was given is wrong, as of every command
+            gone = isinstance(error, FileNotFoundError)
             typer.echo(f"{where}{'no such file' if gone else error.strerror or error}", err=True)
             raise typer.Exit(WRONG if gone else FAILED) from None
         except KeyboardInterrupt:
@@ -60,13 +66,15 @@ def guarded(command: F) -> F:
             line, code = _unforeseen(error)
             typer.echo(line, err=True)
             raise typer.Exit(code) from None
+
     return run  # type: ignore[return-value]
 
 
 def _unforeseen(error: Exception) -> tuple[str, int]:
-    """Of what nobody foresaw the trace is for us, the line for the user; of a part that is not installed, what installs
-    it."""
+    """Of what nobody foresaw the trace is for us, the line for the user; of a part that is not
+    installed, what installs it."""
     from drivers.files.extras import extra_line, extra_of
+
     if isinstance(error, ModuleNotFoundError) and (extra := extra_of(error.name or "")) is not None:
         return f"this needs the extra {extra}, not installed: {extra_line(extra)}", WRONG
     said = one_line(str(error))[:200]
@@ -74,20 +82,25 @@ def _unforeseen(error: Exception) -> tuple[str, int]:
 
 
 def _refuse_no_numbers(given: Mapping[str, Any]) -> None:
-    """nan and inf, which Python reads as numbers, are none that an option takes. Raises CommandError."""
+    """nan and inf, which Python reads as numbers, are none that an option takes. Raises
+    CommandError."""
     for name, value in given.items():
         for one in value if isinstance(value, list | tuple) else (value,):
             if isinstance(one, float) and not isfinite(one):
-                raise CommandError(f"--{name.replace('_', '-')} {one}: allowed is a number, not {one}")
+                raise CommandError(
+                    f"--{name.replace('_', '-')} {one}: allowed is a number, not {one}"
+                )
 
 
 def _kept_trace() -> str:
     """Where the trace of the error at hand is kept; it is asked for when somebody reports it."""
     import tempfile
     import traceback
+
     try:
-        with tempfile.NamedTemporaryFile("w", prefix="topdress-fault-", suffix=".txt", delete=False,
-                                         encoding="utf-8") as kept:
+        with tempfile.NamedTemporaryFile(
+            "w", prefix="topdress-fault-", suffix=".txt", delete=False, encoding="utf-8"
+        ) as kept:
             kept.write(traceback.format_exc())
     except OSError:
         return "its trace could not be kept"

@@ -1,4 +1,6 @@
-"""What commands say: on a terminal, where whatever stood in a file or came from a device steers nothing; as JSON."""
+"""What commands say: on a terminal, where whatever stood in a file or came from a device steers
+nothing; as JSON."""
+
 from __future__ import annotations
 
 import io
@@ -13,26 +15,28 @@ import typer
 
 from drivers.plain_text import plain
 
-AsJson = Annotated[bool, typer.Option("--json", help="The answer as JSON, alone on standard output.")]
+AsJson = Annotated[
+    bool, typer.Option("--json", help="The answer as JSON, alone on standard output.")
+]
 
-OVER_THE_LINE = "\r\x1b[K"          # our own lines of progress begin with it
+OVER_THE_LINE = "\r\x1b[K"  # our own lines of progress begin with it
 
 
 RED, BLUE, NO_MORE = "\x1b[31m", "\x1b[34m", "\x1b[0m"
-INDENT = "    "                     # of what a line goes on with
+INDENT = "    "  # of what a line goes on with
 
 
 class PlainOutput(io.TextIOWrapper):
-    """A text stream that leaves out what steers a terminal, but for a progress line's beginning; what is said while one
-    stands takes its place. Lines that are too wide are broken between words. complains: lines come in colour, notes in
-    another."""
+    """A text stream that leaves out what steers a terminal, but for a progress line's
+    beginning; what is said while one stands takes its place. Lines that are too wide are broken
+    between words. complains: lines come in colour, notes in another."""
 
     complains = False
     _progress_stands = False
 
     def write(self, text: str) -> int:
         own = OVER_THE_LINE if text.startswith(OVER_THE_LINE) else ""
-        said = plain(text[len(own):])
+        said = plain(text[len(own) :])
         if own:
             self._progress_stands = bool(said) and not said.endswith("\n")
         elif text:
@@ -44,25 +48,48 @@ class PlainOutput(io.TextIOWrapper):
     def _dressed(self, line: str) -> str:
         columns = shutil.get_terminal_size().columns
         if len(line) > columns > 2 * len(INDENT):
-            line = "\n".join(textwrap.wrap(line, columns, subsequent_indent=INDENT, break_long_words=False,
-                                           break_on_hyphens=False, replace_whitespace=False, drop_whitespace=True))
-        if not (self.complains and line.strip()) or os.environ.get("NO_COLOR") or os.environ.get("TERM") == "dumb":
+            line = "\n".join(
+                textwrap.wrap(
+                    line,
+                    columns,
+                    subsequent_indent=INDENT,
+                    break_long_words=False,
+                    break_on_hyphens=False,
+                    replace_whitespace=False,
+                    drop_whitespace=True,
+                )
+            )
+        if (
+            not (self.complains and line.strip())
+            or os.environ.get("NO_COLOR")
+            or os.environ.get("TERM") == "dumb"
+        ):
             return line
         return f"{BLUE if line.startswith('note: ') else RED}{line}{NO_MORE}"
 
 
 def say_json(found: Any) -> None:
-    """A line of JSON: by the names of fields, which have the units in them; null for what is no number."""
+    """A line of JSON: by the names of fields, which have the units in them; null for what is no
+    number."""
     from drivers.files.plain import plain as as_data
-    typer.echo(json.dumps(json.loads(json.dumps(as_data(found)), parse_constant=lambda _: None), ensure_ascii=False))
+
+    typer.echo(
+        json.dumps(
+            json.loads(json.dumps(as_data(found)), parse_constant=lambda _: None),
+            ensure_ascii=False,
+        )
+    )
 
 
 def take_terminals() -> None:
-    """From now on, for stdout and stderr where they are terminals. Files and pipes get every byte."""
+    """From now on, for stdout and stderr where they are terminals. Files and pipes get every
+    byte."""
     for name in ("stdout", "stderr"):
         stream = getattr(sys, name)
         if isinstance(stream, io.TextIOWrapper) and stream.isatty():
             stream.flush()
-            plainer = PlainOutput(stream.buffer, encoding=stream.encoding, errors=stream.errors, line_buffering=True)
+            plainer = PlainOutput(
+                stream.buffer, encoding=stream.encoding, errors=stream.errors, line_buffering=True
+            )
             plainer.complains = name == "stderr"
             setattr(sys, name, plainer)

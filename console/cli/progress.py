@@ -1,5 +1,6 @@
-"""How far along a command is, with the time left: one line that rewrites itself on a terminal's stderr, and is silent
-elsewhere."""
+"""How far along a command is, with the time left: one line that rewrites itself on a terminal's
+stderr, and is silent elsewhere."""
+
 from __future__ import annotations
 
 import shutil
@@ -15,8 +16,8 @@ EVERY_S = 0.2
 
 
 class ProgressLine:
-    """`tell` puts a text over the one before, `end` takes it away. A text is cut to the terminal's width: one that goes
-    on in the next row would leave its first row behind."""
+    """`tell` puts a text over the one before, `end` takes it away. A text is cut to the
+    terminal's width: one that goes on in the next row would leave its first row behind."""
 
     def __init__(self) -> None:
         self.shown = sys.stderr.isatty()
@@ -24,7 +25,7 @@ class ProgressLine:
 
     def tell(self, text: str) -> None:
         if self.shown:
-            self._write(text[:shutil.get_terminal_size().columns - 1])
+            self._write(text[: shutil.get_terminal_size().columns - 1])
             self._stands = True
 
     def end(self) -> None:
@@ -38,7 +39,9 @@ class ProgressLine:
         sys.stderr.flush()
 
 
-def progress(items: Iterable[T], count: int, label: str, clock: Callable[[], float] = time.monotonic) -> Iterator[T]:
+def progress(
+    items: Iterable[T], count: int, label: str, clock: Callable[[], float] = time.monotonic
+) -> Iterator[T]:
     """The items, telling before the first and then now and then how far along they are."""
     line = ProgressLine()
     if not line.shown:
@@ -53,6 +56,9 @@ def progress(items: Iterable[T], count: int, label: str, clock: Callable[[], flo
             if now_s - said_s >= EVERY_S:
                 said_s = now_s
                 left_s = (now_s - started_s) * max(0, count - number) / number
-                line.tell(f"{label} {100 * number // max(1, count)} %, {left_s:.0f} s left (Ctrl-C cancels)")
+                line.tell(
+                    f"{label} {100 * number // max(1, count)} %, {left_s:.0f} s left "
+                    "(Ctrl-C cancels)"
+                )
     finally:
         line.end()

@@ -1,4 +1,6 @@
-"""`topdress record`: passes as lines of a farm record, kilograms and nitrogen by product and field, costs."""
+"""`topdress record`: passes as lines of a farm record, kilograms and nitrogen by product and
+field, costs."""
+
 from __future__ import annotations
 
 from pathlib import Path
@@ -17,35 +19,63 @@ if TYPE_CHECKING:
 
 
 def record(
-    logs: Annotated[list[Path], typer.Argument(metavar="LOG...", help="Run logs, or logs of other programs.")],
-    out: Annotated[Path | None, typer.Option(metavar="FARM.csv", help="The farm record: a line for each log, added to "
-                                             "those that are there. Without it: only the sums are printed.")] = None,
-    price: Annotated[list[str] | None, typer.Option(metavar="PRODUCT=MONEY", help="Of a kilogram of a product "
-                                                    "(repeatable); MONEY alone: of every product. Without it: the "
-                                                    "job's price_per_kg.")] = None,
-    currency: Annotated[str | None, typer.Option(metavar="NAME", help="Of the money of --price; else as "
-                                                 "the job says, EUR.")] = None,
-    machine: Annotated[str | None, typer.Option(metavar="MACHINE", help="Of logs that name none.")] = None,
-    nitrogen: Annotated[float | None, typer.Option(metavar="SHARE", min=0.0, max=1.0, help="N in the product, of logs "
-                                                   "that name none.")] = None,
+    logs: Annotated[
+        list[Path], typer.Argument(metavar="LOG...", help="Run logs, or logs of other programs.")
+    ],
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FARM.csv",
+            help="The farm record: a line for each log, added to "
+            "those that are there. Without it: only the sums are printed.",
+        ),
+    ] = None,
+    price: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="PRODUCT=MONEY",
+            help="Of a kilogram of a product "
+            "(repeatable); MONEY alone: of every product. Without it: the "
+            "job's price_per_kg.",
+        ),
+    ] = None,
+    currency: Annotated[
+        str | None,
+        typer.Option(metavar="NAME", help="Of the money of --price; else as the job says, EUR."),
+    ] = None,
+    machine: Annotated[
+        str | None, typer.Option(metavar="MACHINE", help="Of logs that name none.")
+    ] = None,
+    nitrogen: Annotated[
+        float | None,
+        typer.Option(
+            metavar="SHARE", min=0.0, max=1.0, help="N in the product, of logs that name none."
+        ),
+    ] = None,
     as_json: AsJson = False,
     force: Force = False,
 ) -> None:
-    """Say what was spread on which field: kilograms, nitrogen, costs; and keep a line of it for the farm's books."""
+    """Say what was spread on which field: kilograms, nitrogen, costs; and keep a line of it for
+    the farm's books."""
     from drivers.files.exports.farm_record import sums, write_record
     from drivers.files.farm_lines import BEGINS
+
     refuse_other(logs, LOG)
     need_ending("--out", out, ".csv")
     prices = _prices(price or ())
-    reads = [*(file for log in logs for file in log_files(log)),
-             *([] if machine is None else [machine_file(machine)])]
+    reads = [
+        *(file for log in logs for file in log_files(log)),
+        *([] if machine is None else [machine_file(machine)]),
+    ]
     if out is not None:
         refuse_collisions(reads, [marked(out, BEGINS)], force)
     loaded = machine_of(machine) if machine else None
     passes = [_pass(log, loaded, nitrogen, prices, currency) for log in logs]
     if prices and not any(_priced(one, prices) for one in passes):
-        raise CommandError(f"--price {', '.join(name for name in prices if name)}: no log spread that: allowed "
-                           f"{', '.join(sorted({one.product for one in passes}))}")
+        raise CommandError(
+            f"--price {', '.join(name for name in prices if name)}: no log spread that: allowed "
+            f"{', '.join(sorted({one.product for one in passes}))}"
+        )
     _tell(sums(passes), as_json)
     if out is not None:
         out.parent.mkdir(parents=True, exist_ok=True)
@@ -63,7 +93,9 @@ def _prices(texts: list[str] | tuple[()]) -> dict[str, float]:
         except ValueError:
             value = -1.0
         if not 0.0 <= value < 1e6:
-            raise CommandError(f"--price {text}: allowed PRODUCT=MONEY or MONEY, of a kilogram, 0 or more")
+            raise CommandError(
+                f"--price {text}: allowed PRODUCT=MONEY or MONEY, of a kilogram, 0 or more"
+            )
         found[name.strip().casefold()] = value
     return found
 
@@ -73,34 +105,56 @@ def _priced(one: Pass, prices: dict[str, float]) -> bool:
     return "" in prices or one.product.casefold() in prices
 
 
-def _pass(log: Path, machine: Machine | None, nitrogen: float | None, prices: dict[str, float],
-          currency: str | None) -> Pass:
+def _pass(
+    log: Path,
+    machine: Machine | None,
+    nitrogen: float | None,
+    prices: dict[str, float],
+    currency: str | None,
+) -> Pass:
     from console.reports.job_about import about_of
     from drivers.files.any_log import open_log
     from drivers.files.exports.as_applied import SpreadProduct, as_applied
     from drivers.files.exports.farm_record import Pass
+
     opened = open_log(log)
     about = about_of(opened)
     who = about.who
     given = None if nitrogen is None else SpreadProduct(who.product or "product", nitrogen)
     applied = as_applied(opened, machine, given)
-    said = {"client": who.client, "farm": who.farm, "field": who.field, "crop": about.crop, "operator": who.operator,
-            "product": who.product}
-    one = Pass(applied, said, about.simulated, log.name, about.price_per_kg, about.currency or "EUR")
+    said = {
+        "client": who.client,
+        "farm": who.farm,
+        "field": who.field,
+        "crop": about.crop,
+        "operator": who.operator,
+        "product": who.product,
+    }
+    one = Pass(
+        applied, said, about.simulated, log.name, about.price_per_kg, about.currency or "EUR"
+    )
     if not _priced(one, prices):
         return one
-    return one._replace(price_per_kg=prices.get(one.product.casefold(), prices.get("")),
-                        currency=currency or one.currency)
+    return one._replace(
+        price_per_kg=prices.get(one.product.casefold(), prices.get("")),
+        currency=currency or one.currency,
+    )
 
 
 def _tell(found: list[Sum], as_json: bool) -> None:
     if as_json:
         say_json(found)
         return
-    typer.echo(f"{'product':20} {'field':20} {'passes':>6} {'ha':>10} {'kg':>12} {'kg N':>10} {'kg N/ha':>8} "
-               f"{'cost':>12}")
+    typer.echo(
+        f"{'product':20} {'field':20} {'passes':>6} {'ha':>10} {'kg':>12} {'kg N':>10} "
+        f"{'kg N/ha':>8} "
+        f"{'cost':>12}"
+    )
     for one in found:
         a_hectare = one.nitrogen_kg / one.hectares if one.hectares > 0.0 else 0.0
         cost = "" if one.cost is None else f"{one.cost:.2f} {one.currency}"
-        typer.echo(f"{one.product[:20]:20} {(one.field or '-')[:20]:20} {one.passes:6d} {one.hectares:10.4f} "
-                   f"{one.kilograms:12.2f} {one.nitrogen_kg:10.2f} {a_hectare:8.1f} {cost:>12}".rstrip())
+        typer.echo(
+            f"{one.product[:20]:20} {(one.field or '-')[:20]:20} {one.passes:6d} "
+            f"{one.hectares:10.4f} "
+            f"{one.kilograms:12.2f} {one.nitrogen_kg:10.2f} {a_hectare:8.1f} {cost:>12}".rstrip()
+        )

@@ -1,4 +1,5 @@
 """`topdress replay`: a run log on the screen, or headless through the control loop once more."""
+
 from __future__ import annotations
 
 import time
@@ -20,11 +21,22 @@ if TYPE_CHECKING:
 
 
 def replay(
-    log: Annotated[Path, typer.Argument(metavar="LOG.csv", help="A run log, ours or of another program.")],
-    headless: Annotated[bool, typer.Option("--headless", help="No screen: run the control loop on the logged "
-                                           "measurements as fast as it goes.")] = False,
-    out: Annotated[Path | None, typer.Option(metavar="NEW.csv", help="With --headless: log of the new run.")] = None,
-    machine: Annotated[str | None, typer.Option(metavar="MACHINE", help="Instead of the log's.")] = None,
+    log: Annotated[
+        Path, typer.Argument(metavar="LOG.csv", help="A run log, ours or of another program.")
+    ],
+    headless: Annotated[
+        bool,
+        typer.Option(
+            "--headless",
+            help="No screen: run the control loop on the logged measurements as fast as it goes.",
+        ),
+    ] = False,
+    out: Annotated[
+        Path | None, typer.Option(metavar="NEW.csv", help="With --headless: log of the new run.")
+    ] = None,
+    machine: Annotated[
+        str | None, typer.Option(metavar="MACHINE", help="Instead of the log's.")
+    ] = None,
     job: Annotated[str | None, typer.Option(metavar="JOB", help="Instead of the log's.")] = None,
     strategy: Annotated[Strategy | None, typer.Option(help="Instead of the log's.")] = None,
     force: Force = False,
@@ -32,6 +44,7 @@ def replay(
     """Replay a log: as recorded on the screen, or as it would have been decided."""
     from console.services.rerun import setup_of
     from drivers.files.any_log import open_log
+
     refuse_other([log], LOG)
     refuse_bench_table(log, "replay")
     recorded = open_log(log)
@@ -39,6 +52,7 @@ def replay(
         if out is not None:
             raise CommandError("--out goes with --headless")
         from console.cli.screens import show_replay
+
         show_replay(recorded)
         return
     if out is None:
@@ -52,13 +66,21 @@ def replay(
 def _again(recorded: RunLog, out: Path, setup: Setup) -> None:
     from console.services.rerun import rerun
     from drivers.files.run_meta import run_meta
+
     say_notes((*recorded.findings, *setup.job.warnings))
     started = time.perf_counter()
-    meta = run_meta(setup.machine, setup.crop, setup.job, sha256=setup.sha256,
-                    extra={"replay_of": str(recorded.path), "job_folder": str(setup.folder)})
+    meta = run_meta(
+        setup.machine,
+        setup.crop,
+        setup.job,
+        sha256=setup.sha256,
+        extra={"replay_of": str(recorded.path), "job_folder": str(setup.folder)},
+    )
     with whole_log(out, meta) as new:
         for tick in progress(rerun(recorded, setup), len(recorded), "replaying"):
             new.append(tick.row)
     took = time.perf_counter() - started
-    typer.echo(f"{len(recorded)} rows, {recorded.duration_s:.0f} s replayed in {took:.1f} s "
-               f"({recorded.duration_s / max(took, 1e-9):.0f} times real time): {out}")
+    typer.echo(
+        f"{len(recorded)} rows, {recorded.duration_s:.0f} s replayed in {took:.1f} s "
+        f"({recorded.duration_s / max(took, 1e-9):.0f} times real time): {out}"
+    )

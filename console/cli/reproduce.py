@@ -1,4 +1,5 @@
 """`topdress reproduce`: the papers' tables and figures, published next to obtained, on one page."""
+
 from __future__ import annotations
 
 import csv
@@ -17,14 +18,17 @@ from console.cli.progress import progress
 if TYPE_CHECKING:
     from control.papers.page import Section, Table
 
-DAY = dt.date(2014, 3, 7)           # the decision paper's day of sensing
+DAY = dt.date(2014, 3, 7)  # the decision paper's day of sensing
 PAGE = "reproduce.html"
 
 
 def reproduce(
-    out: Annotated[Path, typer.Option(metavar="DIR", help="Folder for the page and a CSV of every table.")
-                   ] = Path("reproduce"),
-    seed: Annotated[int, typer.Option(metavar="NUMBER", min=0, help="Of the simulated canopies and noise.")] = 1,
+    out: Annotated[
+        Path, typer.Option(metavar="DIR", help="Folder for the page and a CSV of every table.")
+    ] = Path("reproduce"),
+    seed: Annotated[
+        int, typer.Option(metavar="NUMBER", min=0, help="Of the simulated canopies and noise.")
+    ] = 1,
     as_json: AsJson = False,
     force: Force = False,
 ) -> None:
@@ -34,6 +38,7 @@ def reproduce(
     from drivers.files.atomic import write_atomically
     from drivers.files.extras import need
     from drivers.files.run_meta import software_version
+
     need("a report", "report")
     before = [*out.glob("[0-9]-[0-9]*.csv")]
     refuse_collisions((), [marked(out / PAGE, GENERATOR.encode(), before)], force)
@@ -44,7 +49,9 @@ def reproduce(
             write_atomically(out / f"{number}-{k}.csv", table_csv(table))
     write_atomically(out / PAGE, paper_page(sections, f"topdress {software_version()}"))
     if as_json:
-        say_json([{"title": one.title, "words": one.words, "tables": one.tables} for one in sections])
+        say_json(
+            [{"title": one.title, "words": one.words, "tables": one.tables} for one in sections]
+        )
     else:
         for section in sections:
             typer.echo("\n    ".join((section.title, *section.words)))
@@ -59,9 +66,13 @@ def run_papers(seed: int) -> list[Section]:
     from control.papers.page import summary
     from control.papers.points import points_section
     from drivers.files.setup import load_setup
+
     setup = load_setup("huanghai", "demo", DAY)
-    papers: list[Callable[[], Section]] = [lambda: decision_section(setup.machine, setup.crop, seed),
-                                           lambda: lag_section(setup.machine), points_section]
+    papers: list[Callable[[], Section]] = [
+        lambda: decision_section(setup.machine, setup.crop, seed),
+        lambda: lag_section(setup.machine),
+        points_section,
+    ]
     sections = [paper() for paper in progress(papers, len(papers), "papers")]
     return [summary(sections), *sections, elements_section()]
 

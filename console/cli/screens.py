@@ -1,4 +1,5 @@
 """From the command line to the screens: start or attach to a worker, open a log."""
+
 from __future__ import annotations
 
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -32,25 +33,37 @@ if TYPE_CHECKING:
     from drivers.files.read_log import RunLog
     from drivers.files.setup import Setup
 
-    Files = tuple[Setup, Mapping[str, Loaded[BaseModel]]]      # the setup, and its configuration files by kind
+    # the setup, and its configuration files by kind
+    Files = tuple[Setup, Mapping[str, Loaded[BaseModel]]]
 
 
-def show_run(config: tuple[str, ...], effects: tuple[str, ...], seed: int, hz: float, log: str | None,
-             model_check: bool = False, name: str | None = None) -> None:
+def show_run(
+    config: tuple[str, ...],
+    effects: tuple[str, ...],
+    seed: int,
+    hz: float,
+    log: str | None,
+    model_check: bool = False,
+    name: str | None = None,
+) -> None:
     """The console on the worker that runs, or on one started for it."""
     quick_start.begin()
     from console.running import WorkerFailed, find_running
     from console.services.launcher import Launcher
+
     launcher = Launcher(config, effects, seed, hz, log, trouble_path(), name)
     coming: Future[WorkerAddress] | None = None
     running = find_running() if has_terminal() else None
     if running is None:
         if has_terminal() and not launcher.may_go_on():
-            coming = _started(launcher.start)               # it reads the files, and refuses wrong ones
+            coming = _started(launcher.start)  # it reads the files, and refuses wrong ones
         else:
             _setup(config)
     joined = None if running is None else _join(launcher, running)
-    need_terminal("topdress run", "topdress simulate runs the loop, topdress serve shows the console in a browser")
+    need_terminal(
+        "topdress run",
+        "topdress simulate runs the loop, topdress serve shows the console in a browser",
+    )
     from console.app.app import TopdressApp
     from console.app.services import late
     from console.link import ComingLink, Link
@@ -61,7 +74,9 @@ def show_run(config: tuple[str, ...], effects: tuple[str, ...], seed: int, hz: f
     from drivers.files.extras import is_there
 
     async def attach() -> Link:
-        import asyncio  # not before the worker is started, which takes as long to come up as all of the console
+        # not before the worker is started, which takes as long to come up as all of the console
+        import asyncio
+
         where = await asyncio.to_thread(find_running)
         if where is None:
             raise WorkerFailed(_("no machine is running"))
@@ -70,6 +85,7 @@ def show_run(config: tuple[str, ...], effects: tuple[str, ...], seed: int, hz: f
 
     def job_files() -> JobService:
         from console.services.job import JobFiles
+
         return JobFiles(launcher)
 
     job, lines = late(job_files), KeptLineFiles()
@@ -77,26 +93,44 @@ def show_run(config: tuple[str, ...], effects: tuple[str, ...], seed: int, hz: f
     source: Link | None = None
     if running is not None:
         source = Link(running, name)
-    elif coming is not None or job.offer() is None:           # else the console asks whether to go on with it
+    # else the console asks whether to go on with it
+    elif coming is not None or job.offer() is None:
         source = ComingLink(coming or _started(launcher.start), name)
     tour = not config and first_time()
     services = run_services(cache(lambda: _setup_of_running(launcher.config, config)), effects)
-    app = TopdressApp(source, start=launcher.link, attach=attach, tour=tour, joined=joined,
-                      ask_job=not config and not tour and running is None and source is not None,
-                      services=replace(services, job=job, settings=settings_store(), lines=lines, play=Player(),
-                                       model_check=LiveChecker().latest if checked else None,
-                                       missing=_("The model check is off: the extra diagnosis is not installed "
-                                                 "(topdress extras)") if model_check and not checked else ""))
+    app = TopdressApp(
+        source,
+        start=launcher.link,
+        attach=attach,
+        tour=tour,
+        joined=joined,
+        ask_job=not config and not tour and running is None and source is not None,
+        services=replace(
+            services,
+            job=job,
+            settings=settings_store(),
+            lines=lines,
+            play=Player(),
+            model_check=LiveChecker().latest if checked else None,
+            missing=_(
+                "The model check is off: the extra diagnosis is not installed (topdress extras)"
+            )
+            if model_check and not checked
+            else "",
+        ),
+    )
     app.run()
     lines.close()
     if app.not_started:
-        _setup(config)                                      # all that is wrong with a file, where that was why
+        # all that is wrong with a file, where that was why
+        _setup(config)
         raise CommandError(app.not_started)
 
 
 def own_job(name: str) -> str:
     """A name of one of the user's jobs as its file; a path and a shipped name as they are."""
     from console.services.launcher import data_folder
+
     own = data_folder() / "jobs" / f"{name}.yaml"
     return str(own) if "/" not in name and "\\" not in name and own.is_file() else name
 
@@ -104,6 +138,7 @@ def own_job(name: str) -> str:
 def _join(launcher: Launcher, running: WorkerAddress) -> Joined:
     """Go by the files of the worker that runs."""
     from console.app.joined import Joined
+
     named = launcher.config
     unused = launcher.adopt(running.log_path)
     if unused is None:
@@ -112,9 +147,10 @@ def _join(launcher: Launcher, running: WorkerAddress) -> Joined:
 
 
 def _setup_of_running(theirs: tuple[str, ...], ours: tuple[str, ...]) -> Files:
-    """The files of the machine that runs, as far as they can still be read: a console that could not open for them
-    could not stop it. Raises ConfigError."""
+    """The files of the machine that runs, as far as they can still be read: a console that
+    could not open for them could not stop it. Raises ConfigError."""
     from drivers.files.config_error import ConfigError
+
     for config in (theirs, ours, ()):
         try:
             return _setup(config)
@@ -125,7 +161,8 @@ def _setup_of_running(theirs: tuple[str, ...], ours: tuple[str, ...]) -> Files:
 
 
 def _started(start: Callable[[], WorkerAddress]) -> Future[WorkerAddress]:
-    """The worker comes up, a process of its own, while this one imports the console: each takes about as long."""
+    """The worker comes up, a process of its own, while this one imports the console: each takes
+    about as long."""
     thread = ThreadPoolExecutor(max_workers=1)
     coming = thread.submit(start)
     thread.shutdown(wait=False)
@@ -135,12 +172,14 @@ def _started(start: Callable[[], WorkerAddress]) -> Future[WorkerAddress]:
 def _setup(config: tuple[str, ...]) -> Files:
     """Raises ConfigError."""
     from drivers.files.setup import by_kind, setup_of
+
     found = by_kind(config)
     return setup_of(found, day_clock.today()), found
 
 
 def run_services(files: Callable[[], Files], effects: tuple[str, ...] = ()) -> Services:
-    """What the screens of a run can have done. Made, and `files` asked for, when it is first asked for.
+    """What the screens of a run can have done. Made, and `files` asked for, when it is first
+    asked for.
 
     effects: of the simulated machine.
     """
@@ -151,6 +190,7 @@ def run_services(files: Callable[[], Files], effects: tuple[str, ...] = ()) -> S
     def calibrate() -> CalibrateService:
         from console.services.calibrate import calibrate_job
         from drivers.files.kinds import CAB
+
         setup, found = files()
         cab = found.get(CAB.format)
         board = cab.model.board if cab is not None and isinstance(cab.model, CAB.model) else None
@@ -159,6 +199,7 @@ def run_services(files: Callable[[], Files], effects: tuple[str, ...] = ()) -> S
     def diagnosis() -> DiagnosisFiles:
         from console.services.diagnosis import DiagnosisFiles
         from drivers.files.kinds import MACHINE
+
         found = files()[1]
         folders = [Path.cwd(), *(loaded.path.parent for loaded in found.values())]
         machine = str(found[MACHINE.format].path) if MACHINE.format in found else "huanghai"
@@ -166,15 +207,18 @@ def run_services(files: Callable[[], Files], effects: tuple[str, ...] = ()) -> S
 
     def logs() -> LogFiles:
         from console.services.logs import RunLogs
+
         return RunLogs()
 
     def layers() -> LayerFiles:
         from console.services.layers import MapLayers
+
         return MapLayers(diagnosed)
 
     def limits(log_path: str) -> AtWork:
         from console.app.pages.job.service import AtWork
         from console.services.at_work import at_work
+
         found = at_work(log_path)
         if found is not None:
             return found
@@ -182,18 +226,27 @@ def run_services(files: Callable[[], Files], effects: tuple[str, ...] = ()) -> S
         return AtWork(setup.crop.max_rate_kg_ha, setup.machine.flow.full_kg)
 
     diagnosed = late(diagnosis)
-    return Services(diagnosis=diagnosed, earlier=earlier, at_work=limits, field=field_picture, logs=late(logs),
-                    layers=late(layers), calibrate=late(calibrate))
+    return Services(
+        diagnosis=diagnosed,
+        earlier=earlier,
+        at_work=limits,
+        field=field_picture,
+        logs=late(logs),
+        layers=late(layers),
+        calibrate=late(calibrate),
+    )
 
 
 def first_time() -> bool:
     """Whether this user never saw the console; from now on they did."""
     from console.services.launcher import data_folder
+
     mark = data_folder() / "seen"
     try:
         mark.parent.mkdir(parents=True, exist_ok=True)
         mark.touch(exist_ok=False)
-    except OSError:                      # it is there, or no file can be written: no tour either way
+    # it is there, or no file can be written: no tour either way
+    except OSError:
         return False
     return True
 
@@ -207,10 +260,15 @@ def show_replay(recorded: RunLog) -> None:
     from console.services.logs import RunLogs
     from console.services.replay_frames import replay_job
     from console.services.settings import settings_store
+
     need_terminal("topdress replay", "topdress replay LOG.csv --headless --out NEW.csv")
-    TopdressApp(None, replay=replay_job(recorded),
-                services=Services(field=field_picture, logs=RunLogs(), layers=MapLayers(),
-                                   settings=settings_store())).run()
+    TopdressApp(
+        None,
+        replay=replay_job(recorded),
+        services=Services(
+            field=field_picture, logs=RunLogs(), layers=MapLayers(), settings=settings_store()
+        ),
+    ).run()
 
 
 def trouble_path() -> Path:

@@ -1,4 +1,5 @@
 """`topdress serve`: the console in a browser, for a tablet in the cab or a screen in the office."""
+
 from __future__ import annotations
 
 import ipaddress
@@ -13,24 +14,38 @@ import typer
 from console.cli.plain_errors import CommandError
 from drivers.files.extras import need
 
-LETTERS = "abcdefghjkmnpqrstuvwxyz23456789"      # none that look alike
-TOKEN_LETTERS = 10                                # 49 bits
+LETTERS = "abcdefghjkmnpqrstuvwxyz23456789"  # none that look alike
+TOKEN_LETTERS = 10  # 49 bits
 LEAST_LETTERS = 6
 
 
 def serve(
-    host: Annotated[str, typer.Option(metavar="ADDRESS",
-                                      help="Address to listen on; 0.0.0.0 for a tablet on the same network.")
-                    ] = "127.0.0.1",
-    port: Annotated[int, typer.Option(metavar="PORT", min=1, max=65535, help="Port to listen on.")] = 8000,
-    token_file: Annotated[Path | None, typer.Option(metavar="FILE", help="Its first line is the key that lets a tab "
-                                                    "operate the machine; made where it does not exist. Without it: "
-                                                    "tabs only look.")] = None,
+    host: Annotated[
+        str,
+        typer.Option(
+            metavar="ADDRESS",
+            help="Address to listen on; 0.0.0.0 for a tablet on the same network.",
+        ),
+    ] = "127.0.0.1",
+    port: Annotated[
+        int, typer.Option(metavar="PORT", min=1, max=65535, help="Port to listen on.")
+    ] = 8000,
+    token_file: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Its first line is the key that lets a tab "
+            "operate the machine; made where it does not exist. Without it: "
+            "tabs only look.",
+        ),
+    ] = None,
 ) -> None:
-    """Serve the console to browsers. A tab attaches to the control worker that runs; it never starts one."""
+    """Serve the console to browsers. A tab attaches to the control worker that runs; it never
+    starts one."""
     need("serve", "serve")
     from console.running import find_running
     from console.serve.server import TabletServer
+
     command = [sys.executable, "-P", "-m", "console.cli.tablet"]
     if token_file is not None:
         made = prepare_token(token_file)
@@ -39,10 +54,18 @@ def serve(
     else:
         typer.echo("key          none: tabs only look")
     running = find_running()
-    typer.echo(f"worker       {f'process {running.pid}' if running else 'none runs: tabs say so until one does'}")
-    typer.echo(f"console      http://{'[' + host + ']' if ':' in host else host}:{port}  (Ctrl-C ends)")
+    typer.echo(
+        "worker       "
+        f"{f'process {running.pid}' if running else 'none runs: tabs say so until one does'}"
+    )
+    typer.echo(
+        f"console      http://{'[' + host + ']' if ':' in host else host}:{port}  (Ctrl-C ends)"
+    )
     if not _loopback(host):
-        typer.echo("note         everybody in this network can look; what is typed, the key too, goes over it as it is")
+        typer.echo(
+            "note         everybody in this network can look; what is typed, the key too, "
+            "goes over it as it is"
+        )
     TabletServer(command, host, port).serve()
 
 
@@ -54,7 +77,9 @@ def prepare_token(path: Path) -> bool:
     if path.exists():
         lines = path.read_text(encoding="utf-8").strip().splitlines()
         if not lines or len(lines[0].strip()) < LEAST_LETTERS:
-            raise CommandError(f"{path}: its first line is no key: at least {LEAST_LETTERS} letters or digits")
+            raise CommandError(
+                f"{path}: its first line is no key: at least {LEAST_LETTERS} letters or digits"
+            )
         return False
     path.parent.mkdir(parents=True, exist_ok=True)
     handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)

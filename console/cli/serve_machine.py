@@ -1,4 +1,5 @@
 """`topdress serve-machine`: the virtual machine for the real drivers to connect to."""
+
 from __future__ import annotations
 
 import signal
@@ -25,37 +26,71 @@ def serve_machine(
     job: JobName = "demo",
     seed: Annotated[int, typer.Option(metavar="NUMBER", min=0, help="Of canopy and noise.")] = 1,
     effect: PlantedEffects = None,
-    fault: Annotated[list[str] | None, typer.Option(
-        metavar="KIND:DEVICE@FROM_S[+FOR_S]", help="Spoil a device's line: unplug, garbage, half_lines, frozen, "
-        "delayed, duplicated, bit_flips, wrong_baud (repeatable). DEVICE heads: all of them. Or a drive that does "
-        "not obey: shaft_turns:board, gate_opens:board.")] = None,
-    host: Annotated[str, typer.Option(metavar="ADDRESS", help="Address to listen on.")] = "127.0.0.1",
-    port: Annotated[int, typer.Option(metavar="PORT", min=0, max=65000,
-                                      help="First TCP port; 0: any free ones.")] = 4100,
-    pty: Annotated[Path | None, typer.Option(metavar="FOLDER", help="Pseudo-terminals too, with their names in this "
-                                             "folder.")] = None,
-    rate_module: Annotated[bool, typer.Option("--rate-module", help="A rate module on UDP turns the shaft.")] = False,
-    agopengps: Annotated[bool, typer.Option("--agopengps", help="Positions on UDP 17777 too.")] = False,
-    lag_rig: Annotated[bool, typer.Option("--lag-rig", help="The machine stands, for calibrating, with "
-                                          "the lag rig under its outlets.")] = False,
-    seconds: Annotated[float, typer.Option(metavar="SECONDS", min=0.0,
-                                           help="End after this long; 0: when interrupted.")] = 0.0,
+    fault: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="KIND:DEVICE@FROM_S[+FOR_S]",
+            help="Spoil a device's line: unplug, garbage, half_lines, frozen, "
+            "delayed, duplicated, bit_flips, wrong_baud (repeatable). DEVICE heads: all of "
+            "them. Or a drive that does "
+            "not obey: shaft_turns:board, gate_opens:board.",
+        ),
+    ] = None,
+    host: Annotated[
+        str, typer.Option(metavar="ADDRESS", help="Address to listen on.")
+    ] = "127.0.0.1",
+    port: Annotated[
+        int,
+        typer.Option(metavar="PORT", min=0, max=65000, help="First TCP port; 0: any free ones."),
+    ] = 4100,
+    pty: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FOLDER", help="Pseudo-terminals too, with their names in this folder."
+        ),
+    ] = None,
+    rate_module: Annotated[
+        bool, typer.Option("--rate-module", help="A rate module on UDP turns the shaft.")
+    ] = False,
+    agopengps: Annotated[
+        bool, typer.Option("--agopengps", help="Positions on UDP 17777 too.")
+    ] = False,
+    lag_rig: Annotated[
+        bool,
+        typer.Option(
+            "--lag-rig",
+            help="The machine stands, for calibrating, with the lag rig under its outlets.",
+        ),
+    ] = False,
+    seconds: Annotated[
+        float,
+        typer.Option(metavar="SECONDS", min=0.0, help="End after this long; 0: when interrupted."),
+    ] = 0.0,
     force: Force = False,
 ) -> None:
-    """The simulated machine behind every protocol, in real time. `topdress run --config virtual` connects to it."""
+    """The simulated machine behind every protocol, in real time. `topdress run --config
+    virtual` connects to it."""
     from control.machine.planting import parse_planted
     from control.simulation.assembly import simulated_machine, with_simulated_field
     from drivers.cab_config import MODULE_PORT
     from drivers.files.setup import load_setup
     from drivers.virtual.faults import parse_fault
     from drivers.virtual.served import Serve, ServedMachine
+
     setup = load_setup(machine, job, day_clock.today())
     field = with_simulated_field(_standing(setup.job) if lag_rig else setup.job, setup.machine)
-    plant = simulated_machine(setup.machine, field, seed, PLANT_STEP_S, [parse_planted(text) for text in effect or ()])
-    plain = Serve(host=host, first_port=port, heads=setup.machine.geometry.heads,
-                  opening_mm=setup.machine.set_points.opening_mm, terminals=pty,
-                  rate_module=(host, MODULE_PORT) if rate_module else None,
-                  agopengps=("127.0.0.1", 17777) if agopengps else None)
+    plant = simulated_machine(
+        setup.machine, field, seed, PLANT_STEP_S, [parse_planted(text) for text in effect or ()]
+    )
+    plain = Serve(
+        host=host,
+        first_port=port,
+        heads=setup.machine.geometry.heads,
+        opening_mm=setup.machine.set_points.opening_mm,
+        terminals=pty,
+        rate_module=(host, MODULE_PORT) if rate_module else None,
+        agopengps=("127.0.0.1", 17777) if agopengps else None,
+    )
     serve = plain.with_faults([parse_fault(text, plain.devices) for text in fault or ()])
     if pty is not None:
         names = [pty / device for device in plain.devices]
@@ -63,12 +98,15 @@ def serve_machine(
     try:
         served = ServedMachine(plant, serve, time.monotonic)
     except OSError as error:
-        raise CommandError(f"serve-machine: {host}, ports from {port}: {error.strerror or error}") from None
+        raise CommandError(
+            f"serve-machine: {host}, ports from {port}: {error.strerror or error}"
+        ) from None
     for address in served.addresses:
         typer.echo(f"{address.device:12} {address.protocol:16} {address.url}")
     typer.echo("serving; Ctrl+C ends it")
     started_s = time.monotonic()
-    signal.signal(signal.SIGTERM, signal.default_int_handler)       # a polite end: names of terminals are taken away
+    # a polite end: names of terminals are taken away
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         while not seconds or time.monotonic() - started_s < seconds:
             for change in served.advance():
@@ -82,5 +120,8 @@ def serve_machine(
 
 def _standing(job: Job) -> Job:
     from control.field.job import SpeedChange
+
     stands = SpeedChange(at_s=0.0, speed_kmh=0.0)
-    return job.model_copy(update={"simulated": job.simulated.model_copy(update={"speed_changes": (stands,)})})
+    return job.model_copy(
+        update={"simulated": job.simulated.model_copy(update={"speed_changes": (stands,)})}
+    )

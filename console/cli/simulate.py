@@ -1,4 +1,5 @@
 """`topdress simulate`: a closed-loop run on the machine model, as fast as it goes."""
+
 from __future__ import annotations
 
 import time
@@ -34,32 +35,72 @@ if TYPE_CHECKING:
     from drivers.files.setup import Setup
 
 DT_S = 0.05
-LONG_S = 600.0                  # from here on compiled steps are sooner there and back than interpreted ones
-SETTLE_DOSES = 50               # the threshold learns from them
-TRUTH_COLUMNS = ("time_s", "shaft_rpm", "opening_mm", "flow_kg_s", "landed_rate_kg_ha", "landed_place_m", "place_m",
-                 "target_rate_kg_ha", "speed_mps", "east_m", "north_m", "working")
+# from here on compiled steps are sooner there and back than interpreted ones
+LONG_S = 600.0
+SETTLE_DOSES = 50  # the threshold learns from them
+TRUTH_COLUMNS = (
+    "time_s",
+    "shaft_rpm",
+    "opening_mm",
+    "flow_kg_s",
+    "landed_rate_kg_ha",
+    "landed_place_m",
+    "place_m",
+    "target_rate_kg_ha",
+    "speed_mps",
+    "east_m",
+    "north_m",
+    "working",
+)
 
 
 def simulate(
     *,
     machine: MachineName = "huanghai",
     job: JobName = "demo",
-    seconds: Annotated[float, typer.Option(metavar="SECONDS", min=1.0, help="Simulated time.")] = 600.0,
+    seconds: Annotated[
+        float, typer.Option(metavar="SECONDS", min=1.0, help="Simulated time.")
+    ] = 600.0,
     seed: Annotated[int, typer.Option(metavar="NUMBER", min=0, help="Of canopy and noise.")] = 1,
-    out: Annotated[Path | None, typer.Option(metavar="LOG.csv", help="Run log; LOG.truth.csv is written next to it. "
-                                             "Without it: nothing is written.")] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="LOG.csv",
+            help="Run log; LOG.truth.csv is written next to it. Without it: nothing is written.",
+        ),
+    ] = None,
     effect: PlantedEffects = None,
-    term: Annotated[list[str] | None, typer.Option(metavar="TERM", help="Plant a term that the controller does not "
-                                                   "know (repeatable), e.g. \"flow_percent bend speed_mps bend=-4.4 "
-                                                   "at=1.2\"; see topdress effects.")] = None,
-    plant: Annotated[str | None, typer.Option(metavar="NAME", help="Simulate another machine than the one that control "
-                                              "knows: carried_along, singly, between (in the tube), pulsating, "
-                                              "flow_3_more, flow_6_more, field_lag or slow_drives.")] = None,
+    term: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="TERM",
+            help="Plant a term that the controller does not "
+            'know (repeatable), e.g. "flow_percent bend speed_mps bend=-4.4 '
+            'at=1.2"; see topdress effects.',
+        ),
+    ] = None,
+    plant: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME",
+            help="Simulate another machine than the one that control "
+            "knows: carried_along, singly, between (in the tube), pulsating, "
+            "flow_3_more, flow_6_more, field_lag or slow_drives.",
+        ),
+    ] = None,
     strategy: Annotated[Strategy | None, typer.Option(help="Instead of the job's.")] = None,
-    look_ahead: Annotated[str | None, typer.Option(metavar="on|off", help="Instead of the job's.")] = None,
-    flow_trim: Annotated[str | None, typer.Option(metavar="on|off", help="May the scale correct the flow model? "
-                                                  "Instead of the job's.")] = None,
-    summary: Annotated[bool, typer.Option("--summary", help="Rate error, place error, kg, ha.")] = False,
+    look_ahead: Annotated[
+        str | None, typer.Option(metavar="on|off", help="Instead of the job's.")
+    ] = None,
+    flow_trim: Annotated[
+        str | None,
+        typer.Option(
+            metavar="on|off", help="May the scale correct the flow model? Instead of the job's."
+        ),
+    ] = None,
+    summary: Annotated[
+        bool, typer.Option("--summary", help="Rate error, place error, kg, ha.")
+    ] = False,
     as_json: AsJson = False,
     force: Force = False,
 ) -> None:
@@ -75,8 +116,11 @@ def simulate(
     from drivers.files.setup import index_disagreements, load_setup
 
     setup = load_setup(machine, job, day_clock.today())
-    given = {"strategy": strategy, "look_ahead": _switch("--look-ahead", look_ahead),
-             "flow_trim": _switch("--flow-trim", flow_trim)}
+    given = {
+        "strategy": strategy,
+        "look_ahead": _switch("--look-ahead", look_ahead),
+        "flow_trim": _switch("--flow-trim", flow_trim),
+    }
     changes = {name: value for name, value in given.items() if value is not None}
     if out is not None:
         refuse_collisions(setup.files, [log_output(out, truth_path(out))], force)
@@ -88,16 +132,31 @@ def simulate(
     planted = [parse_planted(text) for text in own]
     true = setup.machine if plant is None else plausible(setup.machine, plant)
     terms = parse_terms([*(term or ()), *by_plugin])
-    plants_shown = [*([] if plant is None else [f"machine {plant}"]), *(effect or ()), *(term or ())]
+    plants_shown = [
+        *([] if plant is None else [f"machine {plant}"]),
+        *(effect or ()),
+        *(term or ()),
+    ]
     placed = placed_of_job(resolved, setup.folder, setup.machine, setup.crop.index)
     check = check_of_job(resolved, setup.crop.max_rate_kg_ha, setup.folder)
     for line in (*resolved.warnings, *(() if check is None else map_words(check, METRIC))):
         typer.echo(f"{job}: note: {line}", err=True)
     with nullcontext() if out is None else whole_log(out, _meta(setup, resolved, seed)) as log:
-        run = _run(setup, true, resolved, seed=seed, planted=planted, terms=terms, seconds=seconds, placed=placed,
-                   log=log)
+        run = _run(
+            setup,
+            true,
+            resolved,
+            seed=seed,
+            planted=planted,
+            terms=terms,
+            seconds=seconds,
+            placed=placed,
+            log=log,
+        )
         if out is not None:
-            write_atomically(truth_path(out), _truth_text(run.record, setup.machine.geometry.working_width_m))
+            write_atomically(
+                truth_path(out), _truth_text(run.record, setup.machine.geometry.working_width_m)
+            )
     if out is not None:
         written = ", ".join(str(path) for path in (*new_log_files(out), truth_path(out)))
         typer.echo(f"written: {written} ({seconds:g} s simulated)", err=as_json)
@@ -106,34 +165,60 @@ def simulate(
     if run.doses is None:
         _tell(run, setup, resolved, seconds, plants_shown, as_json)
         return
-    other = resolved.target.model_copy(update={"learn_threshold": not resolved.target.learn_threshold})
-    compared = _run(setup, true, resolved.model_copy(update={"target": other}), seed=seed, planted=planted, terms=terms,
-                    seconds=seconds, placed=placed, log=None)
+    other = resolved.target.model_copy(
+        update={"learn_threshold": not resolved.target.learn_threshold}
+    )
+    compared = _run(
+        setup,
+        true,
+        resolved.model_copy(update={"target": other}),
+        seed=seed,
+        planted=planted,
+        terms=terms,
+        seconds=seconds,
+        placed=placed,
+        log=None,
+    )
     learned, fixed = (run, compared) if resolved.target.learn_threshold else (compared, run)
     _tell_points(run, learned, fixed, resolved, seconds, plants_shown, as_json)
 
 
 class _Ran(NamedTuple):
     record: Record
-    heads: list[tuple[float, ...]]  # what they read, each sample once, while something flowed
-    alarms: dict[str, int]          # ticks of each
-    doses: DoseWatch | None         # of point mode
-    threshold: Threshold | None     # of point mode, as learned
+    # what they read, each sample once, while something flowed
+    heads: list[tuple[float, ...]]
+    alarms: dict[str, int]  # ticks of each
+    doses: DoseWatch | None  # of point mode
+    threshold: Threshold | None  # of point mode, as learned
     took_s: float
 
 
-def _run(setup: Setup, true: Machine, job: Job, *, seed: int, planted: list[Planted], terms: list[Term], seconds: float,
-         placed: LoopTargets, log: PlainLogWriter | None) -> _Ran:
+def _run(
+    setup: Setup,
+    true: Machine,
+    job: Job,
+    *,
+    seed: int,
+    planted: list[Planted],
+    terms: list[Term],
+    seconds: float,
+    placed: LoopTargets,
+    log: PlainLogWriter | None,
+) -> _Ran:
     from control.orders import TargetSource
     from control.simulation.assembly import control_loop, simulated_machine
     from control.simulation.closed_loop import Record, simulated_run
     from control.simulation.dose_watch import DoseWatch
     from drivers.files.extras import is_there
+
     compiled: Steps | None = None
     if seconds >= LONG_S and is_there("diagnosis"):
         from control.simulation.compiled_steps import STEPS
+
         compiled = STEPS
-    plant = simulated_machine(true, job, seed, DT_S, planted, plants=placed["plants"], terms=terms, steps=compiled)
+    plant = simulated_machine(
+        true, job, seed, DT_S, planted, plants=placed["plants"], terms=terms, steps=compiled
+    )
     loop = control_loop(setup.machine, setup.crop, setup.rule, job, **placed, steps=compiled)
     doses = None
     if job.target.source is TargetSource.POINT:
@@ -147,7 +232,12 @@ def _run(setup: Setup, true: Machine, job: Job, *, seed: int, planted: list[Plan
     for step in progress(steps, round(seconds / DT_S), "simulating"):
         record.add(step)
         ndvi = step.tick.head_ndvi
-        if step.tick.row.applied_rate_kg_ha and ndvi and None not in ndvi and (not heads or heads[-1] != ndvi):
+        if (
+            step.tick.row.applied_rate_kg_ha
+            and ndvi
+            and None not in ndvi
+            and (not heads or heads[-1] != ndvi)
+        ):
             heads.append(tuple(value for value in ndvi if value is not None))
         for name in (step.tick.row.alarms or "").split(";"):
             if name:
@@ -165,8 +255,15 @@ def _switch(option: str, text: str | None) -> bool | None:
 
 def _meta(setup: Setup, job: Job, seed: int) -> RunMeta:
     from drivers.files.run_meta import run_meta
-    return run_meta(setup.machine, setup.crop, job, seed=seed, sha256=setup.sha256,
-                    extra={"job_folder": str(setup.folder)})
+
+    return run_meta(
+        setup.machine,
+        setup.crop,
+        job,
+        seed=seed,
+        sha256=setup.sha256,
+        extra={"job_folder": str(setup.folder)},
+    )
 
 
 def truth_path(log: Path) -> Path:
@@ -179,72 +276,171 @@ def _truth_text(record: Record, width_m: float) -> str:
     import numpy as np
 
     from control.simulation.errors import true_landing
+
     columns = record.columns()
     landed_kg_ha, landed_m = true_landing(columns, width_m)
-    table = np.column_stack([
-        columns["time_s"] - DT_S, columns["shaft_rpm"], columns["opening_mm"], columns["flow_kg_s"], landed_kg_ha,
-        landed_m, columns["driven_m"], columns["target_kg_ha"], columns["speed_mps"], columns["east_m"],
-        columns["north_m"], columns["working"]])
+    table = np.column_stack(
+        [
+            columns["time_s"] - DT_S,
+            columns["shaft_rpm"],
+            columns["opening_mm"],
+            columns["flow_kg_s"],
+            landed_kg_ha,
+            landed_m,
+            columns["driven_m"],
+            columns["target_kg_ha"],
+            columns["speed_mps"],
+            columns["east_m"],
+            columns["north_m"],
+            columns["working"],
+        ]
+    )
     text = io.StringIO()
-    np.savetxt(text, table, delimiter=",", header=",".join(TRUTH_COLUMNS), comments="",
-               fmt=["%.3f", "%.4f", "%.4f", "%.7f", "%.3f", "%.4f", "%.4f", "%.3f", "%.5f", "%.4f", "%.4f", "%d"])
+    np.savetxt(
+        text,
+        table,
+        delimiter=",",
+        header=",".join(TRUTH_COLUMNS),
+        comments="",
+        fmt=[
+            "%.3f",
+            "%.4f",
+            "%.4f",
+            "%.7f",
+            "%.3f",
+            "%.4f",
+            "%.4f",
+            "%.3f",
+            "%.5f",
+            "%.4f",
+            "%.4f",
+            "%d",
+        ],
+    )
     return text.getvalue()
 
 
-def _tell(run: _Ran, setup: Setup, job: Job, seconds: float, effects: list[str], as_json: bool) -> None:
+def _tell(
+    run: _Ran, setup: Setup, job: Job, seconds: float, effects: list[str], as_json: bool
+) -> None:
     from control.field.across import across, across_words
     from control.orders import TargetSource
     from control.simulation.errors import errors
+
     record, alarms, took_s = run.record, run.alarms, run.took_s
-    by_canopy = (job.target.source is TargetSource.CANOPY and job.target.hold_mean_kg_ha is None
-                 and job.target.zone_map is None)
-    found = errors(record.columns(), record.fired, setup.machine.geometry.working_width_m,
-                   rule=setup.rule if by_canopy else None)
-    one_rate = across(setup.rule, setup.machine, run.heads) if by_canopy and len(run.heads) > 1 else None
+    by_canopy = (
+        job.target.source is TargetSource.CANOPY
+        and job.target.hold_mean_kg_ha is None
+        and job.target.zone_map is None
+    )
+    found = errors(
+        record.columns(),
+        record.fired,
+        setup.machine.geometry.working_width_m,
+        rule=setup.rule if by_canopy else None,
+    )
+    one_rate = (
+        across(setup.rule, setup.machine, run.heads) if by_canopy and len(run.heads) > 1 else None
+    )
     if as_json:
-        say_json({"seconds": seconds, "strategy": job.strategy.in_force, "look_ahead": job.look_ahead,
-                  "flow_trim": job.flow_trim, "effects": effects, **found._asdict(), "one_rate": one_rate,
-                  "alarm_ticks": alarms, "realtime_factor": round(seconds / took_s, 1)})
+        say_json(
+            {
+                "seconds": seconds,
+                "strategy": job.strategy.in_force,
+                "look_ahead": job.look_ahead,
+                "flow_trim": job.flow_trim,
+                "effects": effects,
+                **found._asdict(),
+                "one_rate": one_rate,
+                "alarm_ticks": alarms,
+                "realtime_factor": round(seconds / took_s, 1),
+            }
+        )
         return
-    typer.echo(f"{seconds:g} s, {job.strategy.in_force.value}, look-ahead {'on' if job.look_ahead else 'off'}, "
-               f"flow trim {'on' if job.flow_trim else 'off'}" + (f", planted {', '.join(effects)}" if effects else ""))
-    typer.echo(f"rate error   {found.rate_error_kg_ha:.1f} kg/ha against what was held "
-               f"({found.rate_error_percent:.2f} % of the mean target {found.mean_target_kg_ha:.1f}), "
-               f"landed mean {found.mean_landed_kg_ha:.1f} kg/ha")
-    for name, miss, percent in (("graded", found.graded_error_kg_ha, found.graded_error_percent),
-                                ("smooth", found.smooth_error_kg_ha, found.smooth_error_percent)):
+    typer.echo(
+        f"{seconds:g} s, {job.strategy.in_force.value}, look-ahead "
+        f"{'on' if job.look_ahead else 'off'}, "
+        f"flow trim {'on' if job.flow_trim else 'off'}"
+        + (f", planted {', '.join(effects)}" if effects else "")
+    )
+    typer.echo(
+        f"rate error   {found.rate_error_kg_ha:.1f} kg/ha against what was held "
+        f"({found.rate_error_percent:.2f} % of the mean target {found.mean_target_kg_ha:.1f}), "
+        f"landed mean {found.mean_landed_kg_ha:.1f} kg/ha"
+    )
+    for name, miss, percent in (
+        ("graded", found.graded_error_kg_ha, found.graded_error_percent),
+        ("smooth", found.smooth_error_kg_ha, found.smooth_error_percent),
+    ):
         if miss is not None and percent is not None:
-            typer.echo(f"             against the {name} need of the canopy {miss:.1f} kg/ha ({percent:.2f} % of the "
-                       f"mean need)")
+            typer.echo(
+                f"             against the {name} need of the canopy {miss:.1f} kg/ha "
+                f"({percent:.2f} % of the "
+                f"mean need)"
+            )
     if one_rate is not None:
         typer.echo(f"one rate     {across_words(one_rate)}")
-    typer.echo(f"place error  mean {found.place_error_m:.3f} m, bias {found.place_bias_m:+.3f} m (late is positive), "
-               f"p50 {found.place_p50_m:.3f} m, p95 {found.place_p95_m:.3f} m, {found.steps} steps, "
-               f"{found.steps_lost} lost")
+    typer.echo(
+        f"place error  mean {found.place_error_m:.3f} m, bias {found.place_bias_m:+.3f} m "
+        "(late is positive), "
+        f"p50 {found.place_p50_m:.3f} m, p95 {found.place_p95_m:.3f} m, {found.steps} steps, "
+        f"{found.steps_lost} lost"
+    )
     typer.echo(f"mass         {found.released_kg:.2f} kg released, {found.landed_kg:.2f} kg landed")
     typer.echo(f"area         {found.area_ha:.4f} ha")
-    typer.echo(f"alarms       {', '.join(f'{k} {n} ticks' for k, n in sorted(alarms.items())) or 'none'}")
+    typer.echo(
+        f"alarms       {', '.join(f'{k} {n} ticks' for k, n in sorted(alarms.items())) or 'none'}"
+    )
     typer.echo(f"speed        {seconds / took_s:.0f} simulated seconds a second ({took_s:.1f} s)")
 
 
-def _tell_points(run: _Ran, learned: _Ran, fixed: _Ran, job: Job, seconds: float, effects: list[str],
-                 as_json: bool) -> None:
+def _tell_points(
+    run: _Ran,
+    learned: _Ran,
+    fixed: _Ran,
+    job: Job,
+    seconds: float,
+    effects: list[str],
+    as_json: bool,
+) -> None:
     """Dose errors with and without the learned threshold; `run` is the one of the job."""
     assert learned.doses is not None and fixed.doses is not None
     with_it, without = learned.doses.errors(SETTLE_DOSES), fixed.doses.errors(SETTLE_DOSES)
     if as_json:
-        say_json({"seconds": seconds, "effects": effects, "learn_threshold": job.target.learn_threshold,
-                  "with_threshold": with_it, "without_threshold": without,
-                  "alarm_ticks": run.alarms, "realtime_factor": round(seconds / run.took_s, 1)})
+        say_json(
+            {
+                "seconds": seconds,
+                "effects": effects,
+                "learn_threshold": job.target.learn_threshold,
+                "with_threshold": with_it,
+                "without_threshold": without,
+                "alarm_ticks": run.alarms,
+                "realtime_factor": round(seconds / run.took_s, 1),
+            }
+        )
         return
-    typer.echo(f"{seconds:g} s, point mode, doses of {job.target.dose_angle_deg:g} degrees"
-               + (f", planted {', '.join(effects)}" if effects else ""))
+    typer.echo(
+        f"{seconds:g} s, point mode, doses of {job.target.dose_angle_deg:g} degrees"
+        + (f", planted {', '.join(effects)}" if effects else "")
+    )
     for name, e in (("learned threshold", with_it), ("without threshold", without)):
-        typer.echo(f"{name}  dose error p50 {e.p50_m:.3f} m, p95 {e.p95_m:.3f} m, mean {e.mean_m:+.3f} m (late is "
-                   f"positive); {e.doses} doses of {e.dose_g:.2f} g, {e.plants} plants, {e.missed} missed, "
-                   f"{e.doubled} doubled")
+        typer.echo(
+            f"{name}  dose error p50 {e.p50_m:.3f} m, p95 {e.p95_m:.3f} m, mean "
+            f"{e.mean_m:+.3f} m (late is "
+            f"positive); {e.doses} doses of {e.dose_g:.2f} g, {e.plants} plants, {e.missed} "
+            "missed, "
+            f"{e.doubled} doubled"
+        )
     assert learned.threshold is not None
-    typer.echo(f"threshold    {learned.threshold.offset_m:+.3f} m {learned.threshold.delay_s:+.3f} s x speed; errors "
-               f"after the first {SETTLE_DOSES} doses")
-    typer.echo(f"alarms       {', '.join(f'{k} {n} ticks' for k, n in sorted(run.alarms.items())) or 'none'}")
-    typer.echo(f"speed        {seconds / run.took_s:.0f} simulated seconds a second ({run.took_s:.1f} s)")
+    typer.echo(
+        f"threshold    {learned.threshold.offset_m:+.3f} m {learned.threshold.delay_s:+.3f} "
+        "s x speed; errors "
+        f"after the first {SETTLE_DOSES} doses"
+    )
+    typer.echo(
+        "alarms       "
+        f"{', '.join(f'{k} {n} ticks' for k, n in sorted(run.alarms.items())) or 'none'}"
+    )
+    typer.echo(
+        f"speed        {seconds / run.took_s:.0f} simulated seconds a second ({run.took_s:.1f} s)"
+    )

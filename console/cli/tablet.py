@@ -1,4 +1,6 @@
-"""One tab of `topdress serve`: `python -m console.cli.tablet [--token-file F]`, started by the server."""
+"""One tab of `topdress serve`: `python -m console.cli.tablet [--token-file F]`, started by the
+server."""
+
 from __future__ import annotations
 
 import argparse
@@ -23,15 +25,19 @@ from console.serve import ADDRESS, SERVER
 from console.worker.system import private_folder, write_private
 from drivers.files.lock import take_lock
 
-TAB_BYTES = 4 << 30         # of addresses; a tab with a long log open has some 2 GB of them, and uses a tenth
+# of addresses; a tab with a long log open has some 2 GB of them, and uses a tenth
+TAB_BYTES = 4 << 30
 TAB_NICE = 10
-MOST_ADDRESSES, MOST_BYTES = 100, 20_000    # of which wrong keys are counted: more than a cab's network has
-PARENT_S = 0.5              # how often a tab looks whether its server still runs
+# of which wrong keys are counted: more than a cab's network has
+MOST_ADDRESSES, MOST_BYTES = 100, 20_000
+# how often a tab looks whether its server still runs
+PARENT_S = 0.5
 
 
 class TabLink(Link):
-    """A tab never keeps the machine working: that is the part of the console on the machine. When that is gone, the
-    worker holds, whatever a tablet that may have fallen asleep still has open."""
+    """A tab never keeps the machine working: that is the part of the console on the machine.
+    When that is gone, the worker holds, whatever a tablet that may have fallen asleep still has
+    open."""
 
     keeps_alive = False
     tablet = True
@@ -57,15 +63,22 @@ def token_in(path: Path | None) -> str | None:
 
 
 def options_of(where: WorkerAddress | None) -> dict[str, Any]:
-    """Limits and hopper of the job at work, as its log's sidecar has them; the console's own where it has none."""
+    """Limits and hopper of the job at work, as its log's sidecar has them; the console's own
+    where it has none."""
     from console.services.at_work import at_work
+
     found = None if where is None else at_work(where.log_path)
-    return {} if found is None else {"limits_kg_ha": (0.0, found.most_rate_kg_ha), "hopper_kg": found.hopper_kg}
+    return (
+        {}
+        if found is None
+        else {"limits_kg_ha": (0.0, found.most_rate_kg_ha), "hopper_kg": found.hopper_kg}
+    )
 
 
 class SharedWaits:
-    """In a file of this user, so that another tab of the same address, or the same one loaded again, waits as long.
-    Those of other addresses do not: who types wrong keys keeps nobody else out."""
+    """In a file of this user, so that another tab of the same address, or the same one loaded
+    again, waits as long. Those of other addresses do not: who types wrong keys keeps nobody
+    else out."""
 
     def __init__(self, path: Path, address: str = "") -> None:
         self._path, self._address = path, counted_as(address)
@@ -88,45 +101,58 @@ class SharedWaits:
 
     def write(self, wait_s: float, until_s: float) -> None:
         """Raises OSError: a key whose waiting cannot be kept opens nothing."""
-        others = {address: waits for address, waits in self._all().items() if address != self._address}
+        others = {
+            address: waits for address, waits in self._all().items() if address != self._address
+        }
         newest = sorted(others.items(), key=lambda one: one[1][1])[-MOST_ADDRESSES:]
-        write_private(self._path, json.dumps(dict(newest) | {self._address: (wait_s, until_s)}).encode())
+        write_private(
+            self._path, json.dumps(dict(newest) | {self._address: (wait_s, until_s)}).encode()
+        )
 
     def _all(self) -> dict[str, tuple[float, float]]:
         try:
-            return {str(address): (float(wait_s), float(until_s)) for address, (wait_s, until_s)
-                    in json.loads(self._path.read_bytes()[:MOST_BYTES]).items()}
+            return {
+                str(address): (float(wait_s), float(until_s))
+                for address, (wait_s, until_s) in json.loads(
+                    self._path.read_bytes()[:MOST_BYTES]
+                ).items()
+            }
         except (OSError, ValueError, TypeError, AttributeError):
             return {}
 
 
 def counted_as(address: str) -> str:
-    """Under what an address's wrong keys are counted: of IPv6 the network, in which one computer has any address."""
+    """Under what an address's wrong keys are counted: of IPv6 the network, in which one
+    computer has any address."""
     try:
         found = ipaddress.ip_address(address)
     except ValueError:
         return address
     found = getattr(found, "ipv4_mapped", None) or found
-    return str(found) if found.version == 4 else str(ipaddress.ip_network((found, 64), strict=False))
+    return (
+        str(found) if found.version == 4 else str(ipaddress.ip_network((found, 64), strict=False))
+    )
 
 
 def bounded() -> None:
-    """A tab is nobody's first concern: little memory, and the processor when the control worker leaves it."""
+    """A tab is nobody's first concern: little memory, and the processor when the control worker
+    leaves it."""
     with contextlib.suppress(OSError, AttributeError, ValueError):
         os.nice(TAB_NICE)
     try:
         import resource
-    except ImportError:                 # Windows has none
+    except ImportError:  # Windows has none
         return
     with contextlib.suppress(OSError, ValueError):
         resource.setrlimit(resource.RLIMIT_AS, (TAB_BYTES, TAB_BYTES))
 
 
 def end_with(server: int) -> None:
-    """When the server that started this tab is gone, however it ended, the tab and what it started end too."""
+    """When the server that started this tab is gone, however it ended, the tab and what it
+    started end too."""
     while os.getppid() == server:
         time.sleep(PARENT_S)
-    if os.getpgid(0) == os.getpid():        # a group of its own, as the server makes it
+    if os.getpgid(0) == os.getpid():  # a group of its own, as the server makes it
         os.killpg(0, signal.SIGKILL)
     os._exit(1)
 
@@ -137,11 +163,20 @@ def tab_app(where: WorkerAddress | None, token: str | None) -> TabletApp:
     from console.services.diagnosis import DiagnosisFiles
     from console.services.field import field_picture
     from console.services.line_files import LinesSeen
-    waits = SharedWaits(default_run_file().with_name("tablet-waits.json"), os.environ.get(ADDRESS, ""))
+
+    waits = SharedWaits(
+        default_run_file().with_name("tablet-waits.json"), os.environ.get(ADDRESS, "")
+    )
     source = None if where is None else TabLink(where.looking_only())
-    return TabletApp(source, link_to, Key(token, time.monotonic, waits), **options_of(where),
-                     services=Services(field=field_picture, diagnosis=DiagnosisFiles(), earlier=earlier,
-                                        lines=LinesSeen()))
+    return TabletApp(
+        source,
+        link_to,
+        Key(token, time.monotonic, waits),
+        **options_of(where),
+        services=Services(
+            field=field_picture, diagnosis=DiagnosisFiles(), earlier=earlier, lines=LinesSeen()
+        ),
+    )
 
 
 def main() -> None:
@@ -149,7 +184,8 @@ def main() -> None:
     parser.add_argument("--token-file", type=Path)
     given = parser.parse_args()
     bounded()
-    if os.name == "posix" and SERVER in os.environ:             # elsewhere the next drawing finds nobody who reads it
+    # elsewhere the next drawing finds nobody who reads it
+    if os.name == "posix" and SERVER in os.environ:
         threading.Thread(target=end_with, args=(int(os.environ[SERVER]),), daemon=True).start()
     try:
         where = find_running()

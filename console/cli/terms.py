@@ -1,4 +1,5 @@
 """`--term`: a term written by hand, and what a term is, in words."""
+
 from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
@@ -13,18 +14,23 @@ if TYPE_CHECKING:
 
 
 def parse_terms(texts: Sequence[str]) -> list[Term]:
-    """Terms of a simulated machine, each with an id of its own. Raises ValueError, CommandError, ConfigError."""
+    """Terms of a simulated machine, each with an id of its own. Raises ValueError,
+    CommandError, ConfigError."""
     from control.machine.form import SHAFT_ANGLE
     from control.machine.term_sums import KNOWN_TO_CONTROL
     from control.machine.terms import parse_term
+
     allowed = (*KNOWN_TO_CONTROL, SHAFT_ANGLE)
     found: list[Term] = []
     for text in texts:
         term = parse_term(text, _valid)
         for name in term.variables:
             if name not in allowed:
-                raise CommandError(f"term {text!r}: variable {name}: the simulated machine has no such column: allowed "
-                                   f"{', '.join(allowed)}")
+                raise CommandError(
+                    f"term {text!r}: variable {name}: the simulated machine has no such "
+                    "column: allowed "
+                    f"{', '.join(allowed)}"
+                )
         found.append(term.model_copy(update={"id": f"{term.id}.{len(found) + 1}"}))
     return found
 
@@ -51,6 +57,7 @@ def _valid(data: dict[str, Any]) -> Term:
     from control.machine.terms import Term
     from drivers.files.config import ConfigError
     from drivers.files.config_words import explain
+
     try:
         return Term.model_validate(data)
     except ValidationError as error:
@@ -61,12 +68,23 @@ def what_terms_are() -> list[str]:
     """Lines that say what a term is, what it acts on, its forms and its variables."""
     from control.machine.form import FORMS
     from control.machine.terms import EXAMPLE, GRAMMAR, STAGE_OF, UNIT_OF, VARIABLES
+
     return [
-        "", "Beyond the catalogue: terms, in the machine file's list `terms` (docs/terms.md) or planted with --term.",
-        f"    grammar: {GRAMMAR}", f"    example: {EXAMPLE}",
-        "    acts on: " + ", ".join(f"{acts.value} ({UNIT_OF[acts]}, stage {stage})"
-                                    for acts, stage in STAGE_OF.items()),
-        "    variables: " + ", ".join(f"{name} ({unit})" for name, unit in VARIABLES.items())
+        "",
+        "Beyond the catalogue: terms, in the machine file's list `terms` (docs/terms.md) or "
+        "planted with --term.",
+        f"    grammar: {GRAMMAR}",
+        f"    example: {EXAMPLE}",
+        "    acts on: "
+        + ", ".join(
+            f"{acts.value} ({UNIT_OF[acts]}, stage {stage})" for acts, stage in STAGE_OF.items()
+        ),
+        "    variables: "
+        + ", ".join(f"{name} ({unit})" for name, unit in VARIABLES.items())
         + "; further columns of a log by name",
-        *(f"    form {form}: {use.means}  ({', '.join(use.needs) or 'nodes, values'}"
-          + (f"; may have {', '.join(use.may)})" if use.may else ")") for form, use in FORMS.items())]
+        *(
+            f"    form {form}: {use.means}  ({', '.join(use.needs) or 'nodes, values'}"
+            + (f"; may have {', '.join(use.may)})" if use.may else ")")
+            for form, use in FORMS.items()
+        ),
+    ]

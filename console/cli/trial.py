@@ -1,4 +1,5 @@
 """`topdress trial`: plots, what a log did in them, what was weighed and harvested, on one page."""
+
 from __future__ import annotations
 
 from pathlib import Path
@@ -13,20 +14,41 @@ from console.cli.plain_output import AsJson, say_json
 
 
 def trial(
-    plots: Annotated[Path, typer.Argument(metavar="PLOTS", help="An outline for each plot, with its name: GeoJSON, "
-                                          "shapefile, KML, GeoPackage.")],
+    plots: Annotated[
+        Path,
+        typer.Argument(
+            metavar="PLOTS",
+            help="An outline for each plot, with its name: GeoJSON, shapefile, KML, GeoPackage.",
+        ),
+    ],
     log: Annotated[Path, typer.Argument(metavar="LOG", help="The run that sensed and spread.")],
-    weights: Annotated[Path | None, typer.Argument(metavar="WEIGHTS.csv", help="Columns plot, treatment, applied_kg, "
-                                                   "sample_kg, sample_m2; a row for each thing weighed.")] = None,
-    after: Annotated[Path | None, typer.Option(metavar="LOG", help="A run that sensed the plots later.")] = None,
-    control: Annotated[str | None, typer.Option(metavar="TREATMENT", help="What the others are held against; without "
-                                                "it the one that got least.")] = None,
-    machine: Annotated[str | None, typer.Option(metavar="MACHINE", help="Of logs that name none.")] = None,
+    weights: Annotated[
+        Path | None,
+        typer.Argument(
+            metavar="WEIGHTS.csv",
+            help="Columns plot, treatment, applied_kg, "
+            "sample_kg, sample_m2; a row for each thing weighed.",
+        ),
+    ] = None,
+    after: Annotated[
+        Path | None, typer.Option(metavar="LOG", help="A run that sensed the plots later.")
+    ] = None,
+    control: Annotated[
+        str | None,
+        typer.Option(
+            metavar="TREATMENT",
+            help="What the others are held against; without it the one that got least.",
+        ),
+    ] = None,
+    machine: Annotated[
+        str | None, typer.Option(metavar="MACHINE", help="Of logs that name none.")
+    ] = None,
     out: Annotated[Path, typer.Option(metavar="PAGE.html", help="The page.")] = Path("trial.html"),
     as_json: AsJson = False,
     force: Force = False,
 ) -> None:
-    """Look at a trial of one's own as the decision paper does: canopy, decision rate, amounts and yields by plot."""
+    """Look at a trial of one's own as the decision paper does: canopy, decision rate, amounts
+    and yields by plot."""
     from console.reports.html import GENERATOR
     from console.reports.paper_page import paper_page
     from control.papers.trial import trial_section
@@ -34,10 +56,15 @@ def trial(
     from drivers.files.extras import need
     from drivers.files.run_meta import software_version
     from drivers.files.trial import read_trial
+
     need("a report", "report")
     refuse_other([one for one in (log, after) if one is not None], LOG)
-    reads = [plots, *(file for one in (log, after) if one is not None for file in log_files(one)),
-             *([] if weights is None else [weights]), *([] if machine is None else [machine_file(machine)])]
+    reads = [
+        plots,
+        *(file for one in (log, after) if one is not None for file in log_files(one)),
+        *([] if weights is None else [weights]),
+        *([] if machine is None else [machine_file(machine)]),
+    ]
     refuse_collisions(reads, [marked(out, GENERATOR.encode())], force)
     found = read_trial(plots, log, weights, after, machine_of(machine) if machine else None)
     try:

@@ -1,4 +1,5 @@
 """`topdress watch`: a growing log held against the machine model while the machine works."""
+
 from __future__ import annotations
 
 import time
@@ -15,18 +16,32 @@ if TYPE_CHECKING:
 
 
 def watch(
-    log: Annotated[Path, typer.Argument(metavar="LOG", help="A run log that grows, of this machine or any other; or "
-                                        "one that is done.")],
-    machine: Annotated[str | None, typer.Option(metavar="MACHINE", help="Machine file, or name of a shipped one; "
-                                                "default: the one that the log names, else huanghai.")] = None,
-    to_end: Annotated[bool, typer.Option("--to-end", help="End with the log instead of waiting for more of "
-                                         "it.")] = False,
+    log: Annotated[
+        Path,
+        typer.Argument(
+            metavar="LOG",
+            help="A run log that grows, of this machine or any other; or one that is done.",
+        ),
+    ],
+    machine: Annotated[
+        str | None,
+        typer.Option(
+            metavar="MACHINE",
+            help="Machine file, or name of a shipped one; "
+            "default: the one that the log names, else huanghai.",
+        ),
+    ] = None,
+    to_end: Annotated[
+        bool, typer.Option("--to-end", help="End with the log instead of waiting for more of it.")
+    ] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Tell in one line when the machine departs from its model, and when it is back. Ctrl-C ends."""
+    """Tell in one line when the machine departs from its model, and when it is back. Ctrl-C
+    ends."""
     from console.cli.plain_errors import CommandError
     from console.services.live_check import POLL_S, followed, lower_priority
     from control.diagnosis.live.watch import FIRST_S
+
     if log.exists() or to_end:
         refuse_other([log], LOG)
         refuse_bench_table(log, "watch")
@@ -38,6 +53,7 @@ def watch(
         if not to_end:
             time.sleep(POLL_S)
         return not to_end
+
     try:
         for look in followed(log, machine, wait, lambda said: typer.echo(said, err=True)):
             looks += 1
@@ -50,16 +66,23 @@ def watch(
     except KeyboardInterrupt:
         pass
     if to_end and not looks:
-        raise CommandError(f"{log}: too short: nothing is said before {FIRST_S / 60.0:.0f} minutes of rows")
+        raise CommandError(
+            f"{log}: too short: nothing is said before {FIRST_S / 60.0:.0f} minutes of rows"
+        )
     used_s, took_s = time.process_time(), time.monotonic() - begin
     typer.echo(f"{looks} looks; {used_s:.0f} s of processor in {took_s:.0f} s", err=True)
 
 
 def _started(log: Path, to_end: bool) -> None:
     from console.cli.plain_errors import CommandError
+
     if not to_end:
-        typer.echo(f"{log}: {'watched' if log.exists() else 'waited for'}; a line comes when the machine departs from "
-                   "its model; Ctrl-C ends", err=True)
+        typer.echo(
+            f"{log}: {'watched' if log.exists() else 'waited for'}; a line comes when the "
+            "machine departs from "
+            "its model; Ctrl-C ends",
+            err=True,
+        )
     elif not log.exists():
         raise CommandError(f"{log}: no such file")
 
@@ -67,10 +90,11 @@ def _started(log: Path, to_end: bool) -> None:
 def said(departure: Departure | None) -> str:
     """What departs and what can be done, in one line; times of the log."""
     from console.reports.live_words import departure_line, todo
+
     if departure is None:
         return "as the model says again"
-    return f"{departure_line(departure, '' if departure.since_s is None else clock(departure.since_s))}; " \
-           f"{todo(departure, console=False)}"
+    since = "" if departure.since_s is None else clock(departure.since_s)
+    return f"{departure_line(departure, since)}; {todo(departure, console=False)}"
 
 
 def clock(seconds: float) -> str:

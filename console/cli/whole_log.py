@@ -1,4 +1,6 @@
-"""A run log that stands under another name until it is whole; of one that is cancelled nothing stays."""
+"""A run log that stands under another name until it is whole; of one that is cancelled nothing
+stays."""
+
 from __future__ import annotations
 
 import contextlib
@@ -15,8 +17,10 @@ if TYPE_CHECKING:
 
 @contextlib.contextmanager
 def whole_log(path: Path, meta: RunMeta) -> Iterator[PlainLogWriter]:
-    """Rows are appended in the block; at its end log and sidecar get their names. Raises OSError."""
+    """Rows are appended in the block; at its end log and sidecar get their names. Raises
+    OSError."""
     from drivers.files.run_log import PlainLogWriter
+
     writer = PlainLogWriter(path.with_name(f".{path.stem}.part.csv"), meta)
     part = log_files(writer.path)
     try:
@@ -42,5 +46,8 @@ def log_output(log: Path, *with_it: Path) -> Output:
 
 def _computed(log: Path) -> bool:
     from drivers.files.run_meta import sidecar_meta
+
     meta = sidecar_meta(log)
-    return meta is not None and ("replay_of" in meta.extra or (meta.seed is not None and meta.started_utc is None))
+    return meta is not None and (
+        "replay_of" in meta.extra or (meta.seed is not None and meta.started_utc is None)
+    )

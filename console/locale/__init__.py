@@ -1,9 +1,10 @@
-"""Words shown to people, by the language in use. English stands in the code; other languages in `<language>/*.po`,
-a file for each part of the console.
+"""Words shown to people, by the language in use. English stands in the code; other languages in
+`<language>/*.po`, a file for each part of the console.
 
-The catalogues are read as they are, so no tool has to compile them. `_` translates now, `N_` only marks a text that a
-table holds and that is translated when it is shown.
+The catalogues are read as they are, so no tool has to compile them. `_` translates now, `N_`
+only marks a text that a table holds and that is translated when it is shown.
 """
+
 from __future__ import annotations
 
 import gettext
@@ -51,7 +52,8 @@ def languages() -> tuple[str, ...]:
 
 
 def preferred(environment: os._Environ[str] | dict[str, str] = os.environ) -> str:
-    """The language that the environment asks for (LC_ALL, LC_MESSAGES, LANG), English when it is not known."""
+    """The language that the environment asks for (LC_ALL, LC_MESSAGES, LANG), English when it
+    is not known."""
     for name in ("LC_ALL", "LC_MESSAGES", "LANG"):
         code = environment.get(name, "").split(".")[0].split("_")[0].lower()
         if code in languages():

@@ -1,11 +1,13 @@
 """Reads gettext's .po text: the plain part of it (msgid, msgstr, continued lines, comments)."""
+
 from __future__ import annotations
 
 import ast
 
 
 def read_po(text: str, name: str = "catalogue") -> dict[str, str]:
-    """msgid -> msgstr of every entry; the header (empty msgid) and entries marked fuzzy are left out.
+    """msgid -> msgstr of every entry; the header (empty msgid) and entries marked fuzzy are
+    left out.
 
     Raises ValueError naming the file and line where a line cannot be read.
     """
@@ -27,9 +29,13 @@ def read_po(text: str, name: str = "catalogue") -> dict[str, str]:
             continue
         if not line:
             continue
-        keyword, _space, quoted = line.partition(" ") if line.startswith("msg") else (current, "", line)
+        keyword, _space, quoted = (
+            line.partition(" ") if line.startswith("msg") else (current, "", line)
+        )
         if keyword not in ("msgid", "msgstr"):
-            raise ValueError(f"{name}, line {number}: {line[:40]!r} is not understood; allowed: msgid, msgstr, #")
+            raise ValueError(
+                f"{name}, line {number}: {line[:40]!r} is not understood; allowed: msgid, msgstr, #"
+            )
         if keyword == "msgid" and line.startswith("msgid") and "msgid" in fields:
             close()
             fields, fuzzy = {}, False
@@ -37,7 +43,9 @@ def read_po(text: str, name: str = "catalogue") -> dict[str, str]:
         try:
             piece = ast.literal_eval(quoted)
         except (SyntaxError, ValueError):
-            raise ValueError(f"{name}, line {number}: {quoted[:40]!r} is not a quoted text") from None
+            raise ValueError(
+                f"{name}, line {number}: {quoted[:40]!r} is not a quoted text"
+            ) from None
         fields[keyword] = fields.get(keyword, "") + piece
     close()
     return texts

@@ -1,4 +1,6 @@
-"""A residual against a variable: means with bands, and the variable along which an effect shows most."""
+"""A residual against a variable: means with bands, and the variable along which an effect shows
+most."""
+
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -13,24 +15,31 @@ Array = npt.NDArray[np.float64]
 
 BINS = 14
 LEAST_IN_BIN = 3
-RATE_BINS = 7           # a rate needs longer than a mean
-LEAST_S = 20.0          # of a bin in which a rate is read
-VAGUE = 3.0             # times the median interval: such a bin says nothing and only stretches the scale
+RATE_BINS = 7  # a rate needs longer than a mean
+LEAST_S = 20.0  # of a bin in which a rate is read
+# times the median interval: such a bin says nothing and only stretches the scale
+VAGUE = 3.0
 Z90 = 1.645
-CLEARLY = 0.03          # of what an effect does, by which a later axis must show more of it to be taken
+# of what an effect does, by which a later axis must show more of it to be taken
+CLEARLY = 0.03
 
 
 class Axis(NamedTuple):
     """Something that a residual (n,) may depend on: a variable by its id."""
 
     variable: str
-    values: Array                       # (n,), NaN where it does not apply
-    sign: Array | None = None           # (n,) the residual is turned by it, so that ups and downs do not cancel
-    names: tuple[str, ...] = ()         # of the values 0, 1, ...: then it is not a scale
+    values: Array  # (n,), NaN where it does not apply
+    # (n,) the residual is turned by it, so that ups and downs do not cancel
+    sign: Array | None = None
+    names: tuple[str, ...] = ()  # of the values 0, 1, ...: then it is not a scale
 
     @property
     def label(self) -> str:
-        turned = " (residual turned so that up is the way of the change)" if self.sign is not None else ""
+        turned = (
+            " (residual turned so that up is the way of the change)"
+            if self.sign is not None
+            else ""
+        )
         return recorded(self.variable).label + turned
 
 
@@ -53,17 +62,23 @@ def binned(axis: Axis, values: Array, memory: float = 0.0) -> Binned:
     safe = np.maximum(number, 1.0)
     mean = np.bincount(index, y, minlength=count) / safe
     at = np.bincount(index, x, minlength=count) / safe
-    spread = np.sqrt(np.bincount(index, (y - mean[index]) ** 2, minlength=count) / np.maximum(number - 1.0, 1.0))
+    spread = np.sqrt(
+        np.bincount(index, (y - mean[index]) ** 2, minlength=count) / np.maximum(number - 1.0, 1.0)
+    )
     memory = min(0.98, max(0.0, memory))
     own = np.maximum(1.0, number * (1.0 - memory) / (1.0 + memory))
     return Binned(at[there], mean[there], (Z90 * spread / np.sqrt(own))[there])
 
 
-def binned_rates(axis: Axis, level: Array, step_s: float, segments: npt.NDArray[np.int64], memory: float) -> Binned:
-    """Rates of change of a level (n,) by bins of an axis: least squares on the level itself, first-order noise.
+def binned_rates(
+    axis: Axis, level: Array, step_s: float, segments: npt.NDArray[np.int64], memory: float
+) -> Binned:
+    """Rates of change of a level (n,) by bins of an axis: least squares on the level itself,
+    first-order noise.
 
-    `segments` (n,): rows of one number hang together; between them the level may jump. `memory`: correlation of the
-    level's neighbouring noise. Bins that last less than LEAST_S, or say far less than the others, are left out.
+    `segments` (n,): rows of one number hang together; between them the level may jump.
+    `memory`: correlation of the level's neighbouring noise. Bins that last less than LEAST_S,
+    or say far less than the others, are left out.
     """
     index, count = bins_of(axis, RATE_BINS, 0.0)
     inside = np.zeros((len(level), count + 1 + int(segments.max())))
@@ -88,7 +103,9 @@ def binned_rates(axis: Axis, level: Array, step_s: float, segments: npt.NDArray[
     return Binned(at[there], weights[:count][there], half[there])
 
 
-def bins_of(axis: Axis, bins: int = BINS, even_share: float = 0.5) -> tuple[npt.NDArray[np.int64], int]:
+def bins_of(
+    axis: Axis, bins: int = BINS, even_share: float = 0.5
+) -> tuple[npt.NDArray[np.int64], int]:
     """Bin of each value (n,), -1 for none, and how many bins there are.
 
     `even_share`: 1 for bins equally wide, 0 for bins equally full.
@@ -112,7 +129,7 @@ def bins_of(axis: Axis, bins: int = BINS, even_share: float = 0.5) -> tuple[npt.
 
 def shown_share(axis: Axis, effect: Array) -> float:
     """Share of what an effect does to the rows (n,) that its means over the axis hold, 0 to 1."""
-    total = float(np.sum(effect ** 2))
+    total = float(np.sum(effect**2))
     if total <= 0.0:
         return 0.0
     index, count = bins_of(axis)
@@ -120,7 +137,7 @@ def shown_share(axis: Axis, effect: Array) -> float:
     keep = index >= 0
     sums = np.bincount(index[keep], y[keep], minlength=count)
     numbers = np.maximum(np.bincount(index[keep], minlength=count), 1)
-    return float(np.sum(sums ** 2 / numbers)) / total
+    return float(np.sum(sums**2 / numbers)) / total
 
 
 def telling(axes: Sequence[Axis], effect: Array) -> Axis:
@@ -136,5 +153,9 @@ def telling(axes: Sequence[Axis], effect: Array) -> Axis:
 def memory_of(values: Array) -> float:
     """Correlation of neighbouring values."""
     centred = values - values.mean()
-    total = float(np.sum(centred ** 2))
-    return float(np.sum(centred[1:] * centred[:-1])) / total if total > 0.0 and len(values) > 2 else 0.0
+    total = float(np.sum(centred**2))
+    return (
+        float(np.sum(centred[1:] * centred[:-1])) / total
+        if total > 0.0 and len(values) > 2
+        else 0.0
+    )

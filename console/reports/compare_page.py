@@ -1,4 +1,6 @@
-"""Two machine files held against the same logs: in words, as data, and as one HTML page with pictures."""
+"""Two machine files held against the same logs: in words, as data, and as one HTML page with
+pictures."""
+
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -16,15 +18,32 @@ from console.reports.said import better
 from control.diagnosis.runs.compared import Compared, ComparedChannel
 from drivers.files.extras import need
 
-Logs = Sequence[tuple[str, Compared]]       # path and what was found there
+Logs = Sequence[tuple[str, Compared]]  # path and what was found there
 
 
 def plain(logs: Logs) -> dict[str, Any]:
-    """As data: {"logs": [{"path", "channels": [{"channel", "unit", "old", "new", "low", "high"}]}]}; low and high: 90 %
-    interval of old less new, None where the log is too short for it."""
-    return {"logs": [{"path": path, "channels": [
-        {"channel": one.channel, "unit": one.unit, "old": one.old, "new": one.new, "low": _known(one.low),
-         "high": _known(one.high)} for one in found.channels]} for path, found in logs]}
+    """As data: {"logs": [{"path", "channels": [{"channel", "unit", "old", "new", "low",
+    "high"}]}]}; low and high: 90 % interval of old less new, None where the log is too short
+    for it."""
+    return {
+        "logs": [
+            {
+                "path": path,
+                "channels": [
+                    {
+                        "channel": one.channel,
+                        "unit": one.unit,
+                        "old": one.old,
+                        "new": one.new,
+                        "low": _known(one.low),
+                        "high": _known(one.high),
+                    }
+                    for one in found.channels
+                ],
+            }
+            for path, found in logs
+        ]
+    }
 
 
 def _known(value: float) -> float | None:
@@ -43,13 +62,23 @@ def interval(one: ComparedChannel) -> str:
 
 def summary(logs: Logs, old: str, new: str) -> list[str]:
     """Lines for a terminal."""
-    lines = [f"old: {old}", f"new: {new}", "r.m.s. of measured less predicted; nothing is fitted to these logs"]
+    lines = [
+        f"old: {old}",
+        f"new: {new}",
+        "r.m.s. of measured less predicted; nothing is fitted to these logs",
+    ]
     for path, found in logs:
         lines += ["", path]
         if found.channels:
-            lines.append(f"  {'channel':8s} {'old':>10s} {'new':>10s} {'unit':6s} {'old less new, 90 %':>24s}")
-        lines += [f"  {one.channel:8s} {number(one.old):>10s} {number(one.new):>10s} {one.unit:6s} "
-                  f"{interval(one):>24s}  {verdict(one)}" for one in found.channels]
+            lines.append(
+                f"  {'channel':8s} {'old':>10s} {'new':>10s} {'unit':6s} "
+                f"{'old less new, 90 %':>24s}"
+            )
+        lines += [
+            f"  {one.channel:8s} {number(one.old):>10s} {number(one.new):>10s} {one.unit:6s} "
+            f"{interval(one):>24s}  {verdict(one)}"
+            for one in found.channels
+        ]
         if not found.channels:
             lines.append("  no channel could be held against both machine files")
     return lines
@@ -58,7 +87,7 @@ def summary(logs: Logs, old: str, new: str) -> list[str]:
 Array = npt.NDArray[np.float64]
 
 OLD, NEW = "old machine file", "new machine file"
-STRETCH_ROWS = 400          # shown in full: where the two differ most
+STRETCH_ROWS = 400  # shown in full: where the two differ most
 TIME_BINS = 60
 ROWS_IN_BIN = 5
 
@@ -66,18 +95,36 @@ ROWS_IN_BIN = 5
 def compare_page(logs: Logs, old: str, new: str) -> str:
     """The page. Raises MissingExtra, a ValueError with one line, without matplotlib."""
     need("a report", "report")
-    parts = [f"<header><h1>{escape(old)} against {escape(new)}</h1>\n"
-             f'<p class="verdict">{escape(_in_short(logs))}</p></header>',
-             paragraph("Errors are root mean squares of measured less predicted. No size is fitted to these logs: both "
-                       "machine files predict as they stand. The interval is of old less new, 90 %, by blocks of time.",
-                       "dim")]
+    parts = [
+        f"<header><h1>{escape(old)} against {escape(new)}</h1>\n"
+        f'<p class="verdict">{escape(_in_short(logs))}</p></header>',
+        paragraph(
+            "Errors are root mean squares of measured less predicted. No size is fitted to "
+            "these logs: both "
+            "machine files predict as they stand. The interval is of old less new, 90 %, by "
+            "blocks of time.",
+            "dim",
+        ),
+    ]
     for place, (path, found) in enumerate(logs):
-        rows = [(one.channel, one.unit, number(one.old), number(one.new), interval(one), verdict(one))
-                for one in found.channels]
-        shown = table(("channel", "unit", "old", "new", "old less new, 90 %", ""), rows, frozenset({2, 3, 4}))
-        parts.append(section(path, shown if rows else paragraph("No channel could be held against both."),
-                             *(figure(picture_of(one, f"compare-{place}-{one.channel}")) for one in found.channels),
-                             items(found.findings) if found.findings else ""))
+        rows = [
+            (one.channel, one.unit, number(one.old), number(one.new), interval(one), verdict(one))
+            for one in found.channels
+        ]
+        shown = table(
+            ("channel", "unit", "old", "new", "old less new, 90 %", ""), rows, frozenset({2, 3, 4})
+        )
+        parts.append(
+            section(
+                path,
+                shown if rows else paragraph("No channel could be held against both."),
+                *(
+                    figure(picture_of(one, f"compare-{place}-{one.channel}"))
+                    for one in found.channels
+                ),
+                items(found.findings) if found.findings else "",
+            )
+        )
     return page(f"{old} against {new}", "\n".join(parts))
 
 
@@ -88,8 +135,11 @@ def _in_short(logs: Logs) -> str:
     if not channels:
         return "No channel of these logs could be held against both machine files."
     alike = len(channels) - better - worse
-    return (f"Of {len(channels)} channels in {len(logs)} log{'s' if len(logs) != 1 else ''} the new machine file "
-            f"predicts {better} better, {worse} worse and {alike} no differently beyond chance.")
+    return (
+        f"Of {len(channels)} channels in {len(logs)} log{'s' if len(logs) != 1 else ''} the "
+        "new machine file "
+        f"predicts {better} better, {worse} worse and {alike} no differently beyond chance."
+    )
 
 
 def picture_of(one: ComparedChannel, name: str) -> Picture:
@@ -97,20 +147,45 @@ def picture_of(one: ComparedChannel, name: str) -> Picture:
     rows = _stretch(one)
     with drawn(9.4, 3.4, columns=2) as (figure_, grid):
         left, right = grid[0]
-        left.plot(one.time_s[rows], one.measured[rows], linestyle="none", marker=".", markersize=3.5, color=INK,
-                  alpha=0.55, label=MEASURED)
-        left.plot(one.time_s[rows], one.of_old[rows], color=BEFORE, linestyle="--", linewidth=1.5, label=OLD)
+        left.plot(
+            one.time_s[rows],
+            one.measured[rows],
+            linestyle="none",
+            marker=".",
+            markersize=3.5,
+            color=INK,
+            alpha=0.55,
+            label=MEASURED,
+        )
+        left.plot(
+            one.time_s[rows],
+            one.of_old[rows],
+            color=BEFORE,
+            linestyle="--",
+            linewidth=1.5,
+            label=OLD,
+        )
         left.plot(one.time_s[rows], one.of_new[rows], color=AFTER, linewidth=1.5, label=NEW)
-        left.set(title="where the two differ most", xlabel="time, s", ylabel=f"{one.channel}, {one.unit}")
+        left.set(
+            title="where the two differ most", xlabel="time, s", ylabel=f"{one.channel}, {one.unit}"
+        )
         zero_line(right)
-        for series, colour, line, label in ((one.of_old, BEFORE, "--", OLD), (one.of_new, AFTER, "-", NEW)):
+        for series, colour, line, label in (
+            (one.of_old, BEFORE, "--", OLD),
+            (one.of_new, AFTER, "-", NEW),
+        ):
             at, errors = _over_time(one.time_s, one.measured - series)
             right.plot(at, errors, color=colour, linestyle=line, linewidth=1.4, label=label)
         right.set(title="error, r.m.s. over time", xlabel="time, s", ylabel=one.unit)
         legend_below(figure_, grid)
-        text = svg(figure_, name, escape(f"{one.channel}: measured, and predicted by both machine files"))
-    return Picture(text, f"{one.channel}: error {number(one.old)} {one.unit} with the old machine file, "
-                         f"{number(one.new)} {one.unit} with the new one: {verdict(one)}.")
+        text = svg(
+            figure_, name, escape(f"{one.channel}: measured, and predicted by both machine files")
+        )
+    return Picture(
+        text,
+        f"{one.channel}: error {number(one.old)} {one.unit} with the old machine file, "
+        f"{number(one.new)} {one.unit} with the new one: {verdict(one)}.",
+    )
 
 
 def _stretch(one: ComparedChannel) -> slice:
@@ -125,5 +200,7 @@ def _over_time(time_s: Array, errors: Array) -> tuple[Array, Array]:
     """Root mean square of errors (m,) in even bins of time: (k,), (k,)."""
     order = np.argsort(time_s, kind="stable")
     pieces = np.array_split(order, max(1, min(TIME_BINS, len(order) // ROWS_IN_BIN)))
-    return (np.array([float(np.mean(time_s[piece])) for piece in pieces]),
-            np.array([float(np.sqrt(np.mean(np.square(errors[piece])))) for piece in pieces]))
+    return (
+        np.array([float(np.mean(time_s[piece])) for piece in pieces]),
+        np.array([float(np.sqrt(np.mean(np.square(errors[piece])))) for piece in pieces]),
+    )

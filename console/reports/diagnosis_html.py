@@ -1,4 +1,6 @@
-"""A diagnosis as one HTML file that needs nothing else: verdict, causes with pictures, what to do, where it is from."""
+"""A diagnosis as one HTML file that needs nothing else: verdict, causes with pictures, what to
+do, where it is from."""
+
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
@@ -6,8 +8,27 @@ from pathlib import Path
 from typing import Any
 
 from console.reports import said as sentences
-from console.reports.html import Picture, escape, facts, figure, folded, items, page, paragraph, section, table
-from console.reports.numbers import decimals_of, fixed, number, p_value, percent, span_of, with_interval
+from console.reports.html import (
+    Picture,
+    escape,
+    facts,
+    figure,
+    folded,
+    items,
+    page,
+    paragraph,
+    section,
+    table,
+)
+from console.reports.numbers import (
+    decimals_of,
+    fixed,
+    number,
+    p_value,
+    percent,
+    span_of,
+    with_interval,
+)
 from console.reports.pictures import pictures_of
 from console.reports.term_words import compensation
 from console.reports.term_words import sentence as term_sentence
@@ -21,37 +42,50 @@ MARGIN = 8.0
 
 
 def interval_bar(value: float, low: float, high: float, said: str) -> str:
-    """A line from low to high with its value, and where zero is. `said`: the same in words, already escaped."""
+    """A line from low to high with its value, and where zero is. `said`: the same in words,
+    already escaped."""
     least, most = min(0.0, low, value), max(0.0, high, value)
     wide = (most - least) or 1.0
 
     def at(x: float) -> float:
         return MARGIN + (x - least) / wide * (WIDTH - 2.0 * MARGIN)
+
     middle = HEIGHT / 2.0
-    return (f'<svg class="bar" viewBox="0 0 {WIDTH:g} {HEIGHT:g}" width="{WIDTH:g}" height="{HEIGHT:g}" role="img" '
-            f'aria-label="{said}"><line class="base" x1="{at(least):.1f}" x2="{at(most):.1f}" y1="{middle:g}" '
-            f'y2="{middle:g}"/><line class="zero" x1="{at(0.0):.1f}" x2="{at(0.0):.1f}" y1="2" y2="{HEIGHT - 2.0:g}"/>'
-            f'<line class="interval" x1="{at(low):.1f}" x2="{at(high):.1f}" y1="{middle:g}" y2="{middle:g}"/>'
-            f'<circle class="value" cx="{at(value):.1f}" cy="{middle:g}" r="5"/></svg>')
+    return (
+        f'<svg class="bar" viewBox="0 0 {WIDTH:g} {HEIGHT:g}" width="{WIDTH:g}" '
+        f'height="{HEIGHT:g}" role="img" '
+        f'aria-label="{said}"><line class="base" x1="{at(least):.1f}" x2="{at(most):.1f}" '
+        f'y1="{middle:g}" '
+        f'y2="{middle:g}"/><line class="zero" x1="{at(0.0):.1f}" x2="{at(0.0):.1f}" y1="2" '
+        f'y2="{HEIGHT - 2.0:g}"/>'
+        f'<line class="interval" x1="{at(low):.1f}" x2="{at(high):.1f}" y1="{middle:g}" '
+        f'y2="{middle:g}"/>'
+        f'<circle class="value" cx="{at(value):.1f}" cy="{middle:g}" r="5"/></svg>'
+    )
 
 
 def share_bar(share: float, said: str, leading: bool) -> str:
     """A bar filled to a share between 0 and 1."""
     full = WIDTH - 2.0 * MARGIN
     filled = full * min(1.0, max(0.0, share))
-    return (f'<svg class="bar" viewBox="0 0 {WIDTH:g} {HEIGHT:g}" width="{WIDTH:g}" height="{HEIGHT:g}" role="img" '
-            f'aria-label="{said}"><rect class="trough" x="{MARGIN:g}" y="5" width="{full:g}" height="12" rx="2"/>'
-            f'<rect class="{"share" if leading else "other"}" x="{MARGIN:g}" y="5" width="{filled:.1f}" height="12" '
-            f'rx="2"/></svg>')
+    return (
+        f'<svg class="bar" viewBox="0 0 {WIDTH:g} {HEIGHT:g}" width="{WIDTH:g}" '
+        f'height="{HEIGHT:g}" role="img" '
+        f'aria-label="{said}"><rect class="trough" x="{MARGIN:g}" y="5" width="{full:g}" '
+        'height="12" rx="2"/>'
+        f'<rect class="{"share" if leading else "other"}" x="{MARGIN:g}" y="5" '
+        f'width="{filled:.1f}" height="12" '
+        f'rx="2"/></svg>'
+    )
 
 
 def diagnosis_page(found: Diagnosis, tools: Mapping[str, Any]) -> str:
     """The page.
 
-    `tools`: {"columns": the run log's columns, "machine": Machine} or {"tables": [BenchTable], "machine": Machine};
-    also, where known, "date" (text), "sha256" (path -> checksum) and "version" (of this program). Checksums that are
-    not given are taken from the files where they can be read. Raises MissingExtra, a ValueError with one line, without
-    matplotlib.
+    `tools`: {"columns": the run log's columns, "machine": Machine} or {"tables": [BenchTable],
+    "machine": Machine}; also, where known, "date" (text), "sha256" (path -> checksum) and
+    "version" (of this program). Checksums that are not given are taken from the files where
+    they can be read. Raises MissingExtra, a ValueError with one line, without matplotlib.
     """
     need("a report", "report")
     found = sentences.headlines_first(found)
@@ -60,31 +94,53 @@ def diagnosis_page(found: Diagnosis, tools: Mapping[str, Any]) -> str:
         _head(found),
         _next_run(found) if found.verdict == "ambiguous" else "",
         section("About the data", items(found.findings)),
-        section("What was found", *(_cause(cause, pictures.causes[k]) for k, cause in enumerate(found.causes))),
-        section("What no known effect explains", *(
-            paragraph(sentences.left(one, found.data.kind)) + figure(picture)
-            for one, picture in zip(found.unexplained, pictures.left, strict=True)),
-                *(_term(term, picture) for term, picture in zip(found.terms, pictures.terms, strict=False))),
-        section("The drive as a whole", items([f"{sentences.whole(found.fitted)}.", sentences.whole_gain(found.fitted)])
-                if found.fitted is not None else ""),
+        section(
+            "What was found",
+            *(_cause(cause, pictures.causes[k]) for k, cause in enumerate(found.causes)),
+        ),
+        section(
+            "What no known effect explains",
+            *(
+                paragraph(sentences.left(one, found.data.kind)) + figure(picture)
+                for one, picture in zip(found.unexplained, pictures.left, strict=True)
+            ),
+            *(
+                _term(term, picture)
+                for term, picture in zip(found.terms, pictures.terms, strict=False)
+            ),
+        ),
+        section(
+            "The drive as a whole",
+            items([f"{sentences.whole(found.fitted)}.", sentences.whole_gain(found.fitted)])
+            if found.fitted is not None
+            else "",
+        ),
         section("Measured and predicted", *(figure(picture) for picture in pictures.data)),
         "" if found.verdict == "ambiguous" else _next_run(found),
-        folded("Figures of the method, for whoever wants to check it",
-               section("Gain on data that the naming never saw", _gains(found.gain)),
-               section("Channels", _channels(found)), _not_shown(found)),
-        _provenance(found, tools))
-    return page(f"Diagnosis of {found.data.path or 'data'}", "\n".join(part for part in parts if part))
+        folded(
+            "Figures of the method, for whoever wants to check it",
+            section("Gain on data that the naming never saw", _gains(found.gain)),
+            section("Channels", _channels(found)),
+            _not_shown(found),
+        ),
+        _provenance(found, tools),
+    )
+    return page(
+        f"Diagnosis of {found.data.path or 'data'}", "\n".join(part for part in parts if part)
+    )
 
 
 def _head(found: Diagnosis) -> str:
     data = found.data
     span = "" if data.duration_s is None else f", {span_of(data.duration_s)}"
     kind = "run log" if data.kind == "run" else f"{data.kind.replace('+', ' and ')} table"
-    return (f'<header><h1>Diagnosis of {escape(data.path or "data")}</h1>\n'
-            f'<p class="verdict">{escape(sentences.sentence(found))}</p>\n'
-            f'<p><span class="word">{escape(sentences.VERDICTS[found.verdict][0])}</span> '
-            f'<span class="dim">{escape(kind)}, {data.rows} rows{span}, against the machine '
-            f"{escape(data.machine)}</span></p></header>")
+    return (
+        f"<header><h1>Diagnosis of {escape(data.path or 'data')}</h1>\n"
+        f'<p class="verdict">{escape(sentences.sentence(found))}</p>\n'
+        f'<p><span class="word">{escape(sentences.VERDICTS[found.verdict][0])}</span> '
+        f'<span class="dim">{escape(kind)}, {data.rows} rows{span}, against the machine '
+        f"{escape(data.machine)}</span></p></header>"
+    )
 
 
 def _cause(cause: Cause, pictures: Sequence[Any]) -> str:
@@ -97,14 +153,19 @@ def _cause(cause: Cause, pictures: Sequence[Any]) -> str:
     then = sentences.when(cause)
     if then:
         pairs.append(("When", escape(then)))
-    pairs += [("Probability", _shares(cause)), ("In the field", escape(sentences.cost(cause.field_cost))),
-              ("What to do", f'<span class="do">{escape(cause.advice)}</span>')]
+    pairs += [
+        ("Probability", _shares(cause)),
+        ("In the field", escape(sentences.cost(cause.field_cost))),
+        ("What to do", f'<span class="do">{escape(cause.advice)}</span>'),
+    ]
     physics = paragraph(entry.effect.physics, "dim") if entry else ""
     kind = "cause open" if sentences.others(cause) else "cause"
     title = sentences.heading(cause)
     title, name = title[0].upper() + title[1:], "" if sentences.tied(cause) else _id(cause.id)
-    return (f'<section class="{kind}"><h3>{escape(title)}{name}</h3>'
-            f"{physics}{facts(pairs)}{''.join(figure(picture) for picture in pictures)}</section>")
+    return (
+        f'<section class="{kind}"><h3>{escape(title)}{name}</h3>'
+        f"{physics}{facts(pairs)}{''.join(figure(picture) for picture in pictures)}</section>"
+    )
 
 
 def _size(cause: Cause, unit: str) -> str:
@@ -116,21 +177,33 @@ def _size(cause: Cause, unit: str) -> str:
     if not interval or size.low is None or size.high is None:
         return said
     words = f"90 % interval: {interval}"
-    return (f'<div class="sized">{said}{interval_bar(size.value, size.low, size.high, escape(words))}'
-            f'<span class="dim">{escape(words)}</span></div>')
+    return (
+        f'<div class="sized">{said}{interval_bar(size.value, size.low, size.high, escape(words))}'
+        f'<span class="dim">{escape(words)}</span></div>'
+    )
 
 
 def _shares(cause: Cause) -> str:
     """The cause's own probability and those of what could be in its place."""
     if not sentences.others(cause):
         said = escape(percent(cause.probability))
-        return f'<div class="sized"><span class="big">{said}</span>{share_bar(cause.probability, said, True)}</div>'
-    rows = [(one, share, escape(percent(share)))
-            for one, share in ((cause.id, cause.probability), *sentences.others(cause))]
-    cells = "".join(f"<span>{escape(sentences.title_of(effect_id))}{_id(effect_id)}</span>"
-                    f'<span class="number">{said}</span>{share_bar(share, said, k == 0)}'
-                    for k, (effect_id, share, said) in enumerate(rows))
-    return f'<div class="rivals">{cells}</div><span class="dim">This data cannot tell these apart.</span>'
+        return (
+            '<div class="sized"><span '
+            f'class="big">{said}</span>{share_bar(cause.probability, said, True)}</div>'
+        )
+    rows = [
+        (one, share, escape(percent(share)))
+        for one, share in ((cause.id, cause.probability), *sentences.others(cause))
+    ]
+    cells = "".join(
+        f"<span>{escape(sentences.title_of(effect_id))}{_id(effect_id)}</span>"
+        f'<span class="number">{said}</span>{share_bar(share, said, k == 0)}'
+        for k, (effect_id, share, said) in enumerate(rows)
+    )
+    return (
+        f'<div class="rivals">{cells}</div><span class="dim">This data cannot tell these '
+        "apart.</span>"
+    )
 
 
 def _id(effect_id: str) -> str:
@@ -140,15 +213,20 @@ def _id(effect_id: str) -> str:
 
 def _term(found: TermFound, picture: Picture | None) -> str:
     """A term in words, what control does about it, and its picture."""
-    said = paragraph(f"{term_sentence(found.term)}.") + paragraph(f"{compensation(found.term)}.", "dim")
+    said = paragraph(f"{term_sentence(found.term)}.") + paragraph(
+        f"{compensation(found.term)}.", "dim"
+    )
     return said + figure(picture)
 
 
 def _next_run(found: Diagnosis) -> str:
     if found.next_run is None:
         return ""
-    return section("Next run", paragraph(f"Why: {found.next_run.why}."),
-                   items([f"{step}." for step in sentences.to_do(found)], ordered=True))
+    return section(
+        "Next run",
+        paragraph(f"Why: {found.next_run.why}."),
+        items([f"{step}." for step in sentences.to_do(found)], ordered=True),
+    )
 
 
 def _gains(gains: Sequence[Gain]) -> str:
@@ -159,20 +237,49 @@ def _gains(gains: Sequence[Gain]) -> str:
         after, interval = with_interval(gain.after, gain.low, gain.high)
         less = 100.0 * (1.0 - gain.after / gain.before) if gain.before > 0.0 else 0.0
         change = f"{abs(less):.0f} % {'less' if less >= 0.0 else 'more'}"
-        rows.append((gain.channel, gain.metric, number(gain.before), after, interval, change, gain.held_out))
-    return table(("channel", "error", "nominal", "with the causes", "90 % interval", "change", "held out"), rows,
-                 frozenset({2, 3, 4, 5})) + paragraph("The interval is of the error with the causes.", "dim")
+        rows.append(
+            (gain.channel, gain.metric, number(gain.before), after, interval, change, gain.held_out)
+        )
+    return table(
+        ("channel", "error", "nominal", "with the causes", "90 % interval", "change", "held out"),
+        rows,
+        frozenset({2, 3, 4, 5}),
+    ) + paragraph("The interval is of the error with the causes.", "dim")
 
 
 def _channels(found: Diagnosis) -> str:
     if not found.channels:
         return ""
-    rows = [(c.channel, c.unit, str(c.n), *_alike(c.bias, c.rmse, c.noise_floor),
-             fixed(100.0 * c.explained_by_nominal, 1), p_value(c.structure_p)) for c in found.channels]
-    return table(("channel", "unit", "rows", "bias", "rms error", "noise", "explained by nominal, %",
-                  "p of structure"), rows, frozenset(range(2, 8))) + paragraph(
-        "Errors of the nominal machine. p of structure: how often noise alone would show so much; below 0.01 the model "
-        "lacks something.", "dim")
+    rows = [
+        (
+            c.channel,
+            c.unit,
+            str(c.n),
+            *_alike(c.bias, c.rmse, c.noise_floor),
+            fixed(100.0 * c.explained_by_nominal, 1),
+            p_value(c.structure_p),
+        )
+        for c in found.channels
+    ]
+    return table(
+        (
+            "channel",
+            "unit",
+            "rows",
+            "bias",
+            "rms error",
+            "noise",
+            "explained by nominal, %",
+            "p of structure",
+        ),
+        rows,
+        frozenset(range(2, 8)),
+    ) + paragraph(
+        "Errors of the nominal machine. p of structure: how often noise alone would show so "
+        "much; below 0.01 the model "
+        "lacks something.",
+        "dim",
+    )
 
 
 def _alike(bias: float, rmse: float, noise: float) -> tuple[str, str, str]:
@@ -185,28 +292,50 @@ def _not_shown(found: Diagnosis) -> str:
     seen, blind, elsewhere = sentences.not_seen(found)
     inside = []
     if seen:
-        inside += [paragraph("Not found; each would have been seen from this size on:"),
-                   table(("effect", "what happens", "smallest size seen"), [(one.id, sentences.title_of(one.id), (
-                       f"{number(abs(one.smallest_detectable.value or 0.0), 2)} {one.smallest_detectable.unit}"))
-                       for one in seen])]
+        inside += [
+            paragraph("Not found; each would have been seen from this size on:"),
+            table(
+                ("effect", "what happens", "smallest size seen"),
+                [
+                    (
+                        one.id,
+                        sentences.title_of(one.id),
+                        (
+                            f"{number(abs(one.smallest_detectable.value or 0.0), 2)} "
+                            f"{one.smallest_detectable.unit}"
+                        ),
+                    )
+                    for one in seen
+                ],
+            ),
+        ]
     if blind:
-        inside += [paragraph("Cannot be seen in this data at all, though data of this kind might show it:"),
-                   table(("effect", "what happens"), [(one, sentences.title_of(one)) for one in blind])]
+        inside += [
+            paragraph(
+                "Cannot be seen in this data at all, though data of this kind might show it:"
+            ),
+            table(("effect", "what happens"), [(one, sentences.title_of(one)) for one in blind]),
+        ]
     if elsewhere:
-        inside.append(paragraph(f"Other kinds of data are needed for: {', '.join(elsewhere)}.", "dim"))
+        inside.append(
+            paragraph(f"Other kinds of data are needed for: {', '.join(elsewhere)}.", "dim")
+        )
     return section("Not shown", *inside)
 
 
 def _provenance(found: Diagnosis, tools: Mapping[str, Any]) -> str:
     from drivers.files.run_meta import software_version
+
     pairs = []
     for path in [p for p in found.data.path.split(" + ") if p]:
         pairs.append(("Data", escape(path)))
         checksum = _checksum(path, tools.get("sha256"))
         if checksum:
             pairs.append(("sha256", f"<code>{escape(checksum)}</code>"))
-    pairs += [("Machine", escape(found.data.machine)),
-              ("Written by", f"topdress {escape(tools.get('version') or software_version())}")]
+    pairs += [
+        ("Machine", escape(found.data.machine)),
+        ("Written by", f"topdress {escape(tools.get('version') or software_version())}"),
+    ]
     if tools.get("date"):
         pairs.append(("Date", escape(tools["date"])))
     if found.extended_machine:
@@ -220,6 +349,7 @@ def _checksum(path: str, given: Mapping[str, str] | str | None) -> str:
     if given and path in given:
         return given[path]
     from drivers.files.config import sha256_of
+
     try:
         return sha256_of(Path(path))
     except OSError:

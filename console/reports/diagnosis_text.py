@@ -1,4 +1,5 @@
 """A diagnosis in words: what, how sure, what it costs, what to do; read in ten seconds."""
+
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -24,24 +25,45 @@ def summary(found: Diagnosis) -> list[str]:
     lines += [f"note: {sentence}" for sentence in found.findings]
     if found.channels:
         lines.append("")
-        lines.append(f"{'channel':8s} {'rows':>9s} {'bias':>10s} {'rmse':>10s} {'noise':>10s}  p(structure)")
-        lines += [f"{c.channel:8s} {c.n:9d} {c.bias:10.4g} {c.rmse:10.4g} {c.noise_floor:10.4g}  "
-                  f"{p_value(c.structure_p)} ({c.unit})" for c in found.channels]
+        lines.append(
+            f"{'channel':8s} {'rows':>9s} {'bias':>10s} {'rmse':>10s} {'noise':>10s}  p(structure)"
+        )
+        lines += [
+            f"{c.channel:8s} {c.n:9d} {c.bias:10.4g} {c.rmse:10.4g} {c.noise_floor:10.4g}  "
+            f"{p_value(c.structure_p)} ({c.unit})"
+            for c in found.channels
+        ]
     if len(found.rates) > 1:
-        lines += ["", f"{'pass':>4s} {'from s':>9s} {'to s':>9s} {'rows':>6s}  applied against target"]
-        lines += [f"{fit.number:4d} {fit.begin_s:9.1f} {fit.end_s:9.1f} {fit.rows:6d}  {in_words(fit)}"
-                  for fit in found.rates if fit.number is not None]
+        lines += [
+            "",
+            f"{'pass':>4s} {'from s':>9s} {'to s':>9s} {'rows':>6s}  applied against target",
+        ]
+        lines += [
+            f"{fit.number:4d} {fit.begin_s:9.1f} {fit.end_s:9.1f} {fit.rows:6d}  {in_words(fit)}"
+            for fit in found.rates
+            if fit.number is not None
+        ]
     for cause in found.causes:
         lines += ["", *_cause(cause)]
     for line in _left(found):
         lines += ["", line]
     for term in found.terms:
-        lines += ["", f"term {term.term['id']}: {sentence(term.term)}", f"    {compensation(term.term)}"]
+        lines += [
+            "",
+            f"term {term.term['id']}: {sentence(term.term)}",
+            f"    {compensation(term.term)}",
+        ]
         lines += ["    predicts best; no cause is named by it"] if term.predicts_best else []
-    lines += [] if found.fitted is None else [said.whole(found.fitted), f"    {said.whole_gain(found.fitted)}"]
+    lines += (
+        []
+        if found.fitted is None
+        else [said.whole(found.fitted), f"    {said.whole_gain(found.fitted)}"]
+    )
     for gain in found.gain:
-        lines.append(f"gain on data the naming never saw ({gain.held_out}): {gain.channel} {gain.metric} "
-                     f"{gain.before:.4g} -> {gain.after:.4g} (90 %: {gain.low:.3g} to {gain.high:.3g})")
+        lines.append(
+            f"gain on data the naming never saw ({gain.held_out}): {gain.channel} {gain.metric} "
+            f"{gain.before:.4g} -> {gain.after:.4g} (90 %: {gain.low:.3g} to {gain.high:.3g})"
+        )
     if found.next_run is not None:
         lines += ["", f"next run: {found.next_run.plan}", f"    because {found.next_run.why}"]
     lines += ["", *_not_shown(found)]
@@ -53,18 +75,29 @@ def summary(found: Diagnosis) -> list[str]:
 def taken_up(found: Diagnosis) -> list[str]:
     """What a machine file takes up of a run's diagnosis, and what it leaves and why."""
     kept, left = said.sorted_out(found) if found.data.kind == "run" else ((), ())
-    return ([f"a machine file takes up: {', '.join(kept)}"] if kept else []) + [f"it leaves {one}" for one in left]
+    return ([f"a machine file takes up: {', '.join(kept)}"] if kept else []) + [
+        f"it leaves {one}" for one in left
+    ]
 
 
 def of_a_kind(found: Several) -> list[str]:
     """What logs of machines of a kind have in common, each by its own size."""
     paths = [one.data.path for one in found.each]
-    lines = [f"{' + '.join(paths)} on {found.machine.id}: not one machine, but machines of a kind: the same is wrong "
-             "in each log, by a size of its own"]
+    lines = [
+        f"{' + '.join(paths)} on {found.machine.id}: not one machine, but machines of a "
+        "kind: the same is wrong "
+        "in each log, by a size of its own"
+    ]
     for one in found.of_a_kind:
-        lines += ["", f"{one.id}: {CATALOGUE[one.id].effect.title}",
-                  f"    chance of sizes so far apart in one machine: {one.p:.2g}",
-                  *(f"    {path}: {said.sized(size)}" for path, size in zip(paths, one.sizes, strict=True))]
+        lines += [
+            "",
+            f"{one.id}: {CATALOGUE[one.id].effect.title}",
+            f"    chance of sizes so far apart in one machine: {one.p:.2g}",
+            *(
+                f"    {path}: {said.sized(size)}"
+                for path, size in zip(paths, one.sizes, strict=True)
+            ),
+        ]
     return lines
 
 
@@ -92,7 +125,8 @@ def _verdict(found: Diagnosis) -> str:
     if found.channels:
         return f"{word}: too short, or too little moved, to say that nothing is wrong"
     return f"{word}: no channel of this data could be held against the model" + (
-        "; applied against target was" if found.rates else "")
+        "; applied against target was" if found.rates else ""
+    )
 
 
 def _left(found: Diagnosis) -> list[str]:
@@ -104,21 +138,31 @@ def _cause(cause: Cause) -> list[str]:
     which = "" if cause.member is None else f", number {cause.member}"
     then = said.when(cause)
     suspected = "" if said.headlined(cause) else "suspected: "
-    lines = [f"{suspected}{cause.id}: {entry.effect.title if entry else ''}",
-             f"    {said.sized(cause.size)}{which}{then and f', {then}'}; probability {cause.probability:.2f}"]
+    lines = [
+        f"{suspected}{cause.id}: {entry.effect.title if entry else ''}",
+        f"    {said.sized(cause.size)}{which}{then and f', {then}'}; probability "
+        f"{cause.probability:.2f}",
+    ]
     rivals = [f"{said.name_of(rival)} ({share:.2f})" for rival, share in said.others(cause)]
     if rivals:
         lines.append(f"    could also be: {', '.join(rivals)}")
     which = ", if it is this" if said.tied(cause) else ""
-    return [*lines, f"    in the field{which}: {said.cost(cause.field_cost)}", f"    do: {cause.advice}"]
+    return [
+        *lines,
+        f"    in the field{which}: {said.cost(cause.field_cost)}",
+        f"    do: {cause.advice}",
+    ]
 
 
 def _not_shown(found: Diagnosis) -> list[str]:
     seen, blind, _elsewhere = said.not_seen(found)
     lines = []
     if seen:
-        detectable = [f"{one.id} {abs(one.smallest_detectable.value or 0.0):.2g} {one.smallest_detectable.unit}"
-                      for one in seen[:SHOWN_LIMIT]]
+        detectable = [
+            f"{one.id} {abs(one.smallest_detectable.value or 0.0):.2g} "
+            f"{one.smallest_detectable.unit}"
+            for one in seen[:SHOWN_LIMIT]
+        ]
         more = f" and {len(seen) - SHOWN_LIMIT} more (--json)" if len(seen) > SHOWN_LIMIT else ""
         lines.append(f"would have been seen from: {'; '.join(detectable)}{more}")
     if blind:

@@ -1,21 +1,26 @@
 """Words into HTML: everything that comes from files or users is escaped here."""
+
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from html import escape as _escape
 from typing import NamedTuple
 
-GENERATOR = '<meta name="generator" content="topdress">'       # in the head of every page: whose it is
-# No page may fetch or run anything, whatever words a hostile file has put into it; scales of colour are pictures in it.
-POLICY = ('<meta http-equiv="Content-Security-Policy" '
-          """content="default-src 'none'; style-src 'unsafe-inline'; img-src data:">""")
+# in the head of every page: whose it is
+GENERATOR = '<meta name="generator" content="topdress">'
+# No page may fetch or run anything, whatever words a hostile file has put into it; scales of
+# colour are pictures in it.
+POLICY = (
+    '<meta http-equiv="Content-Security-Policy" '
+    """content="default-src 'none'; style-src 'unsafe-inline'; img-src data:">"""
+)
 
 
 class Picture(NamedTuple):
     """A picture of a page: the whole `<svg>`, ready to be written."""
 
     svg: str
-    caption: str            # plain text, not escaped
+    caption: str  # plain text, not escaped
 
 
 def escape(text: object) -> str:
@@ -23,11 +28,14 @@ def escape(text: object) -> str:
 
 
 def page(title: str, body: str, style: str = "") -> str:
-    """A whole page, nothing fetched from elsewhere. title : plain text. body : HTML. style: more of it."""
-    return (f'<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n{POLICY}\n'
-            f'<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-            f"{GENERATOR}<title>{escape(title)}</title>\n"
-            f"<style>{STYLE}{style}</style>\n</head>\n<body>\n{body}\n</body>\n</html>\n")
+    """A whole page, nothing fetched from elsewhere. title : plain text. body : HTML. style:
+    more of it."""
+    return (
+        f'<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n{POLICY}\n'
+        f'<meta name="viewport" content="width=device-width, initial-scale=1">\n'
+        f"{GENERATOR}<title>{escape(title)}</title>\n"
+        f"<style>{STYLE}{style}</style>\n</head>\n<body>\n{body}\n</body>\n</html>\n"
+    )
 
 
 def paragraph(text: str, kind: str = "") -> str:
@@ -35,18 +43,37 @@ def paragraph(text: str, kind: str = "") -> str:
     return f"<p{_class(kind)}>{escape(text)}</p>"
 
 
-def table(head: Sequence[str], rows: Iterable[Sequence[str]], numbers: frozenset[int] = frozenset()) -> str:
+def table(
+    head: Sequence[str], rows: Iterable[Sequence[str]], numbers: frozenset[int] = frozenset()
+) -> str:
     """Plain text in cells; columns in `numbers` are set to the right."""
-    heads = "".join(f'<th scope="col"{_class("number" if k in numbers else "")}>{escape(text)}</th>'
-                    for k, text in enumerate(head))
-    body = "\n".join("<tr>" + "".join(f'<td{_class("number" if k in numbers else "")}>{escape(text)}</td>'
-                                      for k, text in enumerate(row)) + "</tr>" for row in rows)
-    return f'<div class="wide"><table><thead><tr>{heads}</tr></thead>\n<tbody>\n{body}\n</tbody></table></div>'
+    heads = "".join(
+        f'<th scope="col"{_class("number" if k in numbers else "")}>{escape(text)}</th>'
+        for k, text in enumerate(head)
+    )
+    body = "\n".join(
+        "<tr>"
+        + "".join(
+            f"<td{_class('number' if k in numbers else '')}>{escape(text)}</td>"
+            for k, text in enumerate(row)
+        )
+        + "</tr>"
+        for row in rows
+    )
+    return (
+        "<div "
+        f'class="wide"><table><thead><tr>{heads}</tr></thead>\n<tbody>\n{body}\n</tbody>'
+        "</table></div>"
+    )
 
 
 def facts(pairs: Iterable[tuple[str, str]]) -> str:
     """Pairs of a plain word and a piece of HTML."""
-    return "<dl>" + "\n".join(f"<dt>{escape(word)}</dt><dd>{said}</dd>" for word, said in pairs) + "</dl>"
+    return (
+        "<dl>"
+        + "\n".join(f"<dt>{escape(word)}</dt><dd>{said}</dd>" for word, said in pairs)
+        + "</dl>"
+    )
 
 
 def items(texts: Iterable[str], ordered: bool = False) -> str:
@@ -62,9 +89,14 @@ def section(title: str, *inside: str, kind: str = "") -> str:
 
 
 def folded(title: str, *inside: str) -> str:
-    """Parts that a reader opens who wants them; on paper they stand open. Nothing where nothing is inside."""
+    """Parts that a reader opens who wants them; on paper they stand open. Nothing where nothing
+    is inside."""
     body = "\n".join(part for part in inside if part)
-    return f'<details class="fold"><summary>{escape(title)}</summary>\n{body}\n</details>' if body else ""
+    return (
+        f'<details class="fold"><summary>{escape(title)}</summary>\n{body}\n</details>'
+        if body
+        else ""
+    )
 
 
 def figure(picture: Picture | None) -> str:
@@ -79,20 +111,26 @@ def _class(kind: str) -> str:
 
 # Day, night and paper; colours that colour-blind readers tell apart, and shapes besides.
 STYLE = """
-:root { color-scheme: light dark; --paper:#ffffff; --ink:#16191d; --dim:#6a7179; --line:#8b9198; --grid:#e3e6e9;
+:root { color-scheme: light dark; --paper:#ffffff; --ink:#16191d; --dim:#6a7179; --line:#8b9198;
+--grid:#e3e6e9;
   --soft:#f3f5f7; --before:#b84a00; --after:#005ea8; --third:#8a3f7d; }
-@media (prefers-color-scheme: dark) { :root { --paper:#14171a; --ink:#e8eaec; --dim:#9aa1a8; --line:#7d848b;
+@media (prefers-color-scheme: dark) { :root { --paper:#14171a; --ink:#e8eaec; --dim:#9aa1a8;
+--line:#7d848b;
   --grid:#2b3035; --soft:#1e2226; --before:#f2a154; --after:#6cb8f6; --third:#d79bcb; } }
-@media print { :root { --paper:#ffffff; --ink:#000000; --dim:#555555; --line:#777777; --grid:#dddddd; --soft:#f4f4f4;
+@media print { :root { --paper:#ffffff; --ink:#000000; --dim:#555555; --line:#777777;
+--grid:#dddddd; --soft:#f4f4f4;
   --before:#b84a00; --after:#005ea8; --third:#8a3f7d; } }
 * { box-sizing: border-box; }
-body { margin: 0 auto; padding: 1.5rem 1rem 3rem; max-width: 62rem; background: var(--paper); color: var(--ink);
+body { margin: 0 auto; padding: 1.5rem 1rem 3rem; max-width: 62rem; background: var(--paper);
+color: var(--ink);
   font: 16px/1.5 system-ui, -apple-system, "Segoe UI", "DejaVu Sans", sans-serif; }
 h1 { font-size: 1.05rem; font-weight: 600; color: var(--dim); margin: 0; overflow-wrap: anywhere; }
-h2 { font-size: 1.15rem; margin: 2.2rem 0 .6rem; padding-bottom: .25rem; border-bottom: 1px solid var(--grid); }
+h2 { font-size: 1.15rem; margin: 2.2rem 0 .6rem; padding-bottom: .25rem; border-bottom: 1px solid
+var(--grid); }
 h3 { font-size: 1.05rem; margin: 0; }
 .verdict { font-size: 1.5rem; line-height: 1.3; font-weight: 600; margin: .3rem 0 .5rem; }
-.word { display: inline-block; font-size: .8rem; font-weight: 700; letter-spacing: .04em; text-transform: uppercase;
+.word { display: inline-block; font-size: .8rem; font-weight: 700; letter-spacing: .04em;
+text-transform: uppercase;
   border: 2px solid var(--ink); border-radius: 3px; padding: .05rem .5rem; }
 .dim, figcaption, code, .id { color: var(--dim); font-size: .9rem; }
 code, .id { font-family: ui-monospace, "DejaVu Sans Mono", monospace; overflow-wrap: anywhere; }
@@ -105,23 +143,33 @@ dt { color: var(--dim); } dd { margin: 0; }
 .rivals { display: grid; max-width: 42rem; grid-template-columns: minmax(0, 1fr) max-content 220px;
   gap: 0 .8rem; align-items: center; }
 .big { font-size: 1.15rem; font-weight: 600; margin-right: .5rem; }
-figure { margin: 1rem 0; break-inside: avoid; } svg.picture { display: block; width: 100%; height: auto; }
+figure { margin: 1rem 0; break-inside: avoid; } svg.picture { display: block; width: 100%; height:
+auto; }
 svg text { font-family: system-ui, "DejaVu Sans", sans-serif; }
 svg.bar { vertical-align: middle; } .bar .base { stroke: var(--grid); stroke-width: 3; }
-.bar .zero { stroke: var(--dim); stroke-width: 1.5; } .bar .interval { stroke: var(--after); stroke-width: 5; }
-.bar .value { fill: var(--after); stroke: var(--paper); stroke-width: 1.5; } .bar .trough { fill: var(--grid); }
+.bar .zero { stroke: var(--dim); stroke-width: 1.5; } .bar .interval { stroke: var(--after);
+stroke-width: 5; }
+.bar .value { fill: var(--after); stroke: var(--paper); stroke-width: 1.5; } .bar .trough { fill:
+var(--grid); }
 .bar .share { fill: var(--after); } .bar .other { fill: var(--third); }
 table { border-collapse: collapse; width: 100%; font-size: .92rem; } .wide { overflow-x: auto; }
-th, td { text-align: left; padding: .3rem .7rem .3rem 0; border-bottom: 1px solid var(--grid); vertical-align: top; }
-th { font-weight: 600; color: var(--dim); } .number { text-align: right; font-variant-numeric: tabular-nums; }
+th, td { text-align: left; padding: .3rem .7rem .3rem 0; border-bottom: 1px solid var(--grid);
+vertical-align: top; }
+th { font-weight: 600; color: var(--dim); } .number { text-align: right; font-variant-numeric:
+tabular-nums; }
 li { margin: .25rem 0; } section.cause, tr { break-inside: avoid; }
-@media (max-width: 40rem) { dl { grid-template-columns: 1fr; gap: 0; } dd { margin-bottom: .5rem; } }
-.simulated { border: 3px solid var(--before); color: var(--before); font-weight: 700; padding: .3rem .8rem;
+@media (max-width: 40rem) { dl { grid-template-columns: 1fr; gap: 0; } dd { margin-bottom: .5rem;
+} }
+.simulated { border: 3px solid var(--before); color: var(--before); font-weight: 700; padding:
+.3rem .8rem;
   letter-spacing: .04em; }
-.blank { display: inline-block; min-width: 14rem; border-bottom: 1px solid var(--line); height: 1.1em; }
+.blank { display: inline-block; min-width: 14rem; border-bottom: 1px solid var(--line); height:
+1.1em; }
 .signed { display: grid; grid-template-columns: 1fr 1fr; gap: 2rem; margin-top: 3rem; }
-.signed span { border-top: 1px solid var(--line); padding-top: .2rem; color: var(--dim); font-size: .9rem; }
-.fold { margin-top: 2.2rem; } .fold > summary { cursor: pointer; font-weight: 600; color: var(--dim); }
+.signed span { border-top: 1px solid var(--line); padding-top: .2rem; color: var(--dim);
+font-size: .9rem; }
+.fold { margin-top: 2.2rem; } .fold > summary { cursor: pointer; font-weight: 600; color:
+var(--dim); }
 @media print { .fold::details-content { content-visibility: visible; block-size: auto; } }
 @media print { body { max-width: none; padding: 0; font-size: 10.5pt; } h2 { break-after: avoid; } }
 """

@@ -1,5 +1,6 @@
-"""What a handover sheet tells next to the figures: whose job, of what, by whom, simulated or not; alarms and
-refills."""
+"""What a handover sheet tells next to the figures: whose job, of what, by whom, simulated or
+not; alarms and refills."""
+
 from __future__ import annotations
 
 from math import isfinite
@@ -12,7 +13,7 @@ from control.orders import Severity
 from control.safety import ALARMS
 from drivers.files.read_log import RunLog
 
-MOST_ALARMS = 12            # kinds on the time line; the longest
+MOST_ALARMS = 12  # kinds on the time line; the longest
 
 
 class AlarmSpan(NamedTuple):
@@ -25,9 +26,10 @@ class AlarmSpan(NamedTuple):
 
 class Happened(NamedTuple):
     alarms: tuple[AlarmSpan, ...] = ()
-    refills: tuple[tuple[float, float], ...] = ()       # s, kg
-    working: tuple[tuple[float, float], ...] = ()       # from, to, s
-    growth: str = ""                                    # as said at START: outside the stages of the crop's rule
+    refills: tuple[tuple[float, float], ...] = ()  # s, kg
+    working: tuple[tuple[float, float], ...] = ()  # from, to, s
+    # as said at START: outside the stages of the crop's rule
+    growth: str = ""
 
 
 class About(NamedTuple):
@@ -38,7 +40,7 @@ class About(NamedTuple):
     map: str = ""
     simulated: bool = False
     happened: Happened = Happened()
-    price_per_kg: float | None = None       # of the product, as the job says
+    price_per_kg: float | None = None  # of the product, as the job says
     currency: str = ""
 
 
@@ -55,11 +57,22 @@ def about_of(log: RunLog) -> About:
         return str(of.get(name) or "")
 
     field, target = dict(job.get("field") or {}), dict(job.get("target") or {})
-    who = JobNames(said(job, "client"), said(job, "farm"), said(field, "title"), said(job, "product"),
-              said(job, "operator"))
-    return About(who, said(crop, "name"), said(target, "map").replace("\\", "/").rpartition("/")[2],
-                 meta is not None and meta.seed is not None, happened(log), _price(job.get("price_per_kg")),
-                 said(job, "currency"))
+    who = JobNames(
+        said(job, "client"),
+        said(job, "farm"),
+        said(field, "title"),
+        said(job, "product"),
+        said(job, "operator"),
+    )
+    return About(
+        who,
+        said(crop, "name"),
+        said(target, "map").replace("\\", "/").rpartition("/")[2],
+        meta is not None and meta.seed is not None,
+        happened(log),
+        _price(job.get("price_per_kg")),
+        said(job, "currency"),
+    )
 
 
 def _price(value: object) -> float | None:
@@ -79,7 +92,11 @@ def happened(log: RunLog) -> Happened:
     last_s = 0.0
     for row in log.rows():
         now = {name for name in (row.alarms or "").split(";") if name}
-        spans += [AlarmSpan(name, stands.pop(name), row.time_s) for name in list(stands) if name not in now]
+        spans += [
+            AlarmSpan(name, stands.pop(name), row.time_s)
+            for name in list(stands)
+            if name not in now
+        ]
         for name in now:
             stands.setdefault(name, row.time_s)
         for event in (row.events or "").split(";"):
@@ -112,15 +129,31 @@ def _number(text: str) -> float:
 def named(about: About, product: str) -> str:
     """The sheet's head: what is not known is a line to be filled in by hand."""
     who = about.who
-    pairs = [("Client", who.client), ("Farm", who.farm), ("Field", who.field), ("Crop", about.crop),
-             ("Product", product), ("Operator", who.operator), ("Map", about.map),
-             ("Growth stage", f"outside the crop's rule: {about.happened.growth}" if about.happened.growth else "")]
-    return facts([(name, escape(value) if value else '<span class="blank"></span>') for name, value in pairs
-                  if value or name not in ("Map", "Growth stage")])
+    pairs = [
+        ("Client", who.client),
+        ("Farm", who.farm),
+        ("Field", who.field),
+        ("Crop", about.crop),
+        ("Product", product),
+        ("Operator", who.operator),
+        ("Map", about.map),
+        (
+            "Growth stage",
+            f"outside the crop's rule: {about.happened.growth}" if about.happened.growth else "",
+        ),
+    ]
+    return facts(
+        [
+            (name, escape(value) if value else '<span class="blank"></span>')
+            for name, value in pairs
+            if value or name not in ("Map", "Growth stage")
+        ]
+    )
 
 
 def time_line(about: About) -> Picture | None:
-    """Work, refills and each kind of alarm over the job's time; None where nothing happened along with the work."""
+    """Work, refills and each kind of alarm over the job's time; None where nothing happened
+    along with the work."""
     happened = about.happened
     if not happened.alarms and not happened.refills:
         return None
@@ -130,17 +163,43 @@ def time_line(about: About) -> Picture | None:
     kinds = sorted(longest, key=lambda name: -longest[name])[:MOST_ALARMS]
     with drawn(6.6, 0.9 + 0.28 * (2 + len(kinds))) as (canvas, axes):
         ax = axes[0][0]
-        ax.broken_barh([(a / 60.0, (b - a) / 60.0) for a, b in happened.working], (-0.35, 0.7), color=AFTER)
-        ax.plot([at / 60.0 for at, _kg in happened.refills], [1.0] * len(happened.refills), linestyle="", marker="v",
-                color=THIRD)
+        ax.broken_barh(
+            [(a / 60.0, (b - a) / 60.0) for a, b in happened.working], (-0.35, 0.7), color=AFTER
+        )
+        ax.plot(
+            [at / 60.0 for at, _kg in happened.refills],
+            [1.0] * len(happened.refills),
+            linestyle="",
+            marker="v",
+            color=THIRD,
+        )
         for at_s, kg in happened.refills:
-            ax.annotate(f"{kg:.0f} kg", (at_s / 60.0, 1.0), textcoords="offset points", xytext=(6, -3), fontsize=8.0)
+            ax.annotate(
+                f"{kg:.0f} kg",
+                (at_s / 60.0, 1.0),
+                textcoords="offset points",
+                xytext=(6, -3),
+                fontsize=8.0,
+            )
         for row, name in enumerate(kinds, 2):
             red = name in ALARMS and ALARMS[name].severity is Severity.RED
-            ax.broken_barh([(one.from_s / 60.0, max(one.to_s - one.from_s, 1.0) / 60.0) for one in happened.alarms
-                            if one.id == name], (row - 0.35, 0.7), color=BEFORE if red else THIRD)
-        ax.set_yticks(range(2 + len(kinds)), ["at work", "refills", *(name.replace("_", " ") for name in kinds)])
+            ax.broken_barh(
+                [
+                    (one.from_s / 60.0, max(one.to_s - one.from_s, 1.0) / 60.0)
+                    for one in happened.alarms
+                    if one.id == name
+                ],
+                (row - 0.35, 0.7),
+                color=BEFORE if red else THIRD,
+            )
+        ax.set_yticks(
+            range(2 + len(kinds)),
+            ["at work", "refills", *(name.replace("_", " ") for name in kinds)],
+        )
         ax.invert_yaxis()
         ax.set_xlabel("time, min")
-        return Picture(svg(canvas, "jobtime", "Alarms and refills over the job's time"),
-                       "Work, refills and alarms; alarms that stopped the flow are in the colour of a warning.")
+        return Picture(
+            svg(canvas, "jobtime", "Alarms and refills over the job's time"),
+            "Work, refills and alarms; alarms that stopped the flow are in the colour of a "
+            "warning.",
+        )

@@ -1,18 +1,20 @@
-"""Numbers as people write them: few digits, no powers of ten, an interval with the digits that it deserves."""
+"""Numbers as people write them: few digits, no powers of ten, an interval with the digits that
+it deserves."""
+
 from __future__ import annotations
 
 from math import floor, isfinite, log10
 
 MINUS = "\N{MINUS SIGN}"
 MOST_DECIMALS = 6
-MOST_DIGITS = 4         # of a value, however narrow its interval
+MOST_DIGITS = 4  # of a value, however narrow its interval
 
 
 def number(value: float | None, digits: int = 3) -> str:
     """Value with so many significant digits; a dash where it is not known."""
     if value is None or not isfinite(value):
         return "\N{EN DASH}"
-    if abs(value) < 0.5 * 10.0 ** -MOST_DECIMALS:
+    if abs(value) < 0.5 * 10.0**-MOST_DECIMALS:
         return "0"
     return fixed(value, digits - 1 - floor(log10(abs(value))))
 
@@ -51,7 +53,9 @@ def with_interval(value: float, low: float | None, high: float | None) -> tuple[
     largest = max(abs(low), abs(high))
     decimals = max(0, min(decimals_of(0.5 * (high - low)), MOST_DIGITS - 1 - floor(log10(largest))))
     least, most = fixed(low, decimals), fixed(high, decimals)
-    return fixed(value, decimals), f"{least} to {most}" if least != most else "narrower than the last digit"
+    return fixed(
+        value, decimals
+    ), f"{least} to {most}" if least != most else "narrower than the last digit"
 
 
 def percent(share: float) -> str:

@@ -1,4 +1,6 @@
-"""Parts of a picture that runs and tables share: binned residuals before and after, a smooth line, legends."""
+"""Parts of a picture that runs and tables share: binned residuals before and after, a smooth
+line, legends."""
+
 from __future__ import annotations
 
 from typing import Any
@@ -12,14 +14,17 @@ from console.reports.figure import AFTER, BEFORE, DIM, PAPER, THIRD
 Array = npt.NDArray[np.float64]
 
 NOMINAL, EXTENDED, MEASURED = "nominal machine", "with the causes", "measured"
-OTHERS = "with the other causes"     # in place of the nominal machine, where there are several: each shows its own
-HALF_WAVES = 4              # of a smooth nameless dependence, as in the machine model's own tables
+# in place of the nominal machine, where there are several: each shows its own
+OTHERS = "with the other causes"
+# of a smooth nameless dependence, as in the machine model's own tables
+HALF_WAVES = 4
 
 
-def residual_panel(axes: Any, axis: Axis, before: Binned, after: Binned | None, unit: str,
-                   first: str = NOMINAL) -> None:
-    """Means before (hollow, dashed; `first` says of what) and after (filled) over an axis, with bands of 90 %; None:
-    nothing is named."""
+def residual_panel(
+    axes: Any, axis: Axis, before: Binned, after: Binned | None, unit: str, first: str = NOMINAL
+) -> None:
+    """Means before (hollow, dashed; `first` says of what) and after (filled) over an axis, with
+    bands of 90 %; None: nothing is named."""
     series = [(before, BEFORE, "o", "--", first, -1.0)]
     if after is not None:
         series.append((after, AFTER, "s", "-", EXTENDED, 1.0))
@@ -27,8 +32,17 @@ def residual_panel(axes: Any, axis: Axis, before: Binned, after: Binned | None, 
     for means, colour, marker, line, label, side in series:
         if axis.names:
             at = means.at + (0.12 * side if after is not None else 0.0)
-            axes.errorbar(at, means.mean, yerr=means.half, color=colour, marker=marker, linestyle="none", capsize=3,
-                          markerfacecolor=PAPER if side < 0 else colour, label=label)
+            axes.errorbar(
+                at,
+                means.mean,
+                yerr=means.half,
+                color=colour,
+                marker=marker,
+                linestyle="none",
+                capsize=3,
+                markerfacecolor=PAPER if side < 0 else colour,
+                label=label,
+            )
         else:
             _banded(axes, means, colour, marker, line, label, hollow=side < 0)
     if axis.names:
@@ -38,10 +52,28 @@ def residual_panel(axes: Any, axis: Axis, before: Binned, after: Binned | None, 
     axes.set(xlabel=axis.label, ylabel=f"residual, {unit}")
 
 
-def _banded(axes: Any, means: Binned, colour: str, marker: str, line: str, label: str, hollow: bool) -> None:
-    axes.fill_between(means.at, means.mean - means.half, means.mean + means.half, color=colour, alpha=0.22, linewidth=0)
-    axes.plot(means.at, means.mean, color=colour, marker=marker, linestyle=line, linewidth=1.4, markersize=4.5,
-              markerfacecolor=PAPER if hollow else colour, label=label)
+def _banded(
+    axes: Any, means: Binned, colour: str, marker: str, line: str, label: str, hollow: bool
+) -> None:
+    axes.fill_between(
+        means.at,
+        means.mean - means.half,
+        means.mean + means.half,
+        color=colour,
+        alpha=0.22,
+        linewidth=0,
+    )
+    axes.plot(
+        means.at,
+        means.mean,
+        color=colour,
+        marker=marker,
+        linestyle=line,
+        linewidth=1.4,
+        markersize=4.5,
+        markerfacecolor=PAPER if hollow else colour,
+        label=label,
+    )
 
 
 def zero_line(axes: Any) -> None:
@@ -58,8 +90,11 @@ def legend_below(figure: Any, axes: Any) -> None:
 
 
 def smooth_line(axes: Any, at: Array, values: Array) -> None:
-    """Least-squares half-waves over the range of `at`: what the machine model would take up without a name for it."""
-    low, high = np.percentile(at, (1.0, 99.0)) if len(at) > 200 else (float(at.min()), float(at.max()))
+    """Least-squares half-waves over the range of `at`: what the machine model would take up
+    without a name for it."""
+    low, high = (
+        np.percentile(at, (1.0, 99.0)) if len(at) > 200 else (float(at.min()), float(at.max()))
+    )
     if not high > low:
         return
 
@@ -67,6 +102,7 @@ def smooth_line(axes: Any, at: Array, values: Array) -> None:
         share = np.clip((x - low) / (high - low), 0.0, 1.0)
         count = min(HALF_WAVES, max(1, len(np.unique(at)) - 2))
         return np.array([np.cos(np.pi * k * share) for k in range(count + 1)]).T
+
     weights, *_ = np.linalg.lstsq(waves(at), values, rcond=None)
     fine = np.linspace(low, high, 120)
     axes.plot(fine, waves(fine) @ weights, color=THIRD, linewidth=2.2, label="smooth function")

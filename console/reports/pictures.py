@@ -1,4 +1,5 @@
 """Which pictures a diagnosis has: by the kind of its data."""
+
 from __future__ import annotations
 
 from collections.abc import Mapping
@@ -31,23 +32,36 @@ def term_picture(found: TermFound, name: str) -> Picture | None:
         zero_line(axes)
         order = np.argsort(at)
         axes.plot(at[order], by_term[order], color=THIRD, linewidth=2.0, label="the term")
-        axes.plot(at, seen, color=AFTER, marker="s", linestyle="none", markerfacecolor=PAPER, label="means of the data")
+        axes.plot(
+            at,
+            seen,
+            color=AFTER,
+            marker="s",
+            linestyle="none",
+            markerfacecolor=PAPER,
+            label="means of the data",
+        )
         axes.set_xlabel(label)
         axes.set_ylabel(f"{found.stage} over nominal, {found.unit}", color=INK)
         axes.set_title(found.term["id"])
         legend_below(figure, grid)
         text = svg(figure, name, escape(sentence(found.term)))
-    return Picture(text, f"{sentence(found.term)}. Squares are the data's own means in classes of equally many rows, "
-                         "the line is the mean of the term there.")
+    return Picture(
+        text,
+        f"{sentence(found.term)}. Squares are the data's own means in classes of equally "
+        "many rows, "
+        "the line is the mean of the term there.",
+    )
 
 
 class PictureSet(NamedTuple):
-    """`causes`: one entry for each cause; `left`: one for each entry of unexplained; `data`: of the whole."""
+    """`causes`: one entry for each cause; `left`: one for each entry of unexplained; `data`: of
+    the whole."""
 
     causes: tuple[tuple[Picture, ...], ...]
     left: tuple[Picture | None, ...]
     data: tuple[Picture, ...]
-    terms: tuple[Picture | None, ...] = ()      # one for each term
+    terms: tuple[Picture | None, ...] = ()  # one for each term
 
 
 def pictures_of(found: Diagnosis, tools: Mapping[str, Any]) -> PictureSet:
@@ -60,14 +74,23 @@ def pictures_of(found: Diagnosis, tools: Mapping[str, Any]) -> PictureSet:
 
 
 def _of_run(found: Diagnosis, tools: Mapping[str, Any]) -> PictureSet:
-    of_this_run = parts_of([cause for cause in found.causes if cause.onset_s is not None or cause.until_s is not None
-                            or cause.grows])
-    views = run_views(tools["columns"], tools["machine"], extend(tools["machine"], found), of_this_run)
+    of_this_run = parts_of(
+        [
+            cause
+            for cause in found.causes
+            if cause.onset_s is not None or cause.until_s is not None or cause.grows
+        ]
+    )
+    views = run_views(
+        tools["columns"], tools["machine"], extend(tools["machine"], found), of_this_run
+    )
     parts = parts_of(found.causes)
     causes = []
     for k, cause in enumerate(found.causes):
         own = parts_of([cause])
-        causes.append(tuple(run_pictures.cause_pictures(views, parts, own[0], f"cause{k}")) if own else ())
+        causes.append(
+            tuple(run_pictures.cause_pictures(views, parts, own[0], f"cause{k}")) if own else ()
+        )
     left = []
     for k, one in enumerate(found.unexplained):
         fit = found.tables[k] if k < len(found.tables) else None
@@ -85,6 +108,12 @@ def _of_tables(found: Diagnosis, tools: Mapping[str, Any]) -> PictureSet:
         if cause.id == IN_STEPS and cause.size.value:
             phase = table_pictures.phase_picture(views, cause.size.value, f"cause{k}")
         causes.append((phase,) if phase else ())
-    left = tuple(table_pictures.left_picture(views, one, f"left{k}") for k, one in enumerate(found.unexplained))
-    return PictureSet(tuple(causes), left, tuple(table_pictures.table_picture(view, f"table{k}")
-                                                 for k, view in enumerate(views)))
+    left = tuple(
+        table_pictures.left_picture(views, one, f"left{k}")
+        for k, one in enumerate(found.unexplained)
+    )
+    return PictureSet(
+        tuple(causes),
+        left,
+        tuple(table_pictures.table_picture(view, f"table{k}") for k, view in enumerate(views)),
+    )

@@ -1,4 +1,6 @@
-"""Pictures of a run: what each cause does and what is left, stretches in full, every channel over time."""
+"""Pictures of a run: what each cause does and what is left, stretches in full, every channel
+over time."""
+
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
@@ -27,18 +29,23 @@ from control.machine.machine import CATALOGUE
 
 Array = npt.NDArray[np.float64]
 
-LEAST_SHARE = 0.25          # of what an effect does: below it, means over the axis do not tell it
-ALL_SHARE = 0.8             # from here on they tell all
-STRETCH_S = {"shaft": 12.0, "gate": 20.0, "speed": 40.0}    # views whose rows are shown in full, and how long
+# of what an effect does: below it, means over the axis do not tell it
+LEAST_SHARE = 0.25
+ALL_SHARE = 0.8  # from here on they tell all
+# views whose rows are shown in full, and how long
+STRETCH_S = {"shaft": 12.0, "gate": 20.0, "speed": 40.0}
 TIME_BINS = 90
-RATE_BINS = 24              # a rate needs longer
-CHANGING = 0.01             # of an effect's strength in a stretch: below it, it is an even one
+RATE_BINS = 24  # a rate needs longer
+# of an effect's strength in a stretch: below it, it is an even one
+CHANGING = 0.01
 BAND = "The band is the 90 % interval of each mean."
 
 
-def cause_pictures(views: Sequence[View], parts: Sequence[EffectInstance], part: EffectInstance,
-                   name: str) -> list[Picture]:
-    """One cause: its residual before and after along the variable that tells it, and a stretch where it shows most."""
+def cause_pictures(
+    views: Sequence[View], parts: Sequence[EffectInstance], part: EffectInstance, name: str
+) -> list[Picture]:
+    """One cause: its residual before and after along the variable that tells it, and a stretch
+    where it shows most."""
     found = view_of(views, parts, part)
     if found is None:
         return []
@@ -52,8 +59,14 @@ def cause_pictures(views: Sequence[View], parts: Sequence[EffectInstance], part:
         for axes, panel in zip(grid[0], panels, strict=True):
             if panel == "means":
                 memory = view.memory(after)
-                residual_panel(axes, axis, view.means(axis, before, memory), view.means(axis, after, memory), view.unit,
-                               first)
+                residual_panel(
+                    axes,
+                    axis,
+                    view.means(axis, before, memory),
+                    view.means(axis, after, memory),
+                    view.unit,
+                    first,
+                )
                 axes.set_title("residual: measured less predicted")
             else:
                 _stretch(axes, view, others, effect, part)
@@ -63,23 +76,34 @@ def cause_pictures(views: Sequence[View], parts: Sequence[EffectInstance], part:
     sentences = []
     if "means" in panels:
         where = axis.label
-        nominal = "with the nominal machine and with the causes in it" if not others else \
-            "with the other causes in the machine and with this one, too"
+        nominal = (
+            "with the nominal machine and with the causes in it"
+            if not others
+            else "with the other causes in the machine and with this one, too"
+        )
         sentences.append(f"{_sentence(view.title)}, against {where}, {nominal}. {BAND}")
     if "stretch" in panels:
-        sentences.append("The stretch is the one in which the effect does most." if part.onset_s is None else
-                    "The stretch is the one about the onset.")
+        sentences.append(
+            "The stretch is the one in which the effect does most."
+            if part.onset_s is None
+            else "The stretch is the one about the onset."
+        )
     return [Picture(text, " ".join(sentences))]
 
 
 def _panels(view: View, axis: Axis, share: float, part: EffectInstance) -> list[str]:
-    """Means over the axis where they tell the effect; a stretch in full where they do not tell all, or time matters."""
-    stretch = view.name in STRETCH_S and (share < ALL_SHARE or part.onset_s is not None or axis.sign is not None)
+    """Means over the axis where they tell the effect; a stretch in full where they do not tell
+    all, or time matters."""
+    stretch = view.name in STRETCH_S and (
+        share < ALL_SHARE or part.onset_s is not None or axis.sign is not None
+    )
     means = share >= LEAST_SHARE or not stretch
     return [word for word, wanted in (("means", means), ("stretch", stretch)) if wanted]
 
 
-def _stretch(axes: Any, view: View, others: tuple[EffectInstance, ...], effect: Array, part: EffectInstance) -> None:
+def _stretch(
+    axes: Any, view: View, others: tuple[EffectInstance, ...], effect: Array, part: EffectInstance
+) -> None:
     wide = STRETCH_S[view.name]
     step = float(np.median(np.diff(view.time_s)))
     count = min(len(effect), max(8, int(round(wide / step))))
@@ -90,10 +114,24 @@ def _stretch(axes: Any, view: View, others: tuple[EffectInstance, ...], effect: 
     begin = max(0, min(begin, len(effect) - count))
     rows = slice(begin, begin + count)
     at = view.time_s[rows]
-    axes.plot(at, view.measured[rows], linestyle="none", marker=".", markersize=3.5, color=INK, alpha=0.55,
-           label=MEASURED)
-    axes.plot(at, view.predict(others)[rows], color=BEFORE, linestyle="--", linewidth=1.5,
-              label=OTHERS if others else NOMINAL)
+    axes.plot(
+        at,
+        view.measured[rows],
+        linestyle="none",
+        marker=".",
+        markersize=3.5,
+        color=INK,
+        alpha=0.55,
+        label=MEASURED,
+    )
+    axes.plot(
+        at,
+        view.predict(others)[rows],
+        color=BEFORE,
+        linestyle="--",
+        linewidth=1.5,
+        label=OTHERS if others else NOMINAL,
+    )
     axes.plot(at, view.predict((*others, part))[rows], color=AFTER, linewidth=1.5, label=EXTENDED)
     axes.set(xlabel="time, s", ylabel=f"{view.quantity}, {view.unit}", title="a stretch of the log")
     if part.onset_s is not None:
@@ -101,21 +139,29 @@ def _stretch(axes: Any, view: View, others: tuple[EffectInstance, ...], effect: 
 
 
 def _most_telling(effect: Array, count: int) -> int:
-    """First of the `count` rows in which the effect changes most; where it is even, is strongest."""
+    """First of the `count` rows in which the effect changes most; where it is even, is
+    strongest."""
     if count >= len(effect):
         return 0
 
     def sums(series: Array) -> Array:
         total = np.concatenate(([0.0], np.cumsum(series)))
         return np.asarray(total[count:] - total[:-count])
-    strong = sums(effect ** 2)
+
+    strong = sums(effect**2)
     changing = strong - sums(effect) ** 2 / count
     return int(np.argmax(changing if changing.max() > CHANGING * strong.max() else strong))
 
 
-def left_picture(views: Sequence[View], parts: Sequence[EffectInstance], left: Unexplained, fit: TableFit | None,
-                 name: str) -> Picture | None:
-    """What no effect explains: the residual along the variable named, and the smooth function that takes it up."""
+def left_picture(
+    views: Sequence[View],
+    parts: Sequence[EffectInstance],
+    left: Unexplained,
+    fit: TableFit | None,
+    name: str,
+) -> Picture | None:
+    """What no effect explains: the residual along the variable named, and the smooth function
+    that takes it up."""
     view = next((v for v in views if v.name == left.channel and left.variable in v.axes), None)
     if view is None:
         return None
@@ -127,10 +173,22 @@ def left_picture(views: Sequence[View], parts: Sequence[EffectInstance], left: U
         zero_line(axes)
         means = view.means(axis, after, view.memory(after))
         colour = AFTER if named else BEFORE
-        axes.errorbar(means.at, means.mean, yerr=means.half, color=colour, marker="s" if named else "o",
-                      linestyle="none", capsize=3, markerfacecolor=colour if named else PAPER,
-                      label=EXTENDED if named else NOMINAL)
-        axes.set(xlabel=axis.label, ylabel=f"residual, {view.unit}", title="residual: measured less predicted")
+        axes.errorbar(
+            means.at,
+            means.mean,
+            yerr=means.half,
+            color=colour,
+            marker="s" if named else "o",
+            linestyle="none",
+            capsize=3,
+            markerfacecolor=colour if named else PAPER,
+            label=EXTENDED if named else NOMINAL,
+        )
+        axes.set(
+            xlabel=axis.label,
+            ylabel=f"residual, {view.unit}",
+            title="residual: measured less predicted",
+        )
         if fit:
             _extension(grid[0, 1], fit, axis)
         elif not axis.names and view.segments is None:
@@ -138,23 +196,37 @@ def left_picture(views: Sequence[View], parts: Sequence[EffectInstance], left: U
             smooth_line(axes, axis.values[known], after[known])
         legend_below(figure, grid)
         text = svg(figure, name, escape(f"{view.title}, against {axis.label}"))
-    return Picture(text, f"{_sentence(view.title)}, against {axis.label}: what is left"
-                         f"{' along with the causes named' if named else ''}, and the smooth function that fits it. "
-                         f"{BAND}")
+    return Picture(
+        text,
+        f"{_sentence(view.title)}, against {axis.label}: what is left"
+        f"{' along with the causes named' if named else ''}, and the smooth function that fits it. "
+        f"{BAND}",
+    )
 
 
 def _extension(axes: Any, fit: TableFit, axis: Axis) -> None:
     unit = {"gate": "mm", "scale": "kg"}.get(fit.stage, "%")
     nodes = np.array(fit.nodes) / (60.0 if fit.variable == "time_s" else 1.0)
     zero_line(axes)
-    axes.plot(nodes, fit.values, color=THIRD, marker="o", markersize=4.0, linewidth=2.0, label="smooth function")
-    axes.set(xlabel=axis.label, ylabel=f"{fit.stage} more than nominal, {unit}",
-             title="the extension, between its nodes")
+    axes.plot(
+        nodes,
+        fit.values,
+        color=THIRD,
+        marker="o",
+        markersize=4.0,
+        linewidth=2.0,
+        label="smooth function",
+    )
+    axes.set(
+        xlabel=axis.label,
+        ylabel=f"{fit.stage} more than nominal, {unit}",
+        title="the extension, between its nodes",
+    )
 
 
 def time_lines(views: Sequence[View], parts: Sequence[EffectInstance], name: str) -> Picture | None:
-    """Residual of every channel over the run, of the machine file as it was and with what it takes up, with the
-    onsets."""
+    """Residual of every channel over the run, of the machine file as it was and with what it
+    takes up, with the onsets."""
     if not views:
         return None
     with drawn(9.4, 1.1 + 1.35 * len(views), rows=len(views), sharex=True) as (figure, grid):
@@ -168,16 +240,31 @@ def time_lines(views: Sequence[View], parts: Sequence[EffectInstance], name: str
             memory = view.memory(before if after is None else after)
             even = _in_even_bins(view, view.time_s[rows] / 60.0)
             zero_line(axes)
-            for series, colour, line, label in ((before, BEFORE, "--", NOMINAL), (after, AFTER, "-", EXTENDED)):
+            for series, colour, line, label in (
+                (before, BEFORE, "--", NOMINAL),
+                (after, AFTER, "-", EXTENDED),
+            ):
                 if series is not None:
                     at, mean, half = even(series, memory)
-                    axes.fill_between(at, mean - half, mean + half, color=colour, alpha=0.22, linewidth=0)
+                    axes.fill_between(
+                        at, mean - half, mean + half, color=colour, alpha=0.22, linewidth=0
+                    )
                     axes.plot(at, mean, color=colour, linestyle=line, linewidth=1.2, label=label)
             for part in own:
                 if part.onset_s is not None:
-                    axes.axvline(part.onset_s / 60.0, color=INK, linestyle=":", linewidth=1.4, label="onset")
-                    axes.annotate(part.id, (part.onset_s / 60.0, 1.0), xycoords=("data", "axes fraction"),
-                                  xytext=(3, -2), textcoords="offset points", va="top", fontsize=8.5, color=INK)
+                    axes.axvline(
+                        part.onset_s / 60.0, color=INK, linestyle=":", linewidth=1.4, label="onset"
+                    )
+                    axes.annotate(
+                        part.id,
+                        (part.onset_s / 60.0, 1.0),
+                        xycoords=("data", "axes fraction"),
+                        xytext=(3, -2),
+                        textcoords="offset points",
+                        va="top",
+                        fontsize=8.5,
+                        color=INK,
+                    )
             axes.set_title(f"{title}, {view.unit}", color=INK if own else DIM)
             axes.margins(x=0.01)
         grid[-1, 0].set_xlabel("time since the log began, min")
@@ -197,7 +284,9 @@ def _rows_for_time(view: View, own: Sequence[EffectInstance]) -> tuple[npt.NDArr
     return view.member == head, f"head {head} less the mean of all heads"
 
 
-def _in_even_bins(view: View, minutes: Array) -> Callable[[Array, float], tuple[Array, Array, Array]]:
+def _in_even_bins(
+    view: View, minutes: Array
+) -> Callable[[Array, float], tuple[Array, Array, Array]]:
     """(middle of each bin, mean, half of the interval), NaN where a bin says nothing."""
     cell, middle = view.even_bins(minutes, TIME_BINS if view.segments is None else RATE_BINS)
     count = len(middle)
@@ -208,6 +297,7 @@ def _in_even_bins(view: View, minutes: Array) -> Callable[[Array, float], tuple[
         mean, half = np.full(count, np.nan), np.full(count, np.nan)
         mean[places], half[places] = found.mean, found.half
         return middle, mean, half
+
     return means
 
 

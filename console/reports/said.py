@@ -1,7 +1,10 @@
-"""What a diagnosis says, once for terminal, report, notebook and Diagnosis page, in the language in use. Pure.
+"""What a diagnosis says, once for terminal, report, notebook and Diagnosis page, in the
+language in use. Pure.
 
-Causes are asked for by their ids, channels and variables by theirs; whoever shows them chooses which facts and where.
+Causes are asked for by their ids, channels and variables by theirs; whoever shows them chooses
+which facts and where.
 """
+
 from __future__ import annotations
 
 from dataclasses import replace
@@ -24,24 +27,39 @@ from control.diagnosis.result import (
 )
 from control.machine.machine import CATALOGUE
 
-HEADLINE = 0.5                              # least probability of a cause that a headline names
+# least probability of a cause that a headline names
+HEADLINE = 0.5
 PLACE_DIGITS = 2
 
 # verdict: in a sentence; as a word by itself, with its symbol
-VERDICTS = {"none": ("nothing beyond noise", N_("NOTHING WRONG"), "-"), "named": ("named", N_("CAUSE NAMED"), "!"),
-            "ambiguous": ("found, but not told apart", N_("NOT TOLD APART"), "?"),
-            "unexplained": ("structure that no known effect explains", N_("UNEXPLAINED"), "??"),
-            "not_judged": ("not judged", N_("NOT JUDGED"), "??")}
-CHANNELS = {"shaft": N_("shaft"), "gate": N_("gate"), "flow": N_("flow"), "scale": N_("scale"), "speed": N_("speed"),
-            "heads": N_("heads"), "lag": N_("lag"), "place": N_("place"),
-            "effort": N_("effort"), "gate_effort": N_("gate's effort")}
+VERDICTS = {
+    "none": ("nothing beyond noise", N_("NOTHING WRONG"), "-"),
+    "named": ("named", N_("CAUSE NAMED"), "!"),
+    "ambiguous": ("found, but not told apart", N_("NOT TOLD APART"), "?"),
+    "unexplained": ("structure that no known effect explains", N_("UNEXPLAINED"), "??"),
+    "not_judged": ("not judged", N_("NOT JUDGED"), "??"),
+}
+CHANNELS = {
+    "shaft": N_("shaft"),
+    "gate": N_("gate"),
+    "flow": N_("flow"),
+    "scale": N_("scale"),
+    "speed": N_("speed"),
+    "heads": N_("heads"),
+    "lag": N_("lag"),
+    "place": N_("place"),
+    "effort": N_("effort"),
+    "gate_effort": N_("gate's effort"),
+}
 
 
 def channel_word(channel: str) -> str:
     return _(CHANNELS.get(channel, channel))
 
 
-# --- causes ----------------------------------------------------------------------------------------------------------
+# --- causes
+# --------------------------------------------------------------------------------------------------
+
 
 def title_of(effect_id: str) -> str:
     if effect_id == UNKNOWN:
@@ -62,33 +80,46 @@ def title(cause: Cause) -> str:
 
 def others(cause: Cause) -> tuple[tuple[str, float], ...]:
     """Rivals of a cause along with itself, likeliest first."""
-    return tuple(sorted(((r.id, r.probability) for r in cause.rivals if r.id != cause.id), key=lambda r: -r[1]))
+    return tuple(
+        sorted(
+            ((r.id, r.probability) for r in cause.rivals if r.id != cause.id), key=lambda r: -r[1]
+        )
+    )
 
 
 def headlined(cause: Cause) -> bool:
     """Whether a cause is likely enough for a headline: else it is only suspected."""
-    return cause.probability >= HEADLINE and all(share < cause.probability for _rival, share in others(cause))
+    return cause.probability >= HEADLINE and all(
+        share < cause.probability for _rival, share in others(cause)
+    )
 
 
 def headlines_first(found: Diagnosis) -> Diagnosis:
     """With the causes that are only suspected behind the others."""
-    return replace(found, causes=tuple(sorted(found.causes, key=lambda cause: not headlined(cause))))
+    return replace(
+        found, causes=tuple(sorted(found.causes, key=lambda cause: not headlined(cause)))
+    )
 
 
 def tied(cause: Cause) -> bool:
-    """Whether a cause has rivals with a name, that the data cannot tell it from: then all of them are equals."""
+    """Whether a cause has rivals with a name, that the data cannot tell it from: then all of
+    them are equals."""
     return any(rival != UNKNOWN for rival, _share in others(cause))
 
 
 def ties(cause: Cause) -> tuple[tuple[str, str], ...]:
     """A cause and its rivals as equals, each with its probability: the data does not prefer one."""
     own = (title(cause), percent(cause.probability))
-    return (own, *((title_of(one), percent(share)) for one, share in others(cause))) if tied(cause) else ()
+    return (
+        (own, *((title_of(one), percent(share)) for one, share in others(cause)))
+        if tied(cause)
+        else ()
+    )
 
 
 def heading(cause: Cause) -> str:
-    """Its title, and whether there is more than a suspicion; of equals how many they are: none of them is a headline
-    until the next run."""
+    """Its title, and whether there is more than a suspicion; of equals how many they are: none
+    of them is a headline until the next run."""
     if tied(cause):
         return _("one of these {count}, this data cannot tell which").format(count=len(ties(cause)))
     return title(cause) if headlined(cause) else _("suspected: {title}").format(title=title(cause))
@@ -107,16 +138,22 @@ def when(cause: Cause) -> str:
         last = _("its size") if size.value is None else f"{short(size.value)} {_(size.unit)}"
         return _("grows from {begin} s on to {size} at the end").format(begin=begin, size=last)
     if cause.until_s is not None:
-        return _("until {end} s").format(end=end) if cause.onset_s is None else _("from {begin} s to {end} s").format(
-            begin=begin, end=end)
+        return (
+            _("until {end} s").format(end=end)
+            if cause.onset_s is None
+            else _("from {begin} s to {end} s").format(begin=begin, end=end)
+        )
     return "" if cause.onset_s is None else _("since {begin} s").format(begin=begin)
 
 
 def sized(size: Size) -> str:
     """A size and its 90 % interval."""
     value = _("size not known") if size.value is None else f"{size.value:.3g} {_(size.unit)}"
-    return value + ("" if size.low is None or size.high is None else
-                    f" (90 %: {size.low:.3g} {_('to')} {size.high:.3g})")
+    return value + (
+        ""
+        if size.low is None or size.high is None
+        else f" (90 %: {size.low:.3g} {_('to')} {size.high:.3g})"
+    )
 
 
 def cost(of: FieldCost) -> str:
@@ -127,15 +164,19 @@ def cost(of: FieldCost) -> str:
     if of.rate_error_percent:
         word = "much" if of.rate_error_percent > 0.0 else "little"
         said.append(f"{number(abs(of.rate_error_percent), 2)} % too {word} is spread")
-    if of.place_error_m and abs(of.place_error_m) >= 0.5 * 10.0 ** -PLACE_DIGITS:
+    if of.place_error_m and abs(of.place_error_m) >= 0.5 * 10.0**-PLACE_DIGITS:
         word = "beyond" if of.place_error_m > 0 else "short of"
-        said.append(f"material lands {fixed(abs(of.place_error_m), PLACE_DIGITS)} m {word} its place")
+        said.append(
+            f"material lands {fixed(abs(of.place_error_m), PLACE_DIGITS)} m {word} its place"
+        )
     if of.rate_error_percent is None:
         said.append("dose not known")
     return "; ".join(said) or "nothing in dose or place"
 
 
-# --- what is left ----------------------------------------------------------------------------------------------------
+# --- what is left
+# --------------------------------------------------------------------------------------------------
+
 
 def left(of: Unexplained, kind: str, column: bool = True) -> str:
     """What no effect explains, how much, when, and what comes nearest. column: by its name too."""
@@ -143,15 +184,26 @@ def left(of: Unexplained, kind: str, column: bool = True) -> str:
         name = _(recorded(of.variable, kind).name)
         said = _("{channel} changes with {variable}; none of the known causes fits").format(
             channel=channel_word(of.channel),
-            variable=f"{name} ({of.variable})" if column and name != of.variable else name)
+            variable=f"{name} ({of.variable})" if column and name != of.variable else name,
+        )
     else:
         said = _("{channel} is off by more than chance; none of the known causes fits").format(
-            channel=channel_word(of.channel))
-    facts = [_("that is {share} of the error not yet explained").format(share=percent(of.explained_share))]
+            channel=channel_word(of.channel)
+        )
+    facts = [
+        _("that is {share} of the error not yet explained").format(
+            share=percent(of.explained_share)
+        )
+    ]
     if of.rms is not None and of.noise is not None:
         decimals = decimals_of(of.noise if of.noise > 0.0 else of.rms)
-        facts.append(_("typically off by {rms} {unit}; the sensors alone are off by {noise} {unit}").format(
-            rms=plain(fixed(of.rms, decimals)), noise=plain(fixed(of.noise, decimals)), unit=of.unit))
+        facts.append(
+            _("typically off by {rms} {unit}; the sensors alone are off by {noise} {unit}").format(
+                rms=plain(fixed(of.rms, decimals)),
+                noise=plain(fixed(of.noise, decimals)),
+                unit=of.unit,
+            )
+        )
     if of.dose_percent is not None:
         facts.append(_("{percent} % of the dose").format(percent=short(abs(of.dose_percent), 2)))
     if of.from_s is not None:
@@ -163,7 +215,9 @@ def left(of: Unexplained, kind: str, column: bool = True) -> str:
     return f"{said}: {'; '.join(facts)}."
 
 
-# --- what a machine file takes up ------------------------------------------------------------------------------------
+# --- what a machine file takes up
+# ------------------------------------------------------------------------------------
+
 
 def whole_id(of: Fitted) -> str:
     """By which a drive fitted as a whole is adopted."""
@@ -178,17 +232,20 @@ def whole(of: Fitted) -> str:
 
 def whole_gain(of: Fitted) -> str:
     """What a drive fitted as a whole is good for."""
-    return _("Which of these is wrong is not told apart. Adopted together they predict rows that were not fitted to: "
-             "error {before} -> {after} {unit}.").format(before=plain(number(of.before)), after=plain(number(of.after)),
-                                                         unit=_(of.unit))
+    return _(
+        "Which of these is wrong is not told apart. Adopted together they predict rows that "
+        "were not fitted to: "
+        "error {before} -> {after} {unit}."
+    ).format(before=plain(number(of.before)), after=plain(number(of.after)), unit=_(of.unit))
 
 
 def sorted_out(found: Diagnosis) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Ids of effects and terms that a machine file may take up, and a line for each that it may not."""
+    """Ids of effects and terms that a machine file may take up, and a line for each that it may
+    not."""
     kept, refused = ([] if found.fitted is None else [whole_id(found.fitted)]), []
     for cause in found.causes:
         if taken_whole(found, cause):
-            continue                    # as far as it is right it is in that already
+            continue  # as far as it is right it is in that already
         if cause.scope is not None:
             refused.append(f"{cause.id}: holds in the rows of {cause.scope} only")
         elif why := not_adoptable(cause):
@@ -201,14 +258,19 @@ def sorted_out(found: Diagnosis) -> tuple[tuple[str, ...], tuple[str, ...]]:
             refused.append(f"{term.term['id']}: {why}")
         else:
             kept.append(term.term["id"])
-    refused += [f"{left.channel} over {left.variable or 'nothing recorded'}: no effect explains it: nothing to model"
-                for left in found.unexplained if (left.channel, left.variable) not in modelled]
+    refused += [
+        f"{left.channel} over {left.variable or 'nothing recorded'}: no effect explains it: "
+        "nothing to model"
+        for left in found.unexplained
+        if (left.channel, left.variable) not in modelled
+    ]
     return tuple(kept), tuple(refused)
 
 
 class NotSeen(NamedTuple):
-    """Effects that were not found: seen, with the size from which on each would have been; blind: that this data cannot
-    show, though data of its kind might; elsewhere: that need other data."""
+    """Effects that were not found: seen, with the size from which on each would have been;
+    blind: that this data cannot show, though data of its kind might; elsewhere: that need other
+    data."""
 
     seen: tuple[NotShown, ...]
     blind: tuple[str, ...]
@@ -218,24 +280,41 @@ class NotSeen(NamedTuple):
 def not_seen(found: Diagnosis) -> NotSeen:
     """Several kinds of data are joined by a plus."""
     blind = [one.id for one in found.not_shown if one.smallest_detectable.value is None]
-    hoped_for = [one for one in blind if one in CATALOGUE and any(
-        kind in where for kind in found.data.kind.split("+") for where in CATALOGUE[one].effect.seen_in)]
-    return NotSeen(tuple(one for one in found.not_shown if one.smallest_detectable.value is not None),
-                   tuple(hoped_for), tuple(one for one in blind if one not in hoped_for))
+    hoped_for = [
+        one
+        for one in blind
+        if one in CATALOGUE
+        and any(
+            kind in where
+            for kind in found.data.kind.split("+")
+            for where in CATALOGUE[one].effect.seen_in
+        )
+    ]
+    return NotSeen(
+        tuple(one for one in found.not_shown if one.smallest_detectable.value is not None),
+        tuple(hoped_for),
+        tuple(one for one in blind if one not in hoped_for),
+    )
 
 
-# --- the verdict -----------------------------------------------------------------------------------------------------
+# --- the verdict
+# --------------------------------------------------------------------------------------------------
+
 
 def not_judged(found: Diagnosis) -> tuple[str, ...]:
-    """Channels that a run log of such a machine may have and that could not be judged in this one; of bench tables
-    none."""
+    """Channels that a run log of such a machine may have and that could not be judged in this
+    one; of bench tables none."""
     may, judged = found.data.stages or RUN_CHANNELS, {channel.channel for channel in found.channels}
-    return tuple(channel for channel in RUN_CHANNELS if channel in may and channel not in judged) \
-        if found.data.kind == "run" else ()
+    return (
+        tuple(channel for channel in RUN_CHANNELS if channel in may and channel not in judged)
+        if found.data.kind == "run"
+        else ()
+    )
 
 
 def sentence(found: Diagnosis) -> str:
-    """What was not judged, then the verdict, in one line; where rivals are tied, the test that parts them."""
+    """What was not judged, then the verdict, in one line; where rivals are tied, the test that
+    parts them."""
     if found.verdict == "ambiguous" and found.next_run is not None and any(map(tied, found.causes)):
         return _next_test(found)
     missing = not_judged(found)
@@ -246,15 +325,27 @@ def sentence(found: Diagnosis) -> str:
 
 
 def _next_test(found: Diagnosis) -> str:
-    """The next test leads: a name that this data cannot tell from others is no headline. Where no test of the program's
-    list tells them apart, what they are leads, and that nothing here tells which."""
+    """The next test leads: a name that this data cannot tell from others is no headline. Where
+    no test of the program's list tells them apart, what they are leads, and that nothing here
+    tells which."""
     assert found.next_run is not None
     minutes = f" ({found.next_run.minutes:g} min)" if found.next_run.minutes else ""
-    equals, what = dict.fromkeys(name for cause in found.causes for name, _sure in ties(cause)), to_do(found)[0]
-    said = [_("Test next: {what}{minutes}.").format(what=what, minutes=minutes),
-            _("It tells apart: {causes}.").format(causes="; ".join(equals))] if found.next_run.id else [
-        _("Either {causes}: nothing in this data tells which. Next: {what}.").format(
-            causes=_(", or: ").join(equals), what=what)]
+    equals, what = (
+        dict.fromkeys(name for cause in found.causes for name, _sure in ties(cause)),
+        to_do(found)[0],
+    )
+    said = (
+        [
+            _("Test next: {what}{minutes}.").format(what=what, minutes=minutes),
+            _("It tells apart: {causes}.").format(causes="; ".join(equals)),
+        ]
+        if found.next_run.id
+        else [
+            _("Either {causes}: nothing in this data tells which. Next: {what}.").format(
+                causes=_(", or: ").join(equals), what=what
+            )
+        ]
+    )
     sure = [title(cause) for cause in found.causes if not tied(cause) and headlined(cause)]
     if sure:
         said.append(_("Sure: {causes}.").format(causes="; ".join(sure)))
@@ -267,19 +358,28 @@ def _verdict(found: Diagnosis) -> str:
     if found.verdict == "none":
         return _("Everything is as the machine file says, as far as the sensors can tell.")
     if found.verdict == "not_judged":
-        return _("This data is too short, or moves too little, to say that nothing is wrong.") if found.channels \
+        return (
+            _("This data is too short, or moves too little, to say that nothing is wrong.")
+            if found.channels
             else _("None of this data could be compared with the machine file.")
+        )
     if found.verdict == "unexplained" and found.unexplained:
         said = left(found.unexplained[0], found.data.kind, column=False)
         return said if not likely else f"{said} {_('Besides:')} {title(likely[0])}."
     if not found.causes:
         return _("Nothing with a name was found.")
     if not likely:
-        return _("Something is there, but no cause is likely enough to be named; suspected: {count}.").format(
-            count=suspected)
-    said = "   ".join(f"{number}. {_doubtful(cause)}" for number, cause in enumerate(likely, 1)) if (
-        len(likely) > 1) else _doubtful(likely[0])
-    return f"{said}   {_('Only suspected: {count}.').format(count=suspected)}" if suspected else said
+        return _(
+            "Something is there, but no cause is likely enough to be named; suspected: {count}."
+        ).format(count=suspected)
+    said = (
+        "   ".join(f"{number}. {_doubtful(cause)}" for number, cause in enumerate(likely, 1))
+        if (len(likely) > 1)
+        else _doubtful(likely[0])
+    )
+    return (
+        f"{said}   {_('Only suspected: {count}.').format(count=suspected)}" if suspected else said
+    )
 
 
 def _doubtful(cause: Cause) -> str:
@@ -288,19 +388,25 @@ def _doubtful(cause: Cause) -> str:
     if not rivals:
         return _("{first}.").format(first=first)
     if len(rivals) == 1:
-        return _("{first}, or: {other}. This data cannot tell.").format(first=first, other=rivals[0])
-    return _("{first}, or one of {count} others: this data cannot tell.").format(first=first, count=len(rivals))
+        return _("{first}, or: {other}. This data cannot tell.").format(
+            first=first, other=rivals[0]
+        )
+    return _("{first}, or one of {count} others: this data cannot tell.").format(
+        first=first, count=len(rivals)
+    )
 
 
 def to_do(found: Diagnosis) -> tuple[str, ...]:
-    """What a person does next, as the items of a list: each with a capital, and without the stop of a sentence."""
+    """What a person does next, as the items of a list: each with a capital, and without the
+    stop of a sentence."""
     steps = (_(step) for step in found.next_run.to_do()) if found.next_run is not None else ()
     return tuple(step[0].upper() + step[1:].rstrip(".") for step in steps if step)
 
 
 def better(old: float, new: float, low: float | None, high: float | None, lead: str = "") -> str:
-    """Whether a new machine file predicts a channel better, by the r.m.s. errors of both and the 90 % interval of old
-    less new; None where the log is too short for one. lead: before what is better or worse."""
+    """Whether a new machine file predicts a channel better, by the r.m.s. errors of both and
+    the 90 % interval of old less new; None where the log is too short for one. lead: before
+    what is better or worse."""
     if low is None or high is None:
         return _("the log is too short to say")
     if low <= 0.0 <= high:

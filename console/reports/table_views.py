@@ -1,4 +1,6 @@
-"""A bench table's measured columns as a report shows them: rows next to the nominal and the extended machine."""
+"""A bench table's measured columns as a report shows them: rows next to the nominal and the
+extended machine."""
+
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -11,18 +13,27 @@ from control.calibration.bench_table import BenchTable, usable
 from control.diagnosis.effects import LAG_COARSE_CLOCK
 from control.diagnosis.result import Cause
 from control.diagnosis.tables.duplicate_rows import without_duplicates
-from control.diagnosis.tables.piece import SizedEffect, TableCandidate, TablePiece, with_effects, within_scope
+from control.diagnosis.tables.piece import (
+    SizedEffect,
+    TableCandidate,
+    TablePiece,
+    with_effects,
+    within_scope,
+)
 from control.diagnosis.tables.rows import pieces_of
 from control.machine.machine import CATALOGUE, Machine
 
 Array = npt.NDArray[np.float64]
 
-IN_STEPS = LAG_COARSE_CLOCK.id  # shows in how the times heap, not in what the machine does
-UNSORTED = ("replicate", "area_m2", "duration_s")       # shown against only where nothing else varies
+# shows in how the times heap, not in what the machine does
+IN_STEPS = LAG_COARSE_CLOCK.id
+# shown against only where nothing else varies
+UNSORTED = ("replicate", "area_m2", "duration_s")
 
 
 class CausePart(NamedTuple):
-    """A cause as the model takes it. `scope`: the rows that it holds in, as its cause names them; None: all."""
+    """A cause as the model takes it. `scope`: the rows that it holds in, as its cause names
+    them; None: all."""
 
     effect: SizedEffect
     scope: str | None
@@ -33,7 +44,8 @@ class CausePart(NamedTuple):
 
 
 class Group(NamedTuple):
-    """Rows of one label (all rows, "", where the table has none), and which effects hold in them."""
+    """Rows of one label (all rows, "", where the table has none), and which effects hold in
+    them."""
 
     label: str
     rows: npt.NDArray[np.bool_]
@@ -44,15 +56,16 @@ class Group(NamedTuple):
 class MeasuredColumn(NamedTuple):
     """One measured column. Arrays (n,) in `unit`."""
 
-    table: str                          # its path
-    column: str                         # what was measured
+    table: str  # its path
+    column: str  # what was measured
     channel: str
     unit: str
     observed: Array
     nominal: Array
     extended: Array
     variables: dict[str, Array]
-    main: str                           # the variable to show it against, "" where none varies
+    # the variable to show it against, "" where none varies
+    main: str
     groups: tuple[Group, ...]
 
     @property
@@ -68,35 +81,66 @@ class MeasuredColumn(NamedTuple):
         return self.observed - self.extended
 
 
-def table_views(tables: Sequence[BenchTable], machine: Machine, causes: Sequence[Cause]) -> tuple[MeasuredColumn, ...]:
+def table_views(
+    tables: Sequence[BenchTable], machine: Machine, causes: Sequence[Cause]
+) -> tuple[MeasuredColumn, ...]:
     """Views of every measured column, in the order of the tables.
 
     Raises ValueError with one line for tables that cannot be used.
     """
-    parts = tuple(CausePart(SizedEffect(TableCandidate(cause.id, cause.member), cause.size.value), cause.scope)
-                  for cause in causes
-                  if cause.id in CATALOGUE and cause.id != IN_STEPS and cause.size.value is not None)
-    return tuple(_view(piece, machine, parts) for table in without_duplicates(list(map(usable, tables)), machine).tables
-                 for piece in pieces_of(table, machine))
+    parts = tuple(
+        CausePart(
+            SizedEffect(TableCandidate(cause.id, cause.member), cause.size.value), cause.scope
+        )
+        for cause in causes
+        if cause.id in CATALOGUE and cause.id != IN_STEPS and cause.size.value is not None
+    )
+    return tuple(
+        _view(piece, machine, parts)
+        for table in without_duplicates(list(map(usable, tables)), machine).tables
+        for piece in pieces_of(table, machine)
+    )
 
 
 def _view(piece: TablePiece, machine: Machine, parts: tuple[CausePart, ...]) -> MeasuredColumn:
     nominal = piece.predict(machine)
-    felt = dict.fromkeys(part.id for part in parts
-                         if np.any(piece.predict(with_effects(machine, (part.effect,))) != nominal))
+    felt = dict.fromkeys(
+        part.id
+        for part in parts
+        if np.any(piece.predict(with_effects(machine, (part.effect,))) != nominal)
+    )
     extended = nominal.copy()
     groups = []
     for text in dict.fromkeys(piece.group.tolist()):
         rows = piece.group == text
         held = [part for part in parts if within_scope(part.scope, piece, text, part.id)]
         if held:
-            extended[rows] = piece.predict(with_effects(machine, tuple(part.effect for part in held)))[rows]
+            extended[rows] = piece.predict(
+                with_effects(machine, tuple(part.effect for part in held))
+            )[rows]
         names = {part.id for part in held}
-        groups.append(Group(text, rows, tuple(n for n in felt if n in names), tuple(n for n in felt if n not in names)))
+        groups.append(
+            Group(
+                text,
+                rows,
+                tuple(n for n in felt if n in names),
+                tuple(n for n in felt if n not in names),
+            )
+        )
     variables = dict(piece.variables)
     table, _, column = piece.name.rpartition(" ")
-    return MeasuredColumn(table, column, piece.channel, piece.unit, piece.observed, nominal, extended, variables,
-                          _main(variables, extended - nominal, nominal), tuple(groups))
+    return MeasuredColumn(
+        table,
+        column,
+        piece.channel,
+        piece.unit,
+        piece.observed,
+        nominal,
+        extended,
+        variables,
+        _main(variables, extended - nominal, nominal),
+        tuple(groups),
+    )
 
 
 def _main(variables: dict[str, Array], effect: Array, nominal: Array) -> str:
@@ -113,5 +157,6 @@ def _main(variables: dict[str, Array], effect: Array, nominal: Array) -> str:
             index = rank * 6 // len(rank)
         counts = np.maximum(np.bincount(index), 1)
         means = np.bincount(index, series - series.mean()) / counts
-        return round(float(np.sum(counts * means ** 2)), 12)
+        return round(float(np.sum(counts * means**2)), 12)
+
     return max(names, key=spread)

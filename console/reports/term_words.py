@@ -1,4 +1,6 @@
-"""A term in one sentence, the same in terminal, report and page: what changes, by how much, over what, seen where."""
+"""A term in one sentence, the same in terminal, report and page: what changes, by how much,
+over what, seen where."""
+
 from __future__ import annotations
 
 import math
@@ -13,34 +15,63 @@ from control.machine.term_sums import not_compensated, partly_compensated
 from control.machine.terms import STAGE_OF, VARIABLES, Acts, Term, parse_term
 from drivers.plugins import EffectPlugin, effects
 
-LEAST_SHOWN = 1e-3          # of a change for each unit of a variable
+LEAST_SHOWN = 1e-3  # of a change for each unit of a variable
 
-WHAT = {"shaft": N_("Shaft speed"), "gate": N_("Opening"), "flow": N_("Flow"), "scale": N_("Scale reading"),
-        "speed": N_("Wheel speed")}
-VARIABLE = {"shaft_rpm": N_("shaft speed"), "opening_mm": N_("opening"), "hopper_kg": N_("hopper level"),
-            "pitch_deg": N_("pitch"), "roll_deg": N_("roll"), "supply_v": N_("supply voltage"),
-            "speed_mps": N_("travel speed"), "heading_deg": N_("heading"), "time_s": N_("time"),
-            "shaft_angle_deg": N_("shaft angle")}
-WHY_NOT = (N_("it holds for a span of one run"),        # as the machine model says it
-           N_("control does not know the shaft's angle when what it commands comes to pass"),
-           N_("control does not read the wheel through it"), N_("with the speed of now, not with that at landing"),
-           N_("with the time since this run began"))
+WHAT = {
+    "shaft": N_("Shaft speed"),
+    "gate": N_("Opening"),
+    "flow": N_("Flow"),
+    "scale": N_("Scale reading"),
+    "speed": N_("Wheel speed"),
+}
+VARIABLE = {
+    "shaft_rpm": N_("shaft speed"),
+    "opening_mm": N_("opening"),
+    "hopper_kg": N_("hopper level"),
+    "pitch_deg": N_("pitch"),
+    "roll_deg": N_("roll"),
+    "supply_v": N_("supply voltage"),
+    "speed_mps": N_("travel speed"),
+    "heading_deg": N_("heading"),
+    "time_s": N_("time"),
+    "shaft_angle_deg": N_("shaft angle"),
+}
+WHY_NOT = (
+    N_("it holds for a span of one run"),  # as the machine model says it
+    N_("control does not know the shaft's angle when what it commands comes to pass"),
+    N_("control does not read the wheel through it"),
+    N_("with the speed of now, not with that at landing"),
+    N_("with the time since this run began"),
+)
 
 
 def sentence(plain: Mapping[str, Any]) -> str:
     """Of a term as plain data (`result.TermFound.term`)."""
     term = Term.model_validate(plain)
     said = _said(term)
-    ranges = [_("{variable} between {low} and {high} {unit}").format(
-        variable=variable_name(one.name), low=short(one.valid[0], 2), high=short(one.valid[1], 2), unit=one.unit_shown)
-        for one in term.over if one.valid is not None]
+    ranges = [
+        _("{variable} between {low} and {high} {unit}").format(
+            variable=variable_name(one.name),
+            low=short(one.valid[0], 2),
+            high=short(one.valid[1], 2),
+            unit=one.unit_shown,
+        )
+        for one in term.over
+        if one.valid is not None
+    ]
     if len(ranges) == 1 and term.over[0].valid is not None:
         low, high = term.over[0].valid
-        said += "; " + _("seen between {low} and {high} {unit}").format(low=short(low, 2), high=short(high, 2),
-                                                                        unit=term.over[0].unit_shown).rstrip()
+        said += (
+            "; "
+            + _("seen between {low} and {high} {unit}")
+            .format(low=short(low, 2), high=short(high, 2), unit=term.over[0].unit_shown)
+            .rstrip()
+        )
     elif ranges:
         said += "; " + _("seen with {ranges}").format(ranges=", ".join(ranges))
-    return said + "".join(f" ({one.title}: {one.advice})" for one in effects().values() if _alike(term, one))
+    return said + "".join(
+        f" ({one.title}: {one.advice})" for one in effects().values() if _alike(term, one)
+    )
 
 
 def _alike(term: Term, plugin: EffectPlugin) -> bool:
@@ -66,17 +97,34 @@ def variable_name(name: str) -> str:
 def _said(term: Term) -> str:
     form, first, last = FORMS[term.form], term.over[0], term.over[-1]
     words = form.said(term)
-    # A change is given for so many units of its variable that it is no nought: a load in grams moves little each.
-    sizes = [abs(value) for value in (*words.changes.values(), words.numbers.get("size", 0.0)) if value != 0.0]
-    of = 10.0 ** max(0.0, math.ceil(math.log10(LEAST_SHOWN / max(sizes)))) if sizes and form.each_unit else 1.0
+    # A change is given for so many units of its variable that it is no nought: a load in grams
+    # moves little each.
+    sizes = [
+        abs(value)
+        for value in (*words.changes.values(), words.numbers.get("size", 0.0))
+        if value != 0.0
+    ]
+    of = (
+        10.0 ** max(0.0, math.ceil(math.log10(LEAST_SHOWN / max(sizes))))
+        if sizes and form.each_unit
+        else 1.0
+    )
     per = first.unit_shown or _("unit")
     what = N_("Scale drift") if term.acts_on is Acts.SCALE_KG_MIN else WHAT[STAGE_OF[term.acts_on]]
     return _(form.sentences[words.which]).format(
-        what=_(what), unit=term.unit, x=variable_name(first.name), per=per if of == 1.0 else f"{of:.0f} {per}",
-        y=variable_name(last.name), per2=last.unit_shown or _("unit"),
+        what=_(what),
+        unit=term.unit,
+        x=variable_name(first.name),
+        per=per if of == 1.0 else f"{of:.0f} {per}",
+        y=variable_name(last.name),
+        per2=last.unit_shown or _("unit"),
         **{name: _signed(of * value, term.unit) for name, value in words.changes.items()},
-        **{name: short(of * value if name == "size" else value, 2) for name, value in words.numbers.items()},
-        **{name: short(value, 4) for name, value in words.times_s.items()})
+        **{
+            name: short(of * value if name == "size" else value, 2)
+            for name, value in words.numbers.items()
+        },
+        **{name: short(value, 4) for name, value in words.times_s.items()},
+    )
 
 
 def _signed(value: float, unit: str) -> str:
@@ -85,12 +133,21 @@ def _signed(value: float, unit: str) -> str:
 
 def side_by_side(change: Change) -> list[str]:
     """Each effect and term of a machine file before and after, a line each."""
-    lines = [f"  {one.id}{'' if one.member is None else f'#{one.member}'}: {one.before:.4g} -> {one.after:.4g} "
-             f"{CATALOGUE[one.id].effect.unit}" for one in change.effects]
-    terms = [f"  {term.id}: {_('none')} -> {sentence(term.model_dump(mode='json'))}" for term in change.terms]
+    lines = [
+        f"  {one.id}{'' if one.member is None else f'#{one.member}'}: {one.before:.4g} -> "
+        f"{one.after:.4g} "
+        f"{CATALOGUE[one.id].effect.unit}"
+        for one in change.effects
+    ]
+    terms = [
+        f"  {term.id}: {_('none')} -> {sentence(term.model_dump(mode='json'))}"
+        for term in change.terms
+    ]
     return [*lines, *terms]
 
 
 _unmatched = set(VARIABLE) ^ set(VARIABLES)
 if _unmatched:
-    raise RuntimeError(f"variables without words, or words without a variable: {', '.join(sorted(_unmatched))}")
+    raise RuntimeError(
+        f"variables without words, or words without a variable: {', '.join(sorted(_unmatched))}"
+    )

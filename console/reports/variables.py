@@ -1,4 +1,5 @@
 """Recorded variables and settings in plain words, with their units."""
+
 from __future__ import annotations
 
 from typing import NamedTuple
@@ -19,25 +20,39 @@ class NamedVariable(NamedTuple):
 OF_RUNS = {
     "shaft_rpm": NamedVariable(N_("shaft speed commanded"), "r/min"),
     "opening_mm": NamedVariable(N_("opening commanded"), "mm"),
-    "supply_v": NamedVariable(N_("supply"), "V"), "pitch_deg": NamedVariable(N_("pitch"), N_("degrees nose up")),
+    "supply_v": NamedVariable(N_("supply"), "V"),
+    "pitch_deg": NamedVariable(N_("pitch"), N_("degrees nose up")),
     "roll_deg": NamedVariable(N_("roll"), N_("degrees right side down")),
     "hopper_kg": NamedVariable(N_("hopper"), "kg"),
-    "speed_mps": NamedVariable(N_("ground speed"), "m/s"), "heading_deg": NamedVariable(N_("heading"), N_("degrees")),
-    "time_s": NamedVariable(N_("time"), "min"), "gain_of_speed": NamedVariable(N_("acceleration"), "m/s per s"),
-    "ndvi": NamedVariable(N_("NDVI, mean of all heads")), "way": NamedVariable(N_("last change of the command")),
-    "moved": NamedVariable(N_("distance moved so far"), "mm"), "working": NamedVariable(N_("out of work / in work")),
-    "since_change": NamedVariable(N_("seconds since the command changed"))}
+    "speed_mps": NamedVariable(N_("ground speed"), "m/s"),
+    "heading_deg": NamedVariable(N_("heading"), N_("degrees")),
+    "time_s": NamedVariable(N_("time"), "min"),
+    "gain_of_speed": NamedVariable(N_("acceleration"), "m/s per s"),
+    "ndvi": NamedVariable(N_("NDVI, mean of all heads")),
+    "way": NamedVariable(N_("last change of the command")),
+    "moved": NamedVariable(N_("distance moved so far"), "mm"),
+    "working": NamedVariable(N_("out of work / in work")),
+    "since_change": NamedVariable(N_("seconds since the command changed")),
+}
 OF_TABLES = {
-    "shaft_rpm": NamedVariable(N_("shaft speed"), "r/min"), "opening_mm": NamedVariable(N_("opening"), "mm"),
-    "duration_s": NamedVariable(N_("duration"), "s"), "speed_mps": NamedVariable(N_("ground speed"), "m/s"),
-    "target_kg": NamedVariable(N_("target"), "kg"), "area_m2": NamedVariable(N_("area"), "m2"),
+    "shaft_rpm": NamedVariable(N_("shaft speed"), "r/min"),
+    "opening_mm": NamedVariable(N_("opening"), "mm"),
+    "duration_s": NamedVariable(N_("duration"), "s"),
+    "speed_mps": NamedVariable(N_("ground speed"), "m/s"),
+    "target_kg": NamedVariable(N_("target"), "kg"),
+    "area_m2": NamedVariable(N_("area"), "m2"),
     "outlet": NamedVariable(N_("outlet")),
     "ndvi": NamedVariable(N_("NDVI")),
-    "ndvi_reference": NamedVariable(N_("NDVI of the reference")), "head": NamedVariable(N_("head")),
-    "warm_min": NamedVariable(N_("minutes since switched on")), "height_m": NamedVariable(N_("height"), "m"),
+    "ndvi_reference": NamedVariable(N_("NDVI of the reference")),
+    "head": NamedVariable(N_("head")),
+    "warm_min": NamedVariable(N_("minutes since switched on")),
+    "height_m": NamedVariable(N_("height"), "m"),
     "corrected_lag_s": NamedVariable(N_("lag corrected for"), "s"),
-    "before_rpm": NamedVariable(N_("shaft speed before"), "r/min"), "replicate": NamedVariable(N_("replicate")),
-    "label": NamedVariable(N_("label")), "constant": NamedVariable(N_("a constant"))}
+    "before_rpm": NamedVariable(N_("shaft speed before"), "r/min"),
+    "replicate": NamedVariable(N_("replicate")),
+    "label": NamedVariable(N_("label")),
+    "constant": NamedVariable(N_("a constant")),
+}
 
 
 def recorded(name: str, kind: str = "run") -> NamedVariable:

@@ -1,5 +1,6 @@
-"""The web server of the tablet, on textual-serve: its own page without anything from the internet, bounded tabs,
-and nobody but the page's own origin on the socket."""
+"""The web server of the tablet, on textual-serve: its own page without anything from the
+internet, bounded tabs, and nobody but the page's own origin on the socket."""
+
 from __future__ import annotations
 
 import asyncio
@@ -26,16 +27,21 @@ from textual_serve.server import Server
 from console.attached import cleaned
 from console.serve.tab import TabConsole
 
-TABS = 6                    # consoles at once, counted until their processes have ended
-HEARTBEAT_S = 10.0          # a tablet that went away is noticed in 15 s; with 3 s tabs of busy computers were ended
+# consoles at once, counted until their processes have ended
+TABS = 6
+# a tablet that went away is noticed in 15 s; with 3 s tabs of busy computers were ended
+HEARTBEAT_S = 10.0
 LEAST_FONT, USUAL_FONT, MOST_FONT = 8, 16, 40
 MOST_COLUMNS, MOST_ROWS = 400, 200
-MESSAGE_BYTES = 16_384      # of a tab's message: a paste
-MESSAGES_S = 100.0          # a second, each tab
+MESSAGE_BYTES = 16_384  # of a tab's message: a paste
+MESSAGES_S = 100.0  # a second, each tab
 PING_CHARACTERS = 100
-CLOSES_WITHIN_S = 0.4       # a browser answers that its socket closes, or is not waited for
-COMES_AT_ONCE = 32          # that the system holds, and that may come on top of these in one turn
-LINES_A_MINUTE = 20         # of the log: who sends rubbish fills no disk with what is said of it
+# a browser answers that its socket closes, or is not waited for
+CLOSES_WITHIN_S = 0.4
+# that the system holds, and that may come on top of these in one turn
+COMES_AT_ONCE = 32
+# of the log: who sends rubbish fills no disk with what is said of it
+LINES_A_MINUTE = 20
 HOST = re.compile(r"(\[[0-9a-fA-F:.]+\]|[A-Za-z0-9._-]+)(:\d{1,5})?")
 _PAGE = Path(__file__).with_name("page.html")
 
@@ -43,9 +49,11 @@ _PAGE = Path(__file__).with_name("page.html")
 class Room(NamedTuple):
     """For connections that are no tab."""
 
-    connections: int = 64       # at once, six of each browser that loads the page; 1,024 files may be open
-    connection_s: float = 30.0  # of one, with headers, page and all: a browser makes another one
-    looked_s: float = 1.0       # how often
+    # at once, six of each browser that loads the page; 1,024 files may be open
+    connections: int = 64
+    # of one, with headers, page and all: a browser makes another one
+    connection_s: float = 30.0
+    looked_s: float = 1.0  # how often
 
 
 ROOM = Room()
@@ -59,29 +67,34 @@ class TabletServer(Server):
         self._arguments, self._room = tuple(command), room
         self._page = _PAGE.read_text(encoding="utf-8")
         self._consoles: dict[TabConsole, web.WebSocketResponse] = {}
-        self._asked: dict[web.WebSocketResponse, web.Request] = {}      # of each tab
+        self._asked: dict[web.WebSocketResponse, web.Request] = {}  # of each tab
         self.tabs = 0
 
     def serve(self, debug: bool = False) -> None:
-        """Until Ctrl-C, or until asked to end: all consoles of tabs have ended then, 2 s later at most.
+        """Until Ctrl-C, or until asked to end: all consoles of tabs have ended then, 2 s later
+        at most.
 
         Raises OSError where it cannot listen.
         """
         self.initialize_logging()
-        with contextlib.suppress(KeyboardInterrupt):            # Windows
+        with contextlib.suppress(KeyboardInterrupt):  # Windows
             asyncio.run(self._serve())
 
     async def _serve(self) -> None:
         loop, asked = asyncio.get_running_loop(), asyncio.Event()
         for name in ("SIGINT", "SIGTERM", "SIGHUP"):
-            with contextlib.suppress(NotImplementedError, AttributeError):      # Windows
+            with contextlib.suppress(NotImplementedError, AttributeError):  # Windows
                 loop.add_signal_handler(getattr(signal, name), asked.set)
         runner = web.AppRunner(await self._make_app(), shutdown_timeout=CLOSES_WITHIN_S)
         await runner.setup()
         try:
             assert runner.server is not None
-            doors = Doors(runner.server, lambda: {request.protocol for request in self._asked.values()}, loop.time,
-                          self._room)
+            doors = Doors(
+                runner.server,
+                lambda: {request.protocol for request in self._asked.values()},
+                loop.time,
+                self._room,
+            )
             listening = await loop.create_server(doors, self.host, self.port, backlog=COMES_AT_ONCE)
             try:
                 while not asked.is_set():
@@ -94,11 +107,13 @@ class TabletServer(Server):
             await runner.cleanup()
 
     async def on_shutdown(self, app: web.Application) -> None:
-        """All tabs at once: the console, then its socket, for which the web server would wait twice as long again."""
+        """All tabs at once: the console, then its socket, for which the web server would wait
+        twice as long again."""
         await asyncio.gather(*(_ended(console, tab) for console, tab in self._consoles.items()))
 
     async def _make_app(self) -> web.Application:
-        """With a path for sockets of tabs that have a name: textual-serve's script puts its own query behind it."""
+        """With a path for sockets of tabs that have a name: textual-serve's script puts its own
+        query behind it."""
         app = await super()._make_app()
         app.add_routes([web.get("/ws/{name}", self.handle_websocket)])
         return app
@@ -119,34 +134,54 @@ class TabletServer(Server):
         address = html.escape(f"{scheme}://{request.host}/ws{'/' + name if name else ''}")
         page = self._page.replace("{{ socket }}", address)
         size = number(request.query.get("fontsize"), USUAL_FONT, LEAST_FONT, MOST_FONT)
-        return web.Response(text=page.replace("{{ font_size }}", str(size)), content_type="text/html",
-                            headers={"X-Frame-Options": "DENY"})
+        return web.Response(
+            text=page.replace("{{ font_size }}", str(size)),
+            content_type="text/html",
+            headers={"X-Frame-Options": "DENY"},
+        )
 
     async def handle_websocket(self, request: web.Request) -> web.WebSocketResponse:
         """One tab: its app process lives as long as its socket."""
         origin = request.headers.get("Origin")
-        if not host_allowed(request.host, self.host) or (origin and urlsplit(origin).netloc != request.host):
+        if not host_allowed(request.host, self.host) or (
+            origin and urlsplit(origin).netloc != request.host
+        ):
             raise web.HTTPForbidden(text="another page may not open this console")
         if self.tabs >= TABS:
             raise web.HTTPServiceUnavailable(text=f"{TABS} tabs are open already")
-        tab = web.WebSocketResponse(heartbeat=HEARTBEAT_S, max_msg_size=MESSAGE_BYTES, timeout=CLOSES_WITHIN_S)
+        tab = web.WebSocketResponse(
+            heartbeat=HEARTBEAT_S, max_msg_size=MESSAGE_BYTES, timeout=CLOSES_WITHIN_S
+        )
         self.tabs += 1
         self._asked[tab] = request
         try:
             await tab.prepare(request)
-            await self._serve_tab(tab, name_of(request), number(request.query.get("width"), 80, 1, MOST_COLUMNS),
-                                  number(request.query.get("height"), 24, 1, MOST_ROWS))
+            await self._serve_tab(
+                tab,
+                name_of(request),
+                number(request.query.get("width"), 80, 1, MOST_COLUMNS),
+                number(request.query.get("height"), 24, 1, MOST_ROWS),
+            )
         finally:
             self.tabs -= 1
             del self._asked[tab]
         return tab
 
-    async def _serve_tab(self, tab: web.WebSocketResponse, name: str, width: int, height: int) -> None:
+    async def _serve_tab(
+        self, tab: web.WebSocketResponse, name: str, width: int, height: int
+    ) -> None:
         async def close() -> None:
             await tab.close()
 
-        service = TabConsole(self._arguments, name, self._asked[tab].remote or "", write_bytes=tab.send_bytes,
-                             write_str=tab.send_str, close=close, download_manager=self.download_manager)
+        service = TabConsole(
+            self._arguments,
+            name,
+            self._asked[tab].remote or "",
+            write_bytes=tab.send_bytes,
+            write_str=tab.send_str,
+            close=close,
+            download_manager=self.download_manager,
+        )
         self._consoles[service] = tab
         try:
             await service.start(width, height)
@@ -158,7 +193,8 @@ class TabletServer(Server):
             del self._consoles[service]
 
     async def _process_messages(self, tab: web.WebSocketResponse, service: AppService) -> None:
-        """As the page sends them, one after the other and no faster than anybody types, every number in its range.
+        """As the page sends them, one after the other and no faster than anybody types, every
+        number in its range.
 
         Raises ValueError and its like for what is no message of the page.
         """
@@ -171,8 +207,10 @@ class TabletServer(Server):
             if kind == "stdin":
                 await service.send_bytes(str(rest[0]).encode("utf-8", "replace"))
             elif kind == "resize":
-                await service.set_terminal_size(number(rest[0]["width"], 80, 1, MOST_COLUMNS),
-                                                number(rest[0]["height"], 24, 1, MOST_ROWS))
+                await service.set_terminal_size(
+                    number(rest[0]["width"], 80, 1, MOST_COLUMNS),
+                    number(rest[0]["height"], 24, 1, MOST_ROWS),
+                )
             elif kind == "ping":
                 await tab.send_json(["pong", str(rest[0])[:PING_CHARACTERS]])
             elif kind in ("blur", "focus"):
@@ -188,15 +226,21 @@ async def _ended(console: TabConsole, tab: web.WebSocketResponse) -> None:
 
 
 class Doors:
-    """Makes the protocol of each connection that is accepted, and room for it: a connection that is no tab has
-    `room.connection_s`, and of more than `room.connections` the oldest goes, of the address that has the most. So who
-    opens any number and says nothing takes neither all descriptors nor another one's place.
+    """Makes the protocol of each connection that is accepted, and room for it: a connection
+    that is no tab has `room.connection_s`, and of more than `room.connections` the oldest goes,
+    of the address that has the most. So who opens any number and says nothing takes neither all
+    descriptors nor another one's place.
 
     server: of aiohttp. tabs: connections that are one; they are bounded by themselves, and stay.
     """
 
-    def __init__(self, server: web.Server, tabs: Callable[[], set[Any]], clock: Callable[[], float],
-                 room: Room) -> None:
+    def __init__(
+        self,
+        server: web.Server,
+        tabs: Callable[[], set[Any]],
+        clock: Callable[[], float],
+        room: Room,
+    ) -> None:
         self._server, self._tabs, self._clock, self._room = server, tabs, clock, room
         self._since_s: dict[RequestHandler, float] = {}
 
@@ -207,14 +251,17 @@ class Doors:
     def look(self) -> None:
         """End those whose time is over, and make room for one more."""
         now_s, tabs = self._clock(), self._tabs()
-        open_now = [one for one in self._server.connections if one.transport is not None and one not in tabs
-                    and not one.transport.is_closing()]
+        open_now = [
+            one
+            for one in self._server.connections
+            if one.transport is not None and one not in tabs and not one.transport.is_closing()
+        ]
         self._since_s = {one: self._since_s.get(one, now_s) for one in open_now}
         addresses = Counter(map(_address, open_now))
         most = max(addresses.values(), default=0)
         crowd = [one for one in open_now if addresses[_address(one)] == most]
         over = [one for one in open_now if now_s - self._since_s[one] > self._room.connection_s]
-        for one in {*over, *crowd[:max(0, len(open_now) - self._room.connections + 1)]}:
+        for one in {*over, *crowd[: max(0, len(open_now) - self._room.connections + 1)]}:
             assert one.transport is not None
             one.transport.abort()
 
@@ -225,7 +272,8 @@ def _address(connection: RequestHandler) -> object:
 
 
 class Few(logging.Filter):
-    """At most `LINES_A_MINUTE`, without traces of calls; how many were left out is said by the next one."""
+    """At most `LINES_A_MINUTE`, without traces of calls; how many were left out is said by the
+    next one."""
 
     def __init__(self, clock: Callable[[], float]) -> None:
         super().__init__()
@@ -239,13 +287,17 @@ class Few(logging.Filter):
             self._left_out += 1
             return False
         left_out, self._left_out = self._left_out, 0
-        record.msg, record.args = record.getMessage() + (f" ({left_out} more before it)" if left_out else ""), ()
+        record.msg, record.args = (
+            record.getMessage() + (f" ({left_out} more before it)" if left_out else ""),
+            (),
+        )
         record.exc_info = record.exc_text = None
         return True
 
 
 class MessagePace:
-    """How long to wait before the next message is taken: `MESSAGES_S` a second on the mean, a burst of a second."""
+    """How long to wait before the next message is taken: `MESSAGES_S` a second on the mean, a
+    burst of a second."""
 
     def __init__(self, clock: Callable[[], float]) -> None:
         self._clock, self._due_s = clock, clock()
@@ -257,19 +309,26 @@ class MessagePace:
 
 
 def name_of(request: web.Request) -> str:
-    """What the others at the machine call a tab: as its page's address says behind `?name=`, which the page puts into
-    the path of its socket, else where it is."""
+    """What the others at the machine call a tab: as its page's address says behind `?name=`,
+    which the page puts into the path of its socket, else where it is."""
     return cleaned(request.match_info.get("name")) or cleaned(f"tablet {request.remote or ''}")
 
 
 def host_allowed(asked: str, listening: str) -> bool:
-    """Whether a request means this server: an address, localhost, or a name of this machine. Any other name that leads
-    here was made to lead here by somebody else's page; what is neither a name nor an address leads nowhere."""
+    """Whether a request means this server: an address, localhost, or a name of this machine.
+    Any other name that leads here was made to lead here by somebody else's page; what is
+    neither a name nor an address leads nowhere."""
     if not HOST.fullmatch(asked):
         return False
     name = (urlsplit(f"//{asked}").hostname or "").lower()
     own = socket.gethostname().lower()
-    if name in {"localhost", listening.lower(), own, own.split(".")[0], f"{own.split('.')[0]}.local"}:
+    if name in {
+        "localhost",
+        listening.lower(),
+        own,
+        own.split(".")[0],
+        f"{own.split('.')[0]}.local",
+    }:
         return True
     try:
         ipaddress.ip_address(name)

@@ -1,4 +1,6 @@
-"""One tab's console: a process, with all that it starts a group of its own, which ends as a whole and soon."""
+"""One tab's console: a process, with all that it starts a group of its own, which ends as a
+whole and soon."""
+
 from __future__ import annotations
 
 import asyncio
@@ -13,31 +15,43 @@ from textual_serve.app_service import AppService
 from console.attached import NAME_VARIABLE
 from console.serve import ADDRESS, SERVER
 
-QUIT_S = 0.5                # idle a console that was asked to end takes 0.2 s; after this the system tells it ...
-TERMINATE_S = 0.2           # ... and within this, or is killed: together half of the 2 s in which all have ended
+# idle a console that was asked to end takes 0.2 s; after this the system tells it ...
+QUIT_S = 0.5
+# ... and within this, or is killed: together half of the 2 s in which all have ended
+TERMINATE_S = 0.2
 
 
 class TabConsole(AppService):
-    """command: program and arguments; no shell stands between, which would end in the console's place. name: what
-    the others at the machine call it. address: from where it was opened."""
+    """command: program and arguments; no shell stands between, which would end in the console's
+    place. name: what the others at the machine call it. address: from where it was opened."""
 
     def __init__(self, command: Sequence[str], name: str, address: str, **options: Any) -> None:
         super().__init__(" ".join(command), **options)
         self._arguments, self._name, self._address = tuple(command), name, address
         self._ending: asyncio.Task[None] | None = None
 
-    async def _open_app_process(self, width: int = 80, height: int = 24) -> asyncio.subprocess.Process:
+    async def _open_app_process(
+        self, width: int = 80, height: int = 24
+    ) -> asyncio.subprocess.Process:
         apart: dict[str, Any] = {"start_new_session": True} if os.name == "posix" else {}
         process = await asyncio.create_subprocess_exec(
-            *self._arguments, stdin=asyncio.subprocess.PIPE, stdout=asyncio.subprocess.PIPE,
-            stderr=asyncio.subprocess.PIPE, env=self._build_environment(width=width, height=height), **apart)
+            *self._arguments,
+            stdin=asyncio.subprocess.PIPE,
+            stdout=asyncio.subprocess.PIPE,
+            stderr=asyncio.subprocess.PIPE,
+            env=self._build_environment(width=width, height=height),
+            **apart,
+        )
         assert process.stdin is not None
         self._process, self._stdin = process, process.stdin
         return process
 
     def _build_environment(self, width: int = 80, height: int = 24) -> dict[str, str]:
-        return super()._build_environment(width, height) | {SERVER: str(os.getpid()), NAME_VARIABLE: self._name,
-                                                            ADDRESS: self._address}
+        return super()._build_environment(width, height) | {
+            SERVER: str(os.getpid()),
+            NAME_VARIABLE: self._name,
+            ADDRESS: self._address,
+        }
 
     async def run(self) -> None:
         """As of any console; one that ends by itself closes its tab."""
@@ -48,7 +62,8 @@ class TabConsole(AppService):
                 await self.remote_close()
 
     async def end(self) -> None:
-        """Returns once the console and all that it started have ended: asked, then made to. Takes 2 s at most."""
+        """Returns once the console and all that it started have ended: asked, then made to.
+        Takes 2 s at most."""
         if self._ending is None:
             self._ending = asyncio.create_task(self._end())
         await asyncio.shield(self._ending)
@@ -58,7 +73,8 @@ class TabConsole(AppService):
         if process is None:
             return
         await self._asked_to_quit(process)
-        if self._task is not None:              # else it would say that a console that is ended failed to start
+        # else it would say that a console that is ended failed to start
+        if self._task is not None:
             self._task.cancel()
             await asyncio.gather(self._task, return_exceptions=True)
         _signal_group(process, "SIGTERM")
@@ -70,13 +86,16 @@ class TabConsole(AppService):
     async def _asked_to_quit(self, process: asyncio.subprocess.Process) -> None:
         with contextlib.suppress(TimeoutError, OSError, RuntimeError):
             async with asyncio.timeout(QUIT_S):
-                await self._download_manager.cancel_app_downloads(app_service_id=self.app_service_id)
+                await self._download_manager.cancel_app_downloads(
+                    app_service_id=self.app_service_id
+                )
                 await self.send_meta({"type": "quit"})
                 await process.wait()
 
 
 def _signal_group(process: asyncio.subprocess.Process, name: str) -> None:
-    """To the console and what it started; on Windows to the console alone. No such group: all have ended."""
+    """To the console and what it started; on Windows to the console alone. No such group: all
+    have ended."""
     with contextlib.suppress(ProcessLookupError, PermissionError):
         if os.name == "posix":
             os.killpg(process.pid, getattr(signal, name))

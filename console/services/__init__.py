@@ -1,1 +1,2 @@
-"""What the pages have done with files and long work: the services of `console.app.services` on real files."""
+"""What the pages have done with files and long work: the services of `console.app.services` on
+real files."""

@@ -1,4 +1,6 @@
-"""What a running machine goes by, as its log's sidecar has it; what its run did before, as its snapshot has it."""
+"""What a running machine goes by, as its log's sidecar has it; what its run did before, as its
+snapshot has it."""
+
 from __future__ import annotations
 
 from console.app.pages.job.service import AtWork, Earlier
@@ -8,6 +10,7 @@ def at_work(log_path: str) -> AtWork | None:
     """None where the log has no sidecar, or one that does not say."""
     from control.machine.machine import Machine
     from drivers.files.run_meta import sidecar_meta
+
     meta = sidecar_meta(log_path)
     if meta is None:
         return None
@@ -25,6 +28,7 @@ def at_work(log_path: str) -> AtWork | None:
 def earlier(log_path: str) -> Earlier | None:
     """None where there is no snapshot, or none that can be read."""
     from console.worker import resume
+
     try:
         kept = resume.read(resume.snapshot_path(log_path))
     except (OSError, ValueError):

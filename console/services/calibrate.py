@@ -1,4 +1,6 @@
-"""What the Calibrate screen has computed and saved: fits of bench tables, new machine files in the user's folder."""
+"""What the Calibrate screen has computed and saved: fits of bench tables, new machine files in
+the user's folder."""
+
 from __future__ import annotations
 
 import csv
@@ -9,7 +11,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
 from console.app.pages.calibrate.catch import CatchPoint
-from console.app.pages.calibrate.service import Calibrated, CalibrateService, CurvePoint, Estimate, LagTable, Number
+from console.app.pages.calibrate.service import (
+    Calibrated,
+    CalibrateService,
+    CurvePoint,
+    Estimate,
+    LagTable,
+    Number,
+)
 from console.app.pages.calibrate.wheel import WheelSample
 from console.services.launcher import data_folder
 from control.machine.flow import grams_per_rev
@@ -23,51 +32,73 @@ if TYPE_CHECKING:
     from control.calibration.wheel_fit import WheelFit
 
 CURVE_POINTS = 40
-MOST_BYTES = 1_000_000        # a bench table is small; larger CSV files are not offered
-SPREAD_MM = 0.5               # openings closer than this are one opening
+# a bench table is small; larger CSV files are not offered
+MOST_BYTES = 1_000_000
+SPREAD_MM = 0.5  # openings closer than this are one opening
 
 
-def calibrate_job(machine: Machine, wheel_circumference_m: float | None = None, folder: Path | None = None,
-                  tables: Sequence[Path] = ()) -> CalibrateService:
+def calibrate_job(
+    machine: Machine,
+    wheel_circumference_m: float | None = None,
+    folder: Path | None = None,
+    tables: Sequence[Path] = (),
+) -> CalibrateService:
     """The calibrations of this machine.
 
-    wheel_circumference_m: what the wheel is counted by, where a cab file says so. folder: where new machine files go;
-    the run logs' folder is next to it. tables: further folders in which lag tables are looked for.
+    wheel_circumference_m: what the wheel is counted by, where a cab file says so. folder: where
+    new machine files go; the run logs' folder is next to it. tables: further folders in which
+    lag tables are looked for.
     """
     place = folder or data_folder() / "machines"
     look_in = (place.parent / "logs", place, Path.cwd(), *tables)
     limits, points = machine.limits, machine.set_points
     counted_m = wheel_circumference_m or machine.speed.wheel_circumference_m
     return CalibrateService(
-        machine=machine.id, shaft_rpm=(limits.shaft_low_rpm, limits.shaft_high_rpm),
-        opening_mm=(limits.opening_low_mm, limits.opening_high_mm), set_shaft_rpm=points.shaft_rpm,
-        set_opening_mm=points.opening_mm, wheel_circumference_m=counted_m, most_kg=machine.flow.full_kg,
-        expected_kg=lambda shaft_rpm, opening_mm, revolutions: grams_per_rev(
-            machine.flow, shaft_rpm, opening_mm) * revolutions / 1000.0,
-        fit_catch=lambda caught: fit_catch(machine, caught), lag_tables=lambda: lag_tables(look_in),
+        machine=machine.id,
+        shaft_rpm=(limits.shaft_low_rpm, limits.shaft_high_rpm),
+        opening_mm=(limits.opening_low_mm, limits.opening_high_mm),
+        set_shaft_rpm=points.shaft_rpm,
+        set_opening_mm=points.opening_mm,
+        wheel_circumference_m=counted_m,
+        most_kg=machine.flow.full_kg,
+        expected_kg=lambda shaft_rpm, opening_mm, revolutions: (
+            grams_per_rev(machine.flow, shaft_rpm, opening_mm) * revolutions / 1000.0
+        ),
+        fit_catch=lambda caught: fit_catch(machine, caught),
+        lag_tables=lambda: lag_tables(look_in),
         open_lag_table=lambda path: open_lag_table(Path(path).expanduser()),
         fit_lag=lambda path, label: fit_lag(machine, path, label),
         fit_wheel=lambda samples: fit_wheel(machine, counted_m, samples),
         fit_effort=lambda path: fit_effort(machine, path),
         save=lambda fitted, name: save(machine, fitted, name, place, counted_m),
-        name_for=lambda kind: free_path(place, f"{machine.id}-{kind}-{day_clock.today():%Y%m%d}", ".yaml").stem)
+        name_for=lambda kind: (
+            free_path(place, f"{machine.id}-{kind}-{day_clock.today():%Y%m%d}", ".yaml").stem
+        ),
+    )
 
 
-# --- catch ------------------------------------------------------------------------------------------------------------
+# --- catch
+# --------------------------------------------------------------------------------------------------
 
 
 def fit_catch(machine: Machine, caught: Sequence[CatchPoint]) -> Calibrated:
-    """Flow per turn from weighed catches, with the line over opening (over shaft speed where only that was changed)."""
+    """Flow per turn from weighed catches, with the line over opening (over shaft speed where
+    only that was changed)."""
     from scipy.special import stdtrit
 
     from control.calibration.flow_fit import fit_flow
+
     _machine, flow = fit_flow(catch_table(caught, "catch test"), machine)
     slope = flow.grams_per_rev_mm.value
     offset = flow.zero_offset_g_rev.value if flow.zero_offset_g_rev else 0.0
     falloff = flow.fill_falloff_percent.value if flow.fill_falloff_percent else 0.0
     terms = 1 + (flow.zero_offset_g_rev is not None) + (flow.fill_falloff_percent is not None)
-    band = float(stdtrit(flow.rows_used - terms, 0.95)) * flow.residual_sd_percent / 100.0 * (
-        1.0 + 1.0 / flow.rows_used) ** 0.5
+    band = (
+        float(stdtrit(flow.rows_used - terms, 0.95))
+        * flow.residual_sd_percent
+        / 100.0
+        * (1.0 + 1.0 / flow.rows_used) ** 0.5
+    )
 
     def full(opening_mm: float) -> float:
         return slope * opening_mm + offset
@@ -81,48 +112,76 @@ def fit_catch(machine: Machine, caught: Sequence[CatchPoint]) -> Calibrated:
     middle_mm = sum(one.opening_mm for one in caught) / len(caught)
     middle_rpm = sum(one.shaft_rpm for one in caught) / len(caught)
     if by_speed:
-        points = tuple((one.shaft_rpm, one.grams_per_revolution * full(middle_mm) / full(one.opening_mm))
-                       for one in caught)
+        points = tuple(
+            (one.shaft_rpm, one.grams_per_revolution * full(middle_mm) / full(one.opening_mm))
+            for one in caught
+        )
         line = [(x, full(middle_mm) * fills(x)) for x in _steps(low_rpm, high_rpm)]
     else:
-        points = tuple((one.opening_mm, one.grams_per_revolution * fills(middle_rpm) / fills(one.shaft_rpm))
-                       for one in caught)
+        points = tuple(
+            (one.opening_mm, one.grams_per_revolution * fills(middle_rpm) / fills(one.shaft_rpm))
+            for one in caught
+        )
         line = [(x, full(x) * fills(middle_rpm)) for x in _steps(low_mm, high_mm)]
-    estimates = (_estimate("grams_per_rev_mm", flow.grams_per_rev_mm, "g/rev/mm", 4),
-                 _estimate("zero_offset", flow.zero_offset_g_rev, "g/rev", 2),
-                 _estimate("fill_falloff", flow.fill_falloff_percent, "%", 1))
-    return Calibrated("catch", estimates, points,
-                      tuple(CurvePoint(x, y, y * (1 - band), y * (1 + band)) for x, y in line),
-                      "shaft r/min" if by_speed else "opening mm", "g per turn",
-                      scatter=f"{flow.residual_sd_percent:.2f} %", source=tuple(caught))
+    estimates = (
+        _estimate("grams_per_rev_mm", flow.grams_per_rev_mm, "g/rev/mm", 4),
+        _estimate("zero_offset", flow.zero_offset_g_rev, "g/rev", 2),
+        _estimate("fill_falloff", flow.fill_falloff_percent, "%", 1),
+    )
+    return Calibrated(
+        "catch",
+        estimates,
+        points,
+        tuple(CurvePoint(x, y, y * (1 - band), y * (1 + band)) for x, y in line),
+        "shaft r/min" if by_speed else "opening mm",
+        "g per turn",
+        scatter=f"{flow.residual_sd_percent:.2f} %",
+        source=tuple(caught),
+    )
 
 
 def catch_table(caught: Sequence[CatchPoint], path: str) -> BenchTable:
     import numpy as np
 
     from control.calibration.bench_table import BenchTable
+
     names = ("shaft_rpm", "opening_mm", "duration_s", "mass_kg")
-    return BenchTable("catch", {name: np.array([getattr(one, name) for one in caught]) for name in names}, path=path)
+    return BenchTable(
+        "catch",
+        {name: np.array([getattr(one, name) for one in caught]) for name in names},
+        path=path,
+    )
 
 
 def catch_csv(caught: Sequence[CatchPoint]) -> str:
-    """A catch bench table: shaft_rpm and duration_s are such that their product is the counted revolutions."""
+    """A catch bench table: shaft_rpm and duration_s are such that their product is the counted
+    revolutions."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(("replicate", "shaft_rpm", "opening_mm", "duration_s", "mass_kg"))
     for number, one in enumerate(caught, 1):
-        writer.writerow((number, f"{one.shaft_rpm:.4f}", f"{one.opening_mm:.3f}", f"{one.duration_s:.3f}",
-                         f"{one.mass_kg:.4f}"))
+        writer.writerow(
+            (
+                number,
+                f"{one.shaft_rpm:.4f}",
+                f"{one.opening_mm:.3f}",
+                f"{one.duration_s:.3f}",
+                f"{one.mass_kg:.4f}",
+            )
+        )
     return text.getvalue()
 
 
-# --- lag --------------------------------------------------------------------------------------------------------------
+# --- lag
+# --------------------------------------------------------------------------------------------------
 
 
 def lag_tables(folders: Sequence[Path]) -> list[LagTable]:
     """Lag tables in these folders, the newest first. What is no lag table is passed over."""
     found = []
-    files = {path.resolve() for folder in folders if folder.is_dir() for path in folder.glob("*.csv")}
+    files = {
+        path.resolve() for folder in folders if folder.is_dir() for path in folder.glob("*.csv")
+    }
     for path in sorted(files, key=lambda path: path.stat().st_mtime, reverse=True):
         if path.stat().st_size > MOST_BYTES or "shaft_rpm" not in _head(path):
             continue
@@ -141,9 +200,12 @@ def _head(path: Path) -> str:
 def open_lag_table(path: Path) -> LagTable:
     """Raises ValueError in one line where it is no lag table that can be fitted."""
     from drivers.files.bench_table import read_bench_table
+
     table = read_bench_table(path, "lag")
     if not any(name in table.columns for name in ("lag_s", "drop_s", "lag_m")):
-        raise ValueError(f"{path}: column response_s holds no drop time: a lag fit needs lag_s, drop_s or lag_m")
+        raise ValueError(
+            f"{path}: column response_s holds no drop time: a lag fit needs lag_s, drop_s or lag_m"
+        )
     labels = () if table.label is None else tuple(sorted(set(table.label.tolist())))
     return LagTable(str(path), table.rows, labels)
 
@@ -156,17 +218,22 @@ def fit_lag(machine: Machine, path: str, label: str | None) -> Calibrated:
     from control.calibration import lag_fit
     from control.calibration.tube_fit import settle_tube
     from drivers.files.bench_table import read_bench_table
+
     table = read_bench_table(Path(path), "lag")
     if table.running().all():
         tube = settle_tube(table, machine)[1]
-        return Calibrated("lag", (_estimate("carried_share", tube.carried_share, "", 2),),
-                          scatter=f"{tube.scatter_s:.3f} s", source=(path, label))
+        return Calibrated(
+            "lag",
+            (_estimate("carried_share", tube.carried_share, "", 2),),
+            scatter=f"{tube.scatter_s:.3f} s",
+            source=(path, label),
+        )
     _machine, line = lag_fit.fit_lag(table, machine, label=label)
     chosen = np.ones(table.rows, bool) if table.label is None else table.label == label
     lags = table.columns["lag_s"] if "lag_s" in table.columns else table.columns.get("drop_s")
     if lags is None:
         speed = table.speed_mps()
-        assert speed is not None            # fit_lag refuses a lag_m table without speeds
+        assert speed is not None  # fit_lag refuses a lag_m table without speeds
         lags = table.columns["lag_m"] / speed
     speeds = table.columns["shaft_rpm"]
     chosen = chosen & np.isfinite(lags) & np.isfinite(speeds) & ~table.running()
@@ -178,47 +245,80 @@ def fit_lag(machine: Machine, path: str, label: str | None) -> Calibrated:
     def band(x: float) -> float:
         return quantile * math.sqrt(1.0 + 1.0 / line.rows_used + (x - middle) ** 2 / about)
 
-    curve = tuple(CurvePoint(x, line.lag_s(x), line.lag_s(x) - band(x), line.lag_s(x) + band(x))
-                  for x in _steps(line.from_rpm, line.to_rpm))
-    return Calibrated("lag", (_estimate("slope", line.slope_s_per_rpm, "s per r/min", 5),
-                              _estimate("intercept", line.intercept_s, "s", 3)), points, curve, "shaft r/min", "lag s",
-                      (line.from_rpm, line.to_rpm), f"{line.residual_sd_s:.3f} s", (path, label))
+    curve = tuple(
+        CurvePoint(x, line.lag_s(x), line.lag_s(x) - band(x), line.lag_s(x) + band(x))
+        for x in _steps(line.from_rpm, line.to_rpm)
+    )
+    return Calibrated(
+        "lag",
+        (
+            _estimate("slope", line.slope_s_per_rpm, "s per r/min", 5),
+            _estimate("intercept", line.intercept_s, "s", 3),
+        ),
+        points,
+        curve,
+        "shaft r/min",
+        "lag s",
+        (line.from_rpm, line.to_rpm),
+        f"{line.residual_sd_s:.3f} s",
+        (path, label),
+    )
 
 
-# --- wheel ------------------------------------------------------------------------------------------------------------
+# --- wheel
+# --------------------------------------------------------------------------------------------------
 
 
 def fit_wheel(machine: Machine, counted_m: float, samples: Sequence[WheelSample]) -> Calibrated:
-    """The circumference from a straight drive; counted_m: the one by which its wheel speed was counted."""
+    """The circumference from a straight drive; counted_m: the one by which its wheel speed was
+    counted."""
     _machine, fit = _wheel(machine, counted_m, samples)
-    return Calibrated("wheel", (_estimate("circumference", fit.circumference_m, "m", 4),), source=tuple(samples))
+    return Calibrated(
+        "wheel", (_estimate("circumference", fit.circumference_m, "m", 4),), source=tuple(samples)
+    )
 
 
-def _wheel(machine: Machine, counted_m: float, samples: Sequence[WheelSample],
-           today: str = "") -> tuple[Machine, WheelFit]:
+def _wheel(
+    machine: Machine, counted_m: float, samples: Sequence[WheelSample], today: str = ""
+) -> tuple[Machine, WheelFit]:
     import numpy as np
 
     from control.calibration import wheel_fit
-    time_s, lat, lon, quality, speed, flowing = (np.array(column) for column in zip(*samples, strict=True))
+
+    time_s, lat, lon, quality, speed, flowing = (
+        np.array(column) for column in zip(*samples, strict=True)
+    )
     log = wheel_fit.WheelLog(time_s, lat, lon, quality.astype(float), speed, flowing)
-    return wheel_fit.fit_wheel(log, machine, counted_m, "straight drive on the Calibrate page", date=today)
+    return wheel_fit.fit_wheel(
+        log, machine, counted_m, "straight drive on the Calibrate page", date=today
+    )
 
 
-# --- effort -----------------------------------------------------------------------------------------------------------
+# --- effort
+# --------------------------------------------------------------------------------------------------
 
 
 def fit_effort(machine: Machine, path: str) -> Calibrated:
-    """What the drives take, from a run log as far as it is written; what is saved is what was fitted."""
+    """What the drives take, from a run log as far as it is written; what is saved is what was
+    fitted."""
     from control.diagnosis.runs import effort_reference
     from drivers.files.any_log import open_log
-    new, fits = effort_reference.fit_effort(dict(open_log(Path(path)).columns), machine, path,
-                                            date=day_clock.today().isoformat())
-    numbers = [_estimate(cast(Number, place.removeprefix("effort.")), one, unit, 4)
-               for fit in fits for place, one, unit in fit.numbers]
-    return Calibrated("effort", tuple(numbers), scatter=f"{fits[0].scatter:.3g} {fits[0].unit}", source=(new,))
+
+    new, fits = effort_reference.fit_effort(
+        dict(open_log(Path(path)).columns), machine, path, date=day_clock.today().isoformat()
+    )
+    numbers = [
+        _estimate(cast(Number, place.removeprefix("effort.")), one, unit, 4)
+        for fit in fits
+        for place, one, unit in fit.numbers
+    ]
+    return Calibrated(
+        "effort", tuple(numbers), scatter=f"{fits[0].scatter:.3g} {fits[0].unit}", source=(new,)
+    )
 
 
-# --- files ------------------------------------------------------------------------------------------------------------
+# --- files
+# --------------------------------------------------------------------------------------------------
 
 
 def save(machine: Machine, fitted: Calibrated, name: str, folder: Path, counted_m: float) -> str:
@@ -233,6 +333,7 @@ def save(machine: Machine, fitted: Calibrated, name: str, folder: Path, counted_
     from drivers.files.atomic import write_atomically
     from drivers.files.bench_table import read_bench_table
     from drivers.files.kinds import MACHINE
+
     path = folder / f"{name.removesuffix('.yaml')}.yaml"
     table_path = path.with_suffix(".catch.csv")
     for taken in (path, table_path) if fitted.kind == "catch" else (path,):
@@ -247,7 +348,9 @@ def save(machine: Machine, fitted: Calibrated, name: str, folder: Path, counted_
     elif fitted.kind == "lag":
         table, label = fitted.source
         read = read_bench_table(Path(table), "lag")
-        new = machine if read.running().all() else fit_line(read, machine, label=label, date=today)[0]
+        new = (
+            machine if read.running().all() else fit_line(read, machine, label=label, date=today)[0]
+        )
         if read.running().any():
             new, _tube = settle_tube(read, new, date=today)
     else:

@@ -1,4 +1,6 @@
-"""Files and long work of the Diagnosis page: a folder of logs, and one process for each diagnosis."""
+"""Files and long work of the Diagnosis page: a folder of logs, and one process for each
+diagnosis."""
+
 from __future__ import annotations
 
 import contextlib
@@ -45,19 +47,26 @@ PROGRAM = ("-P", "-m", "console.services.diagnosis_job")
 class DiagnosisFiles:
     """`console.app.pages.diagnosis.service.DiagnosisService` on real files.
 
-    folders: where logs and tables are looked for. machine: of data that names none. effects: planted in the simulated
-    machine of this console; a separating run is driven on a machine that has them.
+    folders: where logs and tables are looked for. machine: of data that names none. effects:
+    planted in the simulated machine of this console; a separating run is driven on a machine
+    that has them.
     """
 
-    def __init__(self, folders: Sequence[Path] | None = None, machine: str = "huanghai",
-                 effects: tuple[str, ...] = (), own: Path | None = None) -> None:
+    def __init__(
+        self,
+        folders: Sequence[Path] | None = None,
+        machine: str = "huanghai",
+        effects: tuple[str, ...] = (),
+        own: Path | None = None,
+    ) -> None:
         self.own = own or data_folder()
         self.folders = tuple(dict.fromkeys((self.own / "logs", *(folders or (Path.cwd(),)))))
         self.machine, self.effects = machine, effects
         self._scratch: tempfile.TemporaryDirectory[str] | None = None
         self._made = 0
 
-    # --- files ---------------------------------------------------------------------------------------------------
+    # --- files
+    # ----------------------------------------------------------------------------------------------
 
     def sources(self, running_log: str) -> tuple[DiagnosisSource, ...]:
         found: dict[Path, float] = {}
@@ -87,46 +96,88 @@ class DiagnosisFiles:
 
     def machines(self) -> tuple[str, ...]:
         from drivers.files.config import shipped
+
         adopted = sorted(str(path) for path in (self.own / "machines").glob("*.yaml"))
         return (*shipped("machines"), *adopted)
 
-    # --- long work -----------------------------------------------------------------------------------------------
+    # --- long work
+    # ----------------------------------------------------------------------------------------------
 
-    def diagnose(self, source: DiagnosisSource, machine: str | None, tell: Tell, stop: Stop) -> DiagnosisView:
-        return self._worked(DiagnosisOrder(source.path, str(self._folder()), source.kind, machine, self.machine,
-                                           logs=str(self.own / "logs")), tell, stop)
+    def diagnose(
+        self, source: DiagnosisSource, machine: str | None, tell: Tell, stop: Stop
+    ) -> DiagnosisView:
+        return self._worked(
+            DiagnosisOrder(
+                source.path,
+                str(self._folder()),
+                source.kind,
+                machine,
+                self.machine,
+                logs=str(self.own / "logs"),
+            ),
+            tell,
+            stop,
+        )
 
     def drive(self, found: DiagnosisView, tell: Tell, stop: Stop) -> DiagnosisView:
         if not found.drives:
             raise ValueError("this run cannot be driven on the simulated machine")
         planted = self.effects or tuple(text for text in (_as_planted(found),) if text)
-        return self._worked(DiagnosisOrder(found.found.data.path, str(self._folder()), "run", None, self.machine,
-                                           found.drives, planted), tell, stop)
+        return self._worked(
+            DiagnosisOrder(
+                found.found.data.path,
+                str(self._folder()),
+                "run",
+                None,
+                self.machine,
+                found.drives,
+                planted,
+            ),
+            tell,
+            stop,
+        )
 
-    def compare(self, machine: str, source: DiagnosisSource, tell: Tell, stop: Stop) -> ComparedShown:
-        order = DiagnosisOrder(source.path, str(self._folder()), "run", machine, self.machine, compare=True)
+    def compare(
+        self, machine: str, source: DiagnosisSource, tell: Tell, stop: Stop
+    ) -> ComparedShown:
+        order = DiagnosisOrder(
+            source.path, str(self._folder()), "run", machine, self.machine, compare=True
+        )
         self._done(order, tell, stop)
         made = Path(order.folder) / REPORT
         stem = f"{Path(source.path).stem}-compared"
         report = _kept(made, self.own / "reports", stem, ".html") if made.exists() else ""
         plain = json.loads((Path(order.folder) / RESULT).read_text(encoding="utf-8"))
-        return ComparedShown(tuple(ComparedRow(**one) for one in plain["logs"][0]["channels"]), report)
+        return ComparedShown(
+            tuple(ComparedRow(**one) for one in plain["logs"][0]["channels"]), report
+        )
 
     def _worked(self, order: DiagnosisOrder, tell: Tell, stop: Stop) -> DiagnosisView:
         from drivers.files.plain import typed
+
         self._done(order, tell, stop)
         plain = json.loads((Path(order.folder) / VIEW).read_text(encoding="utf-8"))
         return typed(DiagnosisView, plain)._replace(folder=order.folder)
 
     def _done(self, order: DiagnosisOrder, tell: Tell, stop: Stop) -> None:
-        """The work in a process of its own. Raises Stopped, OpenQuestions, and ValueError of one line."""
+        """The work in a process of its own. Raises Stopped, OpenQuestions, and ValueError of
+        one line."""
         need("a diagnosis", "diagnosis")
         orders = Path(order.folder) / "order.json"
         orders.write_text(json.dumps(dataclasses.asdict(order)), encoding="utf-8")
         trouble = Path(order.folder) / "trouble.txt"
-        with trouble.open("wb") as heard, subprocess.Popen(
-                [sys.executable, *PROGRAM, str(orders)], stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
-                stderr=heard, env=os.environ | ONE_THREAD, start_new_session=True, text=True) as child:
+        with (
+            trouble.open("wb") as heard,
+            subprocess.Popen(
+                [sys.executable, *PROGRAM, str(orders)],
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.PIPE,
+                stderr=heard,
+                env=os.environ | ONE_THREAD,
+                start_new_session=True,
+                text=True,
+            ) as child,
+        ):
             stop.then(child.kill)
             done, why = False, ""
             asked: OpenQuestions | None = None
@@ -137,7 +188,9 @@ class DiagnosisFiles:
                     if "share" in said:
                         tell(float(said["share"]), str(said["stage"]))
                     if "questions" in said:
-                        asked = OpenQuestions(tuple(map(str, said["questions"])), str(said["import_file"]))
+                        asked = OpenQuestions(
+                            tuple(map(str, said["questions"])), str(said["import_file"])
+                        )
                     done, why = bool(said.get("done", done)), str(said.get("error", why))
         if stop.is_set():
             raise WorkStopped
@@ -145,7 +198,9 @@ class DiagnosisFiles:
             raise asked
         if not done:
             lines = trouble.read_text(encoding="utf-8", errors="replace").strip().splitlines()
-            raise ValueError(why or (lines[-1] if lines else f"the diagnosis ended with code {child.returncode}"))
+            raise ValueError(
+                why or (lines[-1] if lines else f"the diagnosis ended with code {child.returncode}")
+            )
 
     def _folder(self) -> Path:
         if self._scratch is None:
@@ -155,22 +210,34 @@ class DiagnosisFiles:
         folder.mkdir()
         return folder
 
-    # --- what is kept --------------------------------------------------------------------------------------------
+    # --- what is kept
+    # --------------------------------------------------------------------------------------------
 
     def adopt(self, found: DiagnosisView, chosen: Adoption) -> str:
         if not found.adoptable:
-            raise ValueError("nothing here can be adopted" + "".join(f"; {why}" for why in found.refused))
+            raise ValueError(
+                "nothing here can be adopted" + "".join(f"; {why}" for why in found.refused)
+            )
         offer = offer_of(found, chosen.ids)
         if offer is None:
-            raise ValueError(f"{', '.join(chosen.ids) or 'nothing'}: not adopted together: pick one of them at a time")
+            raise ValueError(
+                f"{', '.join(chosen.ids) or 'nothing'}: not adopted together: pick one of "
+                "them at a time"
+            )
         if not offer.file:
             raise ValueError("; ".join(offer.refused) or "a machine file with it would be as it is")
-        return _kept(Path(found.folder) / offer.file, self.own / "machines",
-                     f"{found.found.data.machine}-{day_clock.today().isoformat()}", ".yaml", _said_by(found, chosen))
+        return _kept(
+            Path(found.folder) / offer.file,
+            self.own / "machines",
+            f"{found.found.data.machine}-{day_clock.today().isoformat()}",
+            ".yaml",
+            _said_by(found, chosen),
+        )
 
     def last_change(self, machine: str | None) -> tuple[str, ...]:
         from console.reports.term_words import side_by_side
         from control.machine.history import last_change
+
         change = last_change(self._machine(machine))
         return () if change is None else (f"{change.date}, {change.data}", *side_by_side(change))
 
@@ -178,6 +245,7 @@ class DiagnosisFiles:
         from control.machine.history import undone
         from drivers.files.config import save
         from drivers.files.kinds import MACHINE
+
         today = day_clock.today().isoformat()
         back = undone(self._machine(machine), date=today)
         path = free_path(self.own / "machines", f"{back.id}-{today}", ".yaml")
@@ -188,6 +256,7 @@ class DiagnosisFiles:
     def _machine(self, machine: str | None) -> Machine:
         from drivers.files.config import load
         from drivers.files.kinds import MACHINE
+
         found: Machine = load(machine or self.machine, MACHINE).model
         return found
 
@@ -202,6 +271,7 @@ class DiagnosisFiles:
         from console.services.separating_run import drive_of
         from drivers.files.config import load, save
         from drivers.files.kinds import JOB, MACHINE
+
         run = found.found.next_run
         if run is None or not found.drives:
             raise ValueError("this run has no job file: do it by its steps")
@@ -209,23 +279,32 @@ class DiagnosisFiles:
         drive = drive_of(found.drives, load("demo", JOB).model, machine)
         job = drive.job.model_copy(update={"title": run.plan})
         path = free_path(self.own / "jobs", job.id, ".yaml")
-        said = f"Separating run, {found.minutes:g} minutes, planned by a diagnosis of {found.source}.\n"
+        said = (
+            f"Separating run, {found.minutes:g} minutes, planned by a diagnosis of "
+            f"{found.source}.\n"
+        )
         said += run.plan
         if drive.orders is not None:
-            said += "\nShaft, opening and halts are the operator's to set: this file holds ground, speed and rate."
+            said += (
+                "\nShaft, opening and halts are the operator's to set: this file holds "
+                "ground, speed and rate."
+            )
         path.parent.mkdir(parents=True, exist_ok=True)
         save(path, job, JOB, said)
         return str(path)
 
 
 def _source(path: Path) -> DiagnosisSource:
-    """Raises OSError, and ValueError for a file that is no run log, no bench table and nothing that import reads."""
+    """Raises OSError, and ValueError for a file that is no run log, no bench table and nothing
+    that import reads."""
     status = path.stat()
     kind = _kind(path)
     if kind is None and may_be_brought_in(path):
         kind = IMPORT
     if kind is None:
-        raise ValueError(f"{path}: neither a run log (column time_s), a bench table nor a log that import reads")
+        raise ValueError(
+            f"{path}: neither a run log (column time_s), a bench table nor a log that import reads"
+        )
     changed = day_clock.said_of_file(status.st_mtime)
     size = status.st_size
     said = f"{size / 1e6:.1f} MB" if size >= 100_000 else f"{size / 1e3:.1f} kB"
@@ -237,7 +316,10 @@ def _kind(path: Path) -> str | None:
     if path.suffix.lower() not in (".csv", ".parquet", ".pq"):
         return None
     from drivers.files.imports.trouble import TableError
-    from drivers.files.opened import Opened  # takes a second: only where there is such a file
+
+    # takes a second: only where there is such a file
+    from drivers.files.opened import Opened
+
     file = Opened(path)
     try:
         return "run" if not file.foreign else file.bench if file.holds == "table" else None
@@ -261,15 +343,23 @@ def _said_by(found: DiagnosisView, chosen: Adoption) -> str:
     """The operator's choice as a comment of the file; empty where there was none."""
     if not chosen.why:
         return ""
-    groups = ["; ".join((one.id, *(rival for rival, _share in others(one)))) for one in undecided(found)]
+    groups = [
+        "; ".join((one.id, *(rival for rival, _share in others(one)))) for one in undecided(found)
+    ]
     picked = [one.id for one in undecided(found) if one.id in chosen.ids]
-    return "".join(f"# {line}\n" for line in (
-        f"Not decided by the data: {' / '.join(groups)}",
-        f"The operator picked: {', '.join(picked) or 'none of these'}. Why: {' '.join(chosen.why.split())}"))
+    return "".join(
+        f"# {line}\n"
+        for line in (
+            f"Not decided by the data: {' / '.join(groups)}",
+            f"The operator picked: {', '.join(picked) or 'none of these'}. Why: "
+            f"{' '.join(chosen.why.split())}",
+        )
+    )
 
 
 def _kept(made: Path, folder: Path, stem: str, ending: str, before: str = "") -> str:
     from drivers.files.atomic import write_atomically
+
     folder.mkdir(parents=True, exist_ok=True)
     path = free_path(folder, stem, ending)
     write_atomically(path, before.encode() + made.read_bytes())

@@ -1,10 +1,12 @@
-"""The Diagnosis page's heavy work as a process of its own: `python -m console.services.diagnosis_job FILE.json`.
+"""The Diagnosis page's heavy work as a process of its own: `python -m
+console.services.diagnosis_job FILE.json`.
 
-The file says what is to be done (`Order` below). While it works it writes {"share": 0.3, "stage": "flow"} lines on
-stdout, and at last {"done": true}, {"error": "one line"}
-or {"questions": [...], "import_file": "path"}. In the folder then lie view.json, result.json, report.html,
-and a machine file for each choice of what is adopted. Ending the process cancels.
+The file says what is to be done (`Order` below). While it works it writes {"share": 0.3,
+"stage": "flow"} lines on stdout, and at last {"done": true}, {"error": "one line"} or
+{"questions": [...], "import_file": "path"}. In the folder then lie view.json, result.json,
+report.html, and a machine file for each choice of what is adopted. Ending the process cancels.
 """
+
 from __future__ import annotations
 
 import contextlib
@@ -28,17 +30,18 @@ Tell = Callable[[float, str], None]
 
 VIEW, RESULT, REPORT = "view.json", "result.json", "report.html"
 RUN_LOG = "separating.csv"
-DRIVING = 0.55                  # share of the whole that simulating takes
-LEAST_STEP = 0.004              # of the share, that is worth a line
-NICE = 10                       # the control loop comes first
+DRIVING = 0.55  # share of the whole that simulating takes
+LEAST_STEP = 0.004  # of the share, that is worth a line
+NICE = 10  # the control loop comes first
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class DiagnosisOrder:
-    """machine None: the one that the log names, else `default_machine`. manoeuvre: drive this run first and diagnose
-    its log instead of `data`. planted: effects of the machine that drives it (grammar of `simulate --effect`).
-    logs: folder of the log that data of kind import becomes first. compare: `machine` as it was before its last change
-    and as it is, held against the log."""
+    """machine None: the one that the log names, else `default_machine`. manoeuvre: drive this
+    run first and diagnose its log instead of `data`. planted: effects of the machine that
+    drives it (grammar of `simulate --effect`). logs: folder of the log that data of kind import
+    becomes first. compare: `machine` as it was before its last change and as it is, held
+    against the log."""
 
     data: str
     folder: str
@@ -60,6 +63,7 @@ def work(order: DiagnosisOrder, tell: Tell) -> None:
     notes: tuple[str, ...] = ()
     if order.kind == IMPORT:
         from console.services.foreign_files import brought_in
+
         tell(0.0, "importing")
         log, notes = brought_in(Path(order.data), Path(order.logs))
         order = dataclasses.replace(order, data=str(log), kind="run")
@@ -77,16 +81,22 @@ def work(order: DiagnosisOrder, tell: Tell) -> None:
 
 
 def compared_before_and_after(order: DiagnosisOrder, tell: Tell) -> None:
-    """Errors of a machine file on a log before and after its last change, in words and as a page."""
+    """Errors of a machine file on a log before and after its last change, in words and as a
+    page."""
     from console.reports.compare_page import compare_page, plain
     from control.diagnosis.runs.compared import compared
     from control.machine.history import undone
     from drivers.files.any_log import open_log
     from drivers.files.atomic import write_atomically
+
     after = machine_of(order)
     tell(0.0, "reading")
-    found = compared(dict(open_log(Path(order.data)).columns), undone(after), after,
-                     lambda share, word: tell(0.8 * share, word))
+    found = compared(
+        dict(open_log(Path(order.data)).columns),
+        undone(after),
+        after,
+        lambda share, word: tell(0.8 * share, word),
+    )
     logs, old = [(order.data, found)], f"{order.machine}, before its last change"
     tell(0.85, "report")
     write_atomically(Path(order.folder) / RESULT, json.dumps(plain(logs)))
@@ -97,6 +107,7 @@ def compared_before_and_after(order: DiagnosisOrder, tell: Tell) -> None:
 def machine_of(order: DiagnosisOrder) -> Machine:
     """The machine that the data is held against."""
     from console.services.live_check import machine_of_log
+
     return machine_of_log(Path(order.data), order.machine, order.default_machine)
 
 
@@ -109,15 +120,22 @@ def drive(order: DiagnosisOrder, machine: Machine, out: Path, tell: Tell) -> Non
     from drivers.files.run_log import PlainLogWriter
     from drivers.files.run_meta import run_meta
     from drivers.files.setup import load_setup
+
     dt_s = 0.05
     setup = load_setup(order.default_machine, "demo", day_clock.today())
     wanted = drive_of(order.manoeuvre, setup.job, machine)
     job = with_simulated_field(wanted.job, machine)
-    plant = simulated_machine(machine, job, order.seed, dt_s, [parse_planted(text) for text in order.planted])
+    plant = simulated_machine(
+        machine, job, order.seed, dt_s, [parse_planted(text) for text in order.planted]
+    )
     loop = control_loop(machine, setup.crop, setup.rule, job)
-    writer = PlainLogWriter(out, run_meta(machine, setup.crop, job, seed=order.seed), overwrite=True)
+    writer = PlainLogWriter(
+        out, run_meta(machine, setup.crop, job, seed=order.seed), overwrite=True
+    )
     try:
-        for number, step in enumerate(simulated_run(plant, loop, wanted.seconds, orders=wanted.orders)):
+        for number, step in enumerate(
+            simulated_run(plant, loop, wanted.seconds, orders=wanted.orders)
+        ):
             writer.append(step.tick.row)
             if number % 200 == 0:
                 tell(number * dt_s / wanted.seconds, "driving")
@@ -125,13 +143,20 @@ def drive(order: DiagnosisOrder, machine: Machine, out: Path, tell: Tell) -> Non
         writer.close()
 
 
-def _diagnosed(order: DiagnosisOrder, machine: Machine, data: Path, name: str, notes: tuple[str, ...],
-               tell: Tell) -> None:
+def _diagnosed(
+    order: DiagnosisOrder,
+    machine: Machine,
+    data: Path,
+    name: str,
+    notes: tuple[str, ...],
+    tell: Tell,
+) -> None:
     """notes: of bringing the data in."""
     from console.app.pages.diagnosis.adoption import selections
     from console.services.diagnosis_view import found_of, mean_target
     from drivers.files.atomic import write_atomically
     from drivers.files.plain import plain
+
     folder = Path(order.folder)
     tell(0.0, "reading")
     target = None
@@ -139,17 +164,23 @@ def _diagnosed(order: DiagnosisOrder, machine: Machine, data: Path, name: str, n
     if order.kind == "run":
         from control.diagnosis.runs.diagnose import diagnose_run
         from drivers.files.any_log import open_log
+
         log = open_log(data)
         columns = dict(log.columns)
-        found = diagnose_run(columns, machine, path=str(data), progress=lambda share, word: tell(0.85 * share, word))
+        found = diagnose_run(
+            columns, machine, path=str(data), progress=lambda share, word: tell(0.85 * share, word)
+        )
         said = dict.fromkeys((*notes, *map(str, log.findings), *found.findings))
         found = dataclasses.replace(found, findings=tuple(said))
         tools, target = {"columns": columns, "machine": machine}, mean_target(columns)
     else:
         from control.diagnosis.tables.diagnose import diagnose_tables
         from drivers.files.bench_table import read_bench_table
+
         tables = [read_bench_table(data, order.kind)]
-        found = diagnose_tables(tables, machine, progress=lambda share, word: tell(0.85 * share, word))
+        found = diagnose_tables(
+            tables, machine, progress=lambda share, word: tell(0.85 * share, word)
+        )
         tools = {"tables": tables, "machine": machine}
     tell(0.86, "pictures")
     view = found_of(found, tools, name, target, order.planted)
@@ -167,31 +198,43 @@ def _report(found: Diagnosis, tools: dict[str, Any], path: Path) -> None:
     """Without matplotlib there is no report; the page says so when one is asked for."""
     from console.reports.diagnosis_html import diagnosis_page
     from drivers.files.atomic import write_atomically
+
     try:
-        write_atomically(path, diagnosis_page(found, tools | {"date": day_clock.today().isoformat()}))
+        write_atomically(
+            path, diagnosis_page(found, tools | {"date": day_clock.today().isoformat()})
+        )
     except MissingExtra:
         path.unlink(missing_ok=True)
 
 
-def _offer(found: Diagnosis, ids: tuple[str, ...], machine: Machine, data: Path, path: Path) -> AdoptionOffer:
-    """The machine file with what may be adopted, for the page to put in its place when the operator says so; and what
-    changed in it, a line each."""
+def _offer(
+    found: Diagnosis, ids: tuple[str, ...], machine: Machine, data: Path, path: Path
+) -> AdoptionOffer:
+    """The machine file with what may be adopted, for the page to put in its place when the
+    operator says so; and what changed in it, a line each."""
     from console.reports.said import whole_id
     from console.reports.term_words import side_by_side
     from control.diagnosis.extend import extend
     from control.diagnosis.runs.adoption import adoptable_of
     from drivers.files.config import save, sha256_of
     from drivers.files.kinds import MACHINE
+
     fitted = found.fitted if found.fitted is not None and whole_id(found.fitted) in ids else None
     terms = tuple(one for one in found.terms if one.term["id"] in ids)
     taken = adoptable_of(dataclasses.replace(found, fitted=fitted, terms=terms), ids)
     refused = tuple(f"{name}: {why}" for name, why in taken.refused)
-    extended = extend(machine, taken.found, date=day_clock.today().isoformat(), sha256=sha256_of(data))
+    extended = extend(
+        machine, taken.found, date=day_clock.today().isoformat(), sha256=sha256_of(data)
+    )
     if extended == machine:
         return AdoptionOffer(ids, "", (), refused)
     left = {name for name, _ in taken.refused}
-    comment = "\n".join([f"Extended by a diagnosis of {data.name}, verdict {found.verdict}:",
-                         *(f"  {one}" for one in ids if one not in left)])
+    comment = "\n".join(
+        [
+            f"Extended by a diagnosis of {data.name}, verdict {found.verdict}:",
+            *(f"  {one}" for one in ids if one not in left),
+        ]
+    )
     save(path, extended, MACHINE, comment)
     return AdoptionOffer(ids, path.name, tuple(side_by_side(extended.history[-1])), refused)
 
@@ -205,6 +248,7 @@ def teller() -> Tell:
         if share - last >= LEAST_STEP or share < last:
             last = share
             _say({"share": round(share, 3), "stage": stage})
+
     return tell
 
 
@@ -216,6 +260,7 @@ def _say(what: dict[str, Any]) -> None:
 def main(path: str) -> int:
     from drivers.files.config import ConfigError
     from drivers.files.plain import typed
+
     if hasattr(os, "nice"):
         os.nice(NICE)
     try:

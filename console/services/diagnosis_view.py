@@ -1,4 +1,6 @@
-"""A diagnosis as the Diagnosis page has it: along with curves, errors after the causes, and what may be adopted."""
+"""A diagnosis as the Diagnosis page has it: along with curves, errors after the causes, and
+what may be adopted."""
+
 from __future__ import annotations
 
 import dataclasses
@@ -18,11 +20,17 @@ from control.diagnosis.result import Cause, Diagnosis
 from control.diagnosis.runs.hypothesis import EffectInstance
 from control.machine.machine import CATALOGUE, Machine
 
-TIME_BINS, RATE_BINS = 40, 16        # as wide as a terminal draws them; a rate needs longer
+# as wide as a terminal draws them; a rate needs longer
+TIME_BINS, RATE_BINS = 40, 16
 
 
-def found_of(found: Diagnosis, tools: Mapping[str, Any], name: str, mean_target_kg_ha: float | None,
-             planted: tuple[str, ...] = ()) -> DiagnosisView:
+def found_of(
+    found: Diagnosis,
+    tools: Mapping[str, Any],
+    name: str,
+    mean_target_kg_ha: float | None,
+    planted: tuple[str, ...] = (),
+) -> DiagnosisView:
     """`tools`: as for the report, {"columns", "machine"} or {"tables", "machine"}."""
     found = dataclasses.replace(headlines_first(found), seen_with=None)
     machine: Machine = tools["machine"]
@@ -33,10 +41,18 @@ def found_of(found: Diagnosis, tools: Mapping[str, Any], name: str, mean_target_
     after |= {table.channel: _rms(table.after) for table in tables}
     kept, refused = sorted_out(found)
     run = found.next_run
-    return DiagnosisView(name, found, tuple(_curves(cause, views, tables, parts) for cause in found.causes),
-                         after if found.causes else {}, kept, refused,
-                         run.id if run is not None and drivable(run.id) else "", _left_curve(found, views, parts),
-                         mean_target_kg_ha, planted=planted)
+    return DiagnosisView(
+        name,
+        found,
+        tuple(_curves(cause, views, tables, parts) for cause in found.causes),
+        after if found.causes else {},
+        kept,
+        refused,
+        run.id if run is not None and drivable(run.id) else "",
+        _left_curve(found, views, parts),
+        mean_target_kg_ha,
+        planted=planted,
+    )
 
 
 def _rms(values: Array) -> float:
@@ -44,8 +60,12 @@ def _rms(values: Array) -> float:
     return float(np.sqrt(np.mean((known - known.mean()) ** 2))) if len(known) else 0.0
 
 
-def _curves(cause: Cause, views: Sequence[View], tables: Sequence[MeasuredColumn], parts: tuple[EffectInstance, ...]
-            ) -> Drawn:
+def _curves(
+    cause: Cause,
+    views: Sequence[View],
+    tables: Sequence[MeasuredColumn],
+    parts: tuple[EffectInstance, ...],
+) -> Drawn:
     own = parts_of([cause])
     if not own:
         return Drawn()
@@ -59,7 +79,9 @@ def _curves(cause: Cause, views: Sequence[View], tables: Sequence[MeasuredColumn
     return Drawn(_curve(view, view.axis_of(own[0], effect), parts), _over_time(view, parts, onset))
 
 
-def _left_curve(found: Diagnosis, views: Sequence[View], parts: tuple[EffectInstance, ...]) -> ResidualCurve | None:
+def _left_curve(
+    found: Diagnosis, views: Sequence[View], parts: tuple[EffectInstance, ...]
+) -> ResidualCurve | None:
     if not found.unexplained:
         return None
     left = found.unexplained[0]
@@ -70,26 +92,53 @@ def _left_curve(found: Diagnosis, views: Sequence[View], parts: tuple[EffectInst
 def _curve(view: View, axis: Axis, parts: tuple[EffectInstance, ...]) -> ResidualCurve | None:
     before, after = view.residual(()), view.residual(parts)
     memory = view.memory(after)
-    return _drawn(view, axis.variable, view.means(axis, before, memory), view.means(axis, after, memory), axis.names)
+    return _drawn(
+        view,
+        axis.variable,
+        view.means(axis, before, memory),
+        view.means(axis, after, memory),
+        axis.names,
+    )
 
 
-def _over_time(view: View, parts: tuple[EffectInstance, ...], onset_min: float | None) -> ResidualCurve | None:
-    """Means over even bins of the log's time, in minutes; of one head alone where the heads differ."""
-    cell, middle = view.even_bins(view.time_s / 60.0, TIME_BINS if view.segments is None else RATE_BINS)
+def _over_time(
+    view: View, parts: tuple[EffectInstance, ...], onset_min: float | None
+) -> ResidualCurve | None:
+    """Means over even bins of the log's time, in minutes; of one head alone where the heads
+    differ."""
+    cell, middle = view.even_bins(
+        view.time_s / 60.0, TIME_BINS if view.segments is None else RATE_BINS
+    )
     before, after = view.residual(()), view.residual(parts)
     memory = view.memory(after)
-    curve = _drawn(view, "time_s", view.means(cell, before, memory), view.means(cell, after, memory), (), onset_min)
+    curve = _drawn(
+        view,
+        "time_s",
+        view.means(cell, before, memory),
+        view.means(cell, after, memory),
+        (),
+        onset_min,
+    )
     if curve is None:
         return None
     return curve._replace(at=tuple(round(float(middle[round(place)]), 3) for place in curve.at))
 
 
-def _drawn(view: View, variable: str, before: Binned, after: Binned, names: tuple[str, ...],
-           onset: float | None = None) -> ResidualCurve | None:
+def _drawn(
+    view: View,
+    variable: str,
+    before: Binned,
+    after: Binned,
+    names: tuple[str, ...],
+    onset: float | None = None,
+) -> ResidualCurve | None:
     """Both at the same places: those that both have."""
     mine = {round(float(x), 9): float(y) for x, y in zip(before.at, before.mean, strict=True)}
-    rows = [(float(x), mine[round(float(x), 9)], float(y), float(h))
-            for x, y, h in zip(after.at, after.mean, after.half, strict=True) if round(float(x), 9) in mine]
+    rows = [
+        (float(x), mine[round(float(x), 9)], float(y), float(h))
+        for x, y, h in zip(after.at, after.mean, after.half, strict=True)
+        if round(float(x), 9) in mine
+    ]
     rows = [row for row in rows if all(math.isfinite(value) for value in row)]
     if len(rows) < 2:
         return None
@@ -98,7 +147,8 @@ def _drawn(view: View, variable: str, before: Binned, after: Binned, names: tupl
 
 
 def _of_table(cause: Cause, tables: Sequence[MeasuredColumn]) -> ResidualCurve | None:
-    """A bench table's misses along its main variable: means at each value, the spread of a mean as half."""
+    """A bench table's misses along its main variable: means at each value, the spread of a mean
+    as half."""
     stage = CATALOGUE[cause.id].stage
     usable = [table for table in tables if table.main and np.any(table.extended != table.nominal)]
     usable.sort(key=lambda table: table.channel != stage)
@@ -115,9 +165,15 @@ def _of_table(cause: Cause, tables: Sequence[MeasuredColumn]) -> ResidualCurve |
 
     after = means(table.after)
     spread = np.sqrt(np.bincount(index, (table.after - after[index]) ** 2)) / np.bincount(index)
-    return ResidualCurve(table.channel, table.unit, table.main, tuple(kinds.tolist()),
-                         tuple(means(table.before).tolist()),
-                         tuple(after.tolist()), tuple((1.645 * spread).tolist()))
+    return ResidualCurve(
+        table.channel,
+        table.unit,
+        table.main,
+        tuple(kinds.tolist()),
+        tuple(means(table.before).tolist()),
+        tuple(after.tolist()),
+        tuple((1.645 * spread).tolist()),
+    )
 
 
 def mean_target(columns: Mapping[str, Any]) -> float | None:

@@ -1,4 +1,6 @@
-"""A boundary that was driven as the field of a job: on the job's plane, without the corners that say nothing."""
+"""A boundary that was driven as the field of a job: on the job's plane, without the corners
+that say nothing."""
+
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
@@ -6,8 +8,10 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from control.field.job import Ground
 
-LOST_M = 0.1            # corners nearer than this to the straight line between their neighbours are left out
-SAME_PLANE_M = 20_000.0     # from the job's origin; a field that lies farther off has a plane of its own
+# corners nearer than this to the straight line between their neighbours are left out
+LOST_M = 0.1
+# from the job's origin; a field that lies farther off has a plane of its own
+SAME_PLANE_M = 20_000.0
 
 
 def driven_field(ground: Ground, ring_deg: tuple[tuple[float, float], ...]) -> tuple[Ground, float]:
@@ -19,6 +23,7 @@ def driven_field(ground: Ground, ring_deg: tuple[tuple[float, float], ...]) -> t
 
     from control.field.boundary import Boundary, largest_part
     from control.geodesy import TangentPlane, distance_m
+
     if len(ring_deg) < 3:
         raise ValueError(f"boundary: {len(ring_deg)} corners: allowed is 3 or more")
     origin = ground.origin_lat_deg, ground.origin_lon_deg
@@ -26,10 +31,20 @@ def driven_field(ground: Ground, ring_deg: tuple[tuple[float, float], ...]) -> t
         origin = ring_deg[0]
     plane = TangentPlane(*origin)
     # where the end was driven over the beginning: what is enclosed counts
-    thinned = largest_part(Polygon([plane.to_m(lat, lon) for lat, lon in ring_deg])).simplify(LOST_M)
+    thinned = largest_part(Polygon([plane.to_m(lat, lon) for lat, lon in ring_deg])).simplify(
+        LOST_M
+    )
     if thinned.is_empty or thinned.area <= 0.0:
         raise ValueError("boundary: nothing is enclosed by it: allowed is a way round a field")
-    corners = tuple((round(east, 2), round(north, 2)) for east, north in thinned.exterior.coords[:-1])
+    corners = tuple(
+        (round(east, 2), round(north, 2)) for east, north in thinned.exterior.coords[:-1]
+    )
     area_ha = Boundary(corners).area_ha
-    return ground.model_copy(update={"boundary_m": corners, "origin_lat_deg": origin[0], "origin_lon_deg": origin[1],
-                                     "title": ground.title or "driven"}), area_ha
+    return ground.model_copy(
+        update={
+            "boundary_m": corners,
+            "origin_lat_deg": origin[0],
+            "origin_lon_deg": origin[1],
+            "title": ground.title or "driven",
+        }
+    ), area_ha

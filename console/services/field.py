@@ -1,4 +1,6 @@
-"""The picture of a frame's field for the maps: outline and planned rates, from what stands next to its run log."""
+"""The picture of a frame's field for the maps: outline and planned rates, from what stands next
+to its run log."""
+
 from __future__ import annotations
 
 import math
@@ -20,7 +22,7 @@ if TYPE_CHECKING:
 
 MOST_CELLS = 250_000
 FINEST_M = 1.0
-_SLICE = 20_000          # cells asked at once
+_SLICE = 20_000  # cells asked at once
 
 
 def field_picture(frame: Frame) -> FieldPicture | None:
@@ -31,6 +33,7 @@ def field_picture(frame: Frame) -> FieldPicture | None:
     from drivers.files.atomic import sidecar
     from drivers.files.kinds import JOB, MACHINE
     from drivers.files.run_meta import meta_from_yaml
+
     if not frame.log_path:
         return None
     described = sidecar(Path(frame.log_path))
@@ -43,32 +46,42 @@ def field_picture(frame: Frame) -> FieldPicture | None:
     try:
         job = JOB.model.model_validate(dict(meta.job))
         machine = MACHINE.model.model_validate(dict(meta.machine)) if meta.machine else None
-        picture = picture_of(job, folder_of(meta, job, described.parent),
-                             2.4 if machine is None else machine.geometry.working_width_m)
+        picture = picture_of(
+            job,
+            folder_of(meta, job, described.parent),
+            2.4 if machine is None else machine.geometry.working_width_m,
+        )
         if machine is None or not machine.switched:
             return picture
-        return replace(picture, sections=tuple(accumulate(strip.share for strip in machine.switched)))
+        return replace(
+            picture, sections=tuple(accumulate(strip.share for strip in machine.switched))
+        )
     except (ValueError, OSError) as error:
         raise ValueError(" ".join(str(error).split())) from None
 
 
 def plane_of_map(meta: RunMeta, log_folder: Path) -> TangentPlane | None:
-    """The plane on which the loop of a log worked, where it was its map's: a job without an outline, with a map that
-    can still be read; log_folder: the log's folder."""
+    """The plane on which the loop of a log worked, where it was its map's: a job without an
+    outline, with a map that can still be read; log_folder: the log's folder."""
     from drivers.files.kinds import JOB
     from drivers.files.prescriptions.for_job import map_of_job
+
     try:
         job = JOB.model.model_validate(dict(meta.job or {}))
-        profile = None if job.field.boundary_m else map_of_job(job, folder_of(meta, job, log_folder))
+        profile = (
+            None if job.field.boundary_m else map_of_job(job, folder_of(meta, job, log_folder))
+        )
     except (ValueError, OSError):
         return None
     return None if profile is None else profile.plane
 
 
 def plane_of_job(meta: RunMeta, log_folder: Path) -> TangentPlane | None:
-    """The plane on which the loop of a log worked: its field's, else its map's; None: that of the first fix."""
+    """The plane on which the loop of a log worked: its field's, else its map's; None: that of
+    the first fix."""
     from control.field.job import Ground
     from control.geodesy import TangentPlane
+
     field = dict((meta.job or {}).get("field") or {})
     if not field.get("boundary_m"):
         return plane_of_map(meta, log_folder)
@@ -80,6 +93,7 @@ def picture_of(job: Job, folder: Path, width_m: float) -> FieldPicture:
     """Outline and plan of a job whose files lie in `folder`. Raises ValueError, OSError."""
     from control.field.boundary import Boundary
     from drivers.files.prescriptions.for_job import map_of_job
+
     rings: tuple[Ring, ...] = ()
     area_ha = None
     if job.field.boundary_m:
@@ -92,8 +106,8 @@ def picture_of(job: Job, folder: Path, width_m: float) -> FieldPicture:
 
 
 def folder_of(meta: RunMeta, job: Job, log_folder: Path) -> Path:
-    """Where map and plants of a recorded job are looked for: next to the log where they lie there, else next to the job
-    file of the run."""
+    """Where map and plants of a recorded job are looked for: next to the log where they lie
+    there, else next to the job file of the run."""
     names = job.named_files
     written = meta.extra.get("job_folder")
     if not isinstance(written, str) or all((log_folder / name).exists() for name in names):
@@ -102,24 +116,32 @@ def folder_of(meta: RunMeta, job: Job, log_folder: Path) -> Path:
 
 
 def _planned(job: Job, folder: Path, profile: MapProfile, rings: tuple[Ring, ...]) -> Planned:
-    """The map looked at in the middles of square cells, no more than MOST_CELLS of them; NaN outside the field."""
+    """The map looked at in the middles of square cells, no more than MOST_CELLS of them; NaN
+    outside the field."""
     from control.field.boundary import Boundary
     from control.orders import TargetSource
     from drivers.files.prescriptions.read import read_prescription
+
     assert job.target.map is not None
     south, west, north, east = read_prescription(folder / job.target.map).data.box_deg
     corners = profile.plane.many_to_m([south, south, north, north], [west, east, west, east])
-    (west_m, south_m), (east_m, north_m) = corners.min(axis=0).tolist(), corners.max(axis=0).tolist()
+    (west_m, south_m), (east_m, north_m) = (
+        corners.min(axis=0).tolist(),
+        corners.max(axis=0).tolist(),
+    )
     cell_m = max(FINEST_M, math.sqrt((east_m - west_m) * (north_m - south_m) / MOST_CELLS))
-    columns, rows = (max(1, math.ceil(span / cell_m)) for span in (east_m - west_m, north_m - south_m))
+    columns, rows = (
+        max(1, math.ceil(span / cell_m)) for span in (east_m - west_m, north_m - south_m)
+    )
     easts = west_m + (np.arange(columns) + 0.5) * cell_m
     norths = south_m + (np.arange(rows) + 0.5) * cell_m
     places = np.column_stack((np.tile(easts, rows), np.repeat(norths, columns)))
     rates = np.full(len(places), np.nan, dtype=np.float32)
     for begin in range(0, len(places), _SLICE):
-        targets = profile.prescription.targets_at(places[begin:begin + _SLICE])
-        rates[begin:begin + _SLICE] = [target.rate_kg_ha if target.source is TargetSource.MAP else np.nan
-                                       for target in targets]
+        targets = profile.prescription.targets_at(places[begin : begin + _SLICE])
+        rates[begin : begin + _SLICE] = [
+            target.rate_kg_ha if target.source is TargetSource.MAP else np.nan for target in targets
+        ]
     if rings:
         rates[~Boundary(rings[0], rings[1:]).many_inside(places)] = np.nan
     return Planned(west_m, south_m, cell_m, rates.reshape(rows, columns))

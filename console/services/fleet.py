@@ -1,9 +1,11 @@
 """Thousands of logs on a Dask cluster, each diagnosed once: what is done stays, whatever ends.
 
-In the output folder: `logs/CHECKSUM.json` a log's record by the checksum of its bytes, `seen.json` which file had which
-checksum when it was last looked at. A second run diagnoses only what is new. Records come back over the cluster and are
-written here: workers need no folder in common, but the logs.
+In the output folder: `logs/CHECKSUM.json` a log's record by the checksum of its bytes,
+`seen.json` which file had which checksum when it was last looked at. A second run diagnoses
+only what is new. Records come back over the cluster and are written here: workers need no
+folder in common, but the logs.
 """
+
 from __future__ import annotations
 
 import contextlib
@@ -38,39 +40,51 @@ from drivers.files.extras import need
 LOGS, SEEN = "logs", "seen.json"
 SUFFIXES = (".csv", ".parquet", ".pq")
 ASIDE = (".truth.csv",)
-AHEAD = 4                       # tasks in the cluster for each of its threads: few, so that cancelling is quick
-TOGETHER = 16                   # checksums in a task: of a short log one takes less than the task
-MEMORY = "2GB"                  # of a local worker
-# Dask gives memory back at every 64 kB that are free. glibc then maps and unmaps each array above 128 kB anew, which
-# takes half of a diagnosis (mallopt(3): "dynamic mmap threshold"). None: as it was set outside, else glibc's own.
+# tasks in the cluster for each of its threads: few, so that cancelling is quick
+AHEAD = 4
+# checksums in a task: of a short log one takes less than the task
+TOGETHER = 16
+MEMORY = "2GB"  # of a local worker
+# Dask gives memory back at every 64 kB that are free. glibc then maps and unmaps each array
+# above 128 kB anew, which takes half of a diagnosis (mallopt(3): "dynamic mmap threshold").
+# None: as it was set outside, else glibc's own.
 ENVIRONMENT: dict[str, Any] = {
     "distributed.nanny.pre-spawn-environ.MALLOC_TRIM_THRESHOLD_": None,
-    "distributed.scheduler.http.routes": [], "distributed.worker.http.routes": []}      # nobody asks them
-MOST_LOOKED_AT = 100            # folders of which every worker reads a log's first bytes
-CONNECT_S, JOIN_S = 10.0, 30.0  # how long a scheduler, and the first of its workers, are waited for
-LOOK_S = 2.0                    # how often it is looked whether a worker is left
+    # nobody asks them
+    "distributed.scheduler.http.routes": [],
+    "distributed.worker.http.routes": [],
+}
+# folders of which every worker reads a log's first bytes
+MOST_LOOKED_AT = 100
+# how long a scheduler, and the first of its workers, are waited for
+CONNECT_S, JOIN_S = 10.0, 30.0
+LOOK_S = 2.0  # how often it is looked whether a worker is left
 
 GONE = "the scheduler is gone: what is done is kept; the same command goes on"
 NONE_LEFT = "no worker is left: what is done is kept; the same command goes on"
-LOUD = ("distributed", "tornado", "asyncio")    # loggers: they tell in traces what is reported here in a line
+# loggers: they tell in traces what is reported here in a line
+LOUD = ("distributed", "tornado", "asyncio")
 
-Tell = Callable[[int, int, str], None]      # done, of how many, what
+Tell = Callable[[int, int, str], None]  # done, of how many, what
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Found:
-    """Records by path, errors by path, how many were known before, and how many are the same bytes as others."""
+    """Records by path, errors by path, how many were known before, and how many are the same
+    bytes as others."""
 
     records: tuple[Mapping[str, Any], ...]
     broken: tuple[tuple[str, str], ...]
     known: int
     twins: int
-    blind: tuple[str, ...] = ()         # a line for each worker that does not see the logs: it was left out
+    # a line for each worker that does not see the logs: it was left out
+    blind: tuple[str, ...] = ()
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Asked:
-    """What is wanted of every log. options: of fsspec, for URLs; retry: logs that could not be read are tried again."""
+    """What is wanted of every log. options: of fsspec, for URLs; retry: logs that could not be
+    read are tried again."""
 
     machine: Mapping[str, Any]
     salt: str
@@ -80,14 +94,17 @@ class Asked:
 
 @contextlib.contextmanager
 def cluster(scheduler: str | None, workers: int, connect_s: float = CONNECT_S) -> Iterator[Any]:
-    """A Dask client: of the scheduler at an address, else of workers on this computer. Raises MissingExtra, OSError.
+    """A Dask client: of the scheduler at an address, else of workers on this computer. Raises
+    MissingExtra, OSError.
 
-    Whoever reaches a Dask scheduler runs code as its user. So our own takes only who has a certificate of an authority
-    that was made for this run; what its workers put on the disk lies in a folder of this user's.
+    Whoever reaches a Dask scheduler runs code as its user. So our own takes only who has a
+    certificate of an authority that was made for this run; what its workers put on the disk
+    lies in a folder of this user's.
     """
     need("a fleet", "fleet", "diagnosis")
     import dask
     from distributed import Client, LocalCluster, Security
+
     for name in logging.root.manager.loggerDict:
         if name.startswith(LOUD):
             logging.getLogger(name).setLevel(logging.CRITICAL)
@@ -98,9 +115,17 @@ def cluster(scheduler: str | None, workers: int, connect_s: float = CONNECT_S) -
     with tempfile.TemporaryDirectory(prefix="topdress-fleet-", ignore_cleanup_errors=True) as room:
         try:
             with _deaf(), dask.config.set(ENVIRONMENT):
-                local = LocalCluster(n_workers=workers, threads_per_worker=1, processes=True, memory_limit=MEMORY,
-                                     dashboard_address=None, host="127.0.0.1", protocol="tls://",
-                                     security=Security.temporary(), local_directory=room)
+                local = LocalCluster(
+                    n_workers=workers,
+                    threads_per_worker=1,
+                    processes=True,
+                    memory_limit=MEMORY,
+                    dashboard_address=None,
+                    host="127.0.0.1",
+                    protocol="tls://",
+                    security=Security.temporary(),
+                    local_directory=room,
+                )
         except RuntimeError as error:
             raise OSError(f"the workers of this computer did not start: {error}") from None
         with local, Client(local, set_as_default=False) as client:
@@ -109,7 +134,8 @@ def cluster(scheduler: str | None, workers: int, connect_s: float = CONNECT_S) -
 
 @contextlib.contextmanager
 def _deaf() -> Iterator[None]:
-    """Processes that begin here do not hear Ctrl-C: it is this one's to end them, without a trace from each."""
+    """Processes that begin here do not hear Ctrl-C: it is this one's to end them, without a
+    trace from each."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -122,18 +148,23 @@ def _deaf() -> Iterator[None]:
 
 @contextlib.contextmanager
 def _of(scheduler: str, make: Callable[..., Any], connect_s: float) -> Iterator[Any]:
-    """A client of a scheduler that is there, with workers that can do the work. Raises OSError, in one line."""
+    """A client of a scheduler that is there, with workers that can do the work. Raises OSError,
+    in one line."""
     try:
         client = make(scheduler, set_as_default=False, timeout=connect_s)
-    except Exception as error:      # of an address that it does not know Dask has many words
+    # of an address that it does not know Dask has many words
+    except Exception as error:
         why = (str(error).splitlines() or ["nobody answers"])[0]
         raise OSError(f"{scheduler}: no Dask scheduler: {why}") from None
     with client:
         try:
             client.wait_for_workers(1, timeout=JOIN_S)
         except TimeoutError:
-            raise OSError(f"{scheduler}: no worker in {JOIN_S:.0f} s: allowed is a scheduler with at least one "
-                          f"(dask worker {scheduler})") from None
+            raise OSError(
+                f"{scheduler}: no worker in {JOIN_S:.0f} s: allowed is a scheduler with at "
+                "least one "
+                f"(dask worker {scheduler})"
+            ) from None
         for line in unlike(client.get_versions()):
             raise OSError(f"{scheduler}: {line}")
         for line in without_us(_formats(client)):
@@ -142,9 +173,12 @@ def _of(scheduler: str, make: Callable[..., Any], connect_s: float) -> Iterator[
 
 
 def _formats(client: Any) -> dict[str, Any]:
-    """By scheduler and worker the format of records that its topdress makes; what was raised where it has none."""
+    """By scheduler and worker the format of records that its topdress makes; what was raised
+    where it has none."""
     asked = (pkgutil.resolve_name, f"{record.__module__}:FORMAT")
-    answers = {f"worker {name}": said for name, said in client.run(*asked, on_error="return").items()}
+    answers = {
+        f"worker {name}": said for name, said in client.run(*asked, on_error="return").items()
+    }
     try:
         return {"the scheduler": client.run_on_scheduler(*asked), **answers}
     except ImportError as error:
@@ -155,32 +189,45 @@ def without_us(formats: Mapping[str, Any]) -> Iterator[str]:
     """Who has no topdress, or one that makes other records, a line each."""
     for who, said in formats.items():
         if isinstance(said, BaseException):
-            yield f"{who} has no topdress: allowed is the same as here on the scheduler and every worker"
+            yield (
+                f"{who} has no topdress: allowed is the same as here on the scheduler and "
+                "every worker"
+            )
         elif said != FORMAT:
             yield f"{who} has a topdress that makes records {said}: allowed {FORMAT}"
 
 
 def unlike(versions: Mapping[str, Any]) -> Iterator[str]:
-    """What makes a scheduler or worker unable to work with this program, a line each. versions: as Dask tells them."""
+    """What makes a scheduler or worker unable to work with this program, a line each. versions:
+    as Dask tells them."""
     here = versions["client"]
-    others = {"the scheduler": versions["scheduler"],
-              **{f"worker {name}": said for name, said in versions["workers"].items()}}
+    others = {
+        "the scheduler": versions["scheduler"],
+        **{f"worker {name}": said for name, said in versions["workers"].items()},
+    }
     for who, said in others.items():
         if not said:
             yield f"{who} does not tell its versions"
             continue
         for package in ("distributed", "cloudpickle"):
             if said["packages"].get(package) != here["packages"].get(package):
-                yield (f"{who} has {package} {said['packages'].get(package)}, here is {here['packages'].get(package)}: "
-                       "allowed is the same")
+                yield (
+                    f"{who} has {package} {said['packages'].get(package)}, here is "
+                    f"{here['packages'].get(package)}: "
+                    "allowed is the same"
+                )
         if said["host"]["python"].split(".")[:2] != here["host"]["python"].split(".")[:2]:
-            yield (f"{who} runs Python {said['host']['python']}, here is {here['host']['python']}: allowed is the same "
-                   "but for its last number")
+            yield (
+                f"{who} runs Python {said['host']['python']}, here is "
+                f"{here['host']['python']}: allowed is the same "
+                "but for its last number"
+            )
 
 
 def logs_at(paths: Sequence[str], out: Path, options: Options | None = None) -> list[str]:
-    """Files, the logs in folders at any depth, and what stars and fsspec URLs stand for; each once, in order. Of what
-    lies in `out` only what was named itself: that is refused before it is written over.
+    """Files, the logs in folders at any depth, and what stars and fsspec URLs stand for; each
+    once, in order. Of what lies in `out` only what was named itself: that is refused before it
+    is written over.
 
     Raises OSError for one that is not there.
     """
@@ -189,56 +236,102 @@ def logs_at(paths: Sequence[str], out: Path, options: Options | None = None) -> 
         if "://" in where:
             found += _at_url(where, options or {})
         elif Path(where).is_dir():
-            found += [str(file) for file in sorted(Path(where).rglob("*")) if _is_log(file.name) and file.is_file()]
+            found += [
+                str(file)
+                for file in sorted(Path(where).rglob("*"))
+                if _is_log(file.name) and file.is_file()
+            ]
         elif any(sign in where for sign in "*?["):
             import glob
-            found += sorted(file for file in glob.glob(where, recursive=True) if Path(file).is_file())
+
+            found += sorted(
+                file for file in glob.glob(where, recursive=True) if Path(file).is_file()
+            )
         elif Path(where).exists():
             found.append(where)
         else:
             raise FileNotFoundError(2, "no such file or folder", where)
     own, named = out.resolve(), set(paths)
-    return [log for log in dict.fromkeys(found)
-            if "://" in log or log in named or own not in Path(log).resolve().parents]
+    return [
+        log
+        for log in dict.fromkeys(found)
+        if "://" in log or log in named or own not in Path(log).resolve().parents
+    ]
 
 
 def _is_log(name: str) -> bool:
-    return name.lower().endswith(SUFFIXES) and not name.lower().endswith(ASIDE) and not name.startswith(".")
+    return (
+        name.lower().endswith(SUFFIXES)
+        and not name.lower().endswith(ASIDE)
+        and not name.startswith(".")
+    )
 
 
 def _at_url(where: str, options: Options) -> list[str]:
     need("a URL", "fleet")
     import fsspec
+
     system, path = fsspec.core.url_to_fs(where, **options)
     if any(sign in path for sign in "*?["):
         names = system.glob(path)
     else:
         names = system.find(path) if system.isdir(path) else [path]
-    return [system.unstrip_protocol(name) for name in sorted(names) if _is_log(name.split("/")[-1]) or name == path]
+    return [
+        system.unstrip_protocol(name)
+        for name in sorted(names)
+        if _is_log(name.split("/")[-1]) or name == path
+    ]
 
 
-def diagnosed(client: Any, paths: Sequence[str], asked: Asked, out: Path, tell: Tell,
-              record: Callable[..., dict[str, Any]] = record) -> Found:
-    """Every log's record, as `record` makes it. KeyboardInterrupt passes through: what is done is kept.
+def diagnosed(
+    client: Any,
+    paths: Sequence[str],
+    asked: Asked,
+    out: Path,
+    tell: Tell,
+    record: Callable[..., dict[str, Any]] = record,
+) -> Found:
+    """Every log's record, as `record` makes it. KeyboardInterrupt passes through: what is done
+    is kept.
 
-    Only workers that see the logs are asked. A fault that is not the log's own is tried once more when all else is
-    done, and is never kept: the next run tries again. Raises OSError where no worker sees the logs.
+    Only workers that see the logs are asked. A fault that is not the log's own is tried once
+    more when all else is done, and is never kept: the next run tries again. Raises OSError
+    where no worker sees the logs.
     """
     (out / LOGS).mkdir(parents=True, exist_ok=True)
     seen = _seen(out)
     found = _states(paths, asked.options)
     marks = {path: state and f"{state} {asked.salt}" for path, (state, _sides) in found.items()}
-    keys = {path: seen[path][1] for path in paths if path in seen and seen[path][0] == marks[path] and marks[path]}
+    keys = {
+        path: seen[path][1]
+        for path in paths
+        if path in seen and seen[path][0] == marks[path] and marks[path]
+    }
     unknown = [path for path in paths if path not in keys]
     errors: dict[str, str] = {}
     kept: dict[str, dict[str, Any]] = {}
     blind: dict[str, str] = {}
     try:
-        blind = _blind(client, [path for path in paths if asked.retry or path not in keys or not _place(
-            out, keys[path]).is_file()], asked.options)
+        blind = _blind(
+            client,
+            [
+                path
+                for path in paths
+                if asked.retry or path not in keys or not _place(out, keys[path]).is_file()
+            ],
+            asked.options,
+        )
         work = _Work(client, [who for who in client.nthreads() if who not in blind])
-        for number, (path, key, why) in enumerate(work.twice(checksum, {
-                path: (_whole(path), asked.options, asked.salt, found[path][1]) for path in unknown}, TOGETHER)):
+        for number, (path, key, why) in enumerate(
+            work.twice(
+                checksum,
+                {
+                    path: (_whole(path), asked.options, asked.salt, found[path][1])
+                    for path in unknown
+                },
+                TOGETHER,
+            )
+        ):
             if why:
                 errors[path] = why
             else:
@@ -249,20 +342,32 @@ def diagnosed(client: Any, paths: Sequence[str], asked: Asked, out: Path, tell: 
         first: dict[str, str] = {}
         for path, key in keys.items():
             first.setdefault(key, path)
-        kept = {key: one for key in first if (one := _kept(out, key)) is not None and not (
-            asked.retry and "error" in one)}
+        kept = {
+            key: one
+            for key in first
+            if (one := _kept(out, key)) is not None and not (asked.retry and "error" in one)
+        }
         todo = {path: key for key, path in first.items() if key not in kept}
         known = len(kept)
-        for number, (path, made, why) in enumerate(work.twice(record, {
-                path: (_whole(path), asked.options, asked.machine, found[path][1]) for path in todo})):
-            if why:                             # what no worker survived, or was not the log's own fault
+        for number, (path, made, why) in enumerate(
+            work.twice(
+                record,
+                {
+                    path: (_whole(path), asked.options, asked.machine, found[path][1])
+                    for path in todo
+                },
+            )
+        ):
+            # what no worker survived, or was not the log's own fault
+            if why:
                 errors[path] = why
             elif "://" not in path and _state(path) != found[path][0]:
                 errors[path] = "it was written while it was read: the same command reads it again"
                 seen.pop(path, None)
             else:
                 text = json.dumps({**made, "path": path})
-                write_atomically(_place(out, todo[path]), text, kept=False)     # what a power loss takes is made anew
+                # what a power loss takes is made anew
+                write_atomically(_place(out, todo[path]), text, kept=False)
                 kept[todo[path]] = record_of(text)
             tell(known + number + 1, len(first), "diagnosing")
     finally:
@@ -271,8 +376,16 @@ def diagnosed(client: Any, paths: Sequence[str], asked: Asked, out: Path, tell: 
     records = list({one.get("content", one["key"]): one for one in reversed(every)}.values())[::-1]
     broken = [*errors.items(), *((one["path"], one["error"]) for one in records if "error" in one)]
     twins = len(keys) - len(first) + len(every) - len(records)
-    return Found(tuple(one for one in records if "error" not in one), tuple(sorted(broken)), known, twins,
-                 tuple(f"{who} does not see the logs, and is left out: {why}" for who, why in sorted(blind.items())))
+    return Found(
+        tuple(one for one in records if "error" not in one),
+        tuple(sorted(broken)),
+        known,
+        twins,
+        tuple(
+            f"{who} does not see the logs, and is left out: {why}"
+            for who, why in sorted(blind.items())
+        ),
+    )
 
 
 def _whole(path: str) -> str:
@@ -281,7 +394,8 @@ def _whole(path: str) -> str:
 
 
 def _blind(client: Any, paths: Sequence[str], options: Options) -> dict[str, str]:
-    """Workers that do not read the first bytes of a log of every folder as they are read here, and why.
+    """Workers that do not read the first bytes of a log of every folder as they are read here,
+    and why.
 
     Raises OSError where none does.
     """
@@ -289,15 +403,19 @@ def _blind(client: Any, paths: Sequence[str], options: Options) -> dict[str, str
     blind: dict[str, str] = {}
     for path in list(one_of_each.values())[:MOST_LOOKED_AT]:
         here = first_bytes(_whole(path), options)
-        if here[1]:             # gone, or broken: it is listed as such
+        if here[1]:  # gone, or broken: it is listed as such
             continue
         for who, said in client.run(first_bytes, _whole(path), options, on_error="return").items():
             if said != here:
-                why = said[1] if isinstance(said, tuple) else str(said)         # else the worker's own error
+                # else the worker's own error
+                why = said[1] if isinstance(said, tuple) else str(said)
                 blind.setdefault(f"worker {who}", why or f"{path} holds other bytes there")
     if blind and len(blind) >= len(client.nthreads()):
         who, why = min(blind.items())
-        raise OSError(f"no worker sees the logs: {who}: {why}: allowed are paths and URLs that every worker reads")
+        raise OSError(
+            f"no worker sees the logs: {who}: {why}: allowed are paths and URLs that every "
+            "worker reads"
+        )
     return {who.removeprefix("worker "): why for who, why in blind.items()}
 
 
@@ -311,17 +429,24 @@ def _kept(out: Path, key: str) -> dict[str, Any] | None:
 
 
 class _Work:
-    """Tasks for the workers that see the logs: for all, also those that come later, where none is blind."""
+    """Tasks for the workers that see the logs: for all, also those that come later, where none
+    is blind."""
 
-    def __init__(self, client: Any, workers: Sequence[str], join_s: float = JOIN_S, look_s: float = LOOK_S) -> None:
+    def __init__(
+        self, client: Any, workers: Sequence[str], join_s: float = JOIN_S, look_s: float = LOOK_S
+    ) -> None:
         self._client, self._join_s, self._look_s = client, join_s, look_s
         threads = client.nthreads()
         self._room = max(1, AHEAD * sum(threads.get(who, 1) for who in workers))
-        self._where: dict[str, Any] = {} if len(workers) == len(threads) else {"workers": list(workers)}
+        self._where: dict[str, Any] = (
+            {} if len(workers) == len(threads) else {"workers": list(workers)}
+        )
 
-    def twice(self, work: Callable[..., Any], todo: Mapping[str, tuple[Any, ...]], together: int = 1
-              ) -> Iterator[tuple[str, Any, str]]:
-        """As `once`; what failed for no fault of the log is done again, by itself, when all else is done."""
+    def twice(
+        self, work: Callable[..., Any], todo: Mapping[str, tuple[Any, ...]], together: int = 1
+    ) -> Iterator[tuple[str, Any, str]]:
+        """As `once`; what failed for no fault of the log is done again, by itself, when all
+        else is done."""
         again: dict[str, tuple[Any, ...]] = {}
         for path, made, why in self.once(work, todo, together):
             if why:
@@ -330,14 +455,17 @@ class _Work:
                 yield path, made, why
         yield from self.once(work, again)
 
-    def once(self, work: Callable[..., Any], todo: Mapping[str, tuple[Any, ...]], together: int = 1
-             ) -> Iterator[tuple[str, Any, str]]:
-        """(path, result, "") or (path, None, why), as they are done; of a worker that dies another does the tasks.
+    def once(
+        self, work: Callable[..., Any], todo: Mapping[str, tuple[Any, ...]], together: int = 1
+    ) -> Iterator[tuple[str, Any, str]]:
+        """(path, result, "") or (path, None, why), as they are done; of a worker that dies
+        another does the tasks.
 
         together: how many a task does, where each worker has some.
         """
         from distributed import as_completed
         from distributed.comm.core import CommClosedError
+
         waiting = iter(todo.items())
         together = max(1, min(together, len(todo) // self._room))
         running: dict[Any, list[str]] = {}
@@ -345,9 +473,12 @@ class _Work:
 
         def put() -> None:
             if some := dict(itertools.islice(waiting, together)):
-                future = self._client.submit(each, work, list(some.values()), pure=False, **self._where)
+                future = self._client.submit(
+                    each, work, list(some.values()), pure=False, **self._where
+                )
                 running[future] = list(some)
                 done.add(future)
+
         for _ in range(min(self._room, len(todo))):
             put()
         over, alone = threading.Event(), threading.Event()
@@ -357,10 +488,13 @@ class _Work:
                 if any(future.status == "cancelled" for future in futures):
                     raise OSError(NONE_LEFT if alone.is_set() else GONE)
                 whole = [future for future in futures if future.status == "finished"]
-                results = dict(zip(whole, self._client.gather(whole), strict=True))     # what is ready, at one time
+                # what is ready, at one time
+                results = dict(zip(whole, self._client.gather(whole), strict=True))
                 for future in futures:
                     paths = running.pop(future)
-                    made = results.get(future) or [(None, first_line(future.exception()))] * len(paths)
+                    made = results.get(future) or [(None, first_line(future.exception()))] * len(
+                        paths
+                    )
                     future.release()
                     put()
                     for path, (result, why) in zip(paths, made, strict=True):
@@ -372,12 +506,15 @@ class _Work:
             with contextlib.suppress(CommClosedError, CancelledError):
                 self._client.cancel(list(running))
 
-    def _until_alone(self, running: Mapping[Any, Any], over: threading.Event, alone: threading.Event) -> None:
-        """Where no worker is left, and none comes for as long as the first was waited for, nobody would ever do what is
-        asked: it is taken back."""
+    def _until_alone(
+        self, running: Mapping[Any, Any], over: threading.Event, alone: threading.Event
+    ) -> None:
+        """Where no worker is left, and none comes for as long as the first was waited for,
+        nobody would ever do what is asked: it is taken back."""
         missed = 0.0
         while not over.wait(self._look_s):
-            with contextlib.suppress(Exception):            # that a scheduler is gone shows in its tasks
+            # that a scheduler is gone shows in its tasks
+            with contextlib.suppress(Exception):
                 missed = 0.0 if self._client.nthreads() else missed + self._look_s
             if missed >= self._join_s:
                 alone.set()
@@ -403,22 +540,28 @@ def _write_seen(out: Path, seen: Mapping[str, tuple[str, str]]) -> None:
 
 
 def _states(paths: Sequence[str], options: Options) -> dict[str, tuple[str, tuple[str, ...]]]:
-    """By path what tells whether it is as it was without reading it, "" where that is not known; and of one at a URL
-    what lies next to it, by one listing of each folder."""
+    """By path what tells whether it is as it was without reading it, "" where that is not
+    known; and of one at a URL what lies next to it, by one listing of each folder."""
     states, folders = dict[str, tuple[str, tuple[str, ...]]](), dict[str, dict[str, Any]]()
     for path in paths:
         if "://" not in path:
             states[path] = _state(path), ()
             continue
         import fsspec
+
         system, name = fsspec.core.url_to_fs(path, **options)
         folder = f"{name.rpartition('/')[0]}/"
         if folder not in folders:
             folders[folder] = {}
-            with contextlib.suppress(Exception):        # a store that shows no folder, in any of its own errors
+            # a store that shows no folder, in any of its own errors
+            with contextlib.suppress(Exception):
                 folders[folder] = {one["name"]: one for one in system.ls(folder, detail=True)}
         there = folders[folder]
-        sides = tuple(side for side in side_urls(name) if (side in there if name in there else system.exists(side)))
+        sides = tuple(
+            side
+            for side in side_urls(name)
+            if (side in there if name in there else system.exists(side))
+        )
         with contextlib.suppress(OSError, NotImplementedError):
             states[path] = "", sides
             state = " ".join(str(there.get(one) or system.ukey(one)) for one in (name, *sides))
@@ -428,10 +571,22 @@ def _states(paths: Sequence[str], options: Options) -> dict[str, tuple[str, tupl
 
 def _state(path: str) -> str:
     from drivers.files.any_log import import_file
+
     try:
         status = Path(path).stat()
         side_files = (Path(path).with_suffix(".yaml"), import_file(Path(path)))
-        return " ".join(map(str, (status.st_size, status.st_mtime_ns, *(
-            one.stat().st_mtime_ns if one is not None and one.is_file() else 0 for one in side_files))))
+        return " ".join(
+            map(
+                str,
+                (
+                    status.st_size,
+                    status.st_mtime_ns,
+                    *(
+                        one.stat().st_mtime_ns if one is not None and one.is_file() else 0
+                        for one in side_files
+                    ),
+                ),
+            )
+        )
     except OSError:
         return ""

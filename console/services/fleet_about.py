@@ -1,4 +1,5 @@
 """The list of logs that `--about` names: which row is of which log, and what it says of it."""
+
 from __future__ import annotations
 
 from collections import Counter
@@ -11,8 +12,8 @@ COLUMNS = ("log", "unit", *SHARED, "time")
 
 
 class Listed(NamedTuple):
-    """of: by log, what its row says. unused: a line for each row that is of no log, and why. silent: logs without a
-    row."""
+    """of: by log, what its row says. unused: a line for each row that is of no log, and why.
+    silent: logs without a row."""
 
     of: Mapping[str, Mapping[str, str]]
     unused: tuple[str, ...]
@@ -20,8 +21,9 @@ class Listed(NamedTuple):
 
 
 def listed(rows: Sequence[Mapping[str, str]], logs: Sequence[str]) -> Listed:
-    """A row is of the log whose path ends, folder by folder, as the row says; or, of a path that was written on another
-    computer, that ends as the log's path as it was given. One log only: a row that fits several is of none.
+    """A row is of the log whose path ends, folder by folder, as the row says; or, of a path
+    that was written on another computer, that ends as the log's path as it was given. One log
+    only: a row that fits several is of none.
 
     rows: of COLUMNS. Raises ValueError for a time that is none.
     """
@@ -34,15 +36,25 @@ def listed(rows: Sequence[Mapping[str, str]], logs: Sequence[str]) -> Listed:
         said = _parts(row["log"])
         path, longer = "/".join(said), ["/".join(said[k:]) for k in range(1, len(said))]
         log = whole.get(path) or (by_end.get(path) if ends[path] == 1 else None)
-        log = log or (None if ends[path] else next((whole[end] for end in longer if end in whole), None))
+        log = log or (
+            None if ends[path] else next((whole[end] for end in longer if end in whole), None)
+        )
         if row.get("time"):
             try:
                 days_of(row["time"])
             except ValueError:
-                raise ValueError(f"row {number}: time {row['time']}: allowed is ISO 8601, as "
-                                 "2026-04-01T08:00:00+08:00") from None
+                raise ValueError(
+                    f"row {number}: time {row['time']}: allowed is ISO 8601, as "
+                    "2026-04-01T08:00:00+08:00"
+                ) from None
         if log is None or log in of:
-            why = "its log has a row already" if log else f"{ends[path]} logs end so" if ends[path] else "no such log"
+            why = (
+                "its log has a row already"
+                if log
+                else f"{ends[path]} logs end so"
+                if ends[path]
+                else "no such log"
+            )
             unused.append(f"row {number}: {row['log']}: {why}")
         else:
             of[log] = row
@@ -56,5 +68,9 @@ def _parts(path: str) -> list[str]:
 def with_words(record: Mapping[str, Any], row: Mapping[str, str]) -> dict[str, Any]:
     """A log's record with what its row says in place of what its sidecar does."""
     time = {"time_d": days_of(row["time"]), "time_from": "list"} if row.get("time") else {}
-    return {**record, "unit": row.get("unit") or record["unit"], **time,
-            "shared": {name: row.get(name) or said for name, said in record["shared"].items()}}
+    return {
+        **record,
+        "unit": row.get("unit") or record["unit"],
+        **time,
+        "shared": {name: row.get(name) or said for name, said in record["shared"].items()},
+    }

@@ -1,4 +1,6 @@
-"""What a worker of the fleet does with one log: bytes in, one plain record out. Knows nothing of Dask."""
+"""What a worker of the fleet does with one log: bytes in, one plain record out. Knows nothing
+of Dask."""
+
 from __future__ import annotations
 
 import contextlib
@@ -20,9 +22,10 @@ if TYPE_CHECKING:
 FORMAT = "topdress-fleet-log/3"
 BLOCK = 1 << 20
 FIRST_BYTES = 4096
-LEAST_S = 20.0                  # of a log: what is shorter shows no level of a hopper and no course
+# of a log: what is shorter shows no level of a hopper and no course
+LEAST_S = 20.0
 SHARED = ("product", "operator", "field")
-Options = Mapping[str, str]             # of fsspec, for logs at URLs
+Options = Mapping[str, str]  # of fsspec, for logs at URLs
 
 
 def first_bytes(where: str, options: Options) -> tuple[str, str]:
@@ -30,23 +33,25 @@ def first_bytes(where: str, options: Options) -> tuple[str, str]:
     try:
         if "://" in where:
             import fsspec
+
             with fsspec.open(where, "rb", **options) as opened:
                 return hashlib.sha256(opened.read(FIRST_BYTES)).hexdigest(), ""
         with Path(where).open("rb") as opened:
             return hashlib.sha256(opened.read(FIRST_BYTES)).hexdigest(), ""
-    except Exception as error:      # a store's own error of any kind
+    except Exception as error:  # a store's own error of any kind
         return "", first_line(error)
 
 
 def each(work: Callable[..., Any], of: Sequence[tuple[Any, ...]]) -> list[tuple[Any, str]]:
-    """What is made of each, and why nothing is: it was raised, or the worker and not the log was at fault."""
+    """What is made of each, and why nothing is: it was raised, or the worker and not the log
+    was at fault."""
     return [_one(work, arguments) for arguments in of]
 
 
 def _one(work: Callable[..., Any], arguments: tuple[Any, ...]) -> tuple[Any, str]:
     try:
         made = work(*arguments)
-    except Exception as error:      # one log of thousands never stops the rest
+    except Exception as error:  # one log of thousands never stops the rest
         return None, first_line(error)
     if isinstance(made, dict) and "error" in made and not made.get("lasting", True):
         return None, str(made["error"])
@@ -54,16 +59,22 @@ def _one(work: Callable[..., Any], arguments: tuple[Any, ...]) -> tuple[Any, str
 
 
 def checksum(where: str, options: Options, salt: str, sides: Sequence[str] = ()) -> str:
-    """SHA-256 of a log's bytes, its sidecar's, its import file's, and of what else decides its record. sides: as
-    `local` takes them.
+    """SHA-256 of a log's bytes, its sidecar's, its import file's, and of what else decides its
+    record. sides: as `local` takes them.
 
-    Raises OSError; where there is no such file too: all that a worker does not see would have one checksum.
+    Raises OSError; where there is no such file too: all that a worker does not see would have
+    one checksum.
     """
     from drivers.files.any_log import import_file
+
     digest = hashlib.sha256(salt.encode())
     with local(where, options, sides) as path:
         path.stat()
-        for file in (path, path.with_suffix(".yaml"), import_file(path) or path.with_suffix(".yaml")):
+        for file in (
+            path,
+            path.with_suffix(".yaml"),
+            import_file(path) or path.with_suffix(".yaml"),
+        ):
             if file.is_file():
                 with file.open("rb") as opened:
                     while block := opened.read(BLOCK):
@@ -72,30 +83,44 @@ def checksum(where: str, options: Options, salt: str, sides: Sequence[str] = ())
     return digest.hexdigest()
 
 
-def record(where: str, options: Options, machine: Mapping[str, Any], sides: Sequence[str] = ()) -> dict[str, Any]:
-    """The record of one log, of plain values. machine: for logs that name none. sides: as `local` takes them.
+def record(
+    where: str, options: Options, machine: Mapping[str, Any], sides: Sequence[str] = ()
+) -> dict[str, Any]:
+    """The record of one log, of plain values. machine: for logs that name none. sides: as
+    `local` takes them.
 
-    Whatever is wrong with it is a record too: {"error": one line, "lasting": whether it is the log's own fault}. What
-    a reader refuses is the log's; no such file, no memory, a package that is missing are the worker's.
+    Whatever is wrong with it is a record too: {"error": one line, "lasting": whether it is the
+    log's own fault}. What a reader refuses is the log's; no such file, no memory, a package
+    that is missing are the worker's.
     """
     from control.machine.machine import Machine
     from drivers.files.config import ConfigError
+
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     began = time.perf_counter(), time.process_time()
     try:
         with local(where, options, sides) as path:
             path.open("rb").close()
             made = _judged(where, options, path, Machine.model_validate(machine))
-            return {**made, "took_s": time.perf_counter() - began[0], "processor_s": time.process_time() - began[1]}
+            return {
+                **made,
+                "took_s": time.perf_counter() - began[0],
+                "processor_s": time.process_time() - began[1],
+            }
     except ConfigError as error:
         return {"format": FORMAT, "path": where, "error": error.lines[0], "lasting": True}
-    except Exception as error:      # one log of thousands never stops the rest
-        return {"format": FORMAT, "path": where, "error": first_line(error), "lasting": isinstance(error, ValueError)
-                and not isinstance(error.__context__, OSError)}
+    except Exception as error:  # one log of thousands never stops the rest
+        return {
+            "format": FORMAT,
+            "path": where,
+            "error": first_line(error),
+            "lasting": isinstance(error, ValueError) and not isinstance(error.__context__, OSError),
+        }
 
 
 def record_of(text: str) -> Any:
-    """A record from its file, in a third of the memory: forms as arrays, a word that all records say once for all.
+    """A record from its file, in a third of the memory: forms as arrays, a word that all
+    records say once for all.
 
     Raises ValueError for what is no JSON.
     """
@@ -106,9 +131,16 @@ def record_of(text: str) -> Any:
     def small(of: dict[str, Any]) -> Any:
         if "normal" in of:
             numbers: Any = {name: np.array(of[name]) for name in ("normal", "right", "pulls")}
-            return QuadraticForm(names=tuple(map(sys.intern, of["names"])), open=tuple(map(sys.intern, of["open"])),
-                                 **numbers)
-        return {sys.intern(name): sys.intern(value) if isinstance(value, str) else value for name, value in of.items()}
+            return QuadraticForm(
+                names=tuple(map(sys.intern, of["names"])),
+                open=tuple(map(sys.intern, of["open"])),
+                **numbers,
+            )
+        return {
+            sys.intern(name): sys.intern(value) if isinstance(value, str) else value
+            for name, value in of.items()
+        }
+
     return json.loads(text, object_hook=small)
 
 
@@ -121,32 +153,58 @@ def _judged(where: str, options: Options, path: Path, default: Machine) -> dict[
     from drivers.files.any_log import open_log
     from drivers.files.config import validated
     from drivers.files.kinds import MACHINE
+
     log = open_log(path)
     if log.duration_s < LEAST_S:
-        raise ValueError(f"{where}: {log.duration_s:.0f} s long: allowed is a log of {LEAST_S:.0f} s and more")
+        raise ValueError(
+            f"{where}: {log.duration_s:.0f} s long: allowed is a log of {LEAST_S:.0f} s and more"
+        )
     machine = default
     if log.meta is not None and log.meta.machine is not None:
         machine = validated(log.meta.machine, MACHINE, f"{where}: machine")
     seen = evidence(log.columns, machine, where)
     found = seen.found
     return {
-        "format": FORMAT, "path": where, "content": _content(log), "rows": len(log), "duration_s": log.duration_s,
-        "model": machine.id, "nominal": hashlib.sha256(machine.model_dump_json().encode()).hexdigest(),
-        "unit": _known(log, "unit") or _folder(where), **_time(log, path, where, options),
+        "format": FORMAT,
+        "path": where,
+        "content": _content(log),
+        "rows": len(log),
+        "duration_s": log.duration_s,
+        "model": machine.id,
+        "nominal": hashlib.sha256(machine.model_dump_json().encode()).hexdigest(),
+        "unit": _known(log, "unit") or _folder(where),
+        **_time(log, path, where, options),
         "shared": {name: _known(log, name) for name in SHARED},
-        "verdict": found.verdict, "worked": seen.worked._asdict(), "percent": seen.percent, "units": seen.units,
-        "causes": [{"id": cause.id, "size": cause.size.value, "low": cause.size.low, "high": cause.size.high,
-                    "probability": cause.probability, "onset_s": cause.onset_s} for cause in found.causes],
-        "forms": [form._asdict() for form in seen.forms]}
+        "verdict": found.verdict,
+        "worked": seen.worked._asdict(),
+        "percent": seen.percent,
+        "units": seen.units,
+        "causes": [
+            {
+                "id": cause.id,
+                "size": cause.size.value,
+                "low": cause.size.low,
+                "high": cause.size.high,
+                "probability": cause.probability,
+                "onset_s": cause.onset_s,
+            }
+            for cause in found.causes
+        ],
+        "forms": [form._asdict() for form in seen.forms],
+    }
 
 
 def _content(log: RunLog) -> str:
     """SHA-256 of what was measured: the same run as text and as Parquet is one log."""
     import numpy as np
+
     digest = hashlib.sha256()
     for name in ("time_s", "speed_mps", "wheel_speed_mps", "shaft_rpm", "opening_mm", "hopper_kg"):
         if name in log.columns:
-            digest.update(name.encode() + (np.round(np.asarray(log.columns[name], np.float64), 6) + 0.0).tobytes())
+            digest.update(
+                name.encode()
+                + (np.round(np.asarray(log.columns[name], np.float64), 6) + 0.0).tobytes()
+            )
     return digest.hexdigest()
 
 
@@ -165,16 +223,20 @@ def _folder(where: str) -> str:
 
 
 def _time(log: RunLog, path: Path, where: str, options: Options) -> dict[str, Any]:
-    """When the log began, in days since 1970, and who says so: its sidecar, its first fix, else its file: the one in
-    the store; our copy where a store tells no times."""
+    """When the log began, in days since 1970, and who says so: its sidecar, its first fix, else
+    its file: the one in the store; our copy where a store tells no times."""
     first = next((str(text) for text in log.texts("utc")[:10_000] if text), None)
-    for whence, said in (("sidecar", None if log.meta is None else log.meta.started_utc), ("log", first)):
+    for whence, said in (
+        ("sidecar", None if log.meta is None else log.meta.started_utc),
+        ("log", first),
+    ):
         if said:
             with contextlib.suppress(ValueError):
                 return {"time_d": days_of(said), "time_from": whence}
     modified_s = path.stat().st_mtime
     if "://" in where:
         import fsspec
+
         system, place = fsspec.core.url_to_fs(where, **options)
         with contextlib.suppress(NotImplementedError):
             modified_s = system.modified(place).timestamp()
@@ -189,14 +251,17 @@ def days_of(said: str) -> float:
 
 @contextlib.contextmanager
 def local(where: str, options: Options, sides: Sequence[str] = ()) -> Iterator[Path]:
-    """The file at a path or fsspec URL as a file of this computer, and next to it what lies next to it there.
+    """The file at a path or fsspec URL as a file of this computer, and next to it what lies
+    next to it there.
 
-    sides: of a URL, the places in the store of the sidecar and import files that are there. Raises OSError.
+    sides: of a URL, the places in the store of the sidecar and import files that are there.
+    Raises OSError.
     """
     if "://" not in where:
         yield Path(where)
         return
     import fsspec
+
     system, path = fsspec.core.url_to_fs(where, **options)
     with tempfile.TemporaryDirectory(prefix="topdress-") as folder:
         for place in (path, *sides):
@@ -205,9 +270,10 @@ def local(where: str, options: Options, sides: Sequence[str] = ()) -> Iterator[P
 
 
 def side_urls(path: str) -> tuple[str, ...]:
-    """Where a log's sidecar and import files would be. Of http a path is the whole URL: as a file's path it would lose
-    a stroke."""
+    """Where a log's sidecar and import files would be. Of http a path is the whole URL: as a
+    file's path it would lose a stroke."""
     from drivers.files.any_log import OF_FOLDER, OWN
+
     folder, stroke, name = path.rpartition("/")
     own = f"{folder}{stroke}{name.rpartition('.')[0] or name}"
     return f"{own}.yaml", f"{own}{OWN}", f"{folder}{stroke}{OF_FOLDER}"

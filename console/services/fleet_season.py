@@ -1,4 +1,5 @@
 """The records of a fleet put together: courses, what is shared, what it cost."""
+
 from __future__ import annotations
 
 import unicodedata
@@ -11,7 +12,8 @@ from control.diagnosis.season.evidence import LogWork, OneLog
 from control.diagnosis.season.owner import Low, MachineSeason, OwnersLog, low_hoppers, machines
 from drivers import day_clock
 
-FIRST_DAY, DAY_AHEAD = 10_957.0, 1.0        # days since 1970: 2000-01-01; how far ahead of here a clock may be
+# days since 1970: 2000-01-01; how far ahead of here a clock may be
+FIRST_DAY, DAY_AHEAD = 10_957.0, 1.0
 
 
 class Aside(NamedTuple):
@@ -22,7 +24,8 @@ class Aside(NamedTuple):
 
 
 class Season(NamedTuple):
-    """units: of effects. broken: path and why. by_file_date: logs that tell no time but that of their file."""
+    """units: of effects. broken: path and why. by_file_date: logs that tell no time but that of
+    their file."""
 
     machines: tuple[MachineSeason, ...]
     fit: SeasonFit
@@ -34,7 +37,9 @@ class Season(NamedTuple):
     by_file_date: int = 0
 
 
-def season(records: Sequence[Mapping[str, Any]], broken: Sequence[tuple[str, str]], now_d: float) -> Season:
+def season(
+    records: Sequence[Mapping[str, Any]], broken: Sequence[tuple[str, str]], now_d: float
+) -> Season:
     """records: as `fleet_job.record_of` reads them, with their key. now_d: days since 1970."""
     timely, aside = list[Mapping[str, Any]](), list[Aside]()
     for one in records:
@@ -43,20 +48,40 @@ def season(records: Sequence[Mapping[str, Any]], broken: Sequence[tuple[str, str
         else:
             aside.append(Aside(one["path"], _date(one["time_d"])))
     named = one_spelling(timely)
-    logs = [OneLog(one["key"], one["unit"], one["time_d"], tuple(one["forms"]), one["shared"]) for one in named]
-    owners = [OwnersLog(one["key"], one["unit"], one["time_d"], LogWork(**one["worked"]), one["percent"], one["shared"])
-              for one in named]
+    logs = [
+        OneLog(one["key"], one["unit"], one["time_d"], tuple(one["forms"]), one["shared"])
+        for one in named
+    ]
+    owners = [
+        OwnersLog(
+            one["key"],
+            one["unit"],
+            one["time_d"],
+            LogWork(**one["worked"]),
+            one["percent"],
+            one["shared"],
+        )
+        for one in named
+    ]
     units: dict[str, str] = {}
     for one in named:
         units |= one["units"]
     fit = fitted(logs)
-    return Season(tuple(machines(owners, fit)), fit, tuple(low_hoppers(owners)), tuple(owners), units, tuple(broken),
-                  tuple(aside), sum(one["time_from"] == "file" for one in timely))
+    return Season(
+        tuple(machines(owners, fit)),
+        fit,
+        tuple(low_hoppers(owners)),
+        tuple(owners),
+        units,
+        tuple(broken),
+        tuple(aside),
+        sum(one["time_from"] == "file" for one in timely),
+    )
 
 
 def one_spelling(records: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """Names that differ in capitals or blanks only are one, spelt as most logs do; a machine whose logs are held
-    against several models is several."""
+    """Names that differ in capitals or blanks only are one, spelt as most logs do; a machine
+    whose logs are held against several models is several."""
     every = list(records)
     factors = sorted({name for one in every for name in one["shared"]})
     unit = _spelt(one["unit"] for one in every)
@@ -64,10 +89,19 @@ def one_spelling(records: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
     models: dict[str, set[str]] = {}
     for one in every:
         models.setdefault(unit[one["unit"]], set()).add(one["model"])
-    named = {(name, model): f"{name} ({model})" if len(known) > 1 else name
-             for name, known in models.items() for model in known}
-    return [{**one, "unit": named[unit[one["unit"]], one["model"]],
-             "shared": {name: spelt[name][level] for name, level in one["shared"].items()}} for one in every]
+    named = {
+        (name, model): f"{name} ({model})" if len(known) > 1 else name
+        for name, known in models.items()
+        for model in known
+    }
+    return [
+        {
+            **one,
+            "unit": named[unit[one["unit"]], one["model"]],
+            "shared": {name: spelt[name][level] for name, level in one["shared"].items()},
+        }
+        for one in every
+    ]
 
 
 def _spelt(names: Iterable[str]) -> dict[str, str]:

@@ -1,4 +1,6 @@
-"""Files of other machines and programs: which these are, and how one becomes a run log of the user's own folder."""
+"""Files of other machines and programs: which these are, and how one becomes a run log of the
+user's own folder."""
+
 from __future__ import annotations
 
 from pathlib import Path
@@ -8,24 +10,34 @@ from drivers.files.atomic import free_path
 from drivers.files.what_it_is import FOREIGN, TABLES
 
 READ = TABLES | FOREIGN
-LISTED = READ - {".txt", ".log", ".dat", ".json", ".xml", ".zip"}       # may be logs, and often are something else
+# may be logs, and often are something else
+LISTED = READ - {".txt", ".log", ".dat", ".json", ".xml", ".zip"}
 TASK, TASK_FOLDER = "taskdata.xml", "taskdata"
 IMPORT_FILE = ".import.yaml"
 YAML = (".yaml", ".yml")
 
 
 def is_listed(path: Path) -> bool:
-    """Whether the name, or for folders and zips what lies in them, makes it likely that this is a log or a table, or
-    how one is read."""
+    """Whether the name, or for folders and zips what lies in them, makes it likely that this is
+    a log or a table, or how one is read."""
     name = path.name.lower()
-    return not name.startswith(".") and not name.endswith(".truth.csv") and (
-        path.suffix.lower() in LISTED or name == TASK or name.endswith(IMPORT_FILE) or _holds_points(path))
+    return (
+        not name.startswith(".")
+        and not name.endswith(".truth.csv")
+        and (
+            path.suffix.lower() in LISTED
+            or name == TASK
+            or name.endswith(IMPORT_FILE)
+            or _holds_points(path)
+        )
+    )
 
 
 def _holds_points(path: Path) -> bool:
     """A folder or a zip with the log of a task that was worked."""
     from drivers.files.archives import files_at, holds_time_log
     from drivers.plain_text import Refused
+
     if not (path.suffix.lower() == ".zip" or path.name.lower() == TASK_FOLDER) or not path.exists():
         return False
     try:
@@ -42,10 +54,12 @@ def may_be_brought_in(path: Path) -> bool:
 
 
 def brought_in(path: Path, folder: Path) -> tuple[Path, tuple[str, ...]]:
-    """The file at `path` (or that of the import file there) as a new run log in `folder`; its path, and what was odd.
+    """The file at `path` (or that of the import file there) as a new run log in `folder`; its
+    path, and what was odd.
 
-    The import file next to it is used where there is one, else a guess of which nothing is unsure. Raises OpenQuestions
-    where something is, once the guess is written next to the file; ImportTrouble, ConfigError and OSError.
+    The import file next to it is used where there is one, else a guess of which nothing is
+    unsure. Raises OpenQuestions where something is, once the guess is written next to the file;
+    ImportTrouble, ConfigError and OSError.
     """
     from drivers.files.atomic import write_atomically
     from drivers.files.config import load
@@ -56,6 +70,7 @@ def brought_in(path: Path, folder: Path) -> tuple[Path, tuple[str, ...]]:
     from drivers.files.imports.log_file import write_imported
     from drivers.files.imports.mapping import IMPORT
     from drivers.files.imports.read import read_raw
+
     data, place = _pair(path)
     raw = read_raw(data)
     found = guess(raw)
@@ -71,15 +86,20 @@ def brought_in(path: Path, folder: Path) -> tuple[Path, tuple[str, ...]]:
     log = joined([convert(raw, mapping)], mapping.join)
     out = free_path(folder, data.stem, ".csv", ".yaml")
     write_imported(out, log, mapping, mapping_file)
-    return out, tuple(map(str, (*(one for part in log.parts for one in part.findings), *log.findings)))
+    return out, tuple(
+        map(str, (*(one for part in log.parts for one in part.findings), *log.findings))
+    )
 
 
 def _is_import_file(path: Path) -> bool:
     from drivers.files.imports.mapping import IMPORT
+
     if path.suffix.lower() not in YAML:
         return False
     text = path.read_text(encoding="utf-8", errors="replace")
-    return any(line.split("#")[0].split() == ["format:", IMPORT.format] for line in text.splitlines())
+    return any(
+        line.split("#")[0].split() == ["format:", IMPORT.format] for line in text.splitlines()
+    )
 
 
 def _pair(path: Path) -> tuple[Path, Path]:
@@ -87,10 +107,15 @@ def _pair(path: Path) -> tuple[Path, Path]:
     if path.suffix.lower() not in YAML:
         return path, path.with_name(f"{path.stem}{IMPORT_FILE}")
     stem = path.stem.removesuffix(Path(IMPORT_FILE).stem)
-    logs = sorted(file for file in path.parent.iterdir()
-                  if file.stem == stem and file.suffix.lower() in READ and file.is_file())
+    logs = sorted(
+        file
+        for file in path.parent.iterdir()
+        if file.stem == stem and file.suffix.lower() in READ and file.is_file()
+    )
     if len(logs) != 1:
         names = ", ".join(file.name for file in logs) or "none"
-        raise ValueError(f"{path}: the file that it is for must stand next to it as {stem}.csv or alike; there: "
-                         f"{names}")
+        raise ValueError(
+            f"{path}: the file that it is for must stand next to it as {stem}.csv or alike; there: "
+            f"{names}"
+        )
     return logs[0], path

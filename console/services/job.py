@@ -1,4 +1,6 @@
-"""What the Job screen has done: facts of the configuration, other files, exports, going on with a job that was left."""
+"""What the Job screen has done: facts of the configuration, other files, exports, going on with
+a job that was left."""
+
 from __future__ import annotations
 
 import contextlib
@@ -50,7 +52,8 @@ if TYPE_CHECKING:
 
 @contextlib.contextmanager
 def one_line() -> Iterator[None]:
-    """What is wrong with a configuration file as the ValueError of the screens: the first of its lines."""
+    """What is wrong with a configuration file as the ValueError of the screens: the first of
+    its lines."""
     try:
         yield
     except ConfigError as error:
@@ -64,46 +67,76 @@ class JobFiles:
         """folder: of the user's own files; jobs that are changed are in its folder jobs."""
         self._launcher = launcher
         self._folder = folder or data_folder()
-        self._next: tuple[str, ...] | None = None       # files of a start that is asked about; not those in use
-        self._changed: tuple[Path, Path] | None = None  # of these a job: where it stands, and its next version
-        self._checked: tuple[object, MapCheck | Refused | OSError] | None = None  # of the map as it stood
-        self._scratch: tempfile.TemporaryDirectory[str] | None = None   # of maps that are only looked at
+        # files of a start that is asked about; not those in use
+        self._next: tuple[str, ...] | None = None
+        # of these a job: where it stands, and its next version
+        self._changed: tuple[Path, Path] | None = None
+        # of the map as it stood
+        self._checked: tuple[object, MapCheck | Refused | OSError] | None = None
+        # of maps that are only looked at
+        self._scratch: tempfile.TemporaryDirectory[str] | None = None
 
-    # --- facts --------------------------------------------------------------------------------------------------
+    # --- facts
+    # ----------------------------------------------------------------------------------------------
 
     def facts(self) -> Facts:
         """Raises ValueError."""
         from drivers.files.setup import product_of, setup_of
+
         with one_line():
             found = self._found()
             setup = setup_of(found, day_clock.today())
-            job_path, machine_path = _path_of(found, JOB.format, "demo"), _path_of(found, MACHINE.format, "huanghai")
+            job_path, machine_path = (
+                _path_of(found, JOB.format, "demo"),
+                _path_of(found, MACHINE.format, "huanghai"),
+            )
             crop = load(setup.job.crop, CROP, base=setup.folder)
         product = product_of(setup.job, setup.folder)
         field, area = self._field(setup.job, setup.machine, found)
         return Facts(
-            setup, str(job_path), str(crop.path), str(machine_path), machine_path in shipped(MACHINE.folder).values(),
-            "" if product is None else str(product.path), field, area, *self._map(setup, found),
-            self._files("jobs", job_path), self._files("crops", crop.path), self._files("machines", machine_path),
-            self._files(PRODUCT.folder, None if product is None else product.path))
+            setup,
+            str(job_path),
+            str(crop.path),
+            str(machine_path),
+            machine_path in shipped(MACHINE.folder).values(),
+            "" if product is None else str(product.path),
+            field,
+            area,
+            *self._map(setup, found),
+            self._files("jobs", job_path),
+            self._files("crops", crop.path),
+            self._files("machines", machine_path),
+            self._files(PRODUCT.folder, None if product is None else product.path),
+        )
 
     @staticmethod
-    def _field(job: Job, machine: Machine, found: dict[str, Loaded[BaseModel]]) -> tuple[str, float | None]:
+    def _field(
+        job: Job, machine: Machine, found: dict[str, Loaded[BaseModel]]
+    ) -> tuple[str, float | None]:
         from control.field.boundary import Boundary
-        ground = _on_its_ground(job, machine, found).field
-        return ground.title, Boundary(ground.boundary_m, ground.holes_m).area_ha if ground.boundary_m else None
 
-    def _map(self, setup: Setup, found: dict[str, Loaded[BaseModel]]) -> tuple[str, MapCheck | None, str]:
-        """Where the job's map stands, what of it will not be applied, why it cannot be used. Looked at anew only when
-        the file or the job has changed: a large one takes seconds."""
+        ground = _on_its_ground(job, machine, found).field
+        return ground.title, Boundary(
+            ground.boundary_m, ground.holes_m
+        ).area_ha if ground.boundary_m else None
+
+    def _map(
+        self, setup: Setup, found: dict[str, Loaded[BaseModel]]
+    ) -> tuple[str, MapCheck | None, str]:
+        """Where the job's map stands, what of it will not be applied, why it cannot be used.
+        Looked at anew only when the file or the job has changed: a large one takes seconds."""
         from drivers.files.archives import files_of
         from drivers.files.prescriptions.for_job import check_of_job
+
         if setup.job.target.map is None:
             return "", None, ""
         path, limit_kg_ha = setup.folder / setup.job.target.map, setup.crop.max_rate_kg_ha
         job = _on_its_ground(setup.job, setup.machine, found)
-        stands = tuple((file, file.stat().st_mtime_ns, file.stat().st_size) for file in files_of(path)
-                       if file.is_file())
+        stands = tuple(
+            (file, file.stat().st_mtime_ns, file.stat().st_size)
+            for file in files_of(path)
+            if file.is_file()
+        )
         key = (stands, job.target, job.field, limit_kg_ha)
         if self._checked is None or self._checked[0] != key:
             try:
@@ -115,6 +148,7 @@ class JobFiles:
         checked = self._checked[1]
         if isinstance(checked, Refused):
             from console.services.map_refused import in_words
+
             return str(path), None, f"{path}: {in_words(checked, path)}"
         if isinstance(checked, OSError):
             return str(path), None, f"{path}: {checked.strerror or checked}"
@@ -135,7 +169,8 @@ class JobFiles:
         except OSError:
             return None
 
-    # --- other files --------------------------------------------------------------------------------------------
+    # --- other files
+    # --------------------------------------------------------------------------------------------
 
     def take(self, kind: str, value: str) -> None:
         """Raises ValueError."""
@@ -151,11 +186,13 @@ class JobFiles:
 
     def recent(self) -> tuple[Recent, ...]:
         from console.services.recent import recent
+
         return recent(self._launcher.logs, self._folder)
 
     def take_recent(self, recent: Recent) -> None:
         """Raises ValueError."""
         from drivers.files.setup import by_kind, setup_of
+
         with one_line():
             setup_of(by_kind(recent.files), day_clock.today())
         self._next = recent.files
@@ -163,24 +200,39 @@ class JobFiles:
     def take_strip(self, strip: StripValue) -> str:
         """Raises ValueError."""
         what = "N-rich strip" if strip.which == "nrich" else "Farmer check"
-        how = "" if strip.se is None else f", standard error {strip.se:.4f}, {strip.samples} samples"
+        how = (
+            "" if strip.se is None else f", standard error {strip.se:.4f}, {strip.samples} samples"
+        )
         with one_line():
-            said = f"{what} taken back" if strip.ndvi is None else f"{what}: NDVI {strip.ndvi:.4f}{how}"
+            said = (
+                f"{what} taken back"
+                if strip.ndvi is None
+                else f"{what}: NDVI {strip.ndvi:.4f}{how}"
+            )
             self._new_job({f"ndvi_{strip.which}": strip.ndvi}, said)
             self._settle()
-            self._launcher.config, self._next, self._changed = self._next or self._launcher.config, None, None
+            self._launcher.config, self._next, self._changed = (
+                self._next or self._launcher.config,
+                None,
+                None,
+            )
             return str(_path_of(self._found(), JOB.format, "demo"))
 
     def maps(self) -> tuple[MapFile, ...]:
         from console.services.sticks import maps_in, places
+
         return maps_in(places())
 
     def map_folder(self, folder: str, kind: str = "map") -> tuple[MapFile, ...]:
         """Raises ValueError."""
         from console.services.sticks import entries, places
+
         if not folder:
-            return (*(MapFile(str(path), f"{name}/", "", "") for path, name in places()),
-                    MapFile(str(Path.home()), "~/", "", ""), MapFile(Path.home().anchor, Path.home().anchor, "", ""))
+            return (
+                *(MapFile(str(path), f"{name}/", "", "") for path, name in places()),
+                MapFile(str(Path.home()), "~/", "", ""),
+                MapFile(Path.home().anchor, Path.home().anchor, "", ""),
+            )
         try:
             return entries(Path(folder), kind)
         except OSError as error:
@@ -196,6 +248,7 @@ class JobFiles:
         from drivers.files.prescriptions.words import UNIT_NOT_NAMED, RateChoice, RateQuestion
         from drivers.files.prescriptions.write import write_prescription
         from drivers.files.setup import setup_of
+
         choice = RateChoice(column=reading.column or None, unit=reading.unit or None)
         path = _typed(path)
         try:
@@ -215,28 +268,48 @@ class JobFiles:
         shares = statistics(read.data)
         doubtful = implausible([share.rate_kg_ha for share in shares], setup.crop.max_rate_kg_ha)
         if read.unit_from == UNIT_NOT_NAMED and doubtful:
-            return MapPreview(path, reading._replace(column=reading.column or (read.layers or ("",))[0]), read.layers,
-                              f"{doubtful}, and the file names no unit: say which one it is")
+            return MapPreview(
+                path,
+                reading._replace(column=reading.column or (read.layers or ("",))[0]),
+                read.layers,
+                f"{doubtful}, and the file names no unit: say which one it is",
+            )
         target = setup.job.target.model_copy(update={"map": str(kept), "source": TargetSource.MAP})
         job = _on_its_ground(setup.job.model_copy(update={"target": target}), setup.machine, found)
         check = check_of_job(job, setup.crop.max_rate_kg_ha, kept.parent)
         rates = [share.rate_kg_ha for share in shares] or [0.0]
         picture = picture_of(job, kept.parent, setup.machine.geometry.working_width_m)
-        return MapPreview(path, reading._replace(column=reading.column or (read.layers or ("",))[0]), read.layers, "",
-                          f"{read.unit} ({read.unit_from})", sum(share.area_ha for share in shares),
-                          sum(share.mass_kg for share in shares), (min(rates), max(rates)), picture, check, str(kept))
+        return MapPreview(
+            path,
+            reading._replace(column=reading.column or (read.layers or ("",))[0]),
+            read.layers,
+            "",
+            f"{read.unit} ({read.unit_from})",
+            sum(share.area_ha for share in shares),
+            sum(share.mass_kg for share in shares),
+            (min(rates), max(rates)),
+            picture,
+            check,
+            str(kept),
+        )
 
     def take_map(self, preview: MapPreview) -> str:
         """Raises ValueError."""
         from drivers.files.atomic import free_path, write_atomically
+
         place = free_path(self._folder / "maps", Path(preview.kept).stem, ".geojson")
         target = load(_path_of(self._found(), JOB.format, "demo"), JOB).model.target
-        said = f"Prescription {Path(preview.path).name}, column {preview.reading.column or '-'}, {preview.unit}"
+        said = (
+            f"Prescription {Path(preview.path).name}, column "
+            f"{preview.reading.column or '-'}, {preview.unit}"
+        )
         try:
             place.parent.mkdir(parents=True, exist_ok=True)
             write_atomically(place, Path(preview.kept).read_bytes())
             source = target.source if target.source in BY_MAP else TargetSource.MAP
-            changed = target.model_copy(update={"map": str(place), "source": source, "hold_mean_kg_ha": None})
+            changed = target.model_copy(
+                update={"map": str(place), "source": source, "hold_mean_kg_ha": None}
+            )
             with one_line():
                 return self._new_job({"target": changed}, said)
         except OSError as error:
@@ -245,6 +318,7 @@ class JobFiles:
     def take_boundary(self, ring_deg: tuple[tuple[float, float], ...]) -> str:
         """Raises ValueError: edges that cross, too few corners."""
         from console.services.driven_field import driven_field
+
         ground = load(_path_of(self._found(), JOB.format, "demo"), JOB).model.field
         with one_line():
             field, area_ha = driven_field(ground, ring_deg)
@@ -256,30 +330,45 @@ class JobFiles:
         job = load(_path_of(self._found(), JOB.format, "demo"), JOB).model
         field = job.field.model_copy(update={"title": who.field})
         with one_line():
-            return self._new_job({"client": who.client, "farm": who.farm, "product": who.product,
-                                  "product_file": who.product_file or None, "operator": who.operator,
-                                  "field": field}, "Names given in the cab")
+            return self._new_job(
+                {
+                    "client": who.client,
+                    "farm": who.farm,
+                    "product": who.product,
+                    "product_file": who.product_file or None,
+                    "operator": who.operator,
+                    "field": field,
+                },
+                "Names given in the cab",
+            )
 
     def cards(self) -> tuple[tuple[File, JobCard | None], ...]:
         from console.services.recent import card, done_of_jobs
+
         now = _path_of(self._found(), JOB.format, "demo")
         done = done_of_jobs(self._launcher.logs)
         return tuple((file, card(Path(file.value), done)) for file in self._files(JOB.folder, now))
 
     def _new_job(self, changes: dict[str, object], comment: str) -> str:
-        """A job of the user's stays the same file and keeps what it was before in the folder history; one of others is
-        taken over under its own name."""
+        """A job of the user's stays the same file and keeps what it was before in the folder
+        history; one of others is taken over under its own name."""
         from drivers.files.atomic import free_path
+
         path = _path_of(self._found(), JOB.format, "demo")
         loaded = load(path, JOB)
         job, folder, own = loaded.model, path.parent, self._folder / JOB.folder
         place = path if folder.resolve() == own.resolve() else free_path(own, job.id, ".yaml")
         crop = _from(folder, job.crop)
         product_file = None if job.product_file is None else _from(folder, job.product_file)
-        new = job.model_copy(update={"crop": crop, "product_file": product_file, "id": place.stem} | changes
-                             ).with_files(lambda named: str((folder / named).resolve()))
+        new = job.model_copy(
+            update={"crop": crop, "product_file": product_file, "id": place.stem} | changes
+        ).with_files(lambda named: str((folder / named).resolve()))
         now = day_clock.local_now()
-        kept = free_path(own / "history", f"{place.stem}-{now:%Y%m%d-%H%M%S}", ".yaml") if place == path else place
+        kept = (
+            free_path(own / "history", f"{place.stem}-{now:%Y%m%d-%H%M%S}", ".yaml")
+            if place == path
+            else place
+        )
         try:
             kept.parent.mkdir(parents=True, exist_ok=True)
             before = _comments(path) if place == path else [f"From {path.name}."]
@@ -291,9 +380,10 @@ class JobFiles:
         return str(kept)
 
     def _settle(self) -> None:
-        """What was changed takes its place, and what stood there goes into the history; a second time back. Raises
-        ValueError."""
+        """What was changed takes its place, and what stood there goes into the history; a
+        second time back. Raises ValueError."""
         from drivers.files.atomic import write_atomically
+
         if self._changed is None:
             return
         place, kept = self._changed
@@ -310,6 +400,7 @@ class JobFiles:
     def _check(self, kind: str, value: str) -> None:
         """The new set of files together. Raises ConfigError."""
         from drivers.files.setup import by_kind, setup_of
+
         setup_of(by_kind(self._with(kind, value)), day_clock.today())
 
     def _replace(self, kind: str, value: str) -> None:
@@ -322,6 +413,7 @@ class JobFiles:
 
     def _found(self) -> dict[str, Loaded[BaseModel]]:
         from drivers.files.setup import by_kind
+
         return by_kind(self._launcher.config)
 
     def drop(self) -> None:
@@ -348,16 +440,28 @@ class JobFiles:
         if anew:
             for one in left:
                 resume.finish(one.path)
-        return await self._launcher.link(None if anew else next((one.path for one in left if one.goes_on), None))
+        return await self._launcher.link(
+            None if anew else next((one.path for one in left if one.goes_on), None)
+        )
 
-    # --- export and report --------------------------------------------------------------------------------------
+    # --- export and report
+    # --------------------------------------------------------------------------------------
 
-    def export(self, log_path: str, ending: str, progress: Progress, cancelled: Cancelled) -> tuple[str, ...]:
+    def export(
+        self, log_path: str, ending: str, progress: Progress, cancelled: Cancelled
+    ) -> tuple[str, ...]:
         """Raises ValueError, OSError."""
         from drivers.files.exports.as_applied import as_applied
         from drivers.files.exports.write import write_as_applied
-        return self._of_parts(log_path, f"-applied{ending}", as_applied,
-                              lambda _recorded, applied, out: write_as_applied(applied, out), progress, cancelled)
+
+        return self._of_parts(
+            log_path,
+            f"-applied{ending}",
+            as_applied,
+            lambda _recorded, applied, out: write_as_applied(applied, out),
+            progress,
+            cancelled,
+        )
 
     def report(self, log_path: str, progress: Progress, cancelled: Cancelled) -> tuple[str, ...]:
         """Raises ValueError, OSError."""
@@ -367,6 +471,7 @@ class JobFiles:
         from drivers.files.exports.as_applied import DEFAULT_EVERY_S, as_applied
         from drivers.files.extras import need
         from drivers.files.run_meta import software_version
+
         need("a report", "report")
 
         def gathered(recorded: RunLog) -> AsApplied:
@@ -375,17 +480,27 @@ class JobFiles:
             return as_applied(recorded, every_s=every_s) if every_s > DEFAULT_EVERY_S else applied
 
         def write(recorded: RunLog, applied: AsApplied, out: Path) -> None:
-            write_atomically(out, job_page(applied, f"topdress {software_version()}", about_of(recorded)))
+            write_atomically(
+                out, job_page(applied, f"topdress {software_version()}", about_of(recorded))
+            )
+
         return self._of_parts(log_path, "-report.html", gathered, write, progress, cancelled)
 
-    def _of_parts(self, log_path: str, ending: str, gathered: Callable[[RunLog], AsApplied],
-                  write: Callable[[RunLog, AsApplied, Path], object], progress: Progress,
-                  cancelled: Cancelled) -> tuple[str, ...]:
-        """A file of each log of the job, next to it; cancelled: those that are done. A log with nothing in it is passed
-        over, unless no log has more. Raises ValueError, OSError."""
+    def _of_parts(
+        self,
+        log_path: str,
+        ending: str,
+        gathered: Callable[[RunLog], AsApplied],
+        write: Callable[[RunLog, AsApplied, Path], object],
+        progress: Progress,
+        cancelled: Cancelled,
+    ) -> tuple[str, ...]:
+        """A file of each log of the job, next to it; cancelled: those that are done. A log with
+        nothing in it is passed over, unless no log has more. Raises ValueError, OSError."""
         from drivers.files.exports.as_applied import ExportError
         from drivers.files.imports.trouble import TableError
         from drivers.files.read_log import read_log
+
         logs = self._parts(log_path)
         written: list[str] = []
         for number, log in enumerate(logs):
@@ -417,32 +532,45 @@ class JobFiles:
             before = ()
         return (*(path for path in map(Path, before) if path.exists()), log)
 
-    # --- power cuts ---------------------------------------------------------------------------------------------
+    # --- power cuts
+    # ---------------------------------------------------------------------------------------------
 
     def offer(self) -> Offer | None:
         left = sorted(self._left(), key=lambda one: not one.goes_on)
         if not left:
             return None
         kept = left[0].snapshot
-        return Offer(str(left[0].path), kept.began_utc, kept.saved_utc, kept.job, kept.area_ha,
-                     others_than(kept.config, self._next or self._launcher.config))
+        return Offer(
+            str(left[0].path),
+            kept.began_utc,
+            kept.saved_utc,
+            kept.job,
+            kept.area_ha,
+            others_than(kept.config, self._next or self._launcher.config),
+        )
 
     def _left(self) -> list[OpenJob]:
-        """Jobs that were left on the field of the next start, the newest first; where no files are chosen, the newest
-        of all. Raises ValueError."""
+        """Jobs that were left on the field of the next start, the newest first; where no files
+        are chosen, the newest of all. Raises ValueError."""
         from console.worker.resume_field import OpenJob, jobs_here
         from drivers.files.setup import by_kind, setup_of
+
         now, config = day_clock.utc_now(), self._next or self._launcher.config
         if not config:
             return [OpenJob(*one, 1.0) for one in resume.open_jobs(self._launcher.logs, now)][:1]
         with one_line():
             found = by_kind(config)
             setup = setup_of(found, day_clock.today())
-        return jobs_here(self._launcher.logs, _on_its_ground(setup.job, setup.machine, found), _is_simulated(found),
-                         now)
+        return jobs_here(
+            self._launcher.logs,
+            _on_its_ground(setup.job, setup.machine, found),
+            _is_simulated(found),
+            now,
+        )
 
     async def resume(self, offer: Offer) -> Link:
-        """With the files of the next start, else those that the job had. Raises WorkerFailed, ValueError, OSError."""
+        """With the files of the next start, else those that the job had. Raises WorkerFailed,
+        ValueError, OSError."""
         kept, left = resume.read(Path(offer.path)), self._left()
         launcher = self._launcher
         launcher.config, launcher.effects = launcher.config or kept.config, kept.effects
@@ -459,22 +587,27 @@ def _typed(path: str) -> str:
     return str(Path(path.strip().strip("'\"")).expanduser())
 
 
-FAR_ABOVE, FAR_BELOW_KG_HA = 2.0, 10.0              # times the crop's limit; less than any dressing
+FAR_ABOVE, FAR_BELOW_KG_HA = 2.0, 10.0  # times the crop's limit; less than any dressing
 
 
 def implausible(rates_kg_ha: Sequence[float], most_kg_ha: float) -> str:
     """What of a map's rates no field gets, if they are kg/ha; empty where nothing."""
     highest = max(rates_kg_ha, default=0.0)
     if highest > FAR_ABOVE * most_kg_ha:
-        return f"rates up to {highest:.0f}, read as kg/ha, are far above the crop's limit of {most_kg_ha:.0f}"
+        return (
+            f"rates up to {highest:.0f}, read as kg/ha, are far above the crop's limit of "
+            f"{most_kg_ha:.0f}"
+        )
     if 0.0 < highest < FAR_BELOW_KG_HA:
         return f"rates up to {highest:g}, read as kg/ha, are less than any dressing"
     return ""
 
 
 def _on_its_ground(job: Job, machine: Machine, found: dict[str, Loaded[BaseModel]]) -> Job:
-    """The job on the field where it will be worked: on the simulated machine one without a boundary gets one."""
+    """The job on the field where it will be worked: on the simulated machine one without a
+    boundary gets one."""
     from control.simulation.assembly import with_simulated_field
+
     return with_simulated_field(job, machine) if _is_simulated(found) else job
 
 

@@ -2,6 +2,7 @@
 
 Light: the worker is started before the console has imported its pages.
 """
+
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -25,15 +26,35 @@ def data_folder() -> Path:
 class Launcher:
     """Starts control workers, with the files as they were last chosen."""
 
-    def __init__(self, config: Sequence[str], effects: Sequence[str], seed: int, hz: float, log: str | None,
-                 trouble: Path, name: str | None = None) -> None:
-        self.config, self.effects, self.seed, self.hz, self.log = tuple(config), tuple(effects), seed, hz, log
+    def __init__(
+        self,
+        config: Sequence[str],
+        effects: Sequence[str],
+        seed: int,
+        hz: float,
+        log: str | None,
+        trouble: Path,
+        name: str | None = None,
+    ) -> None:
+        self.config, self.effects, self.seed, self.hz, self.log = (
+            tuple(config),
+            tuple(effects),
+            seed,
+            hz,
+            log,
+        )
         self.trouble, self.name = trouble, name
 
     def start(self, resumed: Path | None = None) -> WorkerAddress:
         """Raises WorkerFailed."""
-        arguments = [*_pairs("--config", self.config), *_pairs("--effect", self.effects), "--seed", str(self.seed),
-                     "--hz", f"{self.hz:g}"]
+        arguments = [
+            *_pairs("--config", self.config),
+            *_pairs("--effect", self.effects),
+            "--seed",
+            str(self.seed),
+            "--hz",
+            f"{self.hz:g}",
+        ]
         if self.log is not None:
             arguments += ["--log", self.log]
         if resumed is not None:
@@ -44,6 +65,7 @@ class Launcher:
         import asyncio
 
         from console.link import Link
+
         return Link(await asyncio.to_thread(self.start, resumed), self.name)
 
     @property
@@ -52,12 +74,14 @@ class Launcher:
         return data_folder() / "logs" if self.log is None else Path(self.log).parent
 
     def adopt(self, log_path: str) -> tuple[str, ...] | None:
-        """Take the files of a worker that runs already: its log's sidecar names them. Returns those of ours that it
-        does not run with; None where the sidecar cannot be read: then ours stay."""
+        """Take the files of a worker that runs already: its log's sidecar names them. Returns
+        those of ours that it does not run with; None where the sidecar cannot be read: then
+        ours stay."""
         from drivers.files.config import load_any
         from drivers.files.config_error import ConfigError
         from drivers.files.kinds import CAB, JOB, KINDS, MACHINE
         from drivers.files.run_meta import sidecar_meta
+
         meta = sidecar_meta(log_path)
         if meta is None:
             return None
@@ -79,7 +103,8 @@ class Launcher:
 
 
 def others_than(theirs: Sequence[str], ours: Sequence[str]) -> tuple[str, ...]:
-    """Those of our files that are not among theirs; shipped ones by their names or by their paths."""
+    """Those of our files that are not among theirs; shipped ones by their names or by their
+    paths."""
     known = {path for file in theirs for path in (Path(file).resolve(), _meant(file))} - {None}
     return tuple(file for file in ours if not known & {Path(file).resolve(), _meant(file)})
 
@@ -93,6 +118,7 @@ def _meant(file: str) -> Path | None:
     from drivers.files.config import resolve
     from drivers.files.config_error import ConfigError
     from drivers.files.kinds import KINDS
+
     try:
         return resolve(file, [kind.folder for kind in KINDS.values()]).resolve()
     except ConfigError:

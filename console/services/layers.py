@@ -1,4 +1,6 @@
-"""Files of other days for the Map page: what was applied or harvested there, laid on the plane of the job."""
+"""Files of other days for the Map page: what was applied or harvested there, laid on the plane
+of the job."""
+
 from __future__ import annotations
 
 import tempfile
@@ -25,8 +27,10 @@ if TYPE_CHECKING:
     from drivers.files.read_log import RunLog
     from drivers.files.run_meta import RunMeta
 
-OUTLET_M = 2.0                # behind the antenna, where the machine of the frame is not given
-STALE_FIX_M = 30.0            # a fix may be some seconds older than the place: no sign of another plane
+# behind the antenna, where the machine of the frame is not given
+OUTLET_M = 2.0
+# a fix may be some seconds older than the place: no sign of another plane
+STALE_FIX_M = 30.0
 WIDTH_M = 2.4
 
 
@@ -40,8 +44,10 @@ class MapLayers:
         return logs_among(one for one in self._files.sources(running_log) if not one.working)
 
     def lay(self, path: str, frame: Frame) -> LaidFile:
-        """Raises ValueError in one line: not such a file, open questions, no places, no rate and no harvest in it."""
+        """Raises ValueError in one line: not such a file, open questions, no places, no rate
+        and no harvest in it."""
         from drivers.files.run_meta import sidecar_meta
+
         meta = sidecar_meta(frame.log_path) if frame.log_path else None
         try:
             log = _opened(Path(path))
@@ -49,7 +55,9 @@ class MapLayers:
         except OpenQuestions as asked:
             raise ValueError(_asked(Path(path), asked.questions)) from None
         except (ValueError, OSError) as error:
-            raise ValueError(str(error).splitlines()[0].replace(f"{path}", Path(path).name)) from None
+            raise ValueError(
+                str(error).splitlines()[0].replace(f"{path}", Path(path).name)
+            ) from None
 
 
 def _opened(path: Path) -> RunLog:
@@ -57,6 +65,7 @@ def _opened(path: Path) -> RunLog:
     from drivers.files.any_log import open_log
     from drivers.files.imports.trouble import Unsure
     from drivers.files.read_log import read_rows
+
     if not path.with_name(f"{path.stem}{IMPORT_FILE}").exists():
         try:
             return open_log(path)
@@ -67,24 +76,39 @@ def _opened(path: Path) -> RunLog:
 
 
 def _asked(path: Path, questions: Sequence[str]) -> str:
-    """The Diagnosis page asks, and keeps the answer next to the file, where it is found here too."""
+    """The Diagnosis page asks, and keeps the answer next to the file, where it is found here
+    too."""
     return f"{path.name}: Diagnosis asks about it first: {questions[0]}"
 
 
 def laid(log: RunLog, plane: TangentPlane, width_m: float, frame: Frame) -> LaidFile:
-    """A log of any program on a plane. width_m: of the ground covered, where the log does not tell its own."""
+    """A log of any program on a plane. width_m: of the ground covered, where the log does not
+    tell its own."""
     from console.services.replay_frames import frames_of
+
     if not (log.has("lat_deg") and log.has("lon_deg")):
-        raise ValueError(f"{log.path}: no places in it: allowed is a file with latitude and longitude")
+        raise ValueError(
+            f"{log.path}: no places in it: allowed is a file with latitude and longitude"
+        )
     worked = Worked(_width_of(log, width_m))
-    has = frozenset(layer for layer, columns in (
-        (MapLayer.APPLIED, ("applied_rate_kg_ha",)), (MapLayer.TARGET, ("target_rate_kg_ha",)),
-        (MapLayer.ERROR, ("applied_rate_kg_ha", "target_rate_kg_ha")), (MapLayer.NDVI, ("ndvi",)))
-        if all(log.has(column) for column in columns))
+    has = frozenset(
+        layer
+        for layer, columns in (
+            (MapLayer.APPLIED, ("applied_rate_kg_ha",)),
+            (MapLayer.TARGET, ("target_rate_kg_ha",)),
+            (MapLayer.ERROR, ("applied_rate_kg_ha", "target_rate_kg_ha")),
+            (MapLayer.NDVI, ("ndvi",)),
+        )
+        if all(log.has(column) for column in columns)
+    )
     harvest = None if has else _harvest(log)
     if not has and harvest is None:
-        raise ValueError(f"{log.path}: no rate, no NDVI and no yield in it: nothing to show on the map")
-    values: Iterator[float] | None = None if harvest is None else iter(log.numbers(harvest[0]).tolist())
+        raise ValueError(
+            f"{log.path}: no rate, no NDVI and no yield in it: nothing to show on the map"
+        )
+    values: Iterator[float] | None = (
+        None if harvest is None else iter(log.numbers(harvest[0]).tolist())
+    )
     spots = []
     for one in frames_of(log.rows(), log, plane=plane):
         value = None if values is None else next(values)
@@ -92,14 +116,20 @@ def laid(log: RunLog, plane: TangentPlane, width_m: float, frame: Frame) -> Laid
         if spot is not None:
             spots.append(spot if value is None else spot._replace(ndvi=value))
     worked.add(spots)
-    return LaidFile(log.path.name, worked, has or frozenset({MapLayer.NDVI}), None if harvest is None else harvest[1],
-                    _apart_m(worked.box, frame))
+    return LaidFile(
+        log.path.name,
+        worked,
+        has or frozenset({MapLayer.NDVI}),
+        None if harvest is None else harvest[1],
+        _apart_m(worked.box, frame),
+    )
 
 
 def plane_of(frame: Frame, meta: RunMeta | None) -> TangentPlane:
-    """The plane that a frame's place is reported on: its job's, if the frame's fix lies there, else by fix and
-    place."""
+    """The plane that a frame's place is reported on: its job's, if the frame's fix lies there,
+    else by fix and place."""
     from control.geodesy import TangentPlane, apart_m, offset
+
     row, place = frame.row, frame.place_m
     if place is None or row.lat_deg is None or row.lon_deg is None:
         raise ValueError("no position yet: allowed once the machine has one")
@@ -126,11 +156,17 @@ def _width_of(log: RunLog, otherwise_m: float) -> float:
     from drivers.files.imports.header import named
     from drivers.files.imports.units import unit_named
     from drivers.files.imports.words import folded, subject_of
+
     for name in log.columns:
         word, unit = named(name)
         subject = subject_of(folded(word), None)
         length = unit_named(unit) if unit else None
-        if subject is not None and subject.id == "working width" and length is not None and length.quantity == "length":
+        if (
+            subject is not None
+            and subject.id == "working width"
+            and length is not None
+            and length.quantity == "length"
+        ):
             width_m = float(np.nanmedian(log.numbers(name))) * length.factor / 1000.0
             if 0.1 <= width_m <= 100.0:
                 return width_m
@@ -141,6 +177,7 @@ def _harvest(log: RunLog) -> tuple[str, Harvest] | None:
     """The column of what was harvested, where there is one."""
     from drivers.files.imports.header import named
     from drivers.files.imports.words import HARVEST, folded
+
     for word in HARVEST:
         for name, values in log.columns.items():
             if word in folded(name) and values.dtype != object and log.has(name):
@@ -154,4 +191,7 @@ def _apart_m(box: Box | None, frame: Frame) -> float:
     if box is None or frame.place_m is None:
         return 0.0
     east, north = frame.place_m
-    return hypot(max(box.west_m - east, east - box.east_m, 0.0), max(box.south_m - north, north - box.north_m, 0.0))
+    return hypot(
+        max(box.west_m - east, east - box.east_m, 0.0),
+        max(box.south_m - north, north - box.north_m, 0.0),
+    )

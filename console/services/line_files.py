@@ -1,4 +1,5 @@
 """The A-B line and a boundary that is being driven, kept next to the log as NAME.lines.jsonl."""
+
 from __future__ import annotations
 
 from pathlib import Path
@@ -25,7 +26,9 @@ class KeptLineFiles:
 
     def read(self, log_path: str) -> KeptLines:
         """Of the job's parts before a power cut too: what was said last holds."""
-        texts = [(log, _text(lines_path(log))) for log in (*_parts_before(log_path), Path(log_path))]
+        texts = [
+            (log, _text(lines_path(log))) for log in (*_parts_before(log_path), Path(log_path))
+        ]
         kept = kept_lines(record for _log, text in texts for record in text.splitlines())
         if not kept.changed:
             kept = _of_the_field(kept, Path(log_path))
@@ -42,17 +45,23 @@ class KeptLineFiles:
 
 
 def _of_the_field(kept: KeptLines, log: Path) -> KeptLines:
-    """With the line of the last job on the same field, where there is one: tracks stay where they are."""
+    """With the line of the last job on the same field, where there is one: tracks stay where
+    they are."""
     field = _field_of(log)
     if field is None:
         return kept
-    for path in sorted(log.parent.glob(f"*{ENDING}"), reverse=True):            # their names begin with the time
+    # their names begin with the time
+    for path in sorted(log.parent.glob(f"*{ENDING}"), reverse=True):
         before = kept_lines(_text(path).splitlines())
         other = path.with_name(path.name.removesuffix(ENDING) + log.suffix)
         if before.changed and other != log:
             found = _field_of(other)
             if found is not None and found.place == field.place:
-                return kept._replace(guide=before.guide, of_day=found.began) if before.guide.set else kept
+                return (
+                    kept._replace(guide=before.guide, of_day=found.began)
+                    if before.guide.set
+                    else kept
+                )
     return kept
 
 
@@ -66,24 +75,28 @@ class _SharedField(NamedTuple):
 def _field_of(log: Path) -> _SharedField | None:
     """None: its job has no field, or cannot be read."""
     from drivers.files.run_meta import sidecar_meta
+
     meta = sidecar_meta(log)
     field = None if meta is None else (meta.job or {}).get("field")
     if meta is None or not isinstance(field, dict) or not field.get("boundary_m"):
         return None
-    return _SharedField(tuple(field.get(key) for key in ("origin_lat_deg", "origin_lon_deg", "boundary_m")),
-                        meta.started_utc or "")
+    return _SharedField(
+        tuple(field.get(key) for key in ("origin_lat_deg", "origin_lon_deg", "boundary_m")),
+        meta.started_utc or "",
+    )
 
 
 def _drive_on(kept: KeptLines, log: Path, after_s: float) -> None:
     """The way since the last record, while no console looked: the log has it."""
     from drivers.files.read_log import read_log
+
     assert kept.drive is not None
     try:
         for row in read_log(log).rows():
             if row.time_s > after_s:
                 kept.drive.add(row)
     except (ValueError, OSError):
-        return                              # the last side is drawn straight
+        return  # the last side is drawn straight
 
 
 def _text(path: Path) -> str:
@@ -95,6 +108,7 @@ def _text(path: Path) -> str:
 
 def _parts_before(log_path: str) -> tuple[Path, ...]:
     from console.worker import resume
+
     try:
         return tuple(map(Path, resume.read(resume.snapshot_path(log_path)).logs_before))
     except (OSError, ValueError):

@@ -1,9 +1,11 @@
 """The live check as a process of its own: `python -m console.services.live_check LOG [MACHINE]`.
 
-It follows a growing log with the lowest priority and says what departs from the model as lines of JSON on stdout:
-{"departure": {...} or null, "at_s": 612.0}, whenever that changes, or {"error": "one line"} and ends. It ends with its
-stdin, so that no console leaves one behind. Nothing waits for it: it reads a file, and may be slow or dead.
+It follows a growing log with the lowest priority and says what departs from the model as lines
+of JSON on stdout: {"departure": {...} or null, "at_s": 612.0}, whenever that changes, or
+{"error": "one line"} and ends. It ends with its stdin, so that no console leaves one behind.
+Nothing waits for it: it reads a file, and may be slow or dead.
 """
+
 from __future__ import annotations
 
 import json
@@ -23,13 +25,16 @@ if TYPE_CHECKING:
 
 NICE = 19
 POLL_S = 5.0
-STILL_S = 60.0                  # without a new row, after which a log is said to grow no longer
-MOST_SHARE = 0.05               # of one core's time, that bringing in the log may take
+# without a new row, after which a log is said to grow no longer
+STILL_S = 60.0
+# of one core's time, that bringing in the log may take
+MOST_SHARE = 0.05
 DEFAULT_MACHINE = "huanghai"
 
 
 class Look(NamedTuple):
-    """What stands after a look, and at what time of the log; newest: not of rows that came long ago."""
+    """What stands after a look, and at what time of the log; newest: not of rows that came long
+    ago."""
 
     at_s: float
     departure: Departure | None
@@ -41,6 +46,7 @@ def machine_of_log(log: Path, machine: str | None, default: str = DEFAULT_MACHIN
     from drivers.files.config import load, validated
     from drivers.files.kinds import MACHINE
     from drivers.files.read_log import meta_of
+
     if machine is None:
         meta = meta_of(log)
         if meta is not None and meta.machine is not None:
@@ -48,15 +54,22 @@ def machine_of_log(log: Path, machine: str | None, default: str = DEFAULT_MACHIN
     return load(machine or default, MACHINE).model
 
 
-def followed(log: Path, machine: str | None, wait: Callable[[], bool],
-             tell: Callable[[str], None] = lambda said: None) -> Iterator[Look]:
-    """Each look, for ever; `wait` returns False where that is enough. tell: what is to be said of the file itself.
+def followed(
+    log: Path,
+    machine: str | None,
+    wait: Callable[[], bool],
+    tell: Callable[[str], None] = lambda said: None,
+) -> Iterator[Look]:
+    """Each look, for ever; `wait` returns False where that is enough. tell: what is to be said
+    of the file itself.
 
-    Rows that are there already are gone through as if they came now. Rows that are earlier than those before are
-    another log's, which is checked from its beginning. Raises TableError, ConfigError, OSError.
+    Rows that are there already are gone through as if they came now. Rows that are earlier than
+    those before are another log's, which is checked from its beginning. Raises TableError,
+    ConfigError, OSError.
     """
     from control.diagnosis.live.watch import LiveCheck
     from drivers.files.growing_log import GrowingLog
+
     growing, check, state = GrowingLog(log), None, _FileState(log, tell)
     while True:
         begin_s = time.process_time()
@@ -75,7 +88,8 @@ def followed(log: Path, machine: str | None, wait: Callable[[], bool],
             if check.due:
                 standing = check.look()
                 yield Look(check.now_s, standing, k == len(pieces) - 1 and not growing.behind)
-        for _ in range(int(took_s / (MOST_SHARE * POLL_S))):        # a log that is brought in anew each time
+        # a log that is brought in anew each time
+        for _ in range(int(took_s / (MOST_SHARE * POLL_S))):
             if not wait():
                 break
 
@@ -91,7 +105,9 @@ class _FileState:
         """After each look at the file, POLL_S apart."""
         if damaged > self._damaged:
             self._damaged = damaged
-            self._tell(f"{self._log}: {damaged} damaged line{'s' if damaged > 1 else ''} left out so far")
+            self._tell(
+                f"{self._log}: {damaged} damaged line{'s' if damaged > 1 else ''} left out so far"
+            )
         still = round(STILL_S / POLL_S)
         if grew:
             if self._looks >= still:
@@ -100,7 +116,10 @@ class _FileState:
         elif self._grew:
             self._looks += 1
             if self._looks == still:
-                self._tell(f"{self._log}: no new row for {STILL_S:.0f} s: it no longer grows; still watched")
+                self._tell(
+                    f"{self._log}: no new row for {STILL_S:.0f} s: it no longer grows; "
+                    "still watched"
+                )
 
 
 def _pieces(rows: Columns) -> Iterator[Columns]:
@@ -108,6 +127,7 @@ def _pieces(rows: Columns) -> Iterator[Columns]:
     import numpy as np
 
     from control.diagnosis.live.watch import LOOK_S
+
     looks = np.floor((rows["time_s"] - rows["time_s"][0]) / LOOK_S)
     begins = [0, *(np.flatnonzero(np.diff(looks)) + 1).tolist(), len(looks)]
     for begin, end in pairwise(begins):
@@ -116,18 +136,21 @@ def _pieces(rows: Columns) -> Iterator[Columns]:
 
 def main(arguments: list[str], sleep: Callable[[float], None] = time.sleep) -> int:
     from drivers.files.config import ConfigError
+
     log, machine = Path(arguments[0]), arguments[1] if len(arguments) > 1 else None
     said: Departure | tuple[()] | None = ()
 
     def wait() -> bool:
         sleep(POLL_S)
         return True
+
     try:
         for look in followed(log, machine, wait):
-            if look.newest and look.departure != said:      # what departed hours ago is not said as if it did now
+            # what departed hours ago is not said as if it did now
+            if look.newest and look.departure != said:
                 said = look.departure
                 _say({"departure": None if said is None else said._asdict(), "at_s": look.at_s})
-    except (ValueError, OSError, ConfigError) as error:      # TableError is a ValueError
+    except (ValueError, OSError, ConfigError) as error:  # TableError is a ValueError
         _say({"error": (str(error).splitlines() or [type(error).__name__])[0]})
     return 1
 

@@ -1,8 +1,10 @@
-"""The console's end of the live check: one process for the log that is being written, its last word at hand.
+"""The console's end of the live check: one process for the log that is being written, its last
+word at hand.
 
-Asking never waits: process and pipe belong to a thread. A check that dies is started again a few times, and then left
-alone; one that hangs only goes on saying what it said last.
+Asking never waits: process and pipe belong to a thread. A check that dies is started again a
+few times, and then left alone; one that hangs only goes on saying what it said last.
 """
+
 from __future__ import annotations
 
 import contextlib
@@ -20,15 +22,17 @@ if TYPE_CHECKING:
     from control.diagnosis.result import Departure
 
 PROGRAM = (sys.executable, "-P", "-m", "console.services.live_check")
-AGAIN_S = 120.0                 # after its death
-STARTS = 3                      # for one log, at most
-# A diagnosis takes 100 MB for some seconds. Linux's allocator gives large pieces back at once only as long as it does
-# not learn from them to keep them (man mallopt): 313 MB after 41 minutes of a log, 229 MB so.
+AGAIN_S = 120.0  # after its death
+STARTS = 3  # for one log, at most
+# A diagnosis takes 100 MB for some seconds. Linux's allocator gives large pieces back at once
+# only as long as it does not learn from them to keep them (man mallopt): 313 MB after 41
+# minutes of a log, 229 MB so.
 GIVEN_BACK = {"MALLOC_MMAP_THRESHOLD_": "131072", "MALLOC_TRIM_THRESHOLD_": "131072"}
 
 
 class LiveChecker:
-    """`latest(log)` starts the check of a log when it is first asked for, and ends that of the log before."""
+    """`latest(log)` starts the check of a log when it is first asked for, and ends that of the
+    log before."""
 
     def __init__(self, program: Sequence[str] = PROGRAM, again_s: float = AGAIN_S) -> None:
         self._program, self._again_s = tuple(program), again_s
@@ -78,9 +82,16 @@ class _Run:
     def _listen(self) -> None:
         """Until the process ends. Its stdin stays open: it ends with this console."""
         from control.diagnosis.result import Departure
-        with subprocess.Popen([*self._program, self.log], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
-                              stderr=subprocess.DEVNULL, env=os.environ | ONE_THREAD | GIVEN_BACK,
-                              start_new_session=True, text=True) as child:
+
+        with subprocess.Popen(
+            [*self._program, self.log],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            env=os.environ | ONE_THREAD | GIVEN_BACK,
+            start_new_session=True,
+            text=True,
+        ) as child:
             self._child = child
             if self._ended.is_set():
                 child.kill()
@@ -89,4 +100,8 @@ class _Run:
                 with contextlib.suppress(ValueError, TypeError):
                     report = json.loads(said)
                     if "departure" in report:
-                        self.departure = None if report["departure"] is None else Departure(**report["departure"])
+                        self.departure = (
+                            None
+                            if report["departure"] is None
+                            else Departure(**report["departure"])
+                        )

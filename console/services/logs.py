@@ -1,4 +1,5 @@
 """The logs that the Replay page can open: those of the user's folder and of the present one."""
+
 from __future__ import annotations
 
 from collections.abc import Iterable
@@ -11,8 +12,11 @@ from console.services.foreign_files import YAML
 
 
 def logs_among(sources: Iterable[DiagnosisSource]) -> tuple[LogFile, ...]:
-    return tuple(LogFile(one.path, one.name, one.changed, one.size) for one in sources
-                 if one.kind in ("run", IMPORT) and not one.name.endswith(YAML))
+    return tuple(
+        LogFile(one.path, one.name, one.changed, one.size)
+        for one in sources
+        if one.kind in ("run", IMPORT) and not one.name.endswith(YAML)
+    )
 
 
 class RunLogs:
@@ -27,4 +31,5 @@ class RunLogs:
     def open(self, path: str) -> ReplayJob:
         from console.services.replay_frames import replay_job
         from drivers.files.any_log import open_log
+
         return replay_job(open_log(Path(path)))

@@ -1,5 +1,6 @@
-"""Why a file is not taken as a prescription, in the language of the screen. A reader's refusal is typed: where and why;
-its one line in English is for a terminal and for scripts."""
+"""Why a file is not taken as a prescription, in the language of the screen. A reader's refusal
+is typed: where and why; its one line in English is for a terminal and for scripts."""
+
 from __future__ import annotations
 
 import contextlib
@@ -12,26 +13,40 @@ from drivers.plain_text import Reason, Refused
 
 MAP_KINDS = (*OF_TABLES, "geotiff", "gpkg", "kml", "kmz")
 _KINDS = {
-    "picture": N_("this is a picture"), "pdf": N_("this is a PDF document"), "html": N_("this is a web page"),
-    "sqlite": N_("this is an SQLite database"), "gpx": N_("this is a GPX track"),
-    "xml": N_("this is an XML file that is no task file"), "fgb": N_("this is a FlatGeobuf file"),
-    "las": N_("this is a LAS point cloud"), "gzip": N_("this is a gzip file"), "7z": N_("this is a 7z archive"),
-    "rar": N_("this is a RAR archive"), "office": N_("this is a text document"),
-    "shp part": N_("this is a part of a shapefile"), "nmea": N_("this is a receiver's capture (NMEA)"),
-    "capture": N_("this is a capture of the console"), "config": N_("this is a configuration file of topdress"),
-    "aog": N_("this is a field of AgOpenGPS"), "empty": N_("this is an empty file"),
+    "picture": N_("this is a picture"),
+    "pdf": N_("this is a PDF document"),
+    "html": N_("this is a web page"),
+    "sqlite": N_("this is an SQLite database"),
+    "gpx": N_("this is a GPX track"),
+    "xml": N_("this is an XML file that is no task file"),
+    "fgb": N_("this is a FlatGeobuf file"),
+    "las": N_("this is a LAS point cloud"),
+    "gzip": N_("this is a gzip file"),
+    "7z": N_("this is a 7z archive"),
+    "rar": N_("this is a RAR archive"),
+    "office": N_("this is a text document"),
+    "shp part": N_("this is a part of a shapefile"),
+    "nmea": N_("this is a receiver's capture (NMEA)"),
+    "capture": N_("this is a capture of the console"),
+    "config": N_("this is a configuration file of topdress"),
+    "aog": N_("this is a field of AgOpenGPS"),
+    "empty": N_("this is an empty file"),
     "binary": N_("this is no text and no known format"),
 }
 
 
 def translated(reason: Reason) -> str:
     """The reason in the language of the screen, with its values."""
-    values = {name: translated(value) if isinstance(value, Reason) else value for name, value in reason.values.items()}
+    values = {
+        name: translated(value) if isinstance(value, Reason) else value
+        for name, value in reason.values.items()
+    }
     return _(reason.text).format(**values)
 
 
 def in_words(error: Refused, path: Path) -> str:
-    """Where in the file at `path`, and why. Of several files (a zip, a shapefile) also which one."""
+    """Where in the file at `path`, and why. Of several files (a zip, a shapefile) also which
+    one."""
     other = [Path(error.where.file).name] if error.where.file not in ("", str(path)) else []
     return ": ".join([*other, *map(translated, (*error.where.inside, error.reason))])
 

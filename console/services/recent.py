@@ -1,4 +1,6 @@
-"""What was worked lately, by the sidecars of its logs: the files of each job, the newest first, each set once."""
+"""What was worked lately, by the sidecars of its logs: the files of each job, the newest first,
+each set once."""
+
 from __future__ import annotations
 
 import contextlib
@@ -14,8 +16,9 @@ from drivers.files.config_error import ConfigError
 from drivers.files.kinds import CAB, JOB, KINDS, MACHINE
 from drivers.files.run_meta import RunMeta, meta_from_yaml
 
-WIDTH_M = 2.4           # of a machine: an outline needs none
-LOOKED_AT = 60          # of the newest logs, a week of a contractor's; and of the jobs
+WIDTH_M = 2.4  # of a machine: an outline needs none
+# of the newest logs, a week of a contractor's; and of the jobs
+LOOKED_AT = 60
 
 
 def recent(logs: Path, own: Path) -> tuple[Recent, ...]:
@@ -32,13 +35,15 @@ def recent(logs: Path, own: Path) -> tuple[Recent, ...]:
         if not any(str(path) in one.files for one in found.values()):
             with contextlib.suppress(OSError, ConfigError):
                 job = load(path, JOB).model
-                found[str(path),] = Recent((str(path),), job.title or path.stem, job.field.title,
-                                           card=card(path, done))
+                found[str(path),] = Recent(
+                    (str(path),), job.title or path.stem, job.field.title, card=card(path, done)
+                )
     return tuple(found.values())
 
 
 def done_of_jobs(logs: Path) -> dict[Path, tuple[float, str]]:
-    """Hectares done and when, of the newest run of each job file that a worker of these logs was started with."""
+    """Hectares done and when, of the newest run of each job file that a worker of these logs
+    was started with."""
     found: dict[Path, tuple[float, str]] = {}
     for path in newest_first(logs):
         with contextlib.suppress(OSError, ValueError):
@@ -49,15 +54,31 @@ def done_of_jobs(logs: Path) -> dict[Path, tuple[float, str]]:
 
 
 def card(path: Path, done: dict[Path, tuple[float, str]]) -> JobCard | None:
-    """None: it cannot be read. A plan is looked at only where there is no outline: a large one takes seconds."""
+    """None: it cannot be read. A plan is looked at only where there is no outline: a large one
+    takes seconds."""
     with contextlib.suppress(OSError, ValueError, ConfigError):
         job = load(path, JOB).model
-        drawn = job if not job.field.boundary_m else job.model_copy(update={
-            "target": job.target.model_copy(update={"map": None, "source": TargetSource.CANOPY})})
+        drawn = (
+            job
+            if not job.field.boundary_m
+            else job.model_copy(
+                update={
+                    "target": job.target.model_copy(
+                        update={"map": None, "source": TargetSource.CANOPY}
+                    )
+                }
+            )
+        )
         done_ha, worked_utc = done.get(path.resolve(), (0.0, ""))
-        return JobCard(job.title or job.id, job.field.title, Path(job.crop).stem,
-                       "" if job.target.map is None else Path(job.target.map).name, done_ha, worked_utc,
-                       picture_of(drawn, path.parent, WIDTH_M))
+        return JobCard(
+            job.title or job.id,
+            job.field.title,
+            Path(job.crop).stem,
+            "" if job.target.map is None else Path(job.target.map).name,
+            done_ha,
+            worked_utc,
+            picture_of(drawn, path.parent, WIDTH_M),
+        )
     return None
 
 
@@ -77,13 +98,19 @@ def _of_run(meta: RunMeta, done: dict[Path, tuple[float, str]]) -> Recent | None
             kind, _loaded = load_any(Path(file), KINDS)
             if kind in (JOB, MACHINE, CAB):
                 kinds[kind.format] = file
-    ours = {str(path) for folder in (JOB.folder, MACHINE.folder) for path in shipped(folder).values()}
+    ours = {
+        str(path) for folder in (JOB.folder, MACHINE.folder) for path in shipped(folder).values()
+    }
     files = tuple(kinds.values())
     if all(file in ours for file in files):
         return None
     job, machine = meta.job or {}, meta.machine or {}
     field = job.get("field")
-    return Recent(files, str(job.get("title") or job.get("id") or ""),
-                  str(field.get("title") or "") if isinstance(field, dict) else "",
-                  str(machine.get("title") or machine.get("id") or ""), meta.started_utc or "",
-                  card(Path(kinds[JOB.format]), done) if JOB.format in kinds else None)
+    return Recent(
+        files,
+        str(job.get("title") or job.get("id") or ""),
+        str(field.get("title") or "") if isinstance(field, dict) else "",
+        str(machine.get("title") or machine.get("id") or ""),
+        meta.started_utc or "",
+        card(Path(kinds[JOB.format]), done) if JOB.format in kinds else None,
+    )

@@ -1,4 +1,5 @@
 """A run log as frames for the Replay screen, as recorded or as it would have been decided."""
+
 from __future__ import annotations
 
 import time
@@ -18,25 +19,34 @@ from control.safety import ALARMS
 if TYPE_CHECKING:
     from drivers.files.read_log import RunLog
 
-PROGRESS_EVERY = 64           # rows
+PROGRESS_EVERY = 64  # rows
 
 
 def replay_job(recorded: RunLog) -> ReplayJob:
     """The log opened for the Replay screen, with its what-if."""
     from drivers.files.config import shipped
+
     frames = list(frames_of(recorded.rows(), recorded))
-    return ReplayJob(ReplaySource(frames, time.monotonic), recorded.path.name,
-                     tuple(str(finding) for finding in recorded.findings),
-                     partial(_decided_anew, recorded),
-                     tuple(shipped("crops")), tuple(shipped("machines")))
+    return ReplayJob(
+        ReplaySource(frames, time.monotonic),
+        recorded.path.name,
+        tuple(str(finding) for finding in recorded.findings),
+        partial(_decided_anew, recorded),
+        tuple(shipped("crops")),
+        tuple(shipped("machines")),
+    )
 
 
-def frames_of(rows: Iterator[LogRow], recorded: RunLog, width_m: float = 2.4, plane: TangentPlane | None = None
-              ) -> Iterator[Frame]:
+def frames_of(
+    rows: Iterator[LogRow],
+    recorded: RunLog,
+    width_m: float = 2.4,
+    plane: TangentPlane | None = None,
+) -> Iterator[Frame]:
     """One frame a row. Area and mass are summed from the rows; alarms begin where they first stand.
 
-    plane: of the places; None: that on which the loop of the log worked, else of its first fix. Where the log does not
-    tell its machine, places are taken for those of the outlets.
+    plane: of the places; None: that on which the loop of the log worked, else of its first fix.
+    Where the log does not tell its machine, places are taken for those of the outlets.
     """
     meta = recorded.meta
     machine = dict(meta.machine or {}) if meta else {}
@@ -62,22 +72,36 @@ def frames_of(rows: Iterator[LogRow], recorded: RunLog, width_m: float = 2.4, pl
         ids = [name for name in (row.alarms or "").split(";") if name in ALARMS]
         since = {name: since.get(name, row.time_s) for name in ids}
         alarms = tuple(Alarm(name, ALARMS[name].severity, since[name]) for name in ids)
-        yield Frame(seq=number, at_s=row.time_s, row=row, alarms=alarms, area_ha=area, applied_kg=mass,
-                    job=str(job.get("title") or job.get("id") or ""),
-                    machine=str(machine.get("title") or machine.get("id") or ""), crop=str(crop.get("name") or ""),
-                    log_path=str(recorded.path), simulated=bool(meta and meta.seed is not None), place_m=place,
-                    gnss_age_s=None if row.lat_deg is None else 0.0)
+        yield Frame(
+            seq=number,
+            at_s=row.time_s,
+            row=row,
+            alarms=alarms,
+            area_ha=area,
+            applied_kg=mass,
+            job=str(job.get("title") or job.get("id") or ""),
+            machine=str(machine.get("title") or machine.get("id") or ""),
+            crop=str(crop.get("name") or ""),
+            log_path=str(recorded.path),
+            simulated=bool(meta and meta.seed is not None),
+            place_m=place,
+            gnss_age_s=None if row.lat_deg is None else 0.0,
+        )
 
 
 def _outlet(plane: TangentPlane, row: LogRow, ahead_m: float) -> tuple[float, float]:
     from control.geodesy import offset
+
     antenna = plane.to_m(row.lat_deg or 0.0, row.lon_deg or 0.0)
     back = antenna if row.heading_deg is None else offset(antenna, row.heading_deg, -ahead_m)
     return float(back[0]), float(back[1])
 
 
-def _decided_anew(recorded: RunLog, options: WhatIf, cancelled: Cancelled, tell: Tell) -> Sequence[Frame]:
-    """Frames of the control loop run again over the log's measurements; those so far when it is cancelled.
+def _decided_anew(
+    recorded: RunLog, options: WhatIf, cancelled: Cancelled, tell: Tell
+) -> Sequence[Frame]:
+    """Frames of the control loop run again over the log's measurements; those so far when it is
+    cancelled.
 
     Raises ValueError in one line.
     """
@@ -88,16 +112,26 @@ def _decided_anew(recorded: RunLog, options: WhatIf, cancelled: Cancelled, tell:
     from control.orders import Strategy
     from drivers.files.config import load
     from drivers.files.kinds import CROP
-    setup = setup_of(recorded, options.machine, None, Strategy(options.strategy) if options.strategy else None)
+
+    setup = setup_of(
+        recorded, options.machine, None, Strategy(options.strategy) if options.strategy else None
+    )
     if options.crop:
         crop = load(options.crop, CROP).model
         setup = dataclasses.replace(setup, crop=crop, rule=rule_of(crop, setup.job))
     rows = (tick.row for tick in rerun(recorded, setup))
-    return list(frames_of(_watched(rows, len(recorded), cancelled, tell), recorded,
-                          setup.machine.geometry.working_width_m))
+    return list(
+        frames_of(
+            _watched(rows, len(recorded), cancelled, tell),
+            recorded,
+            setup.machine.geometry.working_width_m,
+        )
+    )
 
 
-def _watched(rows: Iterator[LogRow], count: int, cancelled: Cancelled, tell: Tell) -> Iterator[LogRow]:
+def _watched(
+    rows: Iterator[LogRow], count: int, cancelled: Cancelled, tell: Tell
+) -> Iterator[LogRow]:
     """The rows, up to where it is cancelled; what is done is reported now and then."""
     for number, row in enumerate(rows):
         if cancelled():

@@ -1,4 +1,6 @@
-"""The control loop once more over the measurements of a log, with the operator's recorded orders."""
+"""The control loop once more over the measurements of a log, with the operator's recorded
+orders."""
+
 from __future__ import annotations
 
 import dataclasses
@@ -21,9 +23,16 @@ MOVES_MPS = 0.6
 
 
 def rerun(recorded: RunLog, setup: Setup) -> Iterator[Tick]:
-    """A tick a row. Orders come from the log's events; a log without any gets ready and start when it moves."""
-    loop = control_loop(setup.machine, setup.crop, setup.rule, setup.job, obeyed=False,
-                        **placed_of_job(setup.job, setup.folder, setup.machine, setup.crop.index))
+    """A tick a row. Orders come from the log's events; a log without any gets ready and start
+    when it moves."""
+    loop = control_loop(
+        setup.machine,
+        setup.crop,
+        setup.rule,
+        setup.job,
+        obeyed=False,
+        **placed_of_job(setup.job, setup.folder, setup.machine, setup.crop.index),
+    )
     orders = [parse_events(text) for text in recorded.texts("events")]
     own = any(orders)
     state = State.OFF.value
@@ -66,7 +75,9 @@ def _operator(state: str, speed_mps: float) -> list[Order]:
     return []
 
 
-def setup_of(recorded: RunLog, machine: str | None, job: str | None, strategy: Strategy | None) -> Setup:
+def setup_of(
+    recorded: RunLog, machine: str | None, job: str | None, strategy: Strategy | None
+) -> Setup:
     """Machine, crop and job: as given, else as the log's yaml has them, else the shipped ones."""
     meta = recorded.meta
     setup = load_setup(machine or "huanghai", job or "demo", day_clock.today())
@@ -76,8 +87,13 @@ def setup_of(recorded: RunLog, machine: str | None, job: str | None, strategy: S
     if meta is not None and job is None and meta.job is not None and meta.crop is not None:
         crop = validated(meta.crop, CROP, label)
         own = validated(meta.job, JOB, label)
-        setup = dataclasses.replace(setup, crop=crop, job=own, rule=rule_of(crop, own),
-                                    folder=folder_of(meta, own, recorded.path.parent))
+        setup = dataclasses.replace(
+            setup,
+            crop=crop,
+            job=own,
+            rule=rule_of(crop, own),
+            folder=folder_of(meta, own, recorded.path.parent),
+        )
     if strategy is not None:
         setup = dataclasses.replace(setup, job=setup.job.model_copy(update={"strategy": strategy}))
     return setup

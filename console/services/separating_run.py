@@ -1,4 +1,6 @@
-"""The run that tells rivals apart, as something that the simulated machine can drive and a job file can hold."""
+"""The run that tells rivals apart, as something that the simulated machine can drive and a job
+file can hold."""
+
 from __future__ import annotations
 
 from collections.abc import Callable
@@ -11,12 +13,14 @@ from control.orders import Do, Order, TargetSource
 
 Orders = tuple[tuple[float, Order], ...]
 
-CONFIRM_S = 0.2             # the calibration button is reported down this often
-AGAIN = 10                  # times that a setting is commanded, so often apart
-RUN_S = 118.0               # safety ends a calibrating run at 120 s
-RATE_KG_HA = 300.0          # of the runs that are driven
-BEGIN_S = 4.0               # the tractor moves by then
-FLOW_KG_S = 0.09            # about what 300 kg/ha take at 4.5 km/h on 2.4 m
+# the calibration button is reported down this often
+CONFIRM_S = 0.2
+# times that a setting is commanded, so often apart
+AGAIN = 10
+RUN_S = 118.0  # safety ends a calibrating run at 120 s
+RATE_KG_HA = 300.0  # of the runs that are driven
+BEGIN_S = 4.0  # the tractor moves by then
+FLOW_KG_S = 0.09  # about what 300 kg/ha take at 4.5 km/h on 2.4 m
 
 
 class SeparatingDrive(NamedTuple):
@@ -33,17 +37,31 @@ def drivable(run_id: str) -> bool:
 
 
 def drive_of(manoeuvre: str, job: Job, machine: Machine) -> SeparatingDrive:
-    """A manoeuvre on the ground of `job`: with a fixed rate and without the scale's trim, so that only it moves things.
+    """A manoeuvre on the ground of `job`: with a fixed rate and without the scale's trim, so
+    that only it moves things.
 
     Raises ValueError for a manoeuvre that the simulated machine cannot drive.
     """
     if manoeuvre not in _DRIVES:
         raise ValueError(f"{manoeuvre}: the simulated machine cannot drive this run")
-    target = job.target.model_copy(update={"source": TargetSource.MANUAL, "manual_rate_kg_ha": RATE_KG_HA, "map": None,
-                                           "plants": None, "index_map": None, "hold_mean_kg_ha": None})
-    calm = job.model_copy(update={"id": f"separate_{manoeuvre}", "target": target, "flow_trim": False,
-                                  "field": job.field.model_copy(update={"boundary_m": (), "holes_m": (),
-                                                                        "done": None})})
+    target = job.target.model_copy(
+        update={
+            "source": TargetSource.MANUAL,
+            "manual_rate_kg_ha": RATE_KG_HA,
+            "map": None,
+            "plants": None,
+            "index_map": None,
+            "hold_mean_kg_ha": None,
+        }
+    )
+    calm = job.model_copy(
+        update={
+            "id": f"separate_{manoeuvre}",
+            "target": target,
+            "flow_trim": False,
+            "field": job.field.model_copy(update={"boundary_m": (), "holes_m": (), "done": None}),
+        }
+    )
     return _DRIVES[manoeuvre](calm, machine)
 
 
@@ -62,15 +80,21 @@ def _bench(settings: list[tuple[float, float]]) -> Orders:
         begin = 5.0 + 61.0 * pair
         ticks = [begin + CONFIRM_S * k for k in range(int(RUN_S / CONFIRM_S))]
         orders += [(at, Order(Do.CALIBRATE, 120.0)) for at in ticks]
-        for k, (rpm, mm) in enumerate(settings[pair:pair + 2]):
-            for again in range(AGAIN):      # the run may begin late: the noise of the speed forbids it at times
+        for k, (rpm, mm) in enumerate(settings[pair : pair + 2]):
+            # the run may begin late: the noise of the speed forbids it at times
+            for again in range(AGAIN):
                 at = begin + 0.1 + 59.0 * k + CONFIRM_S * again
-                orders += [(at, Order(Do.CALIBRATE_OPENING, mm)), (at + 0.1, Order(Do.CALIBRATE_SHAFT, rpm))]
+                orders += [
+                    (at, Order(Do.CALIBRATE_OPENING, mm)),
+                    (at + 0.1, Order(Do.CALIBRATE_SHAFT, rpm)),
+                ]
     return tuple(sorted(orders, key=lambda one: one[0]))
 
 
 def _two_speeds(job: Job, machine: Machine) -> SeparatingDrive:
-    changes = tuple(SpeedChange(at_s=120.0 * k, speed_kmh=3.0 if k % 2 == 0 else 6.0) for k in range(5))
+    changes = tuple(
+        SpeedChange(at_s=120.0 * k, speed_kmh=3.0 if k % 2 == 0 else 6.0) for k in range(5)
+    )
     return SeparatingDrive(_with(job, speed_changes=changes, refill_at_kg=0.0), 600.0, None)
 
 
@@ -88,12 +112,23 @@ def _refill(job: Job, machine: Machine) -> SeparatingDrive:
 
 
 _DRIVES: dict[str, Callable[[Job, Machine], SeparatingDrive]] = {
-    "stairs": lambda job, machine: SeparatingDrive(_standing(job), 500.0, _bench(
-        [(rpm, machine.set_points.opening_mm) for rpm in shaft_levels(machine) * 2])),
-    "openings": lambda job, machine: SeparatingDrive(_standing(job), 500.0, _bench(
-        [(machine.set_points.shaft_rpm, mm) for mm in opening_levels(machine) * 2])),
+    "stairs": lambda job, machine: SeparatingDrive(
+        _standing(job),
+        500.0,
+        _bench([(rpm, machine.set_points.opening_mm) for rpm in shaft_levels(machine) * 2]),
+    ),
+    "openings": lambda job, machine: SeparatingDrive(
+        _standing(job),
+        500.0,
+        _bench([(machine.set_points.shaft_rpm, mm) for mm in opening_levels(machine) * 2]),
+    ),
     "slope": lambda job, _machine: SeparatingDrive(
-        _with(job, slope_deg=4.0, pass_length_m=140.0, passes=24, refill_at_kg=0.0), 660.0, None),
-    "two_speeds": _two_speeds, "out_of_work": _out_of_work,
-    "standing": lambda job, _machine: SeparatingDrive(_standing(job), 600.0, ((1.0, Order(Do.READY)),)),
-    "refill": _refill}
+        _with(job, slope_deg=4.0, pass_length_m=140.0, passes=24, refill_at_kg=0.0), 660.0, None
+    ),
+    "two_speeds": _two_speeds,
+    "out_of_work": _out_of_work,
+    "standing": lambda job, _machine: SeparatingDrive(
+        _standing(job), 600.0, ((1.0, Order(Do.READY)),)
+    ),
+    "refill": _refill,
+}

@@ -1,4 +1,5 @@
 """The user's settings for the console: read once, written when the Settings screen changes them."""
+
 from __future__ import annotations
 
 from console.app.pages.settings.service import SettingsStore
@@ -11,5 +12,10 @@ def settings_store() -> SettingsStore:
     path = settings_path()
     read = read_settings(path)
     themes, wrong = read_themes(path.parent / "themes")
-    return SettingsStore(read.settings, lambda settings: write_settings(path, settings), str(path),
-                         read.trouble or (wrong[0] if wrong else ""), themes)
+    return SettingsStore(
+        read.settings,
+        lambda settings: write_settings(path, settings),
+        str(path),
+        read.trouble or (wrong[0] if wrong else ""),
+        themes,
+    )

@@ -1,4 +1,6 @@
-"""Where prescriptions lie: on sticks, among downloads, in the user's own folder. Looked at, never searched deep."""
+"""Where prescriptions lie: on sticks, among downloads, in the user's own folder. Looked at,
+never searched deep."""
+
 from __future__ import annotations
 
 import contextlib
@@ -13,11 +15,14 @@ from console.app.pages.job.service import MapFile
 from drivers import day_clock
 
 ENDINGS = (".shp", ".geojson", ".json", ".zip", ".csv")
-LOOKED_INTO = 4096          # bytes of a file that tell whether it may be a map at all
+# bytes of a file that tell whether it may be a map at all
+LOOKED_INTO = 4096
 TASK = "taskdata.xml"
-DEEP = 3                    # folders below a stick: TASKDATA, or farm / field / map
+# folders below a stick: TASKDATA, or farm / field / map
+DEEP = 3
 MOST_FILES = 60
-MOST_LOOKED_AT = 3000       # entries of one place: a stick full of pictures must not hold the list up
+# entries of one place: a stick full of pictures must not hold the list up
+MOST_LOOKED_AT = 3000
 
 
 def places() -> tuple[tuple[Path, str], ...]:
@@ -27,7 +32,12 @@ def places() -> tuple[tuple[Path, str], ...]:
         found += [(Path(f"{letter}:/"), f"{letter}:") for letter in string.ascii_uppercase[3:]]
     else:
         user = os.environ.get("USER", "")
-        for base in (Path("/media") / user, Path("/run/media") / user, Path("/Volumes"), Path("/mnt")):
+        for base in (
+            Path("/media") / user,
+            Path("/run/media") / user,
+            Path("/Volumes"),
+            Path("/mnt"),
+        ):
             with contextlib.suppress(OSError):
                 found += [(one, one.name) for one in sorted(base.iterdir()) if one.is_dir()]
     found += [(Path.home() / "Downloads", "Downloads"), (Path.cwd(), Path.cwd().name or ".")]
@@ -42,8 +52,10 @@ def maps_in(looked_at: tuple[tuple[Path, str], ...]) -> tuple[MapFile, ...]:
             with contextlib.suppress(OSError):
                 found.setdefault(path.resolve(), (path.stat().st_mtime, name))
     listed = sorted(found.items(), key=lambda one: -one[1][0])[:MOST_FILES]
-    return tuple(MapFile(str(path), path.name, where, day_clock.said_of_file(changed))
-                 for path, (changed, where) in listed)
+    return tuple(
+        MapFile(str(path), path.name, where, day_clock.said_of_file(changed))
+        for path, (changed, where) in listed
+    )
 
 
 def _maps(folder: Path) -> Iterator[Path]:
@@ -55,7 +67,7 @@ def _maps(folder: Path) -> Iterator[Path]:
         except OSError:
             continue
         if any(one.name.lower() == TASK for one in entries):
-            yield here                      # a task is its folder
+            yield here  # a task is its folder
             continue
         for one in entries:
             looked += 1
@@ -88,6 +100,7 @@ def may_be_map(path: Path) -> bool:
         return False
     if ending == ".csv":
         from drivers.files.opened import Opened
+
         try:
             return Opened(path).holds == "map"
         except (OSError, ValueError):
@@ -113,7 +126,10 @@ def entries(folder: Path, kind: str = "map") -> tuple[MapFile, ...]:
     """Of one folder: the folder above, folders and files of a kind by name. Raises OSError."""
     wanted = may_be(kind)
     found = [MapFile(str(folder.parent), "..", "", "")] if folder.parent != folder else []
-    here = sorted((one for one in folder.iterdir() if not one.name.startswith(".")), key=lambda one: one.name.lower())
+    here = sorted(
+        (one for one in folder.iterdir() if not one.name.startswith(".")),
+        key=lambda one: one.name.lower(),
+    )
     if kind == "map" and any(one.name.lower() == TASK for one in here):
         found.append(MapFile(str(folder), folder.name, folder.name, _changed(folder)))
     for one in here[:MOST_LOOKED_AT]:

@@ -1,8 +1,9 @@
 """`python -P -m console.worker`: see `console.worker.program`.
 
-The right to be the worker is taken before the modules are read: a lock that is new has to settle for 0.4 s, in which
-they come up.
+The right to be the worker is taken before the modules are read: a lock that is new has to
+settle for 0.4 s, in which they come up.
 """
+
 from __future__ import annotations
 
 import contextlib
@@ -27,6 +28,7 @@ def main(arguments: Sequence[str]) -> int:
             return 1
         from console.worker.assemble import assemble
         from console.worker.program import run
+
         return run(options, assemble, right)
 
 

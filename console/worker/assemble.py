@@ -1,4 +1,6 @@
-"""From options to the parts of one run: the only place where the worker meets real devices, loop and log."""
+"""From options to the parts of one run: the only place where the worker meets real devices,
+loop and log."""
+
 from __future__ import annotations
 
 import datetime as dt
@@ -38,15 +40,16 @@ from drivers.files.run_meta import run_meta
 from drivers.files.setup import Setup, by_kind, disagreements, index_disagreements, setup_of
 from drivers.virtual.machine import VirtualMachine, virtual_cab
 
-# The simulated machine as a bench: stepped by the loop's own ticks, reached through the same bytes as a real one.
+# The simulated machine as a bench: stepped by the loop's own ticks, reached through the same
+# bytes as a real one.
 PARKED = (State.OFF, State.READY, State.CALIBRATING)
 
 
 class SimulatedBench:
     """A cab plugged into a virtual machine that is brought up to the tick's time before it is read.
 
-    Where the plant is given, its driver stands while the machine is off, ready or calibrating, and drives once it
-    works: `state` tells which.
+    Where the plant is given, its driver stands while the machine is off, ready or calibrating,
+    and drives once it works: `state` tells which.
     """
 
     def __init__(self, cab: Cab, machine: VirtualMachine, plant: Plant | None = None) -> None:
@@ -82,7 +85,8 @@ class SimulatedBench:
         self._machine.close()
 
 
-PLANT_STEP_S = 0.02           # at most: what the simulated sensors say is late by less than that
+# at most: what the simulated sensors say is late by less than that
+PLANT_STEP_S = 0.02
 
 
 def assemble(options: Options, clock: Clock) -> Assembly:
@@ -93,8 +97,10 @@ def assemble(options: Options, clock: Clock) -> Assembly:
     now, log = _utc_now(), _log_path(options.log)
     cab, setup = _configured(options, log.parent, now)
     if cab is not None and options.effects:
-        raise ValueError(f"--effect {options.effects[0]}: effects can be planted in the simulated machine only, "
-                         f"and {cab.path} names a real one")
+        raise ValueError(
+            f"--effect {options.effects[0]}: effects can be planted in the simulated machine only, "
+            f"and {cab.path} names a real one"
+        )
     machine, sha256 = setup.machine, dict(setup.sha256)
     bench: Bench
     has_work_switch = record_only = False
@@ -111,28 +117,56 @@ def assemble(options: Options, clock: Clock) -> Assembly:
         bench = _simulated(options, machine, job, clock)
     else:
         assert isinstance(cab.model, CabConfig)
-        devices, has_work_switch, record_only = cab.model, cab.model.has_work_switch, cab.model.record_only
+        devices, has_work_switch, record_only = (
+            cab.model,
+            cab.model.has_work_switch,
+            cab.model.record_only,
+        )
         if devices.rate_module is not None and devices.rate_module.fixed_opening_mm is not None:
             machine = with_fixed_gate(machine, devices.rate_module.fixed_opening_mm)
         bench = Cab(devices, clock)
     now_utc = now.isoformat(timespec="milliseconds")
     rule = rule_of(setup.crop, job, setup.rule.days)
-    loop = control_loop(machine, setup.crop, rule, job, has_work_switch, **placed, record_only=record_only)
+    loop = control_loop(
+        machine, setup.crop, rule, job, has_work_switch, **placed, record_only=record_only
+    )
     if isinstance(bench, SimulatedBench):
         bench.state = lambda: loop.safety.state
     before = before.on(loop.plane)
     go_on(loop, before)
-    meta = run_meta(machine, setup.crop, job, seed=options.seed if cab is None else None, sha256=sha256,
-                    started_utc=now_utc,
-                    extra={"job_folder": str(setup.folder)} | (
-                        {"effects": list(options.effects)} if options.effects else {}) | (
-                        {} if before.job is None else {"resumes": before.job.log_path}))
+    meta = run_meta(
+        machine,
+        setup.crop,
+        job,
+        seed=options.seed if cab is None else None,
+        sha256=sha256,
+        started_utc=now_utc,
+        extra={"job_folder": str(setup.folder)}
+        | ({"effects": list(options.effects)} if options.effects else {})
+        | ({} if before.job is None else {"resumes": before.job.log_path}),
+    )
     writer = RunLogWriter(log, meta)
-    names = Names(job.title or job.id, machine.title or machine.id, setup.crop.name,
-                  str(writer.path), simulated)
-    keeper = Keeper(snapshot_path(writer.path), machine,
-                    started(options, writer.path, (names.job, names.machine, names.crop), simulated, now_utc,
-                            before.job), loop, lambda: _utc_now().isoformat(timespec="milliseconds"))
+    names = Names(
+        job.title or job.id,
+        machine.title or machine.id,
+        setup.crop.name,
+        str(writer.path),
+        simulated,
+    )
+    keeper = Keeper(
+        snapshot_path(writer.path),
+        machine,
+        started(
+            options,
+            writer.path,
+            (names.job, names.machine, names.crop),
+            simulated,
+            now_utc,
+            before.job,
+        ),
+        loop,
+        lambda: _utc_now().isoformat(timespec="milliseconds"),
+    )
     writer.after_writing = keeper.work
     return Assembly(bench, loop, writer, names, keeper)
 
@@ -142,15 +176,21 @@ def _is_simulated(cab: Loaded[Any] | None) -> bool:
 
 
 def _configured(options: Options, logs: Path, now: dt.datetime) -> tuple[Loaded[Any] | None, Setup]:
-    """The cab file, where there is one, and the setup, held against each other. logs: their folder. Raises
-    ValueError."""
+    """The cab file, where there is one, and the setup, held against each other. logs: their
+    folder. Raises ValueError."""
     try:
         found = by_kind(options.config)
         cab = found.get(CAB.format)
-        setup = setup_of(found, day_clock.today(), lambda job: logs_here(logs, job, _is_simulated(cab), now))
+        setup = setup_of(
+            found, day_clock.today(), lambda job: logs_here(logs, job, _is_simulated(cab), now)
+        )
         lines = index_disagreements(cab, setup.crop, setup.job)
         if cab is not None:
-            named = found[MACHINE.format].path if MACHINE.format in found else "the shipped machine huanghai"
+            named = (
+                found[MACHINE.format].path
+                if MACHINE.format in found
+                else "the shipped machine huanghai"
+            )
             lines = [*disagreements(cab, setup.machine, str(named)), *lines]
         if lines:
             raise ConfigError(lines)
@@ -160,7 +200,8 @@ def _configured(options: Options, logs: Path, now: dt.datetime) -> tuple[Loaded[
 
 
 def _stops_s(cab: Loaded[Any] | None) -> float | None:
-    """How long the drive of the shaft goes on without the console; None: a simulated one ends with the worker."""
+    """How long the drive of the shaft goes on without the console; None: a simulated one ends
+    with the worker."""
     if cab is None:
         return None
     assert isinstance(cab.model, CabConfig)
@@ -168,9 +209,14 @@ def _stops_s(cab: Loaded[Any] | None) -> float | None:
 
 
 def with_fixed_gate(machine: Machine, opening_mm: float) -> Machine:
-    """The machine whose gate is set by hand: no strategy can move it, all of them meter by the shaft."""
-    limits = machine.limits.model_copy(update={
-        "opening_low_mm": opening_mm, "opening_high_mm": opening_mm + machine.limits.opening_resolution_mm / 100.0})
+    """The machine whose gate is set by hand: no strategy can move it, all of them meter by the
+    shaft."""
+    limits = machine.limits.model_copy(
+        update={
+            "opening_low_mm": opening_mm,
+            "opening_high_mm": opening_mm + machine.limits.opening_resolution_mm / 100.0,
+        }
+    )
     set_points = machine.set_points.model_copy(update={"opening_mm": opening_mm})
     return machine.model_copy(update={"limits": limits, "set_points": set_points})
 
@@ -179,27 +225,42 @@ def _placed(job: Job, setup: Setup) -> LoopTargets:
     """Map, plants, index map and done ground of the job. Raises ValueError, OSError."""
     placed = placed_of_job(job, setup.folder, setup.machine, setup.crop.index)
     if job.target.source is TargetSource.POINT and placed["plants"] is None:
-        raise ValueError(f"{job.id}: target.source point: a camera has no driver yet: allowed is target.plants, a "
-                         "plant list next to the job file")
+        raise ValueError(
+            f"{job.id}: target.source point: a camera has no driver yet: allowed is "
+            "target.plants, a "
+            "plant list next to the job file"
+        )
     return placed
 
 
 def _simulated(options: Options, machine: Machine, job: Job, clock: Clock) -> SimulatedBench:
     planted = [parse_planted(text) for text in options.effects]
-    plant = simulated_machine(machine, job, options.seed, min(PLANT_STEP_S, 1.0 / options.hz), planted)
-    board = BoardConfig(port="", max_shaft_rpm=machine.limits.shaft_high_rpm,
-                        max_opening_mm=machine.limits.opening_high_mm,
-                        wheel_circumference_m=machine.speed.wheel_circumference_m,
-                        wheel_pulses_per_turn=machine.speed.pulses_per_turn)
+    plant = simulated_machine(
+        machine, job, options.seed, min(PLANT_STEP_S, 1.0 / options.hz), planted
+    )
+    board = BoardConfig(
+        port="",
+        max_shaft_rpm=machine.limits.shaft_high_rpm,
+        max_opening_mm=machine.limits.opening_high_mm,
+        wheel_circumference_m=machine.speed.wheel_circumference_m,
+        wheel_pulses_per_turn=machine.speed.pulses_per_turn,
+    )
     index = job.simulated.heads_index
-    cab, virtual = virtual_cab(plant, clock, heads=machine.geometry.heads, board=board,
-                               protocol="greenseeker" if index == "ndvi" else "acs430",
-                               opening_mm=machine.set_points.opening_mm, index=index)
+    cab, virtual = virtual_cab(
+        plant,
+        clock,
+        heads=machine.geometry.heads,
+        board=board,
+        protocol="greenseeker" if index == "ndvi" else "acs430",
+        opening_mm=machine.set_points.opening_mm,
+        index=index,
+    )
     return SimulatedBench(cab, virtual, plant)
 
 
 def _log_path(wanted: str | None) -> Path:
-    """The log's name as wanted, else a new one in the user's data folder. Raises OSError, ValueError."""
+    """The log's name as wanted, else a new one in the user's data folder. Raises OSError,
+    ValueError."""
     if wanted is None:
         folder = Path(platformdirs.user_data_dir("topdress", appauthor=False)) / "logs"
         path = folder / f"{_utc_now():%Y%m%d-%H%M%S}.csv"
@@ -209,8 +270,11 @@ def _log_path(wanted: str | None) -> Path:
             raise ValueError(f"--log {wanted}: allowed is a name that ends in .csv")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-    except OSError as error:                    # a loop of links is reported as a file that is there
-        raise ValueError(f"--log {path}: its folder cannot be made: {error.strerror or error}") from None
+    # a loop of links is reported as a file that is there
+    except OSError as error:
+        raise ValueError(
+            f"--log {path}: its folder cannot be made: {error.strerror or error}"
+        ) from None
     return path
 
 

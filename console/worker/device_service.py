@@ -1,4 +1,6 @@
-"""What is ordered of single devices: connect, disconnect, listen what speaks there, capture what comes and goes."""
+"""What is ordered of single devices: connect, disconnect, listen what speaks there, capture
+what comes and goes."""
+
 from __future__ import annotations
 
 import threading
@@ -23,9 +25,20 @@ Opener = Callable[[str, int, Clock], Port]
 class DeviceService:
     """For all devices of a bench. `tick` is called once a tick; nothing here blocks."""
 
-    def __init__(self, bench: Bench, log_path: str, files: SideFiles, opener: Opener = open_port,
-                 capture_bytes: int = CAPTURE_BYTES) -> None:
-        self._bench, self._files, self._opener, self._capture_bytes = bench, files, opener, capture_bytes
+    def __init__(
+        self,
+        bench: Bench,
+        log_path: str,
+        files: SideFiles,
+        opener: Opener = open_port,
+        capture_bytes: int = CAPTURE_BYTES,
+    ) -> None:
+        self._bench, self._files, self._opener, self._capture_bytes = (
+            bench,
+            files,
+            opener,
+            capture_bytes,
+        )
         self._stem = Path(log_path).with_suffix("") if log_path else None
         self._captures: dict[str, _Capture] = {}
         self._started = 0
@@ -44,12 +57,16 @@ class DeviceService:
             return Answer(True)
         if order.do is DeviceDo.TEST:
             return self._begin_test(line, now_s)
-        return self._begin_capture(line) if order.do is DeviceDo.CAPTURE else self._end_capture(name)
+        return (
+            self._begin_capture(line) if order.do is DeviceDo.CAPTURE else self._end_capture(name)
+        )
 
     def tick(self, now_s: float, state: str | None) -> None:
         for test in self._tests.values():
             test.tick(now_s, state in BUSY)
-        for name in [name for name, one in self._captures.items() if one.size >= self._capture_bytes]:
+        for name in [
+            name for name, one in self._captures.items() if one.size >= self._capture_bytes
+        ]:
             self._end_capture(name)
 
     def test(self, name: str) -> DeviceTest | None:
@@ -103,10 +120,11 @@ class _Capture:
 
 
 class _Test:
-    """Listens on the line as it is; where nothing is understood and the line is serial, at other rates too.
+    """Listens on the line as it is; where nothing is understood and the line is serial, at
+    other rates too.
 
-    Deciding what the bytes are takes long, so a thread does it. Other rates need the port: for these seconds the device
-    is off, which is left out while the machine works.
+    Deciding what the bytes are takes long, so a thread does it. Other rates need the port: for
+    these seconds the device is off, which is left out while the machine works.
     """
 
     def __init__(self, line: DeviceLine, now_s: float, opener: Opener) -> None:
@@ -122,8 +140,12 @@ class _Test:
             return
         self._listening = False
         self._line.leave(self._take)
-        threading.Thread(target=self._decide, args=(not busy and self._line.baud is not None,),
-                         name=f"test of {self._line.name}", daemon=True).start()
+        threading.Thread(
+            target=self._decide,
+            args=(not busy and self._line.baud is not None,),
+            name=f"test of {self._line.name}",
+            daemon=True,
+        ).start()
 
     def _take(self, now_s: float, direction: Direction, data: bytes) -> None:
         if direction == "<":
@@ -136,14 +158,18 @@ class _Test:
         if not found.protocol and not found.said:
             state = self._line.port.state()
             found = found._replace(said=state.last_error or (state.last_lines() or ["silent"])[-1])
-        self.result = DeviceTest(False, found.protocol, found.baud, found.accepted, found.rejected, found.said)
+        self.result = DeviceTest(
+            False, found.protocol, found.baud, found.accepted, found.rejected, found.said
+        )
 
     def _at_other_rates(self) -> probe.ProbeFinding:
         line = self._line
         line.port.plug(False)
         try:
-            return probe.probe(lambda baud: self._opener(line.port.name, baud, time.monotonic),
-                               [baud for baud in probe.BAUDS if baud != line.baud])
+            return probe.probe(
+                lambda baud: self._opener(line.port.name, baud, time.monotonic),
+                [baud for baud in probe.BAUDS if baud != line.baud],
+            )
         except (OSError, ValueError) as error:
             return probe.ProbeFinding(said=str(error))
         finally:

@@ -1,8 +1,10 @@
 """The control loop's host: one tick after the other at absolute deadlines.
 
-Nothing here touches a socket or a disk. Others reach the host by three things only: `inbox` (requests with the function
-that takes the answer), `console_heard` (an operating console was heard just now) and `newest` (the newest frame).
+Nothing here touches a socket or a disk. Others reach the host by three things only: `inbox`
+(requests with the function that takes the answer), `console_heard` (an operating console was
+heard just now) and `newest` (the newest frame).
 """
+
 from __future__ import annotations
 
 import math
@@ -40,10 +42,11 @@ from control.loop import Tick
 from control.orders import Alarm, Answer, Do, Order, Severity
 from drivers.device_status import DeviceStatus
 
-# How punctual the loop is: a histogram of fixed size, so that eight hours cost no more than a second.
+# How punctual the loop is: a histogram of fixed size, so that eight hours cost no more than a
+# second.
 SMALLEST_S = 1e-6
-BINS_PER_E = 40                       # bin edges 2.5 % apart
-BINS = BINS_PER_E * 18 + 1            # up to SMALLEST_S x e^18, about 65 s
+BINS_PER_E = 40  # bin edges 2.5 % apart
+BINS = BINS_PER_E * 18 + 1  # up to SMALLEST_S x e^18, about 65 s
 
 
 class Durations:
@@ -63,7 +66,8 @@ class Durations:
         self.longest_s = max(self.longest_s, size_s)
 
     def quantile_s(self, share: float) -> float:
-        """The duration that `share` (0 to 1) of all do not exceed, to 2.5 %; 0 where nothing was counted."""
+        """The duration that `share` (0 to 1) of all do not exceed, to 2.5 %; 0 where nothing
+        was counted."""
         wanted, seen = share * self.n, 0
         for place, count in enumerate(self._counts):
             seen += count
@@ -91,7 +95,8 @@ class Punctuality:
         self.busy.add(now_s - began_s)
 
     def summary(self) -> dict[str, float]:
-        """Milliseconds: p50, p99, p99.9 and largest period error; median and longest tick; ticks run and skipped."""
+        """Milliseconds: p50, p99, p99.9 and largest period error; median and longest tick;
+        ticks run and skipped."""
         ms = 1000.0
         return {
             "hz": 1.0 / self.period_s,
@@ -107,15 +112,18 @@ class Punctuality:
 
 
 # A yes that flickers is a no. Pure.
-SETTLED_S = 60.0            # a disk that fails twice within it is believed again after as long without
+# a disk that fails twice within it is believed again after as long without
+SETTLED_S = 60.0
 
 
 class Steady:
-    """What is fed as it changes; what comes back goes to no at once, and to yes again at once where that was the first
-    time for long, else after `SETTLED_S` of yes: flow that is switched off and on by itself lays stripes."""
+    """What is fed as it changes; what comes back goes to no at once, and to yes again at once
+    where that was the first time for long, else after `SETTLED_S` of yes: flow that is switched
+    off and on by itself lays stripes."""
 
     def __init__(self) -> None:
-        self._good, self._flickers, self._bad_s = True, False, -inf     # bad_s: seen bad then the last time
+        # bad_s: seen bad then the last time
+        self._good, self._flickers, self._bad_s = True, False, -inf
 
     def take(self, now_s: float, good: bool) -> bool:
         lately = now_s - self._bad_s < SETTLED_S
@@ -127,39 +135,50 @@ class Steady:
 
 
 QUIT = "asked to quit"
-WORKER = "control worker"      # by whom a run is stopped that nobody stopped
-Reply = Callable[[Answer, dict[str, Any]], None]     # must return at once; the second part goes with the answer
+WORKER = "control worker"  # by whom a run is stopped that nobody stopped
+# must return at once; the second part goes with the answer
+Reply = Callable[[Answer, dict[str, Any]], None]
 
 
 class Waiting(NamedTuple):
     what: What
     reply: Reply
-    by: str = ""              # the name of who asks
+    by: str = ""  # the name of who asks
 
 
 class Host:
-    """Runs one assembly until asked to stop, or until no operating console was heard for `orphan_s`.
+    """Runs one assembly until asked to stop, or until no operating console was heard for
+    `orphan_s`.
 
-    `clock` gives seconds since the start of the run (the time base of log and measurements), `sleep` waits seconds.
+    `clock` gives seconds since the start of the run (the time base of log and measurements),
+    `sleep` waits seconds.
     """
 
-    def __init__(self, assembly: Assembly, clock: Callable[[], float], sleep: Callable[[float], None], *,
-                 hz: float = HZ_DEFAULT, orphan_s: float = ORPHAN_S) -> None:
+    def __init__(
+        self,
+        assembly: Assembly,
+        clock: Callable[[], float],
+        sleep: Callable[[float], None],
+        *,
+        hz: float = HZ_DEFAULT,
+        orphan_s: float = ORPHAN_S,
+    ) -> None:
         self.newest: Frame | None = None
-        self.attached: tuple[Attached, ...] = ()     # reported by the link
+        self.attached: tuple[Attached, ...] = ()  # reported by the link
         self._ordered: deque[Ordered] = deque(maxlen=LATEST)
-        self._notes: deque[str] = deque()            # events that the link has for the log
-        self.ended = ""                              # why the run ended; empty while it runs
+        self._notes: deque[str] = deque()  # events that the link has for the log
+        self.ended = ""  # why the run ended; empty while it runs
         self.period = Punctuality(1.0 / hz)
         self._bench, self._loop, self._writer, self._names, self._keeper = assembly
         self._clock, self._sleep = clock, sleep
         self._orphan_s = orphan_s
         self._ticks_a_frame = ceil(hz / FRAME_HZ - 1e-9)
-        self._inbox: deque[Waiting] = deque()        # filled by other threads
-        self._waiting: list[Waiting] = []            # taken from there by the loop, and not yet answered
+        self._inbox: deque[Waiting] = deque()  # filled by other threads
+        # taken from there by the loop, and not yet answered
+        self._waiting: list[Waiting] = []
         self._heard_s = clock()
         self._ticks = 0
-        self._state: str | None = None               # of the newest tick
+        self._state: str | None = None  # of the newest tick
         self._files = SideFiles()
         self._device_service = DeviceService(self._bench, self._names.log_path, self._files)
         self.lag = LagBench(self._bench, self._loop, self._files)
@@ -168,25 +187,30 @@ class Host:
         self._devices_due_s = -inf
         self._totals: Totals | None = None
         self._totals_due_s = -inf
-        self._stop = ""                              # why the run shall end
+        self._stop = ""  # why the run shall end
         self._stopped_by = ""
-        self._off = False                            # the last tick, with the loop stopped, was run
+        self._off = False  # the last tick, with the loop stopped, was run
         self._log = Steady()
-        self._cut_short: Path | None = None          # the log before this one, which another program has cut short
+        # the log before this one, which another program has cut short
+        self._cut_short: Path | None = None
         self._cut_s = -inf
-        self._failed = ""                            # why the last tick could not be finished; empty: it was
-        self._reported: set[str] = set()                 # failures that stderr has heard of
+        # why the last tick could not be finished; empty: it was
+        self._failed = ""
+        self._reported: set[str] = set()  # failures that stderr has heard of
 
-    # --- called from other threads -----------------------------------------------------------------------------------
+    # --- called from other threads
+    # -----------------------------------------------------------------------------------
 
     def note(self, event: str) -> None:
         """An event for the log's next row."""
         self._notes.append(event)
 
     def ask(self, what: What, reply: Reply, by: str = "") -> bool:
-        """Queue a request; False when too many are waiting. The answer comes with the next tick, on its thread.
+        """Queue a request; False when too many are waiting. The answer comes with the next
+        tick, on its thread.
 
-        What stops the machine is never refused, and never waits: the next tick answers all that came before it.
+        What stops the machine is never refused, and never waits: the next tick answers all that
+        came before it.
         """
         if len(self._inbox) + len(self._waiting) >= REQUESTS_WAITING and not _stops(what):
             return False
@@ -197,14 +221,17 @@ class Host:
         self._heard_s = self._clock()
 
     def stop(self, why: str, by: str = WORKER) -> None:
-        """End the run: one more tick, with the loop ordered to stop (also safe in a signal handler)."""
+        """End the run: one more tick, with the loop ordered to stop (also safe in a signal
+        handler)."""
         if not self._stop:
             self._stop, self._stopped_by = why, by
 
-    # --- the run -----------------------------------------------------------------------------------------------------
+    # --- the run
+    # ----------------------------------------------------------------------------------------------
 
     def run(self) -> str:
-        """Tick until stopped or orphaned; returns why. Drives are off and the log is closed however this ends."""
+        """Tick until stopped or orphaned; returns why. Drives are off and the log is closed
+        however this ends."""
         why = "failed"
         try:
             due_s = self._clock()
@@ -223,8 +250,8 @@ class Host:
         return why
 
     def tick(self, now_s: float) -> None:
-        """Orders, measurements, decision, drives, log, frame: in this order. Never raises: a tick that fails stops the
-        drives, and the next one goes on."""
+        """Orders, measurements, decision, drives, log, frame: in this order. Never raises: a
+        tick that fails stops the drives, and the next one goes on."""
         for waiting in self._due():
             self._answer(waiting, now_s)
         self._off = bool(self._stop)
@@ -246,7 +273,7 @@ class Host:
         while self._notes:
             self._loop.note(self._notes.popleft())
         for service in (self._device_service.tick, self.lag.tick):
-            self._guarded(lambda service=service: service(now_s, self._state))      # type: ignore[misc]
+            self._guarded(lambda service=service: service(now_s, self._state))  # type: ignore[misc]
         log_ok = self._log.take(now_s, self._writer.ok)
         tick = self._loop.tick(measurements, now_s - self._heard_s, log_ok)
         self._bench.command(now_s, tick.command, tick.enabled)
@@ -272,16 +299,21 @@ class Host:
         self._writer.append(tick.row)
 
     def _fail(self, now_s: float, error: Exception) -> None:
-        """A tick that could not be finished: drives stopped, the loop off, the console informed, even where all else
-        fails."""
+        """A tick that could not be finished: drives stopped, the loop off, the console
+        informed, even where all else fails."""
         self._guarded(lambda: self._bench.command(now_s, None, False))
         self._guarded(lambda: self._loop.order(Order(Do.STOP), WORKER))
         self._failed = self._reported_once(error)
         if self.newest is not None:
             alarm = Alarm("control_failed", Severity.RED, now_s, False)
             others = tuple(one for one in self.newest.alarms if one.id != alarm.id)
-            self.newest = replace(self.newest, seq=self._ticks, at_s=now_s, alarms=(alarm, *others),
-                                  why_no_flow=("not_working",))
+            self.newest = replace(
+                self.newest,
+                seq=self._ticks,
+                at_s=now_s,
+                alarms=(alarm, *others),
+                why_no_flow=("not_working",),
+            )
 
     def _guarded(self, do: Callable[[], object]) -> None:
         """What may fail without costing the tick; what it was is reported once."""
@@ -294,11 +326,17 @@ class Host:
         said = f"{type(error).__name__}: {error}"[:TEXT_CHARACTERS]
         if said not in self._reported and len(self._reported) < REPORTED_KINDS:
             self._reported.add(said)
-            print("topdress worker:", "".join(traceback.format_exception(error)), file=sys.stderr, flush=True)
+            print(
+                "topdress worker:",
+                "".join(traceback.format_exception(error)),
+                file=sys.stderr,
+                flush=True,
+            )
         return said
 
     def close(self, why: str) -> None:
-        """Drives off, log whole, devices closed: each even where the one before fails. Doing it twice is fine."""
+        """Drives off, log whole, devices closed: each even where the one before fails. Doing it
+        twice is fine."""
         if self.ended:
             return
         self.ended = why
@@ -313,7 +351,8 @@ class Host:
                 self._files.close()
                 self._bench.close()
 
-    # --- inside ------------------------------------------------------------------------------------------------------
+    # --- inside
+    # ----------------------------------------------------------------------------------------------
 
     def _next_due(self, due_s: float, now_s: float) -> float:
         period_s = self.period.period_s
@@ -325,10 +364,14 @@ class Host:
         return due_s + missed * period_s
 
     def _due(self) -> list[Waiting]:
-        """The requests of this tick in the order they came: a bounded number, but always up to the last that stops."""
+        """The requests of this tick in the order they came: a bounded number, but always up to
+        the last that stops."""
         while self._inbox:
             self._waiting.append(self._inbox.popleft())
-        stop = max((number for number, one in enumerate(self._waiting, start=1) if _stops(one.what)), default=0)
+        stop = max(
+            (number for number, one in enumerate(self._waiting, start=1) if _stops(one.what)),
+            default=0,
+        )
         count = max(REQUESTS_A_TICK, stop)
         due, self._waiting = self._waiting[:count], self._waiting[count:]
         return due
@@ -359,8 +402,12 @@ class Host:
     def _order(self, order: Order, by: str) -> Answer:
         try:
             return self._loop.order(order, by)
-        except Exception as error:           # an order that the loop cannot digest stops no machine in the field
-            return Answer(False, f"internal_error: {order.do} {order.value!r}: {type(error).__name__}: {error}")
+        # an order that the loop cannot digest stops no machine in the field
+        except Exception as error:
+            return Answer(
+                False,
+                f"internal_error: {order.do} {order.value!r}: {type(error).__name__}: {error}",
+            )
 
     def _device_order(self, order: DeviceOrder, now_s: float) -> Answer:
         try:
@@ -377,18 +424,35 @@ class Host:
             self._totals, self._totals_due_s = self._loop.totals, now_s + TOTALS_S
         shown: dict[str, Any] = {name: getattr(tick, name) for name in FRAME_FIELDS}
         return Frame(
-            seq=self._ticks, at_s=now_s, job=names.job, machine=names.machine, crop=names.crop, log_path=names.log_path,
-            simulated=names.simulated, devices=self._devices, totals=self._totals, lag_test=self.lag.view(),
-            consoles=sum(one.keeps for one in self.attached), attached=self.attached, ordered=tuple(self._ordered),
-            tally=None if self._keeper is None else self._keeper.tally, **shown)
+            seq=self._ticks,
+            at_s=now_s,
+            job=names.job,
+            machine=names.machine,
+            crop=names.crop,
+            log_path=names.log_path,
+            simulated=names.simulated,
+            devices=self._devices,
+            totals=self._totals,
+            lag_test=self.lag.view(),
+            consoles=sum(one.keeps for one in self.attached),
+            attached=self.attached,
+            ordered=tuple(self._ordered),
+            tally=None if self._keeper is None else self._keeper.tally,
+            **shown,
+        )
 
     def _view(self, status: DeviceStatus) -> DeviceView:
         known = {name: getattr(status, name) for name in DeviceStatus.__dataclass_fields__}
         line = self._bench.line(status.name)
-        return DeviceView(**known, plugged=line is None or line.plugged,
-                          capture_path=self._device_service.capture_path(status.name),
-                          test=self._device_service.test(status.name))
+        return DeviceView(
+            **known,
+            plugged=line is None or line.plugged,
+            capture_path=self._device_service.capture_path(status.name),
+            test=self._device_service.test(status.name),
+        )
 
 
 def _stops(what: What) -> bool:
-    return what is Ask.QUIT or (isinstance(what, Order) and what.do in (Do.STOP, Do.HOLD, Do.RELEASE))
+    return what is Ask.QUIT or (
+        isinstance(what, Order) and what.do in (Do.STOP, Do.HOLD, Do.RELEASE)
+    )

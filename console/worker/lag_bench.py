@@ -1,7 +1,10 @@
-"""The lag test as the worker runs it: the procedure's wishes become orders to the loop and to the rig, tick by tick.
+"""The lag test as the worker runs it: the procedure's wishes become orders to the loop and to
+the rig, tick by tick.
 
-It starts no shaft by itself: it only says what a calibrating run is to do, and every rule of such a run holds.
+It starts no shaft by itself: it only says what a calibrating run is to do, and every rule of
+such a run holds.
 """
+
 from __future__ import annotations
 
 from pathlib import Path
@@ -24,14 +27,16 @@ class LagBench:
         self._written = 0
         self._said = ""
         self._phase = ""
-        self._sent_rpm: float | None = None         # as accepted; None: this calibrating run has no command yet
+        # as accepted; None: this calibrating run has no command yet
+        self._sent_rpm: float | None = None
 
     @property
     def test(self) -> LagTest | None:
         return self._test
 
     def begin(self, table: Path | None, plan: Plan | None = None) -> Answer:
-        """Begin a test from its first run. `table`: where each run is written when it is measured."""
+        """Begin a test from its first run. `table`: where each run is written when it is
+        measured."""
         if self._bench.rig is None:
             return Answer(False, "no_lag_rig")
         self._test, self._table, self._written, self._said = LagTest(plan), table, 0, ""
@@ -46,7 +51,8 @@ class LagBench:
         self._test = None
 
     def tick(self, now_s: float, state: str | None) -> None:
-        """`state`: of the newest tick, so one tick old: an order that comes too late is refused by the loop."""
+        """`state`: of the newest tick, so one tick old: an order that comes too late is refused
+        by the loop."""
         if self._test is None:
             return
         allowed = state == State.CALIBRATING
@@ -65,13 +71,20 @@ class LagBench:
         if test is None:
             return None
         shaft_rpm, replicate = test.now
-        return LagTestView(self._phase, shaft_rpm, replicate, test.progress,
-                           tuple((run.shaft_rpm, run.response_s, run.drop_s) for run in test.runs),
-                           len(test.left_out), self._said, str(self._table or ""))
+        return LagTestView(
+            self._phase,
+            shaft_rpm,
+            replicate,
+            test.progress,
+            tuple((run.shaft_rpm, run.response_s, run.drop_s) for run in test.runs),
+            len(test.left_out),
+            self._said,
+            str(self._table or ""),
+        )
 
     def _write(self) -> None:
         assert self._test is not None
-        for run in self._test.runs[self._written:]:
+        for run in self._test.runs[self._written :]:
             if self._table is not None:
                 self._files.append(self._table, bench_row(run).encode())
         self._written = len(self._test.runs)

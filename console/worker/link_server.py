@@ -1,14 +1,17 @@
 """The worker's end of the link: clients on loopback, in a thread of its own.
 
-Each client gets the newest frame when it is due (`Telling`); a client that has not taken the last one yet misses frames
-rather than being waited for. Clients that hold the token may order; the others look.
+Each client gets the newest frame when it is due (`Telling`); a client that has not taken the
+last one yet misses frames rather than being waited for. Clients that hold the token may order;
+the others look.
 
-Everybody on this computer can connect, and send as much as he likes. So whoever has shown the token comes first: those
-are heard the moment they say something, a bounded number of lines each. All others take turns `STRANGERS_S` apart, a
-few lines each, and so many of them are let in and no more. Who was refused too often is put aside: he is not read any
-more, so that he waits for us, and is then disconnected. Places are kept for those who have shown the token; those who
-only look have places of their own, and who says nothing is disconnected.
+Everybody on this computer can connect, and send as much as he likes. So whoever has shown the
+token comes first: those are heard the moment they say something, a bounded number of lines
+each. All others take turns `STRANGERS_S` apart, a few lines each, and so many of them are let
+in and no more. Who was refused too often is put aside: he is not read any more, so that he
+waits for us, and is then disconnected. Places are kept for those who have shown the token;
+those who only look have places of their own, and who says nothing is disconnected.
 """
+
 from __future__ import annotations
 
 import os
@@ -48,12 +51,15 @@ from console.worker.limits import (
 from console.worker.requests import Ask, Refusal, Request, parse
 from control.orders import Answer, State
 
-# When a frame is reported to the consoles: what changed at once, a machine that moves often, one that stands
-# seldom.
+# When a frame is reported to the consoles: what changed at once, a machine that moves often,
+# one that stands seldom.
 AT_WORK = (State.WORKING, State.CALIBRATING)
-STANDS_MPS = 0.05           # slower: standing, as the filters of the speed have it
-STANDS_RPM = 2.0            # six s.d. of the nominal encoder's noise, as safety has it
-HALF_A_TICK_S = 0.02        # a tick that comes a little sooner than it should is the one that is due
+# slower: standing, as the filters of the speed have it
+STANDS_MPS = 0.05
+# six s.d. of the nominal encoder's noise, as safety has it
+STANDS_RPM = 2.0
+# a tick that comes a little sooner than it should is the one that is due
+HALF_A_TICK_S = 0.02
 
 
 class Telling:
@@ -61,16 +67,18 @@ class Telling:
 
     def __init__(self) -> None:
         self._sent_s = -inf
-        self._words: Any = None         # of the frame reported last
-        self._comes, self._come_until_s = False, -inf       # since the frame looked at last; by the clock of frames
-        self.moves = True               # by the frame looked at last
+        self._words: Any = None  # of the frame reported last
+        # since the frame looked at last; by the clock of frames
+        self._comes, self._come_until_s = False, -inf
+        self.moves = True  # by the frame looked at last
 
     def hurry(self) -> None:
         """The next frame is reported: an order was answered."""
         self._sent_s = -inf
 
     def come(self) -> None:
-        """A console came: it waits for no frame, and its first numbers move at once, as those of a machine at work."""
+        """A console came: it waits for no frame, and its first numbers move at once, as those
+        of a machine at work."""
         self.hurry()
         self._comes = True
 
@@ -89,30 +97,73 @@ class Telling:
 def _moves(frame: Frame) -> bool:
     """Whether numbers are looked at because something goes on."""
     row = frame.row
-    return (row.state in AT_WORK or frame.lag_test is not None or (row.speed_used_mps or 0.0) >= STANDS_MPS
-            or (row.shaft_rpm or 0.0) >= STANDS_RPM or any(
-                one.test is not None and one.test.running for one in frame.devices))
+    return (
+        row.state in AT_WORK
+        or frame.lag_test is not None
+        or (row.speed_used_mps or 0.0) >= STANDS_MPS
+        or (row.shaft_rpm or 0.0) >= STANDS_RPM
+        or any(one.test is not None and one.test.running for one in frame.devices)
+    )
 
 
 def _words(frame: Frame) -> tuple[Any, ...]:
     """All of a frame that is no measured number."""
     row = frame.row
-    return (row.state, row.strategy, row.target_source, row.nudge_percent, row.work_switch, row.events, row.fix_quality,
-            frame.alarms, frame.why_no_flow, frame.why_state, frame.allow, frame.notes, frame.dropped_heads,
-            frame.look_ahead, frame.flow_trim_on, frame.no_double, frame.sections, frame.strips, frame.bench is None,
-            frame.lag_test, None if frame.tally is None else frame.tally._replace(held_s=0.0), frame.consoles,
-            frame.attached, frame.ordered,
-            frame.job, frame.machine, frame.crop, frame.log_path,
-            [(one.name, one.connected, one.plugged, one.protocol, one.last_error, one.capture_path, one.test)
-             for one in frame.devices])
+    return (
+        row.state,
+        row.strategy,
+        row.target_source,
+        row.nudge_percent,
+        row.work_switch,
+        row.events,
+        row.fix_quality,
+        frame.alarms,
+        frame.why_no_flow,
+        frame.why_state,
+        frame.allow,
+        frame.notes,
+        frame.dropped_heads,
+        frame.look_ahead,
+        frame.flow_trim_on,
+        frame.no_double,
+        frame.sections,
+        frame.strips,
+        frame.bench is None,
+        frame.lag_test,
+        None if frame.tally is None else frame.tally._replace(held_s=0.0),
+        frame.consoles,
+        frame.attached,
+        frame.ordered,
+        frame.job,
+        frame.machine,
+        frame.crop,
+        frame.log_path,
+        [
+            (
+                one.name,
+                one.connected,
+                one.plugged,
+                one.protocol,
+                one.last_error,
+                one.capture_path,
+                one.test,
+            )
+            for one in frame.devices
+        ],
+    )
 
 
-LOOK_S = 0.01                 # how often an answer, and the frame after it, is looked for; and while strangers come
-QUICK_S = 0.3                 # for so long after an order: its answer, the frame of that tick and of the next ones
-REST_S = 0.04                 # how often a new frame is looked for while it moves: ticks are 0.05 s apart
-STILL_S = 0.1                 # and while the machine stands, of which two frames a second are reported
-IDLE_S = 0.1                  # and while nobody is
-PAUSE_S = 0.005               # between two turns of a holder of the token who says more than a turn takes
+# how often an answer, and the frame after it, is looked for; and while strangers come
+LOOK_S = 0.01
+# for so long after an order: its answer, the frame of that tick and of the next ones
+QUICK_S = 0.3
+# how often a new frame is looked for while it moves: ticks are 0.05 s apart
+REST_S = 0.04
+# and while the machine stands, of which two frames a second are reported
+STILL_S = 0.1
+IDLE_S = 0.1  # and while nobody is
+# between two turns of a holder of the token who says more than a turn takes
+PAUSE_S = 0.005
 
 Events = list[tuple[selectors.SelectorKey, int]]
 PLACES = {ClientKind.LOOKING: CLIENTS_LOOKING, ClientKind.WITH_KEY: CLIENTS_WITH_KEY}
@@ -123,7 +174,8 @@ class LinkServer(threading.Thread):
 
     def __init__(self, host: Host, token: str, clock: Callable[[], float] = time.monotonic) -> None:
         super().__init__(name="link", daemon=True)
-        self.counts: Counter[str] = Counter()      # malformed, oversized, unauthorised, busy, dropped_frames, ...
+        # malformed, oversized, unauthorised, busy, dropped_frames, ...
+        self.counts: Counter[str] = Counter()
         self._host = host
         self._token = token
         self._clock = clock
@@ -131,21 +183,23 @@ class LinkServer(threading.Thread):
         self._listener.setblocking(False)
         self.port: int = self._listener.getsockname()[1]
         self._clients: list[Client] = []
-        self._holders = selectors.DefaultSelector()          # sockets of those who have shown the token
-        self._strangers = selectors.DefaultSelector()        # the listener, and all others
+        # sockets of those who have shown the token
+        self._holders = selectors.DefaultSelector()
+        self._strangers = selectors.DefaultSelector()  # the listener, and all others
         self._strangers.register(self._listener, selectors.EVENT_READ)
         self._strangers_due_s = 0.0
         self._answers: deque[tuple[Client, bytes]] = deque()
         self._telling = Telling()
         self._seen_seq = -1
-        self._quick_until_s = 0.0                            # an answer, or what comes of an order, is waited for
-        self._strangers_come = False                         # at their last turn
+        # an answer, or what comes of an order, is waited for
+        self._quick_until_s = 0.0
+        self._strangers_come = False  # at their last turn
         self._closing = threading.Event()
 
     def run(self) -> None:
         last = False
         while not last:
-            last = self._closing.is_set()              # what was queued before `close` still goes out
+            last = self._closing.is_set()  # what was queued before `close` still goes out
             self._hear_holders(self._wait())
             self._tell()
             if self._clock() >= self._strangers_due_s:
@@ -163,30 +217,33 @@ class LinkServer(threading.Thread):
         if self.is_alive():
             self.join(timeout_s)
 
-    # --- whose turn it is --------------------------------------------------------------------------------------------
+    # --- whose turn it is
+    # --------------------------------------------------------------------------------------------
 
     def _wait(self) -> Events:
-        """Until a holder of the token says something, or a frame may be there, or strangers have their turn. What the
-        holders have said, where it was waited for."""
+        """Until a holder of the token says something, or a frame may be there, or strangers
+        have their turn. What the holders have said, where it was waited for."""
         holders = [client for client in self._clients if client.kind is ClientKind.WITH_KEY]
         wait_s = REST_S if self._telling.moves else STILL_S
         if self._strangers_come or self._clock() < self._quick_until_s:
             wait_s = LOOK_S
         if any(client.waits for client in holders):
-            self._closing.wait(PAUSE_S)                # the loop needs the interpreter too
+            self._closing.wait(PAUSE_S)  # the loop needs the interpreter too
         elif holders:
             return self._holders.select(wait_s)
         else:
             self._strangers.select(wait_s if self._clients else IDLE_S)
             self._closing.wait(max(0.0, self._strangers_due_s - self._clock()))
-        return self._holders.select(0.0) if holders else []        # Windows cannot choose from nothing
+        # Windows cannot choose from nothing
+        return self._holders.select(0.0) if holders else []
 
     def _hear_holders(self, said: Events) -> None:
         for client in self._ready(said, ClientKind.WITH_KEY):
             self._guarded(client)
 
     def _hear_strangers(self) -> None:
-        """One turn of all who have not shown the token: those who are there, then those who come."""
+        """One turn of all who have not shown the token: those who are there, then those who
+        come."""
         said = self._strangers.select(0.0)
         self._strangers_come = bool(said)
         for client in self._ready(said, ClientKind.NEW, ClientKind.LOOKING):
@@ -198,10 +255,17 @@ class LinkServer(threading.Thread):
     def _ready(self, said: Events, *kinds: ClientKind) -> list[Client]:
         """Who of these has something to be heard. Nothing waits here."""
         new = {id(key.data) for key, _ in said if key.data is not None}
-        return [client for client in self._clients if client.kind in kinds and client.aside_s is None
-                and not client.gone and (client.waits or id(client) in new)]
+        return [
+            client
+            for client in self._clients
+            if client.kind in kinds
+            and client.aside_s is None
+            and not client.gone
+            and (client.waits or id(client) in new)
+        ]
 
-    # --- coming and going --------------------------------------------------------------------------------------------
+    # --- coming and going
+    # --------------------------------------------------------------------------------------------
 
     def _accept(self) -> None:
         """Those who wait to be let in, a bounded number in one turn."""
@@ -217,9 +281,12 @@ class LinkServer(threading.Thread):
             client.send(wire.greeting(os.getpid()))
 
     def _make_room(self) -> None:
-        """No more new clients than allowed: who was put aside gives his place, then the oldest that still has nothing
-        to say."""
-        while len(new := [c for c in self._clients if c.kind is ClientKind.NEW and not c.gone]) >= CLIENTS_NEW:
+        """No more new clients than allowed: who was put aside gives his place, then the oldest
+        that still has nothing to say."""
+        while (
+            len(new := [c for c in self._clients if c.kind is ClientKind.NEW and not c.gone])
+            >= CLIENTS_NEW
+        ):
             oldest = next((client for client in new if client.aside_s is not None), new[0])
             if oldest.aside_s is None:
                 self._guarded(oldest)
@@ -248,7 +315,8 @@ class LinkServer(threading.Thread):
             if client.shown is not None:
                 self._host.note(f"left {client.shown.name}")
 
-    # --- what is said ------------------------------------------------------------------------------------------------
+    # --- what is said
+    # ----------------------------------------------------------------------------------------------
 
     def _guarded(self, client: Client) -> None:
         """A client whose lines raise is put aside: it ends, nobody else."""
@@ -260,8 +328,10 @@ class LinkServer(threading.Thread):
 
     def _hear(self, client: Client) -> None:
         with_key = client.kind is ClientKind.WITH_KEY
-        lines = client.lines(LINES_A_TURN if with_key else LINES_A_TURN_WITHOUT_KEY,
-                             LINE_BYTES if with_key else READ_BYTES_WITHOUT_KEY)
+        lines = client.lines(
+            LINES_A_TURN if with_key else LINES_A_TURN_WITHOUT_KEY,
+            LINE_BYTES if with_key else READ_BYTES_WITHOUT_KEY,
+        )
         if client.oversized:
             self.counts["oversized"] += 1
             client.gone = True
@@ -289,7 +359,9 @@ class LinkServer(threading.Thread):
         client.send(wire.answered(None, Answer(False, "refused too often"), {}))
 
     def _take_request(self, client: Client, request: Request) -> None:
-        if not self._has_place(client, ClientKind.WITH_KEY if request.with_key else ClientKind.LOOKING):
+        if not self._has_place(
+            client, ClientKind.WITH_KEY if request.with_key else ClientKind.LOOKING
+        ):
             self.counts["clients_refused"] += 1
             client.gone = True
             return
@@ -299,18 +371,27 @@ class LinkServer(threading.Thread):
         if request.what is Ask.LOOK:
             self._call(client, request)
         if request.what in (Ask.ALIVE, Ask.LOOK):
-            client.send(wire.answered(request.id, Answer(True), {"name": client.name} if request.name else {}))
+            client.send(
+                wire.answered(
+                    request.id, Answer(True), {"name": client.name} if request.name else {}
+                )
+            )
             return
         self._quick_until_s = self._clock() + QUICK_S
-        if not self._host.ask(request.what, partial(self._reply, client, request.id, request.what is Ask.STATS),
-                              client.name or UNNAMED):
+        if not self._host.ask(
+            request.what,
+            partial(self._reply, client, request.id, request.what is Ask.STATS),
+            client.name or UNNAMED,
+        ):
             self.counts["busy"] += 1
             client.send(wire.answered(request.id, Answer(False, "busy"), {}))
 
     def _call(self, client: Client, request: Request) -> None:
         """By its own word, but never as somebody else; once shown it stays."""
         if client.shown is None and not client.name:
-            others = {other.name for other in self._clients if other is not client and not other.gone}
+            others = {
+                other.name for other in self._clients if other is not client and not other.gone
+            }
             client.name, client.tablet = unlike(request.name or UNNAMED, others), request.tablet
 
     def _has_place(self, client: Client, kind: ClientKind) -> bool:
@@ -322,14 +403,20 @@ class LinkServer(threading.Thread):
             self._strangers.unregister(client.connection)
             self._holders.register(client.connection, selectors.EVENT_READ, client)
         client.kind = kind
-        self._telling.come()                           # who comes waits for no frame: it gets the newest
+        # who comes waits for no frame: it gets the newest
+        self._telling.come()
         self._seen_seq = -1
         return True
 
-    def _reply(self, client: Client, number: int, with_counts: bool, answer: Answer, extra: dict[str, Any]) -> None:
+    def _reply(
+        self, client: Client, number: int, with_counts: bool, answer: Answer, extra: dict[str, Any]
+    ) -> None:
         """Called by the loop: only queues."""
         if with_counts:
-            extra = {name: part | {"clients": len(self._clients)} | dict(self.counts) for name, part in extra.items()}
+            extra = {
+                name: part | {"clients": len(self._clients)} | dict(self.counts)
+                for name, part in extra.items()
+            }
         self._answers.append((client, wire.answered(number, answer, extra)))
 
     def _tell(self) -> None:
@@ -352,8 +439,9 @@ class LinkServer(threading.Thread):
         """To the frames, and who comes, falls silent or is heard again to the log."""
         now_s = self._clock()
         for client in self._clients:
-            settled = client.kind is ClientKind.WITH_KEY or (client.kind is ClientKind.LOOKING
-                                                             and client.came_s < now_s - LOOKER_STAYS_S)
+            settled = client.kind is ClientKind.WITH_KEY or (
+                client.kind is ClientKind.LOOKING and client.came_s < now_s - LOOKER_STAYS_S
+            )
             if client.gone or not settled:
                 continue
             before, now = client.shown, client.attached(now_s - CONSOLE_S)
@@ -366,7 +454,9 @@ class LinkServer(threading.Thread):
             elif now.keeps and client.was_silent:
                 client.was_silent = False
                 self._host.note(f"heard {now.name}")
-        self._host.attached = tuple(one.shown for one in self._clients if one.shown is not None and not one.gone)
+        self._host.attached = tuple(
+            one.shown for one in self._clients if one.shown is not None and not one.gone
+        )
 
     def _send(self, frame: Frame) -> None:
         try:

@@ -1,4 +1,5 @@
 """What the worker is started with. Light: it is read before anything else is imported."""
+
 from __future__ import annotations
 
 import argparse
@@ -11,34 +12,67 @@ from console.worker.limits import HZ_DEFAULT, HZ_HIGHEST, HZ_LOWEST, ORPHAN_S
 
 @dataclass(frozen=True, slots=True)
 class Options:
-    """What the worker was started with. `config`: job, machine, crop, cab files in any order (kind by `format:`)."""
+    """What the worker was started with. `config`: job, machine, crop, cab files in any order
+    (kind by `format:`)."""
 
     config: tuple[str, ...]
     run_file: Path
     hz: float = HZ_DEFAULT
-    log: str | None = None             # None: a new file in the user's data folder
-    seed: int = 1                      # of the simulated machine
-    effects: tuple[str, ...] = ()      # ID=SIZE[@ONSET_S][#MEMBER], planted in the simulated machine
+    log: str | None = None  # None: a new file in the user's data folder
+    seed: int = 1  # of the simulated machine
+    # ID=SIZE[@ONSET_S][#MEMBER], planted in the simulated machine
+    effects: tuple[str, ...] = ()
     orphan_s: float = ORPHAN_S
-    resume: Path | None = None         # go on with the job of this snapshot
+    resume: Path | None = None  # go on with the job of this snapshot
 
 
 def options_from(arguments: Sequence[str]) -> Options:
     """Read the command line; ends the process with one line and code 2 where it is wrong."""
-    parser = argparse.ArgumentParser(prog="python -P -m console.worker", description="The control worker of topdress.")
-    parser.add_argument("--config", action="append", default=[], metavar="FILE",
-                        help="job, machine, crop or cab file (repeatable); none: the simulated machine")
-    parser.add_argument("--run-file", type=Path, required=True, help="where to say on which port this worker listens")
-    parser.add_argument("--hz", type=_hz, default=HZ_DEFAULT, help=f"ticks a second (default {HZ_DEFAULT:g})")
-    parser.add_argument("--log", metavar="NAME.csv", help="run log (default: a new file in the user's data folder)")
+    parser = argparse.ArgumentParser(
+        prog="python -P -m console.worker", description="The control worker of topdress."
+    )
+    parser.add_argument(
+        "--config",
+        action="append",
+        default=[],
+        metavar="FILE",
+        help="job, machine, crop or cab file (repeatable); none: the simulated machine",
+    )
+    parser.add_argument(
+        "--run-file",
+        type=Path,
+        required=True,
+        help="where to say on which port this worker listens",
+    )
+    parser.add_argument(
+        "--hz", type=_hz, default=HZ_DEFAULT, help=f"ticks a second (default {HZ_DEFAULT:g})"
+    )
+    parser.add_argument(
+        "--log", metavar="NAME.csv", help="run log (default: a new file in the user's data folder)"
+    )
     parser.add_argument("--seed", type=int, default=1, help="of the simulated machine")
-    parser.add_argument("--effect", action="append", default=[], metavar="ID=SIZE",
-                        help="plant an effect in the simulated machine (repeatable)")
-    parser.add_argument("--resume", type=Path, metavar="NAME.resume.json", help="go on with this job, in a new log")
+    parser.add_argument(
+        "--effect",
+        action="append",
+        default=[],
+        metavar="ID=SIZE",
+        help="plant an effect in the simulated machine (repeatable)",
+    )
+    parser.add_argument(
+        "--resume", type=Path, metavar="NAME.resume.json", help="go on with this job, in a new log"
+    )
     parser.add_argument("--orphan-s", type=float, default=ORPHAN_S, help=argparse.SUPPRESS)
     given = parser.parse_args(arguments)
-    return Options(config=tuple(given.config), run_file=given.run_file, hz=given.hz, log=given.log, seed=given.seed,
-                   effects=tuple(given.effect), orphan_s=given.orphan_s, resume=given.resume)
+    return Options(
+        config=tuple(given.config),
+        run_file=given.run_file,
+        hz=given.hz,
+        log=given.log,
+        seed=given.seed,
+        effects=tuple(given.effect),
+        orphan_s=given.orphan_s,
+        resume=given.resume,
+    )
 
 
 def _hz(text: str) -> float:

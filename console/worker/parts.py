@@ -1,4 +1,6 @@
-"""The parts that a host drives: a bench of devices, the control loop, a log writer, and who keeps the job."""
+"""The parts that a host drives: a bench of devices, the control loop, a log writer, and who
+keeps the job."""
+
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -25,7 +27,7 @@ class Bench(Protocol):
     def status(self, now_s: float) -> Sequence[DeviceStatus]: ...
     def line(self, name: str) -> DeviceLine | None: ...
     @property
-    def rig(self) -> RigReadings | None: ...                # newest line of the lag rig
+    def rig(self) -> RigReadings | None: ...  # newest line of the lag rig
     def order_rig(self, run: int, arm: bool) -> None: ...
     def close(self) -> None: ...
 
@@ -35,7 +37,8 @@ FRAME_FIELDS = tuple(name for name in Frame.__dataclass_fields__ if hasattr(Tick
 
 
 class Writer(Protocol):
-    """A run log. `append` never touches the disk on the caller's thread; `trouble` is empty while rows reach it."""
+    """A run log. `append` never touches the disk on the caller's thread; `trouble` is empty
+    while rows reach it."""
 
     @property
     def ok(self) -> bool: ...
@@ -44,7 +47,8 @@ class Writer(Protocol):
     @property
     def path(self) -> Path: ...
     @property
-    def cut_short(self) -> Path | None: ...         # the log before this one, which another program has cut short
+    # the log before this one, which another program has cut short
+    def cut_short(self) -> Path | None: ...
     def append(self, row: LogRow) -> None: ...
     def close(self) -> object: ...
 

@@ -1,4 +1,5 @@
 """The worker as a program: options, priority, assembly, link, loop; and leaving nothing behind."""
+
 from __future__ import annotations
 
 import contextlib
@@ -25,7 +26,8 @@ def main(arguments: Sequence[str], assemble: Assemble) -> int:
     options = options_from(arguments)
     with contextlib.ExitStack() as until_the_end:
         try:
-            right = until_the_end.enter_context(run_file.held(options.run_file))      # before any device is opened
+            # before any device is opened
+            right = until_the_end.enter_context(run_file.held(options.run_file))
         except OSError as error:
             return refused(error)
         return run(options, assemble, right)
@@ -33,7 +35,8 @@ def main(arguments: Sequence[str], assemble: Assemble) -> int:
 
 def run(options: Options, assemble: Assemble, right: run_file.Right) -> int:
     """As `main`, where the right to be the worker is `run_file.held` already."""
-    why_not = take_priority(os.environ.get("TOPDRESS_FIFO"))      # before any thread starts: all inherit it
+    # before any thread starts: all inherit it
+    why_not = take_priority(os.environ.get("TOPDRESS_FIFO"))
     if why_not:
         print(why_not, file=sys.stderr, flush=True)
     began = time.monotonic()

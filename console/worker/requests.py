@@ -2,13 +2,17 @@
 
     {"id": 7, "token": "...", "do": "hold", "value": null}      an order (`control.orders`)
     {"id": 8, "token": "...", "ask": "alive" | "stats" | "quit" | "lag_test" | "end_lag_test"}
-    {"id": 9, "token": "...", "device": "gnss", "act": "connect" | ...}    one device (`console.frame.DeviceDo`)
-    {"id": 1, "token": null, "ask": "look", "name": "ann@cab pts/3", "tablet": false}     frames only; the one request
-                                                                that needs no token; name and tablet may be left out
+    {"id": 9, "token": "...", "device": "gnss", "act": "connect" | ...}  a device (`frame.DeviceDo`)
+    {"id": 1, "token": null, "ask": "look", "name": "ann@cab pts/3", "tablet": false}
+                            frames only; the one request
+                                                                that needs no token; name and
+                                                                tablet may be left out
 
-Answered by {"answer": 7, "accepted": true, "why": ""}; `stats` is added where asked for, and to `look` the name under
-which all screens have this client. Who says nothing at all is soon disconnected.
+Answered by {"answer": 7, "accepted": true, "why": ""}; `stats` is added where asked for, and to
+`look` the name under which all screens have this client. Who says nothing at all is soon
+disconnected.
 """
+
 from __future__ import annotations
 
 import json
@@ -24,12 +28,15 @@ from control.orders import Do, Order
 
 
 class Ask(StrEnum):
-    ALIVE = "alive"      # a console that can show STOP lives: nothing else keeps the machine working
-    STATS = "stats"      # how punctual the loop is, what the link refused
-    QUIT = "quit"        # off, close the log, exit
-    LAG_TEST = "lag_test"            # begin the lag test: it measures while the state is calibrating
+    # a console that can show STOP lives: nothing else keeps the machine working
+    ALIVE = "alive"
+    STATS = "stats"  # how punctual the loop is, what the link refused
+    QUIT = "quit"  # off, close the log, exit
+    # begin the lag test: it measures while the state is calibrating
+    LAG_TEST = "lag_test"
     END_LAG_TEST = "end_lag_test"
-    LOOK = "look"        # this client wants frames; with the token it has a place that is kept for those who have it
+    # this client wants frames; with the token it has a place that is kept for those who have it
+    LOOK = "look"
 
 
 class DeviceOrder(NamedTuple):
@@ -46,7 +53,7 @@ class Request(NamedTuple):
     id: int
     what: What
     with_key: bool = True
-    name: str = ""           # of a look: how the client calls itself
+    name: str = ""  # of a look: how the client calls itself
     tablet: bool = False
 
 
@@ -54,12 +61,13 @@ class Refusal(NamedTuple):
     """`id` is None where the line does not even tell whom to answer; `kind` is what is counted."""
 
     id: int | None
-    kind: str            # malformed, unauthorised
+    kind: str  # malformed, unauthorised
     why: str
 
 
 def parse(line: bytes, token: str) -> Request | Refusal:
-    """Read one line from a client. Never raises; anything but a well-formed, authorised request is a Refusal."""
+    """Read one line from a client. Never raises; anything but a well-formed, authorised request
+    is a Refusal."""
     try:
         message = json.loads(line, parse_constant=_no_constant)
     except (ValueError, RecursionError):
@@ -71,7 +79,9 @@ def parse(line: bytes, token: str) -> Request | Refusal:
         return Refusal(None, "malformed", "malformed: id")
     with_key = _fits(message.get("token"), token)
     if message.get("ask") == Ask.LOOK:
-        return Request(number, Ask.LOOK, with_key, cleaned(message.get("name")), message.get("tablet") is True)
+        return Request(
+            number, Ask.LOOK, with_key, cleaned(message.get("name")), message.get("tablet") is True
+        )
     if not with_key:
         return Refusal(number, "unauthorised", "unauthorised")
     if "ask" in message:
@@ -116,7 +126,9 @@ def _order(number: int, do: object, value: object) -> Request | Refusal:
 
 
 def _fits(offered: object, token: str) -> bool:
-    return isinstance(offered, str) and secrets.compare_digest(offered.encode(errors="replace"), token.encode())
+    return isinstance(offered, str) and secrets.compare_digest(
+        offered.encode(errors="replace"), token.encode()
+    )
 
 
 def _no_constant(name: str) -> NoReturn:

@@ -1,4 +1,6 @@
-"""What is kept next to the log, so that a job goes on after a power cut: NAME.resume.json. Read here, written whole."""
+"""What is kept next to the log, so that a job goes on after a power cut: NAME.resume.json. Read
+here, written whole."""
+
 from __future__ import annotations
 
 import json
@@ -18,12 +20,14 @@ from control.orders import Strategy
 from drivers.files.atomic import write_atomically
 from drivers.files.limits import RESUME, held_to
 
-WORTH_HA = 0.001            # less done than this: nothing to go on with
-CLOCK_SET = datetime(2020, 1, 1, tzinfo=UTC)        # before there was a topdress: of a clock that nobody has set
-OPEN_DAYS = 14              # a pass over a field takes no longer; the next dressing comes later
+WORTH_HA = 0.001  # less done than this: nothing to go on with
+# before there was a topdress: of a clock that nobody has set
+CLOCK_SET = datetime(2020, 1, 1, tzinfo=UTC)
+# a pass over a field takes no longer; the next dressing comes later
+OPEN_DAYS = 14
 
 Place = tuple[float, float]
-Refill = tuple[str, float]          # UTC, kg
+Refill = tuple[str, float]  # UTC, kg
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -31,37 +35,41 @@ class Snapshot:
     """A job as far as it got. Moments are the worker's UTC, ISO 8601."""
 
     log_path: str
-    began_utc: str = ""                             # of the job, not of its last part
+    began_utc: str = ""  # of the job, not of its last part
     saved_utc: str = ""
-    job: str = ""                                   # names as the screens show them
+    job: str = ""  # names as the screens show them
     machine: str = ""
     crop: str = ""
     simulated: bool = False
-    config: tuple[str, ...] = ()                    # what the worker was started with
+    config: tuple[str, ...] = ()  # what the worker was started with
     seed: int = 1
     effects: tuple[str, ...] = ()
     hz: float = 20.0
-    finished: bool = False                          # by the operator: nothing is offered any more
-    quit: bool = False                              # the worker was asked to end: nothing was cut off
-    logs_before: tuple[str, ...] = ()               # the job's earlier parts, oldest first
-    worked: bool = False                            # flow was commanded: what the snapshot lacks is in the log
-    time_s: float = 0.0                             # of the last row that is in here
+    finished: bool = False  # by the operator: nothing is offered any more
+    # the worker was asked to end: nothing was cut off
+    quit: bool = False
+    logs_before: tuple[str, ...] = ()  # the job's earlier parts, oldest first
+    # flow was commanded: what the snapshot lacks is in the log
+    worked: bool = False
+    time_s: float = 0.0  # of the last row that is in here
     sums: Sums = NOTHING
-    sums_s: float = 0.0                             # of the last row that is in the sums
+    sums_s: float = 0.0  # of the last row that is in the sums
     held_s: float = 0.0
-    moves: int = 0                                  # of the opening's set-point, while working
+    moves: int = 0  # of the opening's set-point, while working
     refills: tuple[Refill, ...] = ()
     strategy: Strategy = Strategy.OPENING_FIRST
     look_ahead: bool = True
     flow_trim_on: bool = True
-    origin_deg: Place | None = None                 # of the plane: latitude, longitude
-    place_m: Place | None = None                    # the outlets' last one
+    origin_deg: Place | None = None  # of the plane: latitude, longitude
+    place_m: Place | None = None  # the outlets' last one
     heading_deg: float | None = None
     hopper_kg: float | None = None
-    ndvi_nrich: float | None = None                 # strips that were measured on the way
+    ndvi_nrich: float | None = None  # strips that were measured on the way
     ndvi_check: float | None = None
-    after_cut_kg: float = 0.0                       # by the machine model: released after the last row, and counted
-    cut_hopper_kg: float | None = None              # the scale at the last row, from the rows before it
+    # by the machine model: released after the last row, and counted
+    after_cut_kg: float = 0.0
+    # the scale at the last row, from the rows before it
+    cut_hopper_kg: float | None = None
     alarms: tuple[AlarmRecord, ...] = ()
     track: tuple[Spot, ...] = ()
     ground: Annotated[Raster, AsBits] = NOTHING_DONE
@@ -75,14 +83,14 @@ class Snapshot:
         return not self.finished and (self.worked or self.area_ha >= WORTH_HA)
 
 
-REFILL_ALIKE_KG = 0.05       # refills are reported to 0.1 kg
+REFILL_ALIKE_KG = 0.05  # refills are reported to 0.1 kg
 
 
 def without_last(refills: tuple[Refill, ...], kg: float) -> tuple[Refill, ...]:
     """Without the newest refill of this mass, which was none."""
     for number in range(len(refills) - 1, -1, -1):
         if abs(refills[number][1] - kg) < REFILL_ALIKE_KG:
-            return (*refills[:number], *refills[number + 1:])
+            return (*refills[:number], *refills[number + 1 :])
     return refills
 
 
@@ -92,12 +100,18 @@ def snapshot_path(log: str | Path) -> Path:
 
 
 def write(path: Path, snapshot: Snapshot) -> None:
-    """Whole or not at all, and the newest of its folder even where the clock was set back. Raises OSError."""
+    """Whole or not at all, and the newest of its folder even where the clock was set back.
+    Raises OSError."""
     own = {name: getattr(snapshot, name) for name in Snapshot.__dataclass_fields__}
-    own |= {"sums": snapshot.sums._asdict(), "alarms": [record._asdict() for record in snapshot.alarms],
-            "ground": packed(snapshot.ground)}
+    own |= {
+        "sums": snapshot.sums._asdict(),
+        "alarms": [record._asdict() for record in snapshot.alarms],
+        "ground": packed(snapshot.ground),
+    }
     write_atomically(path, json.dumps({"format": FORMAT} | own, separators=(",", ":")) + "\n")
-    others = max((saved_ns(one) for one in path.parent.glob(f"*{ENDING}") if one != path), default=0)
+    others = max(
+        (saved_ns(one) for one in path.parent.glob(f"*{ENDING}") if one != path), default=0
+    )
     if others >= saved_ns(path):
         os.utime(path, ns=(others + 1_000_000, others + 1_000_000))
 
@@ -125,6 +139,7 @@ def _data(path: Path) -> dict[str, Any]:
 def _checked(path: Path, data: dict[str, Any]) -> Snapshot:
     """Raises ValueError."""
     from drivers.files.plain import typed  # pydantic: only where a job goes on
+
     try:
         for name in ("began_utc", "saved_utc"):
             if data[name]:
@@ -135,13 +150,15 @@ def _checked(path: Path, data: dict[str, Any]) -> Snapshot:
 
 
 def finish(path: Path) -> None:
-    """The operator will not go on with it. For a job whose worker is gone. Raises ValueError, OSError."""
+    """The operator will not go on with it. For a job whose worker is gone. Raises ValueError,
+    OSError."""
     write(path, replace(read(path), finished=True))
 
 
 def open_jobs(folder: Path, now: datetime) -> Iterator[tuple[Path, Snapshot]]:
-    """Jobs of these logs that are not done with, the newest first: not ended by their operator, something done, left in
-    the last two weeks, and gone on with in no later log. Files that cannot be read are passed over."""
+    """Jobs of these logs that are not done with, the newest first: not ended by their operator,
+    something done, left in the last two weeks, and gone on with in no later log. Files that
+    cannot be read are passed over."""
     gone_on: set[str] = set()
     for path in newest_first(folder):
         try:
@@ -149,10 +166,17 @@ def open_jobs(folder: Path, now: datetime) -> Iterator[tuple[Path, Snapshot]]:
             name = Path(data["log_path"]).name
             gone_on.update(Path(one).name for one in data.get("logs_before", ()))
             if name in gone_on or data.get("finished"):
-                continue                            # a season of these is not unpacked at every start
+                # a season of these is not unpacked at every start
+                continue
             snapshot = _checked(path, data)
-            left = datetime.fromisoformat(snapshot.saved_utc).astimezone(UTC) if snapshot.saved_utc else now
+            left = (
+                datetime.fromisoformat(snapshot.saved_utc).astimezone(UTC)
+                if snapshot.saved_utc
+                else now
+            )
         except (OSError, *_NO_SNAPSHOT):
             continue
-        if snapshot.worth_going_on and (left < CLOCK_SET or now - left <= timedelta(days=OPEN_DAYS)):
+        if snapshot.worth_going_on and (
+            left < CLOCK_SET or now - left <= timedelta(days=OPEN_DAYS)
+        ):
             yield path, snapshot

@@ -1,4 +1,6 @@
-"""Every alarm of a run: when it first and last stood, how often it came, when it was acknowledged. Pure."""
+"""Every alarm of a run: when it first and last stood, how often it came, when it was
+acknowledged. Pure."""
+
 from __future__ import annotations
 
 from collections.abc import Iterable
@@ -8,20 +10,22 @@ from control.orders import Alarm, Severity
 
 
 class AlarmRecord(NamedTuple):
-    """One kind of alarm over a run. Moments are UTC as the rows tell it, ISO 8601; empty: not known, or not yet."""
+    """One kind of alarm over a run. Moments are UTC as the rows tell it, ISO 8601; empty: not
+    known, or not yet."""
 
     id: str
     severity: Severity
-    first_s: float                      # run time
-    last_s: float                       # it stood then the last time
-    times: int                          # it came
+    first_s: float  # run time
+    last_s: float  # it stood then the last time
+    times: int  # it came
     first_utc: str = ""
     last_utc: str = ""
-    acknowledged_utc: str = ""          # the last time that somebody did
-    acknowledged: bool = False          # red ones: since it came last
+    acknowledged_utc: str = ""  # the last time that somebody did
+    acknowledged: bool = False  # red ones: since it came last
     stands: bool = False
     details: tuple[tuple[str, str | float], ...] = ()
-    gone_utc: str = ""                  # its cause is away since about then, while the alarm stands still
+    # its cause is away since about then, while the alarm stands still
+    gone_utc: str = ""
 
 
 class AlarmBook:
@@ -29,16 +33,28 @@ class AlarmBook:
 
     def __init__(self, before: Iterable[AlarmRecord] = ()) -> None:
         self._records = {record.id: record._replace(stands=False) for record in before}
-        self.changes = 0                # counts what is new: for whoever shows or keeps it
+        # counts what is new: for whoever shows or keeps it
+        self.changes = 0
 
     @property
     def records(self) -> tuple[AlarmRecord, ...]:
         """Standing ones before those gone, red before amber, the newest before older ones."""
-        return tuple(sorted(self._records.values(), key=lambda record: (
-            not record.stands, record.severity is not Severity.RED, -record.last_s)))
+        return tuple(
+            sorted(
+                self._records.values(),
+                key=lambda record: (
+                    not record.stands,
+                    record.severity is not Severity.RED,
+                    -record.last_s,
+                ),
+            )
+        )
 
-    def see(self, time_s: float, utc: str | None, alarms: Iterable[Alarm]) -> tuple[AlarmRecord, ...]:
-        """Alarms that stand at this moment of the run; returns the records of those that came just now."""
+    def see(
+        self, time_s: float, utc: str | None, alarms: Iterable[Alarm]
+    ) -> tuple[AlarmRecord, ...]:
+        """Alarms that stand at this moment of the run; returns the records of those that came
+        just now."""
         now, came = utc or "", []
         standing = {alarm.id: alarm for alarm in alarms}
         for record in self._records.values():
@@ -53,7 +69,9 @@ class AlarmBook:
                 self.changes += 1
             else:
                 gone_utc = "" if alarm.gone_s is None else before.gone_utc or now
-                record = before._replace(last_s=time_s, last_utc=now, details=alarm.details, gone_utc=gone_utc)
+                record = before._replace(
+                    last_s=time_s, last_utc=now, details=alarm.details, gone_utc=gone_utc
+                )
             if alarm.acknowledged and not record.acknowledged:
                 record = record._replace(acknowledged=True, acknowledged_utc=now)
                 self.changes += 1
@@ -68,13 +86,33 @@ class AlarmBook:
                 self._records[earlier.id] = earlier._replace(stands=False)
             elif earlier.first_utc <= known.first_utc:
                 self._records[earlier.id] = known._replace(
-                    first_s=earlier.first_s, first_utc=earlier.first_utc, times=max(known.times, earlier.times),
-                    acknowledged_utc=known.acknowledged_utc or earlier.acknowledged_utc)
+                    first_s=earlier.first_s,
+                    first_utc=earlier.first_utc,
+                    times=max(known.times, earlier.times),
+                    acknowledged_utc=known.acknowledged_utc or earlier.acknowledged_utc,
+                )
         self.changes += 1
 
 
 def _come(before: AlarmRecord | None, alarm: Alarm, time_s: float, now: str) -> AlarmRecord:
     if before is None:
-        return AlarmRecord(alarm.id, alarm.severity, time_s, time_s, 1, now, now, stands=True, details=alarm.details)
-    return before._replace(last_s=time_s, last_utc=now, times=before.times + 1, acknowledged=False, stands=True,
-                           details=alarm.details, gone_utc="")
+        return AlarmRecord(
+            alarm.id,
+            alarm.severity,
+            time_s,
+            time_s,
+            1,
+            now,
+            now,
+            stands=True,
+            details=alarm.details,
+        )
+    return before._replace(
+        last_s=time_s,
+        last_utc=now,
+        times=before.times + 1,
+        acknowledged=False,
+        stands=True,
+        details=alarm.details,
+        gone_utc="",
+    )

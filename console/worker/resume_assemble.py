@@ -1,4 +1,6 @@
-"""A job that was left, put together again: the loop goes on with what was done, off and with all else as usual."""
+"""A job that was left, put together again: the loop goes on with what was done, off and with
+all else as usual."""
+
 from __future__ import annotations
 
 import os
@@ -21,12 +23,12 @@ from control.orders import Strategy
 from control.simulation.tractor import field_path
 from drivers.files.run_meta import sidecar_meta
 
-SEARCH_M = 0.5              # along the simulated tractor's way
+SEARCH_M = 0.5  # along the simulated tractor's way
 
 
 class Before(NamedTuple):
-    """What was done on this field. job: that which goes on, None where another begins; others: whose ground counts
-    alone. same_files: those with which the job was worked."""
+    """What was done on this field. job: that which goes on, None where another begins; others:
+    whose ground counts alone. same_files: those with which the job was worked."""
 
     job: Snapshot | None = None
     others: tuple[Snapshot, ...] = ()
@@ -36,30 +38,60 @@ class Before(NamedTuple):
         """On the plane of the loop. None: it has none yet, and takes that of the job."""
         if plane is None:
             return self._replace(others=())
-        return self._replace(job=None if self.job is None else on_plane(self.job, plane),
-                             others=tuple(on_plane(one, plane) for one in self.others))
+        return self._replace(
+            job=None if self.job is None else on_plane(self.job, plane),
+            others=tuple(on_plane(one, plane) for one in self.others),
+        )
 
 
-def before_of(named: Path | None, folder: Path, job: Job, sha256: Mapping[str, str], simulated: bool,
-              now: datetime) -> Before:
-    """named: the job to go on with (`--resume`); None: the one that was left on this job's field, where it has a
-    boundary. folder: of the logs; sha256: of the files. Raises ValueError, OSError: what is named cannot be read."""
+def before_of(
+    named: Path | None,
+    folder: Path,
+    job: Job,
+    sha256: Mapping[str, str],
+    simulated: bool,
+    now: datetime,
+) -> Before:
+    """named: the job to go on with (`--resume`); None: the one that was left on this job's
+    field, where it has a boundary. folder: of the logs; sha256: of the files. Raises
+    ValueError, OSError: what is named cannot be read."""
     here = jobs_here(folder, job, simulated, now) if job.field.boundary_m else []
-    goes_on = next((one.snapshot for one in here if one.goes_on), None) if named is None else resume.read(named)
+    goes_on = (
+        next((one.snapshot for one in here if one.goes_on), None)
+        if named is None
+        else resume.read(named)
+    )
     written = None if goes_on is None else sidecar_meta(goes_on.log_path)
     same = written is None or written.sha256 == dict(sha256)
-    return Before(goes_on, tuple(one.snapshot for one in here if goes_on is None or (
-        one.snapshot.log_path != goes_on.log_path)), same)
+    return Before(
+        goes_on,
+        tuple(
+            one.snapshot
+            for one in here
+            if goes_on is None or (one.snapshot.log_path != goes_on.log_path)
+        ),
+        same,
+    )
 
 
 def job_to_go_on(job: Job, machine: Machine, before: Snapshot, same_files: bool = True) -> Job:
-    """The job with what the operator had measured and, where its files are the same, chosen; where it is simulated, the
-    tractor stands where it stopped."""
-    update: dict[str, object] = {} if not same_files else {
-        "strategy": Strategy(before.strategy), "look_ahead": before.look_ahead, "flow_trim": before.flow_trim_on}
+    """The job with what the operator had measured and, where its files are the same, chosen;
+    where it is simulated, the tractor stands where it stopped."""
+    update: dict[str, object] = (
+        {}
+        if not same_files
+        else {
+            "strategy": Strategy(before.strategy),
+            "look_ahead": before.look_ahead,
+            "flow_trim": before.flow_trim_on,
+        }
+    )
     strips = {"ndvi_nrich": before.ndvi_nrich, "ndvi_check": before.ndvi_check}
-    update |= {name: ndvi for name, ndvi in strips.items()
-               if ndvi is not None and (same_files or getattr(job, name) is None)}
+    update |= {
+        name: ndvi
+        for name, ndvi in strips.items()
+        if ndvi is not None and (same_files or getattr(job, name) is None)
+    }
     simulated: dict[str, float] = {}
     if before.simulated:
         place_m = place_on(TangentPlane(job.field.origin_lat_deg, job.field.origin_lon_deg), before)
@@ -69,8 +101,8 @@ def job_to_go_on(job: Job, machine: Machine, before: Snapshot, same_files: bool 
 
 
 def go_on(loop: ControlLoop, before: Before) -> None:
-    """Totals as they were; where something lies already the loop's guard against a second dose knows it. The scale's
-    trim begins anew: nothing confirms what a scale said before the cut."""
+    """Totals as they were; where something lies already the loop's guard against a second dose
+    knows it. The scale's trim begins anew: nothing confirms what a scale said before the cut."""
     last = before.job
     if last is not None:
         plane = None if last.origin_deg is None else TangentPlane(*last.origin_deg)
@@ -79,16 +111,36 @@ def go_on(loop: ControlLoop, before: Before) -> None:
         loop.spread_by_others(other.ground)
 
 
-def started(options: Options, log: Path, names: tuple[str, str, str], simulated: bool, now_utc: str,
-          before: Snapshot | None) -> Snapshot:
+def started(
+    options: Options,
+    log: Path,
+    names: tuple[str, str, str],
+    simulated: bool,
+    now_utc: str,
+    before: Snapshot | None,
+) -> Snapshot:
     """The snapshot that a run begins with. names: of job, machine, crop."""
     job, machine, crop = names
     config = tuple(os.path.abspath(one) if os.path.exists(one) else one for one in options.config)
     start = before or Snapshot(str(log), began_utc=now_utc)
     earlier = () if before is None else (*before.logs_before, before.log_path)
-    return replace(start, log_path=os.path.abspath(log), saved_utc=now_utc, job=job, machine=machine, crop=crop,
-                   simulated=simulated, config=config, seed=options.seed, effects=options.effects, hz=options.hz,
-                   logs_before=earlier, time_s=0.0, sums_s=0.0, quit=False)
+    return replace(
+        start,
+        log_path=os.path.abspath(log),
+        saved_utc=now_utc,
+        job=job,
+        machine=machine,
+        crop=crop,
+        simulated=simulated,
+        config=config,
+        seed=options.seed,
+        effects=options.effects,
+        hz=options.hz,
+        logs_before=earlier,
+        time_s=0.0,
+        sums_s=0.0,
+        quit=False,
+    )
 
 
 def _driven_m(job: Job, machine: Machine, place_m: tuple[float, float]) -> float:

@@ -1,5 +1,6 @@
-"""Jobs that are not done with, by place: which of them lie on the field that is to be worked, and how they look on its
-plane."""
+"""Jobs that are not done with, by place: which of them lie on the field that is to be worked,
+and how they look on its plane."""
+
 from __future__ import annotations
 
 from dataclasses import replace
@@ -17,10 +18,12 @@ from control.field.coverage import FARTHEST_M, MOST_CELLS, Raster
 from control.field.job import Job
 from control.geodesy import Place, TangentPlane
 
-SAME_FIELD = 0.5            # of what a job has done: with so much of it on this field, it is this field's job
+# of what a job has done: with so much of it on this field, it is this field's job
+SAME_FIELD = 0.5
 SAME_PLANE_M = 0.001
-LOOKED_AT_CELLS = 4_000     # of the done ground: its share on a field to some 1 %
-_ROWS = 256                 # of a picture that is drawn anew, at a time
+# of the done ground: its share on a field to some 1 %
+LOOKED_AT_CELLS = 4_000
+_ROWS = 256  # of a picture that is drawn anew, at a time
 
 
 class OpenJob(NamedTuple):
@@ -37,8 +40,9 @@ class OpenJob(NamedTuple):
 
 
 def jobs_here(folder: Path, job: Job, simulated: bool, now: datetime) -> list[OpenJob]:
-    """Those that have spread on this job's field, the newest first; simulated ones and real ones keep apart. folder: of
-    the logs. A job without a boundary has no field by which to tell: the newest may be anybody's."""
+    """Those that have spread on this job's field, the newest first; simulated ones and real
+    ones keep apart. folder: of the logs. A job without a boundary has no field by which to
+    tell: the newest may be anybody's."""
     left = (one for one in open_jobs(folder, now) if one[1].simulated == simulated)
     boundary = job.field.boundary()
     if boundary is None:
@@ -50,48 +54,66 @@ def jobs_here(folder: Path, job: Job, simulated: bool, now: datetime) -> list[Op
 
 def logs_here(folder: Path, job: Job, simulated: bool, now: datetime) -> list[str]:
     """File names of the logs of these jobs, all parts: their ground gets no more as it is."""
-    return [Path(log).name for one in jobs_here(folder, job, simulated, now)
-            for log in (*one.snapshot.logs_before, one.snapshot.log_path)]
+    return [
+        Path(log).name
+        for one in jobs_here(folder, job, simulated, now)
+        for log in (*one.snapshot.logs_before, one.snapshot.log_path)
+    ]
 
 
 def _share_on(field: Boundary, plane: TangentPlane, snapshot: Snapshot) -> float | None:
     """None: nothing to speak of lies on the field."""
     ground, cells = snapshot.ground, np.argwhere(snapshot.ground.done)
     if snapshot.origin_deg is None or not len(cells):
-        place = place_on(plane, snapshot)           # cut off before anything has landed
+        place = place_on(plane, snapshot)  # cut off before anything has landed
         return 1.0 if place is not None and field.contains(*place) else None
-    some = cells[::max(1, len(cells) // LOOKED_AT_CELLS)]
+    some = cells[:: max(1, len(cells) // LOOKED_AT_CELLS)]
     places = (some[:, ::-1] + 0.5) * ground.cell_m + (ground.west_m, ground.south_m)
-    share = float(field.many_inside(_moved(TangentPlane(*snapshot.origin_deg), plane, places)).mean())
-    done_ha = len(cells) * ground.cell_m ** 2 / 10_000.0
+    share = float(
+        field.many_inside(_moved(TangentPlane(*snapshot.origin_deg), plane, places)).mean()
+    )
+    done_ha = len(cells) * ground.cell_m**2 / 10_000.0
     return share if share >= SAME_FIELD or share * done_ha >= WORTH_HA else None
 
 
 def on_plane(snapshot: Snapshot, plane: TangentPlane) -> Snapshot:
-    """The same on another plane: ground, way and place. Parts farther off than a field's plane reaches are left out."""
+    """The same on another plane: ground, way and place. Parts farther off than a field's plane
+    reaches are left out."""
     if snapshot.origin_deg is None:
         return snapshot
     own = TangentPlane(*snapshot.origin_deg)
     if max(map(abs, plane.to_m(own.lat_deg, own.lon_deg))) < SAME_PLANE_M:
         return snapshot
-    track = _moved(own, plane, np.array([spot[:2] for spot in snapshot.track]).reshape(-1, 2)).round(1).tolist()
+    track = (
+        _moved(own, plane, np.array([spot[:2] for spot in snapshot.track]).reshape(-1, 2))
+        .round(1)
+        .tolist()
+    )
     return replace(
-        snapshot, origin_deg=(plane.lat_deg, plane.lon_deg), ground=_drawn_anew(snapshot.ground, own, plane),
+        snapshot,
+        origin_deg=(plane.lat_deg, plane.lon_deg),
+        ground=_drawn_anew(snapshot.ground, own, plane),
         place_m=None if snapshot.place_m is None else place_on(plane, snapshot),
-        track=tuple((east, north, *spot[2:]) for (east, north), spot in zip(track, snapshot.track, strict=True)))
+        track=tuple(
+            (east, north, *spot[2:])
+            for (east, north), spot in zip(track, snapshot.track, strict=True)
+        ),
+    )
 
 
 def place_on(plane: TangentPlane, snapshot: Snapshot) -> Place | None:
     """Where the outlets were last."""
     if snapshot.place_m is None or snapshot.origin_deg is None:
         return None
-    east, north = _moved(TangentPlane(*snapshot.origin_deg), plane, np.array([snapshot.place_m]))[0].tolist()
+    east, north = _moved(TangentPlane(*snapshot.origin_deg), plane, np.array([snapshot.place_m]))[
+        0
+    ].tolist()
     return east, north
 
 
 def _moved(own: TangentPlane, plane: TangentPlane, places: np.ndarray) -> np.ndarray:
-    """Places (n, 2) on one plane, on the other. Between planes of one neighbourhood that is a turn and a shift: three
-    places say it, to 1 mm over a field of 5 km."""
+    """Places (n, 2) on one plane, on the other. Between planes of one neighbourhood that is a
+    turn and a shift: three places say it, to 1 mm over a field of 5 km."""
     if not len(places):
         return places
     middle = places.mean(axis=0)
@@ -106,8 +128,12 @@ def _drawn_anew(ground: Raster, own: TangentPlane, plane: TangentPlane) -> Raste
     """A cell is done where its middle lies in one that was."""
     rows, columns = ground.done.shape
     cell_m = ground.cell_m
-    frame = np.array([(ground.west_m + k % 2 * columns * cell_m, ground.south_m + k // 2 * rows * cell_m)
-                      for k in range(4)])
+    frame = np.array(
+        [
+            (ground.west_m + k % 2 * columns * cell_m, ground.south_m + k // 2 * rows * cell_m)
+            for k in range(4)
+        ]
+    )
     corners = _moved(own, plane, frame)
     west, south = (floor(edge / cell_m) for edge in corners.min(axis=0))
     east, north = (ceil(edge / cell_m) for edge in corners.max(axis=0))
@@ -116,9 +142,11 @@ def _drawn_anew(ground: Raster, own: TangentPlane, plane: TangentPlane) -> Raste
     done = np.zeros((north - south, east - west), dtype=np.bool_)
     aside = (np.arange(west, east) + 0.5) * cell_m
     for first in range(0, len(done), _ROWS):
-        part = done[first:first + _ROWS]
+        part = done[first : first + _ROWS]
         up = (south + first + np.arange(len(part)) + 0.5) * cell_m
-        there = _moved(plane, own, np.stack(np.broadcast_arrays(aside, up[:, None]), axis=-1).reshape(-1, 2))
+        there = _moved(
+            plane, own, np.stack(np.broadcast_arrays(aside, up[:, None]), axis=-1).reshape(-1, 2)
+        )
         at = np.floor((there - (ground.west_m, ground.south_m)) / cell_m).astype(np.int64)
         inside = ((at >= 0) & (at < (columns, rows))).all(axis=1)
         found = np.zeros(len(at), dtype=np.bool_)

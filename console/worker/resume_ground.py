@@ -1,4 +1,5 @@
 """Ground that is done: as it grows, and as it is kept in a file."""
+
 from __future__ import annotations
 
 import base64
@@ -14,22 +15,26 @@ from control.machine.fall import drop_s
 from control.machine.machine import Machine
 from control.machine.sections import LoggedValves
 
-CELL_M = 0.25               # at most a sixth of the width
-TRACK_STEP_M = 1.0          # places kept for the map: at least this far apart ...
-TRACK_PLACES = 8_000        # ... and no more than these; then every other one goes and the step doubles
+CELL_M = 0.25  # at most a sixth of the width
+# places kept for the map: at least this far apart ...
+TRACK_STEP_M = 1.0
+# ... and no more than these; then every other one goes and the step doubles
+TRACK_PLACES = 8_000
 NOTHING_DONE = Raster(0.0, 0.0, CELL_M, np.zeros((1, 1), dtype=np.bool_))
 
-Spot = tuple[float, float, float, float]    # east m, north m, heading degrees, kg/ha
+Spot = tuple[float, float, float, float]  # east m, north m, heading degrees, kg/ha
 
 
 class Done:
     """Grows by the tick. `before`: what an earlier part of the job has done."""
 
-    def __init__(self, machine: Machine, before: Raster = NOTHING_DONE, track: tuple[Spot, ...] = ()) -> None:
+    def __init__(
+        self, machine: Machine, before: Raster = NOTHING_DONE, track: tuple[Spot, ...] = ()
+    ) -> None:
         width_m = machine.geometry.working_width_m
         cell_m = min(CELL_M, width_m / 6.0)
         self._fall, self._turning_rpm = machine.fall, 0.5 * machine.limits.shaft_low_rpm
-        if before.cell_m != cell_m and before.done.any():       # of a machine of another width
+        if before.cell_m != cell_m and before.done.any():  # of a machine of another width
             redrawn = Coverage(width_m, cell_m)
             redrawn.seed(before)
             before = redrawn.raster()
@@ -37,16 +42,24 @@ class Done:
         strips = [(strip.left_m, strip.right_m) for strip in machine.switched]
         self._coverage = Coverage(width_m, cell_m, strips=strips)
         self._valves = LoggedValves(machine.sections if strips else ())
-        self._falling: deque[tuple[float, tuple[bool, ...]]] = deque()      # when it lands, by which strips
+        # when it lands, by which strips
+        self._falling: deque[tuple[float, tuple[bool, ...]]] = deque()
         self._drop_s = 0.0
         self._flowing = (False,) * max(1, len(strips))
         self.track: list[Spot] = list(track)
         self._track_step_m = TRACK_STEP_M
 
-    def pass_over(self, time_s: float, place_m: tuple[float, float], heading_deg: float, shaft_rpm: float | None,
-                  applied_kg_ha: float, sections_cmd: str | None = None) -> bool:
-        """The outlets are here; true where something lands. What is released lands a drop time later. sections_cmd: as
-        the row has it."""
+    def pass_over(
+        self,
+        time_s: float,
+        place_m: tuple[float, float],
+        heading_deg: float,
+        shaft_rpm: float | None,
+        applied_kg_ha: float,
+        sections_cmd: str | None = None,
+    ) -> bool:
+        """The outlets are here; true where something lands. What is released lands a drop time
+        later. sections_cmd: as the row has it."""
         released = shaft_rpm is not None and shaft_rpm >= self._turning_rpm
         if shaft_rpm is not None and released:
             self._drop_s = drop_s(self._fall, shaft_rpm)
@@ -57,7 +70,14 @@ class Done:
         self._coverage.lay(place_m, heading_deg, self._flowing)
         lands = any(self._flowing)
         if lands:
-            self._note_track((round(place_m[0], 1), round(place_m[1], 1), round(heading_deg), round(applied_kg_ha)))
+            self._note_track(
+                (
+                    round(place_m[0], 1),
+                    round(place_m[1], 1),
+                    round(heading_deg),
+                    round(applied_kg_ha),
+                )
+            )
         return lands
 
     def lost(self) -> None:
@@ -69,7 +89,10 @@ class Done:
         return joined(self._before, self._coverage.raster())
 
     def _note_track(self, spot: Spot) -> None:
-        if self.track and hypot(spot[0] - self.track[-1][0], spot[1] - self.track[-1][1]) < self._track_step_m:
+        if (
+            self.track
+            and hypot(spot[0] - self.track[-1][0], spot[1] - self.track[-1][1]) < self._track_step_m
+        ):
             return
         self.track.append(spot)
         if len(self.track) > TRACK_PLACES:
@@ -78,8 +101,8 @@ class Done:
 
 
 def joined(one: Raster, other: Raster) -> Raster:
-    """What either has. Both must have the same cells; one with nothing in it gives the other. Where they lie too far
-    apart for one picture, the other, which is the newer."""
+    """What either has. Both must have the same cells; one with nothing in it gives the other.
+    Where they lie too far apart for one picture, the other, which is the newer."""
     if not one.done.any():
         return other
     if not other.done.any():
@@ -94,15 +117,21 @@ def joined(one: Raster, other: Raster) -> Raster:
     done = np.zeros((rows, columns), dtype=np.bool_)
     for r in (one, other):
         row, column = round((r.south_m - south) / cell), round((r.west_m - west) / cell)
-        done[row:row + r.done.shape[0], column:column + r.done.shape[1]] |= r.done
+        done[row : row + r.done.shape[0], column : column + r.done.shape[1]] |= r.done
     return Raster(west, south, cell, done)
 
 
 def packed(ground: Raster) -> dict[str, Any]:
     """As plain data for a file; `unpacked` reads it."""
     bits = zlib.compress(np.packbits(ground.done).tobytes(), level=1)
-    return {"west_m": ground.west_m, "south_m": ground.south_m, "cell_m": ground.cell_m,
-            "rows": ground.done.shape[0], "columns": ground.done.shape[1], "bits": base64.b64encode(bits).decode()}
+    return {
+        "west_m": ground.west_m,
+        "south_m": ground.south_m,
+        "cell_m": ground.cell_m,
+        "rows": ground.done.shape[0],
+        "columns": ground.done.shape[1],
+        "bits": base64.b64encode(bits).decode(),
+    }
 
 
 class AsBits:
@@ -111,6 +140,7 @@ class AsBits:
     @classmethod
     def __get_pydantic_core_schema__(cls, _kind: Any, _next: Any) -> Any:
         from pydantic_core import core_schema
+
         return core_schema.no_info_plain_validator_function(unpacked)
 
 
@@ -123,7 +153,9 @@ def unpacked(data: dict[str, Any]) -> Raster:
         raise ValueError(f"ground: {rows} x {columns} cells: allowed up to {MOST_CELLS}")
     try:
         unpacker = zlib.decompressobj()
-        bits = np.frombuffer(unpacker.decompress(base64.b64decode(data["bits"]), rows * columns // 8 + 2), np.uint8)
+        bits = np.frombuffer(
+            unpacker.decompress(base64.b64decode(data["bits"]), rows * columns // 8 + 2), np.uint8
+        )
     except zlib.error as error:
         raise ValueError(f"ground: {error}") from None
     if bits.size != (rows * columns + 7) // 8:

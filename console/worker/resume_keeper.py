@@ -1,4 +1,6 @@
-"""Keeps the snapshot of a running job: the loop only hands over, the log writer's thread does the rest."""
+"""Keeps the snapshot of a running job: the loop only hands over, the log writer's thread does
+the rest."""
+
 from __future__ import annotations
 
 import os
@@ -24,10 +26,13 @@ from control.machine.machine import Machine
 from control.orders import State
 from drivers.files.run_log import MAX_WAITING_ROWS
 
-SAVE_S = 5.0                # the snapshot is this old at most, and the disk's own time
-BELIEVED_KG = 2.0           # a scale that lost or gained more since the cut tells of a refill, or of a repair
-SUMS_S = 1.0                # the loop's sums are taken over this often: some 50 us
-FINISHED = "mark job finished"      # the event by which the operator ends a job
+# the snapshot is this old at most, and the disk's own time
+SAVE_S = 5.0
+# a scale that lost or gained more since the cut tells of a refill, or of a repair
+BELIEVED_KG = 2.0
+# the loop's sums are taken over this often: some 50 us
+SUMS_S = 1.0
+FINISHED = "mark job finished"  # the event by which the operator ends a job
 
 
 class _Handed(NamedTuple):
@@ -39,10 +44,22 @@ class _Handed(NamedTuple):
 class Keeper:
     """`take` on the loop's thread, `work` on the log writer's. `tally` is for the frames."""
 
-    def __init__(self, path: Path, machine: Machine, started: Snapshot, loop: ControlLoop,
-                 utc_now: Callable[[], str], most_waiting: int = MAX_WAITING_ROWS) -> None:
+    def __init__(
+        self,
+        path: Path,
+        machine: Machine,
+        started: Snapshot,
+        loop: ControlLoop,
+        utc_now: Callable[[], str],
+        most_waiting: int = MAX_WAITING_ROWS,
+    ) -> None:
         """started: what is known of the job already; of an earlier part all that it had done."""
-        self._path, self._loop, self._utc_now, self._most_waiting = path, loop, utc_now, most_waiting
+        self._path, self._loop, self._utc_now, self._most_waiting = (
+            path,
+            loop,
+            utc_now,
+            most_waiting,
+        )
         self._handed: SimpleQueue[_Handed] = SimpleQueue()
         self._taken_s = -inf
         self._quit = False
@@ -57,14 +74,16 @@ class Keeper:
         self.trouble = ""
         self.tally = self._tally()
 
-    # --- the loop's thread -------------------------------------------------------------------------------------------
+    # --- the loop's thread
+    # -------------------------------------------------------------------------------------------
 
     def take(self, seen: Tick) -> None:
         """A tick. Queues, no more."""
         sums = None
         if seen.row.time_s - self._taken_s >= SUMS_S:
             self._taken_s, sums = seen.row.time_s, self._loop.sums
-        if self._handed.qsize() < self._most_waiting:         # as many as the log lets wait for a disk that hangs
+        # as many as the log lets wait for a disk that hangs
+        if self._handed.qsize() < self._most_waiting:
             self._handed.put(_Handed(seen, sums, self._loop.plane))
 
     def quit(self) -> None:
@@ -75,10 +94,12 @@ class Keeper:
         """The run goes on in another log."""
         self._log_path = os.path.abspath(log_path)
 
-    # --- the log writer's thread -------------------------------------------------------------------------------------
+    # --- the log writer's thread
+    # -------------------------------------------------------------------------------------
 
     def work(self, closing: bool) -> None:
-        """Takes in what was handed over, and writes when it is time. Never raises: the log matters more."""
+        """Takes in what was handed over, and writes when it is time. Never raises: the log
+        matters more."""
         try:
             while True:
                 try:
@@ -89,8 +110,11 @@ class Keeper:
             before = self._snapshot
             if before.log_path != self._log_path:
                 self._path, self._saved_s = resume.snapshot_path(self._log_path), -inf
-                self._snapshot = replace(before, log_path=self._log_path,
-                                         logs_before=(*before.logs_before, before.log_path))
+                self._snapshot = replace(
+                    before,
+                    log_path=self._log_path,
+                    logs_before=(*before.logs_before, before.log_path),
+                )
             if self._quit:
                 self._snapshot = replace(self._snapshot, quit=True)
             if self._last is not None and (closing or self._last.time_s - self._saved_s >= SAVE_S):
@@ -102,10 +126,12 @@ class Keeper:
     def _absorb(self, handed: _Handed) -> None:
         seen, row = handed.seen, handed.seen.row
         if self._book.see(row.time_s, row.utc, seen.alarms):
-            self._saved_s = min(self._saved_s, row.time_s - SAVE_S + 0.5)      # an alarm is kept soon
+            # an alarm is kept soon
+            self._saved_s = min(self._saved_s, row.time_s - SAVE_S + 0.5)
         changes = self._since(self._last, row) | self._of_events(row.events or "")
         if row.state == State.WORKING and row.shaft_rpm_cmd and not self._snapshot.worked:
-            changes["worked"], self._saved_s = True, -inf   # a cut in the first second is one to go on after
+            # a cut in the first second is one to go on after
+            changes["worked"], self._saved_s = True, -inf
         self._last = row
         if handed.sums is not None:
             changes |= {"sums": handed.sums, "sums_s": row.time_s}
@@ -113,11 +139,20 @@ class Keeper:
             changes["origin_deg"] = handed.plane.to_deg(0.0, 0.0)
         self._pass_over(row, seen.place_m)
         self._scale.look(row)
-        known = {"strategy": row.strategy or None, "hopper_kg": row.hopper_kg, "place_m": seen.place_m,
-                 "heading_deg": row.heading_deg}
+        known = {
+            "strategy": row.strategy or None,
+            "hopper_kg": row.hopper_kg,
+            "place_m": seen.place_m,
+            "heading_deg": row.heading_deg,
+        }
         changes |= {name: value for name, value in known.items() if value is not None}
-        self._snapshot = replace(self._snapshot, time_s=row.time_s, look_ahead=seen.look_ahead,
-                                 flow_trim_on=seen.flow_trim_on, **changes)      # type: ignore[arg-type]
+        self._snapshot = replace(
+            self._snapshot,
+            time_s=row.time_s,
+            look_ahead=seen.look_ahead,
+            flow_trim_on=seen.flow_trim_on,
+            **changes,  # type: ignore[arg-type]
+        )
 
     def _since(self, before: LogRow | None, row: LogRow) -> dict[str, object]:
         """What the step from one row to the next adds."""
@@ -148,18 +183,28 @@ class Keeper:
         if place_m is None or row.heading_deg is None:
             self._done.lost()
             return
-        self._done.pass_over(row.time_s, place_m, row.heading_deg,
-                             row.shaft_rpm if row.state != State.CALIBRATING else 0.0,
-                             (row.applied_rate_kg_ha or 0.0) * (row.flow_trim or 1.0), row.sections_cmd)
+        self._done.pass_over(
+            row.time_s,
+            place_m,
+            row.heading_deg,
+            row.shaft_rpm if row.state != State.CALIBRATING else 0.0,
+            (row.applied_rate_kg_ha or 0.0) * (row.flow_trim or 1.0),
+            row.sections_cmd,
+        )
 
     def _save(self) -> None:
         assert self._last is not None
         now, alarms = self._snapshot, self._book.records
         if not now.worth_going_on and not alarms and not now.finished and not self._saved:
-            return                              # a machine that only stood there leaves no file
+            return  # a machine that only stood there leaves no file
         self._saved_s = self._last.time_s
-        snapshot = replace(now, saved_utc=self._utc_now(), alarms=alarms, track=tuple(self._done.track),
-                           ground=self._done.raster())
+        snapshot = replace(
+            now,
+            saved_utc=self._utc_now(),
+            alarms=alarms,
+            track=tuple(self._done.track),
+            ground=self._done.raster(),
+        )
         try:
             resume.write(self._path, snapshot)
         except OSError as error:
@@ -169,13 +214,22 @@ class Keeper:
 
     def _tally(self) -> Tally:
         now = self._snapshot
-        return Tally(now.held_s, now.moves, now.refills, now.logs_before[-1] if now.logs_before else "", now.began_utc,
-                     now.finished, self.trouble, self._scale.model_kg, self._scale.scale_kg)
+        return Tally(
+            now.held_s,
+            now.moves,
+            now.refills,
+            now.logs_before[-1] if now.logs_before else "",
+            now.began_utc,
+            now.finished,
+            self.trouble,
+            self._scale.model_kg,
+            self._scale.scale_kg,
+        )
 
 
 class _AfterCut:
-    """What the scale says of what was released after the last row before a cut: its mean while nothing flows, over the
-    first seconds, less than then."""
+    """What the scale says of what was released after the last row before a cut: its mean while
+    nothing flows, over the first seconds, less than then."""
 
     def __init__(self, model_kg: float, before_kg: float | None) -> None:
         self.model_kg = model_kg if model_kg > 0.0 else None
@@ -190,8 +244,11 @@ class _AfterCut:
         if row.hopper_kg is not None and not row.shaft_rpm_cmd:
             self._started_s = row.time_s if self._started_s is None else self._started_s
             self._settled.append(row.hopper_kg)
-        over = row.shaft_rpm_cmd or "refill" in (row.events or "") or (
-            self._started_s is not None and row.time_s - self._started_s >= SCALE_S)
+        over = (
+            row.shaft_rpm_cmd
+            or "refill" in (row.events or "")
+            or (self._started_s is not None and row.time_s - self._started_s >= SCALE_S)
+        )
         if not over:
             return
         if self._settled:

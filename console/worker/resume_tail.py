@@ -1,4 +1,5 @@
 """The last seconds before a power cut: rows that are in the log but came after the snapshot."""
+
 from __future__ import annotations
 
 import csv
@@ -19,32 +20,38 @@ from control.orders import State
 from drivers.files.limits import LINE
 from drivers.files.run_log import FLUSH_S
 
-# What left the outlets after the last row of a log: a board whose host fell silent goes on for a while.
+# What left the outlets after the last row of a log: a board whose host fell silent goes on for
+# a while.
 #
-# By the machine model: the shaft turns on as in the last row until the board stops by itself, then through its dead
-# time and its ramp; the flow follows the shaft. Pure.
+# By the machine model: the shaft turns on as in the last row until the board stops by itself,
+# then through its dead time and its ramp; the flow follows the shaft. Pure.
 STEP_S = 0.05
-UNLOGGED_S = 0.5 * FLUSH_S          # rows reach the system this often: half of it is missing in the mean
+# rows reach the system this often: half of it is missing in the mean
+UNLOGGED_S = 0.5 * FLUSH_S
 LONGEST_S = 30.0
-STILL = 0.02                        # of the speed before: stands
+STILL = 0.02  # of the speed before: stands
 
 
 class After(NamedTuple):
-    """A moment after the last row. `share`: of the last row's flow; 0: only what is in the air still lands."""
+    """A moment after the last row. `share`: of the last row's flow; 0: only what is in the air
+    still lands."""
 
     after_s: float
     share: float
 
 
 def run_on(machine: Machine, shaft_rpm: float, stops_s: float) -> Iterator[After]:
-    """In steps of `STEP_S`, until nothing lands any more. stops_s: a board stops after so long without its host."""
+    """In steps of `STEP_S`, until nothing lands any more. stops_s: a board stops after so long
+    without its host."""
     if shaft_rpm <= 0.0:
         return
     shaft, time_s, share, stood_s = shaft_start(shaft_rpm), 0.0, 1.0, None
     supply_v = machine.shaft.nominal_supply_v
     while time_s < LONGEST_S:
         commanded_rpm = shaft_rpm if time_s < UNLOGGED_S + stops_s else 0.0
-        shaft, turned = shaft_step(machine.shaft, shaft, ShaftInput(commanded_rpm, 0.0, supply_v), STEP_S)
+        shaft, turned = shaft_step(
+            machine.shaft, shaft, ShaftInput(commanded_rpm, 0.0, supply_v), STEP_S
+        )
         time_s += STEP_S
         share = min(1.0, max(0.0, turned.rpm / shaft_rpm))
         if share < STILL:
@@ -55,9 +62,11 @@ def run_on(machine: Machine, shaft_rpm: float, stops_s: float) -> Iterator[After
         yield After(time_s, share)
 
 
-TAIL_BYTES = 2_000_000      # minutes at 20 Hz; more than 20 s of rows as full of events as they can be
-MOST_STEP_S = 1.0           # a longer step between rows is a gap
-SCALE_S = 5.0               # of the scale's readings: five of its correlation times
+# minutes at 20 Hz; more than 20 s of rows as full of events as they can be
+TAIL_BYTES = 2_000_000
+MOST_STEP_S = 1.0  # a longer step between rows is a gap
+# of the scale's readings: five of its correlation times
+SCALE_S = 5.0
 
 
 class _TailRow(NamedTuple):
@@ -75,19 +84,26 @@ class _TailRow(NamedTuple):
     state: str
     refill_kg: float
     refill_back_kg: float
-    stopped_kg: float = 0.0         # entered as released while commanded to stop
+    stopped_kg: float = 0.0  # entered as released while commanded to stop
     sections_cmd: str = ""
-    open_share: float = 1.0         # of the working width
+    open_share: float = 1.0  # of the working width
 
 
-def with_tail(snapshot: Snapshot, machine: Machine, n_fraction: float, stops_s: float | None = None) -> Snapshot:
-    """The snapshot brought up to the log's last whole row, and beyond it to where nothing fell any more: sums, ground,
-    refills. As it is, where no log is there.
+def with_tail(
+    snapshot: Snapshot, machine: Machine, n_fraction: float, stops_s: float | None = None
+) -> Snapshot:
+    """The snapshot brought up to the log's last whole row, and beyond it to where nothing fell
+    any more: sums, ground, refills. As it is, where no log is there.
 
-    stops_s: the drive stops after so long without its host; None: it ended with the worker, as a simulated one does.
+    stops_s: the drive stops after so long without its host; None: it ended with the worker, as
+    a simulated one does.
     """
     try:
-        rows = list(_with_shares(_rows_after(Path(snapshot.log_path), min(snapshot.time_s, snapshot.sums_s)), machine))
+        rows = list(
+            _with_shares(
+                _rows_after(Path(snapshot.log_path), min(snapshot.time_s, snapshot.sums_s)), machine
+            )
+        )
     except OSError:
         return snapshot
     if not rows or snapshot.origin_deg is None:
@@ -96,18 +112,30 @@ def with_tail(snapshot: Snapshot, machine: Machine, n_fraction: float, stops_s: 
     antenna_m = machine.geometry.antenna_m
     done = Done(machine, snapshot.ground, snapshot.track)
     if snapshot.place_m is not None and snapshot.heading_deg is not None:
-        done.pass_over(snapshot.time_s - 1.0, snapshot.place_m, snapshot.heading_deg, rows[0].shaft_rpm, 0.0)
+        done.pass_over(
+            snapshot.time_s - 1.0, snapshot.place_m, snapshot.heading_deg, rows[0].shaft_rpm, 0.0
+        )
     sums = Totaliser(machine.geometry.working_width_m, n_fraction, snapshot.sums)
-    place, held_s, before_s = snapshot.place_m, snapshot.held_s, min(snapshot.time_s, snapshot.sums_s)
+    place, held_s, before_s = (
+        snapshot.place_m,
+        snapshot.held_s,
+        min(snapshot.time_s, snapshot.sums_s),
+    )
     for row in rows:
         step_s = row.time_s - before_s
         before_s = row.time_s
         antenna = plane.to_m(row.lat_deg, row.lon_deg)
         place = offset(antenna, row.heading_deg, -antenna_m)
-        flowing = row.state != State.CALIBRATING        # its material lies in a tray
+        flowing = row.state != State.CALIBRATING  # its material lies in a tray
         applied = row.applied_rate_kg_ha * row.flow_trim
-        done.pass_over(row.time_s, place, row.heading_deg, row.shaft_rpm if flowing else 0.0, applied,
-                       row.sections_cmd)
+        done.pass_over(
+            row.time_s,
+            place,
+            row.heading_deg,
+            row.shaft_rpm if flowing else 0.0,
+            applied,
+            row.sections_cmd,
+        )
         if row.time_s > snapshot.time_s and row.state == State.HELD:
             held_s += min(step_s, MOST_STEP_S)
         _add(sums, row, step_s, 0.5 * machine.limits.shaft_low_rpm, row.time_s > snapshot.sums_s)
@@ -118,30 +146,59 @@ def with_tail(snapshot: Snapshot, machine: Machine, n_fraction: float, stops_s: 
     for after in run_on(machine, last.shaft_rpm, stops_s) if stops_s is not None and flowed else ():
         landing = offset(landing, last.heading_deg, last.speed_used_mps * STEP_S)
         applied = last.applied_rate_kg_ha * last.flow_trim * after.share
-        done.pass_over(last.time_s + after.after_s, landing, last.heading_deg, last.shaft_rpm * after.share, applied,
-                       last.sections_cmd)
+        done.pass_over(
+            last.time_s + after.after_s,
+            landing,
+            last.heading_deg,
+            last.shaft_rpm * after.share,
+            applied,
+            last.sections_cmd,
+        )
         if after.share > 0.0:
             sums.add(STEP_S, last.speed_used_mps, applied, last.target_rate_kg_ha, last.open_share)
-            after_cut_kg += applied * last.open_share * width_m * last.speed_used_mps * STEP_S / 10_000.0
-    refills = tuple((snapshot.saved_utc, row.refill_kg) for row in rows
-                    if row.refill_kg > 0.0 and row.time_s > snapshot.time_s)
+            after_cut_kg += (
+                applied * last.open_share * width_m * last.speed_used_mps * STEP_S / 10_000.0
+            )
+    refills = tuple(
+        (snapshot.saved_utc, row.refill_kg)
+        for row in rows
+        if row.refill_kg > 0.0 and row.time_s > snapshot.time_s
+    )
     noted = (*snapshot.refills, *refills)
     for row in rows:
         if row.refill_back_kg > 0.0 and row.time_s > snapshot.time_s:
             noted = without_last(noted, row.refill_back_kg)
-    return replace(snapshot, sums=sums.sums, ground=done.raster(), track=tuple(done.track), place_m=place,
-                   heading_deg=rows[-1].heading_deg, held_s=held_s, time_s=before_s, sums_s=before_s,
-                   refills=noted, after_cut_kg=after_cut_kg, cut_hopper_kg=cut_hopper_kg)
+    return replace(
+        snapshot,
+        sums=sums.sums,
+        ground=done.raster(),
+        track=tuple(done.track),
+        place_m=place,
+        heading_deg=rows[-1].heading_deg,
+        held_s=held_s,
+        time_s=before_s,
+        sums_s=before_s,
+        refills=noted,
+        after_cut_kg=after_cut_kg,
+        cut_hopper_kg=cut_hopper_kg,
+    )
 
 
 def _add(sums: Totaliser, row: _TailRow, step_s: float, turning_rpm: float, is_new: bool) -> None:
     """A row to the sums, as the loop counts it; only what is not in them yet."""
-    worked = row.state == State.WORKING and (row.shaft_rpm_cmd > 0.0 or row.shaft_rpm >= turning_rpm)
+    worked = row.state == State.WORKING and (
+        row.shaft_rpm_cmd > 0.0 or row.shaft_rpm >= turning_rpm
+    )
     if not worked:
         sums.rest()
     elif is_new and step_s <= MOST_STEP_S:
-        sums.add(step_s, row.speed_used_mps, row.applied_rate_kg_ha * row.flow_trim, row.target_rate_kg_ha,
-                 row.open_share)
+        sums.add(
+            step_s,
+            row.speed_used_mps,
+            row.applied_rate_kg_ha * row.flow_trim,
+            row.target_rate_kg_ha,
+            row.open_share,
+        )
     if is_new:
         sums.add_stopped(row.stopped_kg)
 
@@ -157,7 +214,8 @@ def _with_shares(rows: Iterator[_TailRow], machine: Machine) -> Iterator[_TailRo
 
 
 def _hopper_kg(rows: list[_TailRow], width_m: float) -> float | None:
-    """The scale at the last row: the mean of the last readings, each less what was released after it."""
+    """The scale at the last row: the mean of the last readings, each less what was released
+    after it."""
     released_kg, before_kg = 0.0, []
     for row, step_s in _backwards(rows):
         if rows[-1].time_s - row.time_s > SCALE_S or row.refill_kg > 0.0:
@@ -165,14 +223,19 @@ def _hopper_kg(rows: list[_TailRow], width_m: float) -> float | None:
         if row.hopper_kg is not None:
             before_kg.append(row.hopper_kg - released_kg)
         wide_m = row.open_share * width_m
-        released_kg += row.applied_rate_kg_ha * row.flow_trim * wide_m * row.speed_used_mps * step_s / 10_000.0
+        released_kg += (
+            row.applied_rate_kg_ha * row.flow_trim * wide_m * row.speed_used_mps * step_s / 10_000.0
+        )
     return sum(before_kg) / len(before_kg) if before_kg else None
 
 
 def _backwards(rows: list[_TailRow]) -> Iterator[tuple[_TailRow, float]]:
     """Each row from the last one on, with the time since the row before it, s."""
     for number in range(len(rows) - 1, 0, -1):
-        yield rows[number], min(MOST_STEP_S, max(0.0, rows[number].time_s - rows[number - 1].time_s))
+        yield (
+            rows[number],
+            min(MOST_STEP_S, max(0.0, rows[number].time_s - rows[number - 1].time_s)),
+        )
 
 
 def _rows_after(log: Path, time_s: float) -> Iterator[_TailRow]:
@@ -181,7 +244,8 @@ def _rows_after(log: Path, time_s: float) -> Iterator[_TailRow]:
         header = file.readline().decode("utf-8-sig", errors="replace").strip().split(",")
         size = file.seek(0, 2)
         file.seek(max(0, size - TAIL_BYTES))
-        lines = file.read().decode(errors="replace").split("\n")[1:-1]       # the first and the last may be in parts
+        # the first and the last may be in parts
+        lines = file.read().decode(errors="replace").split("\n")[1:-1]
     for cells in csv.reader(line for line in lines if len(line) <= LINE.most):
         if len(cells) == len(header):
             row = _row(dict(zip(header, cells, strict=True)))
@@ -195,19 +259,35 @@ def _row(cells: dict[str, str]) -> _TailRow | None:
 
     try:
         events = cells.get("events") or ""
-        refills, stopped, back = (_sum_of(events, word) for word in ("refill", "released_stopped", "refill_back"))
+        refills, stopped, back = (
+            _sum_of(events, word) for word in ("refill", "released_stopped", "refill_back")
+        )
         return _TailRow(
-            time_s=float(cells["time_s"]), lat_deg=float(cells["lat_deg"]), lon_deg=float(cells["lon_deg"]),
-            heading_deg=float(cells["heading_deg"]), speed_used_mps=known("speed_used_mps"),
-            shaft_rpm=known("shaft_rpm"), shaft_rpm_cmd=known("shaft_rpm_cmd"),
-            applied_rate_kg_ha=known("applied_rate_kg_ha"), flow_trim=known("flow_trim", 1.0),
+            time_s=float(cells["time_s"]),
+            lat_deg=float(cells["lat_deg"]),
+            lon_deg=float(cells["lon_deg"]),
+            heading_deg=float(cells["heading_deg"]),
+            speed_used_mps=known("speed_used_mps"),
+            shaft_rpm=known("shaft_rpm"),
+            shaft_rpm_cmd=known("shaft_rpm_cmd"),
+            applied_rate_kg_ha=known("applied_rate_kg_ha"),
+            flow_trim=known("flow_trim", 1.0),
             target_rate_kg_ha=known("target_rate_kg_ha"),
-            hopper_kg=float(cells["hopper_kg"]) if cells.get("hopper_kg") else None, state=cells.get("state", ""),
-            refill_kg=refills, refill_back_kg=back, stopped_kg=stopped, sections_cmd=cells.get("sections_cmd") or "")
+            hopper_kg=float(cells["hopper_kg"]) if cells.get("hopper_kg") else None,
+            state=cells.get("state", ""),
+            refill_kg=refills,
+            refill_back_kg=back,
+            stopped_kg=stopped,
+            sections_cmd=cells.get("sections_cmd") or "",
+        )
     except (KeyError, ValueError):
         return None
 
 
 def _sum_of(events: str, word: str) -> float:
     """Sum of what a row's events tell by this word. Raises ValueError."""
-    return sum(float(event.partition(" ")[2]) for event in events.split(";") if event.startswith(f"{word} "))
+    return sum(
+        float(event.partition(" ")[2])
+        for event in events.split(";")
+        if event.startswith(f"{word} ")
+    )

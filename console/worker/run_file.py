@@ -1,9 +1,12 @@
-"""The run file says where a worker listens and what opens it, for its own user only; `console.link` reads it.
+"""The run file says where a worker listens and what opens it, for its own user only;
+`console.link` reads it.
 
-It is information. That one worker runs at a time is kept by the lock next to it (`NAME.lock`), which the system gives
-back when the process ends, however it ends. Somebody may remove the lock's file: then the worker that runs makes and
-locks it anew, and one that starts asks the port of the run file before it believes the lock.
+It is information. That one worker runs at a time is kept by the lock next to it (`NAME.lock`),
+which the system gives back when the process ends, however it ends. Somebody may remove the
+lock's file: then the worker that runs makes and locks it anew, and one that starts asks the
+port of the run file before it believes the lock.
 """
+
 from __future__ import annotations
 
 import contextlib
@@ -23,38 +26,46 @@ from drivers.files.lock import stands, take_lock
 
 AGAIN_S = 0.02
 MENDED_S = 0.2
-SETTLED_S = 2.0 * MENDED_S      # a worker whose look at the lock met somebody else's has looked once more
-YOUNG_S = 2.0                   # on a busy computer a worker takes as long to lock a file made anew: ten of its looks
+# a worker whose look at the lock met somebody else's has looked once more
+SETTLED_S = 2.0 * MENDED_S
+# on a busy computer a worker takes as long to lock a file made anew: ten of its looks
+YOUNG_S = 2.0
 
 
 class Right:
     """The right to be the worker of a run file: its lock, on whatever file has the lock's name."""
 
-    def __init__(self, path: Path, lock: io.FileIO, new: bool, sleep: Callable[[float], None]) -> None:
+    def __init__(
+        self, path: Path, lock: io.FileIO, new: bool, sleep: Callable[[float], None]
+    ) -> None:
         self.path = path
         self._lock, self._new, self._sleep = lock, new, sleep
         self._taken_s = time.monotonic()
         self._refused = False
 
     def keep(self) -> None:
-        """Lock the file anew where it was removed; the lock on the old one is kept until then. Raises OSError."""
+        """Lock the file anew where it was removed; the lock on the old one is kept until then.
+        Raises OSError."""
         if stands(self._lock, self.path.with_suffix(".lock")):
             return
         private_folder(self.path.parent)
         lock = take_lock(self.path.with_suffix(".lock"))
-        if lock is not None:                # else somebody looks just now whether a worker runs: tried again
+        # else somebody looks just now whether a worker runs: tried again
+        if lock is not None:
             self._lock.close()
             self._lock = lock
 
     def confirm(self) -> None:
-        """Before this worker says where it listens: no other says so of itself. A lock's file that is new may have been
-        removed under a worker, which says again within `MENDED_S` where it listens: it is waited for.
+        """Before this worker says where it listens: no other says so of itself. A lock's file
+        that is new may have been removed under a worker, which says again within `MENDED_S`
+        where it listens: it is waited for.
 
         Raises BlockingIOError in one line, OSError.
         """
         if self._new:
             self._sleep(max(0.0, self._taken_s + SETTLED_S - time.monotonic()))
-        self._refused = True                # until it is known that the run file is nobody else's
+        # until it is known that the run file is nobody else's
+        self._refused = True
         _refuse_second(self.path)
         self._refused = False
 
@@ -69,9 +80,13 @@ class Right:
 
 
 @contextlib.contextmanager
-def held(path: Path, epoch_s: Callable[[], float] = day_clock.epoch_s,
-         sleep: Callable[[float], None] = time.sleep) -> Iterator[Right]:
-    """The right to be the worker of this run file, until the end of the block; a file left by one that died is removed.
+def held(
+    path: Path,
+    epoch_s: Callable[[], float] = day_clock.epoch_s,
+    sleep: Callable[[float], None] = time.sleep,
+) -> Iterator[Right]:
+    """The right to be the worker of this run file, until the end of the block; a file left by
+    one that died is removed.
 
     Raises BlockingIOError in one line where another worker has that right, OSError.
     """
@@ -92,14 +107,21 @@ def held(path: Path, epoch_s: Callable[[], float] = day_clock.epoch_s,
 
 
 class RunFile(threading.Thread):
-    """Says where this process listens, while the lock is `held`, and goes on saying it: a file that somebody removed or
-    damaged is written again within `MENDED_S`, by a thread of its own, and the lock's file is looked after."""
+    """Says where this process listens, while the lock is `held`, and goes on saying it: a file
+    that somebody removed or damaged is written again within `MENDED_S`, by a thread of its own,
+    and the lock's file is looked after."""
 
     def __init__(self, right: Right, port: int, token: str, log_path: str) -> None:
         super().__init__(name="run file", daemon=True)
         started = day_clock.utc_now().isoformat(timespec="milliseconds").replace("+00:00", "Z")
-        say = {"port": port, "token": token, "pid": os.getpid(), "parent": os.getppid(), "started": started,
-               "log_path": log_path}
+        say = {
+            "port": port,
+            "token": token,
+            "pid": os.getpid(),
+            "parent": os.getppid(),
+            "started": started,
+            "log_path": log_path,
+        }
         self._right = right
         self._path, self._said = right.path, json.dumps(say).encode() + b"\n"
         self._closing = threading.Event()
@@ -131,7 +153,8 @@ class RunFile(threading.Thread):
 
 
 def _lock(path: Path) -> io.FileIO:
-    """A console that looks whether a worker runs has the lock for a moment, one that ends a little longer."""
+    """A console that looks whether a worker runs has the lock for a moment, one that ends a
+    little longer."""
     until_s = time.monotonic() + LOCK_S
     while (lock := take_lock(path.with_suffix(".lock"))) is None:
         if time.monotonic() > until_s:
@@ -141,13 +164,15 @@ def _lock(path: Path) -> io.FileIO:
 
 
 def _young(lock: io.FileIO, now_s: float) -> bool:
-    """Whether a worker under which the lock's file was removed may not have locked this one yet: a console that looked
-    makes it anew. A file of the future, as the computer's clock has it, is young."""
+    """Whether a worker under which the lock's file was removed may not have locked this one
+    yet: a console that looked makes it anew. A file of the future, as the computer's clock has
+    it, is young."""
     return now_s - os.fstat(lock.fileno()).st_ctime < YOUNG_S
 
 
 def _refuse_second(path: Path) -> None:
-    """Raises BlockingIOError where the worker that the run file names still listens, whatever became of its lock."""
+    """Raises BlockingIOError where the worker that the run file names still listens, whatever
+    became of its lock."""
     if still_runs(path):
         raise BlockingIOError(f"a machine runs already on this computer{_holder(path)}")
 

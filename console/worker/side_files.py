@@ -1,4 +1,6 @@
-"""Files written next to the log: a thread of its own appends to them, so that the loop never waits for a disk."""
+"""Files written next to the log: a thread of its own appends to them, so that the loop never
+waits for a disk."""
+
 from __future__ import annotations
 
 import queue
@@ -7,7 +9,8 @@ from pathlib import Path
 
 
 class SideFiles:
-    """Appends in the order of the calls, each time to the end of what is there. What fails is reported in `trouble`."""
+    """Appends in the order of the calls, each time to the end of what is there. What fails is
+    reported in `trouble`."""
 
     def __init__(self) -> None:
         self.trouble = ""

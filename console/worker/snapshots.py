@@ -1,4 +1,6 @@
-"""The files that jobs are gone on with, NAME.resume.json, as far as they are looked at without what is in them."""
+"""The files that jobs are gone on with, NAME.resume.json, as far as they are looked at without
+what is in them."""
+
 from __future__ import annotations
 
 import json
@@ -8,7 +10,8 @@ from drivers.files.limits import RESUME, held_to
 
 FORMAT = "topdress-resume/1"
 ENDING = ".resume.json"
-LOOKED_AT = 100         # two weeks of a contractor's: jobs left longer ago are not gone on with
+# two weeks of a contractor's: jobs left longer ago are not gone on with
+LOOKED_AT = 100
 
 
 def saved_ns(path: Path) -> int:
@@ -24,8 +27,8 @@ def newest_first(folder: Path) -> list[Path]:
 
 
 def may_go_on(folder: Path) -> bool:
-    """False where every job was ended by its operator, or none was worked. Quick; `resume.open_jobs` says which go on
-    indeed."""
+    """False where every job was ended by its operator, or none was worked. Quick;
+    `resume.open_jobs` says which go on indeed."""
     for path in newest_first(folder):
         try:
             held_to(RESUME, path.stat().st_size, str(path))

@@ -1,4 +1,6 @@
-"""Everything that differs between Linux, macOS and Windows: signals, priority, who may read a file."""
+"""Everything that differs between Linux, macOS and Windows: signals, priority, who may read a
+file."""
+
 from __future__ import annotations
 
 import os
@@ -8,11 +10,13 @@ from collections.abc import Callable
 from pathlib import Path
 
 FIFO_PRIORITY = 20
-SWITCH_S = 0.001              # Python's threads hand over at least that often: the loop never waits longer for a thread
+# Python's threads hand over at least that often: the loop never waits longer for a thread
+SWITCH_S = 0.001
 
 
 def take_signals(stop: Callable[[str], None]) -> None:
-    """Ctrl-C and a closed terminal are the console's business; a request to terminate is a clean stop."""
+    """Ctrl-C and a closed terminal are the console's business; a request to terminate is a
+    clean stop."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     for name in ("SIGHUP", "SIGPIPE"):
         if hasattr(signal, name):
@@ -23,9 +27,11 @@ def take_signals(stop: Callable[[str], None]) -> None:
 
 
 def take_priority(wanted: str | None) -> str:
-    """Real-time priority for this thread and all that start after it; returns why it was not given, or nothing.
+    """Real-time priority for this thread and all that start after it; returns why it was not
+    given, or nothing.
 
-    All threads need it: one without it may hold the interpreter's lock while it is not allowed to run.
+    All threads need it: one without it may hold the interpreter's lock while it is not allowed
+    to run.
     """
     sys.setswitchinterval(SWITCH_S)
     if not wanted:
@@ -35,12 +41,16 @@ def take_priority(wanted: str | None) -> str:
     try:
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(FIFO_PRIORITY))
     except OSError as error:
-        return f"TOPDRESS_FIFO: {error.strerror}; going on without (needs an rtprio limit of {FIFO_PRIORITY} or more)"
+        return (
+            f"TOPDRESS_FIFO: {error.strerror}; going on without (needs an rtprio limit of "
+            f"{FIFO_PRIORITY} or more)"
+        )
     return ""
 
 
 def private_folder(folder: Path) -> None:
-    """Make the folder where needed, for its owner only. Raises PermissionError where it belongs to somebody else."""
+    """Make the folder where needed, for its owner only. Raises PermissionError where it belongs
+    to somebody else."""
     folder.mkdir(mode=0o700, parents=True, exist_ok=True)
     if hasattr(os, "geteuid") and folder.stat().st_uid != os.geteuid():
         raise PermissionError(f"{folder}: belongs to another user")

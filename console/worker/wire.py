@@ -1,4 +1,5 @@
 """Frames, answers and the greeting as bytes, one JSON object a line."""
+
 from __future__ import annotations
 
 import json
@@ -12,7 +13,8 @@ from control.orders import Answer
 
 
 def greeting(pid: int) -> bytes:
-    """The first line to every client: who listens here, so that a port taken over by another program is recognised."""
+    """The first line to every client: who listens here, so that a port taken over by another
+    program is recognised."""
     return _line({"hello": GREETING, "pid": pid})
 
 
@@ -21,7 +23,8 @@ def answered(number: int | None, answer: Answer, extra: dict[str, Any]) -> bytes
 
 
 def framed(frame: Frame) -> bytes:
-    """The frame as a line; a value that is not finite is not known, so that one of them never blinds the console.
+    """The frame as a line; a value that is not finite is not known, so that one of them never
+    blinds the console.
 
     Raises ValueError where something else than the row is not finite.
     """
@@ -29,8 +32,10 @@ def framed(frame: Frame) -> bytes:
         return to_json(frame)
     except ValueError:
         unknown: dict[str, Any] = {
-            name: None for name, value in frame.row._asdict().items()
-            if isinstance(value, float) and not math.isfinite(value)}
+            name: None
+            for name, value in frame.row._asdict().items()
+            if isinstance(value, float) and not math.isfinite(value)
+        }
         return to_json(replace(frame, row=frame.row._replace(**unknown)))
 
 

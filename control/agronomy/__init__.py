@@ -1,1 +1,2 @@
-"""From canopy to rate: crops, the nitrogen optimisation, day counts, sampling statistics, fusion of the heads."""
+"""From canopy to rate: crops, the nitrogen optimisation, day counts, sampling statistics,
+fusion of the heads."""

@@ -1,4 +1,5 @@
 """D of paper A, eq 4: how many days since sowing were warm enough to grow."""
+
 from __future__ import annotations
 
 import datetime as dt
@@ -7,21 +8,30 @@ import numpy as np
 import numpy.typing as npt
 
 
-def days_above_base(dates: npt.NDArray[np.datetime64], mean_temp_c: npt.NDArray[np.float64], sown: dt.date,
-                    sensed: dt.date, base_temp_c: float) -> int:
+def days_above_base(
+    dates: npt.NDArray[np.datetime64],
+    mean_temp_c: npt.NDArray[np.float64],
+    sown: dt.date,
+    sensed: dt.date,
+    base_temp_c: float,
+) -> int:
     """Days from sowing to sensing whose mean air temperature is above the base (paper A, eq 4).
 
-    The day of sowing counts, the day of sensing does not: its mean is not known while the canopy is sensed.
+    The day of sowing counts, the day of sensing does not: its mean is not known while the
+    canopy is sensed.
 
-    dates        (n,) days, any order, each once
-    mean_temp_c  (n,) degC, one for each date
-    Raises ValueError in one line when sensing is not after sowing, when a day of the span is missing or has no
-    finite temperature, when a date stands twice, or when no day is warm enough.
+    dates        (n,) days, any order, each once mean_temp_c  (n,) degC, one for each date
+    Raises ValueError in one line when sensing is not after sowing, when a day of the span is
+    missing or has no finite temperature, when a date stands twice, or when no day is warm
+    enough.
     """
     days = np.asarray(dates, dtype="datetime64[D]")
     temps = np.asarray(mean_temp_c, dtype=np.float64)
     if days.shape != temps.shape or days.ndim != 1:
-        raise ValueError(f"{days.size} dates but {temps.size} temperatures: one temperature for each date is needed")
+        raise ValueError(
+            f"{days.size} dates but {temps.size} temperatures: one temperature for each "
+            "date is needed"
+        )
     if sensed <= sown:
         raise ValueError(f"sensed {sensed} is not after sown {sown}")
     start, end = np.datetime64(sown, "D"), np.datetime64(sensed, "D")
@@ -32,9 +42,14 @@ def days_above_base(dates: npt.NDArray[np.datetime64], mean_temp_c: npt.NDArray[
     usable = days[inside & np.isfinite(temps)]
     missing = np.setdiff1d(np.arange(start, end), usable)
     if missing.size:
-        raise ValueError(f"no mean temperature for {missing.size} of the {int((end - start).astype(int))} days from "
-                         f"{sown} to {sensed}, the first is {missing[0]}")
+        raise ValueError(
+            f"no mean temperature for {missing.size} of the "
+            f"{int((end - start).astype(int))} days from "
+            f"{sown} to {sensed}, the first is {missing[0]}"
+        )
     warm = int(np.count_nonzero(temps[inside] > base_temp_c))
     if warm == 0:
-        raise ValueError(f"no day from {sown} to {sensed} has a mean temperature above {base_temp_c:g} degC")
+        raise ValueError(
+            f"no day from {sown} to {sensed} has a mean temperature above {base_temp_c:g} degC"
+        )
     return warm

@@ -1,10 +1,12 @@
 """Six canopy heads to one NDVI: the median of the heads that can be trusted.
 
-A head is left out when it is silent (no new reading for `silent_s`), or when it disagrees: its distance from the
-median of the others exceeds max(`least_apart`, `robust_sds` robust standard deviations of the others) without a break
-for `drop_after_s`, and fewer than half of the heads side with it. It comes back when it has stayed within half of
-that distance for `return_after_s`. One bad reading never drops a head; the median bears it.
+A head is left out when it is silent (no new reading for `silent_s`), or when it disagrees: its
+distance from the median of the others exceeds max(`least_apart`, `robust_sds` robust standard
+deviations of the others) without a break for `drop_after_s`, and fewer than half of the heads
+side with it. It comes back when it has stayed within half of that distance for
+`return_after_s`. One bad reading never drops a head; the median bears it.
 """
+
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -13,17 +15,18 @@ from typing import NamedTuple
 
 from control.readings import Reading, is_fresh
 
-_MAD_TO_SD = 1.4826     # median absolute deviation to standard deviation, normal distribution
+# median absolute deviation to standard deviation, normal distribution
+_MAD_TO_SD = 1.4826
 
 
 class FusionLimits(NamedTuple):
-    silent_s: float = 1.25          # two and a half periods of heads at 2 Hz
-    least_apart: float = 0.08       # NDVI: closer heads never disagree
+    silent_s: float = 1.25  # two and a half periods of heads at 2 Hz
+    least_apart: float = 0.08  # NDVI: closer heads never disagree
     robust_sds: float = 4.0
     drop_after_s: float = 2.0
     return_after_s: float = 5.0
-    least_valid: int = 4            # fewer: degraded
-    ndvi_low: float = -0.2          # outside low to high a reading is no reading
+    least_valid: int = 4  # fewer: degraded
+    ndvi_low: float = -0.2  # outside low to high a reading is no reading
     ndvi_high: float = 1.0
 
 
@@ -32,8 +35,8 @@ LIMITS = FusionLimits()
 
 class HeadState(NamedTuple):
     last: Reading | None = None
-    apart_since_s: float | None = None      # disagreeing without a break since then
-    close_since_s: float | None = None      # a dropped head that agrees again since then
+    apart_since_s: float | None = None  # disagreeing without a break since then
+    close_since_s: float | None = None  # a dropped head that agrees again since then
     dropped: bool = False
 
 
@@ -45,11 +48,11 @@ class Fused(NamedTuple):
     """`ndvi` is None when no head is left. Heads are numbered from 1, left to right."""
 
     ndvi: float | None
-    valid: int                          # heads in the median
-    dropped: tuple[int, ...]            # left out for either reason
+    valid: int  # heads in the median
+    dropped: tuple[int, ...]  # left out for either reason
     disagreeing: tuple[int, ...]
     silent: tuple[int, ...]
-    degraded: bool                      # fewer valid heads than needed
+    degraded: bool  # fewer valid heads than needed
 
 
 def start(heads: int = 6) -> FusionState:
@@ -57,23 +60,43 @@ def start(heads: int = 6) -> FusionState:
     return FusionState((HeadState(),) * heads)
 
 
-def fuse_readings(state: FusionState, readings: Sequence[Reading | None], time_s: float,
-                  limits: FusionLimits = LIMITS) -> tuple[FusionState, Fused]:
-    """One step with the newest reading of each head, however old (as `control.readings.Measurements` holds them).
+def fuse_readings(
+    state: FusionState,
+    readings: Sequence[Reading | None],
+    time_s: float,
+    limits: FusionLimits = LIMITS,
+) -> tuple[FusionState, Fused]:
+    """One step with the newest reading of each head, however old (as
+    `control.readings.Measurements` holds them).
 
-    readings (heads,) NDVI; None: no reading yet. A change in the number of heads starts afresh. Source: our own rule.
+    readings (heads,) NDVI; None: no reading yet. A change in the number of heads starts afresh.
+    Source: our own rule.
     """
     heads = state.heads if len(state.heads) == len(readings) else (HeadState(),) * len(readings)
-    heads = tuple(_heard(head, reading, limits) for head, reading in zip(heads, readings, strict=True))
+    heads = tuple(
+        _heard(head, reading, limits) for head, reading in zip(heads, readings, strict=True)
+    )
     silent = tuple(k for k, head in enumerate(heads) if _is_silent(head, time_s, limits))
-    fresh = {k: head.last.value for k, head in enumerate(heads) if head.last is not None and k not in silent}
-    heads = tuple(_judged(k, head, heads, fresh, time_s, limits) if k in fresh else _not_judged(head)
-                  for k, head in enumerate(heads))
+    fresh = {
+        k: head.last.value
+        for k, head in enumerate(heads)
+        if head.last is not None and k not in silent
+    }
+    heads = tuple(
+        _judged(k, head, heads, fresh, time_s, limits) if k in fresh else _not_judged(head)
+        for k, head in enumerate(heads)
+    )
     trusted = [value for k, value in fresh.items() if not heads[k].dropped]
     disagreeing = tuple(k + 1 for k in fresh if heads[k].dropped)
     mute = tuple(k + 1 for k in silent)
-    fused = Fused(median(trusted) if trusted else None, len(trusted), tuple(sorted((*disagreeing, *mute))),
-                  disagreeing, mute, len(trusted) < limits.least_valid)
+    fused = Fused(
+        median(trusted) if trusted else None,
+        len(trusted),
+        tuple(sorted((*disagreeing, *mute))),
+        disagreeing,
+        mute,
+        len(trusted) < limits.least_valid,
+    )
     return FusionState(heads), fused
 
 
@@ -91,8 +114,14 @@ def _not_judged(head: HeadState) -> HeadState:
     return head._replace(apart_since_s=None, close_since_s=None)
 
 
-def _judged(k: int, head: HeadState, heads: tuple[HeadState, ...], fresh: dict[int, float], time_s: float,
-            limits: FusionLimits) -> HeadState:
+def _judged(
+    k: int,
+    head: HeadState,
+    heads: tuple[HeadState, ...],
+    fresh: dict[int, float],
+    time_s: float,
+    limits: FusionLimits,
+) -> HeadState:
     others = [value for j, value in fresh.items() if j != k and not heads[j].dropped]
     if len(others) < 3:
         return _not_judged(head)

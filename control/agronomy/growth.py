@@ -1,9 +1,11 @@
 """Is the crop at the stage for which its rule was made? A warning, never a stop.
 
-A yield curve over NDVI was fitted at certain stages: OSU's wheat curves at Feekes 4 to 6 (nue.okstate.edu/NLS/
-NLS_Non_N_Limiting_Strip.htm), best between 87 and 112 days above 4.4 degC (nue.okstate.edu/GSchart.htm). Earlier the
-crop has not yet shown what it will be, later it has closed and NDVI says little.
+A yield curve over NDVI was fitted at certain stages: OSU's wheat curves at Feekes 4 to 6
+(nue.okstate.edu/NLS/ NLS_Non_N_Limiting_Strip.htm), best between 87 and 112 days above 4.4 degC
+(nue.okstate.edu/GSchart.htm). Earlier the crop has not yet shown what it will be, later it has
+closed and NDVI says little.
 """
+
 from __future__ import annotations
 
 from typing import Annotated, Literal, NamedTuple, Self
@@ -13,12 +15,18 @@ from pydantic import Field, model_validator
 from control.frozen_model import FrozenModel
 
 Scale = Literal["feekes", "bbch", "days"]
-SCALE_RANGE: dict[str, tuple[float, float]] = {"feekes": (1.0, 11.4), "bbch": (0.0, 99.0), "days": (1.0, 400.0)}
+SCALE_RANGE: dict[str, tuple[float, float]] = {
+    "feekes": (1.0, 11.4),
+    "bbch": (0.0, 99.0),
+    "days": (1.0, 400.0),
+}
 
-Stage = Annotated[float, Field(ge=0, le=400)]        # the widest of the scales
+Stage = Annotated[float, Field(ge=0, le=400)]  # the widest of the scales
+
 
 class GrowthWindow(FrozenModel):
-    """From which stage to which the crop's rule holds. days: as the rule counts them, above its base temperature."""
+    """From which stage to which the crop's rule holds. days: as the rule counts them, above its
+    base temperature."""
 
     scale: Scale
     first: Stage
@@ -29,8 +37,11 @@ class GrowthWindow(FrozenModel):
     def _on_its_scale(self) -> Self:
         low, high = SCALE_RANGE[self.scale]
         if not low <= self.first <= self.last <= high:
-            raise ValueError(f"first {self.first:g} and last {self.last:g}: allowed is {low:g} to {high:g} on the "
-                             f"scale {self.scale}, first not after last")
+            raise ValueError(
+                f"first {self.first:g} and last {self.last:g}: allowed is {low:g} to "
+                f"{high:g} on the "
+                f"scale {self.scale}, first not after last"
+            )
         return self
 
 
@@ -44,7 +55,9 @@ class GrowthStage(FrozenModel):
     def _on_its_scale(self) -> Self:
         low, high = SCALE_RANGE[self.scale]
         if not low <= self.stage <= high:
-            raise ValueError(f"stage {self.stage:g}: allowed is {low:g} to {high:g} on the scale {self.scale}")
+            raise ValueError(
+                f"stage {self.stage:g}: allowed is {low:g} to {high:g} on the scale {self.scale}"
+            )
         return self
 
 
@@ -67,9 +80,11 @@ class Growth(NamedTuple):
         return f"{self.scale} {stage} ({self.first:g} to {self.last:g})"
 
 
-def growth_of(window: GrowthWindow | None, seen: GrowthStage | None, days: int | None) -> Growth | None:
-    """The stage in the terms of the window; None where the crop file has no window. A stage given on another scale is
-    not known on this one. days: of the rule."""
+def growth_of(
+    window: GrowthWindow | None, seen: GrowthStage | None, days: int | None
+) -> Growth | None:
+    """The stage in the terms of the window; None where the crop file has no window. A stage
+    given on another scale is not known on this one. days: of the rule."""
     if window is None:
         return None
     stage = None

@@ -1,17 +1,21 @@
 """The nitrogen optimisation of paper A, eq 2 to 5: NDVI to kg of product per ha.
 
-Two forms: with the NDVI of an N-rich strip (response index), or with a fixed yield where no strip was sown. The
-response index is that of each place (the paper) or that of the field (its authors at Oklahoma State, `response`).
-Put right against the print: the rate is never below zero (eq 2 gives -21.9 kg/ha at NDVI 0.75), the response index
-is capped, and no yield is assumed beyond the crop's Y_max. A crop file may go by the sufficiency index instead
+Two forms: with the NDVI of an N-rich strip (response index), or with a fixed yield where no
+strip was sown. The response index is that of each place (the paper) or that of the field (its
+authors at Oklahoma State, `response`). Put right against the print: the rate is never below
+zero (eq 2 gives -21.9 kg/ha at NDVI 0.75), the response index is capped, and no yield is
+assumed beyond the crop's Y_max. A crop file may go by the sufficiency index instead
 (`sufficiency`), without any yield.
 
-`yield_ceiling: nrich` holds the yield with topdressing at that of the curve at the N-rich strip's own NDVI: a place as
-green as the strip lacks nothing. So has Oklahoma State's own sheet for variable rates, as `R/SBNRC_Algorithm.R` of
-github.com/beardon/ninja-active-mapper writes it out ("from SBNRC NRate VRN equations excel sheet from Dr. Arnall"); a
-lowest rate of the rule stands there too. Of Solie, Monroe, Raun and Stone 2012 ("Generalized Algorithm for
-Variable-Rate Nitrogen Application in Cereal Grains") only the abstract could be read: their curve is not here.
+`yield_ceiling: nrich` holds the yield with topdressing at that of the curve at the N-rich
+strip's own NDVI: a place as green as the strip lacks nothing. So has Oklahoma State's own sheet
+for variable rates, as `R/SBNRC_Algorithm.R` of github.com/beardon/ninja-active-mapper writes it
+out ("from SBNRC NRate VRN equations excel sheet from Dr. Arnall"); a lowest rate of the rule
+stands there too. Of Solie, Monroe, Raun and Stone 2012 ("Generalized Algorithm for
+Variable-Rate Nitrogen Application in Cereal Grains") only the abstract could be read: their
+curve is not here.
 """
+
 from __future__ import annotations
 
 import math
@@ -23,24 +27,34 @@ from control.agronomy.response import ResponseRule, field_response
 from control.agronomy.strips import Strips, StripValue
 from control.agronomy.yield_potential import YieldPotential
 
-Why = Literal["in_range", "no_ndvi", "no_strips", "below_cutoff", "above_cutoff", "yield_reached", "limited", "lowest",
-              "no_zone"]
+Why = Literal[
+    "in_range",
+    "no_ndvi",
+    "no_strips",
+    "below_cutoff",
+    "above_cutoff",
+    "yield_reached",
+    "limited",
+    "lowest",
+    "no_zone",
+]
 
 
 class Decision(NamedTuple):
     """A rate with the way it came about.
 
-    Yields in t/ha, capped at the crop's Y_max; None where a cut-off decided before they were needed.
+    Yields in t/ha, capped at the crop's Y_max; None where a cut-off decided before they were
+    needed.
     """
 
-    rate_kg_ha: float                      # product, 0 to the crop's max_rate_kg_ha
+    rate_kg_ha: float  # product, 0 to the crop's max_rate_kg_ha
     why: Why
-    grade: int | None                      # None: grades are off
-    ndvi_used: float | None                # upper edge of the grade, or the NDVI itself
+    grade: int | None  # None: grades are off
+    ndvi_used: float | None  # upper edge of the grade, or the NDVI itself
     insey_per_day: float | None = None
     yield_without_t_ha: float | None = None
     yield_with_t_ha: float | None = None
-    response_index: float | None = None    # None in the fixed-yield form
+    response_index: float | None = None  # None in the fixed-yield form
     sufficiency_index: float | None = None  # None by a yield curve
 
 
@@ -52,13 +66,15 @@ def insey(ndvi: float, days: float) -> float:
 
 
 def yield_without(insey_per_day: float, a_t_ha: float, b_days: float) -> float:
-    """Yield without topdressing, a exp(b INSEY), t/ha (paper A, eq 3). Not capped here; infinite beyond e^700."""
+    """Yield without topdressing, a exp(b INSEY), t/ha (paper A, eq 3). Not capped here;
+    infinite beyond e^700."""
     exponent = b_days * insey_per_day
     return a_t_ha * math.exp(exponent) if exponent < 700.0 else math.inf
 
 
 def response_index(ndvi_nrich: float, ndvi_field: float, cap: float = 2.0) -> float:
-    """NDVI of the N-rich strip over that of the field, at most `cap` (paper A, eq 5; cap: Raun et al. 2002).
+    """NDVI of the N-rich strip over that of the field, at most `cap` (paper A, eq 5; cap: Raun
+    et al. 2002).
 
     A field at NDVI 0 or below gives the cap.
     """
@@ -67,9 +83,15 @@ def response_index(ndvi_nrich: float, ndvi_field: float, cap: float = 2.0) -> fl
     return min(ndvi_nrich / ndvi_field, cap)
 
 
-def n_requirement_kg_ha(yield_with_t_ha: float, yield_without_t_ha: float, grain_n_kg_t: float = 23.9,
-                        product_n_fraction: float = 0.45, efficiency: float = 0.6) -> float:
-    """Product needed to lift the yield, kg/ha (paper A, eq 2); as printed, so below zero when nothing is to lift."""
+def n_requirement_kg_ha(
+    yield_with_t_ha: float,
+    yield_without_t_ha: float,
+    grain_n_kg_t: float = 23.9,
+    product_n_fraction: float = 0.45,
+    efficiency: float = 0.6,
+) -> float:
+    """Product needed to lift the yield, kg/ha (paper A, eq 2); as printed, so below zero when
+    nothing is to lift."""
     return grain_n_kg_t * (yield_with_t_ha - yield_without_t_ha) / (product_n_fraction * efficiency)
 
 
@@ -79,15 +101,18 @@ def _side(ndvi: float, crop: Crop) -> Why:
 
 @dataclass(frozen=True, slots=True)
 class Rule:
-    """A crop made ready for one field: days and reference fixed, so that a decision needs the NDVI only."""
+    """A crop made ready for one field: days and reference fixed, so that a decision needs the
+    NDVI only."""
 
     crop: Crop
-    days: int | None               # None: by the sufficiency index
-    ndvi_nrich: float | None       # None: fixed-yield form
-    ndvi_check: float | None = None            # farmer check; used by response rule "field"
+    days: int | None  # None: by the sufficiency index
+    ndvi_nrich: float | None  # None: fixed-yield form
+    ndvi_check: float | None = None  # farmer check; used by response rule "field"
     response_rule: ResponseRule = "paper"
-    n_given_kg_ha: float = 0.0     # N since sowing: the canopy shows it; off the optimum of the sufficiency index
-    n_credit_kg_ha: float = 0.0    # N from elsewhere that the canopy does not show yet: off what either rule gives
+    # N since sowing: the canopy shows it; off the optimum of the sufficiency index
+    n_given_kg_ha: float = 0.0
+    # N from elsewhere that the canopy does not show yet: off what either rule gives
+    n_credit_kg_ha: float = 0.0
 
     @property
     def strips(self) -> Strips:
@@ -102,10 +127,15 @@ class Rule:
 
     @property
     def is_ready(self) -> bool:
-        """Whether it can decide: by strips, or by the crop's fixed yield as long as there are none."""
+        """Whether it can decide: by strips, or by the crop's fixed yield as long as there are
+        none."""
         if self.crop.fixed_yield_t_ha is not None:
             return True
-        return self.ndvi_nrich is not None if self.response_rule == "paper" else self.field_response is not None
+        return (
+            self.ndvi_nrich is not None
+            if self.response_rule == "paper"
+            else self.field_response is not None
+        )
 
     def with_strip(self, strip: StripValue) -> Rule:
         """The rule with a strip as it was measured just now."""
@@ -114,9 +144,10 @@ class Rule:
         return replace(self, ndvi_check=strip.ndvi)
 
     def decide(self, ndvi: float | None, zone_factor: float = 1.0) -> Decision:
-        """Rate for a canopy reading. No reading, or one that is not finite, gives rate 0 with why "no_ndvi", a rule
-        that waits for its strips 0 with "no_strips": the caller falls back to the crop's fallback rate. zone_factor: of
-        what the rule finds at this place; 0: nothing, whatever the lowest rate."""
+        """Rate for a canopy reading. No reading, or one that is not finite, gives rate 0 with
+        why "no_ndvi", a rule that waits for its strips 0 with "no_strips": the caller falls
+        back to the crop's fallback rate. zone_factor: of what the rule finds at this place; 0:
+        nothing, whatever the lowest rate."""
         crop = self.crop
         if ndvi is None or not math.isfinite(ndvi):
             return Decision(0.0, "no_ndvi", None, None)
@@ -134,15 +165,18 @@ class Rule:
         return self._from_reading(used, grade, zone_factor)
 
     def _tapered(self, decision: Decision, ndvi: float) -> Decision:
-        """Between bare soil and crop, and towards the dense end, a reading says less and less: the rate comes and goes
-        over `taper_ndvi` instead of in a step that noise crosses again and again."""
+        """Between bare soil and crop, and towards the dense end, a reading says less and less:
+        the rate comes and goes over `taper_ndvi` instead of in a step that noise crosses again
+        and again."""
         crop = self.crop
         if crop.taper_ndvi <= 0.0:
             return decision
         inside = ndvi - crop.ndvi_min
         if crop.ndvi_max is not None:
             inside = min(inside, crop.ndvi_max - ndvi)
-        return decision._replace(rate_kg_ha=decision.rate_kg_ha * min(1.0, inside / crop.taper_ndvi))
+        return decision._replace(
+            rate_kg_ha=decision.rate_kg_ha * min(1.0, inside / crop.taper_ndvi)
+        )
 
     def _from_reading(self, ndvi: float, grade: int | None, zone_factor: float) -> Decision:
         curve = self.crop.yield_potential
@@ -152,9 +186,12 @@ class Rule:
 
     def _from_sufficiency(self, ndvi: float, grade: int | None, zone_factor: float) -> Decision:
         crop, rich = self.crop, self.ndvi_nrich
-        assert crop.sufficiency is not None and rich is not None      # the crop file's own check; is_ready
+        # the crop file's own check; is_ready
+        assert crop.sufficiency is not None and rich is not None
         index = ndvi / rich
-        n_kg_ha = crop.sufficiency.n_kg_ha(index, zone_factor, self.n_given_kg_ha + self.n_credit_kg_ha)
+        n_kg_ha = crop.sufficiency.n_kg_ha(
+            index, zone_factor, self.n_given_kg_ha + self.n_credit_kg_ha
+        )
         rate, why = self._limited(n_kg_ha / crop.product_n_fraction)
         return Decision(rate, why, grade, ndvi, sufficiency_index=index)
 
@@ -165,13 +202,17 @@ class Rule:
             why = "lowest" if least > 0.0 else "yield_reached"
         return min(max(need_kg_ha, least), most), why
 
-    def _from_yields(self, ndvi: float, grade: int | None, curve: YieldPotential, zone_factor: float) -> Decision:
+    def _from_yields(
+        self, ndvi: float, grade: int | None, curve: YieldPotential, zone_factor: float
+    ) -> Decision:
         crop, days, most = self.crop, self.days, self.crop.y_max_t_ha
-        assert days is not None and most is not None                # `prepare`; the crop file's own check
+        assert days is not None and most is not None  # `prepare`; the crop file's own check
         index = insey(ndvi, days)
         without = min(yield_without(index, curve.a_t_ha, curve.b_days), most)
         if crop.yield_ceiling == "nrich" and self.ndvi_nrich is not None:
-            most = min(most, yield_without(insey(self.ndvi_nrich, days), curve.a_t_ha, curve.b_days))
+            most = min(
+                most, yield_without(insey(self.ndvi_nrich, days), curve.a_t_ha, curve.b_days)
+            )
         response = self.field_response
         if self.response_rule == "paper" and self.ndvi_nrich is not None:
             response = response_index(self.ndvi_nrich, ndvi, crop.response_index_max)
@@ -180,19 +221,31 @@ class Rule:
         else:
             wanted = crop.fixed_yield_t_ha if crop.fixed_yield_t_ha is not None else 0.0
         with_n = min(wanted, most)
-        need = n_requirement_kg_ha(with_n, without, crop.grain_n_kg_t, crop.product_n_fraction, crop.efficiency)
-        rate, why = self._limited(need * zone_factor - self.n_credit_kg_ha / crop.product_n_fraction)
+        need = n_requirement_kg_ha(
+            with_n, without, crop.grain_n_kg_t, crop.product_n_fraction, crop.efficiency
+        )
+        rate, why = self._limited(
+            need * zone_factor - self.n_credit_kg_ha / crop.product_n_fraction
+        )
         return Decision(rate, why, grade, ndvi, index, without, with_n, response)
 
 
-def prepare(crop: Crop, days: int | None = None, ndvi_nrich: float | None = None, ndvi_check: float | None = None,
-            response_rule: ResponseRule | None = None, n_given_kg_ha: float = 0.0, n_credit_kg_ha: float = 0.0) -> Rule:
+def prepare(
+    crop: Crop,
+    days: int | None = None,
+    ndvi_nrich: float | None = None,
+    ndvi_check: float | None = None,
+    response_rule: ResponseRule | None = None,
+    n_given_kg_ha: float = 0.0,
+    n_credit_kg_ha: float = 0.0,
+) -> Rule:
     """A crop made ready for work. What is given overrides the crop file's own.
 
-    With an N-rich NDVI the response index decides, else the crop's fixed yield. By response rule "field" both strips
-    may be missing yet, and by the sufficiency index the N-rich strip: they are measured on the way.
-    Raises ValueError in one line when the days are not known yet (a weather file has to be counted first) or out of
-    1 to 400, when neither form is possible, or when the NDVI of a strip is not in (0, 1].
+    With an N-rich NDVI the response index decides, else the crop's fixed yield. By response
+    rule "field" both strips may be missing yet, and by the sufficiency index the N-rich strip:
+    they are measured on the way. Raises ValueError in one line when the days are not known yet
+    (a weather file has to be counted first) or out of 1 to 400, when neither form is possible,
+    or when the NDVI of a strip is not in (0, 1].
     """
     if crop.yield_potential is not None:
         days = _days_of(crop, days)
@@ -200,15 +253,26 @@ def prepare(crop: Crop, days: int | None = None, ndvi_nrich: float | None = None
     ndvi_check = ndvi_check if ndvi_check is not None else crop.ndvi_check
     response_rule = response_rule or crop.response_index
     if crop.sufficiency is not None and response_rule != "paper":
-        raise ValueError(f"crop {crop.id}: response_index field: goes with yield_potential, not with sufficiency")
+        raise ValueError(
+            f"crop {crop.id}: response_index field: goes with yield_potential, not with sufficiency"
+        )
     by_place = crop.sufficiency is None and response_rule == "paper"
     if by_place and ndvi_nrich is None and crop.fixed_yield_t_ha is None:
-        raise ValueError(f"crop {crop.id}: ndvi_nrich and fixed_yield_t_ha both missing: one is needed")
+        raise ValueError(
+            f"crop {crop.id}: ndvi_nrich and fixed_yield_t_ha both missing: one is needed"
+        )
     for name, ndvi in (("ndvi_nrich", ndvi_nrich), ("ndvi_check", ndvi_check)):
         if ndvi is not None and not 0.0 < ndvi <= 1.0:
             raise ValueError(f"crop {crop.id}: {name} {ndvi:g}: allowed is above 0, at most 1")
-    return Rule(crop, None if crop.yield_potential is None else days, ndvi_nrich, ndvi_check, response_rule,
-                n_given_kg_ha, n_credit_kg_ha)
+    return Rule(
+        crop,
+        None if crop.yield_potential is None else days,
+        ndvi_nrich,
+        ndvi_check,
+        response_rule,
+        n_given_kg_ha,
+        n_credit_kg_ha,
+    )
 
 
 def _days_of(crop: Crop, counted: int | None) -> int:
@@ -222,13 +286,17 @@ def _days_of(crop: Crop, counted: int | None) -> int:
     return days
 
 
-def rate_kg_ha(crop: Crop, ndvi: float | None, days: int | None = None, ndvi_nrich: float | None = None) -> float:
-    """Product, kg/ha, for a canopy reading: never below 0, never above the crop's limit (paper A, eq 2 to 5)."""
+def rate_kg_ha(
+    crop: Crop, ndvi: float | None, days: int | None = None, ndvi_nrich: float | None = None
+) -> float:
+    """Product, kg/ha, for a canopy reading: never below 0, never above the crop's limit (paper
+    A, eq 2 to 5)."""
     return prepare(crop, days, ndvi_nrich).decide(ndvi).rate_kg_ha
 
 
 class GradeRate(NamedTuple):
-    """One line of the table a crop works by: NDVI above `ndvi_above` up to `ndvi_to` gets `rate_kg_ha`."""
+    """One line of the table a crop works by: NDVI above `ndvi_above` up to `ndvi_to` gets
+    `rate_kg_ha`."""
 
     grade: int
     ndvi_above: float
@@ -236,33 +304,42 @@ class GradeRate(NamedTuple):
     rate_kg_ha: float
 
 
-def rate_table(crop: Crop, days: int | None = None, ndvi_nrich: float | None = None) -> tuple[GradeRate, ...]:
-    """The crop's grades in rising NDVI (paper A, figure 4): (low, low + width] and so on, without the zero grade.
+def rate_table(
+    crop: Crop, days: int | None = None, ndvi_nrich: float | None = None
+) -> tuple[GradeRate, ...]:
+    """The crop's grades in rising NDVI (paper A, figure 4): (low, low + width] and so on,
+    without the zero grade.
 
-    A crop with grades off is tabulated at the same edges, each line with the rate at its upper edge.
+    A crop with grades off is tabulated at the same edges, each line with the rate at its upper
+    edge.
     """
     rule = prepare(crop, days, ndvi_nrich)
     edges = grade_edges(crop.ndvi_min, crop.ndvi_top, crop.grade_width)
     lower = (crop.ndvi_min, *edges[:-1])
-    return tuple(GradeRate(k, low, high, rule.decide(high).rate_kg_ha)
-                 for k, (low, high) in enumerate(zip(lower, edges, strict=True), start=1))
+    return tuple(
+        GradeRate(k, low, high, rule.decide(high).rate_kg_ha)
+        for k, (low, high) in enumerate(zip(lower, edges, strict=True), start=1)
+    )
 
 
-_EDGE = 1e-9   # NDVI this close above an edge still belongs to the grade below
+# NDVI this close above an edge still belongs to the grade below
+_EDGE = 1e-9
 
 
 class Graded(NamedTuple):
-    """One of the 11 grades of paper A, section 2.1 (5): ten steps of NDVI and the zero grade. The paper's text gives a
-    step of 0.5; its own example ((0.25, 0.3] is one grade) says 0.05.
+    """One of the 11 grades of paper A, section 2.1 (5): ten steps of NDVI and the zero grade.
+    The paper's text gives a step of 0.5; its own example ((0.25, 0.3] is one grade) says 0.05.
 
-    `grade` 0 is the zero grade; `ndvi` is the upper edge whose rate the grade takes (None in the zero grade)."""
+    `grade` 0 is the zero grade; `ndvi` is the upper edge whose rate the grade takes (None in
+    the zero grade)."""
 
     grade: int
     ndvi: float | None
 
 
 def graded_ndvi(ndvi: float, low: float = 0.25, high: float = 0.75, width: float = 0.05) -> Graded:
-    """The grade of an NDVI: (low, low + width] is grade 1, and so on up to `high`; elsewhere grade 0.
+    """The grade of an NDVI: (low, low + width] is grade 1, and so on up to `high`; elsewhere
+    grade 0.
 
     Raises ValueError for a width that is not positive. Source: paper A, section 2.1 (5).
     """

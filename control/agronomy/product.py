@@ -1,4 +1,6 @@
-"""A product file: what is spread, apart from the machine that meters it and the crop that gets it."""
+"""A product file: what is spread, apart from the machine that meters it and the crop that gets
+it."""
+
 from __future__ import annotations
 
 import datetime as dt
@@ -14,12 +16,20 @@ class CatchTest(FrozenModel):
 
     date: dt.date
     machine: str = Field(min_length=1, description="id of the machine that it was done with")
-    grams_per_rev_mm: float = Field(gt=0.0, le=1000.0, description="all outlets together, per turn and mm of opening")
+    grams_per_rev_mm: float = Field(
+        gt=0.0, le=1000.0, description="all outlets together, per turn and mm of opening"
+    )
     low: float | None = Field(default=None, gt=0.0, le=1000.0, description="90 % interval")
     high: float | None = Field(default=None, gt=0.0, le=1000.0, description="90 % interval")
-    zero_offset_g_rev: float = Field(default=0.0, ge=-1e5, le=1e5, description="g a turn at zero opening")
-    fill_falloff_percent: float = Field(default=0.0, ge=-10.0, le=60.0, description="lost at the machine's full_rpm")
-    rows: int | None = Field(default=None, ge=1, le=1_000_000, description="catches that were weighed")
+    zero_offset_g_rev: float = Field(
+        default=0.0, ge=-1e5, le=1e5, description="g a turn at zero opening"
+    )
+    fill_falloff_percent: float = Field(
+        default=0.0, ge=-10.0, le=60.0, description="lost at the machine's full_rpm"
+    )
+    rows: int | None = Field(
+        default=None, ge=1, le=1_000_000, description="catches that were weighed"
+    )
     data: str = Field(default="", description="the table that was fitted")
     sha256: str = Field(default="", description="of that table")
 
@@ -27,9 +37,15 @@ class CatchTest(FrozenModel):
     def _interval(self) -> Self:
         if (self.low is None) != (self.high is None):
             raise ValueError("low and high: allowed are both or none")
-        if self.low is not None and self.high is not None and not self.low <= self.grams_per_rev_mm <= self.high:
-            raise ValueError(f"grams_per_rev_mm {self.grams_per_rev_mm:g}: allowed is low {self.low:g} to high "
-                             f"{self.high:g}")
+        if (
+            self.low is not None
+            and self.high is not None
+            and not self.low <= self.grams_per_rev_mm <= self.high
+        ):
+            raise ValueError(
+                f"grams_per_rev_mm {self.grams_per_rev_mm:g}: allowed is low {self.low:g} to high "
+                f"{self.high:g}"
+            )
         return self
 
 
@@ -41,11 +57,18 @@ class Product(FrozenModel):
     name: str = Field(min_length=1, max_length=80, description="as the bag says it")
     note: str = Field(default="", description="where the figures come from")
     n_fraction: float = Field(ge=0.05, le=0.82, description="N in the product (eq 2)")
-    density_kg_l: float | None = Field(default=None, ge=0.2, le=3.0, description="loose, as filled in")
-    size_mm: float | None = Field(default=None, gt=0.0, le=20.0, description="middle grain, by mass")
-    repose_deg: float | None = Field(default=None, gt=0.0, lt=90.0, description="angle of repose: how badly it flows")
-    catch_tests: tuple[CatchTest, ...] = Field(default=(), max_length=10_000,
-                                                description="of any machine, in any order")
+    density_kg_l: float | None = Field(
+        default=None, ge=0.2, le=3.0, description="loose, as filled in"
+    )
+    size_mm: float | None = Field(
+        default=None, gt=0.0, le=20.0, description="middle grain, by mass"
+    )
+    repose_deg: float | None = Field(
+        default=None, gt=0.0, lt=90.0, description="angle of repose: how badly it flows"
+    )
+    catch_tests: tuple[CatchTest, ...] = Field(
+        default=(), max_length=10_000, description="of any machine, in any order"
+    )
 
     def newest_test(self, machine_id: str) -> CatchTest | None:
         """The last one by date with this machine; of one day the one that stands last."""

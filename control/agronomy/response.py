@@ -1,10 +1,13 @@
-"""The response index of a field as its authors at Oklahoma State define it, and what of it can be believed.
+"""The response index of a field as its authors at Oklahoma State define it, and what of it can
+be believed.
 
-RI = NDVI of the N-rich strip over NDVI of the farmer check, one figure for the field and the day (Mullen et al. 2003,
-Agron. J. 95:347-351; nue.okstate.edu/NLS/NLS_Non_N_Limiting_Strip.htm). The farmer check is a strip that got what the
-field got. The paper of the Huanghai machine divides by the NDVI of each place instead (`noa.response_index`, eq 5):
-there a thin place counts as one that answers to nitrogen.
+RI = NDVI of the N-rich strip over NDVI of the farmer check, one figure for the field and the
+day (Mullen et al. 2003, Agron. J. 95:347-351;
+nue.okstate.edu/NLS/NLS_Non_N_Limiting_Strip.htm). The farmer check is a strip that got what the
+field got. The paper of the Huanghai machine divides by the NDVI of each place instead
+(`noa.response_index`, eq 5): there a thin place counts as one that answers to nitrogen.
 """
+
 from __future__ import annotations
 
 from typing import Literal, Self
@@ -20,9 +23,11 @@ ResponseRule = Literal["paper", "field"]
 class HarvestLine(FrozenModel):
     """What the response of the yield is, from that of the canopy: slope x RI + intercept.
 
-    Oklahoma State's table of equations has a line in the rows of some crops and years, not in those of others
-    (nue.okstate.edu/Yield_Potential.htm): 1.69 RI - 0.70 for wheat from 2005 on and durum, 1.64 RI - 0.5287 for corn of
-    2004. Which belongs to which is fixed in `yield_potential`. Without a line the canopy's own index counts, as on the
+    Oklahoma State's table of equations has a line in the rows of some crops and years, not in
+    those of others (nue.okstate.edu/Yield_Potential.htm): 1.69 RI - 0.70 for wheat from 2005 on
+    and durum, 1.64 RI - 0.5287 for corn of
+    2004. Which belongs to which is fixed in `yield_potential`. Without a line the canopy's own
+          index counts, as on the
     page above.
     """
 
@@ -36,13 +41,17 @@ class HarvestLine(FrozenModel):
     def _no_response_stays_none(self) -> Self:
         at_one = self.slope + self.intercept
         if not 0.8 <= at_one <= 1.3:
-            raise ValueError(f"slope {self.slope:g} and intercept {self.intercept:g}: RI 1 becomes {at_one:g}: allowed "
-                             "is 0.8 to 1.3 (OSU: wheat 1.69 and -0.70, corn 1.64 and -0.5287)")
+            raise ValueError(
+                f"slope {self.slope:g} and intercept {self.intercept:g}: RI 1 becomes "
+                f"{at_one:g}: allowed "
+                "is 0.8 to 1.3 (OSU: wheat 1.69 and -0.70, corn 1.64 and -0.5287)"
+            )
         return self
 
 
 def field_response(strips: Strips, cap: float, line: HarvestLine | None) -> float | None:
-    """RI of the field as the yield with topdressing is computed with; None where a strip is missing.
+    """RI of the field as the yield with topdressing is computed with; None where a strip is
+    missing.
 
     cap: of the index of the canopy, before the line: "RI_NDVI cannot exceed 2.0" (nue.okstate.edu/
     Managing_N_Fertilizer_NRS.htm).

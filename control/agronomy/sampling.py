@@ -1,4 +1,6 @@
-"""How even a canopy is, and how often it must be looked at (paper A, section 1.2, eq 1, table 1)."""
+"""How even a canopy is, and how often it must be looked at (paper A, section 1.2, eq 1, table
+1)."""
+
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
@@ -7,7 +9,8 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-FREQUENCIES_HZ = (2.0, 1.0, 0.5, 0.25, 0.125)    # compared in table 1; the first is that of the raw data
+# compared in table 1; the first is that of the raw data
+FREQUENCIES_HZ = (2.0, 1.0, 0.5, 0.25, 0.125)
 
 
 class Evenness(NamedTuple):
@@ -15,8 +18,8 @@ class Evenness(NamedTuple):
 
     n: int
     mean: float
-    cv_percent: float      # sample s.d. (n - 1) over mean
-    cuc_percent: float     # Christiansen's coefficient of uniformity, eq 1
+    cv_percent: float  # sample s.d. (n - 1) over mean
+    cuc_percent: float  # Christiansen's coefficient of uniformity, eq 1
 
 
 def cv_percent(values: npt.ArrayLike) -> float:
@@ -31,7 +34,8 @@ def cv_percent(values: npt.ArrayLike) -> float:
 
 
 def cuc_percent(values: npt.ArrayLike) -> float:
-    """Christiansen's coefficient of uniformity, %, (1 - sum|w - mean| / sum w) x 100 (paper A, eq 1).
+    """Christiansen's coefficient of uniformity, %, (1 - sum|w - mean| / sum w) x 100 (paper A,
+    eq 1).
 
     values (n,), non-finite ones left out. NaN without values or with a mean not above zero.
     """
@@ -44,7 +48,9 @@ def cuc_percent(values: npt.ArrayLike) -> float:
 def evenness(values: npt.ArrayLike) -> Evenness:
     """Count, mean, CV and C_uc of readings (n,), non-finite ones left out."""
     w = _finite(values)
-    return Evenness(w.size, float(w.mean()) if w.size else float("nan"), cv_percent(w), cuc_percent(w))
+    return Evenness(
+        w.size, float(w.mean()) if w.size else float("nan"), cv_percent(w), cuc_percent(w)
+    )
 
 
 def subsample(values: npt.ArrayLike, source_hz: float, target_hz: float) -> npt.NDArray[np.float64]:
@@ -56,29 +62,37 @@ def subsample(values: npt.ArrayLike, source_hz: float, target_hz: float) -> npt.
         raise ValueError(f"frequencies {source_hz:g} and {target_hz:g} Hz: allowed is above 0")
     step = source_hz / target_hz
     if step < 1.0 or abs(step - round(step)) > 1e-9:
-        raise ValueError(f"target {target_hz:g} Hz: allowed is {source_hz:g} Hz over a whole number")
-    return np.asarray(values, dtype=np.float64)[::round(step)]
+        raise ValueError(
+            f"target {target_hz:g} Hz: allowed is {source_hz:g} Hz over a whole number"
+        )
+    return np.asarray(values, dtype=np.float64)[:: round(step)]
 
 
-def frequency_table(values: npt.ArrayLike, source_hz: float = 2.0,
-                    frequencies_hz: Sequence[float] = FREQUENCIES_HZ) -> dict[float, Evenness]:
-    """Evenness of readings (n,) taken at `source_hz`, as seen at each frequency: a column of paper A's table 1."""
+def frequency_table(
+    values: npt.ArrayLike, source_hz: float = 2.0, frequencies_hz: Sequence[float] = FREQUENCIES_HZ
+) -> dict[float, Evenness]:
+    """Evenness of readings (n,) taken at `source_hz`, as seen at each frequency: a column of
+    paper A's table 1."""
     return {hz: evenness(subsample(values, source_hz, hz)) for hz in frequencies_hz}
 
 
 class FrequencyChoice(NamedTuple):
-    """`departure` holds for each reduced frequency the mean |CV - raw| + |C_uc - raw|, percentage points."""
+    """`departure` holds for each reduced frequency the mean |CV - raw| + |C_uc - raw|,
+    percentage points."""
 
     frequency_hz: float
     departure: dict[float, float]
 
 
-def best_frequency(plots: Sequence[Mapping[float, Evenness]], raw_hz: float = 2.0) -> FrequencyChoice:
+def best_frequency(
+    plots: Sequence[Mapping[float, Evenness]], raw_hz: float = 2.0
+) -> FrequencyChoice:
     """The decision frequency that changes the picture of the canopy least (paper A, section 1.2).
 
-    Criterion: among the frequencies below the raw one, that with the smallest mean over all plots of
-    |CV - CV_raw| + |C_uc - C_uc_raw|; the lower frequency (less data) on a tie. On table 1 this is 1 Hz, the paper's
-    choice, which halves the data. Frequencies lacking in any plot, and plots with a NaN there, are left out.
+    Criterion: among the frequencies below the raw one, that with the smallest mean over all
+    plots of |CV - CV_raw| + |C_uc - C_uc_raw|; the lower frequency (less data) on a tie. On table 1
+    this is 1 Hz, the paper's choice, which halves the data. Frequencies lacking in any plot, and
+    plots with a NaN there, are left out.
 
     plots  one mapping frequency_hz -> Evenness per plot
     Raises ValueError when no reduced frequency can be compared.
@@ -87,8 +101,11 @@ def best_frequency(plots: Sequence[Mapping[float, Evenness]], raw_hz: float = 2.
     shared = set.intersection(*(set(plot) for plot in usable)) if usable else set()
     departure: dict[float, float] = {}
     for hz in sorted(f for f in shared if f < raw_hz):
-        apart = [abs(plot[hz].cv_percent - plot[raw_hz].cv_percent)
-                 + abs(plot[hz].cuc_percent - plot[raw_hz].cuc_percent) for plot in usable]
+        apart = [
+            abs(plot[hz].cv_percent - plot[raw_hz].cv_percent)
+            + abs(plot[hz].cuc_percent - plot[raw_hz].cuc_percent)
+            for plot in usable
+        ]
         finite = [value for value in apart if np.isfinite(value)]
         if finite:
             departure[hz] = sum(finite) / len(finite)

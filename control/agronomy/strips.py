@@ -1,4 +1,6 @@
-"""The two strips of a field, N-rich and farmer check: how they are given, and what of their ratio can be believed."""
+"""The two strips of a field, N-rich and farmer check: how they are given, and what of their
+ratio can be believed."""
+
 from __future__ import annotations
 
 import math
@@ -6,13 +8,17 @@ from typing import Literal, NamedTuple
 
 Doubt = Literal["", "below_1", "above_3"]
 
-NO_RESPONSE = 1.0           # a strip that got more nitrogen and is no greener: the crop has enough
-NONE = "none"               # in the place of the NDVI of a strip that counts no more
-# A crop whose reading is at least this share of the N-rich strip's has enough nitrogen: the 95 % of the sufficiency
-# index below which nitrogen is advised (Peterson et al. 1993, NebGuide G93-1171; Blackmer and Schepers 1995, J. Prod.
-# Agric. 8:56-60). A strip hardly richer than the field may have got no more nitrogen, or was driven somewhere else.
+# a strip that got more nitrogen and is no greener: the crop has enough
+NO_RESPONSE = 1.0
+# in the place of the NDVI of a strip that counts no more
+NONE = "none"
+# A crop whose reading is at least this share of the N-rich strip's has enough nitrogen: the 95
+# % of the sufficiency index below which nitrogen is advised (Peterson et al. 1993, NebGuide
+# G93-1171; Blackmer and Schepers 1995, J. Prod. Agric. 8:56-60). A strip hardly richer than the
+# field may have got no more nitrogen, or was driven somewhere else.
 HARDLY_RICHER = 0.95
-HIGHEST_BELIEVED = 3.0      # beyond it a strip was driven over soil or weeds, or the two on different days
+# beyond it a strip was driven over soil or weeds, or the two on different days
+HIGHEST_BELIEVED = 3.0
 
 
 class Strips(NamedTuple):
@@ -30,7 +36,8 @@ def measured_index(strips: Strips) -> float | None:
 
 
 def doubt(strips: Strips) -> Doubt:
-    """Why the measured index is not to be believed as it stands; "" where nothing speaks against it."""
+    """Why the measured index is not to be believed as it stands; "" where nothing speaks
+    against it."""
     index = measured_index(strips)
     if index is None or NO_RESPONSE <= index <= HIGHEST_BELIEVED:
         return ""
@@ -38,8 +45,8 @@ def doubt(strips: Strips) -> Doubt:
 
 
 class StripValue(NamedTuple):
-    """A strip as it was measured: `se` is the standard error of the mean, `samples` how many readings it rests on. ndvi
-    None: none counts any more, as before it was measured."""
+    """A strip as it was measured: `se` is the standard error of the mean, `samples` how many
+    readings it rests on. ndvi None: none counts any more, as before it was measured."""
 
     which: Literal["nrich", "check"]
     ndvi: float | None
@@ -68,6 +75,10 @@ def read_strip(text: object) -> StripValue | None:
         samples = int(words[3]) if len(words) == 4 else 0
     except ValueError:
         return None
-    if not 0.0 < ndvi <= 1.0 or samples < 0 or (se is not None and not (math.isfinite(se) and se >= 0.0)):
+    if (
+        not 0.0 < ndvi <= 1.0
+        or samples < 0
+        or (se is not None and not (math.isfinite(se) and se >= 0.0))
+    ):
         return None
     return StripValue("nrich" if words[0] == "nrich" else "check", ndvi, se, samples)

@@ -1,12 +1,14 @@
 """The yield curve of a crop, tied to the day rule it was fitted with (paper A, eq 3 and 4).
 
-Constants and day rule are one thing: 0.359 exp(324.4 I) over days above 4.4 degC is another curve than the same
-figures over days above 0 degC (at NDVI 0.5, 82 days give 366 kg urea/ha, 65 days 210). So a crop file either names
-a set of the closed registry below, or writes out all of its own: constants, base temperature and source. A set brings
-the line of its own row too, by which the response of the canopy becomes that of the harvest (`response`).
+Constants and day rule are one thing: 0.359 exp(324.4 I) over days above 4.4 degC is another
+curve than the same figures over days above 0 degC (at NDVI 0.5, 82 days give 366 kg urea/ha, 65
+days 210). So a crop file either names a set of the closed registry below, or writes out all of
+its own: constants, base temperature and source. A set brings the line of its own row too, by
+which the response of the canopy becomes that of the harvest (`response`).
 
 What of Oklahoma State's table is not here, and why, stands in docs/agronomy.md.
 """
+
 from __future__ import annotations
 
 from typing import Annotated, Any, Literal, NamedTuple, Self
@@ -16,69 +18,122 @@ from pydantic import ConfigDict, Field, model_validator
 from control.agronomy.response import HarvestLine
 from control.frozen_model import FrozenModel
 
-OSU_LIBRARY = "Oklahoma State University, library of yield prediction equations (nue.okstate.edu/Yield_Potential.htm)"
-WHEAT_LINE = HarvestLine(slope=1.69, intercept=-0.70)       # wheat of 2005 to 2007 and 2006 in Australia, durum 2006
-CORN_LINE = HarvestLine(slope=1.64, intercept=-0.5287)      # corn of 2004
+OSU_LIBRARY = (
+    "Oklahoma State University, library of yield prediction equations "
+    "(nue.okstate.edu/Yield_Potential.htm)"
+)
+# wheat of 2005 to 2007 and 2006 in Australia, durum 2006
+WHEAT_LINE = HarvestLine(slope=1.69, intercept=-0.70)
+CORN_LINE = HarvestLine(slope=1.64, intercept=-0.5287)  # corn of 2004
 
 EveryDay = Literal["every_day"]
 
 
 class YieldSet(NamedTuple):
-    """A published curve a exp(b INSEY) with the day rule it was fitted with, and the line of its row."""
+    """A published curve a exp(b INSEY) with the day rule it was fitted with, and the line of
+    its row."""
 
     a_t_ha: float
-    b_days: float          # multiplies INSEY (NDVI per day)
-    base_temp_c: float | EveryDay       # a day counts when its mean air temperature is above this
+    b_days: float  # multiplies INSEY (NDVI per day)
+    # a day counts when its mean air temperature is above this
+    base_temp_c: float | EveryDay
     source: str
     warning: str = ""
-    only_crop: str = ""    # id of the one crop that may use it; empty: any
-    line: HarvestLine | None = None     # RI of the harvest from RI of the canopy; None: the row has none
+    only_crop: str = ""  # id of the one crop that may use it; empty: any
+    # RI of the harvest from RI of the canopy; None: the row has none
+    line: HarvestLine | None = None
 
 
 YIELD_SETS: dict[str, YieldSet] = {
     "huanghai_2015": YieldSet(
-        0.359, 324.4, 0.0,
+        0.359,
+        324.4,
+        0.0,
         "Chen et al. 2015, Trans. Chin. Soc. Agric. Mach. 46(7), eq 3 and 4",
-        "its numbers were made for days above 4.4 degC (osu_winter_wheat_2004); the paper counts days above 0 degC: "
+        "its numbers were made for days above 4.4 degC (osu_winter_wheat_2004); the paper "
+        "counts days above 0 degC: "
         "the yield comes out lower and the rate higher",
-        only_crop="huanghai_wheat"),
+        only_crop="huanghai_wheat",
+    ),
     "osu_winter_wheat_2002": YieldSet(
-        0.344, 267.65, 4.4, OSU_LIBRARY + ", dryland winter wheat 2002: 4 years, 22 sites"),
+        0.344, 267.65, 4.4, OSU_LIBRARY + ", dryland winter wheat 2002: 4 years, 22 sites"
+    ),
     "osu_winter_wheat_2003": YieldSet(
-        0.500, 267.65, 4.4, OSU_LIBRARY + ", dryland winter wheat 2003: 5 years, 26 sites"),
+        0.500, 267.65, 4.4, OSU_LIBRARY + ", dryland winter wheat 2003: 5 years, 26 sites"
+    ),
     "osu_winter_wheat_2004": YieldSet(
-        0.359, 324.4, 4.4, OSU_LIBRARY + ", dryland winter wheat 2004: 6 years, 30 sites"),
+        0.359, 324.4, 4.4, OSU_LIBRARY + ", dryland winter wheat 2004: 6 years, 30 sites"
+    ),
     "osu_winter_wheat_2005": YieldSet(
-        0.522, 274.7, 4.4, OSU_LIBRARY + ", dryland winter wheat 2005: 7 years, 34 sites", line=WHEAT_LINE),
+        0.522,
+        274.7,
+        4.4,
+        OSU_LIBRARY + ", dryland winter wheat 2005: 7 years, 34 sites",
+        line=WHEAT_LINE,
+    ),
     "osu_winter_wheat_2006": YieldSet(
-        0.532, 270.1, 4.4, OSU_LIBRARY + ", dryland winter wheat 2006: 8 years, 38 sites", line=WHEAT_LINE),
+        0.532,
+        270.1,
+        4.4,
+        OSU_LIBRARY + ", dryland winter wheat 2006: 8 years, 38 sites",
+        line=WHEAT_LINE,
+    ),
     "osu_winter_wheat_2007": YieldSet(
-        0.590, 258.2, 4.4, OSU_LIBRARY + ", dryland winter wheat 2007: 9 years, 43 sites", line=WHEAT_LINE),
+        0.590,
+        258.2,
+        4.4,
+        OSU_LIBRARY + ", dryland winter wheat 2007: 9 years, 43 sites",
+        line=WHEAT_LINE,
+    ),
     "osu_durum_2006": YieldSet(
-        0.322, 211.5, 4.4, OSU_LIBRARY + ", dryland and irrigated durum wheat 2006: 2 years, 4 sites",
-        line=WHEAT_LINE),
+        0.322,
+        211.5,
+        4.4,
+        OSU_LIBRARY + ", dryland and irrigated durum wheat 2006: 2 years, 4 sites",
+        line=WHEAT_LINE,
+    ),
     "osu_wheat_southern_australia_2006": YieldSet(
-        1.800, 85.0, 4.4, OSU_LIBRARY + ", rainfed wheat, southern Australia 2006 (D. Cox): 1 year, 1 site",
-        line=WHEAT_LINE),
+        1.800,
+        85.0,
+        4.4,
+        OSU_LIBRARY + ", rainfed wheat, southern Australia 2006 (D. Cox): 1 year, 1 site",
+        line=WHEAT_LINE,
+    ),
     "osu_wheat_eastern_australia_2006": YieldSet(
-        0.580, 244.94, 4.4, OSU_LIBRARY + ", rainfed wheat, eastern Australia 2006 (R. Heath): 1 year, 1 site",
-        line=WHEAT_LINE),
-    # The table's own head says "NDVI / cumulative GDD" for corn. With some 450 of those the 2004 curve would rise by a
-    # quarter between NDVI 0 and 0.7; with days since planting the three rows give 10 to 15 t/ha at NDVI 0.7 after 50
-    # days. And its authors say that INSEY is NDVI over the days from planting to sensing
+        0.580,
+        244.94,
+        4.4,
+        OSU_LIBRARY + ", rainfed wheat, eastern Australia 2006 (R. Heath): 1 year, 1 site",
+        line=WHEAT_LINE,
+    ),
+    # The table's own head says "NDVI / cumulative GDD" for corn. With some 450 of those the
+    # 2004 curve would rise by a quarter between NDVI 0 and 0.7; with days since planting the
+    # three rows give 10 to 15 t/ha at NDVI 0.7 after 50 days. And its authors say that INSEY is
+    # NDVI over the days from planting to sensing
     # (nue.okstate.edu/Algorithm/Algorithm_Outline.htm; Teal et al. 2005).
     "osu_corn_irrigated_2003": YieldSet(
-        2.3329, 132.46, "every_day", OSU_LIBRARY + ", irrigated corn 2003"),
+        2.3329, 132.46, "every_day", OSU_LIBRARY + ", irrigated corn 2003"
+    ),
     "osu_corn_dryland_2003": YieldSet(
-        1.633, 132.46, "every_day", OSU_LIBRARY + ", dryland corn 2003"),
+        1.633, 132.46, "every_day", OSU_LIBRARY + ", dryland corn 2003"
+    ),
     "osu_corn_2004": YieldSet(
-        1.565, 154.7, "every_day", OSU_LIBRARY + ", dryland and irrigated corn 2004: 3 years, 7 sites",
-        line=CORN_LINE),
+        1.565,
+        154.7,
+        "every_day",
+        OSU_LIBRARY + ", dryland and irrigated corn 2004: 3 years, 7 sites",
+        line=CORN_LINE,
+    ),
 }
+
 
 def day_rule(base_temp_c: float | EveryDay) -> str:
     """Which days count, in words."""
-    return "every day since sowing" if base_temp_c == "every_day" else f"days above {base_temp_c:g} degC"
+    return (
+        "every day since sowing"
+        if base_temp_c == "every_day"
+        else f"days above {base_temp_c:g} degC"
+    )
 
 
 _FIXED_BY_SET = ("a_t_ha", "b_days", "base_temp_c", "source")
@@ -91,10 +146,12 @@ def _schema_takes_either(schema: dict[str, Any]) -> None:
 
 
 class YieldPotential(FrozenModel):
-    """Yield without topdressing, a exp(b NDVI / D) in t/ha, with the rule by which the D days are counted.
+    """Yield without topdressing, a exp(b NDVI / D) in t/ha, with the rule by which the D days
+    are counted.
 
-    Written as `{set: NAME}` with a name of YIELD_SETS, or as all of `a_t_ha`, `b_days`, `base_temp_c` and `source`.
-    After validation all four hold values in either case. Anything in between is refused.
+    Written as `{set: NAME}` with a name of YIELD_SETS, or as all of `a_t_ha`, `b_days`,
+    `base_temp_c` and `source`. After validation all four hold values in either case. Anything
+    in between is refused.
     """
 
     model_config = ConfigDict(json_schema_extra=_schema_takes_either)
@@ -103,8 +160,12 @@ class YieldPotential(FrozenModel):
     a_t_ha: float = Field(gt=0.0, le=5.0, description="yield at NDVI 0, t/ha")
     b_days: float = Field(gt=0.0, le=1000.0, description="factor of INSEY, days")
     base_temp_c: Annotated[float, Field(ge=-5.0, le=15.0)] | EveryDay = Field(
-        description="a day counts when its mean temperature is above this; every_day: each day since sowing counts")
-    source: str = Field(min_length=8, description="where constants and day rule were published together")
+        description="a day counts when its mean temperature is above this; every_day: each day "
+        "since sowing counts"
+    )
+    source: str = Field(
+        min_length=8, description="where constants and day rule were published together"
+    )
 
     @model_validator(mode="before")
     @classmethod
@@ -115,16 +176,22 @@ class YieldPotential(FrozenModel):
         if name is None:
             missing = [key for key in _FIXED_BY_SET if data.get(key) is None]
             if missing:
-                raise ValueError(f"{', '.join(missing)} missing: allowed is a set ({', '.join(YIELD_SETS)}), or all of "
-                                 f"{', '.join(_FIXED_BY_SET)} from one source")
+                raise ValueError(
+                    f"{', '.join(missing)} missing: allowed is a set "
+                    f"({', '.join(YIELD_SETS)}), or all of "
+                    f"{', '.join(_FIXED_BY_SET)} from one source"
+                )
             return data
         if name not in YIELD_SETS:
             raise ValueError(f"set {name!r} is not known: allowed are {', '.join(YIELD_SETS)}")
         own = {key: getattr(YIELD_SETS[name], key) for key in _FIXED_BY_SET}
         for key in _FIXED_BY_SET:
             if key in data and data[key] != own[key]:
-                raise ValueError(f"{key} {data[key]!r} contradicts set {name}, which brings {own[key]!r}: constants "
-                                 "and day rule belong together, leave the key out")
+                raise ValueError(
+                    f"{key} {data[key]!r} contradicts set {name}, which brings "
+                    f"{own[key]!r}: constants "
+                    "and day rule belong together, leave the key out"
+                )
         return {**data, **own}
 
     @model_validator(mode="after")
@@ -132,10 +199,15 @@ class YieldPotential(FrozenModel):
         if self.set is not None:
             return self
         for name, known in YIELD_SETS.items():
-            same_curve = abs(self.a_t_ha - known.a_t_ha) < 1e-9 and abs(self.b_days - known.b_days) < 1e-9
+            same_curve = (
+                abs(self.a_t_ha - known.a_t_ha) < 1e-9 and abs(self.b_days - known.b_days) < 1e-9
+            )
             if same_curve and not known.only_crop and self.base_temp_c != known.base_temp_c:
-                raise ValueError(f"base_temp_c {self.base_temp_c} with the constants of {name}: they were published "
-                                 f"for {day_rule(known.base_temp_c)}; write set: {name}")
+                raise ValueError(
+                    f"base_temp_c {self.base_temp_c} with the constants of {name}: they "
+                    "were published "
+                    f"for {day_rule(known.base_temp_c)}; write set: {name}"
+                )
         return self
 
     @property
@@ -145,7 +217,8 @@ class YieldPotential(FrozenModel):
 
     @property
     def line(self) -> HarvestLine | None:
-        """The line of the set's own row; None where it has none, or the constants are written out."""
+        """The line of the set's own row; None where it has none, or the constants are written
+        out."""
         return YIELD_SETS[self.set].line if self.set is not None else None
 
     @property

@@ -1,7 +1,10 @@
-"""Tests to machine parameters: flow and lag from bench tables, wheel and canopy heads from run logs.
+"""Tests to machine parameters: flow and lag from bench tables, wheel and canopy heads from run
+logs.
 
-What fits loads scipy, so it is imported when it is first asked for: to tell a table from a log takes none of it.
+What fits loads scipy, so it is imported when it is first asked for: to tell a table from a log
+takes none of it.
 """
+
 from __future__ import annotations
 
 from importlib import import_module
@@ -15,12 +18,34 @@ if TYPE_CHECKING:
     from .lag_fit import LagFit, fit_lag
     from .wheel_fit import WheelFit, WheelLog, fit_wheel
 
-__all__ = ["KINDS", "BenchTable", "FlowFit", "HeadFit", "HeadsFit", "LagFit", "WheelFit", "WheelLog", "check_heads",
-           "fit_flow", "fit_lag", "fit_wheel", "recognise"]
+__all__ = [
+    "KINDS",
+    "BenchTable",
+    "FlowFit",
+    "HeadFit",
+    "HeadsFit",
+    "LagFit",
+    "WheelFit",
+    "WheelLog",
+    "check_heads",
+    "fit_flow",
+    "fit_lag",
+    "fit_wheel",
+    "recognise",
+]
 
-_FITS = {"FlowFit": ".flow_fit", "fit_flow": ".flow_fit", "HeadFit": ".heads_check", "HeadsFit": ".heads_check",
-         "check_heads": ".heads_check", "LagFit": ".lag_fit", "fit_lag": ".lag_fit", "WheelFit": ".wheel_fit",
-         "WheelLog": ".wheel_fit", "fit_wheel": ".wheel_fit"}
+_FITS = {
+    "FlowFit": ".flow_fit",
+    "fit_flow": ".flow_fit",
+    "HeadFit": ".heads_check",
+    "HeadsFit": ".heads_check",
+    "check_heads": ".heads_check",
+    "LagFit": ".lag_fit",
+    "fit_lag": ".lag_fit",
+    "WheelFit": ".wheel_fit",
+    "WheelLog": ".wheel_fit",
+    "fit_wheel": ".wheel_fit",
+}
 
 
 def __getattr__(name: str) -> Any:

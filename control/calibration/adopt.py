@@ -1,4 +1,5 @@
 """What a calibrated machine file says about itself."""
+
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
@@ -8,14 +9,33 @@ from control.machine.machine import Adopted, Machine
 from .least_squares import FittedInterval
 
 
-def record(id_: str, size: FittedInterval, unit: str, data: str, date: str, valid: Mapping[str, tuple[float, float]],
-           member: int | None = None) -> Adopted:
-    """Where a calibrated parameter comes from (`data`: path of the table or log) and where it holds."""
-    return Adopted(id=id_, size=size.value, low=size.low, high=size.high, unit=unit, data=data, date=date,
-                   valid=dict(valid), member=member)
+def record(
+    id_: str,
+    size: FittedInterval,
+    unit: str,
+    data: str,
+    date: str,
+    valid: Mapping[str, tuple[float, float]],
+    member: int | None = None,
+) -> Adopted:
+    """Where a calibrated parameter comes from (`data`: path of the table or log) and where it
+    holds."""
+    return Adopted(
+        id=id_,
+        size=size.value,
+        low=size.low,
+        high=size.high,
+        unit=unit,
+        data=data,
+        date=date,
+        valid=dict(valid),
+        member=member,
+    )
 
 
-def with_records(machine: Machine, records: tuple[Adopted, ...], replaced: Collection[str]) -> tuple[Adopted, ...]:
+def with_records(
+    machine: Machine, records: tuple[Adopted, ...], replaced: Collection[str]
+) -> tuple[Adopted, ...]:
     """Earlier records but for those that a new one stands in for, then the new ones."""
     gone = {*replaced, *(r.id for r in records)}
     return (*(r for r in machine.adopted if r.id not in gone), *records)

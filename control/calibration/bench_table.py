@@ -1,4 +1,5 @@
 """A bench table as a record, and what each kind of table must hold."""
+
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
@@ -16,33 +17,73 @@ Array = npt.NDArray[np.float64]
 KINDS = ("lag", "catch", "weigh", "heads", "place")
 LAGS = ("lag_s", "drop_s", "response_s", "lag_m")
 SPEEDS = ("speed_mps", "speed_kmh")
-NEEDED: dict[str, tuple[tuple[str, ...], ...]] = {      # of each group one column is enough
+NEEDED: dict[str, tuple[tuple[str, ...], ...]] = {  # of each group one column is enough
     "lag": (("shaft_rpm",), LAGS),
     "catch": (("shaft_rpm",), ("opening_mm",), ("duration_s",), ("mass_kg",)),
     "weigh": (("target_kg",), ("applied_kg",), ("area_m2",)),
     "heads": (("head",), ("ndvi_reference",), ("ndvi",)),
     "place": (("shaft_rpm",), SPEEDS, ("miss_m",)),
 }
-KNOWN = frozenset({
-    "shaft_rpm", *LAGS, *SPEEDS, "replicate", "opening_mm", "duration_s", "mass_kg", "outlet", "area_m2", "target_kg",
-    "applied_kg", "width_m", "revolutions", "head", "ndvi_reference", "ndvi", "warm_min", "height_m", "miss_m",
-    "corrected_lag_s", "before_rpm"})
+KNOWN = frozenset(
+    {
+        "shaft_rpm",
+        *LAGS,
+        *SPEEDS,
+        "replicate",
+        "opening_mm",
+        "duration_s",
+        "mass_kg",
+        "outlet",
+        "area_m2",
+        "target_kg",
+        "applied_kg",
+        "width_m",
+        "revolutions",
+        "head",
+        "ndvi_reference",
+        "ndvi",
+        "warm_min",
+        "height_m",
+        "miss_m",
+        "corrected_lag_s",
+        "before_rpm",
+    }
+)
 RANGES: dict[str, tuple[float, float]] = {
-    "shaft_rpm": (0.0, 1000.0), "lag_s": (-5.0, 60.0), "drop_s": (-5.0, 60.0), "response_s": (-5.0, 60.0),
-    "lag_m": (-50.0, 500.0), "speed_mps": (0.01, 20.0), "speed_kmh": (0.04, 72.0), "opening_mm": (0.0, 500.0),
-    "duration_s": (1e-3, 36000.0), "mass_kg": (0.0, 20000.0), "outlet": (1.0, 100.0), "area_m2": (1e-3, 1e8),
-    "target_kg": (1e-6, 1e6), "applied_kg": (0.0, 1e6), "width_m": (0.01, 100.0), "revolutions": (1e-6, 1e9),
-    "head": (1.0, 100.0), "ndvi_reference": (-1.0, 1.0), "ndvi": (-1.5, 1.5), "warm_min": (0.0, 10000.0),
-    "height_m": (0.01, 20.0), "miss_m": (-200.0, 200.0), "corrected_lag_s": (0.0, 60.0),
-    "before_rpm": (0.0, 1000.0)}
+    "shaft_rpm": (0.0, 1000.0),
+    "lag_s": (-5.0, 60.0),
+    "drop_s": (-5.0, 60.0),
+    "response_s": (-5.0, 60.0),
+    "lag_m": (-50.0, 500.0),
+    "speed_mps": (0.01, 20.0),
+    "speed_kmh": (0.04, 72.0),
+    "opening_mm": (0.0, 500.0),
+    "duration_s": (1e-3, 36000.0),
+    "mass_kg": (0.0, 20000.0),
+    "outlet": (1.0, 100.0),
+    "area_m2": (1e-3, 1e8),
+    "target_kg": (1e-6, 1e6),
+    "applied_kg": (0.0, 1e6),
+    "width_m": (0.01, 100.0),
+    "revolutions": (1e-6, 1e9),
+    "head": (1.0, 100.0),
+    "ndvi_reference": (-1.0, 1.0),
+    "ndvi": (-1.5, 1.5),
+    "warm_min": (0.0, 10000.0),
+    "height_m": (0.01, 20.0),
+    "miss_m": (-200.0, 200.0),
+    "corrected_lag_s": (0.0, 60.0),
+    "before_rpm": (0.0, 1000.0),
+}
 
 
 @dataclass(frozen=True, slots=True)
 class BenchTable:
     """One bench test.
 
-    `columns`: numbers, float64 arrays of shape (n,), NaN where a cell was empty. `label`: texts of shape (n,) of the
-    column `label_column` whose values are compared with each other, or None. `path`: where it was read from.
+    `columns`: numbers, float64 arrays of shape (n,), NaN where a cell was empty. `label`: texts
+    of shape (n,) of the column `label_column` whose values are compared with each other, or
+    None. `path`: where it was read from.
     """
 
     kind: str
@@ -57,7 +98,8 @@ class BenchTable:
         return len(next(iter(self.columns.values()))) if self.columns else 0
 
     def running(self) -> npt.NDArray[np.bool_]:
-        """Rows (n,) of a shaft that turned before its change; where nothing is said of it, it stood."""
+        """Rows (n,) of a shaft that turned before its change; where nothing is said of it, it
+        stood."""
         before = self.columns.get("before_rpm", np.zeros(self.rows))
         return np.asarray(np.nan_to_num(before) > 0.0)
 
@@ -73,7 +115,11 @@ def missing(kind: str, names: Collection[str]) -> tuple[str, ...] | None:
     for group in NEEDED[kind]:
         if not any(name in names for name in group):
             return group
-    if kind == "lag" and not any(name in names for name in LAGS[:3]) and not any(name in names for name in SPEEDS):
+    if (
+        kind == "lag"
+        and not any(name in names for name in LAGS[:3])
+        and not any(name in names for name in SPEEDS)
+    ):
         return SPEEDS
     return None
 
@@ -87,17 +133,25 @@ def recognise(names: Collection[str]) -> str | None:
 def usable(table: BenchTable) -> BenchTable:
     """The table without rows in which a needed number is missing, and with that said.
 
-    Raises ValueError with one line for an unknown kind, a missing column, a number out of range or no row left.
+    Raises ValueError with one line for an unknown kind, a missing column, a number out of range
+    or no row left.
     """
     path = table.path or "table"
     if table.kind not in KINDS:
         raise ValueError(f"{path}: kind {table.kind!r}: allowed {', '.join(KINDS)}")
     group = missing(table.kind, table.columns)
     if group is not None:
-        raise ValueError(f"{path}: column {' or '.join(group)}: missing: a {table.kind} table needs it")
+        raise ValueError(
+            f"{path}: column {' or '.join(group)}: missing: a {table.kind} table needs it"
+        )
     table = _readable(table)
     measured = [name for name in LAGS if name in table.columns]
-    needed = [name for group in NEEDED[table.kind] for name in group if name in table.columns and name not in LAGS]
+    needed = [
+        name
+        for group in NEEDED[table.kind]
+        for name in group
+        if name in table.columns and name not in LAGS
+    ]
     keep = np.all([np.isfinite(table.columns[name]) for name in needed], axis=0)
     if table.kind == "lag":
         keep &= np.any([np.isfinite(table.columns[name]) for name in measured], axis=0)
@@ -107,27 +161,37 @@ def usable(table: BenchTable) -> BenchTable:
             continue
         wrong = np.flatnonzero(np.isfinite(values) & ((values < low) | (values > high)))
         if len(wrong):
-            raise ValueError(f"{path}: row {wrong[0] + 1}, column {name}: {values[wrong[0]]:g}: "
-                             f"allowed {low:g} to {high:g}")
+            raise ValueError(
+                f"{path}: row {wrong[0] + 1}, column {name}: {values[wrong[0]]:g}: "
+                f"allowed {low:g} to {high:g}"
+            )
     if not keep.any():
         raise ValueError(f"{path}: no row has all of {', '.join(needed)}")
     if keep.all():
         return table
     dropped = int((~keep).sum())
-    return replace(where(table, keep),
-                   findings=(*table.findings, f"{path}: {dropped} rows lack a needed number and are left out"))
+    return replace(
+        where(table, keep),
+        findings=(*table.findings, f"{path}: {dropped} rows lack a needed number and are left out"),
+    )
 
 
 def _readable(table: BenchTable) -> BenchTable:
-    """The table without what no machine reads and what stands for a missing value, and with that said."""
+    """The table without what no machine reads and what stands for a missing value, and with
+    that said."""
     findings: list[Finding] = []
-    columns = {name: known(name, values, RANGES[name], findings) if name in RANGES else values
-               for name, values in table.columns.items()}
+    columns = {
+        name: known(name, values, RANGES[name], findings) if name in RANGES else values
+        for name, values in table.columns.items()
+    }
     said = (f"{table.path or 'table'}: {finding}" for finding in findings)
     return replace(table, columns=columns, findings=(*table.findings, *said))
 
 
 def where(table: BenchTable, rows: npt.NDArray[np.bool_]) -> BenchTable:
     """The table with these rows (n,) only."""
-    return replace(table, columns={name: values[rows] for name, values in table.columns.items()},
-                   label=None if table.label is None else table.label[rows])
+    return replace(
+        table,
+        columns={name: values[rows] for name, values in table.columns.items()},
+        label=None if table.label is None else table.label[rows],
+    )

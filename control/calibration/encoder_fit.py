@@ -1,4 +1,6 @@
-"""Counts of the metering shaft's encoder a turn, from the counts between a mark and the same mark after whole turns."""
+"""Counts of the metering shaft's encoder a turn, from the counts between a mark and the same
+mark after whole turns."""
+
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -9,26 +11,35 @@ from scipy.special import stdtrit
 
 from .least_squares import FittedInterval
 
-MARK_DEG = 3.0              # to which a pencil line is set to a pointer by eye: 1 mm on a shaft of 40 mm
-QUANTUM = 1.0 / sqrt(6.0)   # s.d. of the difference of two whole counts
+# to which a pencil line is set to a pointer by eye: 1 mm on a shaft of 40 mm
+MARK_DEG = 3.0
+QUANTUM = 1.0 / sqrt(6.0)  # s.d. of the difference of two whole counts
 
 
 def fit_counts(counts: Sequence[int], turns: int) -> FittedInterval:
-    """Counts a turn from those of each run of `turns` whole turns, and their 90 % interval: by the scatter of the runs,
-    no less than whole counts allow; of one run, by how well a mark is set.
+    """Counts a turn from those of each run of `turns` whole turns, and their 90 % interval: by
+    the scatter of the runs, no less than whole counts allow; of one run, by how well a mark is
+    set.
 
-    Raises ValueError with one line for runs that cannot be: no count, backwards, a turn too many or too few.
+    Raises ValueError with one line for runs that cannot be: no count, backwards, a turn too
+    many or too few.
     """
     for run, count in enumerate(counts, 1):
         if count == 0:
-            raise ValueError(f"run {run}: not one count: the shaft did not turn, or the encoder is not wired")
+            raise ValueError(
+                f"run {run}: not one count: the shaft did not turn, or the encoder is not wired"
+            )
         if count < 0:
-            raise ValueError(f"run {run}: {count} counts: the shaft turned backwards, or A and B are exchanged")
+            raise ValueError(
+                f"run {run}: {count} counts: the shaft turned backwards, or A and B are exchanged"
+            )
     found = np.array(counts) / turns
     apart = float(np.ptp(found) * turns / np.mean(found))
     if apart > 0.5:
         said = ", ".join(map(str, counts))
-        raise ValueError(f"runs of {said} counts are {apart:.1f} turns apart: one was miscounted: measure again")
+        raise ValueError(
+            f"runs of {said} counts are {apart:.1f} turns apart: one was miscounted: measure again"
+        )
     mean, runs = float(np.mean(found)), len(counts)
     if runs == 1:
         half = mean * sqrt(2.0) * MARK_DEG / 360.0 / turns

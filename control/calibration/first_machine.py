@@ -1,8 +1,10 @@
-"""A first machine file of one driven stage (pump, wheel, fan, conveyor): what a log itself suggests for it.
+"""A first machine file of one driven stage (pump, wheel, fan, conveyor): what a log itself
+suggests for it.
 
-The figures are where a diagnosis begins, not what it finds: they come from the owner's answers, and these suggestions
-are what the answers are by default.
+The figures are where a diagnosis begins, not what it finds: they come from the owner's answers,
+and these suggestions are what the answers are by default.
 """
+
 from __future__ import annotations
 
 from collections.abc import Mapping
@@ -16,24 +18,35 @@ from control.log_row import COMMANDS_HELD
 Array = npt.NDArray[np.float64]
 
 LEAST_ROWS = 10
-SETTLED_ROWS = 0.5          # share of rows with another command, of a log that holds a settled answer a row ...
-SETTLED_S = 0.5             # ... and rows at least so far apart
-ON_ITS_WAY = 0.5            # of an answer, that comes after the first row of its command: the drive had not settled
-ROUND_TO = (1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 6.5, 7.0, 8.0, 10.0)      # what full speeds begin with
-LEAST_NOISE = 1e-3          # of full speed, where a log shows none at all
-FIRST_S, TAU_RATIO, DEAD_RATIO = 0.005, 1.334, 1.454      # times that are tried: 0, the first, each so much longer ...
-TAU_SHARE, DEAD_SHARE = 0.5, 0.1        # ... up to so much of the log: what takes longer is not seen to settle in it
-FINER = 9                   # places between two neighbours of a grid ...
-ROUNDS = 2                  # ... and again: 1 / 16 of a step of the first one
-MOST_ROWS = 4000            # of the log, that the times are read off
+# share of rows with another command, of a log that holds a settled answer a row ...
+SETTLED_ROWS = 0.5
+SETTLED_S = 0.5  # ... and rows at least so far apart
+# of an answer, that comes after the first row of its command: the drive had not settled
+ON_ITS_WAY = 0.5
+# what full speeds begin with
+ROUND_TO = (1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 6.5, 7.0, 8.0, 10.0)
+LEAST_NOISE = 1e-3  # of full speed, where a log shows none at all
+# times that are tried: 0, the first, each so much longer ...
+FIRST_S, TAU_RATIO, DEAD_RATIO = 0.005, 1.334, 1.454
+# ... up to so much of the log: what takes longer is not seen to settle in it
+TAU_SHARE, DEAD_SHARE = 0.5, 0.1
+FINER = 9  # places between two neighbours of a grid ...
+# ... and again: 1 / 16 of a step of the first one
+ROUNDS = 2
+MOST_ROWS = 4000  # of the log, that the times are read off
 
 
-SURELY_SD = 6.0             # of a reading's noise: a drive that reads further from 0 turns (1e-9 by chance)
-OFF_ZERO_SD = 3.0           # ... by more a drive's line misses a standstill at 0, and is looked at
-PASSED_ROWS = 0.01          # of the settled rows, that turn against their command: stray cells are fewer
-LOWEST = 1.0 / 3.0          # of the commands, over which a drive's line is straight where it bends higher up
-AT_ZERO = 0.02              # of the largest command: as good as 0
-ANSWERED = 5.0              # times a time constant: it has settled, to exp(-5) < 0.01
+# of a reading's noise: a drive that reads further from 0 turns (1e-9 by chance)
+SURELY_SD = 6.0
+# ... by more a drive's line misses a standstill at 0, and is looked at
+OFF_ZERO_SD = 3.0
+# of the settled rows, that turn against their command: stray cells are fewer
+PASSED_ROWS = 0.01
+# of the commands, over which a drive's line is straight where it bends higher up
+LOWEST = 1.0 / 3.0
+AT_ZERO = 0.02  # of the largest command: as good as 0
+# times a time constant: it has settled, to exp(-5) < 0.01
+ANSWERED = 5.0
 
 
 class NoColumn(ValueError):
@@ -41,9 +54,10 @@ class NoColumn(ValueError):
 
 
 class OffZero(NamedTuple):
-    """The straight line of a drive's settled readings over its commands, r/min at a command of 0 and for each of it.
-    off : it does not go through 0, or falls. passed : commands are on either side of the one at which it stands, or it
-    turns slower the higher its command is: what only turns above some command has a dead zone."""
+    """The straight line of a drive's settled readings over its commands, r/min at a command of
+    0 and for each of it. off : it does not go through 0, or falls. passed : commands are on
+    either side of the one at which it stands, or it turns slower the higher its command is:
+    what only turns above some command has a dead zone."""
 
     level_rpm: float
     slope: float
@@ -55,8 +69,8 @@ NOT_OFF = OffZero(0.0, 1.0, False, False)
 
 
 class Neutral(NamedTuple):
-    """rpm : command at which a drive stands, r/min. falls : it turns slower the higher its command is. zero_turns : it
-    turns at a command of 0."""
+    """rpm : command at which a drive stands, r/min. falls : it turns slower the higher its
+    command is. zero_turns : it turns at a command of 0."""
 
     rpm: float
     falls: bool
@@ -64,10 +78,11 @@ class Neutral(NamedTuple):
 
 
 class Suggested(NamedTuple):
-    """What a log suggests. full_rpm : r/min at the full command. settled : a row holds a command's settled answer.
-    both_ways : it turns backwards too. noise_rpm : 1 s.d. of a reading, r/min. dead_s, tau_s : dead time and time
-    constant, s; 0 of settled answers, None where the log does not show them. supply_v : median, None where there is
-    none. neutral : the command at which it stands and how it stands to 0, None where that is 0."""
+    """What a log suggests. full_rpm : r/min at the full command. settled : a row holds a
+    command's settled answer. both_ways : it turns backwards too. noise_rpm : 1 s.d. of a
+    reading, r/min. dead_s, tau_s : dead time and time constant, s; 0 of settled answers, None
+    where the log does not show them. supply_v : median, None where there is none. neutral : the
+    command at which it stands and how it stands to 0, None where that is 0."""
 
     full_rpm: float
     settled: bool
@@ -93,10 +108,21 @@ def suggested(columns: Mapping[str, npt.NDArray[Any]]) -> Suggested:
     supply = supply[np.isfinite(supply)]
     dead_s, tau_s = (0.0, 0.0) if settled else times_of(time_s, command, reading) or (None, None)
     noise_rpm = max(noise_of(command, reading), LEAST_NOISE * most)
-    neutral = None if dead_s is None or tau_s is None else neutral_of(
-        time_s, command, reading, dead_s + ANSWERED * tau_s, noise_rpm)
-    return Suggested(rounded_up(most), settled, bool(np.any(command < 0.0)), noise_rpm, dead_s, tau_s,
-                     float(np.median(supply)) if len(supply) else None, neutral)
+    neutral = (
+        None
+        if dead_s is None or tau_s is None
+        else neutral_of(time_s, command, reading, dead_s + ANSWERED * tau_s, noise_rpm)
+    )
+    return Suggested(
+        rounded_up(most),
+        settled,
+        bool(np.any(command < 0.0)),
+        noise_rpm,
+        dead_s,
+        tau_s,
+        float(np.median(supply)) if len(supply) else None,
+        neutral,
+    )
 
 
 def _known(columns: Mapping[str, npt.NDArray[Any]]) -> tuple[Array, Array, Array]:
@@ -104,26 +130,34 @@ def _known(columns: Mapping[str, npt.NDArray[Any]]) -> tuple[Array, Array, Array
     found = []
     for name in ("time_s", "shaft_rpm_cmd", "shaft_rpm"):
         if name not in columns:
-            raise NoColumn(f"column {name}: missing: a first machine file is made of a command and its reading")
+            raise NoColumn(
+                f"column {name}: missing: a first machine file is made of a command and its reading"
+            )
         found.append(np.asarray(columns[name], np.float64))
     known = np.isfinite(found).all(axis=0)
     if known.sum() < LEAST_ROWS:
-        raise ValueError(f"columns shaft_rpm_cmd, shaft_rpm: {int(known.sum())} rows hold both: allowed from "
-                         f"{LEAST_ROWS} on")
+        raise ValueError(
+            f"columns shaft_rpm_cmd, shaft_rpm: {int(known.sum())} rows hold both: allowed from "
+            f"{LEAST_ROWS} on"
+        )
     time_s, command, reading = (one[known] for one in found)
     return time_s, command, reading
 
 
-def at_rest(time_s: Array, command: Array, reading: Array, answers_s: float) -> npt.NDArray[np.bool_]:
+def at_rest(
+    time_s: Array, command: Array, reading: Array, answers_s: float
+) -> npt.NDArray[np.bool_]:
     """Rows (n,) with a reading whose command has been left alone for the time of an answer."""
     changed = np.diff(command, prepend=command[0]) != 0.0
     since_s = time_s - np.maximum.accumulate(np.where(changed, time_s, time_s[0]))
     return np.isfinite(reading) & (since_s >= answers_s)
 
 
-def off_zero_of(time_s: Array, command: Array, reading: Array, answers_s: float, noise_rpm: float) -> OffZero:
-    """How a drive stands to a command of 0, by its rows (n,) at rest: by the line through them, and by readings of the
-    other sign than their command's."""
+def off_zero_of(
+    time_s: Array, command: Array, reading: Array, answers_s: float, noise_rpm: float
+) -> OffZero:
+    """How a drive stands to a command of 0, by its rows (n,) at rest: by the line through them,
+    and by readings of the other sign than their command's."""
     rows = at_rest(time_s, command, reading, answers_s)
     asked, read = command[rows], reading[rows]
     if rows.sum() < LEAST_ROWS or np.ptp(asked) <= AT_ZERO * np.max(np.abs(asked)):
@@ -135,9 +169,12 @@ def off_zero_of(time_s: Array, command: Array, reading: Array, answers_s: float,
     return OffZero(level_rpm, slope, passed or way * level_rpm > OFF_ZERO_SD * noise_rpm, passed)
 
 
-def neutral_of(time_s: Array, command: Array, reading: Array, answers_s: float, noise_rpm: float) -> Neutral | None:
-    """The command at which a drive stands, where its rows (n,) at rest show that it is not 0: half-way between where it
-    begins to turn either way; else where its line meets a standstill, of a drive that falls or that turns at 0."""
+def neutral_of(
+    time_s: Array, command: Array, reading: Array, answers_s: float, noise_rpm: float
+) -> Neutral | None:
+    """The command at which a drive stands, where its rows (n,) at rest show that it is not 0:
+    half-way between where it begins to turn either way; else where its line meets a standstill,
+    of a drive that falls or that turns at 0."""
     of_zero = off_zero_of(time_s, command, reading, answers_s, noise_rpm)
     if not of_zero.off:
         return None
@@ -156,15 +193,20 @@ def neutral_of(time_s: Array, command: Array, reading: Array, answers_s: float, 
 
 
 def settings_a_row(time_s: Array, command: Array) -> bool:
-    """Whether nearly every row (n,) holds another command, far apart in time: a staircase, a row for each step."""
-    return bool(np.mean(np.diff(command) != 0.0) > SETTLED_ROWS and np.median(np.diff(time_s)) >= SETTLED_S)
+    """Whether nearly every row (n,) holds another command, far apart in time: a staircase, a
+    row for each step."""
+    return bool(
+        np.mean(np.diff(command) != 0.0) > SETTLED_ROWS and np.median(np.diff(time_s)) >= SETTLED_S
+    )
 
 
 def moves_on(command: Array, reading: Array) -> bool:
-    """Whether a reading (n,) goes on moving in the rows after the one in which it began to answer a command (n,) of the
-    run log: most of what it answers to commands that are held for a while comes later."""
-    changed = np.flatnonzero(np.diff(command)) + 1              # first row of each command ...
-    held = np.diff(np.append(changed, len(command))) > 2        # ... that stays for the answer and a row after it
+    """Whether a reading (n,) goes on moving in the rows after the one in which it began to
+    answer a command (n,) of the run log: most of what it answers to commands that are held for
+    a while comes later."""
+    changed = np.flatnonzero(np.diff(command)) + 1  # first row of each command ...
+    # ... that stays for the answer and a row after it
+    held = np.diff(np.append(changed, len(command))) > 2
     first, last = changed[held], np.append(changed, len(command))[1:][held] - 1
     if not len(first):
         return False
@@ -182,10 +224,11 @@ def rounded_up(most: float) -> float:
 
 
 def noise_of(command: Array, reading: Array) -> float:
-    """1 s.d. of a reading, r/min: the spread of its third differences while it turns, at least that of its steps.
+    """1 s.d. of a reading, r/min: the spread of its third differences while it turns, at least
+    that of its steps.
 
-    Differences of neighbours, again and again: what changes slowly is no noise (von Neumann et al., Ann. Math. Stat.
-    12, 1941). Third ones of white noise have 20 times its variance.
+    Differences of neighbours, again and again: what changes slowly is no noise (von Neumann et
+    al., Ann. Math. Stat. 12, 1941). Third ones of white noise have 20 times its variance.
     """
     moves = np.diff(reading, 3)[(reading[3:] != 0.0) & (command[3:] == command[:-3])]
     spread = 1.4826 * float(np.median(np.abs(moves))) / np.sqrt(20.0) if len(moves) >= 4 else 0.0
@@ -196,15 +239,19 @@ def noise_of(command: Array, reading: Array) -> float:
 
 
 def times_of(time_s: Array, command: Array, reading: Array) -> tuple[float, float] | None:
-    """Dead time and time constant, s, with which the reading follows its command best, whatever its gain and zone are:
-    least squares of the reading over the delayed, lagged command, its size, a constant and the speed that it began
-    with, on a grid and finer ones between the neighbours of the best. None where the command never moves, or where the
-    best time constant is the longest: the log does not show it."""
+    """Dead time and time constant, s, with which the reading follows its command best, whatever
+    its gain and zone are: least squares of the reading over the delayed, lagged command, its
+    size, a constant and the speed that it began with, on a grid and finer ones between the
+    neighbours of the best. None where the command never moves, or where the best time constant
+    is the longest: the log does not show it."""
     time_s, command, reading = time_s[:MOST_ROWS], command[:MOST_ROWS], reading[:MOST_ROWS]
     if np.ptp(command) == 0.0:
         return None
     lasts_s = float(time_s[-1] - time_s[0])
-    deads_s, taus_s = _tried(DEAD_RATIO, DEAD_SHARE * lasts_s), _tried(TAU_RATIO, TAU_SHARE * lasts_s)
+    deads_s, taus_s = (
+        _tried(DEAD_RATIO, DEAD_SHARE * lasts_s),
+        _tried(TAU_RATIO, TAU_SHARE * lasts_s),
+    )
     dead_s, tau_s = _best_of(deads_s, taus_s, time_s, command, reading)
     if tau_s == taus_s[-1]:
         return None
@@ -226,16 +273,27 @@ def _about(best: float, grid: Array) -> Array:
     return np.linspace(grid[max(0, k - 1)], grid[min(len(grid) - 1, k + 1)], FINER)
 
 
-def _best_of(deads_s: Array, taus_s: Array, time_s: Array, command: Array, reading: Array) -> tuple[float, float]:
+def _best_of(
+    deads_s: Array, taus_s: Array, time_s: Array, command: Array, reading: Array
+) -> tuple[float, float]:
     """The pair with the least squares; of equals the first."""
     best = (np.inf, 0.0, 0.0)
     for dead_s in deads_s:
-        commanded = command[np.clip(np.searchsorted(time_s, time_s - dead_s, side="right") - 1, 0, len(time_s) - 1)]
+        commanded = command[
+            np.clip(np.searchsorted(time_s, time_s - dead_s, side="right") - 1, 0, len(time_s) - 1)
+        ]
         for tau_s in taus_s:
             x = _followed(commanded, time_s, float(tau_s))
-            began = np.exp(-(time_s - time_s[0]) / max(float(tau_s), 1e-9))      # what it turned at before the log
-            basis = np.column_stack((x, np.sign(x) * np.minimum(np.abs(x), 0.1 * np.max(np.abs(x)) + 1e-9),
-                                     np.ones(len(x)), began))
+            # what it turned at before the log
+            began = np.exp(-(time_s - time_s[0]) / max(float(tau_s), 1e-9))
+            basis = np.column_stack(
+                (
+                    x,
+                    np.sign(x) * np.minimum(np.abs(x), 0.1 * np.max(np.abs(x)) + 1e-9),
+                    np.ones(len(x)),
+                    began,
+                )
+            )
             left = reading - basis @ np.linalg.lstsq(basis, reading, rcond=None)[0]
             square = float(np.mean(np.square(left)))
             if square < best[0] * (1.0 - 1e-6):

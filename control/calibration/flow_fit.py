@@ -1,4 +1,5 @@
 """Catch test to flow model: grams per revolution and mm, and what the test shows next to it."""
+
 from __future__ import annotations
 
 import datetime as dt
@@ -14,7 +15,8 @@ from .adopt import record, retitled, with_records
 from .bench_table import Array, BenchTable, usable
 from .least_squares import FittedInterval, LinearFit, fitted
 
-LEVEL = 0.01            # an offset or a fall-off goes into the machine file only below this p
+# an offset or a fall-off goes into the machine file only below this p
+LEVEL = 0.01
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,8 +24,8 @@ class FlowFit:
     """g per revolution =
     (grams_per_rev_mm opening_mm + zero_offset_g_rev) (1 - fill_falloff_percent/100 (n/full_rpm)^3).
 
-    None: not shown by this test, 0 in the machine. `residual_percent`: (n,) measured over fitted - 1. Valid over the
-    settings of the test.
+    None: not shown by this test, 0 in the machine. `residual_percent`: (n,) measured over
+    fitted - 1. Valid over the settings of the test.
     """
 
     grams_per_rev_mm: FittedInterval
@@ -40,8 +42,8 @@ class FlowFit:
 def fit_flow(table: BenchTable, machine: Machine, *, date: str = "") -> tuple[Machine, FlowFit]:
     """Fits the flow model to a catch test and puts it into a copy of the machine.
 
-    The noise is taken as a share of the mass. Zero offset and fall-off enter only where they are significant (1 %).
-    Raises ValueError with one line where the table cannot give a flow.
+    The noise is taken as a share of the mass. Zero offset and fall-off enter only where they
+    are significant (1 %). Raises ValueError with one line where the table cannot give a flow.
     """
     table = usable(table)
     if table.kind != "catch":
@@ -50,43 +52,65 @@ def fit_flow(table: BenchTable, machine: Machine, *, date: str = "") -> tuple[Ma
     keep = (rows.mass_per_rev > 0.0) & (rows.opening_mm > 0.0)
     rows = _CatchRows(*(values[keep] for values in rows))
     if len(rows.mass_per_rev) < 2:
-        raise ValueError(f"{table.path}: {len(rows.mass_per_rev)} rows with flow: at least 2 are needed")
-    notes = [] if keep.all() else [f"{int((~keep).sum())} rows without flow or opening are left out"]
+        raise ValueError(
+            f"{table.path}: {len(rows.mass_per_rev)} rows with flow: at least 2 are needed"
+        )
+    notes = (
+        [] if keep.all() else [f"{int((~keep).sum())} rows without flow or opening are left out"]
+    )
     try:
         terms, fit, said = _chosen(rows)
     except ValueError as error:
         raise ValueError(f"{table.path}: {error}") from None
     notes += said
     percent = 100.0 * fit.residuals / (rows.mass_per_rev - fit.residuals)
-    flow = FlowFit(fit.interval(0), _of(terms, fit, "zero_offset"), _of(terms, fit, "fill_falloff", 100.0),
-                   (float(rows.shaft_rpm.min()), float(rows.shaft_rpm.max())),
-                   (float(rows.opening_mm.min()), float(rows.opening_mm.max())), len(percent),
-                   float(np.sqrt(np.sum(percent ** 2) / fit.dof)), percent, tuple(notes))
+    flow = FlowFit(
+        fit.interval(0),
+        _of(terms, fit, "zero_offset"),
+        _of(terms, fit, "fill_falloff", 100.0),
+        (float(rows.shaft_rpm.min()), float(rows.shaft_rpm.max())),
+        (float(rows.opening_mm.min()), float(rows.opening_mm.max())),
+        len(percent),
+        float(np.sqrt(np.sum(percent**2) / fit.dof)),
+        percent,
+        tuple(notes),
+    )
     return _calibrated(machine, flow, table, date), flow
 
 
 class _CatchRows(NamedTuple):
-    mass_per_rev: Array         # of all outlets, g, (n,)
+    mass_per_rev: Array  # of all outlets, g, (n,)
     opening_mm: Array
-    share: Array                # of the shaft speed at which the fall-off is given
+    # of the shaft speed at which the fall-off is given
+    share: Array
     shaft_rpm: Array
 
 
 def _rows(table: BenchTable, machine: Machine) -> _CatchRows:
     columns = table.columns
-    grams = 1000.0 * columns["mass_kg"] / np.maximum(columns["shaft_rpm"] / 60.0 * columns["duration_s"], 1e-9)
+    grams = (
+        1000.0
+        * columns["mass_kg"]
+        / np.maximum(columns["shaft_rpm"] / 60.0 * columns["duration_s"], 1e-9)
+    )
     if "outlet" in columns:
         grams = grams * machine.geometry.outlets
-    return _CatchRows(np.where(columns["shaft_rpm"] > 0.0, grams, 0.0), columns["opening_mm"],
-                      columns["shaft_rpm"] / machine.flow.full_rpm, columns["shaft_rpm"])
+    return _CatchRows(
+        np.where(columns["shaft_rpm"] > 0.0, grams, 0.0),
+        columns["opening_mm"],
+        columns["shaft_rpm"] / machine.flow.full_rpm,
+        columns["shaft_rpm"],
+    )
 
 
 def _fit(rows: _CatchRows, terms: tuple[str, ...]) -> LinearFit:
-    """Gauss-Newton on ln-like weights: the residuals' unit is the fitted mass, so that noise is a share of it.
+    """Gauss-Newton on ln-like weights: the residuals' unit is the fitted mass, so that noise is
+    a share of it.
 
-    Coefficients: grams per revolution and mm, then the terms' own, the fall-off as a share at full_rpm.
+    Coefficients: grams per revolution and mm, then the terms' own, the fall-off as a share at
+    full_rpm.
     """
-    fast = rows.share ** 3
+    fast = rows.share**3
     slope, offset, falloff = float(np.median(rows.mass_per_rev / rows.opening_mm)), 0.0, 0.0
     fit = None
     for _ in range(20):
@@ -94,8 +118,12 @@ def _fit(rows: _CatchRows, terms: tuple[str, ...]) -> LinearFit:
         fills = 1.0 - falloff * fast
         columns = {"zero_offset": fills, "fill_falloff": -full * fast}
         design = np.column_stack([rows.opening_mm * fills, *(columns[name] for name in terms)])
-        now = np.concatenate([[slope], [{"zero_offset": offset, "fill_falloff": falloff}[name] for name in terms]])
-        fit = fitted(design, rows.mass_per_rev - full * fills + design @ now, np.maximum(full * fills, 1e-6))
+        now = np.concatenate(
+            [[slope], [{"zero_offset": offset, "fill_falloff": falloff}[name] for name in terms]]
+        )
+        fit = fitted(
+            design, rows.mass_per_rev - full * fills + design @ now, np.maximum(full * fills, 1e-6)
+        )
         found = dict(zip(terms, fit.coefficients[1:].tolist(), strict=True))
         moved = float(np.max(np.abs(fit.coefficients - now) / np.maximum(np.abs(now), 1e-3)))
         slope = float(fit.coefficients[0])
@@ -132,7 +160,9 @@ def _chosen(rows: _CatchRows) -> tuple[tuple[str, ...], LinearFit, list[str]]:
     return terms, fit, notes
 
 
-def _of(terms: tuple[str, ...], fit: LinearFit, name: str, times: float = 1.0) -> FittedInterval | None:
+def _of(
+    terms: tuple[str, ...], fit: LinearFit, name: str, times: float = 1.0
+) -> FittedInterval | None:
     if name not in terms:
         return None
     found = fit.interval(1 + terms.index(name))
@@ -141,28 +171,64 @@ def _of(terms: tuple[str, ...], fit: LinearFit, name: str, times: float = 1.0) -
 
 def _calibrated(machine: Machine, flow: FlowFit, table: BenchTable, date: str) -> Machine:
     valid = {"shaft_rpm": flow.shaft_rpm, "opening_mm": flow.opening_mm}
-    records = [record("flow.grams_per_rev_mm", flow.grams_per_rev_mm, "g per revolution and mm", table.path, date,
-                      valid)]
+    records = [
+        record(
+            "flow.grams_per_rev_mm",
+            flow.grams_per_rev_mm,
+            "g per revolution and mm",
+            table.path,
+            date,
+            valid,
+        )
+    ]
     if flow.zero_offset_g_rev is not None:
-        records.append(record("flow.zero_offset", flow.zero_offset_g_rev, "g per revolution", table.path, date, valid))
+        records.append(
+            record(
+                "flow.zero_offset",
+                flow.zero_offset_g_rev,
+                "g per revolution",
+                table.path,
+                date,
+                valid,
+            )
+        )
     if flow.fill_falloff_percent is not None:
         unit = unit_of("flow.fill_falloff", machine)
-        records.append(record("flow.fill_falloff", flow.fill_falloff_percent, unit, table.path, date, valid))
+        records.append(
+            record("flow.fill_falloff", flow.fill_falloff_percent, unit, table.path, date, valid)
+        )
     stage = machine.flow._replace(
-        grams_per_rev_mm=flow.grams_per_rev_mm.value, gain_percent=0.0,
+        grams_per_rev_mm=flow.grams_per_rev_mm.value,
+        gain_percent=0.0,
         zero_offset_g_rev=flow.zero_offset_g_rev.value if flow.zero_offset_g_rev else 0.0,
-        fill_falloff_percent=flow.fill_falloff_percent.value if flow.fill_falloff_percent else 0.0)
+        fill_falloff_percent=flow.fill_falloff_percent.value if flow.fill_falloff_percent else 0.0,
+    )
     checked = Machine.model_validate({**dict(machine), "flow": stage})
-    return checked.model_copy(update={
-        "adopted": with_records(machine, tuple(records), ("flow.gain", "flow.zero_offset", "flow.fill_falloff")),
-        "title": retitled(machine, "flow", table.path, date)})
+    return checked.model_copy(
+        update={
+            "adopted": with_records(
+                machine, tuple(records), ("flow.gain", "flow.zero_offset", "flow.fill_falloff")
+            ),
+            "title": retitled(machine, "flow", table.path, date),
+        }
+    )
 
 
-def catch_test(machine: Machine, fit: FlowFit, date: dt.date, data: str, sha256: str = "") -> CatchTest:
-    """The test as the product's file keeps it. machine: it was done with. data, sha256: of the table."""
+def catch_test(
+    machine: Machine, fit: FlowFit, date: dt.date, data: str, sha256: str = ""
+) -> CatchTest:
+    """The test as the product's file keeps it. machine: it was done with. data, sha256: of the
+    table."""
     grams = fit.grams_per_rev_mm
     return CatchTest(
-        date=date, machine=machine.id, grams_per_rev_mm=grams.value, low=grams.low, high=grams.high,
+        date=date,
+        machine=machine.id,
+        grams_per_rev_mm=grams.value,
+        low=grams.low,
+        high=grams.high,
         zero_offset_g_rev=fit.zero_offset_g_rev.value if fit.zero_offset_g_rev else 0.0,
         fill_falloff_percent=fit.fill_falloff_percent.value if fit.fill_falloff_percent else 0.0,
-        rows=fit.rows_used, data=data, sha256=sha256)
+        rows=fit.rows_used,
+        data=data,
+        sha256=sha256,
+    )

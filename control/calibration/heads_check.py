@@ -1,4 +1,6 @@
-"""Canopy heads from a run log: each one's gain and offset against the joint median of the others."""
+"""Canopy heads from a run log: each one's gain and offset against the joint median of the
+others."""
+
 from __future__ import annotations
 
 from typing import NamedTuple
@@ -13,16 +15,18 @@ from .adopt import record, retitled, with_records
 from .bench_table import Array
 from .least_squares import FittedInterval
 
-BLOCK_S = 10.0              # the canopy's own differences between heads last a few metres: blocks are worth one each
+# the canopy's own differences between heads last a few metres: blocks are worth one each
+BLOCK_S = 10.0
 LEAST_BLOCKS = 6
-LEAST_HEADS = 3             # a median of two blames both
-FOULED_PERCENT = 1.5        # less is within what clean heads differ by on a crop
-LEAST_NDVI = 0.1            # bare ground says nothing of a gain
+LEAST_HEADS = 3  # a median of two blames both
+# less is within what clean heads differ by on a crop
+FOULED_PERCENT = 1.5
+LEAST_NDVI = 0.1  # bare ground says nothing of a gain
 
 
 class HeadFit(NamedTuple):
-    """One head. gain_percent: mean reading over the mean of the others' median, minus 1. slope, offset: of the line
-    through both, None where the canopy is too even to tell them apart."""
+    """One head. gain_percent: mean reading over the mean of the others' median, minus 1. slope,
+    offset: of the line through both, None where the canopy is too even to tell them apart."""
 
     number: int
     gain_percent: FittedInterval
@@ -38,9 +42,12 @@ class HeadsFit(NamedTuple):
     notes: tuple[str, ...]
 
 
-def check_heads(time_s: Array, ndvi: Array, machine: Machine, data: str, *, date: str = "") -> tuple[Machine, HeadsFit]:
-    """`ndvi`: (n, heads), NaN: silent. A head whose gain differs from 0 by more than 1.5 % with 99 % confidence (shared
-    by all heads) is fouled; the worst one goes into a copy of the machine, which holds one.
+def check_heads(
+    time_s: Array, ndvi: Array, machine: Machine, data: str, *, date: str = ""
+) -> tuple[Machine, HeadsFit]:
+    """`ndvi`: (n, heads), NaN: silent. A head whose gain differs from 0 by more than 1.5 % with
+    99 % confidence (shared by all heads) is fouled; the worst one goes into a copy of the
+    machine, which holds one.
 
     Raises ValueError with one line where the log has not enough.
     """
@@ -49,19 +56,26 @@ def check_heads(time_s: Array, ndvi: Array, machine: Machine, data: str, *, date
     heard = np.isfinite(values).mean(axis=0) if len(values) else np.zeros(ndvi.shape[1])
     spoke = np.flatnonzero(heard > 0.5)
     if len(spoke) < LEAST_HEADS:
-        raise ValueError(f"{data}: {len(spoke)} heads with readings: at least {LEAST_HEADS} are needed")
+        raise ValueError(
+            f"{data}: {len(spoke)} heads with readings: at least {LEAST_HEADS} are needed"
+        )
     values = values[:, spoke]
     whole = np.isfinite(values).all(axis=1) & (np.median(values, axis=1) > LEAST_NDVI)
     values, at = values[whole], at[whole]
     blocks = np.floor((at - at[0]) / BLOCK_S).astype(np.int64) if len(at) else np.zeros(0, np.int64)
     count = len(np.unique(blocks))
     if count < LEAST_BLOCKS:
-        raise ValueError(f"{data}: {count * BLOCK_S:g} s of readings above NDVI {LEAST_NDVI:g}: at least "
-                         f"{LEAST_BLOCKS * BLOCK_S:g} s are needed")
+        raise ValueError(
+            f"{data}: {count * BLOCK_S:g} s of readings above NDVI {LEAST_NDVI:g}: at least "
+            f"{LEAST_BLOCKS * BLOCK_S:g} s are needed"
+        )
     found: list[HeadFit] = []
     fouled: list[int] = []
-    for _ in range(len(spoke)):                 # what is fouled is no judge of the rest
-        found = [_head(int(spoke[k]) + 1, k, values, blocks, len(spoke), fouled) for k in range(len(spoke))]
+    for _ in range(len(spoke)):  # what is fouled is no judge of the rest
+        found = [
+            _head(int(spoke[k]) + 1, k, values, blocks, len(spoke), fouled)
+            for k in range(len(spoke))
+        ]
         worst = [head for head in found if head.fouled and head.number - 1 not in fouled]
         if not worst or len(spoke) - len(fouled) <= LEAST_HEADS:
             break
@@ -71,11 +85,15 @@ def check_heads(time_s: Array, ndvi: Array, machine: Machine, data: str, *, date
     return _checked(machine, fit, data, date), fit
 
 
-def _head(number: int, k: int, values: Array, blocks: npt.NDArray[np.int64], heads: int, fouled: list[int]) -> HeadFit:
+def _head(
+    number: int, k: int, values: Array, blocks: npt.NDArray[np.int64], heads: int, fouled: list[int]
+) -> HeadFit:
     judges = [j for j in range(values.shape[1]) if j != k and j not in fouled]
     own, others = values[:, k], np.median(values[:, judges], axis=1)
     _, which, sizes = np.unique(blocks, return_inverse=True, return_counts=True)
-    means = np.column_stack([np.bincount(which, weights=readings) / sizes for readings in (own, others)])
+    means = np.column_stack(
+        [np.bincount(which, weights=readings) / sizes for readings in (own, others)]
+    )
     gain = float(own.mean() / others.mean() - 1.0)
     off = means[:, 0] / means[:, 1] - 1.0 - gain
     spread = float(off.std(ddof=1) / np.sqrt(len(off)))
@@ -86,16 +104,25 @@ def _head(number: int, k: int, values: Array, blocks: npt.NDArray[np.int64], hea
         slope = float(np.cov(own, others)[0, 1] / others.var(ddof=1))
         offset = float(own.mean() - slope * others.mean())
     percent = FittedInterval(100.0 * gain, 100.0 * (gain - half), 100.0 * (gain + half))
-    return HeadFit(number, percent, slope, offset, len(own),
-                   abs(gain) > sure and abs(percent.value) > FOULED_PERCENT)
+    return HeadFit(
+        number,
+        percent,
+        slope,
+        offset,
+        len(own),
+        abs(gain) > sure and abs(percent.value) > FOULED_PERCENT,
+    )
 
 
 def _notes(heads: list[HeadFit], silent: tuple[int, ...]) -> tuple[str, ...]:
     notes = [f"head {number} is silent" for number in silent]
     fouled = [head.number for head in heads if head.fouled]
     if len(fouled) > 1:
-        notes.append(f"heads {', '.join(map(str, fouled))} are fouled; the machine file holds one: the worst. Clean "
-                     "them all and drive again")
+        notes.append(
+            f"heads {', '.join(map(str, fouled))} are fouled; the machine file holds one: "
+            "the worst. Clean "
+            "them all and drive again"
+        )
     if not fouled:
         notes.append(f"no head is off by more than {FOULED_PERCENT:g} % for certain")
     if any(head.slope is None for head in heads):
@@ -105,12 +132,21 @@ def _notes(heads: list[HeadFit], silent: tuple[int, ...]) -> tuple[str, ...]:
 
 def _checked(machine: Machine, fit: HeadsFit, data: str, date: str) -> Machine:
     fouled = [head for head in fit.heads if head.fouled]
-    neutral = machine.model_copy(update={"heads": machine.heads._replace(fouled_percent=0.0, fouled_head=0.0)})
+    neutral = machine.model_copy(
+        update={"heads": machine.heads._replace(fouled_percent=0.0, fouled_head=0.0)}
+    )
     records: tuple[Adopted, ...] = ()
     if fouled:
         worst = max(fouled, key=lambda head: abs(head.gain_percent.value))
-        neutral = with_effect(neutral, "canopy.head_fouled", round(worst.gain_percent.value, 3), worst.number)
-        records = (record("canopy.head_fouled", worst.gain_percent, "%", data, date, {}, worst.number),)
-    return neutral.model_copy(update={
-        "adopted": with_records(machine, records, ("canopy.head_fouled",)),
-        "title": retitled(machine, "heads", data, date)})
+        neutral = with_effect(
+            neutral, "canopy.head_fouled", round(worst.gain_percent.value, 3), worst.number
+        )
+        records = (
+            record("canopy.head_fouled", worst.gain_percent, "%", data, date, {}, worst.number),
+        )
+    return neutral.model_copy(
+        update={
+            "adopted": with_records(machine, records, ("canopy.head_fouled",)),
+            "title": retitled(machine, "heads", data, date),
+        }
+    )

@@ -1,4 +1,5 @@
 """Lag test to lag model: a straight line over shaft speed, with its range (lag paper eq 6)."""
+
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -15,15 +16,19 @@ from .bench_table import Array, BenchTable, usable
 from .least_squares import FittedInterval, fitted
 
 _SLACK_RPM = 1e-6
-MOST_MORE = 0.1         # of start_more_per_rpm, as the machine file allows it
-SETTLED_AT = 7          # shaft speeds over the line's range at which the start is held against it
+# of start_more_per_rpm, as the machine file allows it
+MOST_MORE = 0.1
+# shaft speeds over the line's range at which the start is held against it
+SETTLED_AT = 7
 
 
 @dataclass(frozen=True, slots=True)
 class LagFit:
-    """lag_s = intercept_s + slope_s_per_rpm n, n in r/min, from `from_rpm` to `to_rpm` and nowhere else.
+    """lag_s = intercept_s + slope_s_per_rpm n, n in r/min, from `from_rpm` to `to_rpm` and
+    nowhere else.
 
-    `measured`: the column fitted (lag_s, drop_s, or lag_m over the written speed). `residuals_s`: (n,), rows used.
+    `measured`: the column fitted (lag_s, drop_s, or lag_m over the written speed).
+    `residuals_s`: (n,), rows used.
     """
 
     measured: str
@@ -38,22 +43,34 @@ class LagFit:
     notes: tuple[str, ...]
 
     def lag_s(self, shaft_rpm: float) -> float:
-        """Lag on the line, s. Raises ValueError outside the fitted range: the line is not extrapolated."""
+        """Lag on the line, s. Raises ValueError outside the fitted range: the line is not
+        extrapolated."""
         if not self.from_rpm - _SLACK_RPM <= shaft_rpm <= self.to_rpm + _SLACK_RPM:
-            raise ValueError(f"shaft speed {shaft_rpm:g} r/min: the lag line holds from {self.from_rpm:g} to "
-                             f"{self.to_rpm:g} r/min")
+            raise ValueError(
+                f"shaft speed {shaft_rpm:g} r/min: the lag line holds from {self.from_rpm:g} to "
+                f"{self.to_rpm:g} r/min"
+            )
         return self.intercept_s.value + self.slope_s_per_rpm.value * shaft_rpm
 
 
-def fit_lag(table: BenchTable, machine: Machine, *, label: str | None = None, from_rpm: float | None = None,
-            to_rpm: float | None = None, date: str = "") -> tuple[Machine, LagFit]:
-    """Fits the lag line of starts and puts its drop time into a copy of the machine (lag paper eq 6).
+def fit_lag(
+    table: BenchTable,
+    machine: Machine,
+    *,
+    label: str | None = None,
+    from_rpm: float | None = None,
+    to_rpm: float | None = None,
+    date: str = "",
+) -> tuple[Machine, LagFit]:
+    """Fits the lag line of starts and puts its drop time into a copy of the machine (lag paper
+    eq 6).
 
-    `label`: rows of that value of the table's label column only (needed where it has one). `from_rpm`, `to_rpm`: range
-    of shaft speeds to use; default the machine's own range of validity. Rows beyond it are compared with the line and
-    that is noted, they do not bend it. The response in force in the machine is taken off a whole lag.
-    Times are of starts out of a standing shaft, as a rig and the papers measure them, with or without a column of
-    responses; the machine's running shaft is then settled so that its own start gives the line
+    `label`: rows of that value of the table's label column only (needed where it has one).
+    `from_rpm`, `to_rpm`: range of shaft speeds to use; default the machine's own range of
+    validity. Rows beyond it are compared with the line and that is noted, they do not bend it.
+    The response in force in the machine is taken off a whole lag. Times are of starts out of a
+    standing shaft, as a rig and the papers measure them, with or without a column of responses;
+    the machine's running shaft is then settled so that its own start gives the line
     (`start_more_per_rpm`).
 
     Raises ValueError with one line where the table cannot give a line.
@@ -71,22 +88,45 @@ def fit_lag(table: BenchTable, machine: Machine, *, label: str | None = None, fr
     chosen &= ~table.running()
     used = chosen & (speeds >= low - _SLACK_RPM) & (speeds <= high + _SLACK_RPM)
     if low > high:
-        raise ValueError(f"{table.path}: shaft speeds from {low:g} to {high:g} r/min: allowed is a range that rises; "
-                         f"the machine's line holds from {machine.fall.valid_from_rpm:g} to "
-                         f"{machine.fall.valid_to_rpm:g} r/min")
+        raise ValueError(
+            f"{table.path}: shaft speeds from {low:g} to {high:g} r/min: allowed is a range "
+            "that rises; "
+            f"the machine's line holds from {machine.fall.valid_from_rpm:g} to "
+            f"{machine.fall.valid_to_rpm:g} r/min"
+        )
     if len(np.unique(speeds[used])) < 3:
-        raise ValueError(f"{table.path}: column shaft_rpm: {len(np.unique(speeds[used]))} different shaft speeds from "
-                         f"{low:g} to {high:g} r/min: at least 3 are needed")
+        raise ValueError(
+            f"{table.path}: column shaft_rpm: {len(np.unique(speeds[used]))} different "
+            "shaft speeds from "
+            f"{low:g} to {high:g} r/min: at least 3 are needed"
+        )
     n, y = speeds[used], lags[used]
     fit = fitted(np.column_stack([np.ones(len(n)), n]), y, np.ones(len(n)))
     response = float(np.mean([response_s(machine, rpm) for rpm in n])) if whole else 0.0
     first, last = float(n.min()), float(n.max())
-    line = LagFit(measured, fit.interval(0), fit.interval(1), first, last, len(n),
-                  float(np.sqrt(np.sum(fit.residuals ** 2) / fit.dof)), float(np.corrcoef(n, y)[0, 1]), fit.residuals,
-                  (f"the line holds from {first:g} to {last:g} r/min",
-                   *([f"{running} rows of a shaft that turned before are not used: the line is that of starts"]
-                     if running else []),
-                   *_beyond(fit.coefficients, speeds, lags, chosen & ~used, response, machine)))
+    line = LagFit(
+        measured,
+        fit.interval(0),
+        fit.interval(1),
+        first,
+        last,
+        len(n),
+        float(np.sqrt(np.sum(fit.residuals**2) / fit.dof)),
+        float(np.corrcoef(n, y)[0, 1]),
+        fit.residuals,
+        (
+            f"the line holds from {first:g} to {last:g} r/min",
+            *(
+                [
+                    f"{running} rows of a shaft that turned before are not used: the line "
+                    "is that of starts"
+                ]
+                if running
+                else []
+            ),
+            *_beyond(fit.coefficients, speeds, lags, chosen & ~used, response, machine),
+        ),
+    )
     return _calibrated(machine, line, response, table, date), line
 
 
@@ -97,9 +137,14 @@ def _rows_of(table: BenchTable, label: str | None) -> np.ndarray:
         return np.ones(table.rows, bool)
     values = sorted(set(table.label.tolist()))
     if label is None:
-        raise ValueError(f"{table.path}: column {table.label_column}: say which rows to fit: {', '.join(values)}")
+        raise ValueError(
+            f"{table.path}: column {table.label_column}: say which rows to fit: {', '.join(values)}"
+        )
     if label not in values:
-        raise ValueError(f"{table.path}: column {table.label_column}: no rows {label!r}: allowed {', '.join(values)}")
+        raise ValueError(
+            f"{table.path}: column {table.label_column}: no rows {label!r}: allowed "
+            f"{', '.join(values)}"
+        )
     return np.asarray(table.label == label)
 
 
@@ -111,48 +156,81 @@ def _measured(table: BenchTable) -> tuple[str, bool, Array]:
     speed = table.speed_mps()
     if "lag_m" in table.columns and speed is not None:
         return "lag_m", True, table.columns["lag_m"] / speed
-    raise ValueError(f"{table.path}: column response_s holds no drop time: a lag fit needs lag_s, drop_s or lag_m")
+    raise ValueError(
+        f"{table.path}: column response_s holds no drop time: a lag fit needs lag_s, drop_s "
+        "or lag_m"
+    )
 
 
-def _beyond(line: Array, speeds: Array, lags: Array, rest: np.ndarray, response: float,
-            machine: Machine) -> tuple[str, ...]:
+def _beyond(
+    line: Array, speeds: Array, lags: Array, rest: np.ndarray, response: float, machine: Machine
+) -> tuple[str, ...]:
     notes = []
     for rpm in np.unique(speeds[rest]):
         off = float(np.mean(lags[rest & (speeds == rpm)]) - line[0] - line[1] * rpm)
-        notes.append(f"at {rpm:g} r/min, outside the range and not used, the mean lag is {off:+.3f} s off the line; "
-                     f"the machine file before says {start_drop_s(machine.fall, float(rpm)) + response:.3f} s")
+        notes.append(
+            f"at {rpm:g} r/min, outside the range and not used, the mean lag is {off:+.3f} "
+            "s off the line; "
+            "the machine file before says "
+            f"{start_drop_s(machine.fall, float(rpm)) + response:.3f} s"
+        )
     return tuple(notes)
 
 
-def _calibrated(machine: Machine, line: LagFit, response: float, table: BenchTable, date: str) -> Machine:
+def _calibrated(
+    machine: Machine, line: LagFit, response: float, table: BenchTable, date: str
+) -> Machine:
     drop = FittedInterval(*(value - response for value in line.intercept_s))
     valid = {"shaft_rpm": (line.from_rpm, line.to_rpm)}
-    fall = machine.fall._replace(intercept_s=drop.value, slope_s_per_rpm=line.slope_s_per_rpm.value, offset_s=0.0,
-                                 valid_from_rpm=line.from_rpm, valid_to_rpm=line.to_rpm, rebound_s=0.0)
+    fall = machine.fall._replace(
+        intercept_s=drop.value,
+        slope_s_per_rpm=line.slope_s_per_rpm.value,
+        offset_s=0.0,
+        valid_from_rpm=line.from_rpm,
+        valid_to_rpm=line.to_rpm,
+        rebound_s=0.0,
+    )
     if fall.carried_share >= 1.0:
         fall = fall._replace(start_more_per_rpm=start_more_per_rpm(machine, fall))
     else:
         fall = resettled(machine.model_copy(update={"fall": fall})).fall
-    records = (record("fall.intercept_s", drop, "s", table.path, date, valid),
-               record("fall.slope_s_per_rpm", line.slope_s_per_rpm, "s per r/min", table.path, date, valid))
+    records = (
+        record("fall.intercept_s", drop, "s", table.path, date, valid),
+        record(
+            "fall.slope_s_per_rpm", line.slope_s_per_rpm, "s per r/min", table.path, date, valid
+        ),
+    )
     checked = Machine.model_validate({**dict(machine), "fall": fall})
-    return checked.model_copy(update={
-        "adopted": with_records(machine, records, ("lag.offset", "lag.rebound")),
-        "title": retitled(machine, "lag", table.path, date)})
+    return checked.model_copy(
+        update={
+            "adopted": with_records(machine, records, ("lag.offset", "lag.rebound")),
+            "title": retitled(machine, "lag", table.path, date),
+        }
+    )
 
 
 def start_more_per_rpm(machine: Machine, fall: Fall) -> float:
-    """How much longer a start takes than the running shaft's drop, so that the machine's own start gives `fall`'s line
-    over its range as nearly as it can (least squares). `fall`'s own where its line does not fall with shaft speed."""
+    """How much longer a start takes than the running shaft's drop, so that the machine's own
+    start gives `fall`'s line over its range as nearly as it can (least squares). `fall`'s own
+    where its line does not fall with shaft speed."""
     speeds = np.linspace(fall.valid_from_rpm, fall.valid_to_rpm, SETTLED_AT).tolist()
     falls = [-fall.slope_s_per_rpm * n * n for n in speeds]
     if max(falls) <= 0.0:
         return fall.start_more_per_rpm
-    most = min(0.9 * start_drop_s(fall, n) / more for n, more in zip(speeds, falls, strict=True) if more > 0.0)
+    most = min(
+        0.9 * start_drop_s(fall, n) / more
+        for n, more in zip(speeds, falls, strict=True)
+        if more > 0.0
+    )
 
     def off(more: float) -> float:
         settled = fall._replace(start_more_per_rpm=more)
-        return float(sum((first_fall_s(machine, settled, n) - start_drop_s(fall, n)) ** 2 for n in speeds))
+        return float(
+            sum((first_fall_s(machine, settled, n) - start_drop_s(fall, n)) ** 2 for n in speeds)
+        )
 
-    return float(minimize_scalar(off, bounds=(0.0, min(most, MOST_MORE)), method="bounded",
-                                 options={"xatol": 1e-6}).x)
+    return float(
+        minimize_scalar(
+            off, bounds=(0.0, min(most, MOST_MORE)), method="bounded", options={"xatol": 1e-6}
+        ).x
+    )

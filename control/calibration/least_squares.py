@@ -1,4 +1,5 @@
 """Weighted linear least squares with 90 % intervals."""
+
 from __future__ import annotations
 
 from typing import NamedTuple
@@ -18,7 +19,8 @@ class FittedInterval(NamedTuple):
 
 
 class LinearFit(NamedTuple):
-    """`coefficients` and `se`: (p,), `residuals`: (n,) in the unit of y, `p_values`: (p,) two-sided, against 0."""
+    """`coefficients` and `se`: (p,), `residuals`: (n,) in the unit of y, `p_values`: (p,)
+    two-sided, against 0."""
 
     coefficients: Array
     se: Array
@@ -34,7 +36,8 @@ class LinearFit(NamedTuple):
 def fitted(design: Array, y: Array, sd: Array) -> LinearFit:
     """Least squares of y (n,) on design (n, p) with relative noise `sd` (n,).
 
-    Raises ValueError where fewer rows than coefficients plus one, or columns that the rows cannot tell apart.
+    Raises ValueError where fewer rows than coefficients plus one, or columns that the rows
+    cannot tell apart.
     """
     rows, count = design.shape
     if rows <= count:

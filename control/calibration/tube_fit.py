@@ -1,10 +1,12 @@
-"""Lag test between two rates to what goes on in the tube: does the stream carry what falls, or do granules fall singly?
+"""Lag test between two rates to what goes on in the tube: does the stream carry what falls, or
+do granules fall singly?
 
-A start cannot tell (docs/decisions/0005), a change can: from 40 to 80 r/min the plate's reading is best split into its
-two levels 1.13 s after the shaft has changed where the stream carries all, 0.96 s where granules fall singly and the
-quick ones come down on top of the slow. Where it carries, the reading also jumps by a third at once. Shares up to 0.5
-are alike.
+A start cannot tell (docs/decisions/0005), a change can: from 40 to 80 r/min the plate's reading
+is best split into its two levels 1.13 s after the shaft has changed where the stream carries
+all, 0.96 s where granules fall singly and the quick ones come down on top of the slow. Where it
+carries, the reading also jumps by a third at once. Shares up to 0.5 are alike.
 """
+
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -19,19 +21,23 @@ from .adopt import record, retitled, with_records
 from .bench_table import Array, BenchTable, usable
 from .least_squares import FittedInterval
 
-SHARES = np.linspace(0.0, 1.0, 11)      # that are held against the table
+SHARES = np.linspace(0.0, 1.0, 11)  # that are held against the table
 LEAST_ROWS = 3
-LINE_SD_S = 0.010                       # of the line of starts itself: lag table 3, 70 rows of 0.06 s
-LEAST_SCATTER_S = 0.005                 # of one row, whatever the repeats say: the plate is read 20 times a second
-FAR_SD = 4.0                            # further from every share: the table is of another machine
-LEAST_SD = 0.02                         # of the share, in the machine file
-MOST_STATED = 0.9                         # of the probability lies inside the interval
+# of the line of starts itself: lag table 3, 70 rows of 0.06 s
+LINE_SD_S = 0.010
+# of one row, whatever the repeats say: the plate is read 20 times a second
+LEAST_SCATTER_S = 0.005
+# further from every share: the table is of another machine
+FAR_SD = 4.0
+LEAST_SD = 0.02  # of the share, in the machine file
+MOST_STATED = 0.9  # of the probability lies inside the interval
 
 
 @dataclass(frozen=True, slots=True)
 class TubeFit:
-    """Share of the pace in the tube that the stream sets, 0 to 1, with its s.d. and 90 % interval; rows used, their
-    scatter and how far their mean lies off the nearest share's drop, s."""
+    """Share of the pace in the tube that the stream sets, 0 to 1, with its s.d. and 90 %
+    interval; rows used, their scatter and how far their mean lies off the nearest share's drop,
+    s."""
 
     carried_share: FittedInterval
     sd: float
@@ -44,16 +50,19 @@ class TubeFit:
 def settle_tube(table: BenchTable, machine: Machine, *, date: str = "") -> tuple[Machine, TubeFit]:
     """The machine with its tube as rows of a shaft that turned before their change say.
 
-    `drop_s` of such a row (or `lag_s` less the machine's response) goes from the change of the shaft until the stream
-    on the ground is half-way between its two rates. Every share is played through the model and held against the rows;
-    all are as likely beforehand. Raises ValueError, one line, where there are fewer than three rows, or no share gives
-    such times.
+    `drop_s` of such a row (or `lag_s` less the machine's response) goes from the change of the
+    shaft until the stream on the ground is half-way between its two rates. Every share is
+    played through the model and held against the rows; all are as likely beforehand. Raises
+    ValueError, one line, where there are fewer than three rows, or no share gives such times.
     """
     table = usable(table)
     before, after, drops = _rows(table, machine)
     if len(drops) < LEAST_ROWS:
-        raise ValueError(f"{table.path}: {len(drops)} rows of a change between two rates (before_rpm above 0, drop_s "
-                         f"or lag_s): at least {LEAST_ROWS} are needed to settle the tube")
+        raise ValueError(
+            f"{table.path}: {len(drops)} rows of a change between two rates (before_rpm "
+            "above 0, drop_s "
+            f"or lag_s): at least {LEAST_ROWS} are needed to settle the tube"
+        )
     by_share = [with_carried_share(machine, share) for share in SHARES.tolist()]
     steps = sorted(set(zip(before.tolist(), after.tolist(), strict=True)))
     chi2, off = np.zeros(len(SHARES)), np.full(len(SHARES), 0.0)
@@ -66,23 +75,46 @@ def settle_tube(table: BenchTable, machine: Machine, *, date: str = "") -> tuple
         chi2 += (miss / sd) ** 2
         off = np.where(np.abs(miss) > np.abs(off), miss, off)
     best = int(np.argmin(chi2))
-    if chi2[best] > len(steps) * FAR_SD ** 2:
-        raise ValueError(f"{table.path}: column drop_s: {off[best]:+.3f} s off the nearest that any tube gives: "
-                         "allowed are times from the shaft's change until the stream is half-way between its two rates")
+    if chi2[best] > len(steps) * FAR_SD**2:
+        raise ValueError(
+            f"{table.path}: column drop_s: {off[best]:+.3f} s off the nearest that any tube gives: "
+            "allowed are times from the shaft's change until the stream is half-way between "
+            "its two rates"
+        )
     weight = np.exp(-0.5 * (chi2 - chi2[best]))
     weight /= weight.sum()
     share = float(weight @ SHARES)
     sd = max(LEAST_SD, float(np.sqrt(weight @ (SHARES - share) ** 2)))
-    below, above = np.interp([0.5 - 0.5 * MOST_STATED, 0.5 + 0.5 * MOST_STATED], np.cumsum(weight), SHARES).tolist()
+    below, above = np.interp(
+        [0.5 - 0.5 * MOST_STATED, 0.5 + 0.5 * MOST_STATED], np.cumsum(weight), SHARES
+    ).tolist()
     interval = FittedInterval(round(share, 2), below, above)
     settled = with_carried_share(machine, interval.value)
-    settled = settled.model_copy(update={
-        "tolerance": machine.tolerance.model_copy(update={"carried_share": round(min(1.0, sd), 3)}),
-        "adopted": with_records(machine, (record("fall.carried_share", interval, "", table.path, date,
-                                                 {"shaft_rpm": (float(before.min()), float(after.max()))}),), ()),
-        "title": retitled(machine, "tube", table.path, date)})
-    return Machine.model_validate(dict(settled)), TubeFit(interval, sd, len(drops), scatter, float(off[best]),
-                                                          settled.tube_is_settled)
+    settled = settled.model_copy(
+        update={
+            "tolerance": machine.tolerance.model_copy(
+                update={"carried_share": round(min(1.0, sd), 3)}
+            ),
+            "adopted": with_records(
+                machine,
+                (
+                    record(
+                        "fall.carried_share",
+                        interval,
+                        "",
+                        table.path,
+                        date,
+                        {"shaft_rpm": (float(before.min()), float(after.max()))},
+                    ),
+                ),
+                (),
+            ),
+            "title": retitled(machine, "tube", table.path, date),
+        }
+    )
+    return Machine.model_validate(dict(settled)), TubeFit(
+        interval, sd, len(drops), scatter, float(off[best]), settled.tube_is_settled
+    )
 
 
 def _rows(table: BenchTable, machine: Machine) -> tuple[Array, Array, Array]:

@@ -1,4 +1,6 @@
-"""The wheel's circumference from a run log: the way by GNSS against the way by its pulses, on straight stretches."""
+"""The wheel's circumference from a run log: the way by GNSS against the way by its pulses, on
+straight stretches."""
+
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -15,12 +17,15 @@ from .adopt import record, retitled, with_records
 from .bench_table import Array
 from .least_squares import FittedInterval
 
-STRETCH_M = 10.0            # straight from fix to fix; the noise of both ends is part of the scatter
-ASIDE_M = 0.10              # a fix farther aside from the chord: no straight stretch
-GAP_S = 1.5                 # between fixes
+# straight from fix to fix; the noise of both ends is part of the scatter
+STRETCH_M = 10.0
+# a fix farther aside from the chord: no straight stretch
+ASIDE_M = 0.10
+GAP_S = 1.5  # between fixes
 SLOWEST_MPS = 0.5
 LEAST_M, LEAST_STRETCHES = 100.0, 5
-NEEDED_QUALITY = 4          # RTK fixed; anything else only where nothing better is there, and said
+# RTK fixed; anything else only where nothing better is there, and said
+NEEDED_QUALITY = 4
 
 
 class WheelLog(NamedTuple):
@@ -41,15 +46,18 @@ class WheelFit:
     circumference_m: FittedInterval
     way_m: float
     stretches: int
-    at_work: bool               # no way out of work: slip is in the circumference
+    # no way out of work: slip is in the circumference
+    at_work: bool
     slip_percent: FittedInterval | None
     notes: tuple[str, ...]
 
 
-def fit_wheel(log: WheelLog, machine: Machine, counted_m: float, data: str, *,
-              date: str = "") -> tuple[Machine, WheelFit]:
-    """Puts the circumference by GNSS into a copy of the machine. `counted_m`: the one by which the log's wheel speed
-    was counted. Way without flow counts, for a wheel slips under load; where there is not enough of it, all.
+def fit_wheel(
+    log: WheelLog, machine: Machine, counted_m: float, data: str, *, date: str = ""
+) -> tuple[Machine, WheelFit]:
+    """Puts the circumference by GNSS into a copy of the machine. `counted_m`: the one by which
+    the log's wheel speed was counted. Way without flow counts, for a wheel slips under load;
+    where there is not enough of it, all.
 
     Raises ValueError with one line where the log cannot give a circumference.
     """
@@ -58,16 +66,24 @@ def fit_wheel(log: WheelLog, machine: Machine, counted_m: float, data: str, *,
     at_work = not _enough(idle)
     used = loaded if at_work else idle
     if not _enough(used):
-        raise ValueError(f"{data}: {len(used)} straight stretches of {STRETCH_M:g} m, {used[:, 0].sum():.0f} m, with "
-                         f"wheel and places: at least {LEAST_STRETCHES} and {LEAST_M:g} m are needed")
+        raise ValueError(
+            f"{data}: {len(used)} straight stretches of {STRETCH_M:g} m, "
+            f"{used[:, 0].sum():.0f} m, with "
+            f"wheel and places: at least {LEAST_STRETCHES} and {LEAST_M:g} m are needed"
+        )
     share = _ratio(used)
     circumference = FittedInterval(*(counted_m * value for value in share))
     notes = []
     if at_work:
-        notes.append("the log has too little way without flow: the wheel's slip under load is in the circumference")
+        notes.append(
+            "the log has too little way without flow: the wheel's slip under load is in the "
+            "circumference"
+        )
     worst = int(np.nanmin(log.fix_quality)) if np.isfinite(log.fix_quality).any() else 0
     if worst != NEEDED_QUALITY:
-        notes.append(f"fix quality down to {worst}: places may drift; {NEEDED_QUALITY} (RTK fixed) is better")
+        notes.append(
+            f"fix quality down to {worst}: places may drift; {NEEDED_QUALITY} (RTK fixed) is better"
+        )
     slip = None
     if not at_work and _enough(loaded):
         work = _ratio(loaded)
@@ -78,9 +94,12 @@ def fit_wheel(log: WheelLog, machine: Machine, counted_m: float, data: str, *,
     speed = machine.speed._replace(wheel_circumference_m=circumference.value, radius_percent=0.0)
     checked = Machine.model_validate({**dict(machine), "speed": speed})
     found = record("speed.wheel_circumference_m", circumference, "m", data, date, {})
-    return checked.model_copy(update={
-        "adopted": with_records(machine, (found,), ("speed.wheel_radius",)),
-        "title": retitled(machine, "wheel", data, date)}), fit
+    return checked.model_copy(
+        update={
+            "adopted": with_records(machine, (found,), ("speed.wheel_radius",)),
+            "title": retitled(machine, "wheel", data, date),
+        }
+    ), fit
 
 
 def _enough(stretches: Array) -> bool:
@@ -88,7 +107,8 @@ def _enough(stretches: Array) -> bool:
 
 
 def _ratio(stretches: Array) -> FittedInterval:
-    """Way by GNSS over way by the wheel, with the 90 % interval from the scatter of the stretches."""
+    """Way by GNSS over way by the wheel, with the 90 % interval from the scatter of the
+    stretches."""
     gnss, wheel = stretches[:, 0], stretches[:, 1]
     ratio = float(gnss.sum() / wheel.sum())
     off = (gnss - ratio * wheel) / wheel.mean()
@@ -97,12 +117,17 @@ def _ratio(stretches: Array) -> FittedInterval:
 
 
 def _stretches(log: WheelLog, data: str) -> Array:
-    """(k, 3): way by GNSS, by the wheel, and 1 at work; each straight, at speed, and wholly in or out of work."""
+    """(k, 3): way by GNSS, by the wheel, and 1 at work; each straight, at speed, and wholly in
+    or out of work."""
     known = np.isfinite(log.lat_deg) & np.isfinite(log.lon_deg)
-    moved = known & np.concatenate(([True], (np.diff(log.lat_deg) != 0.0) | (np.diff(log.lon_deg) != 0.0)))
+    moved = known & np.concatenate(
+        ([True], (np.diff(log.lat_deg) != 0.0) | (np.diff(log.lon_deg) != 0.0))
+    )
     rows = np.flatnonzero(moved & np.isfinite(log.wheel_speed_mps))
     if len(rows) < 2:
-        raise ValueError(f"{data}: no rows with wheel_speed_mps and places (lat_deg, lon_deg): both are needed")
+        raise ValueError(
+            f"{data}: no rows with wheel_speed_mps and places (lat_deg, lon_deg): both are needed"
+        )
     plane = TangentPlane(float(log.lat_deg[rows[0]]), float(log.lon_deg[rows[0]]))
     places = plane.many_to_m(log.lat_deg[rows], log.lon_deg[rows])
     speed = np.where(np.isfinite(log.wheel_speed_mps), log.wheel_speed_mps, 0.0)
@@ -114,8 +139,12 @@ def _stretches(log: WheelLog, data: str) -> Array:
     found, begin = [], 0
     for k in range(1, len(rows)):
         a, b = rows[begin], rows[k]
-        if (log.time_s[b] - log.time_s[rows[k - 1]] > GAP_S or bad[b] != bad[a] or changes[b] != changes[a]
-                or _aside_m(places[begin:k + 1]) > ASIDE_M):
+        if (
+            log.time_s[b] - log.time_s[rows[k - 1]] > GAP_S
+            or bad[b] != bad[a]
+            or changes[b] != changes[a]
+            or _aside_m(places[begin : k + 1]) > ASIDE_M
+        ):
             begin = k
             continue
         chord = float(np.hypot(*(places[k] - places[begin])))

@@ -2,9 +2,10 @@
 
     from control.diagnosis import compared, diagnose_run, diagnose_tables, extend
 
-The two entries load scipy and the compiled model, so they are imported when they are first asked for: a page that only
-shows a `Diagnosis` starts without them.
+The two entries load scipy and the compiled model, so they are imported when they are first
+asked for: a page that only shows a `Diagnosis` starts without them.
 """
+
 from __future__ import annotations
 
 from importlib import import_module
@@ -21,8 +22,12 @@ if TYPE_CHECKING:
 
 __all__ = ["Diagnosis", "compared", "diagnose_run", "diagnose_runs", "diagnose_tables", "extend"]
 
-_ENTRIES = {"compared": ".runs.compared", "diagnose_run": ".runs.diagnose", "diagnose_runs": ".runs.several",
-            "diagnose_tables": ".tables.diagnose"}
+_ENTRIES = {
+    "compared": ".runs.compared",
+    "diagnose_run": ".runs.diagnose",
+    "diagnose_runs": ".runs.several",
+    "diagnose_tables": ".tables.diagnose",
+}
 
 
 def __getattr__(name: str) -> Any:

@@ -1,9 +1,11 @@
 """What an effect costs in the field when nobody knows of it: the dose, through the machine model.
 
-Control sets shaft speed and opening by the nominal machine, takes the ground speed from a wheel or a receiver, and
-trims the flow by the scale. It believes all three. So the dose is proportional to the flow and to the speed that is
-read, and inversely proportional to the mass that the scale reads.
+Control sets shaft speed and opening by the nominal machine, takes the ground speed from a wheel
+or a receiver, and trims the flow by the scale. It believes all three. So the dose is
+proportional to the flow and to the speed that is read, and inversely proportional to the mass
+that the scale reads.
 """
+
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -17,9 +19,12 @@ from control.machine.machine import Machine
 from control.machine.scale import ScaleInput, scale_reads
 from control.machine.speed import SpeedInput, speed_start, speed_step
 
-STEP_S = 1.0                # over which the mass that the scale reads is taken
-METRES_OF_A_PERCENT = 10.0  # causes are listed by consequence: 0.1 m of place counts as 1 % of rate
-WITHOUT_MODEL = {Costs.CROP: FieldCost(None, None), Costs.NEITHER: FieldCost(0.0, 0.0)}     # heads: the crop's matter
+# over which the mass that the scale reads is taken
+STEP_S = 1.0
+# causes are listed by consequence: 0.1 m of place counts as 1 % of rate
+METRES_OF_A_PERCENT = 10.0
+# heads: the crop's matter
+WITHOUT_MODEL = {Costs.CROP: FieldCost(None, None), Costs.NEITHER: FieldCost(0.0, 0.0)}
 
 
 class OperatingPoint(NamedTuple):
@@ -30,14 +35,15 @@ class OperatingPoint(NamedTuple):
     hopper_kg: float
     speed_mps: float = USUAL_MPS
     pitch_deg: float = 0.0
-    time_s: float = 0.0         # since the run began
-    working: float = 1.0        # 1: pulling under load, 0: not
-    refills: float = 0.0        # number of refills so far
+    time_s: float = 0.0  # since the run began
+    working: float = 1.0  # 1: pulling under load, 0: not
+    refills: float = 0.0  # number of refills so far
 
 
 def dose(machine: Machine, points: Sequence[OperatingPoint]) -> float:
-    """What leaves the machine over operating points, in kg for a second at each, under a control that believes its
-    sensors: the speed at each point, the mass that the scale tells over all of them (its trim is slow)."""
+    """What leaves the machine over operating points, in kg for a second at each, under a
+    control that believes its sensors: the speed at each point, the mass that the scale tells
+    over all of them (its trim is slow)."""
     left = asked = reported = 0.0
     for point in points:
         state = FlowState(point.time_s, point.hopper_kg, 0.0, point.refills)
@@ -50,12 +56,15 @@ def dose(machine: Machine, points: Sequence[OperatingPoint]) -> float:
 
 
 def _reported_speed(machine: Machine, point: OperatingPoint) -> float:
-    """Speed as measured over true speed, whichever of the two sensors is believed: an effect moves one of them."""
+    """Speed as measured over true speed, whichever of the two sensors is believed: an effect
+    moves one of them."""
     true = point.speed_mps
     if true <= 0.0:
         return 1.0
-    _, reported = speed_step(machine.speed, speed_start(true), SpeedInput(true, point.working, point.pitch_deg), STEP_S)
-    return reported.wheel_mps * reported.gnss_mps / true ** 2
+    _, reported = speed_step(
+        machine.speed, speed_start(true), SpeedInput(true, point.working, point.pitch_deg), STEP_S
+    )
+    return reported.wheel_mps * reported.gnss_mps / true**2
 
 
 def _reported_mass_kg(machine: Machine, point: OperatingPoint, left_kg: float) -> float:
@@ -63,15 +72,22 @@ def _reported_mass_kg(machine: Machine, point: OperatingPoint, left_kg: float) -
     if left_kg <= 0.0:
         return 0.0
     before = scale_reads(machine.scale, ScaleInput(point.hopper_kg, point.time_s, point.pitch_deg))
-    after = scale_reads(machine.scale, ScaleInput(point.hopper_kg - left_kg, point.time_s + STEP_S, point.pitch_deg))
+    after = scale_reads(
+        machine.scale, ScaleInput(point.hopper_kg - left_kg, point.time_s + STEP_S, point.pitch_deg)
+    )
     return before - after
 
 
-def rate_error_percent(nominal: Machine, wanted: Sequence[OperatingPoint], changed: Machine,
-                       applied: Sequence[OperatingPoint]) -> float | None:
+def rate_error_percent(
+    nominal: Machine,
+    wanted: Sequence[OperatingPoint],
+    changed: Machine,
+    applied: Sequence[OperatingPoint],
+) -> float | None:
     """Applied over wanted less 1, %, over operating points; None where nothing was wanted.
 
-    wanted : as the nominal machine stands at them. applied : as the changed one does when it is asked for the same.
+    wanted : as the nominal machine stands at them. applied : as the changed one does when it is
+    asked for the same.
     """
     asked = dose(nominal, wanted)
     return 100.0 * (dose(changed, applied) / asked - 1.0) if asked > 0.0 else None
@@ -79,4 +95,6 @@ def rate_error_percent(nominal: Machine, wanted: Sequence[OperatingPoint], chang
 
 def consequence(cost: FieldCost) -> float:
     """By which causes are put in order, % of the dose; what is not known counts nothing."""
-    return abs(cost.rate_error_percent or 0.0) + METRES_OF_A_PERCENT * abs(cost.place_error_m or 0.0)
+    return abs(cost.rate_error_percent or 0.0) + METRES_OF_A_PERCENT * abs(
+        cost.place_error_m or 0.0
+    )

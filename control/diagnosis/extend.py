@@ -1,4 +1,6 @@
-"""The machine file with what a diagnosis found: simulated, predicted and compensated from then on."""
+"""The machine file with what a diagnosis found: simulated, predicted and compensated from then
+on."""
+
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
@@ -14,13 +16,21 @@ from control.machine.terms import Source, Term
 from .result import UNKNOWN, Cause, Diagnosis, TermFound
 
 
-def extend(machine: Machine | str, diagnosis: Diagnosis, *, date: str = "", sha256: str = "",
-           valid: Mapping[str, tuple[float, float]] | None = None) -> Machine:
-    """The machine with the named causes and terms adopted: simulated, predicted and compensated from then on.
+def extend(
+    machine: Machine | str,
+    diagnosis: Diagnosis,
+    *,
+    date: str = "",
+    sha256: str = "",
+    valid: Mapping[str, tuple[float, float]] | None = None,
+) -> Machine:
+    """The machine with the named causes and terms adopted: simulated, predicted and compensated
+    from then on.
 
-    So are the terms that were found beyond the catalogue, each with the data it comes from. Effects that begin, grow or
-    end mid-run (a blocked outlet, a stall) are repaired, not modelled: they are left out, and so are temporary terms. A
-    drive that was fitted as a whole is taken up so, in place of its causes.
+    So are the terms that were found beyond the catalogue, each with the data it comes from.
+    Effects that begin, grow or end mid-run (a blocked outlet, a stall) are repaired, not
+    modelled: they are left out, and so are temporary terms. A drive that was fitted as a whole
+    is taken up so, in place of its causes.
 
     Parameters
     ----------
@@ -31,22 +41,20 @@ def extend(machine: Machine | str, diagnosis: Diagnosis, *, date: str = "", sha2
     date, sha256
         As they shall stand in the file: the day, and the checksum of the data.
     valid
-        Range by recorded variable in which the extension may be believed; default: those that the data excited.
+        Range by recorded variable in which the extension may be believed; default: those that
+        the data excited.
 
     Raises
     ------
     ValueError
         For a size out of the catalogue's bounds.
 
-    Examples
-    --------
-    >>> from control.diagnosis.result import Cause, Data, Diagnosis, FieldCost, Size
-    >>> from control.machine.machine import Machine, effect_sizes
-    >>> cause = Cause("flow.gain", Size(6.0, 5.5, 6.5, "%"), None, 0.99, (), None, "Do a catch test.",
-    ...               FieldCost(6.0, 0.0))
-    >>> found = Diagnosis(Data("run.csv", "run", 600, 60.0, "huanghai"), (), "named", (cause,), (), (), None, (), None)
-    >>> effect_sizes(extend(Machine(), found, date="2026-07-01"))
-    {'flow.gain': 6.0}
+    Examples -------- >>> from control.diagnosis.result import Cause, Data, Diagnosis,
+    FieldCost, Size >>> from control.machine.machine import Machine, effect_sizes >>> cause =
+    Cause("flow.gain", Size(6.0, 5.5, 6.5, "%"), None, 0.99, (), None, "Do a catch test.", ...
+    FieldCost(6.0, 0.0)) >>> found = Diagnosis(Data("run.csv", "run", 600, 60.0, "huanghai"),
+    (), "named", (cause,), (), (), None, (), None) >>> effect_sizes(extend(Machine(), found,
+    date="2026-07-01")) {'flow.gain': 6.0}
     """
     was = machine = machine_of(machine)
     ranges = dict(diagnosis.excited if valid is None else valid)
@@ -56,19 +64,45 @@ def extend(machine: Machine | str, diagnosis: Diagnosis, *, date: str = "", sha2
             continue
         assert cause.size.value is not None
         machine = with_effect(machine, cause.id, _total(machine, cause), cause.member)
-        adopted.append(Adopted(id=cause.id, size=cause.size.value, low=cause.size.low, high=cause.size.high,
-                               unit=cause.size.unit, member=cause.member, data=diagnosis.data.path, sha256=sha256,
-                               date=date, valid=ranges))
+        adopted.append(
+            Adopted(
+                id=cause.id,
+                size=cause.size.value,
+                low=cause.size.low,
+                high=cause.size.high,
+                unit=cause.size.unit,
+                member=cause.member,
+                data=diagnosis.data.path,
+                sha256=sha256,
+                date=date,
+                valid=ranges,
+            )
+        )
     for effect_id, size in diagnosis.fitted.sizes if diagnosis.fitted else ():
         assert size.value is not None
         machine = with_effect(machine, effect_id, _on_top(machine, effect_id, size.value))
-        adopted.append(Adopted(id=effect_id, size=size.value, low=size.low, high=size.high, unit=size.unit,
-                               data=diagnosis.data.path, sha256=sha256, date=date, valid=ranges))
+        adopted.append(
+            Adopted(
+                id=effect_id,
+                size=size.value,
+                low=size.low,
+                high=size.high,
+                unit=size.unit,
+                data=diagnosis.data.path,
+                sha256=sha256,
+                date=date,
+                valid=ranges,
+            )
+        )
     terms = list(machine.terms)
     for found in adoptable_terms(diagnosis):
         source = Source(data=diagnosis.data.path, sha256=sha256, date=date)
         term = Term.model_validate(found.term)
-        terms.append(term.model_copy(update={"id": free_id(term.id, [one.id for one in terms]), "source": source}))
+        terms.append(
+            term.model_copy(
+                update={"id": free_id(term.id, [one.id for one in terms]), "source": source}
+            )
+        )
     extended = machine.model_copy(update={"adopted": tuple(adopted), "terms": tuple(terms)})
     if extended == was:
         return was
@@ -99,14 +133,18 @@ def term_not_adoptable(found: TermFound) -> str:
 
 
 def adoptable(diagnosis: Diagnosis) -> tuple[Cause, ...]:
-    """Causes that can be modelled from the start of a run: those with a size that was there all along."""
+    """Causes that can be modelled from the start of a run: those with a size that was there all
+    along."""
     return tuple(c for c in diagnosis.causes if not not_adoptable(c))
 
 
 def taken_whole(diagnosis: Diagnosis, cause: Cause) -> bool:
     """Whether a cause's drive was fitted as a whole: what the cause does is in that already."""
-    return (diagnosis.fitted is not None and diagnosis.fitted.channel == CATALOGUE[cause.id].stage
-            and ROWS[cause.id].scanned)
+    return (
+        diagnosis.fitted is not None
+        and diagnosis.fitted.channel == CATALOGUE[cause.id].stage
+        and ROWS[cause.id].scanned
+    )
 
 
 def not_adoptable(cause: Cause) -> str:
@@ -123,14 +161,19 @@ def not_adoptable(cause: Cause) -> str:
 
 
 def refuse_to_adopt(cause: Cause) -> None:
-    """Raises ValueError where an effect holds for one label or one table only (its scope), not for the machine."""
+    """Raises ValueError where an effect holds for one label or one table only (its scope), not
+    for the machine."""
     if cause.scope is not None:
-        raise ValueError(f"{cause.id}: holds for {cause.scope} only, not for the machine: it is not adopted; diagnose "
-                         "that data by itself to adopt what it shows")
+        raise ValueError(
+            f"{cause.id}: holds for {cause.scope} only, not for the machine: it is not "
+            "adopted; diagnose "
+            "that data by itself to adopt what it shows"
+        )
 
 
 def planted(machine: Machine, diagnosis: Diagnosis) -> tuple[Planted, ...]:
-    """The adoptable causes as effects of a simulated `machine`, on top of what its file has of them already."""
+    """The adoptable causes as effects of a simulated `machine`, on top of what its file has of
+    them already."""
     return tuple(Planted(c.id, _total(machine, c), 0.0, c.member) for c in adoptable(diagnosis))
 
 

@@ -1,7 +1,9 @@
-"""What a notebook hands over as a log: data frames, dictionaries, records and arrays, as the columns of a run log.
+"""What a notebook hands over as a log: data frames, dictionaries, records and arrays, as the
+columns of a run log.
 
 Nothing here imports pandas or polars: what has columns by name is a table.
 """
+
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
@@ -17,11 +19,25 @@ from control.machine.machine import Machine
 Columns = dict[str, npt.NDArray[Any]]
 
 TIME = "time_s"
-COUNTS_S = {"time_ms": 1e-3, "time_us": 1e-6, "time_ns": 1e-9, "time_min": 60.0, "t_s": 1.0, "t_ms": 1e-3,
-            "t": 1.0, "time": 1.0, "seconds": 1.0, "milliseconds": 1e-3}      # names of counted times -> s
+COUNTS_S = {
+    "time_ms": 1e-3,
+    "time_us": 1e-6,
+    "time_ns": 1e-9,
+    "time_min": 60.0,
+    "t_s": 1.0,
+    "t_ms": 1e-3,
+    # names of counted times -> s
+    "t": 1.0,
+    "time": 1.0,
+    "seconds": 1.0,
+    "milliseconds": 1e-3,
+}
 DATES = ("time", "timestamp", "datetime", "date", "utc", "index")
-ALLOWED = ("allowed: a pandas or polars DataFrame, a dict of equally long columns, a list of dicts, or an array with "
-           "named fields")
+ALLOWED = (
+    "allowed: a pandas or polars DataFrame, a dict of equally long columns, a list of "
+    "dicts, or an array with "
+    "named fields"
+)
 
 
 def machine_of(machine: Machine | str) -> Machine:
@@ -35,9 +51,10 @@ def machine_of(machine: Machine | str) -> Machine:
 def columns_of(data: Any) -> Columns:
     """Columns (n,) by name: float64 with NaN for not known, texts as objects; `time_s` in seconds.
 
-    data : a table with named columns. A column `time_ms` (`time_us`, `time_min`, ...) and dates in `time_s`, `time`,
-    `timestamp`, `utc` or the index of a data frame become `time_s`, from the first row on. Empty columns are left out.
-    Arrays that are as they should be are not copied: a log of a million rows would be in memory twice.
+    data : a table with named columns. A column `time_ms` (`time_us`, `time_min`, ...) and dates
+    in `time_s`, `time`, `timestamp`, `utc` or the index of a data frame become `time_s`, from
+    the first row on. Empty columns are left out. Arrays that are as they should be are not
+    copied: a log of a million rows would be in memory twice.
 
     Raises ValueError, one line that names the column, the row and what is allowed.
     """
@@ -48,7 +65,9 @@ def columns_of(data: Any) -> Columns:
     _equally_long(lengths)
     if not next(iter(lengths.values())):
         raise ValueError(f"column {next(iter(lengths))}: no rows: allowed is one row a reading")
-    found = {name: values for name, raw in named.items() if (values := _values(name, raw)) is not None}
+    found = {
+        name: values for name, raw in named.items() if (values := _values(name, raw)) is not None
+    }
     return _with_time(found)
 
 
@@ -59,10 +78,18 @@ def _named(data: Any) -> dict[str, Any]:
     fields = getattr(getattr(data, "dtype", None), "names", None)
     if fields:
         return {name: np.ravel(data[name]) for name in fields}
-    if hasattr(data, "columns") and hasattr(data, "__getitem__") and not isinstance(data, np.ndarray):
+    if (
+        hasattr(data, "columns")
+        and hasattr(data, "__getitem__")
+        and not isinstance(data, np.ndarray)
+    ):
         return _frame(data)
-    if isinstance(data, Sequence) and not isinstance(data, str | bytes) and data and all(
-            isinstance(row, Mapping) for row in data):
+    if (
+        isinstance(data, Sequence)
+        and not isinstance(data, str | bytes)
+        and data
+        and all(isinstance(row, Mapping) for row in data)
+    ):
         names = dict.fromkeys(str(name) for row in data for name in row)
         return {name: np.array([row.get(name) for row in data], object) for name in names}
     shape = getattr(data, "shape", None)
@@ -78,8 +105,11 @@ def _frame(data: Any) -> dict[str, Any]:
         raise ValueError(f"column {twice[0]}: stands twice in the data frame: allowed once")
     found = {str(name): data[name].to_numpy() for name in data.columns}
     index = getattr(data, "index", None)
-    if index is not None and not {TIME, *COUNTS_S, *DATES} & set(found) and np.issubdtype(
-            getattr(index, "dtype", np.dtype(object)), np.datetime64):
+    if (
+        index is not None
+        and not {TIME, *COUNTS_S, *DATES} & set(found)
+        and np.issubdtype(getattr(index, "dtype", np.dtype(object)), np.datetime64)
+    ):
         found["index"] = index.to_numpy()
     return found
 
@@ -91,11 +121,22 @@ def _column(name: str, values: Any) -> Any:
     if isinstance(values, np.ma.MaskedArray):
         values = np.ma.filled(values.astype(np.float64), np.nan)
     if isinstance(values, str | bytes) or not hasattr(values, "__len__"):
-        raise ValueError(f"column {name}: value {str(values)[:40]}: allowed is a column with a value for each row")
-    array = values if isinstance(values, np.ndarray) else np.array(list(values), object if any(
-        isinstance(one, str) or one is None for one in values) else None)
+        raise ValueError(
+            f"column {name}: value {str(values)[:40]}: allowed is a column with a value for "
+            "each row"
+        )
+    array = (
+        values
+        if isinstance(values, np.ndarray)
+        else np.array(
+            list(values),
+            object if any(isinstance(one, str) or one is None for one in values) else None,
+        )
+    )
     if array.ndim != 1:
-        raise ValueError(f"column {name}: shape {array.shape}: allowed is one value for each row, shape (n,)")
+        raise ValueError(
+            f"column {name}: shape {array.shape}: allowed is one value for each row, shape (n,)"
+        )
     return array
 
 
@@ -104,12 +145,18 @@ def _equally_long(lengths: Mapping[str, int]) -> None:
     usual = lengths.get(TIME, max(set(counts), key=counts.count))
     for name, count in lengths.items():
         if count != usual:
-            other = TIME if TIME in lengths else next(one for one, n in lengths.items() if n == usual)
-            raise ValueError(f"column {name}: {count} rows where {other} has {usual}: allowed is one length for all")
+            other = (
+                TIME if TIME in lengths else next(one for one, n in lengths.items() if n == usual)
+            )
+            raise ValueError(
+                f"column {name}: {count} rows where {other} has {usual}: allowed is one "
+                "length for all"
+            )
 
 
 def _values(name: str, raw: Any) -> npt.NDArray[Any] | None:
-    """Numbers as float64, dates as datetime64, texts as objects; None for a column without a value."""
+    """Numbers as float64, dates as datetime64, texts as objects; None for a column without a
+    value."""
     array = np.asarray(raw)
     if np.issubdtype(array.dtype, np.datetime64):
         return array.astype("datetime64[ns]")
@@ -123,7 +170,8 @@ def _values(name: str, raw: Any) -> npt.NDArray[Any] | None:
 
 
 def _of_objects(name: str, array: npt.NDArray[Any]) -> npt.NDArray[Any] | None:
-    """A column of anything: numbers where all that is there are numbers, dates of the time's own columns."""
+    """A column of anything: numbers where all that is there are numbers, dates of the time's
+    own columns."""
     there = [(row, value) for row, value in enumerate(array) if not _nothing(value)]
     if not there:
         return None
@@ -133,15 +181,21 @@ def _of_objects(name: str, array: npt.NDArray[Any]) -> npt.NDArray[Any] | None:
     for row, value in there:
         if not _is_number(value):
             if name in COLUMNS:
-                raise ValueError(f"column {name}: row {row}: value {str(value)[:40]!r}: allowed is a number")
-            return array                # a text of the user's own
+                raise ValueError(
+                    f"column {name}: row {row}: value {str(value)[:40]!r}: allowed is a number"
+                )
+            return array  # a text of the user's own
         numbers[row] = float(value)
     return numbers
 
 
 def _nothing(value: Any) -> bool:
-    return value is None or value == "" or (isinstance(value, float) and value != value) or \
-        type(value).__name__ in ("NAType", "NaTType")
+    return (
+        value is None
+        or value == ""
+        or (isinstance(value, float) and value != value)
+        or type(value).__name__ in ("NAType", "NaTType")
+    )
 
 
 def _is_number(value: Any) -> bool:
@@ -161,8 +215,11 @@ def _dates(name: str, array: npt.NDArray[Any]) -> npt.NDArray[Any]:
             try:
                 found[row] = np.datetime64(text.removesuffix("Z").split("+")[0], "ns")
             except ValueError:
-                raise ValueError(f"column {name}: row {row}: value {text[:40]!r}: allowed are seconds, or ISO 8601 as "
-                                 "2026-03-20T08:00:00") from None
+                raise ValueError(
+                    f"column {name}: row {row}: value {text[:40]!r}: allowed are seconds, "
+                    "or ISO 8601 as "
+                    "2026-03-20T08:00:00"
+                ) from None
     return found
 
 
@@ -172,7 +229,11 @@ def _with_time(columns: Columns) -> Columns:
         return columns | {TIME: _seconds(columns[TIME])}
     if "utc" in columns and columns["utc"].dtype == object:
         columns = columns | {"utc": _dates("utc", columns["utc"])}
-    dated = [name for name in DATES if name in columns and np.issubdtype(columns[name].dtype, np.datetime64)]
+    dated = [
+        name
+        for name in DATES
+        if name in columns and np.issubdtype(columns[name].dtype, np.datetime64)
+    ]
     counted = [name for name in COUNTS_S if name in columns and columns[name].dtype == np.float64]
     if dated:
         rest = {key: values for key, values in columns.items() if key != dated[0]}
@@ -181,8 +242,11 @@ def _with_time(columns: Columns) -> Columns:
         name = counted[0]
         rest = {key: values for key, values in columns.items() if key != name}
         return {TIME: COUNTS_S[name] * columns[name], **rest}
-    raise ValueError(f"column {TIME}: missing: a run log needs it; allowed in its place: {', '.join(COUNTS_S)}, or "
-                     f"dates in {', '.join(DATES[:-1])} or the index")
+    raise ValueError(
+        f"column {TIME}: missing: a run log needs it; allowed in its place: "
+        f"{', '.join(COUNTS_S)}, or "
+        f"dates in {', '.join(DATES[:-1])} or the index"
+    )
 
 
 def _seconds(values: npt.NDArray[Any]) -> npt.NDArray[Any]:
@@ -190,4 +254,6 @@ def _seconds(values: npt.NDArray[Any]) -> npt.NDArray[Any]:
     if not np.issubdtype(values.dtype, np.datetime64):
         return values
     known = values[~np.isnat(values)]
-    return np.asarray((values - (known[0] if len(known) else values[0])) / np.timedelta64(1, "s"), np.float64)
+    return np.asarray(
+        (values - (known[0] if len(known) else values[0])) / np.timedelta64(1, "s"), np.float64
+    )

@@ -1,4 +1,5 @@
 """The result of a diagnosis, by the published contract "topdress-diagnosis/1"."""
+
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, field, replace
@@ -6,22 +7,24 @@ from importlib import import_module
 from typing import Any, Literal, NamedTuple
 
 FORMAT = "topdress-diagnosis/1"
-UNKNOWN = "unknown"          # a rival that is no effect of the catalogue: something else
+# a rival that is no effect of the catalogue: something else
+UNKNOWN = "unknown"
 RUN_CHANNELS = ("shaft", "gate", "flow", "scale", "speed", "heads")
 CHANNELS = (*RUN_CHANNELS, "effort", "gate_effort", "lag", "place")
 
 Verdict = Literal["named", "none", "ambiguous", "unexplained", "not_judged"]
-NOTEBOOK = "console.reports.notebook"       # pages and pictures, and the machine files that come with topdress
+# pages and pictures, and the machine files that come with topdress
+NOTEBOOK = "console.reports.notebook"
 
 
 @dataclass(frozen=True, slots=True)
 class Data:
     path: str
-    kind: str                           # run, lag, catch, weigh, heads, place
+    kind: str  # run, lag, catch, weigh, heads, place
     rows: int
     duration_s: float | None
     machine: str
-    stages: tuple[str, ...] = ()        # that the machine has; (): all
+    stages: tuple[str, ...] = ()  # that the machine has; (): all
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,14 +37,14 @@ class Channel:
     bias: float
     rmse: float
     noise_floor: float
-    explained_by_nominal: float         # share of the channel's variance
-    structure_p: float                  # probability that there is nothing but noise
+    explained_by_nominal: float  # share of the channel's variance
+    structure_p: float  # probability that there is nothing but noise
 
 
 @dataclass(frozen=True, slots=True)
 class Size:
     value: float | None
-    low: float | None                   # 90 % interval
+    low: float | None  # 90 % interval
     high: float | None
     unit: str
 
@@ -56,10 +59,11 @@ class Rival:
 
 @dataclass(frozen=True, slots=True)
 class FieldCost:
-    """What an effect does in the field when nobody knows of it. None: that depends on what the data cannot tell."""
+    """What an effect does in the field when nobody knows of it. None: that depends on what the
+    data cannot tell."""
 
-    rate_error_percent: float | None    # applied over wanted less 1
-    place_error_m: float | None         # landed less wanted, late positive
+    rate_error_percent: float | None  # applied over wanted less 1
+    place_error_m: float | None  # landed less wanted, late positive
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,18 +72,20 @@ class Cause:
     size: Size
     onset_s: float | None
     probability: float
-    rivals: tuple[Rival, ...]           # the members of the 95 % confidence set
+    rivals: tuple[Rival, ...]  # the members of the 95 % confidence set
     member: int | None
     advice: str
     field_cost: FieldCost
-    scope: str | None = None            # the label or table that it holds for; None: all the data
-    until_s: float | None = None        # when it ended; None: not in this data
-    grows: bool = False                 # from nothing at its onset to its size at the end of the data
+    # the label or table that it holds for; None: all the data
+    scope: str | None = None
+    until_s: float | None = None  # when it ended; None: not in this data
+    # from nothing at its onset to its size at the end of the data
+    grows: bool = False
 
 
 @dataclass(frozen=True, slots=True)
 class Detectable:
-    value: float | None                 # None: this data cannot show it at all
+    value: float | None  # None: this data cannot show it at all
     unit: str
 
 
@@ -91,12 +97,14 @@ class NotShown:
 
 @dataclass(frozen=True, slots=True)
 class Unexplained:
-    """`variable`: the recorded variable that the structure follows, "" where none is known to carry it.
+    """`variable`: the recorded variable that the structure follows, "" where none is known to
+    carry it.
 
-    `explained_share`: of what the named causes leave, that the variable explains; without a variable, that is not
-    noise. `rms`, `noise`: of the channel, in its unit. `dose_percent`: r.m.s. in the dose, where that is known.
-    `hint`: the effect that comes nearest, though its evidence does not hold. `from_s`: when it seems to begin.
-    `period_s`: where it comes and goes at one frequency.
+    `explained_share`: of what the named causes leave, that the variable explains; without a
+    variable, that is not noise. `rms`, `noise`: of the channel, in its unit. `dose_percent`:
+    r.m.s. in the dose, where that is known. `hint`: the effect that comes nearest, though its
+    evidence does not hold. `from_s`: when it seems to begin. `period_s`: where it comes and
+    goes at one frequency.
     """
 
     channel: str
@@ -113,9 +121,10 @@ class Unexplained:
 
 @dataclass(frozen=True, slots=True)
 class NextRun:
-    """What would tell rivals apart. `id`, `minutes` and `steps` are for programs. Where no run of the program's list
-    tells them apart, these are empty and `plan` is the effect's own experiment. `tests`: the bench tests of a plan one
-    by one, for people, each with its minutes; (): `plan` is one thing to do."""
+    """What would tell rivals apart. `id`, `minutes` and `steps` are for programs. Where no run
+    of the program's list tells them apart, these are empty and `plan` is the effect's own
+    experiment. `tests`: the bench tests of a plan one by one, for people, each with its
+    minutes; (): `plan` is one thing to do."""
 
     why: str
     plan: str
@@ -138,26 +147,30 @@ class Gain:
     low: float
     high: float
     held_out: str
-    of: Literal["names", "corrector", "placebo"] = "names"      # what is put in: the causes, or something to compare
+    # what is put in: the causes, or something to compare
+    of: Literal["names", "corrector", "placebo"] = "names"
 
 
 @dataclass(frozen=True, slots=True)
 class TableFit:
-    """The smooth extension where no effect explains what is there: straight lines between nodes of one variable."""
+    """The smooth extension where no effect explains what is there: straight lines between nodes
+    of one variable."""
 
     stage: str
     variable: str
     nodes: tuple[float, float, float, float, float, float, float, float]
-    values: tuple[float, float, float, float, float, float, float, float]      # in the unit of the stage's table
+    # in the unit of the stage's table
+    values: tuple[float, float, float, float, float, float, float, float]
 
 
 @dataclass(frozen=True, slots=True)
 class TermFound:
     """A term that the data show beyond the catalogue (docs/terms.md).
 
-    `term`: as the machine file takes it. `explained_share`: of what the named causes leave, as variance.
-    `dose_percent`: r.m.s. in the dose; 0 where it moves none. `gain`: of twice the log-likelihood. `seen`: its first
-    variable's values (nodes), what the data say there and what the term says, in the unit of `acts_on`.
+    `term`: as the machine file takes it. `explained_share`: of what the named causes leave, as
+    variance. `dose_percent`: r.m.s. in the dose; 0 where it moves none. `gain`: of twice the
+    log-likelihood. `seen`: its first variable's values (nodes), what the data say there and
+    what the term says, in the unit of `acts_on`.
     """
 
     term: dict[str, Any]
@@ -168,15 +181,18 @@ class TermFound:
     gain: float
     held_out_gain: float | None
     seen: tuple[tuple[float, float, float], ...] = ()
-    predicts_best: bool = False         # a part of what predicts best (`Predicted.rival`): no cause is named by it
-    refused: str = ""                   # why no machine file takes it up, where prediction says so
+    # a part of what predicts best (`Predicted.rival`): no cause is named by it
+    predicts_best: bool = False
+    # why no machine file takes it up, where prediction says so
+    refused: str = ""
 
 
 @dataclass(frozen=True, slots=True)
 class Predicted:
-    """R.m.s. errors of one channel on the whole log, each from its own start, in `unit`: of the machine file as it was,
-    of the file with what it takes up, of all that is said (None: not asked for), and of the plain rival: curve of the
-    command, lag, dead time and straight lines `over` recorded variables, by least squares (None: not needed)."""
+    """R.m.s. errors of one channel on the whole log, each from its own start, in `unit`: of the
+    machine file as it was, of the file with what it takes up, of all that is said (None: not
+    asked for), and of the plain rival: curve of the command, lag, dead time and straight lines
+    `over` recorded variables, by least squares (None: not needed)."""
 
     channel: str
     unit: str
@@ -189,8 +205,9 @@ class Predicted:
 
 @dataclass(frozen=True, slots=True)
 class Fitted:
-    """A drive fitted as a whole, where what is wrong with it was not told apart: sizes by effect that predict best
-    together, each no cause. `before`, `after`: r.m.s. error on rows that were not fitted to."""
+    """A drive fitted as a whole, where what is wrong with it was not told apart: sizes by
+    effect that predict best together, each no cause. `before`, `after`: r.m.s. error on rows
+    that were not fitted to."""
 
     channel: str
     sizes: tuple[tuple[str, Size], ...]
@@ -201,25 +218,28 @@ class Fitted:
 
 @dataclass(frozen=True, slots=True)
 class RateFit:
-    """Applied against target, of data that hold rates and no drives: the applied rate is `gain` times the target `lag`
-    before. `number`: of the pass, from 1; None: all of them. `place_m`: the lag at the pass's speed. `differ`: the
-    passes' gains differ by more than their noise, and the interval holds that."""
+    """Applied against target, of data that hold rates and no drives: the applied rate is `gain`
+    times the target `lag` before. `number`: of the pass, from 1; None: all of them. `place_m`:
+    the lag at the pass's speed. `differ`: the passes' gains differ by more than their noise,
+    and the interval holds that."""
 
     number: int | None
     passes: int
     begin_s: float
     end_s: float
     rows: int
-    lag: Size                           # s, late positive; None: the target changes too little
-    gain: Size                          # applied over target
+    # s, late positive; None: the target changes too little
+    lag: Size
+    gain: Size  # applied over target
     place_m: float | None
     differ: bool = False
 
 
 @dataclass(frozen=True, slots=True)
 class Diagnosis:
-    """Precedence of verdicts: unexplained, ambiguous, named, none; not_judged where no channel could be judged: there
-    are none, or the data tell nothing of them that was not believed before.
+    """Precedence of verdicts: unexplained, ambiguous, named, none; not_judged where no channel
+    could be judged: there are none, or the data tell nothing of them that was not believed
+    before.
 
     Fields that do not apply are None, not left out.
     """
@@ -227,22 +247,29 @@ class Diagnosis:
     data: Data
     channels: tuple[Channel, ...]
     verdict: Verdict
-    causes: tuple[Cause, ...]           # largest consequence first
+    causes: tuple[Cause, ...]  # largest consequence first
     not_shown: tuple[NotShown, ...]
     unexplained: tuple[Unexplained, ...]
     next_run: NextRun | None
     gain: tuple[Gain, ...]
     extended_machine: str | None
-    findings: tuple[str, ...] = ()      # plain sentences about the data itself
-    tables: tuple[TableFit, ...] = ()   # smooth extensions, one for each entry of unexplained
-    excited: dict[str, tuple[float, float]] = field(default_factory=dict)   # recorded variable -> range of the data
-    terms: tuple[TermFound, ...] = ()       # what no effect explains, as terms of the machine file
-    rates: tuple[RateFit, ...] = ()     # where no channel could be judged and both rates are there; all passes first
+    findings: tuple[str, ...] = ()  # plain sentences about the data itself
+    # smooth extensions, one for each entry of unexplained
+    tables: tuple[TableFit, ...] = ()
+    # recorded variable -> range of the data
+    excited: dict[str, tuple[float, float]] = field(default_factory=dict)
+    # what no effect explains, as terms of the machine file
+    terms: tuple[TermFound, ...] = ()
+    # where no channel could be judged and both rates are there; all passes first
+    rates: tuple[RateFit, ...] = ()
 
-    fitted: Fitted | None = None        # where the shaft's model leaves more than noise: what predicts best
-    predicted: tuple[Predicted, ...] = ()       # what the machine file predicts, and what it was held against
+    # where the shaft's model leaves more than noise: what predicts best
+    fitted: Fitted | None = None
+    # what the machine file predicts, and what it was held against
+    predicted: tuple[Predicted, ...] = ()
 
-    seen_with: tuple[Any, Any] | None = field(default=None, compare=False, repr=False)     # log, machine
+    # log, machine
+    seen_with: tuple[Any, Any] | None = field(default=None, compare=False, repr=False)
 
     def to_json(self) -> dict[str, Any]:
         plain = asdict(replace(self, seen_with=None))
@@ -250,7 +277,8 @@ class Diagnosis:
         return {"format": FORMAT, **plain}
 
     def plot(self) -> Any:
-        """Its pictures, for a notebook: `found.plot()` shows them, `found.plot().save("why.html")` keeps them.
+        """Its pictures, for a notebook: `found.plot()` shows them,
+        `found.plot().save("why.html")` keeps them.
 
         Raises ValueError, one line, without matplotlib, or where the log is not known.
         """
@@ -264,9 +292,10 @@ class Diagnosis:
 class Departure(NamedTuple):
     """What a live check says: how the machine departs from its model.
 
-    `cause`: id of an effect, "" where it has no name. `percent`: by how much the dose is wrong, None where that is not
-    known or nothing. `since_s`: of the log; None: since it began, or before the stretch that was looked at. `certain`:
-    no other effect would do as well. `next_run`: what would tell the rivals apart (`NextRun.plan`).
+    `cause`: id of an effect, "" where it has no name. `percent`: by how much the dose is wrong,
+    None where that is not known or nothing. `since_s`: of the log; None: since it began, or
+    before the stretch that was looked at. `certain`: no other effect would do as well.
+    `next_run`: what would tell the rivals apart (`NextRun.plan`).
     """
 
     channel: str
@@ -281,9 +310,11 @@ class Departure(NamedTuple):
 
 
 def notebook() -> Any:
-    """The room that draws, asked for by name when it is wanted: control knows nothing of it. Raises ValueError, one
-    line, where only `control` is installed."""
+    """The room that draws, asked for by name when it is wanted: control knows nothing of it.
+    Raises ValueError, one line, where only `control` is installed."""
     try:
         return import_module(NOTEBOOK)
     except ImportError as error:
-        raise ValueError(f"pictures and shipped machines come with the whole of topdress: {error}") from None
+        raise ValueError(
+            f"pictures and shipped machines come with the whole of topdress: {error}"
+        ) from None

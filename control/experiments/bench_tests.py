@@ -1,4 +1,6 @@
-"""Cheap tests that a farm can make in its yard, each as what it would read under a given machine."""
+"""Cheap tests that a farm can make in its yard, each as what it would read under a given
+machine."""
+
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
@@ -21,32 +23,46 @@ Array = npt.NDArray[np.float64]
 # Shaft speeds and openings of the tests, on the nominal machine: shares of another's ranges.
 SHAFT_RPM = (10.0, 20.0, 40.0, 60.0, 70.0, 80.0, 100.0)
 OPENING_MM = (10.0, 25.0, 40.0)
-SLOW_MPS, FAST_MPS = 0.8, 1.8           # ground speeds that a tractor holds
+SLOW_MPS, FAST_MPS = 0.8, 1.8  # ground speeds that a tractor holds
 # What the mean of a test's repeats is good for (1 s.d.).
-STARTS_S = 0.003        # of a start by the encoder, five times
-FALLS_S = 0.03          # of a lag by the rig or by hand, five times: half of what one scatters by
-PLACES_M = 0.04         # of a lag measured as a distance, five times
-CATCHES = 0.004         # share of a weighed catch of a minute, three times
-OUTLETS = 0.006         # ... of one outlet's, and of a speed by tape and watch
-PULSES = 0.004          # share of a wheel's pulses over 100 m: one in 640, three times, and the tape
-STANDING_KG = 0.15      # of a hopper's scale, three times
-PANEL_NDVI, SAME_PANEL_NDVI, PANELS_NDVI = 0.005, 0.002, 0.003      # of heads over panels: one, the same again, several
+STARTS_S = 0.003  # of a start by the encoder, five times
+# of a lag by the rig or by hand, five times: half of what one scatters by
+FALLS_S = 0.03
+PLACES_M = 0.04  # of a lag measured as a distance, five times
+# share of a weighed catch of a minute, three times
+CATCHES = 0.004
+# ... of one outlet's, and of a speed by tape and watch
+OUTLETS = 0.006
+# share of a wheel's pulses over 100 m: one in 640, three times, and the tape
+PULSES = 0.004
+STANDING_KG = 0.15  # of a hopper's scale, three times
+# of heads over panels: one, the same again, several
+PANEL_NDVI, SAME_PANEL_NDVI, PANELS_NDVI = 0.005, 0.002, 0.003
 WEIGHT_KG = 100.0
 WARM_S = 3600.0
 
 
-def _test(id_: str, plan: str, minutes: float, reads: Callable[[Machine], Array]) -> Experiment[Array]:
+def _test(
+    id_: str, plan: str, minutes: float, reads: Callable[[Machine], Array]
+) -> Experiment[Array]:
     return Experiment(id_, plan, minutes, (plan,), reads)
 
 
 def _lag(m: Machine, rpm: float, start: float = 0.0, change: float = 0.0) -> float:
     fall = m.fall
-    return response_s(m, rpm) + start_drop_s(fall, rpm) + start * fall.first_fill_s - 0.5 * change * fall.asymmetry_s
+    return (
+        response_s(m, rpm)
+        + start_drop_s(fall, rpm)
+        + start * fall.first_fill_s
+        - 0.5 * change * fall.asymmetry_s
+    )
 
 
 def _place(m: Machine, rpm: float, speed_mps: float) -> float:
-    return float(speed_mps * (1.0 + m.fall.speed_scale_percent / 100.0) * (_lag(m, rpm) + m.fall.latency_s)
-                 + m.fall.lever_arm_m)
+    return float(
+        speed_mps * (1.0 + m.fall.speed_scale_percent / 100.0) * (_lag(m, rpm) + m.fall.latency_s)
+        + m.fall.lever_arm_m
+    )
 
 
 def wheel_reads(machine: Machine, true_mps: float, working: float = 1.0) -> float:
@@ -56,15 +72,22 @@ def wheel_reads(machine: Machine, true_mps: float, working: float = 1.0) -> floa
 
 
 def _wheel(m: Machine) -> Array:
-    return np.array([wheel_reads(m, USUAL_MPS, working) / USUAL_MPS for working in (0.0, 1.0)]) / PULSES
+    return (
+        np.array([wheel_reads(m, USUAL_MPS, working) / USUAL_MPS for working in (0.0, 1.0)])
+        / PULSES
+    )
 
 
 def two_rates(machine: Machine) -> str:
     """The test that tells whether the stream in the tube carries what falls."""
     _, _, mid, _, _, fast, _ = _settings(machine)[0]
-    return (f"a step from {mid:g} to {fast:g} r/min at the rig, ten times: time from the shaft's change until the "
-            f"plate stands half-way between its two readings; as a table with before_rpm {mid:g}, shaft_rpm {fast:g} "
-            "and drop_s it is for topdress calibrate lag")
+    return (
+        f"a step from {mid:g} to {fast:g} r/min at the rig, ten times: time from the "
+        "shaft's change until the "
+        "plate stands half-way between its two readings; as a table with before_rpm "
+        f"{mid:g}, shaft_rpm {fast:g} "
+        "and drop_s it is for topdress calibrate lag"
+    )
 
 
 def _settings(machine: Machine) -> tuple[tuple[float, ...], tuple[float, ...]]:
@@ -76,20 +99,48 @@ def _of_lags(machine: Machine) -> list[Experiment[Array]]:
     low, slow, mid, high, upper, _, full = _settings(machine)[0]
     each, all_speeds = (low, mid, upper), (low, mid, upper, full)
     return [
-        _test("response_test", f"response test: 5 starts each at {listed(each)} r/min, encoder only, time from "
-                   "command to turning shaft", 10.0, lambda m: np.array([response_s(m, n) for n in each]) / STARTS_S),
-        _test("lag_rig", f"lag test with the rig, machine standing: 5 starts each at {listed(all_speeds)} r/min, "
-                   "times written down", 20.0, lambda m: np.array([_lag(m, n) for n in all_speeds]) / FALLS_S),
-        _test("measured_speed", "measure the ground speed of the lag test over 30 m with tape and watch, 3 times",
-                   10.0, lambda m: np.array([1.0 + m.fall.speed_scale_percent / 100.0]) / OUTLETS),
-        _test("lag_two_speeds", f"lag test by distance at two measured ground speeds, {SLOW_MPS:g} and "
-                   f"{FAST_MPS:g} m/s, 5 times each at {mid:g} r/min", 30.0,
-                   lambda m: np.array([_place(m, mid, v) for v in (SLOW_MPS, FAST_MPS)]) / PLACES_M),
-        _test("lag_empty_running", f"lag test at {mid:g} r/min from an empty tube and as a change from {slow:g} "
-                   "r/min while running, 5 times each", 15.0,
-                   lambda m: np.array([_lag(m, mid, 1.0), _lag(m, mid)]) / FALLS_S),
-        _test("lag_up_down", f"lag test of equal steps up and down, {slow:g} to {high:g} r/min, 5 times each",
-                   15.0, lambda m: np.array([_lag(m, mid, 0.0, 1.0), _lag(m, mid, 0.0, -1.0)]) / FALLS_S)]
+        _test(
+            "response_test",
+            f"response test: 5 starts each at {listed(each)} r/min, encoder only, time from "
+            "command to turning shaft",
+            10.0,
+            lambda m: np.array([response_s(m, n) for n in each]) / STARTS_S,
+        ),
+        _test(
+            "lag_rig",
+            "lag test with the rig, machine standing: 5 starts each at "
+            f"{listed(all_speeds)} r/min, "
+            "times written down",
+            20.0,
+            lambda m: np.array([_lag(m, n) for n in all_speeds]) / FALLS_S,
+        ),
+        _test(
+            "measured_speed",
+            "measure the ground speed of the lag test over 30 m with tape and watch, 3 times",
+            10.0,
+            lambda m: np.array([1.0 + m.fall.speed_scale_percent / 100.0]) / OUTLETS,
+        ),
+        _test(
+            "lag_two_speeds",
+            f"lag test by distance at two measured ground speeds, {SLOW_MPS:g} and "
+            f"{FAST_MPS:g} m/s, 5 times each at {mid:g} r/min",
+            30.0,
+            lambda m: np.array([_place(m, mid, v) for v in (SLOW_MPS, FAST_MPS)]) / PLACES_M,
+        ),
+        _test(
+            "lag_empty_running",
+            f"lag test at {mid:g} r/min from an empty tube and as a change from {slow:g} "
+            "r/min while running, 5 times each",
+            15.0,
+            lambda m: np.array([_lag(m, mid, 1.0), _lag(m, mid)]) / FALLS_S,
+        ),
+        _test(
+            "lag_up_down",
+            f"lag test of equal steps up and down, {slow:g} to {high:g} r/min, 5 times each",
+            15.0,
+            lambda m: np.array([_lag(m, mid, 0.0, 1.0), _lag(m, mid, 0.0, -1.0)]) / FALLS_S,
+        ),
+    ]
 
 
 def _of_catches(machine: Machine) -> list[Experiment[Array]]:
@@ -100,37 +151,88 @@ def _of_catches(machine: Machine) -> list[Experiment[Array]]:
         return float(grams_per_rev(m.flow, rpm, mm)) / (g_rev_mm * mm)
 
     def outlets(m: Machine) -> list[float]:
-        return [1.0 + (k == m.flow.uneven_outlet) * m.flow.uneven_percent / 100.0
-                for k in range(1, m.geometry.outlets + 1)]
+        return [
+            1.0 + (k == m.flow.uneven_outlet) * m.flow.uneven_percent / 100.0
+            for k in range(1, m.geometry.outlets + 1)
+        ]
+
     return [
-        _test("catch_openings", f"catch test on a bench balance at {mid:g} r/min with openings of {narrow:g} and "
-                   f"{wide:g} mm, 3 catches of 60 s each", 20.0,
-                   lambda m: np.array([caught(m, mid, o) for o in (narrow, wide)]) / CATCHES),
-        _test("catch_speeds", f"catch test on a bench balance at {usual:g} mm with {listed((slow, high, full))} "
-                   "r/min, 3 catches of 60 s each", 20.0,
-                   lambda m: np.array([caught(m, n, usual) for n in (slow, high, full)]) / CATCHES),
-        _test("catch_outlets", f"catch test by outlet at {mid:g} r/min and {usual:g} mm, 3 catches of 60 s", 25.0,
-                   lambda m: np.array(outlets(m)) / OUTLETS)]
+        _test(
+            "catch_openings",
+            f"catch test on a bench balance at {mid:g} r/min with openings of {narrow:g} and "
+            f"{wide:g} mm, 3 catches of 60 s each",
+            20.0,
+            lambda m: np.array([caught(m, mid, o) for o in (narrow, wide)]) / CATCHES,
+        ),
+        _test(
+            "catch_speeds",
+            f"catch test on a bench balance at {usual:g} mm with {listed((slow, high, full))} "
+            "r/min, 3 catches of 60 s each",
+            20.0,
+            lambda m: np.array([caught(m, n, usual) for n in (slow, high, full)]) / CATCHES,
+        ),
+        _test(
+            "catch_outlets",
+            f"catch test by outlet at {mid:g} r/min and {usual:g} mm, 3 catches of 60 s",
+            25.0,
+            lambda m: np.array(outlets(m)) / OUTLETS,
+        ),
+    ]
 
 
 def _of_sensors(_: Machine) -> list[Experiment[Array]]:
-    def heads(m: Machine, ndvi: Sequence[float], on_s: Sequence[float], which: Sequence[int] = (0,)) -> Array:
-        return np.array([head_reads(m.heads, HeadInput(value, float(head), after_s))
-                         for value in ndvi for after_s in on_s for head in which])
+    def heads(
+        m: Machine, ndvi: Sequence[float], on_s: Sequence[float], which: Sequence[int] = (0,)
+    ) -> Array:
+        return np.array(
+            [
+                head_reads(m.heads, HeadInput(value, float(head), after_s))
+                for value in ndvi
+                for after_s in on_s
+                for head in which
+            ]
+        )
+
     return [
-        _test("static_weigh", f"static weigh: put a known weight of {WEIGHT_KG:g} kg on the hopper, 3 times", 10.0,
-                   lambda m: np.array([scale_reads(m.scale, ScaleInput(WEIGHT_KG, 0.0))]) / STANDING_KG),
-        _test("wheel_pulses", "drive a taped 100 m out of work, count the wheel's pulses, 3 times", 10.0,
-                   lambda m: _wheel(m)[:1]),
-        _test("wheel_in_work", "drive a taped 100 m out of work and again in work, count the wheel's pulses, "
-                   "3 times each", 20.0, _wheel),
-        _test("heads_one_panel", "hold all heads over one reference panel at NDVI 0.5, a quarter of an hour after "
-                   "switching on", 10.0,
-                   lambda m: heads(m, (0.5,), (WARM_S / 4,), range(1, m.geometry.heads + 1)) / PANEL_NDVI),
-        _test("heads_warming_up", "read one panel 1, 5 and 20 minutes after switching on, all heads", 25.0,
-                   lambda m: heads(m, (0.5,), (60.0, 300.0, 1200.0)) / SAME_PANEL_NDVI),
-        _test("heads_three_panels", "warm heads over panels of NDVI 0.3, 0.6 and 0.8", 15.0,
-                   lambda m: heads(m, (0.3, 0.6, 0.8), (WARM_S,)) / PANELS_NDVI)]
+        _test(
+            "static_weigh",
+            f"static weigh: put a known weight of {WEIGHT_KG:g} kg on the hopper, 3 times",
+            10.0,
+            lambda m: np.array([scale_reads(m.scale, ScaleInput(WEIGHT_KG, 0.0))]) / STANDING_KG,
+        ),
+        _test(
+            "wheel_pulses",
+            "drive a taped 100 m out of work, count the wheel's pulses, 3 times",
+            10.0,
+            lambda m: _wheel(m)[:1],
+        ),
+        _test(
+            "wheel_in_work",
+            "drive a taped 100 m out of work and again in work, count the wheel's pulses, "
+            "3 times each",
+            20.0,
+            _wheel,
+        ),
+        _test(
+            "heads_one_panel",
+            "hold all heads over one reference panel at NDVI 0.5, a quarter of an hour after "
+            "switching on",
+            10.0,
+            lambda m: heads(m, (0.5,), (WARM_S / 4,), range(1, m.geometry.heads + 1)) / PANEL_NDVI,
+        ),
+        _test(
+            "heads_warming_up",
+            "read one panel 1, 5 and 20 minutes after switching on, all heads",
+            25.0,
+            lambda m: heads(m, (0.5,), (60.0, 300.0, 1200.0)) / SAME_PANEL_NDVI,
+        ),
+        _test(
+            "heads_three_panels",
+            "warm heads over panels of NDVI 0.3, 0.6 and 0.8",
+            15.0,
+            lambda m: heads(m, (0.3, 0.6, 0.8), (WARM_S,)) / PANELS_NDVI,
+        ),
+    ]
 
 
 def bench_tests(machine: Machine) -> tuple[Experiment[Array], ...]:

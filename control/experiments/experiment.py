@@ -1,10 +1,12 @@
 """An experiment that a farm can make, and which of several tell rivals apart.
 
-A measurement sets two hypotheses d standard deviations apart. It decides between them where d is large enough for the
-evidence to reach the odds from which on something is said (`judgement.prior.APART_SD`). Those are taken first that
-settle most pairs of rivals a minute, which is the greedy rule of set cover (Chvatal, Mathematics of Operations Research
-4, 1979); of equal ones, that which sets them furthest apart.
+A measurement sets two hypotheses d standard deviations apart. It decides between them where d
+is large enough for the evidence to reach the odds from which on something is said
+(`judgement.prior.APART_SD`). Those are taken first that settle most pairs of rivals a minute,
+which is the greedy rule of set cover (Chvatal, Mathematics of Operations Research 4, 1979); of
+equal ones, that which sets them furthest apart.
 """
+
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
@@ -20,8 +22,9 @@ Readings = TypeVar("Readings")
 
 
 class Experiment(NamedTuple, Generic[Readings]):
-    """plan : one sentence for people. steps : what is done, one thing after the other. reads : what it would read under
-    a machine; of a bench test (k,), in units of its own noise, of a manoeuvre the columns of its log, without noise."""
+    """plan : one sentence for people. steps : what is done, one thing after the other. reads :
+    what it would read under a machine; of a bench test (k,), in units of its own noise, of a
+    manoeuvre the columns of its log, without noise."""
 
     id: str
     plan: str
@@ -32,24 +35,32 @@ class Experiment(NamedTuple, Generic[Readings]):
 
 class ChosenTest(NamedTuple):
     tests: tuple[int, ...]
-    settled: npt.NDArray[np.bool_]      # (pairs,)
-    apart_sd: float | None              # the least that the tests set a settled pair apart; None: no test does
+    settled: npt.NDArray[np.bool_]  # (pairs,)
+    # the least that the tests set a settled pair apart; None: no test does
+    apart_sd: float | None
 
 
 def chosen(apart_sd: Array, minutes: Sequence[float], least_sd: float, most: int) -> ChosenTest:
-    """At most `most` experiments, those that settle most pairs a minute. apart_sd : (pairs, experiments)."""
+    """At most `most` experiments, those that settle most pairs a minute. apart_sd : (pairs,
+    experiments)."""
     picked: list[int] = []
     settles = apart_sd >= least_sd
     waiting = np.ones(len(apart_sd), bool)
     while waiting.any() and len(picked) < most:
-        worth = [(float(np.sum(settles[waiting, k])) / minutes[k], float(np.max(apart_sd[waiting, k])))
-                 for k in range(len(minutes))]
-        best = max(range(len(worth)), key=worth.__getitem__)        # of equal ones the first
+        worth = [
+            (float(np.sum(settles[waiting, k])) / minutes[k], float(np.max(apart_sd[waiting, k])))
+            for k in range(len(minutes))
+        ]
+        best = max(range(len(worth)), key=worth.__getitem__)  # of equal ones the first
         if worth[best][0] <= 0.0:
             break
         picked.append(best)
         waiting &= ~settles[:, best]
-    clear = [float(np.max(row[picked])) for row, still in zip(apart_sd, waiting, strict=True) if not still]
+    clear = [
+        float(np.max(row[picked]))
+        for row, still in zip(apart_sd, waiting, strict=True)
+        if not still
+    ]
     return ChosenTest(tuple(picked), ~waiting, min(clear, default=None))
 
 

@@ -1,4 +1,6 @@
-"""The settings that experiments go through: shares of the machine's ranges, and the ground speed that is usual."""
+"""The settings that experiments go through: shares of the machine's ranges, and the ground
+speed that is usual."""
+
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -6,9 +8,11 @@ from collections.abc import Sequence
 from control.machine.effect import OPENING_RANGE, SHAFT_RANGE
 from control.machine.machine import Machine, of_nominal
 
-SHAFT_RPM = (20.0, 40.0, 60.0, 80.0)        # of a staircase on the nominal machine, as the next
+# of a staircase on the nominal machine, as the next
+SHAFT_RPM = (20.0, 40.0, 60.0, 80.0)
 OPENING_MM = (10.0, 20.0, 30.0, 40.0)
-USUAL_MPS = 1.25            # ground speed where data has none (decision paper: about 4.5 km/h)
+# ground speed where data has none (decision paper: about 4.5 km/h)
+USUAL_MPS = 1.25
 
 
 def shaft_levels(machine: Machine, nominal_rpm: Sequence[float] = SHAFT_RPM) -> tuple[float, ...]:

@@ -1,4 +1,6 @@
-"""Short runs that cost little, each as the log that it would leave of a given machine, without noise."""
+"""Short runs that cost little, each as the log that it would leave of a given machine, without
+noise."""
+
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
@@ -16,13 +18,15 @@ from control.machine.machine import Machine, of_nominal
 Array = npt.NDArray[np.float64]
 Columns = dict[str, npt.NDArray[Any]]
 
-STEP_S = 0.5                # of the logs that manoeuvres are played into
-IDLING_SHARE = 1.2 / 13.5    # of the supply, lost while the engine idles
-BEGIN_KG, FILL_KG = 260.0, 150.0     # in the hopper, and filled up, on the nominal machine
+STEP_S = 0.5  # of the logs that manoeuvres are played into
+IDLING_SHARE = 1.2 / 13.5  # of the supply, lost while the engine idles
+# in the hopper, and filled up, on the nominal machine
+BEGIN_KG, FILL_KG = 260.0, 150.0
 
 
 def manoeuvres(machine: Machine) -> tuple[Experiment[Columns], ...]:
-    """What an operator can do in ten to twenty minutes, as the columns of a run log without noise."""
+    """What an operator can do in ten to twenty minutes, as the columns of a run log without
+    noise."""
     ten = np.arange(0.0, 600.0, STEP_S)
     twenty = np.arange(0.0, 1200.0, STEP_S)
     rpm, opening = machine.set_points.shaft_rpm, machine.set_points.opening_mm
@@ -33,23 +37,56 @@ def manoeuvres(machine: Machine) -> tuple[Experiment[Columns], ...]:
     slope = np.where(np.floor(ten / 120.0) % 2 < 1, 4.0, -4.0)
     filled = np.where(twenty >= 600.0, 1.0, 0.0)
     return (
-        Experiment("stairs", f"Shaft staircase: {_listed(speeds)} r/min for a minute each at one opening, twice.", 10.0,
-                   _held_for("r/min", speeds, 60) * 2, _log(ten, stairs, opening)),
-        Experiment("openings", f"Opening staircase: {_listed(widths)} mm for a minute each at one shaft speed, twice.",
-                   10.0, _held_for("mm", widths, 60) * 2, _log(ten, rpm, openings)),
-        Experiment("slope", "Out and back on a slope, two minutes each way, twice.", 10.0,
-                   ("uphill for 120 s", "downhill for 120 s") * 2, _log(ten, rpm, opening, pitch=slope)),
-        Experiment("two_speeds", "Two ground speeds: 3 and 6 km/h in turn, two minutes each.", 10.0,
-                   _held_for("km/h", (3, 6, 3, 6, 3), 120),
-                   _log(ten, rpm, opening, speed=np.where(np.floor(ten / 120.0) % 2 < 1, 0.83, 1.67))),
-        Experiment("out_of_work", "Drive on with the shaft stopped every second minute.", 10.0,
-                   ("work for 60 s", "shaft stopped for 60 s") * 5, _log(ten, rpm * halves, opening)),
-        Experiment("standing", "Stand still with the shaft stopped for ten minutes and watch the scale.", 10.0,
-                   ("stand with the shaft stopped for 600 s",), _log(ten, 0.0, opening, speed=0.0 * ten)),
-        Experiment("refill",
-                   "Work for ten minutes, fill up with weighed bags and write the kg down, work for ten more.", 20.0,
-                   ("work for 600 s", "fill up, kg written down", "work for 600 s"),
-                   _log(twenty, rpm, opening, refill=of_nominal(machine, HOPPER) * FILL_KG * filled)),
+        Experiment(
+            "stairs",
+            f"Shaft staircase: {_listed(speeds)} r/min for a minute each at one opening, twice.",
+            10.0,
+            _held_for("r/min", speeds, 60) * 2,
+            _log(ten, stairs, opening),
+        ),
+        Experiment(
+            "openings",
+            f"Opening staircase: {_listed(widths)} mm for a minute each at one shaft speed, twice.",
+            10.0,
+            _held_for("mm", widths, 60) * 2,
+            _log(ten, rpm, openings),
+        ),
+        Experiment(
+            "slope",
+            "Out and back on a slope, two minutes each way, twice.",
+            10.0,
+            ("uphill for 120 s", "downhill for 120 s") * 2,
+            _log(ten, rpm, opening, pitch=slope),
+        ),
+        Experiment(
+            "two_speeds",
+            "Two ground speeds: 3 and 6 km/h in turn, two minutes each.",
+            10.0,
+            _held_for("km/h", (3, 6, 3, 6, 3), 120),
+            _log(ten, rpm, opening, speed=np.where(np.floor(ten / 120.0) % 2 < 1, 0.83, 1.67)),
+        ),
+        Experiment(
+            "out_of_work",
+            "Drive on with the shaft stopped every second minute.",
+            10.0,
+            ("work for 60 s", "shaft stopped for 60 s") * 5,
+            _log(ten, rpm * halves, opening),
+        ),
+        Experiment(
+            "standing",
+            "Stand still with the shaft stopped for ten minutes and watch the scale.",
+            10.0,
+            ("stand with the shaft stopped for 600 s",),
+            _log(ten, 0.0, opening, speed=0.0 * ten),
+        ),
+        Experiment(
+            "refill",
+            "Work for ten minutes, fill up with weighed bags and write the kg down, work "
+            "for ten more.",
+            20.0,
+            ("work for 600 s", "fill up, kg written down", "work for 600 s"),
+            _log(twenty, rpm, opening, refill=of_nominal(machine, HOPPER) * FILL_KG * filled),
+        ),
     )
 
 
@@ -61,24 +98,49 @@ def _listed(values: Sequence[float]) -> str:
     return ", ".join(f"{value:g}" for value in values)
 
 
-def _log(time: Array, rpm: Array | float, opening: Array | float, pitch: Array | float = 0.0,
-         speed: Array | float = USUAL_MPS, refill: Array | float = 0.0) -> Callable[[Machine], Columns]:
-    return partial(_run, time=time, rpm=rpm, opening=opening, pitch=pitch, speed=speed, refill=refill)
+def _log(
+    time: Array,
+    rpm: Array | float,
+    opening: Array | float,
+    pitch: Array | float = 0.0,
+    speed: Array | float = USUAL_MPS,
+    refill: Array | float = 0.0,
+) -> Callable[[Machine], Columns]:
+    return partial(
+        _run, time=time, rpm=rpm, opening=opening, pitch=pitch, speed=speed, refill=refill
+    )
 
 
-def _run(machine: Machine, time: Array, rpm: Array | float, opening: Array | float, pitch: Array | float,
-         speed: Array | float, refill: Array | float) -> Columns:
+def _run(
+    machine: Machine,
+    time: Array,
+    rpm: Array | float,
+    opening: Array | float,
+    pitch: Array | float,
+    speed: Array | float,
+    refill: Array | float,
+) -> Columns:
     n = np.ones(len(time))
     turns, wide, kg_rev_mm = rpm * n, opening * n, machine.flow.grams_per_rev_mm / 1000.0
     events = np.full(len(time), "", object)
     events[np.flatnonzero(np.diff(refill * n) > 0.0) + 1] = f"refill {np.max(refill * n):g}"
     used = np.concatenate(([0.0], np.cumsum(kg_rev_mm * turns * wide / 60.0)[:-1])) * STEP_S
-    return {"time_s": time, "shaft_rpm_cmd": turns, "shaft_rpm": turns + 1e-4 * np.sin(time), "opening_mm_cmd": wide,
-            "opening_mm": wide + 1e-4 * np.sin(time),
-            "hopper_kg": of_nominal(machine, HOPPER) * BEGIN_KG - used + refill * n + 1e-3 * np.sin(7.0 * time),
-            "pitch_deg": pitch * n, "speed_mps": speed * n + 1e-4 * np.sin(5.0 * time),
-            "wheel_speed_mps": speed * n + 1e-4 * np.sin(3.0 * time),
-            "supply_v": _volts(time, machine.shaft.nominal_supply_v), "events": events}
+    return {
+        "time_s": time,
+        "shaft_rpm_cmd": turns,
+        "shaft_rpm": turns + 1e-4 * np.sin(time),
+        "opening_mm_cmd": wide,
+        "opening_mm": wide + 1e-4 * np.sin(time),
+        "hopper_kg": of_nominal(machine, HOPPER) * BEGIN_KG
+        - used
+        + refill * n
+        + 1e-3 * np.sin(7.0 * time),
+        "pitch_deg": pitch * n,
+        "speed_mps": speed * n + 1e-4 * np.sin(5.0 * time),
+        "wheel_speed_mps": speed * n + 1e-4 * np.sin(3.0 * time),
+        "supply_v": _volts(time, machine.shaft.nominal_supply_v),
+        "events": events,
+    }
 
 
 def _volts(time: Array, nominal_v: float) -> Array:

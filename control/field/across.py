@@ -1,10 +1,12 @@
-"""What one rate across the width costs: the need under each head, or section, against the one rate for all.
+"""What one rate across the width costs: the need under each head, or section, against the one
+rate for all.
 
-A machine meters by side only where each side has a metering unit of its own; with one roller for all outlets the rate
-is that of the fused canopy, and what the crop needs next to it is missed. Reported as the r.m.s. of need less rate,
-kg/ha, by the rule without grades. The heads' own noise is part of it; how much of it that noise alone would make is
-reported next to it.
+A machine meters by side only where each side has a metering unit of its own; with one roller
+for all outlets the rate is that of the fused canopy, and what the crop needs next to it is
+missed. Reported as the r.m.s. of need less rate, kg/ha, by the rule without grades. The heads'
+own noise is part of it; how much of it that noise alone would make is reported next to it.
 """
+
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -19,21 +21,24 @@ from control.machine.machine import Machine
 
 Floats = npt.NDArray[np.float64]
 
-STEP_NDVI = 0.001           # of the table of needs
+STEP_NDVI = 0.001  # of the table of needs
 
 
 class Across(NamedTuple):
-    """kg/ha. `samples`: in which at least two heads spoke. `by_section_kg_ha`: None without sections."""
+    """kg/ha. `samples`: in which at least two heads spoke. `by_section_kg_ha`: None without
+    sections."""
 
     mean_need_kg_ha: float
     by_head_kg_ha: float
     by_section_kg_ha: float | None
-    noise_kg_ha: float          # of the r.m.s. by head that the heads' noise alone would make
+    # of the r.m.s. by head that the heads' noise alone would make
+    noise_kg_ha: float
     samples: int
 
 
 def across(rule: Rule, machine: Machine, heads: npt.ArrayLike) -> Across | None:
-    """heads: NDVI (samples, heads), left to right, NaN: silent. None where no two heads ever spoke together."""
+    """heads: NDVI (samples, heads), left to right, NaN: silent. None where no two heads ever
+    spoke together."""
     ndvi = np.asarray(heads, dtype=np.float64)
     ndvi = ndvi[np.count_nonzero(np.isfinite(ndvi), axis=1) >= 2]
     if not len(ndvi):
@@ -51,8 +56,13 @@ def across(rule: Rule, machine: Machine, heads: npt.ArrayLike) -> Across | None:
     by_head = np.where(known, need(np.nan_to_num(ndvi)), np.nan)
     slope = np.gradient(needs, table)
     noise = machine.noise.ndvi * np.interp(middle, table, np.abs(slope))
-    return Across(float(one_rate.mean()), _rms(by_head - one_rate[:, None]), _by_section(machine, by_head, one_rate),
-                  float(np.sqrt((noise ** 2).mean())), len(ndvi))
+    return Across(
+        float(one_rate.mean()),
+        _rms(by_head - one_rate[:, None]),
+        _by_section(machine, by_head, one_rate),
+        float(np.sqrt((noise**2).mean())),
+        len(ndvi),
+    )
 
 
 def _by_section(machine: Machine, by_head: Floats, one_rate: Floats) -> float | None:
@@ -62,16 +72,24 @@ def _by_section(machine: Machine, by_head: Floats, one_rate: Floats) -> float | 
     ends = np.cumsum([section.outlets for section in machine.sections]) / machine.geometry.outlets
     count = by_head.shape[1]
     of = np.searchsorted(ends, (np.arange(count) + 0.5) / count)
-    columns: Sequence[Floats] = [np.nanmean(by_head[:, of == k], axis=1) for k in sorted(set(of.tolist()))]
+    columns: Sequence[Floats] = [
+        np.nanmean(by_head[:, of == k], axis=1) for k in sorted(set(of.tolist()))
+    ]
     return _rms(np.column_stack(columns) - one_rate[:, None])
 
 
 def _rms(values: Floats) -> float:
-    return float(np.sqrt(np.nanmean(values ** 2)))
+    return float(np.sqrt(np.nanmean(values**2)))
 
 
 def across_words(found: Across) -> str:
     """One line."""
-    by_section = "" if found.by_section_kg_ha is None else f", by section {found.by_section_kg_ha:.1f}"
-    return (f"{found.by_head_kg_ha:.1f} kg/ha r.m.s. between the need under each head and the one rate{by_section} "
-            f"(the heads' noise alone would make {found.noise_kg_ha:.1f}; mean need {found.mean_need_kg_ha:.1f})")
+    by_section = (
+        "" if found.by_section_kg_ha is None else f", by section {found.by_section_kg_ha:.1f}"
+    )
+    return (
+        f"{found.by_head_kg_ha:.1f} kg/ha r.m.s. between the need under each head and the "
+        f"one rate{by_section} "
+        f"(the heads' noise alone would make {found.noise_kg_ha:.1f}; mean need "
+        f"{found.mean_need_kg_ha:.1f})"
+    )

@@ -1,7 +1,9 @@
 """Where the field is: inside or not, and how far to its edge along the way the machine is heading.
 
-Vectors throughout, so that a line due north is no special case (paper B, eq 4 and 5 need slopes, and go wrong there).
+Vectors throughout, so that a line due north is no special case (paper B, eq 4 and 5 need
+slopes, and go wrong there).
 """
+
 from __future__ import annotations
 
 import math
@@ -16,16 +18,19 @@ from control.geodesy import Place, direction
 
 Floats = npt.NDArray[np.float64]
 
-_LEAST_M = 0.001     # thinner margins are lost in the arithmetic of polygons
-_FEW = 24            # corners: numpy's own calls take longer than so few edges looked at one by one
+# thinner margins are lost in the arithmetic of polygons
+_LEAST_M = 0.001
+# corners: numpy's own calls take longer than so few edges looked at one by one
+_FEW = 24
 
 
 class Boundary:
-    """A field's edge on its tangent plane, m: one outline, with or without holes; does not change once made.
+    """A field's edge on its tangent plane, m: one outline, with or without holes; does not
+    change once made.
 
-    outline, holes: rings of at least three places (east_m, north_m), either way round, closed by themselves.
-    Raises ValueError in one line for a ring that is too short, a place that is not finite, edges that cross, or a hole
-    that is not inside the outline.
+    outline, holes: rings of at least three places (east_m, north_m), either way round, closed
+    by themselves. Raises ValueError in one line for a ring that is too short, a place that is
+    not finite, edges that cross, or a hole that is not inside the outline.
     """
 
     def __init__(self, outline: Sequence[Place], holes: Sequence[Sequence[Place]] = ()) -> None:
@@ -33,19 +38,29 @@ class Boundary:
         rings = [_checked_ring(name, ring) for name, ring in named.items()]
         shape = Polygon(rings[0], rings[1:])
         if not shape.is_valid:
-            raise ValueError(f"holes: {shapely.is_valid_reason(shape)}; each must lie inside the outline, and apart")
+            raise ValueError(
+                f"holes: {shapely.is_valid_reason(shape)}; each must lie inside the "
+                "outline, and apart"
+            )
         self._hold(MultiPolygon([shape]))
 
     def _hold(self, shape: MultiPolygon) -> None:
         shapely.prepare(shape)
         self.shape = shape
-        rings = [np.asarray(ring.coords)[:-1] for part in shape.geoms for ring in (part.exterior, *part.interiors)]
+        rings = [
+            np.asarray(ring.coords)[:-1]
+            for part in shape.geoms
+            for ring in (part.exterior, *part.interiors)
+        ]
         corners = np.concatenate(rings) if rings else np.zeros((0, 2))
         self._east: Floats = corners[:, 0].copy()
         self._north: Floats = corners[:, 1].copy()
         self._next = _next_corners([len(ring) for ring in rings])
-        self._few = list(zip(self._east.tolist(), self._north.tolist(), self._next.tolist(), strict=True)
-                         ) if len(self._next) <= _FEW else []
+        self._few = (
+            list(zip(self._east.tolist(), self._north.tolist(), self._next.tolist(), strict=True))
+            if len(self._next) <= _FEW
+            else []
+        )
 
     @property
     def area_ha(self) -> float:
@@ -59,8 +74,11 @@ class Boundary:
     @property
     def rings(self) -> tuple[tuple[Place, ...], ...]:
         """Corners of the outline and of the holes, not closed, for drawing."""
-        return tuple(tuple((float(east), float(north)) for east, north in ring.coords[:-1])
-                     for part in self.shape.geoms for ring in (part.exterior, *part.interiors))
+        return tuple(
+            tuple((float(east), float(north)) for east, north in ring.coords[:-1])
+            for part in self.shape.geoms
+            for ring in (part.exterior, *part.interiors)
+        )
 
     def contains(self, east_m: float, north_m: float) -> bool:
         """Whether a place lies inside or on the edge; False where it is not finite. About 3 us."""
@@ -73,67 +91,105 @@ class Boundary:
     def many_inside(self, places: npt.ArrayLike) -> npt.NDArray[np.bool_]:
         """`contains` for places (n, 2) -> (n,)."""
         points = np.asarray(places, dtype=np.float64).reshape(-1, 2)
-        return np.asarray(shapely.intersects_xy(self.shape, points[:, 0], points[:, 1]), dtype=np.bool_)
+        return np.asarray(
+            shapely.intersects_xy(self.shape, points[:, 0], points[:, 1]), dtype=np.bool_
+        )
 
-    def crossings_m(self, east_m: float, north_m: float, heading_deg: float,
-                    farthest_m: float = math.inf) -> list[float]:
-        """Distances ahead, in rising order, at which a straight line from here crosses the edge, up to `farthest_m`.
+    def crossings_m(
+        self, east_m: float, north_m: float, heading_deg: float, farthest_m: float = math.inf
+    ) -> list[float]:
+        """Distances ahead, in rising order, at which a straight line from here crosses the
+        edge, up to `farthest_m`.
 
-        Each corner is put on one side of the line or the other, once for both its edges, and an edge is crossed when
-        its corners lie on different sides: so a line through a corner crosses once where it passes from inside to
-        outside, and twice or not at all where it only touches; a line along an edge does not cross it.
-        Empty where the place or the heading is not finite. 2 us where the field has four corners, 15 us where many.
+        Each corner is put on one side of the line or the other, once for both its edges, and an
+        edge is crossed when its corners lie on different sides: so a line through a corner
+        crosses once where it passes from inside to outside, and twice or not at all where it
+        only touches; a line along an edge does not cross it. Empty where the place or the
+        heading is not finite. 2 us where the field has four corners, 15 us where many.
         """
         if not (math.isfinite(east_m) and math.isfinite(north_m) and math.isfinite(heading_deg)):
             return []
         crossed = self._crossed_of_few if self._few else self._crossed_of_many
-        ahead = [along + side / (side - next_side) * (next_along - along)
-                 for side, along, next_side, next_along in crossed(east_m, north_m, *direction(heading_deg))]
+        ahead = [
+            along + side / (side - next_side) * (next_along - along)
+            for side, along, next_side, next_along in crossed(
+                east_m, north_m, *direction(heading_deg)
+            )
+        ]
         return sorted([distance for distance in ahead if 0.0 < distance <= farthest_m])
 
-    def _crossed_of_few(self, east_m: float, north_m: float, east: float, north: float
-                        ) -> list[tuple[float, float, float, float]]:
-        """The edges that the line through a place, in the direction (east, north), crosses: how far aside and how far
-        along each of both corners lies."""
-        seen = [(east * (n - north_m) - north * (e - east_m), north * (n - north_m) + east * (e - east_m), following)
-                for e, n, following in self._few]
-        return [(side, along, *seen[following][:2]) for side, along, following in seen
-                if (side > 0.0) is not (seen[following][0] > 0.0)]
+    def _crossed_of_few(
+        self, east_m: float, north_m: float, east: float, north: float
+    ) -> list[tuple[float, float, float, float]]:
+        """The edges that the line through a place, in the direction (east, north), crosses: how
+        far aside and how far along each of both corners lies."""
+        seen = [
+            (
+                east * (n - north_m) - north * (e - east_m),
+                north * (n - north_m) + east * (e - east_m),
+                following,
+            )
+            for e, n, following in self._few
+        ]
+        return [
+            (side, along, *seen[following][:2])
+            for side, along, following in seen
+            if (side > 0.0) is not (seen[following][0] > 0.0)
+        ]
 
-    def _crossed_of_many(self, east_m: float, north_m: float, east: float, north: float
-                         ) -> list[tuple[float, float, float, float]]:
+    def _crossed_of_many(
+        self, east_m: float, north_m: float, east: float, north: float
+    ) -> list[tuple[float, float, float, float]]:
         de, dn = self._east - east_m, self._north - north_m
         side, along = east * dn - north * de, north * dn + east * de
         left = side > 0.0
         start = np.flatnonzero(left != left[self._next])
         end = self._next[start]
-        return list(zip(side[start].tolist(), along[start].tolist(), side[end].tolist(), along[end].tolist(),
-                        strict=True))
+        return list(
+            zip(
+                side[start].tolist(),
+                along[start].tolist(),
+                side[end].tolist(),
+                along[end].tolist(),
+                strict=True,
+            )
+        )
 
     def without(self, strips: Sequence[tuple[Sequence[Place], float]]) -> Boundary:
-        """The field less all that lies nearer to a line of places than its metres; may be empty or fall into parts."""
-        near = shapely.union_all([shapely.buffer(shapely.LineString(line), margin_m) for line, margin_m in strips])
+        """The field less all that lies nearer to a line of places than its metres; may be empty
+        or fall into parts."""
+        near = shapely.union_all(
+            [shapely.buffer(shapely.LineString(line), margin_m) for line, margin_m in strips]
+        )
         smaller = Boundary.__new__(Boundary)
         smaller._hold(_polygons(shapely.difference(self.shape, near)))
         return smaller
 
     def inset(self, margin_m: float) -> Boundary:
-        """The field less a margin along every edge and hole (the headland); may be empty or fall into parts.
+        """The field less a margin along every edge and hole (the headland); may be empty or
+        fall into parts.
 
         A margin below 1 mm is none. Raises ValueError for a negative one.
         """
         if not margin_m >= 0.0:
             raise ValueError(f"headland {margin_m:g} m: allowed is 0 or more")
         smaller = Boundary.__new__(Boundary)
-        shrunk = self.shape.buffer(-margin_m, join_style="mitre") if margin_m >= _LEAST_M else self.shape
+        shrunk = (
+            self.shape.buffer(-margin_m, join_style="mitre") if margin_m >= _LEAST_M else self.shape
+        )
         smaller._hold(_polygons(shrunk))
         return smaller
 
 
 def largest_part(shape: Polygon) -> Polygon:
-    """The largest polygon of those into which edges that cross cut a shape; ground driven round twice is in it once."""
+    """The largest polygon of those into which edges that cross cut a shape; ground driven round
+    twice is in it once."""
     parts = shapely.get_parts(shapely.make_valid(shape, method="structure", keep_collapsed=False))
-    return max((one for one in parts if isinstance(one, Polygon)), key=lambda one: float(one.area), default=Polygon())
+    return max(
+        (one for one in parts if isinstance(one, Polygon)),
+        key=lambda one: float(one.area),
+        default=Polygon(),
+    )
 
 
 def _checked_ring(name: str, ring: Sequence[Place]) -> list[Place]:
@@ -147,8 +203,10 @@ def _checked_ring(name: str, ring: Sequence[Place]) -> list[Place]:
         raise ValueError(f"{name}: {len(places)} corners; allowed is 3 or more")
     shape = Polygon(places)
     if not shape.is_valid or shape.area == 0.0:
-        raise ValueError(f"{name}: {shapely.is_valid_reason(shape) if not shape.is_valid else 'no area'}; "
-                         "the edges must enclose an area and not cross")
+        raise ValueError(
+            f"{name}: {shapely.is_valid_reason(shape) if not shape.is_valid else 'no area'}; "
+            "the edges must enclose an area and not cross"
+        )
     return places
 
 

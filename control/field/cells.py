@@ -1,8 +1,10 @@
-"""What is asked of a cell of the bitmap: whether a stretch passed over it, whether it was done before.
+"""What is asked of a cell of the bitmap: whether a stretch passed over it, whether it was done
+before.
 
-Each is written once. Over arrays numpy runs it (`coverage`), cell by cell the compiled loops do (`compiled_cells`);
-both come to the same bits.
+Each is written once. Over arrays numpy runs it (`coverage`), cell by cell the compiled loops do
+(`compiled_cells`); both come to the same bits.
 """
+
 from __future__ import annotations
 
 import math
@@ -16,8 +18,9 @@ from control.geodesy import Place
 Floats = npt.NDArray[np.float64]
 Corners = tuple[Place, Place, Place, Place]
 
-TILE = 256          # cells on a side
-_EDGE_M = 1e-9      # a cell centre this far outside still counts, so that touching stretches leave no gap
+TILE = 256  # cells on a side
+# a cell centre this far outside still counts, so that touching stretches leave no gap
+_EDGE_M = 1e-9
 
 
 def sides_room() -> Floats:
@@ -28,9 +31,10 @@ def sides_room() -> Floats:
 def put_sides(sides: Floats, corners: Corners) -> None:
     """The sides of the two triangles that a stretch is made of.
 
-    corners : of the stretch, around it. sides : (2, 3, 6), written: of each side where it begins (east, north, m), its
-    way (east, north, m), on which hand its triangle lies (1: left, -1: right), and how far, in m2, a place may lie on
-    the other hand. A triangle without area holds no place.
+    corners : of the stretch, around it. sides : (2, 3, 6), written: of each side where it
+    begins (east, north, m), its way (east, north, m), on which hand its triangle lies (1: left,
+    -1: right), and how far, in m2, a place may lie on the other hand. A triangle without area
+    holds no place.
     """
     for k in range(2):
         triangle = (corners[0], corners[k + 1], corners[k + 2])
@@ -47,16 +51,21 @@ def put_sides(sides: Floats, corners: Corners) -> None:
             sides[k, j, 5] = -_EDGE_M * (abs(de) + abs(dn)) if abs(area) > 1e-12 else math.inf
 
 
-def beyond_side(from_east: Any, from_north: Any, de: Any, dn: Any, hand: Any, east: Any, north: Any) -> Any:
-    """How far places lie on their hand of a side, times its length, m2; numbers, or arrays that go together."""
+def beyond_side(
+    from_east: Any, from_north: Any, de: Any, dn: Any, hand: Any, east: Any, north: Any
+) -> Any:
+    """How far places lie on their hand of a side, times its length, m2; numbers, or arrays that
+    go together."""
     return hand * (de * (north - from_north) - dn * (east - from_east))
 
 
 def passed_again(travelled_m: Any, stamp: Any, revisit_m: Any) -> Any:
-    """Whether a cell that was covered at `stamp` of the way has been left for long enough to be covered again."""
+    """Whether a cell that was covered at `stamp` of the way has been left for long enough to be
+    covered again."""
     return travelled_m - stamp > revisit_m
 
 
 def ahead_of(place: float, along_m: Any, way: float, aside_m: Any, side: float) -> Any:
-    """East or north, m, of places so far ahead and aside. way, side : that of the course, and of what lies aside."""
+    """East or north, m, of places so far ahead and aside. way, side : that of the course, and
+    of what lies aside."""
     return place + along_m * way + aside_m * side

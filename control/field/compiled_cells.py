@@ -1,7 +1,9 @@
 """The bitmap's cells one by one, compiled: for long simulated runs.
 
-Importing this loads the compiler, a third of a second: a console that is to start at once does without.
+Importing this loads the compiler, a third of a second: a console that is to start at once does
+without.
 """
+
 from __future__ import annotations
 
 from math import floor
@@ -21,20 +23,38 @@ for _piece in (put_sides, beyond_side, passed_again, ahead_of):
 def _within(triangle: Any, east_m: float, north_m: float) -> bool:
     """Whether a place lies in a triangle (3, 6), its edges included."""
     for j in range(3):
-        if not beyond_side(triangle[j, 0], triangle[j, 1], triangle[j, 2], triangle[j, 3], triangle[j, 4],
-                           east_m, north_m) >= triangle[j, 5]:
+        if (
+            not beyond_side(
+                triangle[j, 0],
+                triangle[j, 1],
+                triangle[j, 2],
+                triangle[j, 3],
+                triangle[j, 4],
+                east_m,
+                north_m,
+            )
+            >= triangle[j, 5]
+        ):
             return False
     return True
 
 
 @compiled
-def stamp_tile(tile: Any, first_row: int, first_column: int, box: Any, cell_m: float, corners: Any, travelled_m: float,
-               revisit_m: float) -> tuple[int, int, int]:
-    """Enter what lies in one tile of a stretch that was passed over; how many cells that is, how many of them are new,
-    and how many done before.
+def stamp_tile(
+    tile: Any,
+    first_row: int,
+    first_column: int,
+    box: Any,
+    cell_m: float,
+    corners: Any,
+    travelled_m: float,
+    revisit_m: float,
+) -> tuple[int, int, int]:
+    """Enter what lies in one tile of a stretch that was passed over; how many cells that is,
+    how many of them are new, and how many done before.
 
-    tile : stamps (TILE, TILE) float32, written. first_row, first_column : its first cell. box : cells of the stretch,
-    south, west, north, east. corners : as `put_sides` has them.
+    tile : stamps (TILE, TILE) float32, written. first_row, first_column : its first cell. box :
+    cells of the stretch, south, west, north, east. corners : as `put_sides` has them.
     """
     sides = np.empty((2, 3, 6))
     put_sides(sides, corners)
@@ -57,20 +77,34 @@ def stamp_tile(tile: Any, first_row: int, first_column: int, box: Any, cell_m: f
 
 
 @compiled
-def done_ahead(tiles: Any, south: int, west: int, place: Any, course: Any, along_m: Any, aside_m: Any, cell_m: float,
-               travelled_m: float, revisit_m: float, earlier: bool) -> Any:
+def done_ahead(
+    tiles: Any,
+    south: int,
+    west: int,
+    place: Any,
+    course: Any,
+    along_m: Any,
+    aside_m: Any,
+    cell_m: float,
+    travelled_m: float,
+    revisit_m: float,
+    earlier: bool,
+) -> Any:
     """How many outlets would be over done ground at each step ahead: (steps,).
 
-    tiles : stamps of the tiles (south, west), (south, west + 1), (south + 1, west) and (south + 1, west + 1), in which
-    all places lie. place, course : of the outlets' middle, east and north. earlier : done by an earlier run alone, else
-    by an earlier pass.
+    tiles : stamps of the tiles (south, west), (south, west + 1), (south + 1, west) and (south +
+    1, west + 1), in which all places lie. place, course : of the outlets' middle, east and
+    north. earlier : done by an earlier run alone, else by an earlier pass.
     """
     found = np.zeros(len(along_m))
     for step in range(len(along_m)):
         for outlet in range(len(aside_m)):
             east_m = ahead_of(place[0], along_m[step], course[0], aside_m[outlet], course[1])
             north_m = ahead_of(place[1], along_m[step], course[1], -aside_m[outlet], course[0])
-            column, row = floor(east_m / cell_m) - west * TILE, floor(north_m / cell_m) - south * TILE
+            column, row = (
+                floor(east_m / cell_m) - west * TILE,
+                floor(north_m / cell_m) - south * TILE,
+            )
             stamp = np.float64(tiles[2 * (row // TILE) + column // TILE][row % TILE, column % TILE])
             if stamp == -np.inf if earlier else passed_again(travelled_m, stamp, revisit_m):
                 found[step] += 1.0

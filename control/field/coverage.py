@@ -1,12 +1,14 @@
 """What of the field is done: a bitmap under the outlets, so that nothing is counted twice.
 
-Resolution: a cell (0.2 m unless stated otherwise) counts when its centre was passed over. Over whole passes the area
-is right to about a cell in width, in the mean over headings far better; see the tests. Bitmap tiles come into being
-where work is done: 100 MB hold 100 ha.
+Resolution: a cell (0.2 m unless stated otherwise) counts when its centre was passed over. Over
+whole passes the area is right to about a cell in width, in the mean over headings far better;
+see the tests. Bitmap tiles come into being where work is done: 100 MB hold 100 ha.
 
-Whatever places are given, a call's work is bounded: a stretch longer than `longest_m` is a jump and not swept, places
-without business on a field's plane are left out, and a picture has at most `MOST_CELLS`.
+Whatever places are given, a call's work is bounded: a stretch longer than `longest_m` is a jump
+and not swept, places without business on a field's plane are left out, and a picture has at
+most `MOST_CELLS`.
 """
+
 from __future__ import annotations
 
 import math
@@ -21,19 +23,21 @@ from control.machine.steps import Steps
 
 from .cells import TILE, Corners, Floats, ahead_of, beyond_side, passed_again, put_sides, sides_room
 
-_EARLIER = -math.inf # stamp of what an earlier run has done
-FARTHEST_M = 100_000.0          # from the plane's origin: no place beyond it is one of the field
-MOST_CELLS = 400_000_000        # of a picture: 4 km by 4 km at 0.2 m, 400 MB
+_EARLIER = -math.inf  # stamp of what an earlier run has done
+# from the plane's origin: no place beyond it is one of the field
+FARTHEST_M = 100_000.0
+MOST_CELLS = 400_000_000  # of a picture: 4 km by 4 km at 0.2 m, 400 MB
 
 
 class Covered(NamedTuple):
-    area_ha: float             # each place once
-    overlap_ha: float          # what was passed over again, every time
+    area_ha: float  # each place once
+    overlap_ha: float  # what was passed over again, every time
     travelled_m: float
 
 
 class Raster(NamedTuple):
-    """A picture of the covered ground: `done[row, column]`, row 0 in the south, column 0 in the west."""
+    """A picture of the covered ground: `done[row, column]`, row 0 in the south, column 0 in the
+    west."""
 
     west_m: float
     south_m: float
@@ -50,66 +54,93 @@ class _OutletBar(NamedTuple):
 
 
 class _OutletStrip:
-    """Outlets that flow together, and where their last stretch ended. Edges: m to the right of the middle."""
+    """Outlets that flow together, and where their last stretch ended. Edges: m to the right of
+    the middle."""
 
     def __init__(self, left_m: float, right_m: float) -> None:
         self.left_m, self.right_m = left_m, right_m
-        self.bar: _OutletBar | None = None               # where the last stretch ended
-        self.saved: tuple[Place, float, float] | None = None    # worked up to this place, on this course, since: less
-                                                                # than half a cell on
+        self.bar: _OutletBar | None = None  # where the last stretch ended
+        # worked up to this place, on this course, since: less than half a cell on
+        self.saved: tuple[Place, float, float] | None = None
 
     def bar_at(self, place: Place, east: float, north: float) -> _OutletBar:
         """Here, on a course of this direction."""
-        return _OutletBar(place, (place[0] + self.left_m * north, place[1] - self.left_m * east),
-                          (place[0] + self.right_m * north, place[1] - self.right_m * east))
+        return _OutletBar(
+            place,
+            (place[0] + self.left_m * north, place[1] - self.left_m * east),
+            (place[0] + self.right_m * north, place[1] - self.right_m * east),
+        )
 
 
 class Coverage:
     """Fed with the middle of the outlets, tick by tick.
 
-    A cell passed over again counts as overlap when the machine has travelled more than `revisit_m` since (three
-    widths unless stated otherwise), so that a tight turn is not its own overlap.
-    Two calls farther apart than `longest_m` are a jump of the position: no ground is passed over between them.
-    strips: outlets that flow together, by their edges, m to the right of the middle; the whole width unless given
-    otherwise.
-    Raises ValueError for a width or a cell that is not above 0, or a cell larger than half the width.
+    A cell passed over again counts as overlap when the machine has travelled more than
+    `revisit_m` since (three widths unless stated otherwise), so that a tight turn is not its
+    own overlap. Two calls farther apart than `longest_m` are a jump of the position: no ground
+    is passed over between them. strips: outlets that flow together, by their edges, m to the
+    right of the middle; the whole width unless given otherwise. Raises ValueError for a width
+    or a cell that is not above 0, or a cell larger than half the width.
     """
 
-    def __init__(self, width_m: float, cell_m: float = 0.2, revisit_m: float | None = None,
-                 longest_m: float = 30.0, strips: Sequence[tuple[float, float]] = (),
-                 steps: Steps | None = None) -> None:
+    def __init__(
+        self,
+        width_m: float,
+        cell_m: float = 0.2,
+        revisit_m: float | None = None,
+        longest_m: float = 30.0,
+        strips: Sequence[tuple[float, float]] = (),
+        steps: Steps | None = None,
+    ) -> None:
         """steps: compiled, for long runs: cell by cell, in a third of the time."""
         if not 0.0 < 2.0 * cell_m <= width_m:
-            raise ValueError(f"width {width_m:g} m, cell {cell_m:g} m: allowed is a cell above 0, at most half the "
-                             "width")
+            raise ValueError(
+                f"width {width_m:g} m, cell {cell_m:g} m: allowed is a cell above 0, at "
+                "most half the "
+                "width"
+            )
         self.width_m = width_m
         self.cell_m = cell_m
         self.revisit_m = 3.0 * width_m if revisit_m is None else revisit_m
         self.longest_m = longest_m
-        self._tiles: dict[tuple[int, int], npt.NDArray[np.float32]] = {}       # by row and column
-        self._newest = (0, 0)                      # tile that was entered last
+        # by row and column
+        self._tiles: dict[tuple[int, int], npt.NDArray[np.float32]] = {}
+        self._newest = (0, 0)  # tile that was entered last
         self._cells = self._again = 0
         self._travelled_m = 0.0
         self._last: Place | None = None
-        self._strips = [_OutletStrip(left, right) for left, right in strips or ((-0.5 * width_m, 0.5 * width_m),)]
+        self._strips = [
+            _OutletStrip(left, right)
+            for left, right in strips or ((-0.5 * width_m, 0.5 * width_m),)
+        ]
         self._sides = sides_room()
         self._empty = _empty_tile()
         self.loops: Any = None if steps is None else steps.cells
 
     def seed(self, ground: Raster, ours: bool = True) -> None:
-        """Ground that an earlier run has done, with cells of any size: covered, and never just passed over.
+        """Ground that an earlier run has done, with cells of any size: covered, and never just
+        passed over.
 
-        A cell here counts when its centre lies in a done cell there. ours: False for the ground of another machine,
-        which is no area that was covered here.
+        A cell here counts when its centre lies in a done cell there. ours: False for the ground
+        of another machine, which is no area that was covered here.
         """
         cells = self._cells
         rows, columns = ground.done.shape
         south, west = (math.floor(edge / self.cell_m) for edge in (ground.south_m, ground.west_m))
-        north, east = (math.floor((edge + count * ground.cell_m) / self.cell_m)
-                       for edge, count in ((ground.south_m, rows), (ground.west_m, columns)))
-        there = [np.floor(((np.arange(first, last + 1) + 0.5) * self.cell_m - edge) / ground.cell_m).astype(np.int64)
-                 for first, last, edge in ((south, north, ground.south_m), (west, east, ground.west_m))]
-        inside = [(index >= 0) & (index < count) for index, count in zip(there, (rows, columns), strict=True)]
+        north, east = (
+            math.floor((edge + count * ground.cell_m) / self.cell_m)
+            for edge, count in ((ground.south_m, rows), (ground.west_m, columns))
+        )
+        there = [
+            np.floor(
+                ((np.arange(first, last + 1) + 0.5) * self.cell_m - edge) / ground.cell_m
+            ).astype(np.int64)
+            for first, last, edge in ((south, north, ground.south_m), (west, east, ground.west_m))
+        ]
+        inside = [
+            (index >= 0) & (index < count)
+            for index, count in zip(there, (rows, columns), strict=True)
+        ]
         done = np.zeros((len(there[0]), len(there[1])), dtype=np.bool_)
         done[np.ix_(*inside)] = ground.done[np.ix_(there[0][inside[0]], there[1][inside[1]])]
         for row in range(south // TILE, north // TILE + 1):
@@ -119,13 +150,18 @@ class Coverage:
             self._cells = cells
 
     def lay(self, place: Place, heading_deg: float, flowing: bool | Sequence[bool]) -> None:
-        """The middle of the outlets is here; `flowing`: material has been landing since the last call, where the
-        coverage has strips of each of them.
+        """The middle of the outlets is here; `flowing`: material has been landing since the
+        last call, where the coverage has strips of each of them.
 
-        Stretches shorter than half a cell are saved up. A place that is not finite, or too far away to be one of the
-        field, is left out, and breaks the stretch; so does a jump, after which it begins anew.
+        Stretches shorter than half a cell are saved up. A place that is not finite, or too far
+        away to be one of the field, is left out, and breaks the stretch; so does a jump, after
+        which it begins anew.
         """
-        if not (abs(place[0]) <= FARTHEST_M and abs(place[1]) <= FARTHEST_M and math.isfinite(heading_deg)):
+        if not (
+            abs(place[0]) <= FARTHEST_M
+            and abs(place[1]) <= FARTHEST_M
+            and math.isfinite(heading_deg)
+        ):
             self._end_stretches()
             self._last = None
             return
@@ -159,15 +195,19 @@ class Coverage:
         return Covered(self._cells * cell_ha, self._again * cell_ha, self._travelled_m)
 
     def applied(self, places: npt.ArrayLike) -> npt.NDArray[np.bool_]:
-        """Whether an earlier pass has covered each place (n, 2) -> (n,); the ground just passed over does not count.
+        """Whether an earlier pass has covered each place (n, 2) -> (n,); the ground just passed
+        over does not count.
 
         Some 20 us for a few hundred places near each other.
         """
-        again: npt.NDArray[np.bool_] = passed_again(self._travelled_m, self._stamps(places), self.revisit_m)
+        again: npt.NDArray[np.bool_] = passed_again(
+            self._travelled_m, self._stamps(places), self.revisit_m
+        )
         return again
 
     def applied_earlier(self, places: npt.ArrayLike) -> npt.NDArray[np.bool_]:
-        """Whether an earlier run has covered each place (n, 2) -> (n,), and this run has not since."""
+        """Whether an earlier run has covered each place (n, 2) -> (n,), and this run has not
+        since."""
         return np.isneginf(self._stamps(places))
 
     def _stamps(self, places: npt.ArrayLike) -> npt.NDArray[np.float64]:
@@ -198,7 +238,8 @@ class Coverage:
     def raster(self) -> Raster:
         """All that is covered, for drawing; one cell of nothing when nothing is.
 
-        Ground too far apart for one picture of `MOST_CELLS`: what lies around the place entered last.
+        Ground too far apart for one picture of `MOST_CELLS`: what lies around the place entered
+        last.
         """
         if not self._tiles:
             return Raster(0.0, 0.0, self.cell_m, np.zeros((1, 1), dtype=np.bool_))
@@ -206,12 +247,16 @@ class Coverage:
         south, north, west, east = _box(keys)
         if (north - south + 1) * (east - west + 1) * TILE * TILE > MOST_CELLS:
             reach = (math.isqrt(MOST_CELLS) // TILE - 1) // 2
-            keys = {key for key in keys if all(abs(k - new) <= reach for k, new in zip(key, self._newest, strict=True))}
+            keys = {
+                key
+                for key in keys
+                if all(abs(k - new) <= reach for k, new in zip(key, self._newest, strict=True))
+            }
             south, north, west, east = _box(keys)
         done = np.zeros(((north - south + 1) * TILE, (east - west + 1) * TILE), dtype=np.bool_)
         for row, column in keys:
             r, c = (row - south) * TILE, (column - west) * TILE
-            done[r:r + TILE, c:c + TILE] = ~np.isnan(self._tiles[row, column])
+            done[r : r + TILE, c : c + TILE] = ~np.isnan(self._tiles[row, column])
         return Raster(west * TILE * self.cell_m, south * TILE * self.cell_m, self.cell_m, done)
 
     def _end_stretches(self) -> None:
@@ -233,7 +278,9 @@ class Coverage:
             self._stamp(corners, (south, west, north, east))
             return
         centre_e: Floats = (np.arange(west, east + 1, dtype=np.float64) + 0.5) * self.cell_m
-        centre_n: Floats = ((np.arange(south, north + 1, dtype=np.float64) + 0.5) * self.cell_m)[:, None]
+        centre_n: Floats = ((np.arange(south, north + 1, dtype=np.float64) + 0.5) * self.cell_m)[
+            :, None
+        ]
         put_sides(self._sides, corners)
         passed = _in_triangles(centre_e, centre_n, self._sides)
         for row in range(south // TILE, north // TILE + 1):
@@ -246,8 +293,15 @@ class Coverage:
             for column in range(box[1] // TILE, box[3] // TILE + 1):
                 tile = self._tiles.get((row, column))
                 entered, new, again = self.loops.stamp_tile(
-                    self._empty if tile is None else tile, row * TILE, column * TILE, box, self.cell_m, corners,
-                    self._travelled_m, self.revisit_m)
+                    self._empty if tile is None else tile,
+                    row * TILE,
+                    column * TILE,
+                    box,
+                    self.cell_m,
+                    corners,
+                    self._travelled_m,
+                    self.revisit_m,
+                )
                 if not entered:
                     continue
                 self._newest = row, column
@@ -256,46 +310,79 @@ class Coverage:
                 if tile is None:
                     self._tiles[row, column], self._empty = self._empty, _empty_tile()
 
-    def done_ahead(self, place: Place, course: Place, along_m: Floats, aside_m: Floats, earlier: bool) -> Floats | None:
-        """How many places aside are over done ground at each place along: (along,). None: it is to be asked by
-        `applied`, for want of compiled loops or because the places lie far apart.
+    def done_ahead(
+        self, place: Place, course: Place, along_m: Floats, aside_m: Floats, earlier: bool
+    ) -> Floats | None:
+        """How many places aside are over done ground at each place along: (along,). None: it is
+        to be asked by `applied`, for want of compiled loops or because the places lie far
+        apart.
 
         place, course: of the outlets' middle, east and north. earlier: as of `applied_earlier`.
         """
         if self.loops is None:
             return None
-        ends = [(ahead_of(place[0], along, course[0], aside, course[1]), ahead_of(place[1], along, course[1], -aside,
-                                                                                  course[0]))
-                for along in (float(along_m[0]), float(along_m[-1])) for aside in (float(aside_m[0]),
-                                                                                   float(aside_m[-1]))]
+        ends = [
+            (
+                ahead_of(place[0], along, course[0], aside, course[1]),
+                ahead_of(place[1], along, course[1], -aside, course[0]),
+            )
+            for along in (float(along_m[0]), float(along_m[-1]))
+            for aside in (float(aside_m[0]), float(aside_m[-1]))
+        ]
         if not all([abs(east) <= FARTHEST_M and abs(north) <= FARTHEST_M for east, north in ends]):
             return None
-        west, east = (math.floor(of([end[0] for end in ends]) / self.cell_m) // TILE for of in (min, max))
-        south, north = (math.floor(of([end[1] for end in ends]) / self.cell_m) // TILE for of in (min, max))
+        west, east = (
+            math.floor(of([end[0] for end in ends]) / self.cell_m) // TILE for of in (min, max)
+        )
+        south, north = (
+            math.floor(of([end[1] for end in ends]) / self.cell_m) // TILE for of in (min, max)
+        )
         if east - west > 1 or north - south > 1:
             return None
-        tiles = tuple([self._tiles.get((south + k // 2, west + k % 2), self._empty) for k in range(4)])
-        found: Floats = self.loops.done_ahead(tiles, south, west, place, course, along_m, aside_m, self.cell_m,
-                                              self._travelled_m, self.revisit_m, earlier)
+        tiles = tuple(
+            [self._tiles.get((south + k // 2, west + k % 2), self._empty) for k in range(4)]
+        )
+        found: Floats = self.loops.done_ahead(
+            tiles,
+            south,
+            west,
+            place,
+            course,
+            along_m,
+            aside_m,
+            self.cell_m,
+            self._travelled_m,
+            self.revisit_m,
+            earlier,
+        )
         return found
 
-    def _mark(self, row: int, column: int, south: int, west: int, passed: npt.NDArray[np.bool_],
-              stamp: float) -> None:
+    def _mark(
+        self,
+        row: int,
+        column: int,
+        south: int,
+        west: int,
+        passed: npt.NDArray[np.bool_],
+        stamp: float,
+    ) -> None:
         """Enter the part of `passed` (its corner at cell south, west) that lies in one tile."""
         r0, c0 = row * TILE, column * TILE
         r = slice(max(south, r0), min(south + passed.shape[0], r0 + TILE))
         c = slice(max(west, c0), min(west + passed.shape[1], c0 + TILE))
-        here = passed[r.start - south:r.stop - south, c.start - west:c.stop - west]
+        here = passed[r.start - south : r.stop - south, c.start - west : c.stop - west]
         if not here.any():
             return
         self._newest = row, column
         tile = self._tiles.get((row, column))
         if tile is None:
             tile = self._tiles[row, column] = _empty_tile()
-        view = tile[r.start - r0:r.stop - r0, c.start - c0:c.stop - c0]
+        view = tile[r.start - r0 : r.stop - r0, c.start - c0 : c.stop - c0]
         stamps = view[here]
         self._cells += int(np.count_nonzero(np.isnan(stamps)))
-        self._again += int(np.count_nonzero(passed_again(self._travelled_m, stamps, self.revisit_m)))
+        self._again += int(
+            np.count_nonzero(passed_again(self._travelled_m, stamps, self.revisit_m))
+        )
         view[here] = stamp
 
 

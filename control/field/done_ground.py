@@ -1,4 +1,5 @@
 """Ground that another machine or program has covered, as a picture on the field's plane."""
+
 from __future__ import annotations
 
 import math
@@ -11,7 +12,7 @@ import shapely
 from control.field.coverage import MOST_CELLS, Raster
 from control.geodesy import Place, TangentPlane
 
-CELL_M = 0.2            # as the loop's own bitmap of done ground has it
+CELL_M = 0.2  # as the loop's own bitmap of done ground has it
 
 
 class DoneGround(NamedTuple):
@@ -24,12 +25,17 @@ class DoneGround(NamedTuple):
     @property
     def middle_m(self) -> Place:
         rows, columns = self.raster.done.shape
-        return (self.raster.west_m + 0.5 * columns * self.raster.cell_m,
-                self.raster.south_m + 0.5 * rows * self.raster.cell_m)
+        return (
+            self.raster.west_m + 0.5 * columns * self.raster.cell_m,
+            self.raster.south_m + 0.5 * rows * self.raster.cell_m,
+        )
 
 
-def done_ground(shapes: npt.NDArray[np.object_], plane: TangentPlane, cell_m: float = CELL_M) -> DoneGround:
-    """Polygons (n,) on the plane, m, which may lie over one another, as cells: one is done when its middle lies in any.
+def done_ground(
+    shapes: npt.NDArray[np.object_], plane: TangentPlane, cell_m: float = CELL_M
+) -> DoneGround:
+    """Polygons (n,) on the plane, m, which may lie over one another, as cells: one is done when
+    its middle lies in any.
 
     Raises ValueError where there is no ground, or too much for one picture.
     """
@@ -39,11 +45,15 @@ def done_ground(shapes: npt.NDArray[np.object_], plane: TangentPlane, cell_m: fl
     west, south, east, north = (math.floor(edge / cell_m) for edge in whole.bounds)
     rows, columns = north - south + 1, east - west + 1
     if rows * columns > MOST_CELLS:
-        raise ValueError(f"done ground of {columns * cell_m:.0f} x {rows * cell_m:.0f} m: allowed are "
-                         f"{MOST_CELLS * cell_m * cell_m / 1e6:.0f} km2 for one field")
+        raise ValueError(
+            f"done ground of {columns * cell_m:.0f} x {rows * cell_m:.0f} m: allowed are "
+            f"{MOST_CELLS * cell_m * cell_m / 1e6:.0f} km2 for one field"
+        )
     done = np.zeros((rows, columns), dtype=np.bool_)
     begin, end = _sides(whole)
-    for row, (at, crossed) in enumerate(_crossings(begin, end, (south + np.arange(rows) + 0.5) * cell_m)):
+    for row, (at, crossed) in enumerate(
+        _crossings(begin, end, (south + np.arange(rows) + 0.5) * cell_m)
+    ):
         if crossed:
             edges = np.sort(at)
             first = np.ceil(edges[0::2] / cell_m - 0.5).astype(np.int64) - west
@@ -53,24 +63,39 @@ def done_ground(shapes: npt.NDArray[np.object_], plane: TangentPlane, cell_m: fl
             np.add.at(steps, first[some], 1)
             np.add.at(steps, last[some] + 1, -1)
             done[row] = np.cumsum(steps[:-1]) > 0
-    return DoneGround(plane, Raster(west * cell_m, south * cell_m, cell_m, done), float(whole.area) / 10_000.0)
+    return DoneGround(
+        plane, Raster(west * cell_m, south * cell_m, cell_m, done), float(whole.area) / 10_000.0
+    )
 
 
 def _sides(whole: Any) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
     """Beginning and end (n, 2) of every side of every ring, holes too."""
-    rings = [shapely.get_coordinates(ring) for part in shapely.get_parts(whole) if part.geom_type == "Polygon"
-             for ring in (part.exterior, *part.interiors)]
-    return (np.concatenate([ring[:-1] for ring in rings]), np.concatenate([ring[1:] for ring in rings]))
+    rings = [
+        shapely.get_coordinates(ring)
+        for part in shapely.get_parts(whole)
+        if part.geom_type == "Polygon"
+        for ring in (part.exterior, *part.interiors)
+    ]
+    return (
+        np.concatenate([ring[:-1] for ring in rings]),
+        np.concatenate([ring[1:] for ring in rings]),
+    )
 
 
-def _crossings(begin: npt.NDArray[np.float64], end: npt.NDArray[np.float64],
-               north_m: npt.NDArray[np.float64]) -> list[tuple[npt.NDArray[np.float64], bool]]:
-    """East of each place where a side crosses each of these lines (rows,), and whether any does: an even number."""
+def _crossings(
+    begin: npt.NDArray[np.float64], end: npt.NDArray[np.float64], north_m: npt.NDArray[np.float64]
+) -> list[tuple[npt.NDArray[np.float64], bool]]:
+    """East of each place where a side crosses each of these lines (rows,), and whether any
+    does: an even number."""
     low, high = np.minimum(begin[:, 1], end[:, 1]), np.maximum(begin[:, 1], end[:, 1])
     first, last = np.searchsorted(north_m, low, "right"), np.searchsorted(north_m, high, "right")
     counts = last - first
     side = np.repeat(np.arange(len(low)), counts)
-    row = np.arange(len(side)) - np.repeat(np.cumsum(counts) - counts, counts) + np.repeat(first, counts)
+    row = (
+        np.arange(len(side))
+        - np.repeat(np.cumsum(counts) - counts, counts)
+        + np.repeat(first, counts)
+    )
     share = (north_m[row] - begin[side, 1]) / (end[side, 1] - begin[side, 1])
     at = begin[side, 0] + share * (end[side, 0] - begin[side, 0])
     order = np.argsort(row, kind="stable")

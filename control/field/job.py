@@ -1,4 +1,6 @@
-"""A job: what is to be done where, by which strategy; and, for the simulated machine, the ground it works on."""
+"""A job: what is to be done where, by which strategy; and, for the simulated machine, the
+ground it works on."""
+
 from __future__ import annotations
 
 import datetime as dt
@@ -17,59 +19,89 @@ from control.orders import BY_MAP, Strategy, TargetSource
 
 Rate = Annotated[float, Field(ge=0, le=2000)]
 Metres = Annotated[float, Field(ge=0.01, le=1000)]
-NRate = Annotated[float, Field(ge=0, le=1000)]              # of N, not of product
-Far = Annotated[float, Field(ge=-100_000, le=100_000)]      # of a corner, from the field's origin
+NRate = Annotated[float, Field(ge=0, le=1000)]  # of N, not of product
+# of a corner, from the field's origin
+Far = Annotated[float, Field(ge=-100_000, le=100_000)]
 Hz = Annotated[float, Field(ge=0.01, le=20)]
 MOST_CORNERS = 20_000
-MOST_PLANTS = 1_000_000         # as many as a plant list may have
+MOST_PLANTS = 1_000_000  # as many as a plant list may have
 Kmh = Annotated[float, Field(gt=0, le=30)]
 Name = Annotated[str, Field(max_length=80)]
+
 
 class Wanted(FrozenModel):
     """Where the target comes from."""
 
-    source: Literal[TargetSource.CANOPY, TargetSource.MAP, TargetSource.POINT, TargetSource.MANUAL,
-                    TargetSource.MAP_AND_CANOPY, TargetSource.EXTERNAL] = TargetSource.CANOPY
+    source: Literal[
+        TargetSource.CANOPY,
+        TargetSource.MAP,
+        TargetSource.POINT,
+        TargetSource.MANUAL,
+        TargetSource.MAP_AND_CANOPY,
+        TargetSource.EXTERNAL,
+    ] = TargetSource.CANOPY
     manual_rate_kg_ha: Rate = 300.0
-    external_holds_s: Annotated[float, Field(ge=0.5, le=60)] = 2.0  # external: so long the other display's is believed
-    external_silent_kg_ha: Rate | None = None   # external: what holds without; None: the crop's fallback rate
-    # canopy: the field's mean comes to this, the canopy says where; None: the rule says how much as well
+    # external: so long the other display's is believed
+    external_holds_s: Annotated[float, Field(ge=0.5, le=60)] = 2.0
+    # external: what holds without; None: the crop's fallback rate
+    external_silent_kg_ha: Rate | None = None
+    # canopy: the field's mean comes to this, the canopy says where; None: the rule says how
+    # much as well
     hold_mean_kg_ha: Annotated[float, Field(gt=0, le=2000)] | None = None
-    around_percent: Annotated[float, Field(ge=0, le=100)] = 20.0        # map_and_canopy: how far the heads may move
-    around_kg_ha: Rate | None = None            # the same in kg/ha; None: by percent
+    # map_and_canopy: how far the heads may move
+    around_percent: Annotated[float, Field(ge=0, le=100)] = 20.0
+    around_kg_ha: Rate | None = None  # the same in kg/ha; None: by percent
     decision_hz: Hz = 1.0
-    map: str | None = None                      # a prescription, next to the job file
-    plants: str | None = None                   # a plant list, next to the job file
-    # canopy: a raster or zones of the crop's index, next to the job file, for where the heads say nothing
+    map: str | None = None  # a prescription, next to the job file
+    plants: str | None = None  # a plant list, next to the job file
+    # canopy: a raster or zones of the crop's index, next to the job file, for where the heads
+    # say nothing
     index_map: str | None = None
-    # canopy: zones of yield or soil next to the job file, column factor, 0 to 2: times what the rule finds there
+    # canopy: zones of yield or soil next to the job file, column factor, 0 to 2: times what the
+    # rule finds there
     zone_map: str | None = None
-    dose_angle_deg: Annotated[float, Field(ge=0.01, le=3600)] = 120.0      # point mode: one dose, as the paper's
-    dose_rest_s: Annotated[float, Field(ge=0, le=5)] = 0.04     # the drive's pause between doses, for its report
-    learn_threshold: bool = True                # point mode: measured dose errors move the threshold
-    # point mode: errors measured before, next to the job: columns error_m (late positive) and speed_mps
+    # point mode: one dose, as the paper's
+    dose_angle_deg: Annotated[float, Field(ge=0.01, le=3600)] = 120.0
+    # the drive's pause between doses, for its report
+    dose_rest_s: Annotated[float, Field(ge=0, le=5)] = 0.04
+    # point mode: measured dose errors move the threshold
+    learn_threshold: bool = True
+    # point mode: errors measured before, next to the job: columns error_m (late positive) and
+    # speed_mps
     dose_errors: str | None = None
 
     @model_validator(mode="after")
     def _map_named(self) -> Wanted:
         if self.source in BY_MAP and self.map is None:
-            raise ValueError(f"source {self.source.value} needs the key map: a prescription file next to the job file")
+            raise ValueError(
+                f"source {self.source.value} needs the key map: a prescription file next to "
+                "the job file"
+            )
         if self.hold_mean_kg_ha is not None and self.source is not TargetSource.CANOPY:
-            raise ValueError(f"hold_mean_kg_ha goes with source canopy, not {self.source.value}: a map has its own "
-                             "mean")
+            raise ValueError(
+                f"hold_mean_kg_ha goes with source canopy, not {self.source.value}: a map "
+                "has its own "
+                "mean"
+            )
         return self
 
 
 class Nitrogen(FrozenModel):
-    """N of this crop on this field, kg of N per ha: what it has, what it gets besides, and how much it may get."""
+    """N of this crop on this field, kg of N per ha: what it has, what it gets besides, and how
+    much it may get."""
 
-    # since sowing or in this year, by hand or by others: off the optimum of a sufficiency index, and off the ceiling
+    # since sowing or in this year, by hand or by others: off the optimum of a sufficiency
+    # index, and off the ceiling
     given_kg_ha: NRate = 0.0
-    # from manure, legumes, soil or water, not in the canopy yet: off what the rule gives; no part of the ceiling
+    # from manure, legumes, soil or water, not in the canopy yet: off what the rule gives; no
+    # part of the ceiling
     credit_kg_ha: NRate = 0.0
-    year_max_kg_ha: NRate | None = None         # no place of the field gets more in a year, over all passes
-    year_from: dt.date | None = None            # when that year began; None: on 1 January of the day of work
-    record: str | None = None                   # farm record, next to the job: what its passes gave is off the ceiling
+    # no place of the field gets more in a year, over all passes
+    year_max_kg_ha: NRate | None = None
+    # when that year began; None: on 1 January of the day of work
+    year_from: dt.date | None = None
+    # farm record, next to the job: what its passes gave is off the ceiling
+    record: str | None = None
 
     @model_validator(mode="after")
     def _of_a_ceiling(self) -> Nitrogen:
@@ -103,14 +135,23 @@ class Ground(FrozenModel):
     # closed by itself; empty: no field known
     boundary_m: Annotated[tuple[tuple[Far, Far], ...], Field(max_length=MOST_CORNERS)] = ()
     # ground inside it that is not worked: ponds, trees, masts
-    holes_m: Annotated[tuple[Annotated[tuple[tuple[Far, Far], ...], Field(min_length=3, max_length=MOST_CORNERS)], ...],
-                       Field(max_length=1000)] = ()
-    lines: Annotated[tuple[GuidanceLine, ...], Field(max_length=1000)] = ()        # that the tractor is steered along
+    holes_m: Annotated[
+        tuple[
+            Annotated[tuple[tuple[Far, Far], ...], Field(min_length=3, max_length=MOST_CORNERS)],
+            ...,
+        ],
+        Field(max_length=1000),
+    ] = ()
+    # that the tractor is steered along
+    lines: Annotated[tuple[GuidanceLine, ...], Field(max_length=1000)] = ()
     pass_heading_deg: Annotated[float, Field(ge=0, lt=360)] = 0.0
-    headland_m: Annotated[float, Field(ge=0, le=200)] = 0.0         # along every edge of the boundary
-    headland_rate_kg_ha: Rate | None = None     # there; 0: nothing; None: as everywhere
-    done: str | None = None                     # ground that others have covered, next to the job: gets no more
-    margins: Annotated[tuple[Margin, ...], Field(max_length=1000)] = ()     # along chosen edges: nothing lands there
+    # along every edge of the boundary
+    headland_m: Annotated[float, Field(ge=0, le=200)] = 0.0
+    headland_rate_kg_ha: Rate | None = None  # there; 0: nothing; None: as everywhere
+    # ground that others have covered, next to the job: gets no more
+    done: str | None = None
+    # along chosen edges: nothing lands there
+    margins: Annotated[tuple[Margin, ...], Field(max_length=1000)] = ()
 
     @model_validator(mode="after")
     def _polygon(self) -> Ground:
@@ -127,12 +168,15 @@ class Ground(FrozenModel):
         return Boundary(self.boundary_m, self.holes_m) if self.boundary_m else None
 
     def spread_ground(self, half_width_m: float) -> Boundary | None:
-        """Where the middle of what is `2 half_width_m` wide may spread: inside the edge, and all of it outside every
-        margin; None where no field is known. Raises ValueError where the margins leave nothing."""
+        """Where the middle of what is `2 half_width_m` wide may spread: inside the edge, and
+        all of it outside every margin; None where no field is known. Raises ValueError where
+        the margins leave nothing."""
         field = self.boundary()
         if field is None or not self.margins:
             return field
-        left = field.without([(margin.along_m, margin.margin_m + half_width_m) for margin in self.margins])
+        left = field.without(
+            [(margin.along_m, margin.margin_m + half_width_m) for margin in self.margins]
+        )
         if left.is_empty:
             raise ValueError("field.margins: leave nothing of the field")
         return left
@@ -150,14 +194,16 @@ class Plants(FrozenModel):
     """A row of plants in the middle of every pass."""
 
     spacing_m: Annotated[float, Field(ge=0.02, le=10)] = 0.25
-    scatter_percent: Annotated[float, Field(ge=0, le=50)] = 10.0     # of the spacing, along the row, 1 s.d.
+    # of the spacing, along the row, 1 s.d.
+    scatter_percent: Annotated[float, Field(ge=0, le=50)] = 10.0
 
 
 class Camera(FrozenModel):
-    """Sees plants ahead of the outlet and tells them when its computer is done (point paper: 1.5 s)."""
+    """Sees plants ahead of the outlet and tells them when its computer is done (point paper:
+    1.5 s)."""
 
-    ahead_m: Metres = 6.0                       # nearest edge of the picture
-    view_m: Metres = 1.0                        # length of the picture
+    ahead_m: Metres = 6.0  # nearest edge of the picture
+    view_m: Metres = 1.0  # length of the picture
     hz: Annotated[float, Field(ge=0.01, le=50)] = 10.0
     computing_s: Annotated[float, Field(ge=0, le=10)] = 1.5
     seen_sd_m: Annotated[float, Field(ge=0, le=1)] = 0.01
@@ -178,29 +224,41 @@ class Simulated(FrozenModel):
     speed_kmh: Annotated[float, Field(ge=0.01, le=30)] = 4.5
     speed_wander_percent: Annotated[float, Field(ge=0, le=30)] = 2.0
     speed_changes: Annotated[tuple[SpeedChange, ...], Field(max_length=10_000)] = ()
-    # the tractor tells nothing, the speed that its driver has set, changes of that ahead as well, or all of its drive
+    # the tractor tells nothing, the speed that its driver has set, changes of that ahead as
+    # well, or all of its drive
     speed_told: Literal["none", "set", "plan", "drive"] = "none"
     pass_length_m: Annotated[float, Field(ge=0.1, le=20_000)] = 300.0
     passes: Annotated[int, Field(ge=1, le=1000)] = 24
-    run_in_m: Metres = 12.0                     # straight beyond each end of a pass
-    begin_m: Annotated[float, Field(ge=0, le=1e6)] = 0.0     # of the whole way: where the machine stands at first
+    run_in_m: Metres = 12.0  # straight beyond each end of a pass
+    # of the whole way: where the machine stands at first
+    begin_m: Annotated[float, Field(ge=0, le=1e6)] = 0.0
     gnss_hz: Hz = 10.0
     heads_hz: Hz = 2.0
-    heads_index: Literal["ndvi", "ndre"] = "ndvi"       # what the simulated heads read off the canopy
+    # what the simulated heads read off the canopy
+    heads_index: Literal["ndvi", "ndre"] = "ndvi"
     hopper_kg: Annotated[float, Field(ge=0, le=20000)] = 300.0
     refill_at_kg: Annotated[float, Field(ge=0, le=20000)] = 20.0
     refill_stop_s: Annotated[float, Field(ge=0, le=3600)] = 60.0
-    slope_deg: Annotated[float, Field(ge=-20, le=20)] = 0.0      # nose up when heading along pass_heading_deg
-    roughness_deg: Annotated[float, Field(ge=0, le=10)] = 0.5    # pitch and roll wander, 1 s.d.
-    plants: Plants | None = None                # point mode; a plant list of the job stands before it
-    camera: Camera | None = None                # point mode without a plant list
-    dose_measured_sd_m: Annotated[float, Field(ge=0, le=1)] = 0.01   # of dose errors, measured behind the machine
+    # nose up when heading along pass_heading_deg
+    slope_deg: Annotated[float, Field(ge=-20, le=20)] = 0.0
+    # pitch and roll wander, 1 s.d.
+    roughness_deg: Annotated[float, Field(ge=0, le=10)] = 0.5
+    # point mode; a plant list of the job stands before it
+    plants: Plants | None = None
+    camera: Camera | None = None  # point mode without a plant list
+    # of dose errors, measured behind the machine
+    dose_measured_sd_m: Annotated[float, Field(ge=0, le=1)] = 0.01
 
     @model_validator(mode="after")
     def _plants_to_be_held(self) -> Simulated:
-        if self.plants is not None and self.passes * self.pass_length_m / self.plants.spacing_m > MOST_PLANTS:
-            raise ValueError(f"plants.spacing_m {self.plants.spacing_m:g}: {self.passes} passes of "
-                             f"{self.pass_length_m:g} m have more than {MOST_PLANTS} plants")
+        if (
+            self.plants is not None
+            and self.passes * self.pass_length_m / self.plants.spacing_m > MOST_PLANTS
+        ):
+            raise ValueError(
+                f"plants.spacing_m {self.plants.spacing_m:g}: {self.passes} passes of "
+                f"{self.pass_length_m:g} m have more than {MOST_PLANTS} plants"
+            )
         return self
 
 
@@ -211,26 +269,37 @@ class Job(FrozenModel):
     client: Name = ""
     farm: Name = ""
     operator: Name = ""
-    product: Name = ""                          # what is spread, as the bag names it
-    product_file: str | None = None             # the same as a product file: N share, and the flow by its catch tests
-    # of a kilogram of the product, as bought: costs on the report and in the farm record; None: none are said
+    product: Name = ""  # what is spread, as the bag names it
+    # the same as a product file: N share, and the flow by its catch tests
+    product_file: str | None = None
+    # of a kilogram of the product, as bought: costs on the report and in the farm record; None:
+    # none are said
     price_per_kg: Annotated[float, Field(ge=0, lt=1e6)] | None = None
-    currency: Annotated[str, Field(max_length=8)] = "EUR"       # of that price
+    currency: Annotated[str, Field(max_length=8)] = "EUR"  # of that price
     crop: str = "huanghai_wheat"
-    days: Annotated[int, Field(ge=1, le=400)] | None = None      # by the crop's day rule; None: the crop file's
-    sown: dt.date | None = None                 # with the crop's weather file; None: as that crop file says
-    sensed: dt.date | None = None               # the same; None: the crop file's, else the day of work
-    growth: GrowthStage | None = None           # on the day of work, on the scale of the crop's growth_window
+    # by the crop's day rule; None: the crop file's
+    days: Annotated[int, Field(ge=1, le=400)] | None = None
+    # with the crop's weather file; None: as that crop file says
+    sown: dt.date | None = None
+    # the same; None: the crop file's, else the day of work
+    sensed: dt.date | None = None
+    # on the day of work, on the scale of the crop's growth_window
+    growth: GrowthStage | None = None
     ndvi_nrich: Annotated[float, Field(gt=0, le=1)] | None = None
-    ndvi_check: Annotated[float, Field(gt=0, le=1)] | None = None       # farmer check
+    ndvi_check: Annotated[float, Field(gt=0, le=1)] | None = None  # farmer check
     response_index: ResponseRule | None = None  # None: the crop file's
     strategy: Strategy = Strategy.OPENING_FIRST
     look_ahead: bool = True
     flow_trim: bool = True
-    no_double: bool = True                      # ground that an earlier pass has covered gets nothing more
-    # of the passes, one for all or a list by pass, the first at the origin; None: nobody has planned it
-    planned_speed_kmh: Kmh | Annotated[tuple[Kmh, ...], Field(min_length=1, max_length=1000)] | None = None
-    # share of a section's width that is done, or outside, at which it closes: 0: as soon as any is, 100: once all is
+    # ground that an earlier pass has covered gets nothing more
+    no_double: bool = True
+    # of the passes, one for all or a list by pass, the first at the origin; None: nobody has
+    # planned it
+    planned_speed_kmh: (
+        Kmh | Annotated[tuple[Kmh, ...], Field(min_length=1, max_length=1000)] | None
+    ) = None
+    # share of a section's width that is done, or outside, at which it closes: 0: as soon as any
+    # is, 100: once all is
     section_overlap_percent: Annotated[float, Field(ge=0, le=100)] = 50.0
     target: Wanted = Wanted()
     nitrogen: Nitrogen = Nitrogen()
@@ -241,8 +310,10 @@ class Job(FrozenModel):
     def _plants_known(self) -> Job:
         seen = self.simulated.camera is not None and self.simulated.plants is not None
         if self.target.source is TargetSource.POINT and self.target.plants is None and not seen:
-            raise ValueError("target.source point needs target.plants: a plant list next to the job file; or, "
-                             "simulated, simulated.plants and simulated.camera")
+            raise ValueError(
+                "target.source point needs target.plants: a plant list next to the job file; or, "
+                "simulated, simulated.plants and simulated.camera"
+            )
         return self
 
     @model_validator(mode="after")
@@ -250,7 +321,10 @@ class Job(FrozenModel):
         if self.nitrogen.year_max_kg_ha is None:
             return self
         if not self.no_double:
-            raise ValueError("no_double false: allowed without nitrogen.year_max_kg_ha, which no place may pass twice")
+            raise ValueError(
+                "no_double false: allowed without nitrogen.year_max_kg_ha, which no place "
+                "may pass twice"
+            )
         if self.target.plants is not None or self.simulated.camera is not None:
             raise ValueError("nitrogen.year_max_kg_ha: goes with rates; a dose a plant has none")
         return self
@@ -264,24 +338,50 @@ class Job(FrozenModel):
 
     @property
     def named_files(self) -> tuple[str, ...]:
-        """Map, plants, index map, zones and done ground, as the job names them, next to its file."""
+        """Map, plants, index map, zones and done ground, as the job names them, next to its
+        file."""
         target = self.target
-        return tuple(name for name in (target.map, target.plants, target.index_map, target.zone_map,
-                                 target.dose_errors, self.field.done)
-                     if name is not None)
+        return tuple(
+            name
+            for name in (
+                target.map,
+                target.plants,
+                target.index_map,
+                target.zone_map,
+                target.dose_errors,
+                self.field.done,
+            )
+            if name is not None
+        )
 
     def with_files(self, place: Callable[[str], str]) -> Job:
         """The same job, written elsewhere: the files that it names are named anew."""
+
         def moved(part: FrozenModel, *keys: str) -> dict[str, str]:
             return {key: place(value) for key in keys if (value := getattr(part, key)) is not None}
-        return self.model_copy(update={
-            "target": self.target.model_copy(update=moved(
-                self.target, "map", "plants", "index_map", "zone_map", "dose_errors")),
-            "nitrogen": self.nitrogen.model_copy(update=moved(self.nitrogen, "record")),
-            "field": self.field.model_copy(update=moved(self.field, "done"))})
+
+        return self.model_copy(
+            update={
+                "target": self.target.model_copy(
+                    update=moved(
+                        self.target, "map", "plants", "index_map", "zone_map", "dose_errors"
+                    )
+                ),
+                "nitrogen": self.nitrogen.model_copy(update=moved(self.nitrogen, "record")),
+                "field": self.field.model_copy(update=moved(self.field, "done")),
+            }
+        )
 
 
 def rule_of(crop: Crop, job: Job, days: int | None = None) -> Rule:
-    """The rule of a job's crop. days: as counted, where the job says none. Raises ValueError as `prepare` does."""
-    return prepare(crop, job.days or days, job.ndvi_nrich, job.ndvi_check, job.response_index,
-                   job.nitrogen.given_kg_ha, job.nitrogen.credit_kg_ha)
+    """The rule of a job's crop. days: as counted, where the job says none. Raises ValueError as
+    `prepare` does."""
+    return prepare(
+        crop,
+        job.days or days,
+        job.ndvi_nrich,
+        job.ndvi_check,
+        job.response_index,
+        job.nitrogen.given_kg_ha,
+        job.nitrogen.credit_kg_ha,
+    )

@@ -1,4 +1,6 @@
-"""Whose job it is, where, of what, by whom: names that people give, for screens and sheets. They decide nothing."""
+"""Whose job it is, where, of what, by whom: names that people give, for screens and sheets.
+They decide nothing."""
+
 from __future__ import annotations
 
 from typing import NamedTuple

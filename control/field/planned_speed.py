@@ -1,16 +1,20 @@
 """The speed that the job plans for the pass the machine is on."""
+
 from __future__ import annotations
 
 from math import cos, floor, radians, sin
 
 from control.field.job import Job
 
-ALONG_DEG = 30.0            # turned farther from the passes' heading, the machine is on none of them
+# turned farther from the passes' heading, the machine is on none of them
+ALONG_DEG = 30.0
 
 
-def pass_number(job: Job, width_m: float, east_m: float, north_m: float, heading_deg: float) -> int | None:
-    """Counted from 1 at the origin to the right of the passes' heading, by working width; None between passes and
-    beyond the first. Places on the field's plane."""
+def pass_number(
+    job: Job, width_m: float, east_m: float, north_m: float, heading_deg: float
+) -> int | None:
+    """Counted from 1 at the origin to the right of the passes' heading, by working width; None
+    between passes and beyond the first. Places on the field's plane."""
     along = job.field.pass_heading_deg
     off = (heading_deg - along + 90.0) % 180.0 - 90.0
     across_m = east_m * cos(radians(along)) - north_m * sin(radians(along))
@@ -19,10 +23,12 @@ def pass_number(job: Job, width_m: float, east_m: float, north_m: float, heading
     return floor(across_m / width_m) + 1
 
 
-def planned_mps(job: Job, width_m: float, place_m: tuple[float, float] | None,
-                heading_deg: float | None) -> float | None:
-    """Planned speed of the pass at a place, m/s; the last one of a list holds for all passes beyond it. None where
-    nobody has planned one, or where a list is given and the pass is not known: it needs the field's boundary."""
+def planned_mps(
+    job: Job, width_m: float, place_m: tuple[float, float] | None, heading_deg: float | None
+) -> float | None:
+    """Planned speed of the pass at a place, m/s; the last one of a list holds for all passes
+    beyond it. None where nobody has planned one, or where a list is given and the pass is not
+    known: it needs the field's boundary."""
     kmh = job.planned_speed_kmh
     if kmh is None or isinstance(kmh, float | int):
         return None if kmh is None else kmh / 3.6

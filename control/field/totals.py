@@ -1,31 +1,40 @@
-"""What a job amounts to so far: area, product, nitrogen, and how even the rate was over the worked area."""
+"""What a job amounts to so far: area, product, nitrogen, and how even the rate was over the
+worked area."""
+
 from __future__ import annotations
 
 import math
 from typing import NamedTuple
 
-ARRIVED = 0.1           # of the target; a standing shaft reads up to 1 r/min, some 1 % of it
-_BIN_KG_HA = 0.25       # of the rate histogram behind C_uc; its error is below this over the mean rate
+# of the target; a standing shaft reads up to 1 r/min, some 1 % of it
+ARRIVED = 0.1
+# of the rate histogram behind C_uc; its error is below this over the mean rate
+_BIN_KG_HA = 0.25
 
 
 class Totals(NamedTuple):
     """Frozen. Rates are means over worked area; None before any was worked."""
 
-    area_ha: float                       # worked: open width x way while material left, overlaps included
+    # worked: open width x way while material left, overlaps included
+    area_ha: float
     applied_kg: float
     applied_n_kg: float
-    target_kg: float                     # of the area whose target was known
+    target_kg: float  # of the area whose target was known
     worked_s: float
     mean_rate_kg_ha: float | None
-    cv_percent: float | None             # area-weighted standard deviation over the mean
-    cuc_percent: float | None            # Christiansen's uniformity, paper A, eq 1, weighted by area
-    error_percent: float | None          # applied over target - 1, on the area whose target was known
-    covered_ha: float | None = None      # each place once, earlier parts of the job too
-    overlap_ha: float | None = None      # passed over again, every time; since the console's start
-    metres_left_m: float | None = None   # with what the hopper holds, at the present rate
-    doses: int | None = None             # of point mode
+    cv_percent: float | None  # area-weighted standard deviation over the mean
+    # Christiansen's uniformity, paper A, eq 1, weighted by area
+    cuc_percent: float | None
+    # applied over target - 1, on the area whose target was known
+    error_percent: float | None
+    covered_ha: float | None = None  # each place once, earlier parts of the job too
+    # passed over again, every time; since the console's start
+    overlap_ha: float | None = None
+    metres_left_m: float | None = None  # with what the hopper holds, at the present rate
+    doses: int | None = None  # of point mode
     doses_missed: int | None = None
-    stopped_kg: float = 0.0              # of applied_kg: released while commanded to stop, on no area
+    # of applied_kg: released while commanded to stop, on no area
+    stopped_kg: float = 0.0
 
 
 class Sums(NamedTuple):
@@ -37,18 +46,20 @@ class Sums(NamedTuple):
     kg2_ha: float = 0.0
     known_kg: float = 0.0
     target_kg: float = 0.0
-    bins: tuple[tuple[int, float, float], ...] = ()     # rate bin, ha, kg
-    stopped_kg: float = 0.0                             # released while commanded to stop
-    n_kg: float | None = None           # nitrogen in all of it, whatever the products; None: of the product at hand
+    bins: tuple[tuple[int, float, float], ...] = ()  # rate bin, ha, kg
+    stopped_kg: float = 0.0  # released while commanded to stop
+    # nitrogen in all of it, whatever the products; None: of the product at hand
+    n_kg: float | None = None
 
 
 NOTHING = Sums()
 
 
 class Arrival:
-    """Has material come since work began, or is none wanted? Until then no ground gets any: at a pass's begin the
-    drives take their dead time before anything leaves, and the last of the pass runs out as much later. Way in which
-    nothing leaves yet, counted along with the way in which the last runs out, makes each pass longer than it is."""
+    """Has material come since work began, or is none wanted? Until then no ground gets any: at
+    a pass's begin the drives take their dead time before anything leaves, and the last of the
+    pass runs out as much later. Way in which nothing leaves yet, counted along with the way in
+    which the last runs out, makes each pass longer than it is."""
 
     def __init__(self) -> None:
         self._here = False
@@ -65,7 +76,8 @@ class Arrival:
 
 
 class Totaliser:
-    """Fed once a tick. width_m: working width; product_n_fraction: N in the product, 0 to 1. before: to go on from.
+    """Fed once a tick. width_m: working width; product_n_fraction: N in the product, 0 to 1.
+    before: to go on from.
 
     Raises ValueError for a width that is not above 0 or a fraction outside 0 to 1.
     """
@@ -78,24 +90,49 @@ class Totaliser:
         self._arrival = Arrival()
         self._width_m = width_m
         self._n_fraction = product_n_fraction
-        self._worked_s, self._area_ha, self._kg, self._kg2_ha, self._known_kg, self._target_kg, bins, \
-            self._stopped_kg, n_kg = before
+        (
+            self._worked_s,
+            self._area_ha,
+            self._kg,
+            self._kg2_ha,
+            self._known_kg,
+            self._target_kg,
+            bins,
+            self._stopped_kg,
+            n_kg,
+        ) = before
         self._other_n_kg = 0.0 if n_kg is None else n_kg - self.applied_kg * product_n_fraction
-        self._bins = {key: (ha, kg) for key, ha, kg in bins}      # rate bin -> (ha, kg)
+        self._bins = {key: (ha, kg) for key, ha, kg in bins}  # rate bin -> (ha, kg)
 
     @property
     def sums(self) -> Sums:
         """What was added up so far, to go on from later."""
-        return Sums(self._worked_s, self._area_ha, self._kg, self._kg2_ha, self._known_kg, self._target_kg,
-                    tuple((key, ha, kg) for key, (ha, kg) in self._bins.items()), self._stopped_kg, self.applied_n_kg)
+        return Sums(
+            self._worked_s,
+            self._area_ha,
+            self._kg,
+            self._kg2_ha,
+            self._known_kg,
+            self._target_kg,
+            tuple((key, ha, kg) for key, (ha, kg) in self._bins.items()),
+            self._stopped_kg,
+            self.applied_n_kg,
+        )
 
-    def add(self, step_s: float, speed_mps: float | None, applied_rate_kg_ha: float | None,
-            target_rate_kg_ha: float | None = None, open_share: float = 1.0) -> bool:
-        """One tick of work. Call it only where work is done (working, speed above the lowest, flow wanted or not), and
-        `rest` where none is. True: it was counted.
+    def add(
+        self,
+        step_s: float,
+        speed_mps: float | None,
+        applied_rate_kg_ha: float | None,
+        target_rate_kg_ha: float | None = None,
+        open_share: float = 1.0,
+    ) -> bool:
+        """One tick of work. Call it only where work is done (working, speed above the lowest,
+        flow wanted or not), and `rest` where none is. True: it was counted.
 
-        step_s: time since the last tick, s. open_share: of the working width; the rates are those under it. What is not
-        known, not finite or negative adds nothing, nor does way before material has come (`Arrival`).
+        step_s: time since the last tick, s. open_share: of the working width; the rates are
+        those under it. What is not known, not finite or negative adds nothing, nor does way
+        before material has come (`Arrival`).
         """
         if speed_mps is None or applied_rate_kg_ha is None:
             return False
@@ -122,8 +159,8 @@ class Totaliser:
         self._arrival.rest()
 
     def add_stopped(self, kg: float) -> None:
-        """What left the machine while it was commanded to stop: mass that no area and no mean rate answer for. Not
-        finite or negative adds nothing."""
+        """What left the machine while it was commanded to stop: mass that no area and no mean
+        rate answer for. Not finite or negative adds nothing."""
         if 0.0 < kg < math.inf:
             self._stopped_kg += kg
 
@@ -138,7 +175,8 @@ class Totaliser:
 
     @property
     def applied_n_kg(self) -> float:
-        """Nitrogen in it. `_other_n_kg`: what products of earlier parts had more of it than this one."""
+        """Nitrogen in it. `_other_n_kg`: what products of earlier parts had more of it than
+        this one."""
         return max(0.0, self.applied_kg * self._n_fraction + self._other_n_kg)
 
     def snapshot(self) -> Totals:
@@ -151,5 +189,15 @@ class Totaliser:
             away_kg = sum(abs(kg - mean * ha) for ha, kg in self._bins.values())
             cuc = 100.0 * (1.0 - away_kg / self._kg)
         error = 100.0 * (self._known_kg / self._target_kg - 1.0) if self._target_kg > 0.0 else None
-        return Totals(self._area_ha, self.applied_kg, self.applied_n_kg, self._target_kg,
-                      self._worked_s, mean, cv, cuc, error, stopped_kg=self._stopped_kg)
+        return Totals(
+            self._area_ha,
+            self.applied_kg,
+            self.applied_n_kg,
+            self._target_kg,
+            self._worked_s,
+            mean,
+            cv,
+            cuc,
+            error,
+            stopped_kg=self._stopped_kg,
+        )

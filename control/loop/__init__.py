@@ -1,4 +1,5 @@
 """One tick of control: measurements in, commands and a log row out."""
+
 from __future__ import annotations
 
 from control.loop.loop import ControlLoop

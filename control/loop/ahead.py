@@ -1,4 +1,6 @@
-"""What lies along the way ahead: the field's edge, its headland, ground that is done, the map, the canopy."""
+"""What lies along the way ahead: the field's edge, its headland, ground that is done, the map,
+the canopy."""
+
 from __future__ import annotations
 
 from collections.abc import Callable
@@ -27,17 +29,30 @@ from control.targets.overlap import LONGEST_M, Overlap
 from control.targets.profile import Everywhere, Profile, Stretches, Target, Unspread
 from control.targets.section_ground import SectionsGround
 
-CELL_M = 0.2                    # of the bitmap of ground that is done
-APPLIED_HOLDS_S = 2.0           # what another controller says it applies, as a target of such a display holds
+CELL_M = 0.2  # of the bitmap of ground that is done
+# what another controller says it applies, as a target of such a display holds
+APPLIED_HOLDS_S = 2.0
 DOSES_ONLY = Everywhere(Target(0.0, TargetSource.POINT))
 
 
 class Ahead:
     """Looked at once a tick; then asked for the profile of targets that holds."""
 
-    def __init__(self, machine: Machine, crop: Crop, rule: Rule, job: Job, fence: Fence | None, headland: Fence | None,
-                 *, prescription: MapProfile | None, index_map: IndexMap | None = None,
-                 zone_map: IndexMap | None = None, done: DoneGround | None = None, steps: Steps | None = None) -> None:
+    def __init__(
+        self,
+        machine: Machine,
+        crop: Crop,
+        rule: Rule,
+        job: Job,
+        fence: Fence | None,
+        headland: Fence | None,
+        *,
+        prescription: MapProfile | None,
+        index_map: IndexMap | None = None,
+        zone_map: IndexMap | None = None,
+        done: DoneGround | None = None,
+        steps: Steps | None = None,
+    ) -> None:
         """steps: compiled, for long runs."""
         geometry, width_m = machine.geometry, machine.geometry.working_width_m
         self._machine = machine
@@ -47,29 +62,56 @@ class Ahead:
         self._headland = None if rate is None else headland
         self._headland_target = Target(rate or 0.0, TargetSource.MANUAL)
         cell_m = min(CELL_M, width_m / 6.0)
-        self.overlap = Overlap(Coverage(width_m, cell_m, longest_m=LONGEST_M, strips=[
-            (strip.left_m, strip.right_m) for strip in machine.switched], steps=steps), geometry.outlets)
+        self.overlap = Overlap(
+            Coverage(
+                width_m,
+                cell_m,
+                longest_m=LONGEST_M,
+                strips=[(strip.left_m, strip.right_m) for strip in machine.switched],
+                steps=steps,
+            ),
+            geometry.outlets,
+        )
         self.sections = Sections(machine, job.section_overlap_percent, cell_m)
         mean = job.target.hold_mean_kg_ha
         self.hold = None if mean is None else HoldMean(mean)
         self._around = Around(job.target.around_percent, job.target.around_kg_ha)
-        self.heads = CanopyHeads(geometry.heads, CanopyDecisions(
-            rule, geometry.heads_m, job.target.decision_hz, Stretches(
-                crop.fallback_rate_kg_ha, first_reach_m=geometry.heads_m), self.hold),
-            crop.index, index_map, geometry.heads_m, zone_map)
+        self.heads = CanopyHeads(
+            geometry.heads,
+            CanopyDecisions(
+                rule,
+                geometry.heads_m,
+                job.target.decision_hz,
+                Stretches(crop.fallback_rate_kg_ha, first_reach_m=geometry.heads_m),
+                self.hold,
+            ),
+            crop.index,
+            index_map,
+            geometry.heads_m,
+            zone_map,
+        )
         if done is not None:
             self.overlap.seed(done.raster, ours=False)
         self._fallback = Everywhere(Target(crop.fallback_rate_kg_ha, TargetSource.FALLBACK))
-        silent_kg_ha, self._external_holds_s = job.target.external_silent_kg_ha, job.target.external_holds_s
-        self._external = self._silent = self._fallback if silent_kg_ha is None else Everywhere(
-            Target(silent_kg_ha, TargetSource.FALLBACK))
+        silent_kg_ha, self._external_holds_s = (
+            job.target.external_silent_kg_ha,
+            job.target.external_holds_s,
+        )
+        self._external = self._silent = (
+            self._fallback
+            if silent_kg_ha is None
+            else Everywhere(Target(silent_kg_ha, TargetSource.FALLBACK))
+        )
 
     def look(self, m: Measurements, sensed: Sensed, fired_to_m: float, no_double: bool) -> None:
         """Changes up to `fired_to_m` of the track have been made, and stay where they were seen."""
         self.heads.look(m, sensed)
         asked = m.rate_asked
-        self._external = (self._silent if asked is None or not is_fresh(asked.time_s, m.time_s, self._external_holds_s)
-                      else Everywhere(Target(asked.value, TargetSource.EXTERNAL)))
+        self._external = (
+            self._silent
+            if asked is None or not is_fresh(asked.time_s, m.time_s, self._external_holds_s)
+            else Everywhere(Target(asked.value, TargetSource.EXTERNAL))
+        )
         self._look_at_edges(sensed, fired_to_m)
         self._look_at_done(m, sensed, fired_to_m, no_double)
         self._look_at_map(sensed, fired_to_m)
@@ -88,9 +130,13 @@ class Ahead:
             if sensed.east_m is None or sensed.north_m is None or sensed.heading_deg is None:
                 fence.lost()
             else:
-                fence.look(sensed.track_m, sensed.east_m, sensed.north_m, sensed.heading_deg, fired_to_m)
+                fence.look(
+                    sensed.track_m, sensed.east_m, sensed.north_m, sensed.heading_deg, fired_to_m
+                )
 
-    def _look_at_done(self, m: Measurements, sensed: Sensed, fired_to_m: float, no_double: bool) -> None:
+    def _look_at_done(
+        self, m: Measurements, sensed: Sensed, fired_to_m: float, no_double: bool
+    ) -> None:
         """Note what lands here, and look for ground ahead that has its material."""
         place = None
         if sensed.position_ok and sensed.east_m is not None and sensed.north_m is not None:
@@ -98,48 +144,80 @@ class Ahead:
         rpm = 0.0 if m.shaft_rpm is None else m.shaft_rpm.value
         said = m.rate_applied
         turns = rpm >= 0.5 * self._machine.limits.shaft_low_rpm or (
-            said is not None and said.value > 0.0 and is_fresh(said.time_s, m.time_s, APPLIED_HOLDS_S))
+            said is not None
+            and said.value > 0.0
+            and is_fresh(said.time_s, m.time_s, APPLIED_HOLDS_S)
+        )
         opened = self.sections.open_now(sensed.time_s)
-        released = tuple([turns and on for on in opened]) if len(opened) > 1 else turns and opened[0]
-        self.overlap.note(sensed.time_s, place, sensed.heading_deg, released,
-                          drop_s(self._machine.fall, rpm) if turns else 0.0)
+        released = (
+            tuple([turns and on for on in opened]) if len(opened) > 1 else turns and opened[0]
+        )
+        self.overlap.note(
+            sensed.time_s,
+            place,
+            sensed.heading_deg,
+            released,
+            drop_s(self._machine.fall, rpm) if turns else 0.0,
+        )
         if no_double and not self.sections.strips:
             self.overlap.look(sensed.track_m, place, sensed.heading_deg, fired_to_m)
 
     def _look_at_map(self, sensed: Sensed, fired_to_m: float) -> None:
         if self.map is None:
             return
-        if sensed.east_m is None or sensed.north_m is None or sensed.heading_deg is None or not sensed.position_ok:
+        if (
+            sensed.east_m is None
+            or sensed.north_m is None
+            or sensed.heading_deg is None
+            or not sensed.position_ok
+        ):
             self.map.lost()
             return
         turn_deg_m = sensed.turn_deg_s / max(0.3, sensed.speed_mps or 0.0)
-        self.map.look(sensed.track_m, sensed.east_m, sensed.north_m, sensed.heading_deg, fired_to_m, turn_deg_m)
+        self.map.look(
+            sensed.track_m,
+            sensed.east_m,
+            sensed.north_m,
+            sensed.heading_deg,
+            fired_to_m,
+            turn_deg_m,
+        )
 
     def profile(self, choices: Choices, may_outside: bool, spread_to_m: float = -inf) -> Profile:
-        """Targets along the track: chosen, not where something lies already, not outside. spread_to_m: where the
-        machine has backed up, nothing more before this place."""
+        """Targets along the track: chosen, not where something lies already, not outside.
+        spread_to_m: where the machine has backed up, nothing more before this place."""
         wanted = self._chosen(choices)
         by_section = self._by_section(choices)
-        if self._headland is not None and not (by_section and self._headland_target.rate_kg_ha <= 0.0):
+        if self._headland is not None and not (
+            by_section and self._headland_target.rate_kg_ha <= 0.0
+        ):
             wanted = Fenced(wanted, self._headland, self._headland_target)
         if choices.no_double and not by_section:
             wanted = Fenced(wanted, self.overlap, Target(0.0, choices.source))
         if spread_to_m > -inf:
             wanted = Unspread(wanted, spread_to_m, choices.source)
-        return wanted if self.fence is None or may_outside or by_section else Fenced(wanted, self.fence)
+        return (
+            wanted
+            if self.fence is None or may_outside or by_section
+            else Fenced(wanted, self.fence)
+        )
 
     def _by_section(self, choices: Choices) -> bool:
-        """Whether every section is switched by its own strip: then the whole machine is not. Doses are the whole
-        machine's."""
+        """Whether every section is switched by its own strip: then the whole machine is not.
+        Doses are the whole machine's."""
         return bool(self.sections.strips) and choices.source is not TargetSource.POINT
 
     def ground(self, choices: Choices, may_outside: bool) -> SectionsGround:
         """What says which sections are to be on."""
         nothing = self._headland is not None and self._headland_target.rate_kg_ha <= 0.0
         by_map = self.map is not None and choices.source is TargetSource.MAP
-        return SectionsGround(None if may_outside else self.fence, self._headland if nothing else None,
-                              self.overlap.coverage if choices.no_double else None,
-                              self.map.prescription if by_map and self.map is not None else None, ())
+        return SectionsGround(
+            None if may_outside else self.fence,
+            self._headland if nothing else None,
+            self.overlap.coverage if choices.no_double else None,
+            self.map.prescription if by_map and self.map is not None else None,
+            (),
+        )
 
     def _chosen(self, choices: Choices) -> Profile:
         if choices.source is TargetSource.CANOPY:
@@ -159,10 +237,16 @@ class Ahead:
         """Whether another display's target is heard."""
         return self._external is not self._silent
 
-    def landing_inside(self, moment: Moment, holding: Target, stop: Callable[[], Lag], choices: Choices,
-                       may_outside: bool) -> bool | None:
-        """Whether what is released now lands inside the field, of some section at least; None where no field is
-        known. stop: asked for the lag of a stop, where that counts."""
+    def landing_inside(
+        self,
+        moment: Moment,
+        holding: Target,
+        stop: Callable[[], Lag],
+        choices: Choices,
+        may_outside: bool,
+    ) -> bool | None:
+        """Whether what is released now lands inside the field, of some section at least; None
+        where no field is known. stop: asked for the lag of a stop, where that counts."""
         sensed = moment.sensed
         if self.fence is None:
             return None
@@ -176,8 +260,9 @@ class Ahead:
         if not sensed.backwards:
             return self.fence.inside(sensed.track_m + ahead_m)
         angle = radians(sensed.heading_deg)
-        return (self.fence.edge.contains(sensed.east_m, sensed.north_m) and self.fence.edge.contains(
-            sensed.east_m - ahead_m * sin(angle), sensed.north_m - ahead_m * cos(angle)))
+        return self.fence.edge.contains(sensed.east_m, sensed.north_m) and self.fence.edge.contains(
+            sensed.east_m - ahead_m * sin(angle), sensed.north_m - ahead_m * cos(angle)
+        )
 
     def is_done(self, place_m: float) -> bool:
         """Whether a place of the track has its material."""

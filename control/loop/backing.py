@@ -1,4 +1,5 @@
 """Backing up without leave to spread: what has landed is not spread upon again by itself."""
+
 from __future__ import annotations
 
 from math import inf
@@ -15,16 +16,17 @@ class Backing:
 
     def __init__(self, machine: Machine) -> None:
         self._machine = machine
-        self._backed = False            # backwards at the tick before
-        self._landed_to_m = -inf        # farthest place at which material has landed
-        self.spread_to_m = -inf         # the same when the machine last turned round
+        self._backed = False  # backwards at the tick before
+        self._landed_to_m = -inf  # farthest place at which material has landed
+        self.spread_to_m = -inf  # the same when the machine last turned round
 
     def forget(self) -> None:
         """The operator wants flow from here on, or the machine has left its line."""
         self._landed_to_m = self.spread_to_m = -inf
 
     def look(self, sensed: Sensed, may_reverse: bool) -> bool:
-        """True where the machine has started to back up or to go on, and may not spread while it backs up."""
+        """True where the machine has started to back up or to go on, and may not spread while
+        it backs up."""
         if abs(sensed.turn_deg_s) > STRAIGHT_DEG_S:
             self.forget()
         turned_round = sensed.backwards != self._backed and not may_reverse

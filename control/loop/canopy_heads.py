@@ -1,4 +1,5 @@
 """The canopy heads in the loop: their newest readings fused, and decided upon."""
+
 from __future__ import annotations
 
 from control.agronomy import fusion
@@ -9,16 +10,24 @@ from control.sensing import Sensed
 from control.targets.canopy import CanopyDecisions
 from control.targets.index_map import IndexMap
 
-LATENCY_S = 0.5                 # a head's reading may be one period old
+LATENCY_S = 0.5  # a head's reading may be one period old
 
 
 class CanopyHeads:
     """`fused`: newest; None before the first look. `by_map`: the index map stands in."""
 
-    def __init__(self, heads: int, decisions: CanopyDecisions, index: str = "ndvi",
-                 under: IndexMap | None = None, heads_m: float = 0.0, zones: IndexMap | None = None) -> None:
-        """index: of the crop's rule; readings of another one are as none. under: what stands in for silent heads, which
-        look at the ground `heads_m` before the outlets. zones: factors of the rule."""
+    def __init__(
+        self,
+        heads: int,
+        decisions: CanopyDecisions,
+        index: str = "ndvi",
+        under: IndexMap | None = None,
+        heads_m: float = 0.0,
+        zones: IndexMap | None = None,
+    ) -> None:
+        """index: of the crop's rule; readings of another one are as none. under: what stands in
+        for silent heads, which look at the ground `heads_m` before the outlets. zones: factors
+        of the rule."""
         self._index = index
         self.decisions = decisions
         self.fused: fusion.Fused | None = None
@@ -42,7 +51,8 @@ class CanopyHeads:
                 self.decisions.pause()
             else:
                 self._sample(self.fused.ndvi, fresh, sensed)
-        if self._zones is not None and (place := self._seen(sensed)) is not None:   # not known: the last zone holds
+        # not known: the last zone holds
+        if self._zones is not None and (place := self._seen(sensed)) is not None:
             factor = self._zones.at(*place)
             self.decisions.zone_factor = 1.0 if factor is None else factor
         self.decisions.decide(sensed.track_m, now)
@@ -55,17 +65,30 @@ class CanopyHeads:
         if self._under is not None and mapped is not None and read is not None and fresh:
             self._under.learn(read, mapped)
         if self._under is not None and mapped is not None and read is None:
-            self.decisions.sample(self._under.levelled(mapped), sensed.track_m, sensed.time_s, sensed.turn_deg_s,
-                                  TargetSource.INDEX_MAP)
+            self.decisions.sample(
+                self._under.levelled(mapped),
+                sensed.track_m,
+                sensed.time_s,
+                sensed.turn_deg_s,
+                TargetSource.INDEX_MAP,
+            )
         else:
-            self.decisions.sample(read if fresh else None, sensed.track_m, sensed.time_s, sensed.turn_deg_s)
+            self.decisions.sample(
+                read if fresh else None, sensed.track_m, sensed.time_s, sensed.turn_deg_s
+            )
 
     def _seen(self, sensed: Sensed) -> tuple[Place, float] | None:
         """Where the heads look, and the course; None without a place."""
-        if (not sensed.position_ok or sensed.east_m is None or sensed.north_m is None
-                or sensed.heading_deg is None):
+        if (
+            not sensed.position_ok
+            or sensed.east_m is None
+            or sensed.north_m is None
+            or sensed.heading_deg is None
+        ):
             return None
-        return offset((sensed.east_m, sensed.north_m), sensed.heading_deg, self._heads_m), sensed.heading_deg
+        return offset(
+            (sensed.east_m, sensed.north_m), sensed.heading_deg, self._heads_m
+        ), sensed.heading_deg
 
     @property
     def valid(self) -> int:

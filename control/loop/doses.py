@@ -1,4 +1,5 @@
 """Point mode in the loop: the dose that is due, nothing outside the field, no plant twice."""
+
 from __future__ import annotations
 
 from math import inf
@@ -21,9 +22,12 @@ from control.targets.profile import Target
 
 
 class Doses:
-    """`ahead_m`: how far ahead of the outlet the plant of the newest dose stood when it was ordered."""
+    """`ahead_m`: how far ahead of the outlet the plant of the newest dose stood when it was
+    ordered."""
 
-    def __init__(self, machine: Machine, points: PointSource, ahead: Ahead, limits: DriveLimits) -> None:
+    def __init__(
+        self, machine: Machine, points: PointSource, ahead: Ahead, limits: DriveLimits
+    ) -> None:
         self.points = points
         self.ahead_m = 0.0
         self._machine = machine
@@ -34,9 +38,21 @@ class Doses:
         """Take in the plants ahead; not in turns, not backing up."""
         place = None
         straight = abs(sensed.turn_deg_s) <= STRAIGHT_DEG_S and not sensed.backwards
-        if straight and sensed.position_ok and sensed.east_m is not None and sensed.north_m is not None:
+        if (
+            straight
+            and sensed.position_ok
+            and sensed.east_m is not None
+            and sensed.north_m is not None
+        ):
             place = (sensed.east_m, sensed.north_m)
-        self.points.look(sensed.time_s, sensed.track_m, place, sensed.heading_deg, sensed.speed_mps or 0.0, m.plants)
+        self.points.look(
+            sensed.time_s,
+            sensed.track_m,
+            place,
+            sensed.heading_deg,
+            sensed.speed_mps or 0.0,
+            m.plants,
+        )
 
     @property
     def fastest_mps(self) -> float:
@@ -64,16 +80,28 @@ class Doses:
         inside = fence.inside(sensed.track_m + self.points.reach_m(sensed.speed_mps or 0.0))
         return DOSES_ONLY.target if inside else OUTSIDE
 
-    def due(self, moment: Moment, choices: Choices, verdict: Verdict) -> tuple[DoseOrder | None, list[str]]:
+    def due(
+        self, moment: Moment, choices: Choices, verdict: Verdict
+    ) -> tuple[DoseOrder | None, list[str]]:
         """The dose to be commanded now; doses and misses as events of the row."""
         sensed = moment.sensed
-        at_work = verdict.state is State.WORKING and not self.dosed_earlier(sensed, choices.no_double)
-        due = self.points.tick(sensed.time_s, sensed.track_m, moment.speed_mps, moment.dt_s, verdict.flow_allowed,
-                               at_work)
+        at_work = verdict.state is State.WORKING and not self.dosed_earlier(
+            sensed, choices.no_double
+        )
+        due = self.points.tick(
+            sensed.time_s,
+            sensed.track_m,
+            moment.speed_mps,
+            moment.dt_s,
+            verdict.flow_allowed,
+            at_work,
+        )
         events = [f"dose_missed {why}" for why in due.missed]
         if due.dose is None:
             return None, events
-        more = due.dose._replace(angle_deg=round(due.dose.angle_deg * (1.0 + choices.nudge_percent / 100.0), 3))
+        more = due.dose._replace(
+            angle_deg=round(due.dose.angle_deg * (1.0 + choices.nudge_percent / 100.0), 3)
+        )
         dose = limited_dose(more, self._limits, verdict.flow_allowed)
         if dose is not None:
             self.ahead_m = self.points.given[-1].plant_m - sensed.track_m
@@ -81,11 +109,19 @@ class Doses:
         return dose, events
 
     def dosed_earlier(self, sensed: Sensed, no_double: bool) -> bool:
-        """Whether the plant of a dose commanded now has its dose from an earlier part of the job."""
-        if not no_double or sensed.east_m is None or sensed.north_m is None or sensed.heading_deg is None:
+        """Whether the plant of a dose commanded now has its dose from an earlier part of the
+        job."""
+        if (
+            not no_double
+            or sensed.east_m is None
+            or sensed.north_m is None
+            or sensed.heading_deg is None
+        ):
             return False
         ahead_m = self.points.reach_m(sensed.speed_mps or 0.0)
-        return self._ahead.overlap.earlier(offset((sensed.east_m, sensed.north_m), sensed.heading_deg, ahead_m))
+        return self._ahead.overlap.earlier(
+            offset((sensed.east_m, sensed.north_m), sensed.heading_deg, ahead_m)
+        )
 
     def rate_kg_ha(self, c: Conditions) -> float:
         """What the doses amount to at the mean spacing of the last ones; 0 before there are two."""
@@ -120,7 +156,9 @@ class NoDoses:
     def target(self, sensed: Sensed, may_outside: bool) -> Target:
         return OUTSIDE
 
-    def due(self, moment: Moment, choices: Choices, verdict: Verdict) -> tuple[DoseOrder | None, list[str]]:
+    def due(
+        self, moment: Moment, choices: Choices, verdict: Verdict
+    ) -> tuple[DoseOrder | None, list[str]]:
         return None, []
 
     def dosed_earlier(self, sensed: Sensed, no_double: bool) -> bool:

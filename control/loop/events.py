@@ -1,17 +1,22 @@
-"""Events on their way into rows: none of them longer, no row with more, than a log's readers take."""
+"""Events on their way into rows: none of them longer, no row with more, than a log's readers
+take."""
+
 from __future__ import annotations
 
 from collections import deque
 
-EVENT_CHARACTERS = 1_000        # of one event; an operator's mark may be as long
-ROW_CHARACTERS = 1_800          # of all events of a row together, separators included: were each of them a comma, a
-                                # reader that looks for columns (2,000 at most) would still take the row
-MOST_WAITING = 1_000            # that wait for their row: of what comes then only the number is kept
+EVENT_CHARACTERS = 1_000  # of one event; an operator's mark may be as long
+# of all events of a row together, separators included: were each of them a comma, a reader that
+# looks for columns (2,000 at most) would still take the row
+ROW_CHARACTERS = 1_800
+# that wait for their row: of what comes then only the number is kept
+MOST_WAITING = 1_000
 _CUT = "..."
 
 
 class Events:
-    """`add` as they happen, `of_one_row` once a tick. In their order; what one row cannot hold waits for the next."""
+    """`add` as they happen, `of_one_row` once a tick. In their order; what one row cannot hold
+    waits for the next."""
 
     def __init__(self) -> None:
         self._waiting: deque[str] = deque()
@@ -26,8 +31,11 @@ class Events:
             if self.full:
                 self._left_out += 1
             else:
-                self._waiting.append(event if len(event) <= EVENT_CHARACTERS
-                                     else event[:EVENT_CHARACTERS - len(_CUT)] + _CUT)
+                self._waiting.append(
+                    event
+                    if len(event) <= EVENT_CHARACTERS
+                    else event[: EVENT_CHARACTERS - len(_CUT)] + _CUT
+                )
 
     def of_one_row(self) -> list[str]:
         """Those that the next row takes."""

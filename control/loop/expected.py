@@ -1,4 +1,6 @@
-"""Where shaft and gate should be by now: the drives as the model knows them, given the untrimmed set-points."""
+"""Where shaft and gate should be by now: the drives as the model knows them, given the
+untrimmed set-points."""
+
 from __future__ import annotations
 
 from typing import Any
@@ -26,22 +28,37 @@ class ExpectedDrives:
     def begin(self, opening_mm: float, now_s: float) -> None:
         """The shaft stands, the gate is here."""
         shaft, gate = shaft_start(0.0, now_s), gate_start(opening_mm, now_s)
-        self._shaft, self._gate = shaft._replace(line=in_lists(shaft.line)), gate._replace(line=in_lists(gate.line))
+        self._shaft, self._gate = (
+            shaft._replace(line=in_lists(shaft.line)),
+            gate._replace(line=in_lists(gate.line)),
+        )
         self.pair = Pair(0.0, opening_mm)
         if self._steps is not None:
             self._drives = self._steps.drives(shaft, gate)
             self._drives.of(self._machine.shaft, self._machine.gate)
 
-    def step(self, command: DriveCommand, supply_v: float | None, dt_s: float, more: More = NOTHING) -> None:
-        """`command`: without trims; `supply_v` None: not measured; `more`: what the machine's terms add."""
+    def step(
+        self, command: DriveCommand, supply_v: float | None, dt_s: float, more: More = NOTHING
+    ) -> None:
+        """`command`: without trims; `supply_v` None: not measured; `more`: what the machine's
+        terms add."""
         if dt_s <= 0.0:
             return
         supply = supply_v if supply_v is not None else self._machine.shaft.nominal_supply_v
         if self._drives is not None:
-            self.pair = Pair(*self._drives.step(command.shaft_rpm, command.opening_mm, supply, dt_s, more))
+            self.pair = Pair(
+                *self._drives.step(command.shaft_rpm, command.opening_mm, supply, dt_s, more)
+            )
             return
-        self._shaft, shaft = shaft_step(self._machine.shaft, self._shaft,
-                                        ShaftInput(command.shaft_rpm, self.pair.opening_mm, supply,
-                                                   more.shaft_percent, more.shaft_rpm), dt_s)
-        self._gate, gate = gate_step(self._machine.gate, self._gate, GateInput(command.opening_mm, more.gate_mm), dt_s)
+        self._shaft, shaft = shaft_step(
+            self._machine.shaft,
+            self._shaft,
+            ShaftInput(
+                command.shaft_rpm, self.pair.opening_mm, supply, more.shaft_percent, more.shaft_rpm
+            ),
+            dt_s,
+        )
+        self._gate, gate = gate_step(
+            self._machine.gate, self._gate, GateInput(command.opening_mm, more.gate_mm), dt_s
+        )
         self.pair = Pair(shaft.rpm, gate.opening_mm)

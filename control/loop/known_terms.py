@@ -1,8 +1,17 @@
-"""The machine file's terms as control knows them: those that it can take back, at the readings of this tick."""
+"""The machine file's terms as control knows them: those that it can take back, at the readings
+of this tick."""
+
 from __future__ import annotations
 
 from control.machine.machine import Machine
-from control.machine.term_sums import NOTHING, HeldCommands, More, StandingTerms, TermSums, not_compensated
+from control.machine.term_sums import (
+    NOTHING,
+    HeldCommands,
+    More,
+    StandingTerms,
+    TermSums,
+    not_compensated,
+)
 from control.machine.terms import Acts
 from control.readings import DriveCommand, Measurements, Reading
 from control.sensing import Sensed
@@ -21,18 +30,42 @@ class KnownTerms:
         self._ran_away_kg = 0.0
         self.now: StandingTerms | None = None
 
-    def step(self, m: Measurements, sensed: Sensed, since_s: float, command: DriveCommand | None, dt_s: float) -> None:
+    def step(
+        self,
+        m: Measurements,
+        sensed: Sensed,
+        since_s: float,
+        command: DriveCommand | None,
+        dt_s: float,
+    ) -> None:
         """`command`: the one that was in force until now; `since_s`: since the run began."""
         if not self._terms:
             return
-        values = {name: reading.value for name, reading in (
-            ("shaft_rpm", m.shaft_rpm), ("opening_mm", m.opening_mm), ("hopper_kg", m.hopper_kg),
-            ("pitch_deg", m.pitch_deg), ("roll_deg", m.roll_deg), ("supply_v", m.supply_v)) if reading is not None}
-        values |= {name: value for name, value in (
-            ("speed_mps", sensed.speed_mps), ("heading_deg", sensed.heading_deg), ("time_s", since_s))
-            if value is not None}
+        values = {
+            name: reading.value
+            for name, reading in (
+                ("shaft_rpm", m.shaft_rpm),
+                ("opening_mm", m.opening_mm),
+                ("hopper_kg", m.hopper_kg),
+                ("pitch_deg", m.pitch_deg),
+                ("roll_deg", m.roll_deg),
+                ("supply_v", m.supply_v),
+            )
+            if reading is not None
+        }
+        values |= {
+            name: value
+            for name, value in (
+                ("speed_mps", sensed.speed_mps),
+                ("heading_deg", sensed.heading_deg),
+                ("time_s", since_s),
+            )
+            if value is not None
+        }
         if command is not None and dt_s > 0.0:
-            values |= self._commands.step(m.time_s - dt_s, command.shaft_rpm, command.opening_mm, dt_s)
+            values |= self._commands.step(
+                m.time_s - dt_s, command.shaft_rpm, command.opening_mm, dt_s
+            )
         more = self._terms.step(values, dt_s)
         self._ran_away_kg += more.scale_kg_min / 60.0 * dt_s
         self.now = self._terms.frozen(values)

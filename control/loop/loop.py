@@ -1,4 +1,5 @@
 """One tick of control: measurements in, commands and a log row out. No clock, no port, no file."""
+
 from __future__ import annotations
 
 from datetime import date
@@ -40,8 +41,25 @@ from control.metering.setting import Setting
 from control.metering.strategies import Pair
 from control.metering.trims import NOTHING_LEFT, DriveTrim, TrimLimits
 from control.orders import BY_CANOPY, Answer, Do, Order, State, Strategy, TargetSource
-from control.readings import DriveCommand, Measurements, Reading, SpeedPlan, announced_text, is_fresh, possible
-from control.safety import BenchRun, DriveLimits, Safety, SafetyLimits, Verdict, limited, limited_valves, refusal
+from control.readings import (
+    DriveCommand,
+    Measurements,
+    Reading,
+    SpeedPlan,
+    announced_text,
+    is_fresh,
+    possible,
+)
+from control.safety import (
+    BenchRun,
+    DriveLimits,
+    Safety,
+    SafetyLimits,
+    Verdict,
+    limited,
+    limited_valves,
+    refusal,
+)
 from control.sensing import Forecaster, Sensed, Sensing, SensingLimits
 from control.targets.fence import OUTSIDE, Fence
 from control.targets.index_map import IndexMap
@@ -52,76 +70,140 @@ from control.targets.point_source import PointSource
 from control.targets.profile import Target, TargetChange
 
 LONGEST_TICK_S = 1.0
-STANDING_TICKS = 10             # half a second at 20 Hz, as long as a drive may be silent
-GROWTH_REPORTED_S = 15.0            # after START, of a crop outside its window
-ZERO_BY_CANOPY = ("above_cutoff", "below_cutoff", "yield_reached", "no_zone")       # why a rule's rate is nothing
+# half a second at 20 Hz, as long as a drive may be silent
+STANDING_TICKS = 10
+GROWTH_REPORTED_S = 15.0  # after START, of a crop outside its window
+# why a rule's rate is nothing
+ZERO_BY_CANOPY = ("above_cutoff", "below_cutoff", "yield_reached", "no_zone")
 OF_THE_CANOPY = (TargetSource.CANOPY, TargetSource.INDEX_MAP, TargetSource.FALLBACK)
-ZERO_BY_SOURCE = (TargetSource.MAP, TargetSource.MANUAL, TargetSource.FALLBACK, TargetSource.EXTERNAL)
-SLOWEST_MPS = 0.3               # below, flow over speed means nothing
+ZERO_BY_SOURCE = (
+    TargetSource.MAP,
+    TargetSource.MANUAL,
+    TargetSource.FALLBACK,
+    TargetSource.EXTERNAL,
+)
+SLOWEST_MPS = 0.3  # below, flow over speed means nothing
 
 
 class ControlLoop:
-    """One run of one machine on one job. Call `order` between ticks, `tick` once per control period."""
+    """One run of one machine on one job. Call `order` between ticks, `tick` once per control
+    period."""
 
-    def __init__(self, machine: Machine, crop: Crop, rule: Rule, job: Job, fence: Fence | None = None,
-                 has_work_switch: bool = False, *, safety_limits: SafetyLimits | None = None,
-                 prescription: MapProfile | None = None, points: PointSource | None = None,
-                 headland: Fence | None = None, obeyed: bool = True, index_map: IndexMap | None = None,
-                 zone_map: IndexMap | None = None, done: DoneGround | None = None, steps: Steps | None = None,
-                 record_only: bool = False) -> None:
-        """obeyed: False where the drives follow other commands, as in a log that is gone through again. index_map: for
-        where the heads are silent. zone_map: factors of the canopy's rule by places. done: ground that others have
-        covered. steps: compiled, for long runs. record_only: nothing is commanded, what somebody else's machine does is
+    def __init__(
+        self,
+        machine: Machine,
+        crop: Crop,
+        rule: Rule,
+        job: Job,
+        fence: Fence | None = None,
+        has_work_switch: bool = False,
+        *,
+        safety_limits: SafetyLimits | None = None,
+        prescription: MapProfile | None = None,
+        points: PointSource | None = None,
+        headland: Fence | None = None,
+        obeyed: bool = True,
+        index_map: IndexMap | None = None,
+        zone_map: IndexMap | None = None,
+        done: DoneGround | None = None,
+        steps: Steps | None = None,
+        record_only: bool = False,
+    ) -> None:
+        """obeyed: False where the drives follow other commands, as in a log that is gone
+        through again. index_map: for where the heads are silent. zone_map: factors of the
+        canopy's rule by places. done: ground that others have covered. steps: compiled, for
+        long runs. record_only: nothing is commanded, what somebody else's machine does is
         recorded."""
         self.machine = machine
         self.crop = crop
         self.job = job
         limits = machine.limits
-        self._drive_limits = DriveLimits(limits.shaft_low_rpm, limits.shaft_high_rpm,
-                                         limits.opening_low_mm, limits.opening_high_mm)
-        allowed = safety_limits or standing_limits(machine, SafetyLimits(hopper_low_kg=limits.hopper_low_kg))
+        self._drive_limits = DriveLimits(
+            limits.shaft_low_rpm,
+            limits.shaft_high_rpm,
+            limits.opening_low_mm,
+            limits.opening_high_mm,
+        )
+        allowed = safety_limits or standing_limits(
+            machine, SafetyLimits(hopper_low_kg=limits.hopper_low_kg)
+        )
         self.safety = Safety(allowed, has_work_switch)
-        self._stopped, self._record_only = Stopped(machine, allowed, obeyed and not record_only), record_only
+        self._stopped, self._record_only = (
+            Stopped(machine, allowed, obeyed and not record_only),
+            record_only,
+        )
         self._effort = EffortWatch(machine)
-        self._sensing = Sensing(machine.geometry.antenna_m, _plane(
-            job, prescription, points, index_map or zone_map, done), SensingLimits(reckoned_m=_reckoned_m(
-                machine, prescription, points)))
-        self._ahead = Ahead(machine, crop, rule, job, fence, headland, prescription=prescription,
-                            index_map=index_map, zone_map=zone_map, done=done, steps=steps)
+        self._sensing = Sensing(
+            machine.geometry.antenna_m,
+            _plane(job, prescription, points, index_map or zone_map, done),
+            SensingLimits(reckoned_m=_reckoned_m(machine, prescription, points)),
+        )
+        self._ahead = Ahead(
+            machine,
+            crop,
+            rule,
+            job,
+            fence,
+            headland,
+            prescription=prescription,
+            index_map=index_map,
+            zone_map=zone_map,
+            done=done,
+            steps=steps,
+        )
         self._doses: Doses | NoDoses = (
-            NoDoses() if points is None else Doses(machine, points, self._ahead, self._drive_limits))
+            NoDoses() if points is None else Doses(machine, points, self._ahead, self._drive_limits)
+        )
         self._backing = Backing(machine)
-        self._near = MapNear(None if prescription is None else prescription.prescription, job.field.boundary_m)
-        self._sensed: Sensed | None = None              # of the newest tick
+        self._near = MapNear(
+            None if prescription is None else prescription.prescription, job.field.boundary_m
+        )
+        self._sensed: Sensed | None = None  # of the newest tick
         self._queue = ChangeQueue(Target(0.0, TargetSource.NONE))
         self._lags = ChangeLags(machine)
         self._setting = Setting(machine, job.strategy)
         self._forecaster = Forecaster()
         self._drive_trim = DriveTrim(TrimLimits(), still=1.0)
         self._flow_trim = FlowTrim(
-            machine.noise.scale_kg, machine.noise.scale_correlation_s, outlets=machine.geometry.outlets,
-            most_kg_s=flow_kg_s(machine, limits.shaft_high_rpm, limits.opening_high_mm))
-        self._catch_test = newest_test_date(machine)    # until a fix says how old it is
+            machine.noise.scale_kg,
+            machine.noise.scale_correlation_s,
+            outlets=machine.geometry.outlets,
+            most_kg_s=flow_kg_s(machine, limits.shaft_high_rpm, limits.opening_high_mm),
+        )
+        self._catch_test = newest_test_date(machine)  # until a fix says how old it is
         self._expected = ExpectedDrives(machine, steps)
         self._terms = KnownTerms(machine)
-        self._operator = Operator(job, crop, self.safety, self._setting, flow_trim=self._flow_trim, points=points,
-                                  has_map=prescription is not None, started=self._started,
-                                  strip_measured=self._ahead.heads.decisions.take_strip, sections=len(machine.switched),
-                                  hopper_kg=machine.flow.full_kg, why_no_start=self._why_no_start,
-                                  record_only=record_only)
+        self._operator = Operator(
+            job,
+            crop,
+            self.safety,
+            self._setting,
+            flow_trim=self._flow_trim,
+            points=points,
+            has_map=prescription is not None,
+            started=self._started,
+            strip_measured=self._ahead.heads.decisions.take_strip,
+            sections=len(machine.switched),
+            hopper_kg=machine.flow.full_kg,
+            why_no_start=self._why_no_start,
+            record_only=record_only,
+        )
         self._totals = Totaliser(machine.geometry.working_width_m, crop.product_n_fraction)
-        self._command: DriveCommand | None = None       # of the tick before
-        self._events = Events()                         # of the next rows
-        self._refused_s: float | None = None            # epoch of the last GNSS place that was refused
-        self._time_s: float | None = None               # of the tick before
-        self._standing = 0                              # ticks since the clock last went on
+        self._command: DriveCommand | None = None  # of the tick before
+        self._events = Events()  # of the next rows
+        # epoch of the last GNSS place that was refused
+        self._refused_s: float | None = None
+        self._time_s: float | None = None  # of the tick before
+        self._standing = 0  # ticks since the clock last went on
         self._started_s = 0.0
         self._metres_left_m: float | None = None
-        self._announced_s: float | None = None               # when the tractor announced what the rows have
+        # when the tractor announced what the rows have
+        self._announced_s: float | None = None
         self._growth = growth_of(crop.growth_window, job.growth, rule.days)
         self._growth_reported_s = -inf
 
-    # -- the run ---------------------------------------------------------------------------------------------------
+    # -- the run
+    # ----------------------------------------------------------------------------------------------
 
     @property
     def strategy(self) -> Strategy:
@@ -132,17 +214,22 @@ class ControlLoop:
         """Area, product, nitrogen and evenness so far. Takes some 50 us: not for every tick."""
         covered = self._ahead.overlap.covered
         totals = self._totals.snapshot()._replace(
-            covered_ha=covered.area_ha, overlap_ha=covered.overlap_ha, metres_left_m=self._metres_left_m)
+            covered_ha=covered.area_ha,
+            overlap_ha=covered.overlap_ha,
+            metres_left_m=self._metres_left_m,
+        )
         return self._doses.counted(totals)
 
     @property
     def sums(self) -> Sums:
-        """What a later loop needs to go on with the totals. Takes some 50 us: not for every tick."""
+        """What a later loop needs to go on with the totals. Takes some 50 us: not for every
+        tick."""
         return self._totals.sums
 
     @property
     def plane(self) -> TangentPlane | None:
-        """On which places are given; None before the first fix where neither field nor map has one."""
+        """On which places are given; None before the first fix where neither field nor map has
+        one."""
         return self._sensing.plane
 
     @property
@@ -155,13 +242,20 @@ class ControlLoop:
         """Of point mode, as learned."""
         return self._doses.threshold
 
-    def go_on(self, sums: Sums, done: Raster, plane: TangentPlane | None, after_cut_kg: float = 0.0) -> None:
-        """Before the first tick: go on with a job that was cut off. done: on `plane`, what its parts have spread.
-        after_cut_kg: of the sums, what is thought to have been released after the last row; the first row says so."""
-        self._totals = Totaliser(self.machine.geometry.working_width_m, self.crop.product_n_fraction, sums)
+    def go_on(
+        self, sums: Sums, done: Raster, plane: TangentPlane | None, after_cut_kg: float = 0.0
+    ) -> None:
+        """Before the first tick: go on with a job that was cut off. done: on `plane`, what its
+        parts have spread. after_cut_kg: of the sums, what is thought to have been released
+        after the last row; the first row says so."""
+        self._totals = Totaliser(
+            self.machine.geometry.working_width_m, self.crop.product_n_fraction, sums
+        )
         if self._ahead.hold is not None and sums.area_ha > 0.0:
-            self._ahead.hold.go_on(sums.area_ha * 10_000.0 / self.machine.geometry.working_width_m,
-                                   sums.kg / sums.area_ha)
+            self._ahead.hold.go_on(
+                sums.area_ha * 10_000.0 / self.machine.geometry.working_width_m,
+                sums.kg / sums.area_ha,
+            )
         if self._sensing.plane is None:
             self._sensing.plane = plane
         self._ahead.overlap.seed(done)
@@ -169,20 +263,26 @@ class ControlLoop:
             self._events.add(f"released_after_cut {after_cut_kg:.3f}")
 
     def spread_by_others(self, done: Raster) -> None:
-        """Ground, on this loop's plane, that another job has spread: it counts to no total here, and gets no more."""
+        """Ground, on this loop's plane, that another job has spread: it counts to no total
+        here, and gets no more."""
         self._ahead.overlap.seed(done, ours=False)
 
     def target_at(self, track_m: float) -> Target:
-        """The target that holds at a place of the track, fence included: what the ground was meant to get."""
-        return self._ahead.profile(self._operator.choices, self.safety.memory.allow.outside).at(track_m)
+        """The target that holds at a place of the track, fence included: what the ground was
+        meant to get."""
+        return self._ahead.profile(self._operator.choices, self.safety.memory.allow.outside).at(
+            track_m
+        )
 
     def note(self, event: str) -> None:
         """An event of the log that changes nothing."""
         self._events.add(event)
 
     def order(self, order: Order, by: str = "") -> Answer:
-        """Obey or refuse; `Answer.why` says why. by: who ordered it, an event behind the order's own."""
-        if order.do is Do.MARK and self._events.full:       # nothing but a word in the log: it can wait
+        """Obey or refuse; `Answer.why` says why. by: who ordered it, an event behind the
+        order's own."""
+        # nothing but a word in the log: it can wait
+        if order.do is Do.MARK and self._events.full:
             return Answer(False, "busy")
         answer, event = self._operator.order(order, self._time_s or 0.0)
         if answer.accepted and order.do is Do.SOURCE:
@@ -192,15 +292,16 @@ class ControlLoop:
         return answer
 
     def _started(self) -> None:
-        """The operator wants flow from here on, also where some lies already. A crop beyond the stages of its rule is
-        said, and stops nothing."""
+        """The operator wants flow from here on, also where some lies already. A crop beyond the
+        stages of its rule is said, and stops nothing."""
         if self._growth is not None and self._growth.is_outside:
             self._events.add(f"growth_stage_outside {self._growth.text}")
             self._growth_reported_s = self._time_s or 0.0
         self._backing.forget()
         self._flow_trim.started()
         self._near.started()
-        if self.job.nitrogen.year_max_kg_ha is None:        # else no place gets it twice, whoever wants it
+        # else no place gets it twice, whoever wants it
+        if self.job.nitrogen.year_max_kg_ha is None:
             self._ahead.overlap.started()
             self._ahead.sections.started()
 
@@ -210,22 +311,45 @@ class ControlLoop:
             return ""
         away_m = self._near.away_m(self._operator.choices.source, self._sensed)
         outside_kg_ha = self._ahead.map.prescription.outside_kg_ha
-        return "" if away_m is None else refusal("map_elsewhere", away_m=f"{away_m:.0f}",
-                                                 outside_kg_ha=f"{outside_kg_ha:g}")
+        return (
+            ""
+            if away_m is None
+            else refusal(
+                "map_elsewhere", away_m=f"{away_m:.0f}", outside_kg_ha=f"{outside_kg_ha:g}"
+            )
+        )
 
-    # -- one tick --------------------------------------------------------------------------------------------------
+    # -- one tick
+    # ----------------------------------------------------------------------------------------------
 
-    def tick(self, m: Measurements, console_age_s: float | None = None, log_ok: bool = True) -> Tick:
-        """console_age_s: since the operating console was heard; None: none is needed. log_ok: rows reach the disk."""
+    def tick(
+        self, m: Measurements, console_age_s: float | None = None, log_ok: bool = True
+    ) -> Tick:
+        """console_age_s: since the operating console was heard; None: none is needed. log_ok:
+        rows reach the disk."""
         moment = self._look(m)
         decision = self._decide(moment)
         metered = self._meter(moment, decision)
         choices = self._operator.choices
         between = decision.by_point and self._doses.may_turn(moment.m.time_s)
-        verdict = self.safety.check(moment.m.time_s, situation(moment, decision, metered, choices,
-            heads=self._ahead.heads, between_doses=between, console_age_s=console_age_s, log_ok=log_ok,
-            commanded=self._stopped.commanded, map_elsewhere=self._near.elsewhere_m is not None,
-            scale=self._flow_trim.says, effort=self._effort.says, external_speaks=self._ahead.external_speaks))
+        verdict = self.safety.check(
+            moment.m.time_s,
+            situation(
+                moment,
+                decision,
+                metered,
+                choices,
+                heads=self._ahead.heads,
+                between_doses=between,
+                console_age_s=console_age_s,
+                log_ok=log_ok,
+                commanded=self._stopped.commanded,
+                map_elsewhere=self._near.elsewhere_m is not None,
+                scale=self._flow_trim.says,
+                effort=self._effort.says,
+                external_speaks=self._ahead.external_speaks,
+            ),
+        )
         command = self._command_of(moment, decision, verdict)
         self._follow(moment, decision, metered, verdict, command)
         return self._tick(moment, decision, metered, verdict, command)
@@ -241,21 +365,31 @@ class ControlLoop:
         self._doses.look(m, sensed)
         self._terms.step(m, sensed, m.time_s - self._started_s, self._command, dt_s)
         mps = None if sensed.speed_mps is None else sensed.quick.speed_mps
-        ahead = self._forecaster.update(m.time_s, mps, sensed.quick.acceleration_mps2, dt_s,
-                                        m.speed_told or self._planned_speed(m.time_s, sensed))
+        ahead = self._forecaster.update(
+            m.time_s,
+            mps,
+            sensed.quick.acceleration_mps2,
+            dt_s,
+            m.speed_told or self._planned_speed(m.time_s, sensed),
+        )
         return Moment(m, sensed, self._conditions(m), dt_s, sensed.speed_mps or 0.0, ahead)
 
     def _at_time(self, m: Measurements) -> tuple[Measurements, float]:
-        """The measurements and the time since the tick before. A clock that goes back, or tells no number, stands still
-        here. Readings do not grow old while it stands: after `STANDING_TICKS` none of them is believed."""
-        self._standing = 0 if self._time_s is None or self._time_s < m.time_s < inf else self._standing + 1
+        """The measurements and the time since the tick before. A clock that goes back, or tells
+        no number, stands still here. Readings do not grow old while it stands: after
+        `STANDING_TICKS` none of them is believed."""
+        self._standing = (
+            0 if self._time_s is None or self._time_s < m.time_s < inf else self._standing + 1
+        )
         if self._standing > STANDING_TICKS:
             m = Measurements(m.time_s, work_switch=m.work_switch, drive_fault=m.drive_fault)
         if self._time_s is None:
             m = m if isfinite(m.time_s) else m._replace(time_s=0.0)
             self._time_s = self._started_s = m.time_s
             read = self._opening(m)
-            self._expected.begin(self.machine.set_points.opening_mm if read is None else read.value, m.time_s)
+            self._expected.begin(
+                self.machine.set_points.opening_mm if read is None else read.value, m.time_s
+            )
         elif not self._time_s <= m.time_s < inf:
             m = m._replace(time_s=self._time_s)
         dt_s = min(LONGEST_TICK_S, m.time_s - self._time_s)
@@ -263,7 +397,8 @@ class ControlLoop:
         return m, dt_s
 
     def _note_jump(self, m: Measurements, sensed: Sensed) -> None:
-        """Epochs that were refused become events; where a new place was taken, what was seen ahead lay elsewhere."""
+        """Epochs that were refused become events; where a new place was taken, what was seen
+        ahead lay elsewhere."""
         if sensed.refused_m is not None and m.gnss is not None and m.gnss.time_s != self._refused_s:
             self._refused_s = m.gnss.time_s
             self._events.add(f"position_refused {sensed.refused_m:.0f}")
@@ -276,12 +411,22 @@ class ControlLoop:
         """The target that what is released now must meet, and the pair that meets it."""
         choices, sensed, now = self._operator.choices, moment.sensed, moment.m.time_s
         allow = self.safety.memory.allow
-        reach = TickReach(self._setting, self._lags, self._expected.pair.opening_mm, moment, choices.look_ahead,
-                          self._ahead.sections.share_at(now) or 1.0)
+        reach = TickReach(
+            self._setting,
+            self._lags,
+            self._expected.pair.opening_mm,
+            moment,
+            choices.look_ahead,
+            self._ahead.sections.share_at(now) or 1.0,
+        )
         if self._backing.look(sensed, allow.reverse):
             self._queue.restart(Target(0.0, choices.source), sensed.track_m)
         profile = self._ahead.profile(choices, allow.outside, self._backing.spread_to_m)
-        fired = () if sensed.backwards else tuple(self._queue.advance(profile, now, sensed.track_m, reach))
+        fired = (
+            ()
+            if sensed.backwards
+            else tuple(self._queue.advance(profile, now, sensed.track_m, reach))
+        )
         self._setting.rests(moment.dt_s)
         for made in fired:
             self._setting.changed(made.before.rate_kg_ha, made.after.rate_kg_ha)
@@ -292,17 +437,34 @@ class ControlLoop:
         planned = wanted.rate_kg_ha * (1.0 + choices.nudge_percent / 100.0)
         rate = min(self.crop.max_rate_kg_ha, planned)
         lag = reach.small_change_lag(self._queue.holding.rate_kg_ha, self.crop.fallback_rate_kg_ha)
-        # Where the scale says that something else flows, a drive's reading may be wrong: nothing is made up by it.
-        left = self._drive_trim.left(self._setting.strategy is Strategy.SPEED_FIRST) if self._flow_trim.agrees \
+        # Where the scale says that something else flows, a drive's reading may be wrong:
+        # nothing is made up by it.
+        left = (
+            self._drive_trim.left(self._setting.strategy is Strategy.SPEED_FIRST)
+            if self._flow_trim.agrees
             else NOTHING_LEFT
-        pair = self._setting.pair(share * rate, moment.ahead.mps, now, moment.dt_s, self._expected.pair.opening_mm,
-                                  moment.conditions, left)
+        )
+        pair = self._setting.pair(
+            share * rate,
+            moment.ahead.mps,
+            now,
+            moment.dt_s,
+            self._expected.pair.opening_mm,
+            moment.conditions,
+            left,
+        )
         inside = self._ahead.landing_inside(
-            moment, wanted, lambda: _stop(reach, holding, sensed), choices, allow.outside)
-        return TickDecision(wanted, planned, rate, lag, inside, pair, self._usable_mps(lag), fired, by_point, share)
+            moment, wanted, lambda: _stop(reach, holding, sensed), choices, allow.outside
+        )
+        return TickDecision(
+            wanted, planned, rate, lag, inside, pair, self._usable_mps(lag), fired, by_point, share
+        )
 
-    def _open_share(self, moment: Moment, holding: Target, reach: TickReach, by_point: bool) -> float:
-        """Switch the sections; the share of the width that is to be open when a set-point of now shows in the flow."""
+    def _open_share(
+        self, moment: Moment, holding: Target, reach: TickReach, by_point: bool
+    ) -> float:
+        """Switch the sections; the share of the width that is to be open when a set-point of
+        now shows in the flow."""
         sections, choices = self._ahead.sections, self._operator.choices
         if not sections.strips:
             return 1.0
@@ -313,21 +475,34 @@ class ControlLoop:
         leads = Leads(
             reach.switch_m(prepare_s, small, small.response_s + small.transition_s),
             reach.switch_m(prepare_s, start, shaft_s),
-            reach.switch_m(prepare_s, _stop(reach, holding, moment.sensed), shaft_s))
-        sections.decide(moment.sensed, moment.dt_s, leads,
-                        self._ahead.ground(choices, self.safety.memory.allow.outside), choices.sections_off, by_point)
+            reach.switch_m(prepare_s, _stop(reach, holding, moment.sensed), shaft_s),
+        )
+        sections.decide(
+            moment.sensed,
+            moment.dt_s,
+            leads,
+            self._ahead.ground(choices, self.safety.memory.allow.outside),
+            choices.sections_off,
+            by_point,
+        )
         standing = self._expected.pair.shaft_rpm < 0.5 * self.machine.limits.shaft_low_rpm
-        answers_s = sections.metering_s(self._setting.by_shaft, standing, self._expected.pair.opening_mm)
+        answers_s = sections.metering_s(
+            self._setting.by_shaft, standing, self._expected.pair.opening_mm
+        )
         return sections.share_at(now + answers_s)
 
     def _under_sections(self, holding: Target, now_s: float, open_share: float) -> Target:
-        """Nothing where no section is on, or about to be. Where a map wants nothing under the machine's middle, but
-        something under the sections that are on: that."""
+        """Nothing where no section is on, or about to be. Where a map wants nothing under the
+        machine's middle, but something under the sections that are on: that."""
         sections, field_map = self._ahead.sections, self._ahead.map
         if not (sections.any_decided or open_share or sections.share_at(now_s)):
             return Target(0.0, holding.source) if sections.inside(now_s) else OUTSIDE
-        if (field_map is None or holding.source is not TargetSource.MAP or holding.rate_kg_ha > 0.0
-                or not sections.any_decided):
+        if (
+            field_map is None
+            or holding.source is not TargetSource.MAP
+            or holding.rate_kg_ha > 0.0
+            or not sections.any_decided
+        ):
             return holding
         return Target(sections.map_rate_kg_ha(field_map.prescription), TargetSource.MAP)
 
@@ -336,20 +511,39 @@ class ControlLoop:
         m, c = moment.m, moment.conditions
         opening, flow = self._opening(m), None
         if m.shaft_rpm is not None and opening is not None:
-            flow = flow_kg_s(self.machine, max(0.0, m.shaft_rpm.value), max(0.0, opening.value),
-                             c._replace(flow_trim=1.0))
-        should = (flow_kg_s(self.machine, self._expected.pair.shaft_rpm, self._expected.pair.opening_mm, c)
-                  / self._setting.made_up)
+            flow = flow_kg_s(
+                self.machine,
+                max(0.0, m.shaft_rpm.value),
+                max(0.0, opening.value),
+                c._replace(flow_trim=1.0),
+            )
+        should = (
+            flow_kg_s(
+                self.machine, self._expected.pair.shaft_rpm, self._expected.pair.opening_mm, c
+            )
+            / self._setting.made_up
+        )
         rate = self._doses.rate_kg_ha(c) if decision.by_point else decision.rate_kg_ha
         self._metres_left_m = self._metres_left(m.hopper_kg, rate)
         said = m.rate_applied
-        if self._record_only and said is not None and is_fresh(said.time_s, m.time_s, APPLIED_HOLDS_S):
+        if (
+            self._record_only
+            and said is not None
+            and is_fresh(said.time_s, m.time_s, APPLIED_HOLDS_S)
+        ):
             return Metered(flow, said.value, 1.0, None, self._metres_left_m, 1.0)
         share = self._ahead.sections.open_share(m.time_s)
         if share <= 0.0:
-            share = open_share(self.machine.switched, m)        # a valve that stays open though commanded to close
-        return Metered(flow if share > 0.0 or flow is None else 0.0, self._over_ground(flow, moment.speed_mps, share),
-                       c.flow_trim, self._over_ground(should, moment.speed_mps, share), self._metres_left_m, share)
+            # a valve that stays open though commanded to close
+            share = open_share(self.machine.switched, m)
+        return Metered(
+            flow if share > 0.0 or flow is None else 0.0,
+            self._over_ground(flow, moment.speed_mps, share),
+            c.flow_trim,
+            self._over_ground(should, moment.speed_mps, share),
+            self._metres_left_m,
+            share,
+        )
 
     def _command_of(self, moment: Moment, decision: TickDecision, verdict: Verdict) -> DriveCommand:
         """What the drives are commanded, through the last gate."""
@@ -358,23 +552,37 @@ class ControlLoop:
         elif decision.by_point:
             asked = self._setting.by_hand(0.0, self.machine.set_points.opening_mm)
         else:
-            asked = self._setting.command(decision.pair, moment.conditions, self._drive_trim, self._command)
-        command = limited(asked, self._drive_limits, verdict.flow_allowed,
-                          None if self._command is None else self._command.opening_mm)
+            asked = self._setting.command(
+                decision.pair, moment.conditions, self._drive_trim, self._command
+            )
+        command = limited(
+            asked,
+            self._drive_limits,
+            verdict.flow_allowed,
+            None if self._command is None else self._command.opening_mm,
+        )
         valves, dose = self._valves(moment, decision, verdict, command), None
         if decision.by_point:
             dose, events = self._doses.due(moment, self._operator.choices, verdict)
             self._events.add(*events)
         return command._replace(dose=dose, valves=valves)
 
-    def _valves(self, moment: Moment, decision: TickDecision, verdict: Verdict,
-                command: DriveCommand) -> tuple[bool, ...]:
-        """What the valves are commanded, through the last gate. Nothing is opened while nothing is to flow; calibrating
-        is done with all of them open."""
-        sections, off, now = self._ahead.sections, self._operator.choices.sections_off, moment.m.time_s
+    def _valves(
+        self, moment: Moment, decision: TickDecision, verdict: Verdict, command: DriveCommand
+    ) -> tuple[bool, ...]:
+        """What the valves are commanded, through the last gate. Nothing is opened while nothing
+        is to flow; calibrating is done with all of them open."""
+        sections, off, now = (
+            self._ahead.sections,
+            self._operator.choices.sections_off,
+            moment.m.time_s,
+        )
         if not sections.strips:
             return ()
-        turns = max(command.shaft_rpm, self._expected.pair.shaft_rpm) >= 0.5 * self.machine.limits.shaft_low_rpm
+        turns = (
+            max(command.shaft_rpm, self._expected.pair.shaft_rpm)
+            >= 0.5 * self.machine.limits.shaft_low_rpm
+        )
         flows = decision.rate_kg_ha > 0.0 or decision.by_point or turns
         wanted = tuple([flows and on for on in sections.valves(now, moment.dt_s, off)])
         if verdict.state is State.CALIBRATING:
@@ -383,30 +591,44 @@ class ControlLoop:
         sections.commanded(now, valves)
         return valves
 
-    def _follow(self, moment: Moment, decision: TickDecision, metered: Metered, verdict: Verdict,
-                command: DriveCommand) -> None:
+    def _follow(
+        self,
+        moment: Moment,
+        decision: TickDecision,
+        metered: Metered,
+        verdict: Verdict,
+        command: DriveCommand,
+    ) -> None:
         """Trims, expectation and totals follow what was commanded and measured."""
         m, sensed, dt_s, now = moment.m, moment.sensed, moment.dt_s, moment.m.time_s
         calibrating = verdict.state is State.CALIBRATING
         if self._ahead.hold is not None:
             self._ahead.hold.on = self._operator.choices.source is TargetSource.CANOPY
             self._ahead.hold.learns = verdict.state is State.WORKING
-        if command.shaft_rpm > 0.0 and not calibrating:     # a stopped shaft: the gate stays, nothing to trim
+        # a stopped shaft: the gate stays, nothing to trim
+        if command.shaft_rpm > 0.0 and not calibrating:
             expected = self._expected.pair
-            self._drive_trim.update(now, dt_s, expected.shaft_rpm, m.shaft_rpm, expected.opening_mm, self._opening(m))
+            self._drive_trim.update(
+                now, dt_s, expected.shaft_rpm, m.shaft_rpm, expected.opening_mm, self._opening(m)
+            )
         self._weigh(moment, metered, calibrating and command.shaft_rpm > 0.0)
         bare = decision.pair if verdict.flow_allowed else Pair(0.0, decision.pair.opening_mm)
         turns = verdict.flow_allowed and not calibrating and not decision.by_point
         self._effort.update(m, moment.conditions, dt_s, turns and command.shaft_rpm > 0.0)
         self._setting.made(decision.pair if turns else Pair(0.0, decision.pair.opening_mm))
-        self._expected.step(command if calibrating else self._setting.wire(bare, moment.conditions),
-                            moment.conditions.supply_v, dt_s, self._terms.drives)
+        self._expected.step(
+            command if calibrating else self._setting.wire(bare, moment.conditions),
+            moment.conditions.supply_v,
+            dt_s,
+            self._terms.drives,
+        )
         self._count(moment, decision, metered, verdict, command)
         self._backing.note_landing(m.shaft_rpm, sensed)
         self._command = command
 
     def _weigh(self, moment: Moment, metered: Metered, catching: bool) -> None:
-        """The scale against what the shaft takes by its reading. catching: what is caught may be put back."""
+        """The scale against what the shaft takes by its reading. catching: what is caught may
+        be put back."""
         m, now = moment.m, moment.m.time_s
         if self._catch_test is not None and m.gnss is not None and m.gnss.utc:
             self._flow_trim.tested((date.fromisoformat(m.gnss.utc[:10]) - self._catch_test).days)
@@ -415,69 +637,136 @@ class ControlLoop:
         if catching:
             self._flow_trim.restart()
         else:
-            self._flow_trim.update(now, moment.dt_s, metered.flow_kg_s or 0.0 if rpm > 0.0 else 0.0, rpm,
-                                   moment.conditions.pitch_deg, self._terms.weighed(m.hopper_kg))
+            self._flow_trim.update(
+                now,
+                moment.dt_s,
+                metered.flow_kg_s or 0.0 if rpm > 0.0 else 0.0,
+                rpm,
+                moment.conditions.pitch_deg,
+                self._terms.weighed(m.hopper_kg),
+            )
 
-    def _count(self, moment: Moment, decision: TickDecision, metered: Metered, verdict: Verdict,
-               command: DriveCommand) -> None:
-        """Totals: the ground that is worked, and what leaves the machine though it is commanded to stop."""
+    def _count(
+        self,
+        moment: Moment,
+        decision: TickDecision,
+        metered: Metered,
+        verdict: Verdict,
+        command: DriveCommand,
+    ) -> None:
+        """Totals: the ground that is worked, and what leaves the machine though it is commanded
+        to stop."""
         m, now, applied = moment.m, moment.m.time_s, metered.rate_kg_ha
-        runs_out = m.shaft_rpm is not None and m.shaft_rpm.value >= 0.5 * self.machine.limits.shaft_low_rpm
+        runs_out = (
+            m.shaft_rpm is not None and m.shaft_rpm.value >= 0.5 * self.machine.limits.shaft_low_rpm
+        )
         worked = self._record_only or (
-            verdict.state is State.WORKING and applied is not None and (verdict.flow_allowed or runs_out))
+            verdict.state is State.WORKING
+            and applied is not None
+            and (verdict.flow_allowed or runs_out)
+        )
         if worked and applied is not None:
-            if self._totals.add(moment.dt_s, moment.sensed.speed_mps, applied * metered.trim,
-                                None if decision.by_point else decision.planned_kg_ha, metered.open_share):
+            if self._totals.add(
+                moment.dt_s,
+                moment.sensed.speed_mps,
+                applied * metered.trim,
+                None if decision.by_point else decision.planned_kg_ha,
+                metered.open_share,
+            ):
                 self._hold_mean(moment, decision, applied * metered.trim)
         else:
             self._totals.rest()
         flow_kg_s = None if metered.flow_kg_s is None else metered.flow_kg_s * metered.trim
-        stopped_kg, event = self._stopped.update(m, moment.dt_s, flow_kg_s, verdict, worked,
-                                                 self._flow_trim.take_unordered_kg())
+        stopped_kg, event = self._stopped.update(
+            m, moment.dt_s, flow_kg_s, verdict, worked, self._flow_trim.take_unordered_kg()
+        )
         self._totals.add_stopped(stopped_kg)
         if event is not None:
             self._events.add(event)
         self._stopped.command(now, command, verdict, self._expected.pair)
 
     def _hold_mean(self, moment: Moment, decision: TickDecision, given_kg_ha: float) -> None:
-        """Ground of the canopy counts to its mean: no headland with a rate of its own, nothing a second time."""
+        """Ground of the canopy counts to its mean: no headland with a rate of its own, nothing
+        a second time."""
         hold, sensed = self._ahead.hold, moment.sensed
-        if (hold is None or decision.holding.source not in OF_THE_CANOPY
-                or (self._operator.choices.no_double and self._ahead.is_done(sensed.track_m))):
+        if (
+            hold is None
+            or decision.holding.source not in OF_THE_CANOPY
+            or (self._operator.choices.no_double and self._ahead.is_done(sensed.track_m))
+        ):
             return
-        hold.landed(given_kg_ha / (1.0 + self._operator.choices.nudge_percent / 100.0),
-                    moment.speed_mps * moment.dt_s)
+        hold.landed(
+            given_kg_ha / (1.0 + self._operator.choices.nudge_percent / 100.0),
+            moment.speed_mps * moment.dt_s,
+        )
 
-    def _tick(self, moment: Moment, decision: TickDecision, metered: Metered, verdict: Verdict,
-              command: DriveCommand) -> Tick:
+    def _tick(
+        self,
+        moment: Moment,
+        decision: TickDecision,
+        metered: Metered,
+        verdict: Verdict,
+        command: DriveCommand,
+    ) -> Tick:
         """The row, and what the console shows."""
         choices, heads, usable_mps = self._operator.choices, self._ahead.heads, decision.usable_mps
         ndvi = head_ndvi(moment.m)
         events = self._events.of_one_row()
         threshold = self.threshold if decision.by_point else None
-        row = log_row(self._started_s, moment, decision=decision, metered=metered, verdict=verdict, command=command,
-                        choices=choices, strategy=self._setting.strategy, heads=ndvi, decided_ndvi=heads.decisions.ndvi,
-                        events=events, speed_told=self._newly_announced(moment.m))
-        if self._record_only:           # nobody's state, as of a log that another program wrote
+        row = log_row(
+            self._started_s,
+            moment,
+            decision=decision,
+            metered=metered,
+            verdict=verdict,
+            command=command,
+            choices=choices,
+            strategy=self._setting.strategy,
+            heads=ndvi,
+            decided_ndvi=heads.decisions.ndvi,
+            events=events,
+            speed_told=self._newly_announced(moment.m),
+        )
+        # nobody's state, as of a log that another program wrote
+        if self._record_only:
             row = row._replace(state=None, shaft_rpm_cmd=None, opening_mm_cmd=None)
             verdict = verdict._replace(why_state="record_only")
         return Tick(
-            row=row, command=command, sensed=moment.sensed, verdict=verdict, choices=choices,
-            allow=self.safety.memory.allow, fired=decision.fired, notes=self._notes(moment, decision),
-            dropped_heads=heads.dropped, head_ndvi=ndvi, metres_left_m=metered.metres_left_m,
+            row=row,
+            command=command,
+            sensed=moment.sensed,
+            verdict=verdict,
+            choices=choices,
+            allow=self.safety.memory.allow,
+            fired=decision.fired,
+            notes=self._notes(moment, decision),
+            dropped_heads=heads.dropped,
+            head_ndvi=ndvi,
+            metres_left_m=metered.metres_left_m,
             usable_speed_mps=usable_mps if moment.speed_mps > usable_mps else None,
-            area_ha=self._totals.area_ha, applied_kg=self._totals.applied_kg,
+            area_ha=self._totals.area_ha,
+            applied_kg=self._totals.applied_kg,
             bench=self._bench_run(command) if verdict.state is State.CALIBRATING else None,
             threshold_m=None if threshold is None else threshold.at(moment.speed_mps),
             sections=self._ahead.sections.states(command.valves, choices.sections_off),
-            strips=heads.decisions.rule.strips, sources=self._operator.sources, effort=self._effort.says)
+            strips=heads.decisions.rule.strips,
+            sources=self._operator.sources,
+            effort=self._effort.says,
+        )
 
-    # -- parts of the steps ----------------------------------------------------------------------------------------
+    # -- parts of the steps
+    # ----------------------------------------------------------------------------------------
 
     def _planned_speed(self, now_s: float, sensed: Sensed) -> SpeedPlan | None:
         """The job's, for the pass the machine is on, where the tractor tells none."""
-        place = None if sensed.east_m is None or sensed.north_m is None else (sensed.east_m, sensed.north_m)
-        mps = planned_mps(self.job, self.machine.geometry.working_width_m, place, sensed.heading_deg)
+        place = (
+            None
+            if sensed.east_m is None or sensed.north_m is None
+            else (sensed.east_m, sensed.north_m)
+        )
+        mps = planned_mps(
+            self.job, self.machine.geometry.working_width_m, place, sensed.heading_deg
+        )
         return None if mps is None else SpeedPlan(now_s, ((0.0, mps),))
 
     def _newly_announced(self, m: Measurements) -> str | None:
@@ -491,47 +780,76 @@ class ControlLoop:
         elapsed_s, refilled = m.time_s - self._started_s, self._operator.refilled
         hopper_kg = None if m.hopper_kg is None else m.hopper_kg.value
         pitch_deg = 0.0 if m.pitch_deg is None else m.pitch_deg.value
-        return Conditions(elapsed_s, hopper_kg, pitch_deg, None if m.supply_v is None else m.supply_v.value, refilled,
-                          self._flow_trim.value if self._operator.choices.flow_trim_on else 1.0, self._terms.now,
-                          common_of(self.machine.flow, elapsed_s, hopper_kg, pitch_deg, refilled))
+        return Conditions(
+            elapsed_s,
+            hopper_kg,
+            pitch_deg,
+            None if m.supply_v is None else m.supply_v.value,
+            refilled,
+            self._flow_trim.value if self._operator.choices.flow_trim_on else 1.0,
+            self._terms.now,
+            common_of(self.machine.flow, elapsed_s, hopper_kg, pitch_deg, refilled),
+        )
 
     def _opening(self, m: Measurements) -> Reading | None:
-        """The opening as it truly is: a sensor's shift that the machine file knows is taken off its reading."""
+        """The opening as it truly is: a sensor's shift that the machine file knows is taken off
+        its reading."""
         read = m.opening_mm
-        return None if read is None else Reading(read.value - self.machine.gate.offset_mm, read.time_s)
+        return (
+            None if read is None else Reading(read.value - self.machine.gate.offset_mm, read.time_s)
+        )
 
-    def _over_ground(self, flow_kg_s: float | None, speed_mps: float, open_share: float) -> float | None:
-        """kg/ha under what is open from flow and ground speed; None where nobody can tell, unless nothing flows."""
+    def _over_ground(
+        self, flow_kg_s: float | None, speed_mps: float, open_share: float
+    ) -> float | None:
+        """kg/ha under what is open from flow and ground speed; None where nobody can tell,
+        unless nothing flows."""
         if flow_kg_s is None:
             return None
         if speed_mps < SLOWEST_MPS or open_share <= 0.0:
             return 0.0 if flow_kg_s <= 0.0 or open_share <= 0.0 else None
-        return flow_kg_s * 10_000.0 / (open_share * self.machine.geometry.working_width_m * speed_mps)
+        return (
+            flow_kg_s * 10_000.0 / (open_share * self.machine.geometry.working_width_m * speed_mps)
+        )
 
     def _metres_left(self, hopper: Reading | None, rate_kg_ha: float) -> float | None:
         if hopper is None or rate_kg_ha <= 0.0:
             return None
-        left_m = max(0.0, hopper.value) / (rate_kg_ha * self.machine.geometry.working_width_m / 10_000.0)
+        left_m = max(0.0, hopper.value) / (
+            rate_kg_ha * self.machine.geometry.working_width_m / 10_000.0
+        )
         return left_m if left_m < inf else None
 
     def _usable_mps(self, lag: Lag) -> float:
-        """Highest speed at which a change is still made in time; infinite where no speed is too high."""
+        """Highest speed at which a change is still made in time; infinite where no speed is too
+        high."""
         source = self._operator.choices.source
         if self._doses.are_chosen(self._operator.choices):
             return self._doses.fastest_mps
         if source not in BY_CANOPY:
             return inf
-        return self.machine.geometry.heads_m / (lag.total_s + self._ahead.heads.decisions.period_s + LATENCY_S)
+        return self.machine.geometry.heads_m / (
+            lag.total_s + self._ahead.heads.decisions.period_s + LATENCY_S
+        )
 
     def _calibrating(self) -> DriveCommand:
         """What a calibrating run asks for."""
-        wanted, last = self._operator.bench, self._command or DriveCommand(0.0, self._expected.pair.opening_mm)
+        wanted, last = (
+            self._operator.bench,
+            self._command or DriveCommand(0.0, self._expected.pair.opening_mm),
+        )
         return self._setting.by_hand(
-            wanted.shaft_rpm, last.opening_mm if wanted.opening_mm is None else wanted.opening_mm)
+            wanted.shaft_rpm, last.opening_mm if wanted.opening_mm is None else wanted.opening_mm
+        )
 
     def _bench_run(self, command: DriveCommand) -> BenchRun:
         memory, now = self.safety.memory, self._time_s or 0.0
-        return BenchRun(command.shaft_rpm, command.opening_mm, now - memory.entered_s, memory.calibrate_until_s - now)
+        return BenchRun(
+            command.shaft_rpm,
+            command.opening_mm,
+            now - memory.entered_s,
+            memory.calibrate_until_s - now,
+        )
 
     def _notes(self, moment: Moment, decision: TickDecision) -> tuple[str, ...]:
         """What else is to be said of this tick."""
@@ -555,10 +873,15 @@ class ControlLoop:
         return tuple(notes)
 
     def _why_zero(self, source: TargetSource) -> list[str]:
-        """Why the target is nothing, where its source says so. A canopy's: by its newest decision."""
+        """Why the target is nothing, where its source says so. A canopy's: by its newest
+        decision."""
         if source in (TargetSource.CANOPY, TargetSource.INDEX_MAP):
             decided = self._ahead.heads.decisions
-            why = decided.rule.decide(decided.ndvi, decided.zone_factor).why if decided.rate_kg_ha == 0.0 else ""
+            why = (
+                decided.rule.decide(decided.ndvi, decided.zone_factor).why
+                if decided.rate_kg_ha == 0.0
+                else ""
+            )
             return [f"zero_{why}"] if why in ZERO_BY_CANOPY else []
         return [f"zero_{source.value}"] if source in ZERO_BY_SOURCE else []
 
@@ -568,18 +891,26 @@ def _stop(reach: TickReach, holding: Target, sensed: Sensed) -> Lag:
     return reach.lag(holding, TargetChange(sensed.track_m, OUTSIDE))
 
 
-def _reckoned_m(machine: Machine, prescription: MapProfile | None, points: PointSource | None) -> float:
-    """How far off a place may be that is reckoned: half the width, or half a cell of the map. Doses are for plants."""
+def _reckoned_m(
+    machine: Machine, prescription: MapProfile | None, points: PointSource | None
+) -> float:
+    """How far off a place may be that is reckoned: half the width, or half a cell of the map.
+    Doses are for plants."""
     if points is not None:
         return 0.0
     cell_m = inf if prescription is None else prescription.prescription.cell_m
     return 0.5 * min(machine.geometry.working_width_m, cell_m)
 
 
-def _plane(job: Job, prescription: MapProfile | None, points: PointSource | None, index_map: IndexMap | None,
-           done: DoneGround | None) -> TangentPlane | None:
-    """Of the plant list, else of the map, of the field, of the index map, of the done ground; None where none has
-    one."""
+def _plane(
+    job: Job,
+    prescription: MapProfile | None,
+    points: PointSource | None,
+    index_map: IndexMap | None,
+    done: DoneGround | None,
+) -> TangentPlane | None:
+    """Of the plant list, else of the map, of the field, of the index map, of the done ground;
+    None where none has one."""
     if points is not None and points.plane is not None:
         return points.plane
     if prescription is not None:

@@ -1,7 +1,10 @@
-"""Does the map lie where the machine works? One that lies elsewhere gives its outside rate everywhere.
+"""Does the map lie where the machine works? One that lies elsewhere gives its outside rate
+everywhere.
 
-Looked at once for each START, at the first place known: from then on ground without a rate is the map's own affair.
+Looked at once for each START, at the first place known: from then on ground without a rate is
+the map's own affair.
 """
+
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -12,18 +15,20 @@ from control.orders import BY_MAP, State, TargetSource
 from control.sensing import Sensed
 from control.targets.prescription import Prescription
 
-NEAR_M = 50.0           # a machine that stands next to its field, or on a headland that the map leaves out
+# a machine that stands next to its field, or on a headland that the map leaves out
+NEAR_M = 50.0
 
 
 class MapNear:
-    """`elsewhere_m`: how far the map lies from the machine at this START; None: near, not by a map, not known yet."""
+    """`elsewhere_m`: how far the map lies from the machine at this START; None: near, not by a
+    map, not known yet."""
 
     def __init__(self, prescription: Prescription | None, corners: Sequence[Place]) -> None:
         """corners: of the job's field, on the map's plane; none: no field is known."""
         self.elsewhere_m: float | None = None
         self._map = prescription
         self._field = Boundary(corners) if corners and prescription is not None else None
-        self._covers_field: bool | None = None      # the map has a rate somewhere in the field
+        self._covers_field: bool | None = None  # the map has a rate somewhere in the field
         self._looked = False
 
     def started(self) -> None:
@@ -38,7 +43,8 @@ class MapNear:
             self.elsewhere_m = self.away_m(source, sensed)
 
     def away_m(self, source: TargetSource, sensed: Sensed | None) -> float | None:
-        """How far the map lies from the machine where that is elsewhere; None: near, not by a map, or not known."""
+        """How far the map lies from the machine where that is elsewhere; None: near, not by a
+        map, or not known."""
         place = None if sensed is None else _place(sensed)
         if self._map is None or source not in BY_MAP or place is None:
             return None
@@ -55,4 +61,6 @@ class MapNear:
 
 
 def _place(sensed: Sensed) -> Place | None:
-    return None if sensed.east_m is None or sensed.north_m is None else (sensed.east_m, sensed.north_m)
+    return (
+        None if sensed.east_m is None or sensed.north_m is None else (sensed.east_m, sensed.north_m)
+    )

@@ -1,4 +1,5 @@
 """The values that the steps of a tick hand on to each other. All frozen."""
+
 from __future__ import annotations
 
 from typing import NamedTuple
@@ -20,9 +21,9 @@ class Choices(NamedTuple):
     manual_rate_kg_ha: float
     look_ahead: bool
     flow_trim_on: bool
-    no_double: bool                 # ground that has its material gets no more
+    no_double: bool  # ground that has its material gets no more
     nudge_percent: float = 0.0
-    sections_off: tuple[int, ...] = ()      # by hand, counted from 1, left to right
+    sections_off: tuple[int, ...] = ()  # by hand, counted from 1, left to right
 
 
 class Moment(NamedTuple):
@@ -31,32 +32,38 @@ class Moment(NamedTuple):
     m: Measurements
     sensed: Sensed
     conditions: Conditions
-    dt_s: float                     # since the tick before, at most 1 s
-    speed_mps: float                # 0 where it is not known
-    ahead: SpeedAhead               # how fast it will go
+    dt_s: float  # since the tick before, at most 1 s
+    speed_mps: float  # 0 where it is not known
+    ahead: SpeedAhead  # how fast it will go
 
 
 class TickDecision(NamedTuple):
     """What the machine is to do, before safety is asked."""
 
     holding: Target
-    planned_kg_ha: float            # of `holding`, nudged
-    rate_kg_ha: float               # the same, at most the crop's limit: what is metered
-    lag: Lag                        # of a small change from what is held
-    inside: bool | None             # what is released now lands inside the field; None: no field is known
+    planned_kg_ha: float  # of `holding`, nudged
+    # the same, at most the crop's limit: what is metered
+    rate_kg_ha: float
+    lag: Lag  # of a small change from what is held
+    # what is released now lands inside the field; None: no field is known
+    inside: bool | None
     pair: Pair
-    usable_mps: float               # highest speed at which changes are still made in time; infinite: any
+    # highest speed at which changes are still made in time; infinite: any
+    usable_mps: float
     fired: tuple[Fired, ...]
     by_point: bool
-    open_share: float               # of the working width that is to be open where the pair will show
+    # of the working width that is to be open where the pair will show
+    open_share: float
 
 
 class Metered(NamedTuple):
     """What leaves the outlets, by measured shaft and opening through the model; None: not known."""
 
-    flow_kg_s: float | None         # without the scale's correction
-    rate_kg_ha: float | None        # the same over the ground under what is open
-    trim: float                     # the scale's correction
-    expected_rate_kg_ha: float | None   # from the shaft and the opening that the set-points should give by now
-    metres_left_m: float | None     # until the hopper is empty
-    open_share: float               # of the working width, as the valves should stand by now
+    flow_kg_s: float | None  # without the scale's correction
+    rate_kg_ha: float | None  # the same over the ground under what is open
+    trim: float  # the scale's correction
+    # from the shaft and the opening that the set-points should give by now
+    expected_rate_kg_ha: float | None
+    metres_left_m: float | None  # until the hopper is empty
+    # of the working width, as the valves should stand by now
+    open_share: float

@@ -1,4 +1,6 @@
-"""The operator's orders to the loop: what each changes, and what it is refused for. Those of safety go on to it."""
+"""The operator's orders to the loop: what each changes, and what it is refused for. Those of
+safety go on to it."""
+
 from __future__ import annotations
 
 import re
@@ -18,22 +20,40 @@ from control.targets.point_source import FARTHEST_DOSE_M, PointSource
 
 _SECTION = re.compile(r"(?P<number>\d{1,2}) (?P<to>off|auto)|all auto", re.ASCII)
 NUDGE_PERCENT = 30.0
-REFILL_ROUNDED_KG = 0.1         # a refill is noted to this
+REFILL_ROUNDED_KG = 0.1  # a refill is noted to this
 YES = Answer(True)
 
 
 class Operator:
-    """What the operator has chosen. `started`: called when safety has accepted START; `why_no_start`: what START is
-    refused for, empty: nothing."""
+    """What the operator has chosen. `started`: called when safety has accepted START;
+    `why_no_start`: what START is refused for, empty: nothing."""
 
-    def __init__(self, job: Job, crop: Crop, safety: Safety, setting: Setting, *, flow_trim: FlowTrim,
-                 points: PointSource | None, has_map: bool, started: Callable[[], None],
-                 strip_measured: Callable[[StripValue], None], sections: int = 0, hopper_kg: float = inf,
-                 why_no_start: Callable[[], str] = str, record_only: bool = False) -> None:
+    def __init__(
+        self,
+        job: Job,
+        crop: Crop,
+        safety: Safety,
+        setting: Setting,
+        *,
+        flow_trim: FlowTrim,
+        points: PointSource | None,
+        has_map: bool,
+        started: Callable[[], None],
+        strip_measured: Callable[[StripValue], None],
+        sections: int = 0,
+        hopper_kg: float = inf,
+        why_no_start: Callable[[], str] = str,
+        record_only: bool = False,
+    ) -> None:
         """hopper_kg: what the hopper holds; more than that is no refill."""
         self._record_only = record_only
-        self.choices = Choices(TargetSource(job.target.source), job.target.manual_rate_kg_ha, job.look_ahead,
-                               job.flow_trim, job.no_double)
+        self.choices = Choices(
+            TargetSource(job.target.source),
+            job.target.manual_rate_kg_ha,
+            job.look_ahead,
+            job.flow_trim,
+            job.no_double,
+        )
         self.bench = BenchSetting()
         self.refilled = False
         self._crop, self._job = crop, job
@@ -46,21 +66,38 @@ class Operator:
         self._strip_measured = strip_measured
         self._sections = sections
         self._hopper_kg = hopper_kg
-        placed = (*((source, has_map) for source in BY_MAP), (TargetSource.POINT, points is not None),
-                  (TargetSource.EXTERNAL, job.target.source is TargetSource.EXTERNAL))
-        self.sources = (TargetSource.CANOPY, TargetSource.MANUAL, TargetSource.FALLBACK,
-                        *(source for source, there in placed if there))
+        placed = (
+            *((source, has_map) for source in BY_MAP),
+            (TargetSource.POINT, points is not None),
+            (TargetSource.EXTERNAL, job.target.source is TargetSource.EXTERNAL),
+        )
+        self.sources = (
+            TargetSource.CANOPY,
+            TargetSource.MANUAL,
+            TargetSource.FALLBACK,
+            *(source for source, there in placed if there),
+        )
 
     def order(self, order: Order, now_s: float) -> tuple[Answer, str]:
         """Obey or refuse; the answer, and the row's event, empty where there is none."""
         before = self._safety.state
-        held_down = ((order.do is Do.CALIBRATE and before is State.CALIBRATING)      # the button is still down
-                     or (order.do is Do.START and before is State.WORKING and self._safety.start_is_held(now_s)))
-        answer = self._of_safety(order, now_s, held_down) if order.do not in _HANDLERS else _HANDLERS[order.do](
-            self, order, now_s)
+        # the button is still down
+        held_down = (order.do is Do.CALIBRATE and before is State.CALIBRATING) or (
+            order.do is Do.START and before is State.WORKING and self._safety.start_is_held(now_s)
+        )
+        answer = (
+            self._of_safety(order, now_s, held_down)
+            if order.do not in _HANDLERS
+            else _HANDLERS[order.do](self, order, now_s)
+        )
         if not answer.accepted or held_down or order.do is Do.ACKNOWLEDGE:
             return answer, ""
-        return answer, order.do.value if order.value is None else f"{order.do.value} {order.value}".replace(";", ",")
+        return (
+            answer,
+            order.do.value
+            if order.value is None
+            else f"{order.do.value} {order.value}".replace(";", ","),
+        )
 
     def _strategy(self, order: Order, now_s: float) -> Answer:
         if order.value not in list(Strategy):
@@ -92,7 +129,11 @@ class Operator:
     def _switch(self, order: Order, now_s: float) -> Answer:
         if not isinstance(order.value, bool):
             return Answer(False, "yes_or_no")
-        if order.do is Do.NO_DOUBLE and not order.value and self._job.nitrogen.year_max_kg_ha is not None:
+        if (
+            order.do is Do.NO_DOUBLE
+            and not order.value
+            and self._job.nitrogen.year_max_kg_ha is not None
+        ):
             return Answer(False, "year_ceiling")
         if order.do is Do.FLOW_TRIM:
             self._flow_trim.forget()
@@ -140,7 +181,8 @@ class Operator:
         return YES
 
     def _refill_back(self, order: Order, now_s: float) -> Answer:
-        """An event of the log, which takes the one before back; what safety made of the refill costs nothing."""
+        """An event of the log, which takes the one before back; what safety made of the refill
+        costs nothing."""
         kg = _number(order)
         return YES if kg is not None and kg > 0.0 else Answer(False, "refill_kg")
 
@@ -153,7 +195,11 @@ class Operator:
             return Answer(False, "no_spread_margin")
         if order.do is Do.REFILL and (_number(order) or 0.0) > self._hopper_kg + REFILL_ROUNDED_KG:
             return Answer(False, refusal("refill_beyond_hopper", hopper_kg=f"{self._hopper_kg:g}"))
-        if order.do is Do.START and before in (State.READY, State.HELD) and (why := self._why_no_start()):
+        if (
+            order.do is Do.START
+            and before in (State.READY, State.HELD)
+            and (why := self._why_no_start())
+        ):
             return Answer(False, why)
         answer = self._safety.order(order, now_s)
         if not answer.accepted:
@@ -170,14 +216,25 @@ class Operator:
 
 def _number(order: Order) -> float | None:
     value = order.value
-    return float(value) if isinstance(value, (int, float)) and not isinstance(value, bool) and isfinite(value) else None
+    return (
+        float(value)
+        if isinstance(value, (int, float)) and not isinstance(value, bool) and isfinite(value)
+        else None
+    )
 
 
 _SWITCHES = {Do.LOOK_AHEAD: "look_ahead", Do.FLOW_TRIM: "flow_trim_on", Do.NO_DOUBLE: "no_double"}
 _HANDLERS: Mapping[Do, Callable[[Operator, Order, float], Answer]] = {
-    Do.STRATEGY: Operator._strategy, Do.SOURCE: Operator._source, Do.NUDGE: Operator._nudge,
-    Do.MANUAL_RATE: Operator._manual_rate, **dict.fromkeys(_SWITCHES, Operator._switch),
-    Do.STRIP: Operator._strip, Do.DOSE_ERROR: Operator._dose_error, Do.CALIBRATE_SHAFT: Operator._bench_setting,
-    Do.CALIBRATE_OPENING: Operator._bench_setting, Do.SECTION: Operator._section, Do.MARK: Operator._mark,
+    Do.STRATEGY: Operator._strategy,
+    Do.SOURCE: Operator._source,
+    Do.NUDGE: Operator._nudge,
+    Do.MANUAL_RATE: Operator._manual_rate,
+    **dict.fromkeys(_SWITCHES, Operator._switch),
+    Do.STRIP: Operator._strip,
+    Do.DOSE_ERROR: Operator._dose_error,
+    Do.CALIBRATE_SHAFT: Operator._bench_setting,
+    Do.CALIBRATE_OPENING: Operator._bench_setting,
+    Do.SECTION: Operator._section,
+    Do.MARK: Operator._mark,
     Do.REFILL_BACK: Operator._refill_back,
 }

@@ -1,4 +1,5 @@
 """How far ahead a change of the target must be made; answers `targets.lag_correction.Reach`."""
+
 from __future__ import annotations
 
 from control.loop.moment import Moment
@@ -6,25 +7,34 @@ from control.machine.change_lag import ChangeLags, Lag, Settled
 from control.metering.setting import Setting
 from control.targets.profile import Target, TargetChange
 
-FARTHEST_S = 4.0                # changes are looked for this far ahead
+FARTHEST_S = 4.0  # changes are looked for this far ahead
 
 
 class TickReach:
-    """At one tick. opening_mm: expected now; `look_ahead` False: changes are made where they belong; open_share: of the
-    working width."""
+    """At one tick. opening_mm: expected now; `look_ahead` False: changes are made where they
+    belong; open_share: of the working width."""
 
-    def __init__(self, setting: Setting, lags: ChangeLags, opening_mm: float, moment: Moment, look_ahead: bool,
-                 open_share: float = 1.0) -> None:
+    def __init__(
+        self,
+        setting: Setting,
+        lags: ChangeLags,
+        opening_mm: float,
+        moment: Moment,
+        look_ahead: bool,
+        open_share: float = 1.0,
+    ) -> None:
         self._setting = setting
         self._width_m = open_share * setting.machine.geometry.working_width_m
         self._lags = lags
         self._opening_mm = opening_mm
         self._speed = moment.speed_mps
         self._ahead = moment.ahead
-        self._half_tick_s = 0.5 * moment.dt_s       # a change waits that long for its tick, on average
+        # a change waits that long for its tick, on average
+        self._half_tick_s = 0.5 * moment.dt_s
         self._conditions = moment.conditions
         self._look_ahead = look_ahead
-        self._kept: dict[float, Settled] = {}       # lag by rate: a tick asks for the same rate several times
+        # lag by rate: a tick asks for the same rate several times
+        self._kept: dict[float, Settled] = {}
         self.farthest_m = self._speed * FARTHEST_S + 1.0 if look_ahead else 0.0
 
     def lag(self, before: Target, change: TargetChange) -> Lag:
@@ -41,8 +51,8 @@ class TickReach:
         return self._ahead.way_m(lag.total_s + self._half_tick_s)
 
     def switch_m(self, in_s: float, lag: Lag, answers_s: float) -> float:
-        """Where what is to be released from `in_s` on lands, m ahead: `lag` of the change that the flow makes then,
-        of which `answers_s` pass before what it releases is half-way."""
+        """Where what is to be released from `in_s` on lands, m ahead: `lag` of the change that
+        the flow makes then, of which `answers_s` pass before what it releases is half-way."""
         if not self._look_ahead:
             return 0.0
         return self._ahead.way_m(in_s + max(0.0, lag.total_s - answers_s) + self._half_tick_s)

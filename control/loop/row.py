@@ -1,4 +1,5 @@
 """The log row of a tick: what the sensors said, as long as it holds, and what came of it."""
+
 from __future__ import annotations
 
 from control.log_row import GNSS_HOLDS_S, HOLDS_S, LogRow
@@ -8,14 +9,26 @@ from control.readings import DriveCommand, Measurements, held
 from control.safety import Verdict
 
 HEAD_SILENT_S = HOLDS_S["ndvi_1"]
-_SILENT = (None,) * 7               # six heads and what was decided by them
+_SILENT = (None,) * 7  # six heads and what was decided by them
 
 
-def log_row(started_s: float, moment: Moment, *, decision: TickDecision, metered: Metered, verdict: Verdict,
-            command: DriveCommand, choices: Choices, strategy: Strategy, heads: tuple[float | None, ...],
-            decided_ndvi: float | None, events: list[str], speed_told: str | None) -> LogRow:
-    """The row of one tick; times count from `started_s`; heads: as `head_ndvi` has them. A GNSS place that was refused
-    is left out."""
+def log_row(
+    started_s: float,
+    moment: Moment,
+    *,
+    decision: TickDecision,
+    metered: Metered,
+    verdict: Verdict,
+    command: DriveCommand,
+    choices: Choices,
+    strategy: Strategy,
+    heads: tuple[float | None, ...],
+    decided_ndvi: float | None,
+    events: list[str],
+    speed_told: str | None,
+) -> LogRow:
+    """The row of one tick; times count from `started_s`; heads: as `head_ndvi` has them. A GNSS
+    place that was refused is left out."""
     m, sensed, holding, now_s = moment.m, moment.sensed, decision.holding, moment.m.time_s
     total_s = decision.lag.total_s
     fix = m.gnss if sensed.gnss_age_s is not None and sensed.gnss_age_s <= GNSS_HOLDS_S else None
@@ -24,32 +37,56 @@ def log_row(started_s: float, moment: Moment, *, decision: TickDecision, metered
     seen = (*(*heads, *_SILENT)[:6], decided)
     ndvi, ndre = (seen, _SILENT) if m.canopy_index == "ndvi" else (_SILENT, seen)
     return LogRow(
-        time_s=now_s - started_s, utc=fix.utc if fix else None,
-        lat_deg=placed.lat_deg if placed else None, lon_deg=placed.lon_deg if placed else None,
-        fix_quality=placed.fix_quality if placed else None, satellites=fix.satellites if fix else None,
-        hdop=fix.hdop if fix else None, heading_deg=fix.heading_deg if fix else None,
+        time_s=now_s - started_s,
+        utc=fix.utc if fix else None,
+        lat_deg=placed.lat_deg if placed else None,
+        lon_deg=placed.lon_deg if placed else None,
+        fix_quality=placed.fix_quality if placed else None,
+        satellites=fix.satellites if fix else None,
+        hdop=fix.hdop if fix else None,
+        heading_deg=fix.heading_deg if fix else None,
         pitch_deg=held(m.pitch_deg, now_s, HOLDS_S["pitch_deg"]),
         roll_deg=held(m.roll_deg, now_s, HOLDS_S["roll_deg"]),
         speed_mps=fix.speed_mps if fix else None,
         wheel_speed_mps=held(m.wheel_speed_mps, now_s, HOLDS_S["wheel_speed_mps"]),
         speed_used_mps=sensed.speed_mps,
-        ndvi_1=ndvi[0], ndvi_2=ndvi[1], ndvi_3=ndvi[2], ndvi_4=ndvi[3], ndvi_5=ndvi[4], ndvi_6=ndvi[5], ndvi=ndvi[6],
+        ndvi_1=ndvi[0],
+        ndvi_2=ndvi[1],
+        ndvi_3=ndvi[2],
+        ndvi_4=ndvi[3],
+        ndvi_5=ndvi[4],
+        ndvi_6=ndvi[5],
+        ndvi=ndvi[6],
         target_rate_kg_ha=None if holding.source is TargetSource.POINT else decision.planned_kg_ha,
         nudge_percent=choices.nudge_percent,
-        shaft_rpm_cmd=command.shaft_rpm, shaft_rpm=held(m.shaft_rpm, now_s, HOLDS_S["shaft_rpm"]),
-        opening_mm_cmd=command.opening_mm, opening_mm=held(m.opening_mm, now_s, HOLDS_S["opening_mm"]),
-        hopper_kg=held(m.hopper_kg, now_s, HOLDS_S["hopper_kg"]), flow_trim=metered.trim,
+        shaft_rpm_cmd=command.shaft_rpm,
+        shaft_rpm=held(m.shaft_rpm, now_s, HOLDS_S["shaft_rpm"]),
+        opening_mm_cmd=command.opening_mm,
+        opening_mm=held(m.opening_mm, now_s, HOLDS_S["opening_mm"]),
+        hopper_kg=held(m.hopper_kg, now_s, HOLDS_S["hopper_kg"]),
+        flow_trim=metered.trim,
         supply_v=held(m.supply_v, now_s, HOLDS_S["supply_v"]),
-        applied_rate_kg_ha=metered.rate_kg_ha, lag_s=total_s,
+        applied_rate_kg_ha=metered.rate_kg_ha,
+        lag_s=total_s,
         lag_m=None if sensed.speed_mps is None else sensed.speed_mps * total_s,
-        state=verdict.state.value, strategy=strategy.value, target_source=holding.source.value,
+        state=verdict.state.value,
+        strategy=strategy.value,
+        target_source=holding.source.value,
         work_switch=None if m.work_switch is None else int(m.work_switch),
-        alarms=";".join([alarm.id for alarm in verdict.alarms]) or None, events=";".join(events) or None,
+        alarms=";".join([alarm.id for alarm in verdict.alarms]) or None,
+        events=";".join(events) or None,
         speed_told=speed_told,
         shaft_effort=held(m.shaft_effort, now_s, HOLDS_S["shaft_effort"]),
         gate_effort=held(m.gate_effort, now_s, HOLDS_S["gate_effort"]),
-        ndre_1=ndre[0], ndre_2=ndre[1], ndre_3=ndre[2], ndre_4=ndre[3], ndre_5=ndre[4], ndre_6=ndre[5], ndre=ndre[6],
-        sections_cmd=";".join([str(int(on)) for on in command.valves]) or None)
+        ndre_1=ndre[0],
+        ndre_2=ndre[1],
+        ndre_3=ndre[2],
+        ndre_4=ndre[3],
+        ndre_5=ndre[4],
+        ndre_6=ndre[5],
+        ndre=ndre[6],
+        sections_cmd=";".join([str(int(on)) for on in command.valves]) or None,
+    )
 
 
 def head_ndvi(m: Measurements) -> tuple[float | None, ...]:

@@ -1,9 +1,12 @@
-"""The sections of a machine with valves: which are to be on when what is released then lands, and their valves.
+"""The sections of a machine with valves: which are to be on when what is released then lands,
+and their valves.
 
-Every switch is decided `prepare_s` before the moment from which it is to hold at the valves: the slowest valve and the
-shaft answer within that time. Then each goes in its own time, so that the valve, and the flow for the outlets that are
-open from then on, come together. The ground is judged where what passes the valve at that moment will land.
+Every switch is decided `prepare_s` before the moment from which it is to hold at the valves:
+the slowest valve and the shaft answer within that time. Then each goes in its own time, so that
+the valve, and the flow for the outlets that are open from then on, come together. The ground is
+judged where what passes the valve at that moment will land.
 """
+
 from __future__ import annotations
 
 from collections import deque
@@ -15,11 +18,20 @@ from control.machine.machine import Machine
 from control.machine.shaft import dead_s, lag_s
 from control.orders import SectionState
 from control.sensing import Sensed
-from control.targets.section_ground import OUTSIDE, JudgedStrip, SectionGround, SectionRates, SectionsGround
+from control.targets.section_ground import (
+    OUTSIDE,
+    JudgedStrip,
+    SectionGround,
+    SectionRates,
+    SectionsGround,
+)
 
-BY_HAND, NO_FLOW = "hand", "no_flow"        # why a section is closed, along with those of `targets.section_ground`
-SHORTEST_M = 0.5            # of way between two switches of one section: shorter stretches are cut corners
-BEND_DEG_M = 2.0            # turning more sharply, the place ahead lies on the arc
+# why a section is closed, along with those of `targets.section_ground`
+BY_HAND, NO_FLOW = "hand", "no_flow"
+# of way between two switches of one section: shorter stretches are cut corners
+SHORTEST_M = 0.5
+# turning more sharply, the place ahead lies on the arc
+BEND_DEG_M = 2.0
 TIE_S = 1e-6
 
 
@@ -27,8 +39,9 @@ class Leads(NamedTuple):
     """How far ahead of the outlets what is released `prepare_s` from now lands, m."""
 
     running_m: float
-    start_m: float              # the first section opens: the shaft begins to turn
-    stop_m: float               # the last one closes
+    # the first section opens: the shaft begins to turn
+    start_m: float
+    stop_m: float  # the last one closes
 
 
 class _Turn(NamedTuple):
@@ -39,15 +52,17 @@ class _Turn(NamedTuple):
 
 
 class _Switch:
-    """One section: what was decided of it, what its valve was commanded, and what it does by now."""
+    """One section: what was decided of it, what its valve was commanded, and what it does by
+    now."""
 
     def __init__(self, open_s: float, close_s: float) -> None:
         self.open_s, self.close_s = open_s, close_s
-        self.why = NO_FLOW                      # of the newest decision
-        self.inside = False                     # the newest decision is not outside the field
-        self.planned: deque[_Turn] = deque([_Turn(-inf, False)])        # decided
-        self.stands: deque[_Turn] = deque([_Turn(-inf, False)])         # as commanded
-        self.switched_m = -inf                  # place of the track from which the newest decision holds
+        self.why = NO_FLOW  # of the newest decision
+        self.inside = False  # the newest decision is not outside the field
+        self.planned: deque[_Turn] = deque([_Turn(-inf, False)])  # decided
+        self.stands: deque[_Turn] = deque([_Turn(-inf, False)])  # as commanded
+        # place of the track from which the newest decision holds
+        self.switched_m = -inf
 
     @property
     def decided(self) -> bool:
@@ -66,8 +81,11 @@ class _Switch:
 
     def wanted_of_valve(self, by_s: float) -> bool:
         """What the valve is to be commanded by then, so that it stands right in time."""
-        return next(turn.on for turn in reversed(self.planned)
-                    if turn.from_s - (self.open_s if turn.on else self.close_s) <= by_s)
+        return next(
+            turn.on
+            for turn in reversed(self.planned)
+            if turn.from_s - (self.open_s if turn.on else self.close_s) <= by_s
+        )
 
     def tell(self, now_s: float, on: bool) -> None:
         if on is not self.stands[-1].on:
@@ -79,31 +97,41 @@ def _at(turns: deque[_Turn], time_s: float) -> bool:
 
 
 class Sections:
-    """One of a run. A tick: `decide`, `share_at`, `valves`, `commanded`. A machine without valves has no strips: it is
-    open over its whole width, and nothing is decided."""
+    """One of a run. A tick: `decide`, `share_at`, `valves`, `commanded`. A machine without
+    valves has no strips: it is open over its whole width, and nothing is decided."""
 
     def __init__(self, machine: Machine, overlap_percent: float, edge_m: float) -> None:
         shaft = machine.shaft
         self.strips = machine.switched
         self._ground = SectionGround(self.strips, overlap_percent, edge_m)
-        self._switches = [_Switch(section.valve.open_s, section.valve.close_s)
-                          for section in machine.sections if section.valve is not None]
+        self._switches = [
+            _Switch(section.valve.open_s, section.valve.close_s)
+            for section in machine.sections
+            if section.valve is not None
+        ]
         self.shaft_answers_s = dead_s(shaft) + lag_s(shaft)
-        self.prepare_s = max([self.shaft_answers_s, *(max(one.open_s, one.close_s) for one in self._switches)])
-        self._gate_dead_s, self._slew_mm_s = machine.gate.dead_time_s, max(0.5, machine.gate.slew_mm_s)
+        self.prepare_s = max(
+            [self.shaft_answers_s, *(max(one.open_s, one.close_s) for one in self._switches)]
+        )
+        self._gate_dead_s, self._slew_mm_s = (
+            machine.gate.dead_time_s,
+            max(0.5, machine.gate.slew_mm_s),
+        )
         self._started = [False] * len(self.strips)
         self._judged_at: tuple[Place, float] | None = None
         self._backwards = False
 
-    # -- what is decided -------------------------------------------------------------------------------------------
+    # -- what is decided
+    # -------------------------------------------------------------------------------------------
 
     def started(self) -> None:
-        """The operator wants flow from here on: the ground that it stands on, done in this run, gets it."""
+        """The operator wants flow from here on: the ground that it stands on, done in this run,
+        gets it."""
         self._started = [True] * len(self.strips)
 
     def moved(self) -> None:
-        """The position has jumped, or the direction has turned: what was decided held for other ground. All are off
-        until they are decided anew."""
+        """The position has jumped, or the direction has turned: what was decided held for other
+        ground. All are off until they are decided anew."""
         for one in self._switches:
             one.planned = deque([_Turn(-inf, False)])
             one.inside, one.switched_m = False, -inf
@@ -116,10 +144,18 @@ class Sections:
         """The same with where the operator wants flow."""
         return ground._replace(started=tuple(self._started))
 
-    def decide(self, sensed: Sensed, dt_s: float, leads: Leads, ground: SectionsGround, off_by_hand: tuple[int, ...],
-               everywhere: bool = False) -> None:
-        """Judge the ground at the landing place and switch what is to be switched. off_by_hand: sections counted from
-        1, left to right. `everywhere`: the ground is not asked (point mode)."""
+    def decide(
+        self,
+        sensed: Sensed,
+        dt_s: float,
+        leads: Leads,
+        ground: SectionsGround,
+        off_by_hand: tuple[int, ...],
+        everywhere: bool = False,
+    ) -> None:
+        """Judge the ground at the landing place and switch what is to be switched. off_by_hand:
+        sections counted from 1, left to right. `everywhere`: the ground is not asked (point
+        mode)."""
         now = sensed.time_s
         if sensed.backwards is not self._backwards:
             self._backwards = sensed.backwards
@@ -141,23 +177,37 @@ class Sections:
                 one.why, one.switched_m = found.why, way_m
                 one.decide(now + self.prepare_s, on)
 
-    def _judged(self, sensed: Sensed, leads: Leads, ground: SectionsGround,
-                everywhere: bool) -> tuple[tuple[JudgedStrip, ...], float]:
+    def _judged(
+        self, sensed: Sensed, leads: Leads, ground: SectionsGround, everywhere: bool
+    ) -> tuple[tuple[JudgedStrip, ...], float]:
         """Of every section, and how far ahead."""
         self._judged_at = None
         if everywhere:
             return (JudgedStrip(True, "", 0.0, False),) * len(self.strips), leads.running_m
-        if not sensed.position_ok or sensed.east_m is None or sensed.north_m is None or sensed.heading_deg is None:
+        if (
+            not sensed.position_ok
+            or sensed.east_m is None
+            or sensed.north_m is None
+            or sensed.heading_deg is None
+        ):
             return self._ground.unknown(ground), leads.running_m
         if not self.any_decided:
             return self._look(sensed, leads.start_m, ground), leads.start_m
         ends = self._look(sensed, leads.stop_m, ground)
-        if not any(found.wanted for one, found in zip(self._switches, ends, strict=True) if one.decided):
+        if not any(
+            found.wanted for one, found in zip(self._switches, ends, strict=True) if one.decided
+        ):
             return ends, leads.stop_m
         return self._look(sensed, leads.running_m, ground), leads.running_m
 
-    def _look(self, sensed: Sensed, ahead_m: float, ground: SectionsGround) -> tuple[JudgedStrip, ...]:
-        assert sensed.east_m is not None and sensed.north_m is not None and sensed.heading_deg is not None
+    def _look(
+        self, sensed: Sensed, ahead_m: float, ground: SectionsGround
+    ) -> tuple[JudgedStrip, ...]:
+        assert (
+            sensed.east_m is not None
+            and sensed.north_m is not None
+            and sensed.heading_deg is not None
+        )
         way_m = -ahead_m if sensed.backwards else ahead_m
         bend_deg_m = sensed.turn_deg_s / max(0.3, sensed.speed_mps or 0.0)
         turned = bend_deg_m * way_m if abs(bend_deg_m) > BEND_DEG_M else 0.0
@@ -168,20 +218,27 @@ class Sections:
         return self._ground.look(place, sensed.heading_deg + turned, ground)
 
     def map_rate_kg_ha(self, rates: SectionRates) -> float:
-        """What a map wants on the mean under the sections that are on, where it wants any; at the judged place."""
+        """What a map wants on the mean under the sections that are on, where it wants any; at
+        the judged place."""
         if self._judged_at is None:
             return 0.0
-        return self._ground.rate_kg_ha(*self._judged_at, [one.decided for one in self._switches], rates)
+        return self._ground.rate_kg_ha(
+            *self._judged_at, [one.decided for one in self._switches], rates
+        )
 
     def inside(self, now_s: float) -> bool:
-        """Whether some section is inside the field, or on its way there; what flows now lands inside as well."""
-        return not self.strips or any(one.inside or _at(one.planned, now_s) for one in self._switches)
+        """Whether some section is inside the field, or on its way there; what flows now lands
+        inside as well."""
+        return not self.strips or any(
+            one.inside or _at(one.planned, now_s) for one in self._switches
+        )
 
-    # -- what follows from it --------------------------------------------------------------------------------------
+    # -- what follows from it
+    # --------------------------------------------------------------------------------------
 
     def metering_s(self, by_shaft: bool, standing: bool, opening_mm: float) -> float:
-        """From a new set-point until the flow is half-way there: what the metering is to be commanded ahead of a
-        switch."""
+        """From a new set-point until the flow is half-way there: what the metering is to be
+        commanded ahead of a switch."""
         if by_shaft or standing:
             return self.shaft_answers_s
         move_mm = opening_mm / max(1, sum(one.decided for one in self._switches))
@@ -189,13 +246,22 @@ class Sections:
 
     def share_at(self, time_s: float) -> float:
         """Share of the working width that is to be open at a time, at most `prepare_s` ahead."""
-        return sum(strip.share for strip, one in zip(self.strips, self._switches, strict=True)
-                   if _at(one.planned, time_s)) if self.strips else 1.0
+        return (
+            sum(
+                strip.share
+                for strip, one in zip(self.strips, self._switches, strict=True)
+                if _at(one.planned, time_s)
+            )
+            if self.strips
+            else 1.0
+        )
 
     def valves(self, now_s: float, dt_s: float, off_by_hand: tuple[int, ...]) -> tuple[bool, ...]:
         """What the valves are to be commanded in this tick, before safety is asked."""
-        return tuple(one.wanted_of_valve(now_s + 0.5 * dt_s + TIE_S) and k + 1 not in off_by_hand
-                     for k, one in enumerate(self._switches))
+        return tuple(
+            one.wanted_of_valve(now_s + 0.5 * dt_s + TIE_S) and k + 1 not in off_by_hand
+            for k, one in enumerate(self._switches)
+        )
 
     def commanded(self, now_s: float, valves: tuple[bool, ...]) -> None:
         """What they were commanded, through the last gate."""
@@ -207,11 +273,23 @@ class Sections:
         return tuple(_at(one.stands, now_s) for one in self._switches) if self.strips else (True,)
 
     def open_share(self, now_s: float) -> float:
-        return sum(strip.share for strip, on in zip(self.strips, self.open_now(now_s), strict=True)
-                   if on) if self.strips else 1.0
+        return (
+            sum(
+                strip.share
+                for strip, on in zip(self.strips, self.open_now(now_s), strict=True)
+                if on
+            )
+            if self.strips
+            else 1.0
+        )
 
-    def states(self, valves: tuple[bool, ...], off_by_hand: tuple[int, ...]) -> tuple[SectionState, ...]:
+    def states(
+        self, valves: tuple[bool, ...], off_by_hand: tuple[int, ...]
+    ) -> tuple[SectionState, ...]:
         """For who looks at them."""
-        return tuple(SectionState(True) if on else SectionState(
-            False, BY_HAND if k + 1 in off_by_hand else one.why or NO_FLOW)
-            for k, (one, on) in enumerate(zip(self._switches, valves, strict=True)))
+        return tuple(
+            SectionState(True)
+            if on
+            else SectionState(False, BY_HAND if k + 1 in off_by_hand else one.why or NO_FLOW)
+            for k, (one, on) in enumerate(zip(self._switches, valves, strict=True))
+        )

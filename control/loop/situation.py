@@ -1,4 +1,5 @@
 """What safety is given of a tick."""
+
 from __future__ import annotations
 
 from control.loop.canopy_heads import CanopyHeads
@@ -8,28 +9,57 @@ from control.readings import EffortSays, ScaleSays
 from control.safety import Commanded, Situation
 
 
-def situation(moment: Moment, decision: TickDecision, metered: Metered, choices: Choices, *, heads: CanopyHeads,
-              between_doses: bool, console_age_s: float | None, log_ok: bool, commanded: Commanded,
-              map_elsewhere: bool, scale: ScaleSays, effort: EffortSays,
-              external_speaks: bool) -> Situation:
+def situation(
+    moment: Moment,
+    decision: TickDecision,
+    metered: Metered,
+    choices: Choices,
+    *,
+    heads: CanopyHeads,
+    between_doses: bool,
+    console_age_s: float | None,
+    log_ok: bool,
+    commanded: Commanded,
+    map_elsewhere: bool,
+    scale: ScaleSays,
+    effort: EffortSays,
+    external_speaks: bool,
+) -> Situation:
     """`between_doses`: a rate means nothing there, and is not given."""
     m, sensed = moment.m, moment.sensed
     needs_heads = choices.source in BY_CANOPY
     heard = [r.time_s for r in m.ndvi if r is not None] if needs_heads else []
-    applied = None if between_doses or metered.rate_kg_ha is None else metered.rate_kg_ha * metered.trim
+    applied = (
+        None if between_doses or metered.rate_kg_ha is None else metered.rate_kg_ha * metered.trim
+    )
     return Situation(
-        measurements=m, speed_used_mps=sensed.speed_mps, gnss_period_s=sensed.gnss_period_s,
-        wheel_standstill=sensed.wheel_standstill, target_source=choices.source, position_ok=sensed.position_ok,
-        course_awaited=sensed.course_awaited, speed_doubt=sensed.doubt,
+        measurements=m,
+        speed_used_mps=sensed.speed_mps,
+        gnss_period_s=sensed.gnss_period_s,
+        wheel_standstill=sensed.wheel_standstill,
+        target_source=choices.source,
+        position_ok=sensed.position_ok,
+        course_awaited=sensed.course_awaited,
+        speed_doubt=sensed.doubt,
         landing_inside=decision.inside,
-        valid_heads=heads.valid if needs_heads else None, by_index_map=needs_heads and heads.by_map,
+        valid_heads=heads.valid if needs_heads else None,
+        by_index_map=needs_heads and heads.by_map,
         ndvi_age_s=sensed.time_s - max(heard) if heard else None,
         expected_rate_kg_ha=None if between_doses else metered.expected_rate_kg_ha,
         applied_rate_kg_ha=applied,
-        target_rate_kg_ha=decision.rate_kg_ha, metres_left_m=metered.metres_left_m,
+        target_rate_kg_ha=decision.rate_kg_ha,
+        metres_left_m=metered.metres_left_m,
         usable_speed_mps=decision.usable_mps if moment.speed_mps > decision.usable_mps else None,
-        console_age_s=console_age_s, log_ok=log_ok, position_refused_m=sensed.refused_m,
+        console_age_s=console_age_s,
+        log_ok=log_ok,
+        position_refused_m=sensed.refused_m,
         position_walks=sensed.walks,
-        cut_from_kg_ha=decision.planned_kg_ha if decision.planned_kg_ha > decision.rate_kg_ha and not decision.by_point
-        else None, commanded=commanded, map_elsewhere=map_elsewhere, scale=scale,
-        target_silent=choices.source is TargetSource.EXTERNAL and not external_speaks, effort=effort)
+        cut_from_kg_ha=decision.planned_kg_ha
+        if decision.planned_kg_ha > decision.rate_kg_ha and not decision.by_point
+        else None,
+        commanded=commanded,
+        map_elsewhere=map_elsewhere,
+        scale=scale,
+        target_silent=choices.source is TargetSource.EXTERNAL and not external_speaks,
+        effort=effort,
+    )

@@ -1,8 +1,11 @@
-"""What the drives were commanded, and what leaves the machine though its shaft is commanded to stop.
+"""What the drives were commanded, and what leaves the machine though its shaft is commanded to
+stop.
 
-A stop takes a second to come to a stand, and a drive that has gone wrong none at all: what the measured shaft gives
-meanwhile lies on the ground and is missing in the hopper. It is counted here in every state, and entered in the log.
+A stop takes a second to come to a stand, and a drive that has gone wrong none at all: what the
+measured shaft gives meanwhile lies on the ground and is missing in the hopper. It is counted
+here in every state, and entered in the log.
 """
+
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -16,20 +19,26 @@ from control.orders import State
 from control.readings import DriveCommand, Measurements, is_fresh
 from control.safety import POWERED, Commanded, SafetyLimits, Verdict
 
-EVERY_S = 1.0               # while it goes on, the log tells as often: a power cut loses no more
-SHAFT_HOLDS_S = 0.5         # as long as safety believes a reading of the shaft
-VALVE_LINE_S = 1.0          # a valve's switch and the board's line are later than the machine file says by less
-LEAST_KG = 1e-4             # the log's resolution; less waits for more
+# while it goes on, the log tells as often: a power cut loses no more
+EVERY_S = 1.0
+# as long as safety believes a reading of the shaft
+SHAFT_HOLDS_S = 0.5
+# a valve's switch and the board's line are later than the machine file says by less
+VALVE_LINE_S = 1.0
+LEAST_KG = 1e-4  # the log's resolution; less waits for more
 
 
 def standing_limits(machine: Machine, limits: SafetyLimits) -> SafetyLimits:
-    """The limits with the shaft speed that counts as standing on this machine, above its sensor's noise (six s.d.) and
-    below half its slowest turning; and with the time that its valves take to close, and a second."""
+    """The limits with the shaft speed that counts as standing on this machine, above its
+    sensor's noise (six s.d.) and below half its slowest turning; and with the time that its
+    valves take to close, and a second."""
     noise_rpm = machine.noise.shaft_rpm
     stands_rpm = max(limits.shaft_stands_rpm, 6.0 * noise_rpm)
-    if machine.limits.shaft_low_rpm > 0.0:          # 0: no slowest turning is known
+    if machine.limits.shaft_low_rpm > 0.0:  # 0: no slowest turning is known
         stands_rpm = min(stands_rpm, max(0.5 * machine.limits.shaft_low_rpm, 4.0 * noise_rpm))
-    closes_s = max((section.valve.close_s for section in machine.sections if section.valve), default=0.0)
+    closes_s = max(
+        (section.valve.close_s for section in machine.sections if section.valve), default=0.0
+    )
     return replace(limits, shaft_stands_rpm=stands_rpm, valve_closes_s=closes_s + VALVE_LINE_S)
 
 
@@ -41,19 +50,27 @@ def open_share(strips: Sequence[SectionStrip], m: Measurements) -> float:
 
 
 class Stopped:
-    """`commanded`: what the drives were commanded in the tick before. Once a tick `update`, then `command`."""
+    """`commanded`: what the drives were commanded in the tick before. Once a tick `update`,
+    then `command`."""
 
     def __init__(self, machine: Machine, limits: SafetyLimits, obeyed: bool = True) -> None:
-        """obeyed: False where the drives follow other commands, as in a log that is gone through again."""
-        self.commanded = Commanded(turn=not obeyed, flow=not obeyed, enabled=False,
-                                   opening_mm=machine.set_points.opening_mm)
+        """obeyed: False where the drives follow other commands, as in a log that is gone
+        through again."""
+        self.commanded = Commanded(
+            turn=not obeyed,
+            flow=not obeyed,
+            enabled=False,
+            opening_mm=machine.set_points.opening_mm,
+        )
         self._shaft, self._stands_rpm, self._obeyed = machine.shaft, limits.shaft_stands_rpm, obeyed
-        self._offset_mm = machine.gate.offset_mm        # of its sensor: what the gate reads is so much more
+        # of its sensor: what the gate reads is so much more
+        self._offset_mm = machine.gate.offset_mm
         self._dose_until_s = -inf
-        self._spell_kg = 0.0            # released since it was commanded to stop
-        self._to_tray = False           # since a calibrating run: what runs down falls into its tray
+        self._spell_kg = 0.0  # released since it was commanded to stop
+        # since a calibrating run: what runs down falls into its tray
+        self._to_tray = False
         self._tray_kg = 0.0
-        self._owed_kg = 0.0             # to be entered in the log
+        self._owed_kg = 0.0  # to be entered in the log
         self._entered_s = -inf
 
     def turning_rpm(self, m: Measurements) -> float:
@@ -62,17 +79,28 @@ class Stopped:
         known = read is not None and is_fresh(read.time_s, m.time_s, SHAFT_HOLDS_S)
         return read.value if read is not None and known and read.value >= self._stands_rpm else 0.0
 
-    def update(self, m: Measurements, dt_s: float, flow_kg_s: float | None, verdict: Verdict,
-               worked: bool, unordered_kg: float = 0.0) -> tuple[float, str | None]:
-        """Kilograms to be counted of this tick, and the row's event where one is due. worked: counted as work.
-        unordered_kg: what left the hopper by its scale while the shaft reads that it stands."""
+    def update(
+        self,
+        m: Measurements,
+        dt_s: float,
+        flow_kg_s: float | None,
+        verdict: Verdict,
+        worked: bool,
+        unordered_kg: float = 0.0,
+    ) -> tuple[float, str | None]:
+        """Kilograms to be counted of this tick, and the row's event where one is due. worked:
+        counted as work. unordered_kg: what left the hopper by its scale while the shaft reads
+        that it stands."""
         kg = self._released_kg(m, dt_s, flow_kg_s)
         self._spell_kg = 0.0 if self.commanded.turn else self._spell_kg + kg
         counted_kg = (0.0 if worked else self._counted_kg(kg, verdict)) + unordered_kg
         return counted_kg, self._event(m.time_s, counted_kg)
 
-    def command(self, now_s: float, command: DriveCommand, verdict: Verdict, expected: Pair) -> None:
-        """What the drives are commanded from now on. expected: shaft and opening by now, by the machine model."""
+    def command(
+        self, now_s: float, command: DriveCommand, verdict: Verdict, expected: Pair
+    ) -> None:
+        """What the drives are commanded from now on. expected: shaft and opening by now, by the
+        machine model."""
         if not self._obeyed:
             return
         if command.dose is not None:
@@ -80,9 +108,17 @@ class Stopped:
             answers_s = self._shaft.dead_time_s + self._shaft.extra_dead_time_s
             self._dose_until_s = max(self._dose_until_s, now_s) + answers_s + turns_s
         turn = command.shaft_rpm > 0.0 or now_s < self._dose_until_s
-        self.commanded = Commanded(turn, verdict.flow_allowed, verdict.state in POWERED, command.opening_mm,
-                                   command.valves, expected.shaft_rpm, self._spell_kg,
-                                   expected.opening_mm + self._offset_mm, command.shaft_rpm)
+        self.commanded = Commanded(
+            turn,
+            verdict.flow_allowed,
+            verdict.state in POWERED,
+            command.opening_mm,
+            command.valves,
+            expected.shaft_rpm,
+            self._spell_kg,
+            expected.opening_mm + self._offset_mm,
+            command.shaft_rpm,
+        )
 
     def _released_kg(self, m: Measurements, dt_s: float, flow_kg_s: float | None) -> float:
         """By the measured shaft; 0 unless it is commanded to stop, and turns."""
@@ -92,15 +128,20 @@ class Stopped:
         return kg if self.turning_rpm(m) > 0.0 and kg > 0.0 and isfinite(kg) else 0.0
 
     def _counted_kg(self, kg: float, verdict: Verdict) -> float:
-        """What runs down after a calibrating run lies in its tray; of a shaft that goes on, all counts."""
+        """What runs down after a calibrating run lies in its tray; of a shaft that goes on, all
+        counts."""
         if verdict.state is State.CALIBRATING:
             self._to_tray = True
         if not self._to_tray:
             return kg
         self._tray_kg += kg
-        goes_on = any(alarm.id == "shaft_turns" and alarm.gone_s is None for alarm in verdict.alarms)
+        goes_on = any(
+            alarm.id == "shaft_turns" and alarm.gone_s is None for alarm in verdict.alarms
+        )
         counted_kg = self._tray_kg if goes_on else 0.0
-        if goes_on or (kg <= 0.0 and verdict.state is not State.CALIBRATING and not self.commanded.turn):
+        if goes_on or (
+            kg <= 0.0 and verdict.state is not State.CALIBRATING and not self.commanded.turn
+        ):
             self._to_tray, self._tray_kg = False, 0.0
         return counted_kg
 

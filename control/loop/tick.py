@@ -1,4 +1,5 @@
 """What one tick yields."""
+
 from __future__ import annotations
 
 from typing import NamedTuple
@@ -14,7 +15,8 @@ from control.targets.lag_correction import Fired
 
 
 class Tick(NamedTuple):
-    """The parts of a tick as they were made. What the console's frame shows is named here as it is there."""
+    """The parts of a tick as they were made. What the console's frame shows is named here as it
+    is there."""
 
     row: LogRow
     command: DriveCommand
@@ -24,18 +26,21 @@ class Tick(NamedTuple):
     allow: Allowances
     fired: tuple[Fired, ...]
     notes: tuple[str, ...]
-    dropped_heads: tuple[int, ...]          # 1-based
-    head_ndvi: tuple[float | None, ...]     # as many as there are heads, left to right; None: silent
+    dropped_heads: tuple[int, ...]  # 1-based
+    # as many as there are heads, left to right; None: silent
+    head_ndvi: tuple[float | None, ...]
     metres_left_m: float | None
-    usable_speed_mps: float | None          # highest usable speed, where the present one is above it
+    # highest usable speed, where the present one is above it
+    usable_speed_mps: float | None
     area_ha: float
     applied_kg: float
-    bench: BenchRun | None                  # while calibrating
-    threshold_m: float | None               # of point mode, as learned, at this speed
-    sections: tuple[SectionState, ...]      # left to right; empty where the machine has no valves
-    strips: Strips                          # N-rich and farmer check, as they count now
-    sources: tuple[TargetSource, ...]       # of the target, that the job has
-    effort: EffortSays                      # of the metering drive
+    bench: BenchRun | None  # while calibrating
+    threshold_m: float | None  # of point mode, as learned, at this speed
+    # left to right; empty where the machine has no valves
+    sections: tuple[SectionState, ...]
+    strips: Strips  # N-rich and farmer check, as they count now
+    sources: tuple[TargetSource, ...]  # of the target, that the job has
+    effort: EffortSays  # of the metering drive
 
     @property
     def enabled(self) -> bool:
@@ -71,7 +76,8 @@ class Tick(NamedTuple):
 
     @property
     def ordered_source(self) -> str:
-        """Of the target, by the operator's order: what stands in for it where it is silent is in the row."""
+        """Of the target, by the operator's order: what stands in for it where it is silent is
+        in the row."""
         return self.choices.source.value
 
     @property

@@ -1,4 +1,6 @@
-"""The lag of a change of set-points: from the command until the landed step is half-way (lag papers)."""
+"""The lag of a change of set-points: from the command until the landed step is half-way (lag
+papers)."""
+
 from __future__ import annotations
 
 from typing import NamedTuple
@@ -19,7 +21,8 @@ class Settled(NamedTuple):
 
 
 class Lag(NamedTuple):
-    """`response_s`: dead time of the slowest actuator that moves; `transition_s`: half of its travel; `drop_s`."""
+    """`response_s`: dead time of the slowest actuator that moves; `transition_s`: half of its
+    travel; `drop_s`."""
 
     response_s: float
     transition_s: float
@@ -30,20 +33,22 @@ class Lag(NamedTuple):
         return self.response_s + self.transition_s + self.drop_s
 
 
-STEP_S = 0.0125         # of the little simulation of one change
-TIE = 1e-9              # of the middle rate, s: where two parcels fit alike, a rise takes the first, a fall the last
-SETTLE_S = 1.0          # after the slowest drive began to move
-ROUND_RPM = 1.0         # lags are kept by rounded pairs
+STEP_S = 0.0125  # of the little simulation of one change
+# of the middle rate, s: where two parcels fit alike, a rise takes the first, a fall the last
+TIE = 1e-9
+SETTLE_S = 1.0  # after the slowest drive began to move
+ROUND_RPM = 1.0  # lags are kept by rounded pairs
 ROUND_MM = 0.5
 
 
 class ChangeLags:
     """Lags of changes under one machine model, kept once computed.
 
-    A change is played through the model: shaft and gate move, parcels are carried along in the tube, and the lag is
-    the time from the command to the half-way point of the landed step, found as rate and place errors are judged (the
-    best fitting step). Neither half a transition nor one shaft speed's drop time will do: while the shaft speeds up,
-    what falls is carried faster than when it was released.
+    A change is played through the model: shaft and gate move, parcels are carried along in the
+    tube, and the lag is the time from the command to the half-way point of the landed step,
+    found as rate and place errors are judged (the best fitting step). Neither half a transition
+    nor one shaft speed's drop time will do: while the shaft speeds up, what falls is carried
+    faster than when it was released.
     """
 
     def __init__(self, machine: Machine) -> None:
@@ -51,20 +56,28 @@ class ChangeLags:
         self._kept: dict[tuple[int, int, int, int], Lag] = {}
 
     def lag(self, before: Settled, after: Settled) -> Lag:
-        key = (round(before.shaft_rpm / ROUND_RPM), round(before.opening_mm / ROUND_MM),
-               round(after.shaft_rpm / ROUND_RPM), round(after.opening_mm / ROUND_MM))
+        key = (
+            round(before.shaft_rpm / ROUND_RPM),
+            round(before.opening_mm / ROUND_MM),
+            round(after.shaft_rpm / ROUND_RPM),
+            round(after.opening_mm / ROUND_MM),
+        )
         found = self._kept.get(key)
         if found is None:
             found = self._kept[key] = change_lag(
-                self._machine, Settled(key[0] * ROUND_RPM, key[1] * ROUND_MM),
-                Settled(key[2] * ROUND_RPM, key[3] * ROUND_MM))
+                self._machine,
+                Settled(key[0] * ROUND_RPM, key[1] * ROUND_MM),
+                Settled(key[2] * ROUND_RPM, key[3] * ROUND_MM),
+            )
         return found
 
 
 def change_lag(machine: Machine, before: Settled, after: Settled) -> Lag:
-    """Lag of a change from one settled pair to another, s (lag paper: system response plus drop time).
+    """Lag of a change from one settled pair to another, s (lag paper: system response plus drop
+    time).
 
-    Where nothing moves, and from zero to zero, it is the response of the gate plus the drop time.
+    Where nothing moves, and from zero to zero, it is the response of the gate plus the drop
+    time.
     """
     fall, shaft, gate = machine.fall, machine.shaft, machine.gate
     dead_shaft = dead_s(shaft)
@@ -84,15 +97,23 @@ def change_lag(machine: Machine, before: Settled, after: Settled) -> Lag:
     return Lag(response, 0.0 if landed is None else landed + extra - response - drop, drop)
 
 
-def _landed_half_way_s(machine: Machine, before: Settled, after: Settled, rising: bool) -> float | None:
-    """From the command to the half-way point of the landed step, without the effects that depend on direction."""
+def _landed_half_way_s(
+    machine: Machine, before: Settled, after: Settled, rising: bool
+) -> float | None:
+    """From the command to the half-way point of the landed step, without the effects that
+    depend on direction."""
     shaft, gate = machine.shaft, machine.gate
     dead_shaft = dead_s(shaft)
     tau = lag_s(shaft) + shaft.second_order_s
     slew = max(0.5, gate.slew_mm_s - gate.slow_mm_s)
     rpm, rate, opening = before.shaft_rpm, 0.0, before.opening_mm
-    lasts = max(dead_shaft + 3.0 * tau + abs(after.shaft_rpm - rpm) / fastest_rpm_s(shaft),
-                gate.dead_time_s + abs(after.opening_mm - opening) / slew) + SETTLE_S
+    lasts = (
+        max(
+            dead_shaft + 3.0 * tau + abs(after.shaft_rpm - rpm) / fastest_rpm_s(shaft),
+            gate.dead_time_s + abs(after.opening_mm - opening) / slew,
+        )
+        + SETTLE_S
+    )
     lead, drop = int(2.0 / STEP_S), drop_s(machine.fall, rpm)
     times = [k * STEP_S for k in range(-lead, int(lasts / STEP_S))]
     masses, drops = [rpm * opening] * lead, [drop] * lead
@@ -106,7 +127,8 @@ def _landed_half_way_s(machine: Machine, before: Settled, after: Settled, rising
         drops.append(drop)
     released = np.array(times)
     reached = released + falls_s(released, np.array(drops), machine.fall.carried_share)
-    order = np.argsort(reached, kind="stable")            # where granules fall singly, later ones may be first
+    # where granules fall singly, later ones may be first
+    order = np.argsort(reached, kind="stable")
     lands_s = reached[order].tolist()
     weights = np.array(masses)[order].tolist()
     middle = 0.5 * (before.shaft_rpm * before.opening_mm + after.shaft_rpm * after.opening_mm)

@@ -1,8 +1,10 @@
-"""The steps compiled over whole logs. It and `kept_code` alone import numba; import it only where a log is run.
+"""The steps compiled over whole logs. It and `kept_code` alone import numba; import it only
+where a log is run.
 
-The cache folder and its entries carry a hash of the sources: numba's own check looks at one file only, and would go on
-running old machine code after an edit in another.
+The cache folder and its entries carry a hash of the sources: numba's own check looks at one
+file only, and would go on running old machine code after an edit in another.
 """
+
 from __future__ import annotations
 
 import contextlib
@@ -22,7 +24,7 @@ from .form import TermParams
 from .kept_code import KeptCode, named_apart
 from .over_log import Run, filling, mapped, with_room
 
-to_fixed_tuple: Any = ndarray.to_fixed_tuple        # (array, count) -> tuple, in compiled code
+to_fixed_tuple: Any = ndarray.to_fixed_tuple  # (array, count) -> tuple, in compiled code
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -39,24 +41,58 @@ def jitable(piece: F) -> F:
     return made
 
 
-for _piece in (elements.line_put, elements.line_mean, elements.line_held, elements.table_at, elements.stepped,
-               flow.bridged, flow.grams_per_rev, flow.common_factor, flow.in_flutes,
-               effort.of_drive, effort.shaft_parts, effort.supply_factor, effort.shaft_effort, effort.gate_effort,
-               fall.start_drop_s, fall.drop_s,
-               shaft.approach, shaft.free_swing, shaft.passes_s, shaft.free_for_s, shaft.swung, shaft.lag_s,
-               shaft.fastest_rpm_s, shaft.follows, shaft.beyond_rpm, shaft.asked_rpm, shaft.dead_s, shaft.shaft_step,
-               gate.gate_step, flow.flow_step, speed.speed_step, fall.fall_step,
-               scale.scale_reads, heads.head_reads, forms.clipped, term_step.remembered,
-               term_step.term_step):
+for _piece in (
+    elements.line_put,
+    elements.line_mean,
+    elements.line_held,
+    elements.table_at,
+    elements.stepped,
+    flow.bridged,
+    flow.grams_per_rev,
+    flow.common_factor,
+    flow.in_flutes,
+    effort.of_drive,
+    effort.shaft_parts,
+    effort.supply_factor,
+    effort.shaft_effort,
+    effort.gate_effort,
+    fall.start_drop_s,
+    fall.drop_s,
+    shaft.approach,
+    shaft.free_swing,
+    shaft.passes_s,
+    shaft.free_for_s,
+    shaft.swung,
+    shaft.lag_s,
+    shaft.fastest_rpm_s,
+    shaft.follows,
+    shaft.beyond_rpm,
+    shaft.asked_rpm,
+    shaft.dead_s,
+    shaft.shaft_step,
+    gate.gate_step,
+    flow.flow_step,
+    speed.speed_step,
+    fall.fall_step,
+    scale.scale_reads,
+    heads.head_reads,
+    forms.clipped,
+    term_step.remembered,
+    term_step.term_step,
+):
     jitable(_piece)
 for _value in forms.VALUES:
     jitable(_value)
 
 
-def _either(number: int, value: Callable[..., float], others: Callable[..., float]) -> Callable[..., float]:
+def _either(
+    number: int, value: Callable[..., float], others: Callable[..., float]
+) -> Callable[..., float]:
     """The value of the form with this number, or of one of the others."""
+
     def chosen(p: TermParams, x: float, y: float, slow: float) -> float:
         return value(p, x, y, slow) if p.form == number else others(p, x, y, slow)
+
     return jitable(chosen)
 
 
@@ -70,8 +106,9 @@ def _value_of(p, x, y, slow):  # type: ignore[no-untyped-def]
 
 
 def _sources_of(run: Callable[..., Any]) -> str:
-    """A hash of what is compiled into it: these files, and those of its own folder where it stands elsewhere. Constants
-    of a module stand in no bytecode, so that numba's own key does not see them change."""
+    """A hash of what is compiled into it: these files, and those of its own folder where it
+    stands elsewhere. Constants of a module stand in no bytecode, so that numba's own key does
+    not see them change."""
     code: Any = run.__code__
     folder = pathlib.Path(code.co_filename).parent
     if folder == _here:
@@ -83,15 +120,18 @@ def _sources_of(run: Callable[..., Any]) -> str:
 
 
 def compiled(run: Callable[..., Any], makes_arrays: bool = True) -> Callable[..., Any]:
-    """A function of numbers and arrays compiled when it is first called, kept on disk where there is room.
+    """A function of numbers and arrays compiled when it is first called, kept on disk where
+    there is room.
 
-    makes_arrays : False where it makes none and hands none on: the references of those that it is given are then not
-    counted. Counting them at each step takes a stage four times as long as the step itself.
+    makes_arrays : False where it makes none and hands none on: the references of those that it
+    is given are then not counted. Counting them at each step takes a stage four times as long
+    as the step itself.
     """
     apart = named_apart(run)
     options: dict[str, Any] = {"nogil": True, "error_model": "numpy", "_nrt": makes_arrays}
     dispatcher: Any = numba.njit(**options)(apart)
-    with contextlib.suppress(RuntimeError, OSError):        # nowhere to keep it: compiled anew in each process
+    # nowhere to keep it: compiled anew in each process
+    with contextlib.suppress(RuntimeError, OSError):
         dispatcher._cache = KeptCode(apart, _sources_of(run))
     made: Callable[..., Any] = dispatcher
     return made
@@ -138,11 +178,26 @@ def table_run(nodes: elements.Table, values: elements.Table, at: elements.Array)
 
 
 @compiled
-def flutes_run(p: flow.Flow, shaft_rpm: elements.Array, opening_mm: elements.Array, pitch_deg: elements.Array,
-               share_full: elements.Array, time_s: elements.Array, refilled: bool) -> elements.Array:
+def flutes_run(
+    p: flow.Flow,
+    shaft_rpm: elements.Array,
+    opening_mm: elements.Array,
+    pitch_deg: elements.Array,
+    share_full: elements.Array,
+    time_s: elements.Array,
+    refilled: bool,
+) -> elements.Array:
     """`flow.in_flutes` over a log, without its terms: (rows, 2)."""
     out = np.empty((len(time_s), 2))
     for row in range(len(time_s)):
-        out[row, 0], out[row, 1] = flow.in_flutes(p, shaft_rpm[row], opening_mm[row], pitch_deg[row], share_full[row],
-                                                  time_s[row], 0.0, refilled)
+        out[row, 0], out[row, 1] = flow.in_flutes(
+            p,
+            shaft_rpm[row],
+            opening_mm[row],
+            pitch_deg[row],
+            share_full[row],
+            time_s[row],
+            0.0,
+            refilled,
+        )
     return out

@@ -1,9 +1,10 @@
 """Shaft, gate and flow of a control tick in compiled steps, for long simulated runs.
 
-The steps are the stages' own, as they run interpreted and over logs, to the last bit. What changes from tick to tick
-stays in arrays: to hand the stages' named tuples over at each tick would take longer than the steps. Importing this
-loads the compiler.
+The steps are the stages' own, as they run interpreted and over logs, to the last bit. What
+changes from tick to tick stays in arrays: to hand the stages' named tuples over at each tick
+would take longer than the steps. Importing this loads the compiler.
 """
+
 from __future__ import annotations
 
 from typing import Any, NamedTuple
@@ -18,64 +19,126 @@ from .shaft import Shaft, ShaftInput, ShaftOutput, ShaftState, shaft_step
 from .term_sums import NOTHING, More
 
 _OF_SHAFT, _OF_GATE, _OF_FLOW = len(Shaft._fields), len(Gate._fields), len(Flow._fields)
-# Numbers kept: time, speed, newest, in force of the shaft; time, driven, carried, travelled, newest, in force of the
-# gate; both outputs, two numbers each; the flow's state; how fast the shaft's speed changes. Lines: times and values of
-# the shaft's, then of the gate's.
+# Numbers kept: time, speed, newest, in force of the shaft; time, driven, carried, travelled,
+# newest, in force of the gate; both outputs, two numbers each; the flow's state; how fast the
+# shaft's speed changes. Lines: times and values of the shaft's, then of the gate's.
 _KEPT, _OUT, _HOPPER, _SLOPE = 19, 10, 14, 18
 
 
 @jitable
 def _shaft_of(kept: Any, lines: Any) -> Any:
-    return ShaftState(kept[0], kept[1], DelayLine(lines[0], lines[1], int(kept[2]), int(kept[3])), kept[_SLOPE])
+    return ShaftState(
+        kept[0], kept[1], DelayLine(lines[0], lines[1], int(kept[2]), int(kept[3])), kept[_SLOPE]
+    )
 
 
 @jitable
 def _gate_of(kept: Any, lines: Any) -> Any:
-    return GateState(kept[4], kept[5], kept[6], kept[7], DelayLine(lines[2], lines[3], int(kept[8]), int(kept[9])))
+    return GateState(
+        kept[4],
+        kept[5],
+        kept[6],
+        kept[7],
+        DelayLine(lines[2], lines[3], int(kept[8]), int(kept[9])),
+    )
 
 
 @jitable
 def _keep(kept: Any, shaft: Any, gate: Any, turned: Any, stood: Any) -> None:
-    kept[0], kept[1], kept[2], kept[3] = shaft.time_s, shaft.rpm, shaft.line.newest, shaft.line.in_force
-    kept[4], kept[5], kept[6], kept[7] = gate.time_s, gate.driven_mm, gate.carried_mm, gate.travelled_mm
+    kept[0], kept[1], kept[2], kept[3] = (
+        shaft.time_s,
+        shaft.rpm,
+        shaft.line.newest,
+        shaft.line.in_force,
+    )
+    kept[4], kept[5], kept[6], kept[7] = (
+        gate.time_s,
+        gate.driven_mm,
+        gate.carried_mm,
+        gate.travelled_mm,
+    )
     kept[_SLOPE] = shaft.rpm_s
     kept[8], kept[9] = gate.line.newest, gate.line.in_force
-    kept[10], kept[11], kept[12], kept[13] = turned.rpm, turned.measured_rpm, stood.opening_mm, stood.measured_mm
+    kept[10], kept[11], kept[12], kept[13] = (
+        turned.rpm,
+        turned.measured_rpm,
+        stood.opening_mm,
+        stood.measured_mm,
+    )
 
 
 @compiled
-def drives_step(of_shaft: Any, of_gate: Any, kept: Any, lines: Any, rpm: float, opening_mm: float, supply_v: float,
-                more: Any, dt_s: float) -> tuple[float, float]:
-    """One step of both drives: true speed and opening at its end. more : % and r/min of the shaft, mm of the gate."""
-    shafts, gates = Shaft(*to_fixed_tuple(of_shaft, _OF_SHAFT)), Gate(*to_fixed_tuple(of_gate, _OF_GATE))
-    shaft, turned = shaft_step(shafts, _shaft_of(kept, lines), ShaftInput(rpm, kept[12], supply_v, more[0], more[1]),
-                               dt_s)
+def drives_step(
+    of_shaft: Any,
+    of_gate: Any,
+    kept: Any,
+    lines: Any,
+    rpm: float,
+    opening_mm: float,
+    supply_v: float,
+    more: Any,
+    dt_s: float,
+) -> tuple[float, float]:
+    """One step of both drives: true speed and opening at its end. more : % and r/min of the
+    shaft, mm of the gate."""
+    shafts, gates = (
+        Shaft(*to_fixed_tuple(of_shaft, _OF_SHAFT)),
+        Gate(*to_fixed_tuple(of_gate, _OF_GATE)),
+    )
+    shaft, turned = shaft_step(
+        shafts, _shaft_of(kept, lines), ShaftInput(rpm, kept[12], supply_v, more[0], more[1]), dt_s
+    )
     gate, stood = gate_step(gates, _gate_of(kept, lines), GateInput(opening_mm, more[2]), dt_s)
     _keep(kept, shaft, gate, turned, stood)
     return turned.rpm, stood.opening_mm
 
 
 @compiled
-def tick_steps(of_shaft: Any, of_gate: Any, of_flow: Any, kept: Any, lines: Any, rpm: Any, opening_mm: float,
-               supply_v: float, pitch_deg: float, refill_kg: float, more: Any, dt_s: float) -> float:
-    """The model steps of a tick: mean flow, kg/s. rpm : commanded, of each step. more : as above, then % and kg/s of
-    the flow."""
-    shafts, gates = Shaft(*to_fixed_tuple(of_shaft, _OF_SHAFT)), Gate(*to_fixed_tuple(of_gate, _OF_GATE))
+def tick_steps(
+    of_shaft: Any,
+    of_gate: Any,
+    of_flow: Any,
+    kept: Any,
+    lines: Any,
+    rpm: Any,
+    opening_mm: float,
+    supply_v: float,
+    pitch_deg: float,
+    refill_kg: float,
+    more: Any,
+    dt_s: float,
+) -> float:
+    """The model steps of a tick: mean flow, kg/s. rpm : commanded, of each step. more : as
+    above, then % and kg/s of the flow."""
+    shafts, gates = (
+        Shaft(*to_fixed_tuple(of_shaft, _OF_SHAFT)),
+        Gate(*to_fixed_tuple(of_gate, _OF_GATE)),
+    )
     flows = Flow(*to_fixed_tuple(of_flow, _OF_FLOW))
     shaft, gate = _shaft_of(kept, lines), _gate_of(kept, lines)
     hopper = FlowState(kept[14], kept[15], kept[16], kept[17])
     turned, stood = ShaftOutput(kept[10], kept[11]), GateOutput(kept[12], kept[13])
     total = 0.0
     for k in range(len(rpm)):
-        shaft, turned = shaft_step(shafts, shaft, ShaftInput(rpm[k], stood.opening_mm, supply_v, more[0], more[1]),
-                                   dt_s)
+        shaft, turned = shaft_step(
+            shafts, shaft, ShaftInput(rpm[k], stood.opening_mm, supply_v, more[0], more[1]), dt_s
+        )
         gate, stood = gate_step(gates, gate, GateInput(opening_mm, more[2]), dt_s)
-        hopper, flow = flow_step(flows, hopper, FlowInput(turned.rpm, stood.opening_mm, pitch_deg, refill_kg, more[3],
-                                                          more[4]), dt_s)
+        hopper, flow = flow_step(
+            flows,
+            hopper,
+            FlowInput(turned.rpm, stood.opening_mm, pitch_deg, refill_kg, more[3], more[4]),
+            dt_s,
+        )
         refill_kg = 0.0
         total += flow.flow_kg_s
     _keep(kept, shaft, gate, turned, stood)
-    kept[14], kept[15], kept[16], kept[17] = hopper.time_s, hopper.hopper_kg, hopper.angle_rev, hopper.refills
+    kept[14], kept[15], kept[16], kept[17] = (
+        hopper.time_s,
+        hopper.hopper_kg,
+        hopper.angle_rev,
+        hopper.refills,
+    )
     return total / len(rpm)
 
 
@@ -86,19 +149,28 @@ def _numbers(stage: Any) -> Array:
 class Ticked(NamedTuple):
     """What comes of a tick."""
 
-    flow_kg_s: float            # mean
+    flow_kg_s: float  # mean
     shaft: ShaftOutput
     gate: GateOutput
     hopper: FlowState
 
 
 class CompiledDrives:
-    """The drives of one machine, and its hopper. `shaft`, `gate`: at rest at first, commanded so for ever."""
+    """The drives of one machine, and its hopper. `shaft`, `gate`: at rest at first, commanded
+    so for ever."""
 
     def __init__(self, shaft: ShaftState, gate: GateState, hopper: FlowState | None = None) -> None:
         self._kept, self._lines = np.zeros(_KEPT), np.empty((4, LINE_SIZE))
-        self._lines[:] = np.array([shaft.line.times_s, shaft.line.values, gate.line.times_s, gate.line.values])
-        _keep(self._kept, shaft, gate, ShaftOutput(shaft.rpm, shaft.rpm), GateOutput(gate.driven_mm, gate.driven_mm))
+        self._lines[:] = np.array(
+            [shaft.line.times_s, shaft.line.values, gate.line.times_s, gate.line.values]
+        )
+        _keep(
+            self._kept,
+            shaft,
+            gate,
+            ShaftOutput(shaft.rpm, shaft.rpm),
+            GateOutput(gate.driven_mm, gate.driven_mm),
+        )
         if hopper is not None:
             self._kept[_HOPPER:_SLOPE] = hopper
         self._stages: tuple[Shaft, Gate, Flow | None] | None = None
@@ -111,21 +183,58 @@ class CompiledDrives:
             self._stages = stages
             self._of_shaft, self._of_gate, self._of_flow = (_numbers(one or ()) for one in stages)
 
-    def step(self, rpm: float, opening_mm: float, supply_v: float, dt_s: float,
-             more: More = NOTHING) -> tuple[float, float]:
+    def step(
+        self, rpm: float, opening_mm: float, supply_v: float, dt_s: float, more: More = NOTHING
+    ) -> tuple[float, float]:
         """Speed, r/min, and opening, mm, as they truly are at the end of a step of `dt_s`."""
-        found: tuple[float, float] = drives_step(self._of_shaft, self._of_gate, self._kept, self._lines, rpm,
-                                                 opening_mm, supply_v, (more.shaft_percent, more.shaft_rpm,
-                                                                        more.gate_mm), dt_s)
+        found: tuple[float, float] = drives_step(
+            self._of_shaft,
+            self._of_gate,
+            self._kept,
+            self._lines,
+            rpm,
+            opening_mm,
+            supply_v,
+            (more.shaft_percent, more.shaft_rpm, more.gate_mm),
+            dt_s,
+        )
         return found
 
-    def tick(self, rpm: tuple[float, ...], opening_mm: float, supply_v: float, pitch_deg: float, refill_kg: float,
-             more: More, dt_s: float) -> Ticked:
+    def tick(
+        self,
+        rpm: tuple[float, ...],
+        opening_mm: float,
+        supply_v: float,
+        pitch_deg: float,
+        refill_kg: float,
+        more: More,
+        dt_s: float,
+    ) -> Ticked:
         """As many steps of `dt_s` as there are speeds commanded."""
-        flow = tick_steps(self._of_shaft, self._of_gate, self._of_flow, self._kept, self._lines, rpm, opening_mm,
-                          supply_v, pitch_deg, refill_kg,
-                          (more.shaft_percent, more.shaft_rpm, more.gate_mm, more.flow_percent,
-                           more.flow_kg_min / 60.0), dt_s)
+        flow = tick_steps(
+            self._of_shaft,
+            self._of_gate,
+            self._of_flow,
+            self._kept,
+            self._lines,
+            rpm,
+            opening_mm,
+            supply_v,
+            pitch_deg,
+            refill_kg,
+            (
+                more.shaft_percent,
+                more.shaft_rpm,
+                more.gate_mm,
+                more.flow_percent,
+                more.flow_kg_min / 60.0,
+            ),
+            dt_s,
+        )
         kept = self._kept.tolist()
-        return Ticked(flow, ShaftOutput(kept[10], kept[11]), GateOutput(kept[12], kept[13]),
-                      FlowState(*kept[_HOPPER:_SLOPE]))
+        return Ticked(
+            flow,
+            ShaftOutput(kept[10], kept[11]),
+            GateOutput(kept[12], kept[13]),
+            FlowState(*kept[_HOPPER:_SLOPE]),
+        )

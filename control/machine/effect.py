@@ -1,4 +1,5 @@
 """What a stage parameter needs to be an effect, and the catalogue that is read off the stages."""
+
 from __future__ import annotations
 
 import math
@@ -11,33 +12,45 @@ SHAFT_RANGE = ("limits.shaft_high_rpm",)
 OPENING_RANGE = ("limits.opening_high_mm",)
 SLEW = ("gate.slew_mm_s",)
 HOPPER = ("flow.full_kg",)
-FULL_REVOLUTION = ("flow.grams_per_rev_mm", *OPENING_RANGE)     # mass of a revolution at full opening
-FULL_FLOW = (*FULL_REVOLUTION, *SHAFT_RANGE)                    # ... and of a second at full speed
+# mass of a revolution at full opening
+FULL_REVOLUTION = ("flow.grams_per_rev_mm", *OPENING_RANGE)
+FULL_FLOW = (*FULL_REVOLUTION, *SHAFT_RANGE)  # ... and of a second at full speed
 
 
 @dataclass(frozen=True)
 class Effect:
     """Marks a stage parameter as an effect. The parameter's default is its neutral value.
 
-    The bounds of its size are those of its field. Where the size `scales_with` figures of the machine, `bounds` are
-    those of the nominal machine, and so are the sizes tried; the field's are what no machine exceeds.
+    The bounds of its size are those of its field. Where the size `scales_with` figures of the
+    machine, `bounds` are those of the nominal machine, and so are the sizes tried; the field's
+    are what no machine exceeds.
     """
 
-    id: str                              # public contract, e.g. "shaft.dead_band"
-    unit: str                            # may name a figure of its stages, e.g. "% lost at {flow.full_rpm:g} r/min"
+    id: str  # public contract, e.g. "shaft.dead_band"
+    # may name a figure of its stages, e.g. "% lost at {flow.full_rpm:g} r/min"
+    unit: str
     title: str
-    physics: str                         # one sentence
-    source: str                          # where such a thing is described, or how its size is known
-    seen_in: tuple[str, ...]             # kinds of data that can show it: run, catch, lag, place, weigh, heads, ...
-    advice: str                          # maintenance
-    separate: str                        # the experiment that tells it from its look-alikes
-    probes: tuple[float, ...] = (0.1,)   # sizes tried; several where the effect is a threshold (slope 0 at neutral)
-    onset_only: bool = False             # its size is the time at which it begins; the parameter is then set to 1
-    member_field: str = ""               # the parameter that says which head or outlet (1-based, 0 = none)
-    bounds: tuple[float, float] | None = None       # of the parameter, on the nominal machine
-    scales_with: tuple[str, ...] = ()    # figures of the machine file that the size is a share of
-    unit_form: str = ""                  # the unit before figures are put in; the catalogue fills it
-    # For the owner: what a positive size does, a negative one, and one below -100 %; {size} unsigned.
+    physics: str  # one sentence
+    # where such a thing is described, or how its size is known
+    source: str
+    # kinds of data that can show it: run, catch, lag, place, weigh, heads, ...
+    seen_in: tuple[str, ...]
+    advice: str  # maintenance
+    # the experiment that tells it from its look-alikes
+    separate: str
+    # sizes tried; several where the effect is a threshold (slope 0 at neutral)
+    probes: tuple[float, ...] = (0.1,)
+    # its size is the time at which it begins; the parameter is then set to 1
+    onset_only: bool = False
+    # the parameter that says which head or outlet (1-based, 0 = none)
+    member_field: str = ""
+    bounds: tuple[float, float] | None = None  # of the parameter, on the nominal machine
+    # figures of the machine file that the size is a share of
+    scales_with: tuple[str, ...] = ()
+    # the unit before figures are put in; the catalogue fills it
+    unit_form: str = ""
+    # For the owner: what a positive size does, a negative one, and one below -100 %; {size}
+    # unsigned.
     says: tuple[str, ...] = ()
 
     def sentence(self, size: float) -> str:
@@ -46,9 +59,10 @@ class Effect:
 
 
 class Entry(NamedTuple):
-    """One catalogued effect: where it lives, its neutral value and the range it may take on the nominal machine."""
+    """One catalogued effect: where it lives, its neutral value and the range it may take on the
+    nominal machine."""
 
-    stage: str                           # name of the stage in the machine, e.g. "flow"
+    stage: str  # name of the stage in the machine, e.g. "flow"
     field: str
     neutral: float
     low: float
@@ -66,7 +80,8 @@ def _bounds(marks: Iterable[Any]) -> tuple[float, float]:
 
 
 def catalogue(stages: dict[str, Any]) -> dict[str, Entry]:
-    """Every effect of the stages by id, read off their annotated parameters. There is no second list."""
+    """Every effect of the stages by id, read off their annotated parameters. There is no second
+    list."""
     nominal = {name: stage() for name, stage in stages.items()}
     found: dict[str, Entry] = {}
     for name, stage in stages.items():
@@ -76,5 +91,7 @@ def catalogue(stages: dict[str, Any]) -> dict[str, Entry]:
                 if isinstance(mark, Effect):
                     low, high = mark.bounds or _bounds(marks)
                     effect = replace(mark, unit=mark.unit.format(**nominal), unit_form=mark.unit)
-                    found[mark.id] = Entry(name, field, stage._field_defaults[field], low, high, effect)
+                    found[mark.id] = Entry(
+                        name, field, stage._field_defaults[field], low, high, effect
+                    )
     return found

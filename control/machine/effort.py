@@ -1,8 +1,11 @@
-"""How hard the drives work to do what they do: shaft and gate, from speed, its change, material and supply.
+"""How hard the drives work to do what they do: shaft and gate, from speed, its change, material
+and supply.
 
-A loop that holds its speed or place hides friction, load and blockage: the speed is right, the motor works harder. A
-straight line in its parameters. Its unit is the machine file's `effort_unit`; a drive without numbers tells none.
+A loop that holds its speed or place hides friction, load and blockage: the speed is right, the
+motor works harder. A straight line in its parameters. Its unit is the machine file's
+`effort_unit`; a drive without numbers tells none.
 """
+
 from __future__ import annotations
 
 from typing import Annotated, NamedTuple
@@ -11,68 +14,128 @@ from pydantic import Field
 
 from .effect import Effect
 
-Part = Annotated[float, Field(ge=0, le=1000)]       # of an effort, in its unit
+Part = Annotated[float, Field(ge=0, le=1000)]  # of an effort, in its unit
 
 
 class Effort(NamedTuple):
     """The metering shaft's, and with `gate_` the gate's. A drive that stands is not asked."""
 
-    coulomb: Part = 0.0                 # turning forwards, however slowly ...
-    coulomb_back: Part = 0.0            # ... and backwards
-    viscous: Part = 0.0                 # for each r/min forwards ...
-    viscous_back: Part = 0.0            # ... and backwards
-    inertia: Part = 0.0                 # for each r/min a second
-    load: Part = 0.0                    # for each gram a revolution that the flutes move
-    # Times `load`, of what stands packed before a closed outlet; nobody measured one: granules in a closed duct bear
-    # several times what they weigh.
+    coulomb: Part = 0.0  # turning forwards, however slowly ...
+    coulomb_back: Part = 0.0  # ... and backwards
+    viscous: Part = 0.0  # for each r/min forwards ...
+    viscous_back: Part = 0.0  # ... and backwards
+    inertia: Part = 0.0  # for each r/min a second
+    load: Part = 0.0  # for each gram a revolution that the flutes move
+    # Times `load`, of what stands packed before a closed outlet; nobody measured one: granules
+    # in a closed duct bear several times what they weigh.
     jam: Annotated[float, Field(ge=0, le=100)] = 5.0
-    by_supply: Annotated[float, Field(ge=0, le=1)] = 0.0    # 1: a duty cycle, which grows as the supply falls
-    limit: Part = 0.0                   # the drive's own: it gives no more; 0: not known
+    # 1: a duty cycle, which grows as the supply falls
+    by_supply: Annotated[float, Field(ge=0, le=1)] = 0.0
+    limit: Part = 0.0  # the drive's own: it gives no more; 0: not known
     gate_coulomb: Part = 0.0
     gate_coulomb_back: Part = 0.0
-    gate_viscous: Part = 0.0            # for each mm/s
+    gate_viscous: Part = 0.0  # for each mm/s
     gate_viscous_back: Part = 0.0
-    gate_inertia: Part = 0.0            # for each mm/s a second
+    gate_inertia: Part = 0.0  # for each mm/s a second
     gate_limit: Part = 0.0
-    friction_percent: Annotated[float, Field(ge=0, le=500), Effect(
-        "effort.friction", "% more than its own", "Metering drive works against more friction",
-        "Bearings and seals that run dry, or grind, take the same more at every speed; the loop holds the speed.",
-        "ball screw without lubricant: 13-15 % more current (Cranfield, doi 10.17862/cranfield.rd.5097649)", ("run",),
-        "Grease the shaft's bearings and gear; turn it by hand with the drive off.",
-        "An empty hopper, slow and fast: material plays no part, friction is the same at both.",
-        says=("The metering drive works against {size} % more friction than when it was sound.",))] = 0.0
-    drag_percent: Annotated[float, Field(ge=-90, le=500), Effect(
-        "effort.drag", "% more than its own", "Metering drive works harder the faster it turns",
-        "Stiff grease in the cold, or a worn motor, takes more the faster the shaft turns.",
-        "greases stiffen two- to tenfold from 20 to -10 degrees C (NLGI 2 data sheets)", ("run",),
-        "Let the drive warm up; use a softer grease.",
-        "An empty hopper, slow and fast: drag grows with the speed.",
-        says=("The metering drive works {size} % harder with its speed than when it was sound.",
-              "The metering drive works {size} % easier with its speed than when it was calibrated."))] = 0.0
-    load_percent: Annotated[float, Field(ge=-100, le=500), Effect(
-        "effort.load", "% more of the material's load", "Material loads the metering drive otherwise",
-        "Empty or bridged flutes turn easily; packed ones, before a closed outlet, or wet product turn hard.",
-        "a roller that turns empty takes none of it", ("run",),
-        "Less: look for a bridge, or an empty hopper. More: look for a blocked outlet, stones, clods, wet product.",
-        "Catch test by outlet: one that gives less than the others is blocked. All give alike: two openings at one "
-        "shaft speed; the load goes with the material, friction does not.",
-        says=("The material in the rollers loads the drive {size} % more than it should: blocked, or wet?",
-              "The material in the rollers loads the drive {size} % less than it should: bridged, or empty?"))] = 0.0
-    gate_friction_percent: Annotated[float, Field(ge=0, le=500), Effect(
-        "effort.gate_friction", "% more than its own", "Gate's drive works against more friction",
-        "A spindle without lubricant, or a gate that scrapes, takes the same more at every speed.",
-        "ball screw without lubricant: 13-15 % more current (Cranfield, doi 10.17862/cranfield.rd.5097649)", ("run",),
-        "Clean and grease the gate's spindle and guides.",
-        "Move the gate slow and fast, empty: friction is the same at both.",
-        says=("The gate's drive works against {size} % more friction than when it was sound.",))] = 0.0
-    gate_drag_percent: Annotated[float, Field(ge=-90, le=500), Effect(
-        "effort.gate_drag", "% more than its own", "Gate's drive works harder the faster it moves",
-        "Stiff grease takes more the faster the gate moves.",
-        "greases stiffen two- to tenfold from 20 to -10 degrees C (NLGI 2 data sheets)", ("run",),
-        "Let the drive warm up; use a softer grease.",
-        "Move the gate slow and fast: drag grows with the speed.",
-        says=("The gate's drive works {size} % harder with its speed than when it was sound.",
-              "The gate's drive works {size} % easier with its speed than when it was calibrated."))] = 0.0
+    friction_percent: Annotated[
+        float,
+        Field(ge=0, le=500),
+        Effect(
+            "effort.friction",
+            "% more than its own",
+            "Metering drive works against more friction",
+            "Bearings and seals that run dry, or grind, take the same more at every speed; "
+            "the loop holds the speed.",
+            "ball screw without lubricant: 13-15 % more current (Cranfield, doi "
+            "10.17862/cranfield.rd.5097649)",
+            ("run",),
+            "Grease the shaft's bearings and gear; turn it by hand with the drive off.",
+            "An empty hopper, slow and fast: material plays no part, friction is the same at both.",
+            says=(
+                "The metering drive works against {size} % more friction than when it was sound.",
+            ),
+        ),
+    ] = 0.0
+    drag_percent: Annotated[
+        float,
+        Field(ge=-90, le=500),
+        Effect(
+            "effort.drag",
+            "% more than its own",
+            "Metering drive works harder the faster it turns",
+            "Stiff grease in the cold, or a worn motor, takes more the faster the shaft turns.",
+            "greases stiffen two- to tenfold from 20 to -10 degrees C (NLGI 2 data sheets)",
+            ("run",),
+            "Let the drive warm up; use a softer grease.",
+            "An empty hopper, slow and fast: drag grows with the speed.",
+            says=(
+                "The metering drive works {size} % harder with its speed than when it was sound.",
+                "The metering drive works {size} % easier with its speed than when it was "
+                "calibrated.",
+            ),
+        ),
+    ] = 0.0
+    load_percent: Annotated[
+        float,
+        Field(ge=-100, le=500),
+        Effect(
+            "effort.load",
+            "% more of the material's load",
+            "Material loads the metering drive otherwise",
+            "Empty or bridged flutes turn easily; packed ones, before a closed outlet, or "
+            "wet product turn hard.",
+            "a roller that turns empty takes none of it",
+            ("run",),
+            "Less: look for a bridge, or an empty hopper. More: look for a blocked outlet, "
+            "stones, clods, wet product.",
+            "Catch test by outlet: one that gives less than the others is blocked. All give "
+            "alike: two openings at one "
+            "shaft speed; the load goes with the material, friction does not.",
+            says=(
+                "The material in the rollers loads the drive {size} % more than it should: "
+                "blocked, or wet?",
+                "The material in the rollers loads the drive {size} % less than it should: "
+                "bridged, or empty?",
+            ),
+        ),
+    ] = 0.0
+    gate_friction_percent: Annotated[
+        float,
+        Field(ge=0, le=500),
+        Effect(
+            "effort.gate_friction",
+            "% more than its own",
+            "Gate's drive works against more friction",
+            "A spindle without lubricant, or a gate that scrapes, takes the same more at "
+            "every speed.",
+            "ball screw without lubricant: 13-15 % more current (Cranfield, doi "
+            "10.17862/cranfield.rd.5097649)",
+            ("run",),
+            "Clean and grease the gate's spindle and guides.",
+            "Move the gate slow and fast, empty: friction is the same at both.",
+            says=("The gate's drive works against {size} % more friction than when it was sound.",),
+        ),
+    ] = 0.0
+    gate_drag_percent: Annotated[
+        float,
+        Field(ge=-90, le=500),
+        Effect(
+            "effort.gate_drag",
+            "% more than its own",
+            "Gate's drive works harder the faster it moves",
+            "Stiff grease takes more the faster the gate moves.",
+            "greases stiffen two- to tenfold from 20 to -10 degrees C (NLGI 2 data sheets)",
+            ("run",),
+            "Let the drive warm up; use a softer grease.",
+            "Move the gate slow and fast: drag grows with the speed.",
+            says=(
+                "The gate's drive works {size} % harder with its speed than when it was sound.",
+                "The gate's drive works {size} % easier with its speed than when it was "
+                "calibrated.",
+            ),
+        ),
+    ] = 0.0
 
 
 # What a run of a sound machine shows, and a later one may be off by within the tolerance.
@@ -80,32 +143,61 @@ OF_SHAFT = ("coulomb", "coulomb_back", "viscous", "viscous_back", "load")
 OF_GATE = ("gate_coulomb", "gate_coulomb_back", "gate_viscous", "gate_viscous_back")
 
 
-Parts = tuple[float, float, float]     # of an effort: friction, drag, what it takes to gain speed
+# of an effort: friction, drag, what it takes to gain speed
+Parts = tuple[float, float, float]
 
 
 class EffortInput(NamedTuple):
-    speed: float                # r/min, or mm/s of the gate
+    speed: float  # r/min, or mm/s of the gate
     speed_per_s: float = 0.0
-    supply_share: float = 1.0   # nominal supply over the supply
-    grams_rev: float = 0.0      # that the flutes move in a revolution
-    packed_g_rev: float = 0.0   # that they would move if no outlet were closed
+    supply_share: float = 1.0  # nominal supply over the supply
+    grams_rev: float = 0.0  # that the flutes move in a revolution
+    packed_g_rev: float = 0.0  # that they would move if no outlet were closed
 
 
-def of_drive(coulomb: float, coulomb_back: float, viscous: float, viscous_back: float, inertia: float,
-             friction_percent: float, drag_percent: float, speed: float, speed_per_s: float) -> Parts:
-    """What a drive takes for itself. Friction is the mean of both ways: what differs is a load that pulls one way."""
+def of_drive(
+    coulomb: float,
+    coulomb_back: float,
+    viscous: float,
+    viscous_back: float,
+    inertia: float,
+    friction_percent: float,
+    drag_percent: float,
+    speed: float,
+    speed_per_s: float,
+) -> Parts:
+    """What a drive takes for itself. Friction is the mean of both ways: what differs is a load
+    that pulls one way."""
     own = coulomb if coulomb_back <= 0.0 else 0.5 * (coulomb + coulomb_back)
     more = 0.01 * friction_percent * own
     if speed < 0.0:
-        return more + coulomb_back, -viscous_back * (1.0 + 0.01 * drag_percent) * speed, -inertia * speed_per_s
+        return (
+            more + coulomb_back,
+            -viscous_back * (1.0 + 0.01 * drag_percent) * speed,
+            -inertia * speed_per_s,
+        )
     return more + coulomb, viscous * (1.0 + 0.01 * drag_percent) * speed, inertia * speed_per_s
 
 
 def shaft_parts(p: Effort, u: EffortInput) -> tuple[float, float, float, float]:
     """Of a shaft that turns, at the nominal supply: its own three, and the material's load."""
-    friction, drag, gains = of_drive(p.coulomb, p.coulomb_back, p.viscous, p.viscous_back, p.inertia,
-                                     p.friction_percent, p.drag_percent, u.speed, u.speed_per_s)
-    return friction, drag, gains, p.load * (1.0 + 0.01 * p.load_percent) * (u.grams_rev + p.jam * u.packed_g_rev)
+    friction, drag, gains = of_drive(
+        p.coulomb,
+        p.coulomb_back,
+        p.viscous,
+        p.viscous_back,
+        p.inertia,
+        p.friction_percent,
+        p.drag_percent,
+        u.speed,
+        u.speed_per_s,
+    )
+    return (
+        friction,
+        drag,
+        gains,
+        p.load * (1.0 + 0.01 * p.load_percent) * (u.grams_rev + p.jam * u.packed_g_rev),
+    )
 
 
 def supply_factor(p: Effort, u: EffortInput) -> float:
@@ -120,6 +212,24 @@ def shaft_effort(p: Effort, u: EffortInput) -> float:
 
 def gate_effort(p: Effort, u: EffortInput) -> float:
     """Effort of the gate, before noise; 0 while it stands."""
-    return 0.0 if u.speed == 0.0 else max(0.0, supply_factor(p, u) * sum(of_drive(
-        p.gate_coulomb, p.gate_coulomb_back, p.gate_viscous, p.gate_viscous_back, p.gate_inertia,
-        p.gate_friction_percent, p.gate_drag_percent, u.speed, u.speed_per_s)))
+    return (
+        0.0
+        if u.speed == 0.0
+        else max(
+            0.0,
+            supply_factor(p, u)
+            * sum(
+                of_drive(
+                    p.gate_coulomb,
+                    p.gate_coulomb_back,
+                    p.gate_viscous,
+                    p.gate_viscous_back,
+                    p.gate_inertia,
+                    p.gate_friction_percent,
+                    p.gate_drag_percent,
+                    u.speed,
+                    u.speed_per_s,
+                )
+            ),
+        )
+    )

@@ -1,4 +1,6 @@
-"""The few pieces with memory or shape that stages share. Scalars in, scalars out; they compile as they stand."""
+"""The few pieces with memory or shape that stages share. Scalars in, scalars out; they compile
+as they stand."""
+
 from __future__ import annotations
 
 from typing import NamedTuple
@@ -11,19 +13,22 @@ Array = npt.NDArray[np.float64]
 Table = tuple[float, float, float, float, float, float, float, float]
 TABLE_X: Table = (0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0)
 FLAT: Table = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-LINE_SIZE = 1024        # changes of a signal kept: 2.5 s at 400 changes a second
+# changes of a signal kept: 2.5 s at 400 changes a second
+LINE_SIZE = 1024
 
 
 class DelayLine(NamedTuple):
-    """A held (piecewise constant) signal's changes, oldest overwritten. The arrays are written in place.
+    """A held (piecewise constant) signal's changes, oldest overwritten. The arrays are written
+    in place.
 
-    Arrays for the compiled steps; lists where a step runs interpreted, which reads them four times as fast.
+    Arrays for the compiled steps; lists where a step runs interpreted, which reads them four
+    times as fast.
     """
 
     times_s: Array | list[float]
     values: Array | list[float]
     newest: int
-    in_force: int       # the change in force at the time last asked for
+    in_force: int  # the change in force at the time last asked for
 
 
 def line_start(value: float, time_s: float = -1e9) -> DelayLine:
@@ -33,8 +38,10 @@ def line_start(value: float, time_s: float = -1e9) -> DelayLine:
 
 def in_lists(line: DelayLine) -> DelayLine:
     """The same line for steps that run interpreted."""
-    return line._replace(times_s=[float(time_s) for time_s in line.times_s],
-                         values=[float(value) for value in line.values])
+    return line._replace(
+        times_s=[float(time_s) for time_s in line.times_s],
+        values=[float(value) for value in line.values],
+    )
 
 
 def line_put(line: DelayLine, time_s: float, value: float) -> DelayLine:
@@ -48,9 +55,11 @@ def line_put(line: DelayLine, time_s: float, value: float) -> DelayLine:
 
 
 def line_held(line: DelayLine, from_s: float, to_s: float) -> tuple[DelayLine, float, float]:
-    """What the signal holds at `from_s`, and until when: its next change or `to_s`, whichever is sooner.
+    """What the signal holds at `from_s`, and until when: its next change or `to_s`, whichever
+    is sooner.
 
-    A step that is cut at these times is exact for held commands, however long it is; times must be asked for in order.
+    A step that is cut at these times is exact for held commands, however long it is; times must
+    be asked for in order.
     """
     at = line.in_force
     if at == line.newest:
@@ -58,14 +67,18 @@ def line_held(line: DelayLine, from_s: float, to_s: float) -> tuple[DelayLine, f
     while at != line.newest:
         after = (at + 1) % LINE_SIZE
         if line.times_s[after] > from_s:
-            return (DelayLine(line.times_s, line.values, line.newest, at), float(line.values[at]),
-                    min(to_s, float(line.times_s[after])))
+            return (
+                DelayLine(line.times_s, line.values, line.newest, at),
+                float(line.values[at]),
+                min(to_s, float(line.times_s[after])),
+            )
         at = after
     return DelayLine(line.times_s, line.values, line.newest, at), float(line.values[at]), to_s
 
 
 def line_mean(line: DelayLine, from_s: float, to_s: float) -> tuple[DelayLine, float]:
-    """Mean of the held signal over [from_s, to_s], and the line with its reading mark moved up to `from_s`.
+    """Mean of the held signal over [from_s, to_s], and the line with its reading mark moved up
+    to `from_s`.
 
     The mean, not a sample: it varies smoothly with the delay, so that a dead time has a slope.
     Windows must be asked for in order of time.

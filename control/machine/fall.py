@@ -1,14 +1,20 @@
-"""From the roller to the ground: drop time of a start and of a running shaft, its effects, the papers' lag models.
+"""From the roller to the ground: drop time of a start and of a running shaft, its effects, the
+papers' lag models.
 
-A rig times a start: from 2 r/min to the first granule, out of a standing shaft (lag paper, tables 3 and 4, eq 6). A
-running shaft's drop is shorter, and how much shorter depends on what goes on in the tube, which no start can tell:
+A rig times a start: from 2 r/min to the first granule, out of a standing shaft (lag paper,
+tables 3 and 4, eq 6). A running shaft's drop is shorter, and how much shorter depends on what
+goes on in the tube, which no start can tell:
 
-carried along   (`carried_share` 1) all that falls moves at the pace of the shaft speed of the moment, nothing
+carried along   (`carried_share` 1) all that falls moves at the pace of the shaft speed of the
+moment, nothing
                 overtakes; while the shaft speeds up that pace is slower than at the set-point.
-falling singly  (0) each granule keeps the pace of its release. What was released later, by a quicker shaft, is first.
+falling singly  (0) each granule keeps the pace of its release. What was released later, by a
+quicker shaft, is first.
 
-`landing.falls_s` plays any share. Each gives the line of starts with its own running drop (`start.with_carried_share`).
+`landing.falls_s` plays any share. Each gives the line of starts with its own running drop
+(`start.with_carried_share`).
 """
+
 from __future__ import annotations
 
 from typing import Annotated, NamedTuple
@@ -17,95 +23,180 @@ from pydantic import Field
 
 from .effect import Effect
 
-EMPTY_TUBE_S = 2.0      # without flow for this long, the tube is empty
-SHORTEST_S = 1e-6       # a drop time of nothing
+EMPTY_TUBE_S = 2.0  # without flow for this long, the tube is empty
+SHORTEST_S = 1e-6  # a drop time of nothing
 
 
 class Fall(NamedTuple):
-    intercept_s: Annotated[float, Field(ge=0, le=20)] = 1.8288      # lag paper eq 6 less the response of 0.383 s
+    # lag paper eq 6 less the response of 0.383 s
+    intercept_s: Annotated[float, Field(ge=0, le=20)] = 1.8288
     slope_s_per_rpm: Annotated[float, Field(ge=-0.1, le=0.1)] = -0.0083
-    start_more_per_rpm: Annotated[float, Field(ge=0, le=0.1)] = 1.69e-3     # start less running, of |slope| n, an r/min
-    start_more_s: Annotated[float, Field(ge=-1, le=5)] = 0.0                # ... a constant part ...
-    start_more_s_per_rpm: Annotated[float, Field(ge=0, le=0.1)] = 0.0       # ... and one of n
-    carried_share: Annotated[float, Field(ge=0, le=1)] = 1.0                    # of the pace, that the stream sets
+    # start less running, of |slope| n, an r/min
+    start_more_per_rpm: Annotated[float, Field(ge=0, le=0.1)] = 1.69e-3
+    start_more_s: Annotated[float, Field(ge=-1, le=5)] = 0.0  # ... a constant part ...
+    start_more_s_per_rpm: Annotated[float, Field(ge=0, le=0.1)] = 0.0  # ... and one of n
+    # of the pace, that the stream sets
+    carried_share: Annotated[float, Field(ge=0, le=1)] = 1.0
     valid_from_rpm: Annotated[float, Field(ge=0, le=1e4)] = 10.0
     valid_to_rpm: Annotated[float, Field(ge=0, le=1e4)] = 70.0
-    full_rpm: Annotated[float, Field(ge=0.1, le=1e4)] = 100.0         # shaft speed at which the rebound is given
-    offset_s: Annotated[float, Field(ge=-2, le=3), Effect(
-        "lag.offset", "s", "Constant extra lag",
-        "A longer tube or a later detection adds the same time at every speed.",
-        "lag paper, table 4: field against detected", ("lag",),
-        "Enter the measured lag; shorten the tube.",
-        "Lag test at several shaft speeds, with distances and times.",
-        says=("Granules land {size} s later than reckoned.",
-              "Granules land {size} s sooner than reckoned."))] = 0.0
-    rebound_s: Annotated[float, Field(ge=-2, le=3), Effect(
-        "lag.rebound", "s above the straight line at {fall.full_rpm:g} r/min", "Lag rises again at high shaft speed",
-        "Granules thrown faster strike the tube more often on their way down.",
-        "lag paper, figure 9 and section 2.4.3", ("lag",),
-        "Work at 70 r/min or below.",
-        "Lag test above 70 r/min.",
-        says=("At high shaft speed granules land {size} s later than reckoned.",
-              "At high shaft speed granules land {size} s sooner than reckoned."))] = 0.0
-    first_fill_s: Annotated[float, Field(ge=-1, le=5), Effect(
-        "lag.first_fill", "s", "Start from an empty tube takes longer than a change while running",
-        "An empty tube and roller must fill before anything lands.",
-        "the correction experiment starts from zero rate", ("lag",),
-        "Start earlier at the beginning of a pass.",
-        "Lag test from standstill and between two rates.",
-        says=("The first granules of a pass come {size} s later than later changes do.",
-              "The first granules of a pass come {size} s sooner than later changes do."))] = 0.0
-    asymmetry_s: Annotated[float, Field(ge=-3, le=3), Effect(
-        "lag.asymmetry", "s, down - up", "Falling changes lag more than rising ones",
-        "A tube runs empty more slowly than it fills.",
-        "transitions of rate changes, published 4-7 s", ("lag",),
-        "Correct rising and falling changes separately.",
-        "Lag test of equal steps up and down.",
-        says=("Less takes {size} s longer to arrive than more does.",
-              "More takes {size} s longer to arrive than less does."))] = 0.0
-    clock_step_s: Annotated[float, Field(ge=0, le=2), Effect(
-        "lag.coarse_clock", "s", "Measured times come in steps",
-        "The detector's loop looks only every so often.",
-        "polling detectors", ("lag",),
-        "Use interrupts or a faster loop in the detector.",
-        "Many repeats at one shaft speed.", probes=(0.05, 0.1, 0.2),
-        says=("Times are measured in steps of {size} s only.",))] = 0.0
-    speed_scale_percent: Annotated[float, Field(ge=-50, le=50), Effect(
-        "lag.speed_scale", "%, true over written speed - 1", "Distances and times disagree by a factor",
-        "The test was driven at another speed than was written down.",
-        "lag paper, tables 1 and 4", ("lag with distances and times",),
-        "Measure the speed over the test length.",
-        "The same lag test at two measured speeds.",
-        says=("The machine drove {size} % faster than was written down.",
-              "The machine drove {size} % slower than was written down."))] = 0.0
-    lever_arm_m: Annotated[float, Field(ge=-20, le=20), Effect(
-        "place.lever_arm", "m", "Lands short or long by a constant distance",
-        "The antenna or the outlet is not where the machine file says.",
-        "mounting measures", ("place at two speeds or more",),
-        "Measure antenna to outlet with a tape.",
-        "The same step at two ground speeds.",
-        says=("Granules land {size} m too far ahead.",
-              "Granules land {size} m too far behind."))] = 0.0
-    latency_s: Annotated[float, Field(ge=-3, le=5), Effect(
-        "place.latency", "s", "Lands late by a constant time",
-        "Position, computing and bus take time that no model knows.",
-        "GNSS and bus latency", ("place at two speeds or more",),
-        "Enter the measured latency as lag.",
-        "The same step at two ground speeds.",
-        says=("Changes of the rate land {size} s late.",
-              "Changes of the rate land {size} s early."))] = 0.0
+    # shaft speed at which the rebound is given
+    full_rpm: Annotated[float, Field(ge=0.1, le=1e4)] = 100.0
+    offset_s: Annotated[
+        float,
+        Field(ge=-2, le=3),
+        Effect(
+            "lag.offset",
+            "s",
+            "Constant extra lag",
+            "A longer tube or a later detection adds the same time at every speed.",
+            "lag paper, table 4: field against detected",
+            ("lag",),
+            "Enter the measured lag; shorten the tube.",
+            "Lag test at several shaft speeds, with distances and times.",
+            says=(
+                "Granules land {size} s later than reckoned.",
+                "Granules land {size} s sooner than reckoned.",
+            ),
+        ),
+    ] = 0.0
+    rebound_s: Annotated[
+        float,
+        Field(ge=-2, le=3),
+        Effect(
+            "lag.rebound",
+            "s above the straight line at {fall.full_rpm:g} r/min",
+            "Lag rises again at high shaft speed",
+            "Granules thrown faster strike the tube more often on their way down.",
+            "lag paper, figure 9 and section 2.4.3",
+            ("lag",),
+            "Work at 70 r/min or below.",
+            "Lag test above 70 r/min.",
+            says=(
+                "At high shaft speed granules land {size} s later than reckoned.",
+                "At high shaft speed granules land {size} s sooner than reckoned.",
+            ),
+        ),
+    ] = 0.0
+    first_fill_s: Annotated[
+        float,
+        Field(ge=-1, le=5),
+        Effect(
+            "lag.first_fill",
+            "s",
+            "Start from an empty tube takes longer than a change while running",
+            "An empty tube and roller must fill before anything lands.",
+            "the correction experiment starts from zero rate",
+            ("lag",),
+            "Start earlier at the beginning of a pass.",
+            "Lag test from standstill and between two rates.",
+            says=(
+                "The first granules of a pass come {size} s later than later changes do.",
+                "The first granules of a pass come {size} s sooner than later changes do.",
+            ),
+        ),
+    ] = 0.0
+    asymmetry_s: Annotated[
+        float,
+        Field(ge=-3, le=3),
+        Effect(
+            "lag.asymmetry",
+            "s, down - up",
+            "Falling changes lag more than rising ones",
+            "A tube runs empty more slowly than it fills.",
+            "transitions of rate changes, published 4-7 s",
+            ("lag",),
+            "Correct rising and falling changes separately.",
+            "Lag test of equal steps up and down.",
+            says=(
+                "Less takes {size} s longer to arrive than more does.",
+                "More takes {size} s longer to arrive than less does.",
+            ),
+        ),
+    ] = 0.0
+    clock_step_s: Annotated[
+        float,
+        Field(ge=0, le=2),
+        Effect(
+            "lag.coarse_clock",
+            "s",
+            "Measured times come in steps",
+            "The detector's loop looks only every so often.",
+            "polling detectors",
+            ("lag",),
+            "Use interrupts or a faster loop in the detector.",
+            "Many repeats at one shaft speed.",
+            probes=(0.05, 0.1, 0.2),
+            says=("Times are measured in steps of {size} s only.",),
+        ),
+    ] = 0.0
+    speed_scale_percent: Annotated[
+        float,
+        Field(ge=-50, le=50),
+        Effect(
+            "lag.speed_scale",
+            "%, true over written speed - 1",
+            "Distances and times disagree by a factor",
+            "The test was driven at another speed than was written down.",
+            "lag paper, tables 1 and 4",
+            ("lag with distances and times",),
+            "Measure the speed over the test length.",
+            "The same lag test at two measured speeds.",
+            says=(
+                "The machine drove {size} % faster than was written down.",
+                "The machine drove {size} % slower than was written down.",
+            ),
+        ),
+    ] = 0.0
+    lever_arm_m: Annotated[
+        float,
+        Field(ge=-20, le=20),
+        Effect(
+            "place.lever_arm",
+            "m",
+            "Lands short or long by a constant distance",
+            "The antenna or the outlet is not where the machine file says.",
+            "mounting measures",
+            ("place at two speeds or more",),
+            "Measure antenna to outlet with a tape.",
+            "The same step at two ground speeds.",
+            says=(
+                "Granules land {size} m too far ahead.",
+                "Granules land {size} m too far behind.",
+            ),
+        ),
+    ] = 0.0
+    latency_s: Annotated[
+        float,
+        Field(ge=-3, le=5),
+        Effect(
+            "place.latency",
+            "s",
+            "Lands late by a constant time",
+            "Position, computing and bus take time that no model knows.",
+            "GNSS and bus latency",
+            ("place at two speeds or more",),
+            "Enter the measured latency as lag.",
+            "The same step at two ground speeds.",
+            says=(
+                "Changes of the rate land {size} s late.",
+                "Changes of the rate land {size} s early.",
+            ),
+        ),
+    ] = 0.0
 
 
 class FallInput(NamedTuple):
-    shaft_rpm: float            # at release
+    shaft_rpm: float  # at release
     flow_kg_s: float
-    change: float = 0.0         # +1: released after a rise of the rate, -1: after a fall, 0: neither
+    # +1: released after a rise of the rate, -1: after a fall, 0: neither
+    change: float = 0.0
 
 
 class FallState(NamedTuple):
     time_s: float
-    no_flow_s: float            # how long nothing has been released
-    filling_s: float            # how long since flow came back to an empty tube; large: long ago
+    no_flow_s: float  # how long nothing has been released
+    # how long since flow came back to an empty tube; large: long ago
+    filling_s: float
 
 
 def fall_start(time_s: float = 0.0) -> FallState:
@@ -113,29 +204,37 @@ def fall_start(time_s: float = 0.0) -> FallState:
 
 
 def start_drop_s(p: Fall, shaft_rpm: float) -> float:
-    """Time from 2 r/min to the first granule of a start for a set-point, s, as a rig measures it (lag paper eq 6)."""
+    """Time from 2 r/min to the first granule of a start for a set-point, s, as a rig measures
+    it (lag paper eq 6)."""
     start_s = p.intercept_s + p.slope_s_per_rpm * shaft_rpm + p.offset_s
     if shaft_rpm > p.valid_to_rpm:
-        start_s += p.rebound_s * ((shaft_rpm - p.valid_to_rpm) / max(1.0, p.full_rpm - p.valid_to_rpm))
+        start_s += p.rebound_s * (
+            (shaft_rpm - p.valid_to_rpm) / max(1.0, p.full_rpm - p.valid_to_rpm)
+        )
     return start_s if start_s > 0.0 else 0.0
 
 
 def drop_s(p: Fall, shaft_rpm: float) -> float:
-    """Time from leaving the roller of a running shaft to the ground, s, without the effects of what came before.
+    """Time from leaving the roller of a running shaft to the ground, s, without the effects of
+    what came before.
 
     Where drop time does not fall with shaft speed, it is that of a start.
     """
     falls_s = -p.slope_s_per_rpm * shaft_rpm
     if falls_s < 0.0:
         falls_s = 0.0
-    more = p.start_more_s + p.start_more_s_per_rpm * shaft_rpm + p.start_more_per_rpm * shaft_rpm * falls_s
+    more = (
+        p.start_more_s
+        + p.start_more_s_per_rpm * shaft_rpm
+        + p.start_more_per_rpm * shaft_rpm * falls_s
+    )
     drop = start_drop_s(p, shaft_rpm) - more
     return drop if drop > 0.0 else 0.0
 
 
 def fall_step(p: Fall, s: FallState, u: FallInput, dt_s: float) -> tuple[FallState, float]:
-    """Seconds after its release at which what is released in this step reaches the ground, if the shaft keeps its
-    speed; `landing.falls_s` where it does not."""
+    """Seconds after its release at which what is released in this step reaches the ground, if
+    the shaft keeps its speed; `landing.falls_s` where it does not."""
     flowing = u.flow_kg_s > 0.0
     filling = s.filling_s + dt_s
     if flowing and s.no_flow_s >= EMPTY_TUBE_S:

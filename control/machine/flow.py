@@ -1,4 +1,6 @@
-"""Flow of all outlets together, kg/s, from true shaft speed and opening; the hopper empties with it."""
+"""Flow of all outlets together, kg/s, from true shaft speed and opening; the hopper empties
+with it."""
+
 from __future__ import annotations
 
 from math import floor, pi, sin
@@ -8,8 +10,10 @@ from pydantic import Field
 
 from .effect import FULL_FLOW, FULL_REVOLUTION, Effect
 
-SPELL_S = 12.0          # length of the time slots in which a bridge stands or not
-STOPPED_RPM = 0.5       # a shaft slower than this stands still, and what leaks is not carried by the rollers
+# length of the time slots in which a bridge stands or not
+SPELL_S = 12.0
+# a shaft slower than this stands still, and what leaks is not carried by the rollers
+STOPPED_RPM = 0.5
 
 
 class Flow(NamedTuple):
@@ -17,111 +21,233 @@ class Flow(NamedTuple):
     flutes: Annotated[float, Field(ge=1, le=100)] = 6.0
     outlets: Annotated[float, Field(ge=1, le=100)] = 6.0
     full_kg: Annotated[float, Field(ge=0.01, le=20000)] = 300.0
-    full_rpm: Annotated[float, Field(ge=0.1, le=1e4)] = 100.0         # shaft speed at which the fall-off is given
-    gain_percent: Annotated[float, Field(ge=-60, le=100), Effect(
-        "flow.gain", "%", "Kilograms per revolution off by a factor",
-        "Another bulk density or product fills the flutes with another mass.",
-        "product and density: 5-50 %", ("run", "catch", "weigh"),
-        "Do a catch test with this product.",
-        "A static weigh tells it from the scale, two openings from an offset.",
-        says=("The machine spreads {size} % more than it reckons.",
-              "The machine spreads {size} % less than it reckons."))] = 0.0
-    zero_offset_g_rev: Annotated[float, Field(ge=-1e5, le=1e5), Effect(
-        "flow.zero_offset", "g per revolution", "Material flows at zero opening, or needs some opening to start",
-        "The rollers carry material past a closed gate, or the gate must open a little before any passes.",
-        "an offset near 8 g per revolution is published", ("run", "catch"),
-        "Catch test at two openings; renew the gate's brush or seal.",
-        "Two openings at one shaft speed.",
-        bounds=(-60.0, 60.0), scales_with=FULL_REVOLUTION,
-        says=("{size} g more than reckoned leave with every turn of the rollers, even with the gate shut.",
-              "{size} g less than reckoned leave with every turn of the rollers: the gate must open some way "
-              "before anything flows."))] = 0.0
-    fill_falloff_percent: Annotated[float, Field(ge=-10, le=60), Effect(
-        "flow.fill_falloff", "% lost at {flow.full_rpm:g} r/min", "Flutes fill less at high shaft speed",
-        "A flute that passes quickly under the hopper has no time to fill.",
-        "3-15 % above 60 r/min are published", ("run", "catch"),
-        "Work at a larger opening and a lower shaft speed.",
-        "A staircase of shaft speeds at one opening.",
-        says=("At 100 r/min the rollers fill {size} % less than they should: fast driving gets too little.",
-              "At 100 r/min the rollers give {size} % more than reckoned: fast driving gets too much."))] = 0.0
-    hopper_head_percent: Annotated[float, Field(ge=0, le=40), Effect(
-        "flow.hopper_head", "% lost from full to empty", "Flows less as the hopper empties",
-        "Less material above the rollers presses less into the flutes.",
-        "1-3 % are published", ("run",),
-        "Refill earlier, or let the scale correct the flow.",
-        "A refill half-way: the head jumps back, time does not.",
-        says=("From a full to an empty hopper the flow falls by {size} %.",))] = 0.0
-    moisture_percent_per_h: Annotated[float, Field(ge=-30, le=30), Effect(
-        "flow.moisture_drift", "% per hour", "Flow changes with elapsed time",
-        "Caking or humid air change how the granules flow as the day goes on.",
-        "hygroscopic urea", ("run",),
-        "Cover the hopper; catch test at noon.",
-        "A refill half-way: the drift goes on, the hopper's head does not.",
-        says=("The flow grows by {size} % every hour.",
-              "The flow falls by {size} % every hour."))] = 0.0
-    batch_percent: Annotated[float, Field(ge=-60, le=100), Effect(
-        "flow.batch", "%", "Flow steps at a refill",
-        "The lot that was filled in has another density or grain size.",
-        "product lots", ("run",),
-        "Catch test after every change of lot.",
-        "Two refills from different lots.",
-        says=("After a refill {size} % more flows than before it.",
-              "After a refill {size} % less flows than before it."))] = 0.0
-    blocked_percent: Annotated[float, Field(ge=0, le=100), Effect(
-        "flow.blocked_outlet", "% lost", "One or more outlets close at some time",
-        "A clod or wet material closes a tube, and that outlet's share is missing.",
-        "one of six outlets: 16.7 %", ("run",),
-        "Look at the outlets, clear the tube.",
-        "Catch test by outlet.", probes=(100.0 / 6.0,),
-        says=("A blocked outlet costs {size} % of the flow.",))] = 0.0
-    uneven_percent: Annotated[float, Field(ge=-100, le=100), Effect(
-        "flow.outlet_uneven", "%", "One outlet gives more or less than its share",
-        "A worn roller or a bent tube changes one outlet alone.",
-        "outlet uniformity tests", ("catch",),
-        "Set or change that outlet's roller.",
-        "Catch test by outlet.", member_field="uneven_outlet",
-        says=("One outlet gives {size} % more than its share.",
-              "One outlet gives {size} % less than its share."))] = 0.0
+    # shaft speed at which the fall-off is given
+    full_rpm: Annotated[float, Field(ge=0.1, le=1e4)] = 100.0
+    gain_percent: Annotated[
+        float,
+        Field(ge=-60, le=100),
+        Effect(
+            "flow.gain",
+            "%",
+            "Kilograms per revolution off by a factor",
+            "Another bulk density or product fills the flutes with another mass.",
+            "product and density: 5-50 %",
+            ("run", "catch", "weigh"),
+            "Do a catch test with this product.",
+            "A static weigh tells it from the scale, two openings from an offset.",
+            says=(
+                "The machine spreads {size} % more than it reckons.",
+                "The machine spreads {size} % less than it reckons.",
+            ),
+        ),
+    ] = 0.0
+    zero_offset_g_rev: Annotated[
+        float,
+        Field(ge=-1e5, le=1e5),
+        Effect(
+            "flow.zero_offset",
+            "g per revolution",
+            "Material flows at zero opening, or needs some opening to start",
+            "The rollers carry material past a closed gate, or the gate must open a little "
+            "before any passes.",
+            "an offset near 8 g per revolution is published",
+            ("run", "catch"),
+            "Catch test at two openings; renew the gate's brush or seal.",
+            "Two openings at one shaft speed.",
+            bounds=(-60.0, 60.0),
+            scales_with=FULL_REVOLUTION,
+            says=(
+                "{size} g more than reckoned leave with every turn of the rollers, even "
+                "with the gate shut.",
+                "{size} g less than reckoned leave with every turn of the rollers: the gate "
+                "must open some way "
+                "before anything flows.",
+            ),
+        ),
+    ] = 0.0
+    fill_falloff_percent: Annotated[
+        float,
+        Field(ge=-10, le=60),
+        Effect(
+            "flow.fill_falloff",
+            "% lost at {flow.full_rpm:g} r/min",
+            "Flutes fill less at high shaft speed",
+            "A flute that passes quickly under the hopper has no time to fill.",
+            "3-15 % above 60 r/min are published",
+            ("run", "catch"),
+            "Work at a larger opening and a lower shaft speed.",
+            "A staircase of shaft speeds at one opening.",
+            says=(
+                "At 100 r/min the rollers fill {size} % less than they should: fast driving "
+                "gets too little.",
+                "At 100 r/min the rollers give {size} % more than reckoned: fast driving "
+                "gets too much.",
+            ),
+        ),
+    ] = 0.0
+    hopper_head_percent: Annotated[
+        float,
+        Field(ge=0, le=40),
+        Effect(
+            "flow.hopper_head",
+            "% lost from full to empty",
+            "Flows less as the hopper empties",
+            "Less material above the rollers presses less into the flutes.",
+            "1-3 % are published",
+            ("run",),
+            "Refill earlier, or let the scale correct the flow.",
+            "A refill half-way: the head jumps back, time does not.",
+            says=("From a full to an empty hopper the flow falls by {size} %.",),
+        ),
+    ] = 0.0
+    moisture_percent_per_h: Annotated[
+        float,
+        Field(ge=-30, le=30),
+        Effect(
+            "flow.moisture_drift",
+            "% per hour",
+            "Flow changes with elapsed time",
+            "Caking or humid air change how the granules flow as the day goes on.",
+            "hygroscopic urea",
+            ("run",),
+            "Cover the hopper; catch test at noon.",
+            "A refill half-way: the drift goes on, the hopper's head does not.",
+            says=(
+                "The flow grows by {size} % every hour.",
+                "The flow falls by {size} % every hour.",
+            ),
+        ),
+    ] = 0.0
+    batch_percent: Annotated[
+        float,
+        Field(ge=-60, le=100),
+        Effect(
+            "flow.batch",
+            "%",
+            "Flow steps at a refill",
+            "The lot that was filled in has another density or grain size.",
+            "product lots",
+            ("run",),
+            "Catch test after every change of lot.",
+            "Two refills from different lots.",
+            says=(
+                "After a refill {size} % more flows than before it.",
+                "After a refill {size} % less flows than before it.",
+            ),
+        ),
+    ] = 0.0
+    blocked_percent: Annotated[
+        float,
+        Field(ge=0, le=100),
+        Effect(
+            "flow.blocked_outlet",
+            "% lost",
+            "One or more outlets close at some time",
+            "A clod or wet material closes a tube, and that outlet's share is missing.",
+            "one of six outlets: 16.7 %",
+            ("run",),
+            "Look at the outlets, clear the tube.",
+            "Catch test by outlet.",
+            probes=(100.0 / 6.0,),
+            says=("A blocked outlet costs {size} % of the flow.",),
+        ),
+    ] = 0.0
+    uneven_percent: Annotated[
+        float,
+        Field(ge=-100, le=100),
+        Effect(
+            "flow.outlet_uneven",
+            "%",
+            "One outlet gives more or less than its share",
+            "A worn roller or a bent tube changes one outlet alone.",
+            "outlet uniformity tests",
+            ("catch",),
+            "Set or change that outlet's roller.",
+            "Catch test by outlet.",
+            member_field="uneven_outlet",
+            says=(
+                "One outlet gives {size} % more than its share.",
+                "One outlet gives {size} % less than its share.",
+            ),
+        ),
+    ] = 0.0
     uneven_outlet: Annotated[float, Field(ge=0, le=100)] = 0.0
-    bridging_percent: Annotated[float, Field(ge=0, le=90), Effect(
-        "flow.bridging", "% of time", "Flow stops for spells while the shaft turns",
-        "Damp material arches over the rollers until a bump breaks the arch.",
-        "field experience with damp urea", ("run",),
-        "Switch the agitator on; break lumps when filling.",
-        "Watch the scale while the shaft turns at one speed.", probes=(10.0,),
-        says=("For {size} % of the time nothing flows though the shaft turns.",))] = 0.0
-    leak_kg_h: Annotated[float, Field(ge=0, le=1e5), Effect(
-        "flow.leak", "kg/h", "Material flows with the shaft stopped",
-        "A worn gate or roller lets material trickle when nothing should.",
-        "worn seals", ("run",),
-        "Renew the gate's seal or brush.",
-        "Stand still with the shaft stopped and watch the scale.", probes=(1.0,),
-        bounds=(0.0, 500.0), scales_with=FULL_FLOW,
-        says=("{size} kg an hour leak out with the shaft stopped.",))] = 0.0
-    slope_percent_per_deg: Annotated[float, Field(ge=-5, le=5), Effect(
-        "flow.slope", "% more per degree nose up", "Flow changes with pitch",
-        "On a slope the material leans towards or away from the rollers.",
-        "0.3-1 % per degree are published", ("run",),
-        "Nothing to mend: the model compensates it.",
-        "Out and back on a slope.",
-        says=("Each degree uphill adds {size} % to the flow.",
-              "Each degree uphill takes {size} % off the flow."))] = 0.0
-    pulsation_percent: Annotated[float, Field(ge=0, le=100), Effect(
-        "flow.pulsation", "% amplitude", "Flow is periodic in the shaft angle",
-        "Each flute empties as a lump; at low speed the lumps lie apart on the ground.",
-        "six flutes at 20 r/min pulse at 2 Hz", ("fast catch",),
-        "Work at a higher shaft speed and a smaller opening; helical rollers.",
-        "A fast catch (at least 20 samples a second) at a low shaft speed.",
-        says=("The flow comes in pulses of {size} % with each turn of the rollers.",))] = 0.0
+    bridging_percent: Annotated[
+        float,
+        Field(ge=0, le=90),
+        Effect(
+            "flow.bridging",
+            "% of time",
+            "Flow stops for spells while the shaft turns",
+            "Damp material arches over the rollers until a bump breaks the arch.",
+            "field experience with damp urea",
+            ("run",),
+            "Switch the agitator on; break lumps when filling.",
+            "Watch the scale while the shaft turns at one speed.",
+            probes=(10.0,),
+            says=("For {size} % of the time nothing flows though the shaft turns.",),
+        ),
+    ] = 0.0
+    leak_kg_h: Annotated[
+        float,
+        Field(ge=0, le=1e5),
+        Effect(
+            "flow.leak",
+            "kg/h",
+            "Material flows with the shaft stopped",
+            "A worn gate or roller lets material trickle when nothing should.",
+            "worn seals",
+            ("run",),
+            "Renew the gate's seal or brush.",
+            "Stand still with the shaft stopped and watch the scale.",
+            probes=(1.0,),
+            bounds=(0.0, 500.0),
+            scales_with=FULL_FLOW,
+            says=("{size} kg an hour leak out with the shaft stopped.",),
+        ),
+    ] = 0.0
+    slope_percent_per_deg: Annotated[
+        float,
+        Field(ge=-5, le=5),
+        Effect(
+            "flow.slope",
+            "% more per degree nose up",
+            "Flow changes with pitch",
+            "On a slope the material leans towards or away from the rollers.",
+            "0.3-1 % per degree are published",
+            ("run",),
+            "Nothing to mend: the model compensates it.",
+            "Out and back on a slope.",
+            says=(
+                "Each degree uphill adds {size} % to the flow.",
+                "Each degree uphill takes {size} % off the flow.",
+            ),
+        ),
+    ] = 0.0
+    pulsation_percent: Annotated[
+        float,
+        Field(ge=0, le=100),
+        Effect(
+            "flow.pulsation",
+            "% amplitude",
+            "Flow is periodic in the shaft angle",
+            "Each flute empties as a lump; at low speed the lumps lie apart on the ground.",
+            "six flutes at 20 r/min pulse at 2 Hz",
+            ("fast catch",),
+            "Work at a higher shaft speed and a smaller opening; helical rollers.",
+            "A fast catch (at least 20 samples a second) at a low shaft speed.",
+            says=("The flow comes in pulses of {size} % with each turn of the rollers.",),
+        ),
+    ] = 0.0
 
 
 class FlowInput(NamedTuple):
     shaft_rpm: float
     opening_mm: float
     pitch_deg: float = 0.0
-    refill_kg: float = 0.0      # filled in at the beginning of this step
-    more_percent: float = 0.0   # of the machine file's terms
-    more_kg_s: float = 0.0      # of the same, while the shaft turns
+    refill_kg: float = 0.0  # filled in at the beginning of this step
+    more_percent: float = 0.0  # of the machine file's terms
+    more_kg_s: float = 0.0  # of the same, while the shaft turns
 
 
 class FlowState(NamedTuple):
@@ -132,7 +258,7 @@ class FlowState(NamedTuple):
 
 
 class FlowOutput(NamedTuple):
-    flow_kg_s: float            # true; nothing measures it but the scale
+    flow_kg_s: float  # true; nothing measures it but the scale
     hopper_kg: float
 
 
@@ -150,17 +276,24 @@ def bridged(time_s: float, percent_of_time: float) -> bool:
 
 
 def grams_per_rev(p: Flow, shaft_rpm: float, opening_mm: float) -> float:
-    """Mass per revolution in steady state, level, hopper full, g: the part of the model that has an inverse."""
+    """Mass per revolution in steady state, level, hopper full, g: the part of the model that
+    has an inverse."""
     speed = shaft_rpm / p.full_rpm
     lost = p.fill_falloff_percent * speed * speed * speed
     mass = p.grams_per_rev_mm * opening_mm * (1.0 + p.gain_percent / 100.0) + p.zero_offset_g_rev
     return mass * (1.0 - lost / 100.0) if mass > 0.0 else 0.0
 
 
-def common_factor(p: Flow, share_full: float, elapsed_s: float, pitch_deg: float, more_percent: float,
-                  refilled: bool) -> float:
-    """What multiplies the flow whatever shaft and opening are: hopper head, blocked outlets, drift, slope, lot, an
-    uneven outlet. share_full: of the hopper."""
+def common_factor(
+    p: Flow,
+    share_full: float,
+    elapsed_s: float,
+    pitch_deg: float,
+    more_percent: float,
+    refilled: bool,
+) -> float:
+    """What multiplies the flow whatever shaft and opening are: hopper head, blocked outlets,
+    drift, slope, lot, an uneven outlet. share_full: of the hopper."""
     lost = p.hopper_head_percent * (1.0 - share_full) + p.blocked_percent
     more = p.moisture_percent_per_h * elapsed_s / 3600.0 + p.slope_percent_per_deg * pitch_deg
     more += more_percent
@@ -171,9 +304,18 @@ def common_factor(p: Flow, share_full: float, elapsed_s: float, pitch_deg: float
     return (1.0 - lost / 100.0) * (1.0 + more / 100.0)
 
 
-def in_flutes(p: Flow, shaft_rpm: float, opening_mm: float, pitch_deg: float, share_full: float, elapsed_s: float,
-              more_percent: float, refilled: bool) -> tuple[float, float]:
-    """What loads the rollers, g a revolution: what they move, and what stands packed before closed outlets."""
+def in_flutes(
+    p: Flow,
+    shaft_rpm: float,
+    opening_mm: float,
+    pitch_deg: float,
+    share_full: float,
+    elapsed_s: float,
+    more_percent: float,
+    refilled: bool,
+) -> tuple[float, float]:
+    """What loads the rollers, g a revolution: what they move, and what stands packed before
+    closed outlets."""
     if share_full <= 0.0 or (p.bridging_percent > 0.0 and bridged(elapsed_s, p.bridging_percent)):
         return 0.0, 0.0
     mass = grams_per_rev(p, shaft_rpm, opening_mm)
@@ -182,7 +324,8 @@ def in_flutes(p: Flow, shaft_rpm: float, opening_mm: float, pitch_deg: float, sh
 
 
 def flow_step(p: Flow, s: FlowState, u: FlowInput, dt_s: float) -> tuple[FlowState, FlowOutput]:
-    """One step of `dt_s` with the inputs held; the flow is its mean over the step. Mass is conserved.
+    """One step of `dt_s` with the inputs held; the flow is its mean over the step. Mass is
+    conserved.
 
     Nominal: q = 0.0055 x opening_mm x shaft_rpm / 60 kg/s.
     """
@@ -192,7 +335,9 @@ def flow_step(p: Flow, s: FlowState, u: FlowInput, dt_s: float) -> tuple[FlowSta
     if u.refill_kg > 0.0:
         refills += 1.0
     flow = grams_per_rev(p, u.shaft_rpm, u.opening_mm) * u.shaft_rpm / 60_000.0
-    flow *= common_factor(p, hopper / p.full_kg, s.time_s, u.pitch_deg, u.more_percent, refills > 0.0)
+    flow *= common_factor(
+        p, hopper / p.full_kg, s.time_s, u.pitch_deg, u.more_percent, refills > 0.0
+    )
     if p.pulsation_percent != 0.0:
         flow *= 1.0 + p.pulsation_percent / 100.0 * sin(2.0 * pi * p.flutes * s.angle_rev)
     if u.shaft_rpm >= STOPPED_RPM:
@@ -205,4 +350,6 @@ def flow_step(p: Flow, s: FlowState, u: FlowInput, dt_s: float) -> tuple[FlowSta
         flow = hopper / dt_s
     hopper -= flow * dt_s
     angle = s.angle_rev + u.shaft_rpm / 60.0 * dt_s
-    return FlowState(s.time_s + dt_s, hopper, angle - floor(angle), refills), FlowOutput(flow, hopper)
+    return FlowState(s.time_s + dt_s, hopper, angle - floor(angle), refills), FlowOutput(
+        flow, hopper
+    )

@@ -1,11 +1,15 @@
-"""What a form of a term is: its coefficients, its value, its sentence, and how it is fitted. The forms: `forms`.
+"""What a form of a term is: its coefficients, its value, its sentence, and how it is fitted.
+The forms: `forms`.
 
-**In the machine file**: which coefficients it has and what they mean. **Its value**: `value`, one function that is
-interpreted for a tick and compiled over a log, so plain arithmetic on numbers only. **In words**: `said`. **Fitted**: a
-form has a shape (coefficients that are not linear, each tried at several places and moved from there) and amplitudes,
-in which it is linear. Its columns are sums of series over the rows; columns of many shapes share few series, so that
-what a series does to a channel is had once. Variables are fitted as z = (x - middle) / spread.
+**In the machine file**: which coefficients it has and what they mean. **Its value**: `value`,
+one function that is interpreted for a tick and compiled over a log, so plain arithmetic on
+numbers only. **In words**: `said`. **Fitted**: a form has a shape (coefficients that are not
+linear, each tried at several places and moved from there) and amplitudes, in which it is
+linear. Its columns are sums of series over the rows; columns of many shapes share few series,
+so that what a series does to a channel is had once. Variables are fitted as z = (x - middle) /
+spread.
 """
+
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
@@ -23,10 +27,12 @@ if TYPE_CHECKING:
 
 
 class TermParams(NamedTuple):
-    """A term as numbers. What a form does not use stays at its default; its class says what each means."""
+    """A term as numbers. What a form does not use stays at its default; its class says what
+    each means."""
 
     form: int
-    low: float = -1e300         # validity: beyond it the variable is held at the edge
+    # validity: beyond it the variable is held at the edge
+    low: float = -1e300
     high: float = 1e300
     second_low: float = -1e300
     second_high: float = 1e300
@@ -48,20 +54,23 @@ class TermParams(NamedTuple):
     values: Table = FLAT
 
 
-TermRun = Callable[[TermParams, Array, Array, Array], Array]       # `compiled.term_run`, or the same interpreted
+# `compiled.term_run`, or the same interpreted
+TermRun = Callable[[TermParams, Array, Array, Array], Array]
 
 SHAFT_ANGLE = "shaft_angle_deg"
 ANGLES = ("heading_deg", SHAFT_ANGLE)
 
-QUANTILES = (6, 18, 30, 42, 50, 58, 70, 82, 94)     # of a variable, per cent, where a form may bend
-PER_AMPLITUDE = 4.0                 # of a form's price where forms are ranked before their sizes have a prior
-STEP = 0.3                          # of a spread: a step by which a place is moved
+# of a variable, per cent, where a form may bend
+QUANTILES = (6, 18, 30, 42, 50, 58, 70, 82, 94)
+# of a form's price where forms are ranked before their sizes have a prior
+PER_AMPLITUDE = 4.0
+STEP = 0.3  # of a spread: a step by which a place is moved
 
 
 @dataclass(frozen=True)
 class Scaled:
-    """A variable for fitting. x : at the rows, held within low and high (rows,). work : rows that count for where a
-    form is tried (rows,). run : the evaluator over a log."""
+    """A variable for fitting. x : at the rows, held within low and high (rows,). work : rows
+    that count for where a form is tried (rows,). run : the evaluator over a log."""
 
     name: str
     x: Array
@@ -80,7 +89,11 @@ class Scaled:
     @property
     def valid(self) -> tuple[float, float] | None:
         """The range in which it was seen; None of angles, of the time, and where none is given."""
-        return None if self.name in (*ANGLES, "time_s") or self.low == -np.inf else (self.low, self.high)
+        return (
+            None
+            if self.name in (*ANGLES, "time_s") or self.low == -np.inf
+            else (self.low, self.high)
+        )
 
     @cached_property
     def ends(self) -> tuple[float, float]:
@@ -90,7 +103,8 @@ class Scaled:
 
     @cached_property
     def knots(self) -> list[float]:
-        """Places in z where a form may bend: quantiles, and 0 where the variable changes its sign."""
+        """Places in z where a form may bend: quantiles, and 0 where the variable changes its
+        sign."""
         found = np.percentile(self.z[self.work], QUANTILES)
         zero = (0.0 - self.middle) / self.spread
         if found[0] < zero < found[-1]:
@@ -109,10 +123,14 @@ class Scaled:
 
 def scaled(name: str, x: Array, work: npt.NDArray[np.bool_], time_s: Array, run: TermRun) -> Scaled:
     """A variable between the ends of what it is like in the rows that count."""
-    low, q10, middle, q90, high = (float(v) for v in np.percentile(x[work], (0.5, 10, 50, 90, 99.5)))
+    low, q10, middle, q90, high = (
+        float(v) for v in np.percentile(x[work], (0.5, 10, 50, 90, 99.5))
+    )
     spread = max(0.5 * (q90 - q10), 1e-3 * (high - low), 1e-9)
     held = x if name in (*ANGLES, "time_s") else np.clip(x, low, high)
-    return Scaled(name, held, middle, spread, low, high if high > low else low + 1.0, work, time_s, run)
+    return Scaled(
+        name, held, middle, spread, low, high if high > low else low + 1.0, work, time_s, run
+    )
 
 
 class FormSeries(NamedTuple):
@@ -127,7 +145,7 @@ class FormSeries(NamedTuple):
 
 
 Shape = Mapping[str, float]
-Columns = tuple[dict[FormSeries, float], ...]       # of each column the weights of its series
+Columns = tuple[dict[FormSeries, float], ...]  # of each column the weights of its series
 
 
 class Written(NamedTuple):
@@ -140,7 +158,8 @@ class Written(NamedTuple):
 
 
 class SaidNumbers(NamedTuple):
-    """The numbers of a sentence. changes : shown with sign and the term's unit. which : of the form's sentences."""
+    """The numbers of a sentence. changes : shown with sign and the term's unit. which : of the
+    form's sentences."""
 
     changes: Mapping[str, float] = {}
     numbers: Mapping[str, float] = {}
@@ -155,7 +174,8 @@ class TriedForm(NamedTuple):
     over: tuple[str, ...]
     shape: Shape
     columns: Columns
-    places: int = 1             # so many such forms are tried, at different places or of different memory
+    # so many such forms are tried, at different places or of different memory
+    places: int = 1
 
     @property
     def price(self) -> float:
@@ -164,37 +184,51 @@ class TriedForm(NamedTuple):
 
     def moved(self, shape: Shape, by: Mapping[str, Scaled]) -> TriedForm:
         """The same form of another shape."""
-        return self._replace(shape=shape, columns=self.kind.columns(shape, by[self.over[0]], by[self.over[-1]]))
+        return self._replace(
+            shape=shape, columns=self.kind.columns(shape, by[self.over[0]], by[self.over[-1]])
+        )
 
     def rows(self, by: Mapping[str, Scaled]) -> Array:
         """Its columns over the rows (amplitudes, rows)."""
-        return np.array([sum(weight * series.rows(by) for series, weight in one.items()) for one in self.columns])
+        return np.array(
+            [
+                sum(weight * series.rows(by) for series, weight in one.items())
+                for one in self.columns
+            ]
+        )
 
-    def written(self, amplitude: Sequence[float], level: float, by: Mapping[str, Scaled]) -> Written:
+    def written(
+        self, amplitude: Sequence[float], level: float, by: Mapping[str, Scaled]
+    ) -> Written:
         return self.kind.written(self.shape, amplitude, level, by[self.over[0]], by[self.over[-1]])
 
 
-FORMS: dict[str, type[TermForm]] = {}       # in the order in which they are written
+FORMS: dict[str, type[TermForm]] = {}  # in the order in which they are written
 
 
 class TermForm:
-    """One form. In all that follows x is its variable and y its second one, or x again where it has one only."""
+    """One form. In all that follows x is its variable and y its second one, or x again where it
+    has one only."""
 
     form: ClassVar[str]
-    needs: ClassVar[tuple[str, ...]] = ()       # coefficients that it must have ...
-    may: ClassVar[tuple[str, ...]] = ("level",)     # ... and that it may have
-    means: ClassVar[str]                        # the formula
-    positive: ClassVar[tuple[str, ...]] = ()    # coefficients that are more than 0
+    needs: ClassVar[tuple[str, ...]] = ()  # coefficients that it must have ...
+    may: ClassVar[tuple[str, ...]] = ("level",)  # ... and that it may have
+    means: ClassVar[str]  # the formula
+    positive: ClassVar[tuple[str, ...]] = ()  # coefficients that are more than 0
     variables: ClassVar[int] = 1
     only_over: ClassVar[tuple[str, ...]] = ()
-    sentences: ClassVar[tuple[str, ...]]        # {what} it acts on, its {unit}, {x}, {y}, their units {per}, {per2}
-    each_unit: ClassVar[bool] = False           # it says a change for each unit of x, and of nothing else of x
-    one_run: ClassVar[bool] = False             # it says something of one run, nothing of the machine
-    main: ClassVar[str] = ""                    # the coefficient whose interval is reported
-    leaps: ClassVar[bool] = False               # an edge that is a little off hides how good it is
-    of_moves: ClassVar[bool] = False            # it says how its variable has been moving
-    movable: ClassVar[tuple[str, ...]] = ()     # of its shape
-    has_level: ClassVar[bool] = True            # what it does on the mean is fitted along
+    # {what} it acts on, its {unit}, {x}, {y}, their units {per}, {per2}
+    sentences: ClassVar[tuple[str, ...]]
+    # it says a change for each unit of x, and of nothing else of x
+    each_unit: ClassVar[bool] = False
+    # it says something of one run, nothing of the machine
+    one_run: ClassVar[bool] = False
+    main: ClassVar[str] = ""  # the coefficient whose interval is reported
+    # an edge that is a little off hides how good it is
+    leaps: ClassVar[bool] = False
+    of_moves: ClassVar[bool] = False  # it says how its variable has been moving
+    movable: ClassVar[tuple[str, ...]] = ()  # of its shape
+    has_level: ClassVar[bool] = True  # what it does on the mean is fitted along
 
     def __init_subclass__(cls, form: str | None = None) -> None:
         if form is not None:
@@ -213,10 +247,17 @@ class TermForm:
     @classmethod
     def tried(cls, x: Scaled) -> list[TriedForm]:
         """The form over one variable, at all places where it is looked for."""
-        if (x.name not in cls.only_over) if cls.only_over else (x.name in ANGLES or x.name == "time_s"):
+        if (
+            (x.name not in cls.only_over)
+            if cls.only_over
+            else (x.name in ANGLES or x.name == "time_s")
+        ):
             return []
         shapes = cls.shapes(x)
-        return [TriedForm(cls, (x.name,), one, cls.columns(one, x, x), cls.places(x, len(shapes))) for one in shapes]
+        return [
+            TriedForm(cls, (x.name,), one, cls.columns(one, x, x), cls.places(x, len(shapes)))
+            for one in shapes
+        ]
 
     @classmethod
     def shapes(cls, x: Scaled) -> list[Shape]:
@@ -237,10 +278,14 @@ class TermForm:
         return shape[name] + STEP * steps
 
     @classmethod
-    def coefficients(cls, shape: Shape, a: Sequence[float], level: float, x: Scaled, y: Scaled) -> dict[str, float]:
+    def coefficients(
+        cls, shape: Shape, a: Sequence[float], level: float, x: Scaled, y: Scaled
+    ) -> dict[str, float]:
         """The file's coefficients of amplitudes `a` and of a level."""
         raise NotImplementedError
 
     @classmethod
-    def written(cls, shape: Shape, a: Sequence[float], level: float, x: Scaled, y: Scaled) -> Written:
+    def written(
+        cls, shape: Shape, a: Sequence[float], level: float, x: Scaled, y: Scaled
+    ) -> Written:
         return Written(cls.form, cls.coefficients(shape, a, level, x, y))

@@ -1,4 +1,6 @@
-"""The forms that a term may have, a class each: all that is known of a form is said there (`form`)."""
+"""The forms that a term may have, a class each: all that is known of a form is said there
+(`form`)."""
+
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
@@ -47,20 +49,28 @@ class Form(StrEnum):
 
 
 # Where forms are tried: fine enough that a shape moved from the nearest place gets to the best one.
-NODES = 8                           # of a table, at most
+NODES = 8  # of a table, at most
 MEMORIES_S = (1.5, 3.0, 6.0, 12.0, 25.0, 50.0, 100.0)
-WAYS_S = (1.5, 5.0)                 # which way something has been moving, over so long
-WAY_SHARE = 0.1                     # of its spread: a difference of so much tells the way
-ONE_AXIS = 0.03                     # of the variance along an axis: less across it is none
-ALONG_DEG = (15.0, 30.0)            # from an axis: what was seen on it holds so far, and from there on no more
+# which way something has been moving, over so long
+WAYS_S = (1.5, 5.0)
+# of its spread: a difference of so much tells the way
+WAY_SHARE = 0.1
+# of the variance along an axis: less across it is none
+ONE_AXIS = 0.03
+# from an axis: what was seen on it holds so far, and from there on no more
+ALONG_DEG = (15.0, 30.0)
 CYCLES = {"heading_deg": (1, 2, 3), SHAFT_ANGLE: (1, 2, 3, 4, 5, 6)}
 SPAN_EDGES = 24
-SPAN_PLACES = 100                   # of either edge: it is known to some per cent of the log
-WAVES = 4                           # smooth half-waves that a table is made of
-FORGETS = 0.2                       # of its size: what a memory leaves when nothing changes any more
+# of either edge: it is known to some per cent of the log
+SPAN_PLACES = 100
+WAVES = 4  # smooth half-waves that a table is made of
+# of its size: what a memory leaves when nothing changes any more
+FORGETS = 0.2
 
 
-# -- straight lines and bends ------------------------------------------------------------------------------------------
+# -- straight lines and bends
+# ------------------------------------------------------------------------------------------
+
 
 def line(x: Scaled, at: float) -> Array:
     return x.z
@@ -81,8 +91,10 @@ def clipped(x: float, low: float, high: float) -> float:
 class Slope(TermForm, form=Form.SLOPE):
     needs, may, main, each_unit = ("slope",), ("at", "level"), "slope", True
     means = "level + slope (x - at)"
-    sentences = ("{what} rises by {size} {unit} for each {per} of {x}",
-                 "{what} falls by {size} {unit} for each {per} of {x}")
+    sentences = (
+        "{what} rises by {size} {unit} for each {per} of {x}",
+        "{what} falls by {size} {unit} for each {per} of {x}",
+    )
 
     @staticmethod
     def value(p: TermParams, x: float, y: float, slow: float) -> float:
@@ -98,15 +110,19 @@ class Slope(TermForm, form=Form.SLOPE):
         return ({FormSeries(line, (x.name,)): 1.0},)
 
     @classmethod
-    def coefficients(cls, shape: Shape, a: Sequence[float], level: float, x: Scaled, y: Scaled) -> dict[str, float]:
+    def coefficients(
+        cls, shape: Shape, a: Sequence[float], level: float, x: Scaled, y: Scaled
+    ) -> dict[str, float]:
         return {"slope": a[0] / x.spread, "at": x.middle, "level": level}
 
 
 class Bend(TermForm, form=Form.BEND):
     needs, may = ("bend",), ("slope", "at", "level")
     means = "level + slope (x - at) + bend (x - at)^2"
-    sentences = ("{what} rises by {size} {unit} for each ({per})2 of {x} away from {at} {per}",
-                 "{what} falls by {size} {unit} for each ({per})2 of {x} away from {at} {per}")
+    sentences = (
+        "{what} rises by {size} {unit} for each ({per})2 of {x} away from {at} {per}",
+        "{what} falls by {size} {unit} for each ({per})2 of {x} away from {at} {per}",
+    )
 
     @staticmethod
     def value(p: TermParams, x: float, y: float, slow: float) -> float:
@@ -117,15 +133,24 @@ class Bend(TermForm, form=Form.BEND):
     def said(term: Term) -> SaidNumbers:
         c = term.coefficients
         vertex = c.get("at", 0.0) - 0.5 * c.get("slope", 0.0) / c["bend"] if c["bend"] else 0.0
-        return SaidNumbers(numbers={"size": abs(c["bend"]), "at": vertex}, which=int(c["bend"] <= 0.0))
+        return SaidNumbers(
+            numbers={"size": abs(c["bend"]), "at": vertex}, which=int(c["bend"] <= 0.0)
+        )
 
     @classmethod
     def columns(cls, shape: Shape, x: Scaled, y: Scaled) -> Columns:
         return {FormSeries(line, (x.name,)): 1.0}, {FormSeries(times, (x.name, x.name)): 1.0}
 
     @classmethod
-    def coefficients(cls, shape: Shape, a: Sequence[float], level: float, x: Scaled, y: Scaled) -> dict[str, float]:
-        return {"slope": a[0] / x.spread, "bend": a[1] / x.spread ** 2, "at": x.middle, "level": level}
+    def coefficients(
+        cls, shape: Shape, a: Sequence[float], level: float, x: Scaled, y: Scaled
+    ) -> dict[str, float]:
+        return {
+            "slope": a[0] / x.spread,
+            "bend": a[1] / x.spread**2,
+            "at": x.middle,
+            "level": level,
+        }
 
 
 class _PlacedForm(TermForm):
@@ -140,7 +165,9 @@ class _PlacedForm(TermForm):
 
 class Hinge(_PlacedForm, form=Form.HINGE):
     means = "level + below (x - at) where x is less than at, above (x - at) where it is more"
-    sentences = ("{what} changes by {below} for each {per} of {x} below {at} {per}, by {above} above",)
+    sentences = (
+        "{what} changes by {below} for each {per} of {x} below {at} {per}, by {above} above",
+    )
 
     @staticmethod
     def value(p: TermParams, x: float, y: float, slow: float) -> float:
@@ -149,16 +176,24 @@ class Hinge(_PlacedForm, form=Form.HINGE):
     @staticmethod
     def said(term: Term) -> SaidNumbers:
         c = term.coefficients
-        return SaidNumbers({"below": c.get("below", 0.0), "above": c.get("above", 0.0)}, {"at": c["at"]})
+        return SaidNumbers(
+            {"below": c.get("below", 0.0), "above": c.get("above", 0.0)}, {"at": c["at"]}
+        )
 
     @classmethod
     def columns(cls, shape: Shape, x: Scaled, y: Scaled) -> Columns:
         return {FormSeries(line, (x.name,)): 1.0}, {FormSeries(hinge, (x.name,), shape["at"]): 1.0}
 
     @classmethod
-    def coefficients(cls, shape: Shape, a: Sequence[float], level: float, x: Scaled, y: Scaled) -> dict[str, float]:
-        return {"below": a[0] / x.spread, "above": (a[0] + a[1]) / x.spread, "at": x.of(shape["at"]),
-                "level": level + a[0] * shape["at"]}
+    def coefficients(
+        cls, shape: Shape, a: Sequence[float], level: float, x: Scaled, y: Scaled
+    ) -> dict[str, float]:
+        return {
+            "below": a[0] / x.spread,
+            "above": (a[0] + a[1]) / x.spread,
+            "at": x.of(shape["at"]),
+            "level": level + a[0] * shape["at"],
+        }
 
 
 class _Ended(TermForm):
@@ -172,15 +207,23 @@ class _Ended(TermForm):
         return len(x.knots) ** 2 // 2
 
     @classmethod
-    def coefficients(cls, shape: Shape, a: Sequence[float], level: float, x: Scaled, y: Scaled) -> dict[str, float]:
-        return {"slope": a[0] / x.spread, "low_end": x.of(shape["low_end"]), "high_end": x.of(shape["high_end"]),
-                "level": level}
+    def coefficients(
+        cls, shape: Shape, a: Sequence[float], level: float, x: Scaled, y: Scaled
+    ) -> dict[str, float]:
+        return {
+            "slope": a[0] / x.spread,
+            "low_end": x.of(shape["low_end"]),
+            "high_end": x.of(shape["high_end"]),
+            "level": level,
+        }
 
 
 class Saturation(_Ended, form=Form.SATURATION):
     means = "level + slope (x - low_end), x held between low_end and high_end"
-    sentences = ("{what} changes by {size} for each {per} of {x} from {low} to {high} {per}, and no further",
-                 "{what} is off by {size} whatever the command")
+    sentences = (
+        "{what} changes by {size} for each {per} of {x} from {low} to {high} {per}, and no further",
+        "{what} is off by {size} whatever the command",
+    )
 
     @staticmethod
     def value(p: TermParams, x: float, y: float, slow: float) -> float:
@@ -197,24 +240,38 @@ class Saturation(_Ended, form=Form.SATURATION):
     def shapes(cls, x: Scaled) -> list[Shape]:
         """Between every two places, and from an end of the range on."""
         low, high = x.ends
-        return [{"low_end": a, "high_end": b} for a, b in combinations((low, *x.knots, high), 2)
-                if a < b and (a, b) != (low, high)]
+        return [
+            {"low_end": a, "high_end": b}
+            for a, b in combinations((low, *x.knots, high), 2)
+            if a < b and (a, b) != (low, high)
+        ]
 
     @classmethod
     def columns(cls, shape: Shape, x: Scaled, y: Scaled) -> Columns:
         """z held between the ends, nothing where z is 0."""
         low, high = shape["low_end"], shape["high_end"]
-        return ({FormSeries(hinge, (x.name,), low): 1.0, FormSeries(hinge, (x.name,), high): -1.0,
-                 FormSeries(ones, (x.name,)): low - clipped(0.0, low, high)},)
+        return (
+            {
+                FormSeries(hinge, (x.name,), low): 1.0,
+                FormSeries(hinge, (x.name,), high): -1.0,
+                FormSeries(ones, (x.name,)): low - clipped(0.0, low, high),
+            },
+        )
 
     @classmethod
-    def coefficients(cls, shape: Shape, a: Sequence[float], level: float, x: Scaled, y: Scaled) -> dict[str, float]:
+    def coefficients(
+        cls, shape: Shape, a: Sequence[float], level: float, x: Scaled, y: Scaled
+    ) -> dict[str, float]:
         low, high = shape["low_end"], shape["high_end"]
-        return {**super().coefficients(shape, a, level, x, y), "level": level + a[0] * (low - clipped(0.0, low, high))}
+        return {
+            **super().coefficients(shape, a, level, x, y),
+            "level": level + a[0] * (low - clipped(0.0, low, high)),
+        }
 
 
 class Lost(Saturation):
-    """A constant that is lost of every command above 0: a saturation from there on. x : the commands, as they are."""
+    """A constant that is lost of every command above 0: a saturation from there on. x : the
+    commands, as they are."""
 
     movable, has_level = (), False
 
@@ -231,7 +288,9 @@ class Lost(Saturation):
         return ({FormSeries(since, (x.name,), float(np.min(x.x[x.work], initial=np.inf))): 1.0},)
 
     @classmethod
-    def coefficients(cls, shape: Shape, a: Sequence[float], level: float, x: Scaled, y: Scaled) -> dict[str, float]:
+    def coefficients(
+        cls, shape: Shape, a: Sequence[float], level: float, x: Scaled, y: Scaled
+    ) -> dict[str, float]:
         least = float(np.min(x.x[x.work], initial=abs(a[0]) + 1e-3))
         end = min(max(abs(a[0]), 1e-3), least)
         return {"slope": a[0] / end, "low_end": 0.0, "high_end": end}
@@ -239,7 +298,10 @@ class Lost(Saturation):
 
 class DeadZone(_Ended, form=Form.DEAD_ZONE):
     means = "level between low_end and high_end, + slope for each unit beyond them"
-    sentences = ("{what} changes by {size} for each {per} of {x} beyond {low} to {high} {per}, and not between",)
+    sentences = (
+        "{what} changes by {size} for each {per} of {x} beyond {low} to {high} {per}, and "
+        "not between",
+    )
 
     @staticmethod
     def value(p: TermParams, x: float, y: float, slow: float) -> float:
@@ -257,8 +319,14 @@ class DeadZone(_Ended, form=Form.DEAD_ZONE):
     @classmethod
     def columns(cls, shape: Shape, x: Scaled, y: Scaled) -> Columns:
         low, high = shape["low_end"], shape["high_end"]
-        return ({FormSeries(line, (x.name,)): 1.0, FormSeries(hinge, (x.name,), low): -1.0,
-                 FormSeries(hinge, (x.name,), high): 1.0, FormSeries(ones, (x.name,)): -low},)
+        return (
+            {
+                FormSeries(line, (x.name,)): 1.0,
+                FormSeries(hinge, (x.name,), low): -1.0,
+                FormSeries(hinge, (x.name,), high): 1.0,
+                FormSeries(ones, (x.name,)): -low,
+            },
+        )
 
 
 class ThresholdForm(_PlacedForm, form=Form.THRESHOLD):
@@ -280,7 +348,9 @@ class ThresholdForm(_PlacedForm, form=Form.THRESHOLD):
         return ({FormSeries(beyond, (x.name,), shape["at"]): 1.0},)
 
     @classmethod
-    def coefficients(cls, shape: Shape, a: Sequence[float], level: float, x: Scaled, y: Scaled) -> dict[str, float]:
+    def coefficients(
+        cls, shape: Shape, a: Sequence[float], level: float, x: Scaled, y: Scaled
+    ) -> dict[str, float]:
         return {"above": a[0], "at": x.of(shape["at"]), "level": level}
 
 
@@ -288,7 +358,9 @@ def beyond(x: Scaled, at: float) -> Array:
     return (x.z > at).astype(np.float64)
 
 
-# -- of two variables --------------------------------------------------------------------------------------------------
+# -- of two variables
+# --------------------------------------------------------------------------------------------------
+
 
 def times(x: Scaled, y: Scaled, at: float) -> Array:
     return x.z * y.z
@@ -297,7 +369,10 @@ def times(x: Scaled, y: Scaled, at: float) -> Array:
 class ProductForm(TermForm, form=Form.PRODUCT):
     needs, may, variables, main = ("slope",), ("at", "second_at", "level"), 2, "slope"
     means = "level + slope (x - at) (y - second_at)"
-    sentences = ("{what} changes by {size} for each {per} of {x} from {at} times each {per2} of {y} from {at2}",)
+    sentences = (
+        "{what} changes by {size} for each {per} of {x} from {at} times each {per2} of {y} "
+        "from {at2}",
+    )
 
     @staticmethod
     def value(p: TermParams, x: float, y: float, slow: float) -> float:
@@ -306,7 +381,9 @@ class ProductForm(TermForm, form=Form.PRODUCT):
     @staticmethod
     def said(term: Term) -> SaidNumbers:
         c = term.coefficients
-        return SaidNumbers({"size": c["slope"]}, {"at": c.get("at", 0.0), "at2": c.get("second_at", 0.0)})
+        return SaidNumbers(
+            {"size": c["slope"]}, {"at": c.get("at", 0.0), "at2": c.get("second_at", 0.0)}
+        )
 
     @classmethod
     def tried(cls, x: Scaled) -> list[TriedForm]:
@@ -315,22 +392,36 @@ class ProductForm(TermForm, form=Form.PRODUCT):
     @classmethod
     def tried_with(cls, x: Scaled, y: Scaled, alone: int = 2) -> list[TriedForm]:
         """The product, and along with it what `alone` of its variables do by themselves."""
-        return [TriedForm(cls, (x.name, y.name), one, cls.columns(one, x, y)) for one in ({}, {"alone": float(alone)})]
+        return [
+            TriedForm(cls, (x.name, y.name), one, cls.columns(one, x, y))
+            for one in ({}, {"alone": float(alone)})
+        ]
 
     @classmethod
     def columns(cls, shape: Shape, x: Scaled, y: Scaled) -> Columns:
-        alone = (x, y)[:int(shape.get("alone", 0.0))]
-        return (*({FormSeries(line, (v.name,)): 1.0} for v in alone), {FormSeries(times, (x.name, y.name)): 1.0})
+        alone = (x, y)[: int(shape.get("alone", 0.0))]
+        return (
+            *({FormSeries(line, (v.name,)): 1.0} for v in alone),
+            {FormSeries(times, (x.name, y.name)): 1.0},
+        )
 
     @classmethod
-    def coefficients(cls, shape: Shape, a: Sequence[float], level: float, x: Scaled, y: Scaled) -> dict[str, float]:
+    def coefficients(
+        cls, shape: Shape, a: Sequence[float], level: float, x: Scaled, y: Scaled
+    ) -> dict[str, float]:
         """The square is completed: what that adds is taken off the level."""
         first, second, both = a[0] if len(a) > 1 else 0.0, a[1] if len(a) > 2 else 0.0, a[-1]
-        return {"slope": both / (x.spread * y.spread), "at": x.of(-second / both), "second_at": y.of(-first / both),
-                "level": level - first * second / both}
+        return {
+            "slope": both / (x.spread * y.spread),
+            "at": x.of(-second / both),
+            "second_at": y.of(-first / both),
+            "level": level - first * second / both,
+        }
 
 
-# -- of how a variable has been moving ---------------------------------------------------------------------------------
+# -- of how a variable has been moving
+# ---------------------------------------------------------------------------------
+
 
 def remembered(x: Scaled, tau_s: float) -> Array:
     return x.stepped(TermParams(NUMBER[Form.MEMORY], bend=1.0, tau_s=tau_s))
@@ -338,16 +429,21 @@ def remembered(x: Scaled, tau_s: float) -> Array:
 
 def way(x: Scaled, tau_s: float) -> Array:
     """-1 to 1: the way in which z has been moving of late."""
-    return x.stepped(TermParams(NUMBER[Form.SIDE], above=1.0, below=-1.0, high_end=WAY_SHARE, tau_s=tau_s))
+    return x.stepped(
+        TermParams(NUMBER[Form.SIDE], above=1.0, below=-1.0, high_end=WAY_SHARE, tau_s=tau_s)
+    )
 
 
 class MemoryForm(TermForm, form=Form.MEMORY):
     needs, may, positive = ("bend", "tau_s"), ("slope", "at", "level"), ("tau_s",)
     movable, main, of_moves = ("tau_s",), "bend", True
     means = "level + slope (x - at) + bend (m - at), m following x with the time constant tau_s"
-    sentences = ("{what} follows {x} late, with a time constant of {tau} s: {size} for each {per}",
-                 "{what} changes by {size} for each {per} by which {x} has just changed, and forgets it with a time "
-                 "constant of {tau} s")
+    sentences = (
+        "{what} follows {x} late, with a time constant of {tau} s: {size} for each {per}",
+        "{what} changes by {size} for each {per} by which {x} has just changed, and forgets "
+        "it with a time "
+        "constant of {tau} s",
+    )
 
     @staticmethod
     def value(p: TermParams, x: float, y: float, slow: float) -> float:
@@ -358,7 +454,9 @@ class MemoryForm(TermForm, form=Form.MEMORY):
         c = term.coefficients
         now, late = c.get("slope", 0.0), c["bend"]
         forgets = abs(now + late) < FORGETS * max(abs(now), abs(late))
-        return SaidNumbers({"size": now if forgets else now + late}, {"tau": c["tau_s"]}, which=int(forgets))
+        return SaidNumbers(
+            {"size": now if forgets else now + late}, {"tau": c["tau_s"]}, which=int(forgets)
+        )
 
     @classmethod
     def shapes(cls, x: Scaled) -> list[Shape]:
@@ -375,31 +473,52 @@ class MemoryForm(TermForm, form=Form.MEMORY):
 
     @classmethod
     def step(cls, shape: Shape, name: str, steps: float, x: Scaled) -> float:
-        return float(shape[name] * 2.0 ** steps)
+        return float(shape[name] * 2.0**steps)
 
     @classmethod
-    def coefficients(cls, shape: Shape, a: Sequence[float], level: float, x: Scaled, y: Scaled) -> dict[str, float]:
-        return {"slope": a[0] / x.spread if len(a) > 1 else 0.0, "bend": a[-1] / x.spread, "at": x.middle,
-                "tau_s": shape["tau_s"], "level": level}
+    def coefficients(
+        cls, shape: Shape, a: Sequence[float], level: float, x: Scaled, y: Scaled
+    ) -> dict[str, float]:
+        return {
+            "slope": a[0] / x.spread if len(a) > 1 else 0.0,
+            "bend": a[-1] / x.spread,
+            "at": x.middle,
+            "tau_s": shape["tau_s"],
+            "level": level,
+        }
 
 
 class Side(TermForm, form=Form.SIDE):
-    needs, may, positive = ("high_end",), ("below", "above", "at", "tau_s", "level"), ("high_end", "tau_s")
+    needs, may, positive = (
+        ("high_end",),
+        ("below", "above", "at", "tau_s", "level"),
+        ("high_end", "tau_s"),
+    )
     main, of_moves = "above", True
-    means = ("level + above on one side of at and below on the other, even between at - high_end and at + "
-             "high_end; with tau_s the side is the way in which x moves")
-    sentences = ("{what} differs by {size} between both sides of {x}",
-                 "{what} differs by {size} between {x} rising and falling")
+    means = (
+        "level + above on one side of at and below on the other, even between at - high_end "
+        "and at + "
+        "high_end; with tau_s the side is the way in which x moves"
+    )
+    sentences = (
+        "{what} differs by {size} between both sides of {x}",
+        "{what} differs by {size} between {x} rising and falling",
+    )
 
     @staticmethod
     def value(p: TermParams, x: float, y: float, slow: float) -> float:
         away = x - (slow if p.tau_s > 0.0 else p.at)
-        return 0.5 * (p.above + p.below) + 0.5 * (p.above - p.below) * clipped(away / p.high_end, -1.0, 1.0)
+        return 0.5 * (p.above + p.below) + 0.5 * (p.above - p.below) * clipped(
+            away / p.high_end, -1.0, 1.0
+        )
 
     @staticmethod
     def said(term: Term) -> SaidNumbers:
         c = term.coefficients
-        return SaidNumbers({"size": c.get("above", 0.0) - c.get("below", 0.0)}, which=int(c.get("tau_s", 0.0) > 0.0))
+        return SaidNumbers(
+            {"size": c.get("above", 0.0) - c.get("below", 0.0)},
+            which=int(c.get("tau_s", 0.0) > 0.0),
+        )
 
     @classmethod
     def shapes(cls, x: Scaled) -> list[Shape]:
@@ -410,12 +529,21 @@ class Side(TermForm, form=Form.SIDE):
         return ({FormSeries(way, (x.name,), shape["tau_s"]): 1.0},)
 
     @classmethod
-    def coefficients(cls, shape: Shape, a: Sequence[float], level: float, x: Scaled, y: Scaled) -> dict[str, float]:
-        return {"above": a[0], "below": -a[0], "high_end": WAY_SHARE * x.spread, "tau_s": shape["tau_s"],
-                "level": level}
+    def coefficients(
+        cls, shape: Shape, a: Sequence[float], level: float, x: Scaled, y: Scaled
+    ) -> dict[str, float]:
+        return {
+            "above": a[0],
+            "below": -a[0],
+            "high_end": WAY_SHARE * x.spread,
+            "tau_s": shape["tau_s"],
+            "level": level,
+        }
 
 
-# -- round and round, for a while, and any other curve -----------------------------------------------------------------
+# -- round and round, for a while, and any other curve
+# -----------------------------------------------------------------
+
 
 def sine(x: Scaled, cycles: float) -> Array:
     return np.sin(cycles * np.radians(x.x))
@@ -443,8 +571,8 @@ class Periodic(TermForm, form=Form.PERIODIC):
 
     @classmethod
     def shapes(cls, x: Scaled) -> list[Shape]:
-        """Where all angles lie on one axis (up and down a field) sine and cosine are not told apart: one cycle along
-        that axis is tried, which says nothing of what was not driven."""
+        """Where all angles lie on one axis (up and down a field) sine and cosine cannot be
+        separated: one cycle along that axis is tried, which says nothing of undriven headings."""
         strengths, axes = np.linalg.eigh(np.cov([sine(x, 1.0)[x.work], cosine(x, 1.0)[x.work]]))
         if strengths[0] < ONE_AXIS * strengths[1]:
             return [{"cycles": 1.0, "sine": float(axes[0, 1]), "cosine": float(axes[1, 1])}]
@@ -452,19 +580,26 @@ class Periodic(TermForm, form=Form.PERIODIC):
 
     @classmethod
     def columns(cls, shape: Shape, x: Scaled, y: Scaled) -> Columns:
-        first, second = FormSeries(sine, (x.name,), shape["cycles"]), FormSeries(cosine, (x.name,), shape["cycles"])
+        first, second = (
+            FormSeries(sine, (x.name,), shape["cycles"]),
+            FormSeries(cosine, (x.name,), shape["cycles"]),
+        )
         if "sine" in shape:
             return ({FormSeries(along_axis, (x.name,), axis_deg(shape)): 1.0},)
         return {first: 1.0}, {second: 1.0}
 
     @classmethod
-    def coefficients(cls, shape: Shape, a: Sequence[float], level: float, x: Scaled, y: Scaled) -> dict[str, float]:
+    def coefficients(
+        cls, shape: Shape, a: Sequence[float], level: float, x: Scaled, y: Scaled
+    ) -> dict[str, float]:
         return {"cycles": shape["cycles"], "sine": a[0], "cosine": a[1], "level": level}
 
     @classmethod
-    def written(cls, shape: Shape, a: Sequence[float], level: float, x: Scaled, y: Scaled) -> Written:
-        """Of a cycle along one axis a table over the headings 0 to 360: what was seen along it one way and the other,
-        and the level where the machine was not driven."""
+    def written(
+        cls, shape: Shape, a: Sequence[float], level: float, x: Scaled, y: Scaled
+    ) -> Written:
+        """Of a cycle along one axis a table over the headings 0 to 360: what was seen along it
+        one way and the other, and the level where the machine was not driven."""
         if "sine" not in shape:
             return super().written(shape, a, level, x, y)
         nodes, values = two_ways(axis_deg(shape))
@@ -476,16 +611,27 @@ def axis_deg(shape: Shape) -> float:
 
 
 def two_ways(axis: float) -> tuple[list[float], list[float]]:
-    """A table over the headings 0 to 360: 1 along an axis (deg), -1 the other way, nothing across."""
+    """A table over the headings 0 to 360: 1 along an axis (deg), -1 the other way, nothing
+    across."""
     inner, outer = ALONG_DEG
     half_turns = int((axis + outer) // 180.0)
-    axis -= 180.0 * half_turns                  # from -outer to 180 - outer: the way through north first, if one is
+    # from -outer to 180 - outer: the way through north first, if one is
+    axis -= 180.0 * half_turns
     size = (-1.0) ** half_turns
     edges = [axis - outer, axis - inner, axis + inner, axis + outer]
     back = [edge + 180.0 for edge in edges]
     if edges[0] >= 0.0:
         return [*edges, *back], [0.0, size, size, 0.0, 0.0, -size, -size, 0.0]
-    return [*edges[2:], *back, *(edge + 360.0 for edge in edges[:2])], [size, 0.0, 0.0, -size, -size, 0.0, 0.0, size]
+    return [*edges[2:], *back, *(edge + 360.0 for edge in edges[:2])], [
+        size,
+        0.0,
+        0.0,
+        -size,
+        -size,
+        0.0,
+        0.0,
+        size,
+    ]
 
 
 def along_axis(x: Scaled, axis: float) -> Array:
@@ -511,7 +657,9 @@ class SpanForm(TermForm, form=Form.SPAN):
     @staticmethod
     def said(term: Term) -> SaidNumbers:
         c = term.coefficients
-        return SaidNumbers({"size": c["above"]}, times_s={"begin": c["low_end"], "end": c["high_end"]})
+        return SaidNumbers(
+            {"size": c["above"]}, times_s={"begin": c["low_end"], "end": c["high_end"]}
+        )
 
     @classmethod
     def shapes(cls, x: Scaled) -> list[Shape]:
@@ -520,20 +668,31 @@ class SpanForm(TermForm, form=Form.SPAN):
 
     @classmethod
     def places(cls, x: Scaled, shapes: int) -> int:
-        return SPAN_PLACES ** 2
+        return SPAN_PLACES**2
 
     @classmethod
     def columns(cls, shape: Shape, x: Scaled, y: Scaled) -> Columns:
-        return ({FormSeries(since, (x.name,), shape["low_end"]): 1.0,
-                 FormSeries(since, (x.name,), shape["high_end"]): -1.0},)
+        return (
+            {
+                FormSeries(since, (x.name,), shape["low_end"]): 1.0,
+                FormSeries(since, (x.name,), shape["high_end"]): -1.0,
+            },
+        )
 
     @classmethod
     def step(cls, shape: Shape, name: str, steps: float, x: Scaled) -> float:
         return shape[name] + 0.5 * float(np.ptp(x.x)) / SPAN_EDGES * steps
 
     @classmethod
-    def coefficients(cls, shape: Shape, a: Sequence[float], level: float, x: Scaled, y: Scaled) -> dict[str, float]:
-        return {"low_end": shape["low_end"], "high_end": shape["high_end"], "above": a[0], "level": level}
+    def coefficients(
+        cls, shape: Shape, a: Sequence[float], level: float, x: Scaled, y: Scaled
+    ) -> dict[str, float]:
+        return {
+            "low_end": shape["low_end"],
+            "high_end": shape["high_end"],
+            "above": a[0],
+            "level": level,
+        }
 
 
 def wave(x: Scaled, n: float) -> Array:
@@ -564,15 +723,23 @@ class TableForm(TermForm, form=Form.TABLE):
         return tuple({FormSeries(wave, (x.name,), float(n)): 1.0} for n in range(1, WAVES + 1))
 
     @classmethod
-    def written(cls, shape: Shape, a: Sequence[float], level: float, x: Scaled, y: Scaled) -> Written:
+    def written(
+        cls, shape: Shape, a: Sequence[float], level: float, x: Scaled, y: Scaled
+    ) -> Written:
         (low, high), share = x.ends, np.linspace(0.0, 1.0, NODES)
         waves = np.array([np.cos(np.pi * n * share) for n in range(1, WAVES + 1)])
-        return Written(Form.TABLE, {}, [x.of(low + (high - low) * one) for one in share.tolist()],
-                       (level + np.asarray(a) @ waves).tolist())
+        return Written(
+            Form.TABLE,
+            {},
+            [x.of(low + (high - low) * one) for one in share.tolist()],
+            (level + np.asarray(a) @ waves).tolist(),
+        )
 
 
 NUMBER: dict[str, int] = {form: k for k, form in enumerate(Form)}
-VALUES: tuple[Callable[[TermParams, float, float, float], float], ...] = tuple(FORMS[form].value for form in Form)
+VALUES: tuple[Callable[[TermParams, float, float, float], float], ...] = tuple(
+    FORMS[form].value for form in Form
+)
 
 
 def params(form: Form, **numbers: Any) -> TermParams:

@@ -1,4 +1,6 @@
-"""Metering opening: command mm -> true mm and displacement reading. Dead time, slew, play, lost steps."""
+"""Metering opening: command mm -> true mm and displacement reading. Dead time, slew, play, lost
+steps."""
+
 from __future__ import annotations
 
 from typing import Annotated, NamedTuple
@@ -13,73 +15,140 @@ class Gate(NamedTuple):
     dead_time_s: Annotated[float, Field(ge=0, le=5)] = 0.10
     slew_mm_s: Annotated[float, Field(ge=0.1, le=500)] = 20.0
     full_mm: Annotated[float, Field(ge=0.1, le=500)] = 60.0
-    offset_mm: Annotated[float, Field(ge=-500, le=500), Effect(
-        "gate.offset", "mm, reading - true", "Gate sensor reads too wide or too narrow, always by the same",
-        "A shifted displacement sensor reports a wrong opening, and the flow follows the true one.",
-        "sensor mounting; usual 0.2-3 mm", ("run",),
-        "Close the gate against its stop and set the sensor's zero.",
-        "Home the gate, then weigh at two openings.",
-        bounds=(-20.0, 20.0), scales_with=OPENING_RANGE,
-        says=("The gate opens {size} mm less than it reads.",
-              "The gate opens {size} mm more than it reads."))] = 0.0
-    home_error_mm: Annotated[float, Field(ge=-500, le=500), Effect(
-        "gate.home_error", "mm, true - command", "Gate stands too wide or too narrow, always by the same",
-        "The stepper was homed in the wrong place, and every position is off by the same amount.",
-        "home switch; usual 0.2-3 mm", ("run",),
-        "Home the gate again; check the home switch.",
-        "Compare the command with the displacement sensor at two openings.",
-        bounds=(-20.0, 20.0), scales_with=OPENING_RANGE,
-        says=("The gate opens {size} mm more than commanded.",
-              "The gate opens {size} mm less than commanded."))] = 0.0
-    backlash_mm: Annotated[float, Field(ge=0, le=500), Effect(
-        "gate.backlash", "mm", "Play between opening and closing moves",
-        "Worn screw and nut turn without moving the gate when the direction changes.",
-        "lead screw wear; usual 0.2-2 mm", ("run",),
-        "Renew the nut or preload it with a spring.",
-        "Approach the same openings from below and from above.", probes=(0.2, 0.5, 1.0, 2.0, 4.0),
-        bounds=(0.0, 15.0), scales_with=OPENING_RANGE,
-        says=("The gate has {size} mm of play between opening and closing.",))] = 0.0
-    lost_mm_per_100mm: Annotated[float, Field(ge=-5, le=5), Effect(
-        "gate.lost_steps", "mm per 100 mm", "Opening falls behind with the distance moved",
-        "A stepper that skips steps under load stands a little more closed after every move.",
-        "stepper under load; found by comparing with the displacement sensor", ("run",),
-        "Lower the stepper's speed, raise its current, clean the slide; home more often.",
-        "Move often at one mean opening, then home.", probes=(0.05,),
-        says=("The gate falls behind by {size} mm for every 100 mm that it moves.",
-              "The gate runs ahead by {size} mm for every 100 mm that it moves."))] = 0.0
-    slow_mm_s: Annotated[float, Field(ge=-500, le=500), Effect(
-        "gate.slow", "mm/s lost", "Gate moves too slowly",
-        "A sticky slide or a lowered pulse rate makes every move take longer.",
-        "slide friction", ("run",),
-        "Clean and grease the slide; check the pulse rate.",
-        "Large steps of the opening both ways.", probes=(0.5,),
-        bounds=(-20.0, 19.5), scales_with=SLEW,
-        says=("The gate moves {size} mm/s slower than it should.",
-              "The gate moves {size} mm/s faster than it should."))] = 0.0
-    stuck: Annotated[float, Field(ge=0, le=1), Effect(
-        "gate.stuck", "s", "Gate stops moving at some time",
-        "A jammed slide or a dead driver leaves the gate where it is.",
-        "field experience", ("run",),
-        "Switch off, free the slide, check driver and cable.",
-        "None needed: command moves, read-back does not.", probes=(1.0,), onset_only=True,
-        says=("The gate stopped moving {size} s into the run.",))] = 0.0
+    offset_mm: Annotated[
+        float,
+        Field(ge=-500, le=500),
+        Effect(
+            "gate.offset",
+            "mm, reading - true",
+            "Gate sensor reads too wide or too narrow, always by the same",
+            "A shifted displacement sensor reports a wrong opening, and the flow follows "
+            "the true one.",
+            "sensor mounting; usual 0.2-3 mm",
+            ("run",),
+            "Close the gate against its stop and set the sensor's zero.",
+            "Home the gate, then weigh at two openings.",
+            bounds=(-20.0, 20.0),
+            scales_with=OPENING_RANGE,
+            says=(
+                "The gate opens {size} mm less than it reads.",
+                "The gate opens {size} mm more than it reads.",
+            ),
+        ),
+    ] = 0.0
+    home_error_mm: Annotated[
+        float,
+        Field(ge=-500, le=500),
+        Effect(
+            "gate.home_error",
+            "mm, true - command",
+            "Gate stands too wide or too narrow, always by the same",
+            "The stepper was homed in the wrong place, and every position is off by the "
+            "same amount.",
+            "home switch; usual 0.2-3 mm",
+            ("run",),
+            "Home the gate again; check the home switch.",
+            "Compare the command with the displacement sensor at two openings.",
+            bounds=(-20.0, 20.0),
+            scales_with=OPENING_RANGE,
+            says=(
+                "The gate opens {size} mm more than commanded.",
+                "The gate opens {size} mm less than commanded.",
+            ),
+        ),
+    ] = 0.0
+    backlash_mm: Annotated[
+        float,
+        Field(ge=0, le=500),
+        Effect(
+            "gate.backlash",
+            "mm",
+            "Play between opening and closing moves",
+            "Worn screw and nut turn without moving the gate when the direction changes.",
+            "lead screw wear; usual 0.2-2 mm",
+            ("run",),
+            "Renew the nut or preload it with a spring.",
+            "Approach the same openings from below and from above.",
+            probes=(0.2, 0.5, 1.0, 2.0, 4.0),
+            bounds=(0.0, 15.0),
+            scales_with=OPENING_RANGE,
+            says=("The gate has {size} mm of play between opening and closing.",),
+        ),
+    ] = 0.0
+    lost_mm_per_100mm: Annotated[
+        float,
+        Field(ge=-5, le=5),
+        Effect(
+            "gate.lost_steps",
+            "mm per 100 mm",
+            "Opening falls behind with the distance moved",
+            "A stepper that skips steps under load stands a little more closed after every move.",
+            "stepper under load; found by comparing with the displacement sensor",
+            ("run",),
+            "Lower the stepper's speed, raise its current, clean the slide; home more often.",
+            "Move often at one mean opening, then home.",
+            probes=(0.05,),
+            says=(
+                "The gate falls behind by {size} mm for every 100 mm that it moves.",
+                "The gate runs ahead by {size} mm for every 100 mm that it moves.",
+            ),
+        ),
+    ] = 0.0
+    slow_mm_s: Annotated[
+        float,
+        Field(ge=-500, le=500),
+        Effect(
+            "gate.slow",
+            "mm/s lost",
+            "Gate moves too slowly",
+            "A sticky slide or a lowered pulse rate makes every move take longer.",
+            "slide friction",
+            ("run",),
+            "Clean and grease the slide; check the pulse rate.",
+            "Large steps of the opening both ways.",
+            probes=(0.5,),
+            bounds=(-20.0, 19.5),
+            scales_with=SLEW,
+            says=(
+                "The gate moves {size} mm/s slower than it should.",
+                "The gate moves {size} mm/s faster than it should.",
+            ),
+        ),
+    ] = 0.0
+    stuck: Annotated[
+        float,
+        Field(ge=0, le=1),
+        Effect(
+            "gate.stuck",
+            "s",
+            "Gate stops moving at some time",
+            "A jammed slide or a dead driver leaves the gate where it is.",
+            "field experience",
+            ("run",),
+            "Switch off, free the slide, check driver and cable.",
+            "None needed: command moves, read-back does not.",
+            probes=(1.0,),
+            onset_only=True,
+            says=("The gate stopped moving {size} s into the run.",),
+        ),
+    ] = 0.0
 
 
 class GateInput(NamedTuple):
     command_mm: float
-    more_mm: float = 0.0        # of the machine file's terms
+    more_mm: float = 0.0  # of the machine file's terms
 
 
 class GateState(NamedTuple):
     time_s: float
-    driven_mm: float            # where the stepper believes it is
-    carried_mm: float           # the gate behind the play
+    driven_mm: float  # where the stepper believes it is
+    carried_mm: float  # the gate behind the play
     travelled_mm: float
     line: DelayLine
 
 
 class GateOutput(NamedTuple):
-    opening_mm: float           # true
+    opening_mm: float  # true
     measured_mm: float
 
 
@@ -112,4 +181,6 @@ def gate_step(p: Gate, s: GateState, u: GateInput, dt_s: float) -> tuple[GateSta
         at_s = until_s
     true = carried + p.home_error_mm - p.lost_mm_per_100mm * travelled / 100.0
     true = min(p.full_mm, max(0.0, true + u.more_mm))
-    return GateState(s.time_s + dt_s, driven, carried, travelled, line), GateOutput(true, true + p.offset_mm)
+    return GateState(s.time_s + dt_s, driven, carried, travelled, line), GateOutput(
+        true, true + p.offset_mm
+    )

@@ -1,4 +1,5 @@
 """Canopy heads: true NDVI under each head -> its reading, before noise. Memoryless."""
+
 from __future__ import annotations
 
 from math import exp
@@ -8,40 +9,70 @@ from pydantic import Field
 
 from .effect import Effect
 
-WARM_UP_S = 600.0       # time constant of settling after power-on
+WARM_UP_S = 600.0  # time constant of settling after power-on
 
 
 class Heads(NamedTuple):
-    fouled_percent: Annotated[float, Field(ge=-90, le=90), Effect(
-        "canopy.head_fouled", "%", "One head reads off",
-        "Dust or a droplet on one lens dims one of its two wavelengths.",
-        "2-10 % are usual", ("run", "heads"),
-        "Clean that head's lens.",
-        "Hold all heads over the same reference panel.", member_field="fouled_head",
-        says=("One canopy sensor reads {size} % too much.",
-              "One canopy sensor reads {size} % too little."))] = 0.0
+    fouled_percent: Annotated[
+        float,
+        Field(ge=-90, le=90),
+        Effect(
+            "canopy.head_fouled",
+            "%",
+            "One head reads off",
+            "Dust or a droplet on one lens dims one of its two wavelengths.",
+            "2-10 % are usual",
+            ("run", "heads"),
+            "Clean that head's lens.",
+            "Hold all heads over the same reference panel.",
+            member_field="fouled_head",
+            says=(
+                "One canopy sensor reads {size} % too much.",
+                "One canopy sensor reads {size} % too little.",
+            ),
+        ),
+    ] = 0.0
     fouled_head: Annotated[float, Field(ge=0, le=100)] = 0.0
-    warm_up_percent: Annotated[float, Field(ge=-60, le=60), Effect(
-        "canopy.warm_up", "% at power-on", "All heads are off at power-on and settle",
-        "The light sources change their output until they are warm.",
-        "light-emitting diodes settle in about ten minutes", ("heads", "run with revisited ground"),
-        "Switch the heads on a quarter of an hour before work.",
-        "Drive the first pass again at the end.",
-        says=("Just switched on, the canopy sensors read {size} % too much.",
-              "Just switched on, the canopy sensors read {size} % too little."))] = 0.0
-    saturation_percent: Annotated[float, Field(ge=0, le=60), Effect(
-        "canopy.saturation", "% lost at NDVI 0.8", "Reading flattens in dense canopy",
-        "Red reflectance is near zero in a closed canopy, and NDVI hardly rises with more leaf.",
-        "NDVI saturates above leaf area index 3", ("heads",),
-        "Use a red-edge index in dense crops.",
-        "Panels or plots of known dense canopy.",
-        says=("In a dense crop the canopy sensors read {size} % too little.",))] = 0.0
+    warm_up_percent: Annotated[
+        float,
+        Field(ge=-60, le=60),
+        Effect(
+            "canopy.warm_up",
+            "% at power-on",
+            "All heads are off at power-on and settle",
+            "The light sources change their output until they are warm.",
+            "light-emitting diodes settle in about ten minutes",
+            ("heads", "run with revisited ground"),
+            "Switch the heads on a quarter of an hour before work.",
+            "Drive the first pass again at the end.",
+            says=(
+                "Just switched on, the canopy sensors read {size} % too much.",
+                "Just switched on, the canopy sensors read {size} % too little.",
+            ),
+        ),
+    ] = 0.0
+    saturation_percent: Annotated[
+        float,
+        Field(ge=0, le=60),
+        Effect(
+            "canopy.saturation",
+            "% lost at NDVI 0.8",
+            "Reading flattens in dense canopy",
+            "Red reflectance is near zero in a closed canopy, and NDVI hardly rises with "
+            "more leaf.",
+            "NDVI saturates above leaf area index 3",
+            ("heads",),
+            "Use a red-edge index in dense crops.",
+            "Panels or plots of known dense canopy.",
+            says=("In a dense crop the canopy sensors read {size} % too little.",),
+        ),
+    ] = 0.0
 
 
 class HeadInput(NamedTuple):
     ndvi: float
-    head: float                 # 1-based
-    on_s: float                 # since power-on
+    head: float  # 1-based
+    on_s: float  # since power-on
 
 
 def head_reads(p: Heads, u: HeadInput) -> float:

@@ -1,4 +1,5 @@
 """What a machine file was changed by, and the last of it taken back."""
+
 from __future__ import annotations
 
 from collections.abc import Iterator
@@ -6,11 +7,18 @@ from collections.abc import Iterator
 from .machine import CATALOGUE, Change, Machine, Resized
 
 
-def noted(before: Machine, after: Machine, *, data: str = "", sha256: str = "", date: str = "") -> Machine:
+def noted(
+    before: Machine, after: Machine, *, data: str = "", sha256: str = "", date: str = ""
+) -> Machine:
     """`after` with what was changed in effects and terms at the end of its history."""
     had = {term.id for term in before.terms}
-    change = Change(date=date, data=data, sha256=sha256, effects=tuple(_resized(before, after)),
-                    terms=tuple(term for term in after.terms if term.id not in had))
+    change = Change(
+        date=date,
+        data=data,
+        sha256=sha256,
+        effects=tuple(_resized(before, after)),
+        terms=tuple(term for term in after.terms if term.id not in had),
+    )
     return after.model_copy(update={"history": (*after.history, change)})
 
 
@@ -22,34 +30,48 @@ def last_change(machine: Machine) -> Change | None:
 def undone(machine: Machine, *, date: str = "") -> Machine:
     """The machine with its last change taken back; the history keeps it, with the day.
 
-    An effect that was changed by hand since keeps that: only what the change did is taken off. Raises ValueError where
-    nothing is left to take back.
+    An effect that was changed by hand since keeps that: only what the change did is taken off.
+    Raises ValueError where nothing is left to take back.
     """
     last = last_change(machine)
     if last is None:
-        raise ValueError(f"machine {machine.id}: history: nothing to take back: only what a diagnosis changed is there")
+        raise ValueError(
+            f"machine {machine.id}: history: nothing to take back: only what a diagnosis "
+            "changed is there"
+        )
     found = machine
     for one in last.effects:
         entry = CATALOGUE[one.id]
         stage = getattr(found, entry.stage)
         size = getattr(stage, entry.field) - entry.neutral
         back = one.before if abs(size - one.after) < 1e-9 else size - (one.after - one.before)
-        found = found.model_copy(update={entry.stage: stage._replace(**{entry.field: entry.neutral + back})})
+        found = found.model_copy(
+            update={entry.stage: stage._replace(**{entry.field: entry.neutral + back})}
+        )
     taken = {term.id for term in last.terms}
     came = (last.data, last.sha256, last.date)
     ids = {one.id for one in last.effects}
     marked = last.model_copy(update={"undone": date or "undone"})
-    return found.model_copy(update={
-        "terms": tuple(term for term in found.terms if term.id not in taken),
-        "adopted": tuple(one for one in found.adopted
-                         if not (one.id in ids and (one.data, one.sha256, one.date) == came)),
-        "history": tuple(marked if one is last else one for one in found.history)})
+    return found.model_copy(
+        update={
+            "terms": tuple(term for term in found.terms if term.id not in taken),
+            "adopted": tuple(
+                one
+                for one in found.adopted
+                if not (one.id in ids and (one.data, one.sha256, one.date) == came)
+            ),
+            "history": tuple(marked if one is last else one for one in found.history),
+        }
+    )
 
 
 def _resized(before: Machine, after: Machine) -> Iterator[Resized]:
     """Effects whose size the two have differently."""
     for effect_id, entry in CATALOGUE.items():
-        old, new = (getattr(getattr(one, entry.stage), entry.field) - entry.neutral for one in (before, after))
+        old, new = (
+            getattr(getattr(one, entry.stage), entry.field) - entry.neutral
+            for one in (before, after)
+        )
         if old != new:
             field = entry.effect.member_field
             member = int(getattr(getattr(after, entry.stage), field)) if field else None

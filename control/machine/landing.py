@@ -1,4 +1,6 @@
-"""Where released material comes to lie. Mass is conserved: parcels are binned, a signal is never shifted."""
+"""Where released material comes to lie. Mass is conserved: parcels are binned, a signal is
+never shifted."""
+
 from __future__ import annotations
 
 from typing import NamedTuple
@@ -8,7 +10,7 @@ import numpy as np
 from .elements import Array
 from .fall import SHORTEST_S
 
-HALVINGS = 30           # of the longest drop time: 2 s to a nanosecond
+HALVINGS = 30  # of the longest drop time: 2 s to a nanosecond
 
 
 class LandedGround(NamedTuple):
@@ -19,27 +21,35 @@ class LandedGround(NamedTuple):
     mass_kg: Array
 
     def centres_m(self) -> Array:
-        return np.asarray(self.origin_m + self.bin_m * (np.arange(len(self.mass_kg)) + 0.5), dtype=np.float64)
+        return np.asarray(
+            self.origin_m + self.bin_m * (np.arange(len(self.mass_kg)) + 0.5), dtype=np.float64
+        )
 
 
 def carried_s(time_s: Array, settled_s: Array) -> Array:
-    """Time to the ground of what is released at each time, (n,) s, where the stream in the tube sets its pace.
+    """Time to the ground of what is released at each time, (n,) s, where the stream in the tube
+    sets its pace.
 
-    time_s : (n,) rising; settled_s : (n,) drop time at the shaft speed of that time, held to the next. At every moment
-    all that falls moves by dt / settled_s of its way. Nothing overtakes. After the end the last pace holds.
+    time_s : (n,) rising; settled_s : (n,) drop time at the shaft speed of that time, held to
+    the next. At every moment all that falls moves by dt / settled_s of its way. Nothing
+    overtakes. After the end the last pace holds.
     """
     pace = 1.0 / np.maximum(settled_s, SHORTEST_S)
     way = np.concatenate([[0.0], np.cumsum(np.diff(time_s) * pace[:-1])])
     beyond = 1.0 / pace[-1]
-    lands = np.interp(way + 1.0, np.append(way, way[-1] + 1.0), np.append(time_s, time_s[-1] + beyond))
+    lands = np.interp(
+        way + 1.0, np.append(way, way[-1] + 1.0), np.append(time_s, time_s[-1] + beyond)
+    )
     return np.asarray(lands - time_s, dtype=np.float64)
 
 
 def falls_s(time_s: Array, settled_s: Array, carried_share: float = 1.0) -> Array:
-    """Time to the ground of what is released at each time, (n,) s, where the stream sets a share of its pace.
+    """Time to the ground of what is released at each time, (n,) s, where the stream sets a
+    share of its pace.
 
-    A granule has gone its way when the integral of share / settled_s(of the moment) + (1 - share) / settled_s(of its
-    release) is 1: `carried_s` at a share of 1; at 0 each falls by itself, and those of a quicker shaft overtake.
+    A granule has gone its way when the integral of share / settled_s(of the moment) + (1 -
+    share) / settled_s(of its release) is 1: `carried_s` at a share of 1; at 0 each falls by
+    itself, and those of a quicker shaft overtake.
     """
     if carried_share >= 1.0:
         return carried_s(time_s, settled_s)
@@ -47,23 +57,33 @@ def falls_s(time_s: Array, settled_s: Array, carried_share: float = 1.0) -> Arra
     if carried_share <= 0.0:
         return np.asarray(own, dtype=np.float64)
     way = np.concatenate([[0.0], np.cumsum(np.diff(time_s) / own[:-1])])
-    last = np.append(time_s, time_s[-1] + 1e3 * own[-1])        # after the end the last pace holds
+    # after the end the last pace holds
+    last = np.append(time_s, time_s[-1] + 1e3 * own[-1])
     ways = np.append(way, way[-1] + 1e3)
     low, high = np.zeros(len(own)), np.full(len(own), float(own.max()))
     for _ in range(HALVINGS):
         middle = 0.5 * (low + high)
-        gone = carried_share * (np.interp(time_s + middle, last, ways) - way) + (1.0 - carried_share) * middle / own
+        gone = (
+            carried_share * (np.interp(time_s + middle, last, ways) - way)
+            + (1.0 - carried_share) * middle / own
+        )
         low, high = np.where(gone < 1.0, middle, low), np.where(gone < 1.0, high, middle)
     return np.asarray(0.5 * (low + high), dtype=np.float64)
 
 
-def landed(time_s: Array, track_m: Array, mass_kg: Array, drop_s: Array, bin_m: float,
-           lever_arm_m: float = 0.0) -> tuple[LandedGround, Array]:
+def landed(
+    time_s: Array,
+    track_m: Array,
+    mass_kg: Array,
+    drop_s: Array,
+    bin_m: float,
+    lever_arm_m: float = 0.0,
+) -> tuple[LandedGround, Array]:
     """Bin parcels by where the outlet is when they land.
 
-    Returns the ground and each parcel's place (n,), m along the track. A parcel is spread evenly between its own
-    landing place and the next one's, so that bins finer than a tick's travel do not show a comb; parcels may
-    overtake one another. kg landed equal kg released.
+    Returns the ground and each parcel's place (n,), m along the track. A parcel is spread
+    evenly between its own landing place and the next one's, so that bins finer than a tick's
+    travel do not show a comb; parcels may overtake one another. kg landed equal kg released.
 
     Parameters
     ----------
@@ -80,7 +100,9 @@ def landed(time_s: Array, track_m: Array, mass_kg: Array, drop_s: Array, bin_m: 
     following = np.append(place[1:], 2.0 * place[-1] - place[-2] if len(place) > 1 else place[-1])
     origin = (np.floor(min(place.min(), following.min()) / bin_m) - 1.0) * bin_m
     count = int(np.ceil((max(place.max(), following.max()) - origin) / bin_m)) + 2
-    return LandedGround(float(origin), bin_m, _spread(place, following, mass_kg, float(origin), bin_m, count)), place
+    return LandedGround(
+        float(origin), bin_m, _spread(place, following, mass_kg, float(origin), bin_m, count)
+    ), place
 
 
 def _spread(a: Array, b: Array, mass_kg: Array, origin: float, bin_m: float, count: int) -> Array:

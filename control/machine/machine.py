@@ -1,4 +1,5 @@
 """One machine: its stages, measures, limits, noise and tolerances, as the machine file says."""
+
 from __future__ import annotations
 
 from typing import Annotated, Any, Literal, NamedTuple
@@ -20,23 +21,34 @@ from .shaft import Shaft
 from .speed import Speed
 from .terms import OLD_NOTE, Number, Term
 
-STAGES: dict[str, Any] = {"shaft": Shaft, "gate": Gate, "flow": Flow, "scale": Scale, "speed": Speed,
-                          "heads": Heads, "fall": Fall, "effort": Effort}
+STAGES: dict[str, Any] = {
+    "shaft": Shaft,
+    "gate": Gate,
+    "flow": Flow,
+    "scale": Scale,
+    "speed": Speed,
+    "heads": Heads,
+    "fall": Fall,
+    "effort": Effort,
+}
 CATALOGUE: dict[str, Entry] = catalogue(STAGES)
 
-# Ranges that a machine could have: the widest booms and discs spread 54 m, the smallest bench has one row.
+# Ranges that a machine could have: the widest booms and discs spread 54 m, the smallest bench
+# has one row.
 Width = Annotated[float, Field(ge=0.1, le=60)]
 Height = Annotated[float, Field(gt=0, le=10)]
-Turning = Annotated[float, Field(gt=0, le=1e5)]             # r/min: fans and small motors of rigs turn so fast
-Opening = Annotated[float, Field(gt=0, le=500)]             # mm, as `gate.full_mm`
-Resolution = Annotated[float, Field(ge=1e-4, le=50)]        # of a drive's set-point
-Share = Annotated[float, Field(ge=1e-6, le=100)]            # %
+# r/min: fans and small motors of rigs turn so fast
+Turning = Annotated[float, Field(gt=0, le=1e5)]
+Opening = Annotated[float, Field(gt=0, le=500)]  # mm, as `gate.full_mm`
+Resolution = Annotated[float, Field(ge=1e-4, le=50)]  # of a drive's set-point
+Share = Annotated[float, Field(ge=1e-6, le=100)]  # %
 Seconds = Annotated[float, Field(ge=1e-6, le=60)]
-Member = Annotated[int, Field(ge=1, le=100)]                # a head or an outlet
-MOST_TERMS, MOST_ENTRIES = 100, 2000                        # of a file that many diagnoses have changed
+Member = Annotated[int, Field(ge=1, le=100)]  # a head or an outlet
+MOST_TERMS, MOST_ENTRIES = 100, 2000  # of a file that many diagnoses have changed
 
 
 StageName = Literal["shaft", "gate", "flow", "scale", "speed", "heads", "effort"]
+
 
 class Geometry(FrozenModel):
     """Along-track places are relative to the outlets, forward positive."""
@@ -51,7 +63,8 @@ class Geometry(FrozenModel):
 
 
 class Limits(FrozenModel):
-    """What may be sent to the drives. A shaft command of 0 stops it; between 0 and the lowest there is none."""
+    """What may be sent to the drives. A shaft command of 0 stops it; between 0 and the lowest
+    there is none."""
 
     shaft_low_rpm: Annotated[float, Field(ge=0, le=1e5)] = 10.0
     shaft_high_rpm: Turning = 100.0
@@ -63,8 +76,8 @@ class Limits(FrozenModel):
 
 
 class SetPoints(FrozenModel):
-    shaft_rpm: Turning = 70.0           # opening first
-    opening_mm: Opening = 25.0          # speed first
+    shaft_rpm: Turning = 70.0  # opening first
+    opening_mm: Opening = 25.0  # speed first
 
 
 class Noise(FrozenModel):
@@ -80,7 +93,7 @@ class Noise(FrozenModel):
     gnss_m: Annotated[float, Field(ge=0, le=20)] = 0.02
     supply_v: Annotated[float, Field(ge=0, le=10)] = 0.05
     pitch_deg: Annotated[float, Field(ge=0, le=20)] = 0.1
-    effort: Annotated[float, Field(ge=0, le=100)] = 1.0         # in `effort_unit`
+    effort: Annotated[float, Field(ge=0, le=100)] = 1.0  # in `effort_unit`
 
 
 class Tolerance(FrozenModel):
@@ -94,10 +107,13 @@ class Tolerance(FrozenModel):
     gate_slew_percent: Share = 3.0
     opening_mm: Annotated[float, Field(ge=1e-6, le=100)] = 0.01
     head_percent: Share = 0.1
-    # Lag paper, table 3: the slope of 70 drop times up to 70 r/min, standard error by their own scatter.
+    # Lag paper, table 3: the slope of 70 drop times up to 70 r/min, standard error by their own
+    # scatter.
     drop_s_per_rpm: Annotated[float, Field(ge=1e-6, le=1)] = 0.001
-    carried_share: Annotated[float, Field(ge=0, le=1)] = 0.5    # not measured, see `tube_is_settled`
-    # A sound ball screw from run to run 1.8 %, from session to session 3.5 % (doi 10.17862/cranfield.rd.5097649).
+    # not measured, see `tube_is_settled`
+    carried_share: Annotated[float, Field(ge=0, le=1)] = 0.5
+    # A sound ball screw from run to run 1.8 %, from session to session 3.5 % (doi
+    # 10.17862/cranfield.rd.5097649).
     effort_percent: Share = 2.5
 
 
@@ -126,7 +142,8 @@ class Resized(FrozenModel):
 
 
 class Change(FrozenModel):
-    """What a diagnosis changed in this file, and the data that it comes from; `undone`: the day it was taken back."""
+    """What a diagnosis changed in this file, and the data that it comes from; `undone`: the day
+    it was taken back."""
 
     date: str = ""
     data: str = ""
@@ -137,13 +154,15 @@ class Change(FrozenModel):
 
 
 class Machine(FrozenModel):
-    """The machine file. Effects are stage parameters with a neutral default; `adopted` says where they come from, and
-    `history` what was changed, so that it can be taken back."""
+    """The machine file. Effects are stage parameters with a neutral default; `adopted` says
+    where they come from, and `history` what was changed, so that it can be taken back."""
 
     format: Literal["topdress-machine/1"] = "topdress-machine/1"
     id: str = "huanghai"
     title: str = ""
-    stages: Annotated[tuple[StageName, ...], Field(max_length=7, description="what it has; left out: all")] = ()
+    stages: Annotated[
+        tuple[StageName, ...], Field(max_length=7, description="what it has; left out: all")
+    ] = ()
     geometry: Geometry = Geometry()
     shaft: Shaft = Shaft()
     gate: Gate = Gate()
@@ -153,12 +172,13 @@ class Machine(FrozenModel):
     heads: Heads = Heads()
     fall: Fall = Fall()
     effort: Effort = Effort()
-    effort_unit: Literal["%", "A", "N m"] = "%"       # of how hard the drives work
+    effort_unit: Literal["%", "A", "N m"] = "%"  # of how hard the drives work
     limits: Limits = Limits()
     set_points: SetPoints = SetPoints()
     noise: Noise = Noise()
     tolerance: Tolerance = Tolerance()
-    sections: Annotated[tuple[Section, ...], Field(max_length=MOST_SECTIONS)] = ()      # left to right; none: one whole
+    # left to right; none: one whole
+    sections: Annotated[tuple[Section, ...], Field(max_length=MOST_SECTIONS)] = ()
     terms: Annotated[tuple[Term, ...], Field(max_length=MOST_TERMS)] = ()
     adopted: Annotated[tuple[Adopted, ...], Field(max_length=MOST_ENTRIES)] = ()
     history: Annotated[tuple[Change, ...], Field(max_length=MOST_ENTRIES)] = ()
@@ -170,32 +190,56 @@ class Machine(FrozenModel):
         if self.limits.opening_low_mm >= self.limits.opening_high_mm:
             raise ValueError("limits.opening_low_mm must be below limits.opening_high_mm")
         if self.shaft.zero_stops <= 0.0 and self.has("flow"):
-            raise PydanticCustomError("size_of_effect", "{allowed}", {
-                "wrong_key": ("shaft", "zero_stops"), "allowed": "allowed 1 of a machine that meters: a command of 0 "
-                "must stop it; 0 of one whose stages are [shaft]"})
+            raise PydanticCustomError(
+                "size_of_effect",
+                "{allowed}",
+                {
+                    "wrong_key": ("shaft", "zero_stops"),
+                    "allowed": "allowed 1 of a machine that meters: a command of 0 "
+                    "must stop it; 0 of one whose stages are [shaft]",
+                },
+            )
         if -105.0 < self.shaft.gain_percent < -95.0 and self.has("flow"):
-            raise PydanticCustomError("size_of_effect", "{allowed}", {
-                "wrong_key": ("shaft", "gain_percent"), "allowed": "allowed -95 to 1900, or -300 to -105 (slower the "
-                "higher its command), of a machine that meters: between them a command hardly turns it"})
+            raise PydanticCustomError(
+                "size_of_effect",
+                "{allowed}",
+                {
+                    "wrong_key": ("shaft", "gain_percent"),
+                    "allowed": "allowed -95 to 1900, or -300 to -105 (slower the "
+                    "higher its command), of a machine that meters: between them a command "
+                    "hardly turns it",
+                },
+            )
         trouble = trouble_of(self.sections, self.geometry.outlets)
         if trouble:
-            raise PydanticCustomError("size_of_effect", "{allowed}", {"wrong_key": ("sections",), "allowed": trouble})
+            raise PydanticCustomError(
+                "size_of_effect", "{allowed}", {"wrong_key": ("sections",), "allowed": trouble}
+            )
         for effect_id, entry in CATALOGUE.items():
             low, high = bounds(effect_id, self)
             value = getattr(getattr(self, entry.stage), entry.field)
             if not low <= value - entry.neutral <= high:
-                raise PydanticCustomError("size_of_effect", "{allowed}", {
-                    "wrong_key": (entry.stage, entry.field), "allowed": allowed_sizes(effect_id, self)})
+                raise PydanticCustomError(
+                    "size_of_effect",
+                    "{allowed}",
+                    {
+                        "wrong_key": (entry.stage, entry.field),
+                        "allowed": allowed_sizes(effect_id, self),
+                    },
+                )
         ids = [term.id for term in self.terms]
         for k, name in enumerate(ids):
             if name in ids[:k]:
-                raise PydanticCustomError("size_of_effect", "allowed an id that no other term has", {
-                    "wrong_key": ("terms", k, "id")})
+                raise PydanticCustomError(
+                    "size_of_effect",
+                    "allowed an id that no other term has",
+                    {"wrong_key": ("terms", k, "id")},
+                )
         return self
 
     def has(self, stage: str) -> bool:
-        """Whether it has a stage: what it has not is neither asked for nor reported. `gate_effort`: the gate's drive
-        tells how hard it works, `effort` the shaft's."""
+        """Whether it has a stage: what it has not is neither asked for nor reported.
+        `gate_effort`: the gate's drive tells how hard it works, `effort` the shaft's."""
         if stage in ("effort", "gate_effort"):
             e = self.effort
             own = e.coulomb + e.viscous if stage == "effort" else e.gate_coulomb + e.gate_viscous
@@ -204,28 +248,35 @@ class Machine(FrozenModel):
 
     @property
     def switched(self) -> tuple[SectionStrip, ...]:
-        """Strips of the sections that have valves, left to right; empty where the machine is one whole."""
+        """Strips of the sections that have valves, left to right; empty where the machine is
+        one whole."""
         if not self.sections or self.sections[0].valve is None:
             return ()
         return strips(self.sections, self.geometry.working_width_m)
 
     @property
     def tube_is_settled(self) -> bool:
-        """Whether somebody measured how far the stream in the tube sets the pace of what falls in it."""
+        """Whether somebody measured how far the stream in the tube sets the pace of what falls
+        in it."""
         return self.tolerance.carried_share <= SETTLED_SHARE
 
     @property
     def warnings(self) -> tuple[str, ...]:
         """What is said of the file though it is right."""
-        return tuple(f"term {term.id} {OLD_NOTE}" for term in self.terms if term.source.note == OLD_NOTE)
+        return tuple(
+            f"term {term.id} {OLD_NOTE}" for term in self.terms if term.source.note == OLD_NOTE
+        )
 
 
-SETTLED_SHARE = 0.2      # tolerance of the carried share up to which the tube counts as measured
-NOMINAL = Machine.model_construct()      # as its parts' defaults say; not validated, for that asks for it
+# tolerance of the carried share up to which the tube counts as measured
+SETTLED_SHARE = 0.2
+# as its parts' defaults say; not validated, for that asks for it
+NOMINAL = Machine.model_construct()
 
 
 def of_nominal(machine: Machine, figures: tuple[str, ...]) -> float:
-    """Figures of the machine file ("limits.shaft_high_rpm"), multiplied, as a multiple of the nominal machine's."""
+    """Figures of the machine file ("limits.shaft_high_rpm"), multiplied, as a multiple of the
+    nominal machine's."""
     share = 1.0
     for figure in figures:
         share *= _figure(machine, figure) / _figure(NOMINAL, figure)
@@ -247,7 +298,8 @@ class Bounds(NamedTuple):
 
 
 def size_scale(effect_id: str, machine: Machine) -> float:
-    """By what bounds and tried sizes of an effect on the nominal machine are multiplied for this one."""
+    """By what bounds and tried sizes of an effect on the nominal machine are multiplied for
+    this one."""
     return of_nominal(machine, CATALOGUE[effect_id].effect.scales_with)
 
 
@@ -259,21 +311,30 @@ def bounds(effect_id: str, machine: Machine) -> Bounds:
 
 def unit_of(effect_id: str, machine: Machine) -> str:
     """Unit of an effect's size on a machine: it may name a figure of its file."""
-    return CATALOGUE[effect_id].effect.unit_form.format(**{name: getattr(machine, name) for name in STAGES})
+    return CATALOGUE[effect_id].effect.unit_form.format(
+        **{name: getattr(machine, name) for name in STAGES}
+    )
 
 
 def allowed_sizes(effect_id: str, machine: Machine) -> str:
     """What a size may be, in words: "allowed 0 to 390 r/min where limits.shaft_high_rpm is 650"."""
     low, high = bounds(effect_id, machine)
-    figures = [f"{name} is {_figure(machine, name):g}" for name in CATALOGUE[effect_id].effect.scales_with]
+    figures = [
+        f"{name} is {_figure(machine, name):g}" for name in CATALOGUE[effect_id].effect.scales_with
+    ]
     return f"allowed {low:g} to {high:g} {unit_of(effect_id, machine)}" + (
-        f" where {' and '.join(figures)}" if figures else "")
+        f" where {' and '.join(figures)}" if figures else ""
+    )
 
 
-def with_effect(machine: Machine, effect_id: str, size: float, member: int | None = None) -> Machine:
-    """The machine with one effect at `size` (its catalogue unit; 1 for those whose size is an onset).
+def with_effect(
+    machine: Machine, effect_id: str, size: float, member: int | None = None
+) -> Machine:
+    """The machine with one effect at `size` (its catalogue unit; 1 for those whose size is an
+    onset).
 
-    Raises KeyError for an id that is not catalogued, ValueError for a size or member out of the machine's bounds.
+    Raises KeyError for an id that is not catalogued, ValueError for a size or member out of the
+    machine's bounds.
     """
     entry = CATALOGUE[effect_id]
     low, high = bounds(effect_id, machine)

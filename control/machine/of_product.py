@@ -1,4 +1,5 @@
 """A machine as it meters a product: by the flow of that product's newest catch test with it."""
+
 from __future__ import annotations
 
 import datetime as dt
@@ -7,11 +8,13 @@ from control.agronomy.product import Product
 
 from .machine import Adopted, Machine
 
-REPLACED = ("flow.grams_per_rev_mm", "flow.gain", "flow.zero_offset", "flow.fill_falloff")     # what a catch test tells
+# what a catch test tells
+REPLACED = ("flow.grams_per_rev_mm", "flow.gain", "flow.zero_offset", "flow.fill_falloff")
 
 
 def newest_test_date(machine: Machine) -> dt.date | None:
-    """The day of the newest catch test that the machine's flow is from; None: no test, or no day is known."""
+    """The day of the newest catch test that the machine's flow is from; None: no test, or no
+    day is known."""
     days = [one.date for one in machine.adopted if one.id == REPLACED[0] and _is_date(one.date)]
     return max(map(dt.date.fromisoformat, days), default=None)
 
@@ -33,15 +36,27 @@ def with_product(machine: Machine, product: Product) -> Machine:
     if test is None:
         return machine
     stage = machine.flow._replace(
-        grams_per_rev_mm=test.grams_per_rev_mm, gain_percent=0.0, zero_offset_g_rev=test.zero_offset_g_rev,
-        fill_falloff_percent=test.fill_falloff_percent)
+        grams_per_rev_mm=test.grams_per_rev_mm,
+        gain_percent=0.0,
+        zero_offset_g_rev=test.zero_offset_g_rev,
+        fill_falloff_percent=test.fill_falloff_percent,
+    )
     try:
         checked = Machine.model_validate({**dict(machine), "flow": stage})
     except ValueError as error:
-        raise ValueError(f"product {product.id}: catch test of {test.date} with {machine.id}: "
-                         f"{str(error).splitlines()[-1].strip()}") from None
-    said = Adopted(id="flow.grams_per_rev_mm", size=test.grams_per_rev_mm, low=test.low, high=test.high,
-                   unit="g per revolution and mm", data=test.data or product.id, sha256=test.sha256,
-                   date=test.date.isoformat())
+        raise ValueError(
+            f"product {product.id}: catch test of {test.date} with {machine.id}: "
+            f"{str(error).splitlines()[-1].strip()}"
+        ) from None
+    said = Adopted(
+        id="flow.grams_per_rev_mm",
+        size=test.grams_per_rev_mm,
+        low=test.low,
+        high=test.high,
+        unit="g per revolution and mm",
+        data=test.data or product.id,
+        sha256=test.sha256,
+        date=test.date.isoformat(),
+    )
     kept = tuple(one for one in machine.adopted if one.id not in REPLACED)
     return checked.model_copy(update={"adopted": (*kept, said)})

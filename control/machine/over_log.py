@@ -1,4 +1,5 @@
 """A stage over a whole log. The same functions run interpreted here and compiled in `compiled`."""
+
 from __future__ import annotations
 
 from collections.abc import Callable
@@ -8,35 +9,43 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-MOST_STEP_S = 0.0125        # model step: a quarter of a control tick of 0.05 s
-LEAST_STEPS = 4             # model steps a row, at least
+# model step: a quarter of a control tick of 0.05 s
+MOST_STEP_S = 0.0125
+LEAST_STEPS = 4  # model steps a row, at least
 
 Run = Callable[..., npt.NDArray[np.float64]]
 
 
 def over_log(step: Callable[..., Any], exact: bool = False) -> Run:
-    """`run(sets, switch_rows, state, first, rows, time_s, most_step_s) -> (rows, outputs)`, interpreted.
+    """`run(sets, switch_rows, state, first, rows, time_s, most_step_s) -> (rows, outputs)`,
+    interpreted.
 
-    sets : parameter sets in the order in which they come into force; set j+1 from row switch_rows[j] on, so that
-    any effect may begin mid-run. state, first : state and output at time_s[0]. rows : record array of the stage's
-    inputs, row k in force from time_s[k] to time_s[k+1]. The output of row k is that at time_s[k]: what was
-    commanded in row k cannot show in it. Rows may come at any step; each is cut into at least LEAST_STEPS, but not for
-    a step that is exact however long its inputs are held: there is nothing to be gained by cutting it.
+    sets : parameter sets in the order in which they come into force; set j+1 from row
+    switch_rows[j] on, so that any effect may begin mid-run. state, first : state and output at
+    time_s[0]. rows : record array of the stage's inputs, row k in force from time_s[k] to
+    time_s[k+1]. The output of row k is that at time_s[k]: what was commanded in row k cannot
+    show in it. Rows may come at any step; each is cut into at least LEAST_STEPS, but not for a
+    step that is exact however long its inputs are held: there is nothing to be gained by
+    cutting it.
     """
     return with_room(filling(step, exact))
 
 
 def with_room(fill: Callable[..., None]) -> Run:
     """The run that `filling` does, in an array of its own."""
+
     def run(sets, switch_rows, state, first, rows, time_s, most_step_s):  # type: ignore[no-untyped-def]
         out = np.empty((len(rows), len(first)))
         fill(out, sets, switch_rows, state, first, rows, time_s, most_step_s)
         return out
+
     return run
 
 
 def filling(step: Callable[..., Any], exact: bool = False) -> Callable[..., None]:
-    """As `over_log`, into a given array: it makes none itself, so that it compiles without counting references."""
+    """As `over_log`, into a given array: it makes none itself, so that it compiles without
+    counting references."""
+
     def fill(out, sets, switch_rows, state, first, rows, time_s, most_step_s):  # type: ignore[no-untyped-def]
         count = len(rows)
         output = first
@@ -51,11 +60,13 @@ def filling(step: Callable[..., Any], exact: bool = False) -> Callable[..., None
                 steps = 1 if exact else max(LEAST_STEPS, ceil(dt_s / most_step_s - 1e-9))
                 for _ in range(steps):
                     state, output = step(sets[current], state, rows[row], dt_s / steps)
+
     return fill
 
 
 def input_rows(kind: Any, count: int, **columns: npt.ArrayLike) -> Any:
-    """Record array of a stage's inputs: given columns, the others at their defaults (shape (count,))."""
+    """Record array of a stage's inputs: given columns, the others at their defaults (shape
+    (count,))."""
     rows = np.zeros(count, [(name, np.float64) for name in kind._fields]).view(np.recarray)
     for name in kind._fields:
         rows[name] = columns.get(name, kind._field_defaults.get(name, 0.0))
@@ -64,11 +75,13 @@ def input_rows(kind: Any, count: int, **columns: npt.ArrayLike) -> Any:
 
 def mapped(reads: Callable[..., float]) -> Run:
     """`run(params, rows) -> (rows,)` for stages without memory."""
+
     def run(params, rows):  # type: ignore[no-untyped-def]
         out = np.empty(len(rows))
         for row in range(len(rows)):
             out[row] = reads(params, rows[row])
         return out
+
     return run
 
 

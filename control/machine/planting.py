@@ -1,4 +1,6 @@
-"""Effects that a simulated machine has and its controller does not know: `ID=SIZE[@ONSET_S][#MEMBER]`."""
+"""Effects that a simulated machine has and its controller does not know:
+`ID=SIZE[@ONSET_S][#MEMBER]`."""
+
 from __future__ import annotations
 
 import re
@@ -7,7 +9,10 @@ from typing import NamedTuple
 
 from .machine import CATALOGUE, Machine, with_effect
 
-_GRAMMAR = re.compile(r"(?P<id>[a-z_]+\.[a-z_]+)=(?P<size>[-+0-9.eE]+)(?:@(?P<onset>[0-9.eE+]+))?(?:#(?P<member>\d+))?")
+_GRAMMAR = re.compile(
+    r"(?P<id>[a-z_]+\.[a-z_]+)=(?P<size>[-+0-9.eE]+)(?:@(?P<onset>"
+    r"[0-9.eE+]+))?(?:#(?P<member>\d+))?"
+)
 
 
 class Planted(NamedTuple):
@@ -18,14 +23,20 @@ class Planted(NamedTuple):
 
 
 def parse_planted(text: str) -> Planted:
-    """One `--effect`. Raises ValueError with one plain line that names the text, what is wrong and what is allowed."""
+    """One `--effect`. Raises ValueError with one plain line that names the text, what is wrong
+    and what is allowed."""
     match = _GRAMMAR.fullmatch(text.strip())
     if match is None:
-        raise ValueError(f"effect {text!r}: not understood: allowed ID=SIZE[@ONSET_S][#MEMBER], e.g. flow.gain=8 or "
-                         "canopy.head_fouled=-10@600#3")
+        raise ValueError(
+            f"effect {text!r}: not understood: allowed ID=SIZE[@ONSET_S][#MEMBER], e.g. "
+            "flow.gain=8 or "
+            "canopy.head_fouled=-10@600#3"
+        )
     effect_id = match["id"]
     if effect_id not in CATALOGUE:
-        raise ValueError(f"effect {text!r}: unknown id {effect_id!r}: `topdress effects` lists the known ones")
+        raise ValueError(
+            f"effect {text!r}: unknown id {effect_id!r}: `topdress effects` lists the known ones"
+        )
     try:
         size = float(match["size"])
         onset = float(match["onset"]) if match["onset"] else 0.0
@@ -37,7 +48,8 @@ def parse_planted(text: str) -> Planted:
 
 
 def schedule(machine: Machine, planted: Sequence[Planted]) -> list[tuple[float, Machine]]:
-    """(from_s, machine) in the order in which they come into force, the first at 0. Raises ValueError out of bounds."""
+    """(from_s, machine) in the order in which they come into force, the first at 0. Raises
+    ValueError out of bounds."""
     stages: list[tuple[float, Machine]] = [(0.0, machine)]
     for effect in sorted(planted, key=lambda p: p.onset_s):
         changed = with_effect(stages[-1][1], effect.id, effect.size, effect.member)

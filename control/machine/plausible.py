@@ -1,8 +1,11 @@
-"""Machines that a machine file may stand for: what its tables leave open, and what a calibrated one does in a season.
+"""Machines that a machine file may stand for: what its tables leave open, and what a calibrated
+one does in a season.
 
-No table of the papers tells what goes on in the tube (docs/decisions/0005), nor what the field adds to the rig's lag.
-So control is never judged on the machine of its own file alone: every strategy is measured on each of these.
+No table of the papers tells what goes on in the tube (docs/decisions/0005), nor what the field
+adds to the rig's lag. So control is never judged on the machine of its own file alone: every
+strategy is measured on each of these.
 """
+
 from __future__ import annotations
 
 from collections.abc import Callable
@@ -10,16 +13,22 @@ from collections.abc import Callable
 from .machine import Machine, with_effect
 from .start import with_carried_share
 
-PULSATION_PERCENT = 5.0         # amplitude of the sum of six outlets; a single straight-fluted roller gives more
+# amplitude of the sum of six outlets; a single straight-fluted roller gives more
+PULSATION_PERCENT = 5.0
 FIRST_FILL_S = 0.86
-FIELD_LAG_S = 0.3               # lag paper, tables 1 and 4: field against rig, 0.32 s at 4.50 km/h
-SLOWER = 1.2                    # a drive that needs a fifth more time for everything: cold grease, a weak supply
+# lag paper, tables 1 and 4: field against rig, 0.32 s at 4.50 km/h
+FIELD_LAG_S = 0.3
+# a drive that needs a fifth more time for everything: cold grease, a weak supply
+SLOWER = 1.2
 
 
 def _slow_drives(machine: Machine) -> Machine:
     shaft, gate = machine.shaft, machine.gate
-    shaft = shaft._replace(dead_time_s=SLOWER * shaft.dead_time_s, time_constant_s=SLOWER * shaft.time_constant_s,
-                           acceleration_rpm_s=shaft.acceleration_rpm_s / SLOWER)
+    shaft = shaft._replace(
+        dead_time_s=SLOWER * shaft.dead_time_s,
+        time_constant_s=SLOWER * shaft.time_constant_s,
+        acceleration_rpm_s=shaft.acceleration_rpm_s / SLOWER,
+    )
     gate = gate._replace(dead_time_s=SLOWER * gate.dead_time_s, slew_mm_s=gate.slew_mm_s / SLOWER)
     return machine.model_copy(update={"shaft": shaft, "gate": gate})
 
@@ -28,12 +37,15 @@ PLAUSIBLE: dict[str, Callable[[Machine], Machine]] = {
     "carried_along": lambda machine: with_carried_share(machine, 1.0),
     "singly": lambda machine: with_carried_share(machine, 0.0),
     "between": lambda machine: with_carried_share(machine, 0.5),
-    # What a start takes may be the first fill of an empty tube, all of it but the free fall from an outlet 0.5 m up:
-    # 0 to 0.86 s of the 1.18 to 1.75 s (docs/decisions/0005). The middle, and the end.
-    "first_fill_half": lambda machine: machine.model_copy(update={
-        "fall": machine.fall._replace(start_more_s=0.5 * FIRST_FILL_S)}),
-    "first_fill_all": lambda machine: machine.model_copy(update={
-        "fall": machine.fall._replace(start_more_s=FIRST_FILL_S)}),
+    # What a start takes may be the first fill of an empty tube, all of it but the free fall
+    # from an outlet 0.5 m up: 0 to 0.86 s of the 1.18 to 1.75 s (docs/decisions/0005). The
+    # middle, and the end.
+    "first_fill_half": lambda machine: machine.model_copy(
+        update={"fall": machine.fall._replace(start_more_s=0.5 * FIRST_FILL_S)}
+    ),
+    "first_fill_all": lambda machine: machine.model_copy(
+        update={"fall": machine.fall._replace(start_more_s=FIRST_FILL_S)}
+    ),
     "pulsating": lambda machine: with_effect(machine, "flow.pulsation", PULSATION_PERCENT),
     "flow_3_more": lambda machine: with_effect(machine, "flow.gain", 3.0),
     "flow_6_more": lambda machine: with_effect(machine, "flow.gain", 6.0),
@@ -41,7 +53,8 @@ PLAUSIBLE: dict[str, Callable[[Machine], Machine]] = {
     "slow_drives": _slow_drives,
     # An open-loop motor loses 7 % a volt (docs/safety.md): a tired battery.
     "motor_12_slow": lambda machine: with_effect(machine, "shaft.gain", -12.0),
-    "gate_4_short": lambda machine: with_effect(machine, "gate.home_error", -4.0),      # trims take back 2 mm
+    # trims take back 2 mm
+    "gate_4_short": lambda machine: with_effect(machine, "gate.home_error", -4.0),
 }
 
 

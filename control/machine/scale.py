@@ -1,4 +1,6 @@
-"""Hopper scale: true kg -> reading. The tare is taken full at the start; noise and rounding come after."""
+"""Hopper scale: true kg -> reading. The tare is taken full at the start; noise and rounding
+come after."""
+
 from __future__ import annotations
 
 from typing import Annotated, NamedTuple
@@ -10,41 +12,76 @@ from .effect import HOPPER, Effect
 
 class Scale(NamedTuple):
     resolution_kg: Annotated[float, Field(ge=1e-4, le=10)] = 0.05
-    gain_percent: Annotated[float, Field(ge=-30, le=30), Effect(
-        "scale.gain", "%", "Scale reads off by a factor",
-        "A wrong calibration weight or a cell under side load scales every reading.",
-        "load cell calibration; usual 0.5-5 %", ("static weigh", "run with a known fill"),
-        "Calibrate the scale with a known weight.",
-        "A static weigh of a known fill.",
-        says=("The hopper scale reads {size} % too much.",
-              "The hopper scale reads {size} % too little."))] = 0.0
-    drift_kg_h: Annotated[float, Field(ge=-1e4, le=1e4), Effect(
-        "scale.drift", "kg/h", "Scale's zero drifts",
-        "Warming cells and amplifiers move the zero through the day.",
-        "load cell temperature drift", ("run",),
-        "Let the scale warm up; tare at the refill.",
-        "Stand still with the shaft stopped for ten minutes.",
-        bounds=(-30.0, 30.0), scales_with=HOPPER,
-        says=("The hopper scale's zero rises by {size} kg every hour.",
-              "The hopper scale's zero falls by {size} kg every hour."))] = 0.0
-    tilt_percent_per_deg: Annotated[float, Field(ge=-5, le=5), Effect(
-        "scale.tilt", "% more per degree nose up", "Reading changes with pitch",
-        "On a slope part of the weight leaves the cells' axis.",
-        "cosine and side load", ("run",),
-        "Read the scale on level ground, or correct by pitch.",
-        "Stand still nose up and nose down.",
-        says=("Each degree uphill makes the hopper scale read {size} % more.",
-              "Each degree uphill makes the hopper scale read {size} % less."))] = 0.0
+    gain_percent: Annotated[
+        float,
+        Field(ge=-30, le=30),
+        Effect(
+            "scale.gain",
+            "%",
+            "Scale reads off by a factor",
+            "A wrong calibration weight or a cell under side load scales every reading.",
+            "load cell calibration; usual 0.5-5 %",
+            ("static weigh", "run with a known fill"),
+            "Calibrate the scale with a known weight.",
+            "A static weigh of a known fill.",
+            says=(
+                "The hopper scale reads {size} % too much.",
+                "The hopper scale reads {size} % too little.",
+            ),
+        ),
+    ] = 0.0
+    drift_kg_h: Annotated[
+        float,
+        Field(ge=-1e4, le=1e4),
+        Effect(
+            "scale.drift",
+            "kg/h",
+            "Scale's zero drifts",
+            "Warming cells and amplifiers move the zero through the day.",
+            "load cell temperature drift",
+            ("run",),
+            "Let the scale warm up; tare at the refill.",
+            "Stand still with the shaft stopped for ten minutes.",
+            bounds=(-30.0, 30.0),
+            scales_with=HOPPER,
+            says=(
+                "The hopper scale's zero rises by {size} kg every hour.",
+                "The hopper scale's zero falls by {size} kg every hour.",
+            ),
+        ),
+    ] = 0.0
+    tilt_percent_per_deg: Annotated[
+        float,
+        Field(ge=-5, le=5),
+        Effect(
+            "scale.tilt",
+            "% more per degree nose up",
+            "Reading changes with pitch",
+            "On a slope part of the weight leaves the cells' axis.",
+            "cosine and side load",
+            ("run",),
+            "Read the scale on level ground, or correct by pitch.",
+            "Stand still nose up and nose down.",
+            says=(
+                "Each degree uphill makes the hopper scale read {size} % more.",
+                "Each degree uphill makes the hopper scale read {size} % less.",
+            ),
+        ),
+    ] = 0.0
 
 
 class ScaleInput(NamedTuple):
     hopper_kg: float
     time_s: float
     pitch_deg: float = 0.0
-    more_kg: float = 0.0        # of the machine file's terms
+    more_kg: float = 0.0  # of the machine file's terms
 
 
 def scale_reads(p: Scale, u: ScaleInput) -> float:
     """Reading in kg before noise and rounding."""
-    read = u.hopper_kg * (1.0 + p.gain_percent / 100.0) * (1.0 + p.tilt_percent_per_deg * u.pitch_deg / 100.0)
+    read = (
+        u.hopper_kg
+        * (1.0 + p.gain_percent / 100.0)
+        * (1.0 + p.tilt_percent_per_deg * u.pitch_deg / 100.0)
+    )
     return read + p.drift_kg_h * u.time_s / 3600.0 + u.more_kg

@@ -1,9 +1,11 @@
 """Sections: outlets side by side that are opened and closed together.
 
-One roller meters for all outlets; what it gives is shared evenly by those that are open. A section's valve stands
-where its tubes begin, so what has passed it falls on for a whole drop time. With every valve closed nothing flows: what
-the roller carries round goes back to the hopper.
+One roller meters for all outlets; what it gives is shared evenly by those that are open. A
+section's valve stands where its tubes begin, so what has passed it falls on for a whole drop
+time. With every valve closed nothing flows: what the roller carries round goes back to the
+hopper.
 """
+
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -13,7 +15,8 @@ from pydantic import Field
 
 from control.frozen_model import FrozenModel
 
-MOST_SECTIONS = 16          # as many relays as a rate module has, and bits a board's command
+# as many relays as a rate module has, and bits a board's command
+MOST_SECTIONS = 16
 
 
 class Valve(FrozenModel):
@@ -31,8 +34,8 @@ class Section(FrozenModel):
 
 
 class SectionStrip(NamedTuple):
-    """Ground under one section: how far its edges lie to the right of the machine's middle, m; its share of the
-    working width."""
+    """Ground under one section: how far its edges lie to the right of the machine's middle, m;
+    its share of the working width."""
 
     left_m: float
     right_m: float
@@ -45,20 +48,27 @@ def strips(sections: Sequence[Section], width_m: float) -> tuple[SectionStrip, .
     found, before = [], 0
     for section in sections:
         after = before + section.outlets
-        found.append(SectionStrip(width_m * before / outlets - 0.5 * width_m, width_m * after / outlets - 0.5 * width_m,
-                                  section.outlets / outlets))
+        found.append(
+            SectionStrip(
+                width_m * before / outlets - 0.5 * width_m,
+                width_m * after / outlets - 0.5 * width_m,
+                section.outlets / outlets,
+            )
+        )
         before = after
     return tuple(found)
 
 
 class LoggedValves:
-    """Valves as a log's column `sections_cmd` tells of them, row by row; all open where it tells nothing."""
+    """Valves as a log's column `sections_cmd` tells of them, row by row; all open where it
+    tells nothing."""
 
     def __init__(self, sections: Sequence[Section]) -> None:
         self._valves = [section.valve or Valve() for section in sections]
         self._shares = [strip.share for strip in strips(sections, 1.0)]
         self._commanded: list[bool] = [False] * len(self._valves)
-        self._turns: list[tuple[float, bool]] = [(0.0, False)] * len(self._valves)      # from when, to what
+        # from when, to what
+        self._turns: list[tuple[float, bool]] = [(0.0, False)] * len(self._valves)
 
     def open_at(self, time_s: float, commanded: str | None) -> tuple[bool, ...]:
         """How they stand at a row that tells this; times rise."""
@@ -69,7 +79,10 @@ class LoggedValves:
         for k, (valve, cell) in enumerate(zip(self._valves, cells, strict=True)):
             on = cell == "1"
             if on is not self._commanded[k]:
-                self._commanded[k], self._turns[k] = on, (time_s + (valve.open_s if on else valve.close_s), on)
+                self._commanded[k], self._turns[k] = (
+                    on,
+                    (time_s + (valve.open_s if on else valve.close_s), on),
+                )
             from_s, to = self._turns[k]
             found.append(to if time_s >= from_s - 1e-6 else not to)
         return tuple(found)
@@ -80,12 +93,15 @@ class LoggedValves:
 
 
 def trouble_of(sections: Sequence[Section], outlets: int) -> str:
-    """What is wrong with the sections of a machine with so many outlets, as what is allowed; empty: nothing."""
+    """What is wrong with the sections of a machine with so many outlets, as what is allowed;
+    empty: nothing."""
     if not sections:
         return ""
     there = sum(section.outlets for section in sections)
     if there != outlets:
-        return f"allowed sections whose outlets add up to geometry.outlets, {outlets}; found {there}"
+        return (
+            f"allowed sections whose outlets add up to geometry.outlets, {outlets}; found {there}"
+        )
     if len({section.valve is None for section in sections}) > 1:
         return "allowed a valve in every section, or in none"
     return ""

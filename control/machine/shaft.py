@@ -1,9 +1,10 @@
-"""Metering shaft: command r/min -> r/min. Dead time, dead band, supply and load, first or second order, acceleration
-limit.
+"""Metering shaft: command r/min -> r/min. Dead time, dead band, supply and load, first or
+second order, acceleration limit.
 
-Commands and speeds have a sign: below 0, or below the command at which it stands, it turns backwards, with a gain and
-a zone of its own.
+Commands and speeds have a sign: below 0, or below the command at which it stands, it turns
+backwards, with a gain and a zone of its own.
 """
+
 from __future__ import annotations
 
 from math import atan2, cos, exp, log, pi, sin, sqrt
@@ -14,12 +15,15 @@ from pydantic import Field
 from .effect import SHAFT_RANGE, Effect
 from .elements import DelayLine, line_held, line_put, line_start, stepped
 
-LEAST_LAG_S = 1e-4          # of a time constant: the least that a machine file may have
-CRITICAL = 1e-8             # of (frequency x time)^2: so near to critical damping sin(w t) / w is t
-SURE = 1e-9                 # rounding
-MOST_PHASES = 32            # of a held command: it takes some five
-NO_END = -1e100             # speed at which it is stopped: none
-HALVINGS = 50               # of the time at which the acceleration limit is reached: to rounding
+# of a time constant: the least that a machine file may have
+LEAST_LAG_S = 1e-4
+# of (frequency x time)^2: so near to critical damping sin(w t) / w is t
+CRITICAL = 1e-8
+SURE = 1e-9  # rounding
+MOST_PHASES = 32  # of a held command: it takes some five
+NO_END = -1e100  # speed at which it is stopped: none
+# of the time at which the acceleration limit is reached: to rounding
+HALVINGS = 50
 
 
 class Shaft(NamedTuple):
@@ -28,141 +32,314 @@ class Shaft(NamedTuple):
     acceleration_rpm_s: Annotated[float, Field(ge=0.1, le=1e7)] = 200.0
     nominal_supply_v: Annotated[float, Field(ge=1, le=60)] = 13.5
     full_opening_mm: Annotated[float, Field(ge=0.1, le=500)] = 60.0
-    one_way: Annotated[float, Field(ge=0, le=1)] = 0.0      # 1: a command to turn backwards is none
-    full_rpm: Annotated[float, Field(ge=0.1, le=1e5)] = 100.0       # speed at which the saturation is given
-    regulated: Annotated[float, Field(ge=0, le=1)] = 0.0    # 1: it holds its speed by its own encoder
-    zero_stops: Annotated[float, Field(ge=0, le=1)] = 1.0   # 0: a command of 0 is one like any other, and may turn it
-    dead_zone_rpm: Annotated[float, Field(ge=0, le=1e5), Effect(
-        "shaft.dead_zone", "r/min", "Shaft turns too slowly, by the same at every speed",
-        "Friction and the power stage take a constant part of every duty cycle away, either way.",
-        "brushed motors by duty cycle: 5-25 % of the range", ("run",),
-        "Let the drive hold its speed by an encoder, or adopt it: control then adds it to each command.",
-        "A staircase of shaft commands over the whole range, settled at each.", probes=(1.0, 5.0, 15.0),
-        bounds=(0.0, 60.0), scales_with=SHAFT_RANGE,
-        says=("The shaft turns {size} r/min slower than commanded, at every speed.",))] = 0.0
-    saturation_percent: Annotated[float, Field(ge=0, le=95), Effect(
-        "shaft.saturation", "% lost at full speed", "Shaft falls the further behind its command the faster it turns",
-        "A motor's speed bends away from its duty cycle as load and the supply's resistance grow.",
-        "robot and pump drives by duty cycle: 10-50 % at full speed", ("run",),
-        "Let the drive hold its speed by an encoder, or adopt it: control then bends each command the other way.",
-        "A staircase of shaft commands up to full speed, settled at each.", probes=(1.0, 5.0, 20.0),
-        says=("The shaft falls {size} % short when it is to turn fastest.",))] = 0.0
-    neutral_rpm: Annotated[float, Field(ge=-2e5, le=2e5), Effect(
-        "shaft.neutral", "r/min of command", "Shaft stands still at another command than zero",
-        "A servo's pulse, a converter's middle voltage or an offset of the power stage moves the command at which "
-        "nothing turns.",
-        "servos: 1.5 ms of 1 to 2 ms; converters: 512 of 0 to 1023; offsets of power stages: a few per cent", ("run",),
-        "Trim the drive's zero, or adopt it: control then adds it to each command.",
-        "A staircase of shaft commands through the one at which it stands, down to zero.", probes=(1.0, 5.0),
-        bounds=(-200.0, 200.0), scales_with=SHAFT_RANGE,
-        says=("The shaft stands still at a command of {size} r/min, and turns by what a command is beyond it.",
-              "The shaft turns as if {size} r/min more were commanded."))] = 0.0
-    back_gain_percent: Annotated[float, Field(ge=-90, le=200), Effect(
-        "shaft.back_gain", "%", "Shaft turns at another fraction of its command backwards than forwards",
-        "Brushes that are set for one direction, and a load that helps or hinders, make a motor unlike either way.",
-        "two-way motors: a few per cent, worn ones 10 %", ("run",),
-        "Check the brushes' timing and what the load does backwards.",
-        "The same staircase of commands forwards and backwards.",
-        says=("Backwards the shaft turns {size} % faster than forwards.",
-              "Backwards the shaft turns {size} % slower than forwards."))] = 0.0
-    back_zone_rpm: Annotated[float, Field(ge=-1e5, le=1e5), Effect(
-        "shaft.back_zone", "r/min", "Shaft loses another constant speed backwards than forwards",
-        "Friction of bearings, brushes and gears is seldom the same either way.",
-        "two-way motors by duty cycle: a few per cent of the range", ("run",),
-        "Check bearings and gears for what rubs in one direction.",
-        "The same staircase of small commands forwards and backwards.", probes=(1.0, 5.0),
-        bounds=(-60.0, 60.0), scales_with=SHAFT_RANGE,
-        says=("Backwards the shaft loses {size} r/min more than forwards.",
-              "Backwards the shaft loses {size} r/min less than forwards."))] = 0.0
-    gain_percent: Annotated[float, Field(ge=-300, le=1900), Effect(     # below -100: the faster, the lower its command
-        "shaft.gain", "%", "Shaft turns too fast or too slow, always by the same share",
-        "A wrong gear or encoder setting or a slipping belt scales every speed alike.",
-        "drive ratio error; usual 1-10 %", ("run",),
-        "Check the gear ratio in the drive's settings, the encoder's lines, the belt tension.",
-        "A staircase of shaft commands at constant opening and supply.",
-        says=("The metering shaft turns {size} % faster than commanded.",
-              "The metering shaft turns {size} % slower than commanded.",
-              "The metering shaft turns the slower the higher its command is ({size} % less than commanded)."))] = 0.0
-    slow_s: Annotated[float, Field(ge=-5, le=5), Effect(
-        "shaft.slow", "s", "Shaft comes to its speed too slowly",
-        "A weak or worn motor needs longer to reach the speed that it was sent.",
-        "motor time constants near 0.3 s are published for such drives", ("run",),
-        "Check brushes, supply cable and the drive's acceleration setting.",
-        "Steps of the shaft command up and down, both sizes.", probes=(0.02,),
-        says=("The shaft takes {size} s longer than it should to come to its speed.",
-              "The shaft comes to its speed {size} s sooner than its data sheet says."))] = 0.0
-    second_order_s: Annotated[float, Field(ge=0, le=5), Effect(
-        "shaft.second_order", "s", "Shaft answers in second order: it overshoots, or sets off gradually",
-        "A speed controller tuned too tight swings beyond its command; a filter or a soft coupling holds the start "
-        "back.",
-        "motor with electrical time constant, or controller that integrates: T T2 s^2 + T s + 1 (Ogata 2010, ch. 5)",
-        ("run",),
-        "Where it overshoots: lower the gains of the speed controller. Where it sets off gradually: shorten its "
-        "filter, tighten the coupling.",
-        "Single steps of the shaft command, up and down, in rows of a tenth of the time that it takes to settle.",
-        probes=(0.02, 0.3),
-        says=("The shaft's speed follows through a second time constant of {size} s; beyond a quarter of the first it "
-              "overshoots.",))] = 0.0
-    ramp_s: Annotated[float, Field(ge=0, le=600), Effect(
-        "shaft.ramp", "s to full speed", "Shaft changes its speed by a ramp, however large the step",
-        "A drive's ramp setting, or a motor that gives all its torque, limits how fast its speed changes.",
-        "frequency inverters and motor drivers: 0.5-30 s to full speed by their setting", ("run",),
-        "Shorten the ramp in the drive's settings, or adopt it: control then knows how long a change takes.",
-        "Small and large steps of the shaft command: by a ramp the large one takes longer.", probes=(0.05, 0.5),
-        says=("The shaft needs {size} s more from standstill to full speed, and as much of that for a part of "
-              "it.",))] = 0.0
-    extra_dead_time_s: Annotated[float, Field(ge=-0.3, le=2), Effect(
-        "shaft.dead_time", "s", "Shaft answers too late",
-        "Bus, drive or firmware hold a command back before the motor sees it.",
-        "lag paper, table 2: 0.383 s to 2 r/min", ("run", "response"),
-        "Look at the bus cycle and the drive's filter setting.",
-        "Steps of the shaft command, large and small: a dead time is the same for both.", probes=(0.01,),
-        says=("The shaft answers {size} s too late.",
-              "The shaft answers {size} s sooner than expected."))] = 0.0
-    dead_band_rpm: Annotated[float, Field(ge=0, le=1e5), Effect(
-        "shaft.dead_band", "r/min", "Shaft does not turn below some command",
-        "Static friction holds the shaft until the duty cycle overcomes it.",
-        "brushed motors with worm gears: 5-20 r/min", ("run",),
-        "Grease the bearings, raise the drive's minimum duty.",
-        "A slow ramp of the shaft command from zero.", probes=(5.0, 10.0, 15.0, 20.0, 30.0, 40.0),
-        bounds=(0.0, 60.0), scales_with=SHAFT_RANGE,
-        says=("The shaft does not turn at all below {size} r/min.",))] = 0.0
-    sag_percent_per_v: Annotated[float, Field(ge=0, le=30), Effect(
-        "shaft.voltage_sag", "% lost per V", "Shaft loses speed when the supply falls below nominal",
-        "An open-loop motor's speed follows its supply voltage.",
-        "first-order motor equation: about 1/U per volt, 7 % at 13.5 V", ("run",),
-        "Check battery, alternator and the voltage drop along the supply cable.",
-        "The same shaft command with the engine idling and at rated speed.",
-        says=("The shaft loses {size} % of its speed for every volt that the supply is low.",))] = 0.0
-    droop_percent: Annotated[float, Field(ge=0, le=60), Effect(
-        "shaft.load_droop", "% lost at full opening", "Shaft loses speed as the opening, and with it the load, grows",
-        "A wider opening shears more material, and the motor slows under the torque.",
-        "open-loop motor under load", ("run",),
-        "Check the motor's current limit; clean caked material from the rollers.",
-        "A staircase of openings at one shaft command.",
-        says=("With the gate fully open the shaft turns {size} % too slowly.",))] = 0.0
-    encoder_step_rpm: Annotated[float, Field(ge=0, le=1e4), Effect(
-        "shaft.coarse_encoder", "r/min", "Measured shaft speed comes in steps",
-        "Few encoder lines counted over a short gate give a speed in whole counts.",
-        "60 / (lines x gate time)", ("run",),
-        "Use an encoder with more lines, or measure the period instead of counting.",
-        "A slow ramp of the shaft command.", probes=(0.5, 1.0, 2.0, 4.0),
-        bounds=(0.0, 20.0), scales_with=SHAFT_RANGE,
-        says=("The shaft's speed is measured in steps of {size} r/min only.",))] = 0.0
-    stalled: Annotated[float, Field(ge=0, le=1), Effect(
-        "shaft.stall", "s", "Shaft stops at some time though commanded",
-        "A jammed roller, a broken coupling or a tripped fuse stops the shaft.",
-        "field experience", ("run",),
-        "Switch off, clear the roller, check the coupling and the fuse.",
-        "None needed: command on, shaft still.", probes=(1.0,), onset_only=True,
-        says=("The shaft stopped {size} s into the run though it should have turned.",))] = 0.0
+    # 1: a command to turn backwards is none
+    one_way: Annotated[float, Field(ge=0, le=1)] = 0.0
+    # speed at which the saturation is given
+    full_rpm: Annotated[float, Field(ge=0.1, le=1e5)] = 100.0
+    # 1: it holds its speed by its own encoder
+    regulated: Annotated[float, Field(ge=0, le=1)] = 0.0
+    # 0: a command of 0 is one like any other, and may turn it
+    zero_stops: Annotated[float, Field(ge=0, le=1)] = 1.0
+    dead_zone_rpm: Annotated[
+        float,
+        Field(ge=0, le=1e5),
+        Effect(
+            "shaft.dead_zone",
+            "r/min",
+            "Shaft turns too slowly, by the same at every speed",
+            "Friction and the power stage take a constant part of every duty cycle away, "
+            "either way.",
+            "brushed motors by duty cycle: 5-25 % of the range",
+            ("run",),
+            "Let the drive hold its speed by an encoder, or adopt it: control then adds it "
+            "to each command.",
+            "A staircase of shaft commands over the whole range, settled at each.",
+            probes=(1.0, 5.0, 15.0),
+            bounds=(0.0, 60.0),
+            scales_with=SHAFT_RANGE,
+            says=("The shaft turns {size} r/min slower than commanded, at every speed.",),
+        ),
+    ] = 0.0
+    saturation_percent: Annotated[
+        float,
+        Field(ge=0, le=95),
+        Effect(
+            "shaft.saturation",
+            "% lost at full speed",
+            "Shaft falls the further behind its command the faster it turns",
+            "A motor's speed bends away from its duty cycle as load and the supply's "
+            "resistance grow.",
+            "robot and pump drives by duty cycle: 10-50 % at full speed",
+            ("run",),
+            "Let the drive hold its speed by an encoder, or adopt it: control then bends "
+            "each command the other way.",
+            "A staircase of shaft commands up to full speed, settled at each.",
+            probes=(1.0, 5.0, 20.0),
+            says=("The shaft falls {size} % short when it is to turn fastest.",),
+        ),
+    ] = 0.0
+    neutral_rpm: Annotated[
+        float,
+        Field(ge=-2e5, le=2e5),
+        Effect(
+            "shaft.neutral",
+            "r/min of command",
+            "Shaft stands still at another command than zero",
+            "A servo's pulse, a converter's middle voltage or an offset of the power stage "
+            "moves the command at which "
+            "nothing turns.",
+            "servos: 1.5 ms of 1 to 2 ms; converters: 512 of 0 to 1023; offsets of power "
+            "stages: a few per cent",
+            ("run",),
+            "Trim the drive's zero, or adopt it: control then adds it to each command.",
+            "A staircase of shaft commands through the one at which it stands, down to zero.",
+            probes=(1.0, 5.0),
+            bounds=(-200.0, 200.0),
+            scales_with=SHAFT_RANGE,
+            says=(
+                "The shaft stands still at a command of {size} r/min, and turns by what a "
+                "command is beyond it.",
+                "The shaft turns as if {size} r/min more were commanded.",
+            ),
+        ),
+    ] = 0.0
+    back_gain_percent: Annotated[
+        float,
+        Field(ge=-90, le=200),
+        Effect(
+            "shaft.back_gain",
+            "%",
+            "Shaft turns at another fraction of its command backwards than forwards",
+            "Brushes that are set for one direction, and a load that helps or hinders, make "
+            "a motor unlike either way.",
+            "two-way motors: a few per cent, worn ones 10 %",
+            ("run",),
+            "Check the brushes' timing and what the load does backwards.",
+            "The same staircase of commands forwards and backwards.",
+            says=(
+                "Backwards the shaft turns {size} % faster than forwards.",
+                "Backwards the shaft turns {size} % slower than forwards.",
+            ),
+        ),
+    ] = 0.0
+    back_zone_rpm: Annotated[
+        float,
+        Field(ge=-1e5, le=1e5),
+        Effect(
+            "shaft.back_zone",
+            "r/min",
+            "Shaft loses another constant speed backwards than forwards",
+            "Friction of bearings, brushes and gears is seldom the same either way.",
+            "two-way motors by duty cycle: a few per cent of the range",
+            ("run",),
+            "Check bearings and gears for what rubs in one direction.",
+            "The same staircase of small commands forwards and backwards.",
+            probes=(1.0, 5.0),
+            bounds=(-60.0, 60.0),
+            scales_with=SHAFT_RANGE,
+            says=(
+                "Backwards the shaft loses {size} r/min more than forwards.",
+                "Backwards the shaft loses {size} r/min less than forwards.",
+            ),
+        ),
+    ] = 0.0
+    # below -100: the faster, the lower its command
+    gain_percent: Annotated[
+        float,
+        Field(ge=-300, le=1900),
+        Effect(
+            "shaft.gain",
+            "%",
+            "Shaft turns too fast or too slow, always by the same share",
+            "A wrong gear or encoder setting or a slipping belt scales every speed alike.",
+            "drive ratio error; usual 1-10 %",
+            ("run",),
+            "Check the gear ratio in the drive's settings, the encoder's lines, the belt tension.",
+            "A staircase of shaft commands at constant opening and supply.",
+            says=(
+                "The metering shaft turns {size} % faster than commanded.",
+                "The metering shaft turns {size} % slower than commanded.",
+                "The metering shaft turns the slower the higher its command is ({size} % "
+                "less than commanded).",
+            ),
+        ),
+    ] = 0.0
+    slow_s: Annotated[
+        float,
+        Field(ge=-5, le=5),
+        Effect(
+            "shaft.slow",
+            "s",
+            "Shaft comes to its speed too slowly",
+            "A weak or worn motor needs longer to reach the speed that it was sent.",
+            "motor time constants near 0.3 s are published for such drives",
+            ("run",),
+            "Check brushes, supply cable and the drive's acceleration setting.",
+            "Steps of the shaft command up and down, both sizes.",
+            probes=(0.02,),
+            says=(
+                "The shaft takes {size} s longer than it should to come to its speed.",
+                "The shaft comes to its speed {size} s sooner than its data sheet says.",
+            ),
+        ),
+    ] = 0.0
+    second_order_s: Annotated[
+        float,
+        Field(ge=0, le=5),
+        Effect(
+            "shaft.second_order",
+            "s",
+            "Shaft answers in second order: it overshoots, or sets off gradually",
+            "A speed controller tuned too tight swings beyond its command; a filter or a "
+            "soft coupling holds the start "
+            "back.",
+            "motor with electrical time constant, or controller that integrates: T T2 s^2 + "
+            "T s + 1 (Ogata 2010, ch. 5)",
+            ("run",),
+            "Where it overshoots: lower the gains of the speed controller. Where it sets "
+            "off gradually: shorten its "
+            "filter, tighten the coupling.",
+            "Single steps of the shaft command, up and down, in rows of a tenth of the time "
+            "that it takes to settle.",
+            probes=(0.02, 0.3),
+            says=(
+                "The shaft's speed follows through a second time constant of {size} s; "
+                "beyond a quarter of the first it "
+                "overshoots.",
+            ),
+        ),
+    ] = 0.0
+    ramp_s: Annotated[
+        float,
+        Field(ge=0, le=600),
+        Effect(
+            "shaft.ramp",
+            "s to full speed",
+            "Shaft changes its speed by a ramp, however large the step",
+            "A drive's ramp setting, or a motor that gives all its torque, limits how fast "
+            "its speed changes.",
+            "frequency inverters and motor drivers: 0.5-30 s to full speed by their setting",
+            ("run",),
+            "Shorten the ramp in the drive's settings, or adopt it: control then knows how "
+            "long a change takes.",
+            "Small and large steps of the shaft command: by a ramp the large one takes longer.",
+            probes=(0.05, 0.5),
+            says=(
+                "The shaft needs {size} s more from standstill to full speed, and as much "
+                "of that for a part of "
+                "it.",
+            ),
+        ),
+    ] = 0.0
+    extra_dead_time_s: Annotated[
+        float,
+        Field(ge=-0.3, le=2),
+        Effect(
+            "shaft.dead_time",
+            "s",
+            "Shaft answers too late",
+            "Bus, drive or firmware hold a command back before the motor sees it.",
+            "lag paper, table 2: 0.383 s to 2 r/min",
+            ("run", "response"),
+            "Look at the bus cycle and the drive's filter setting.",
+            "Steps of the shaft command, large and small: a dead time is the same for both.",
+            probes=(0.01,),
+            says=(
+                "The shaft answers {size} s too late.",
+                "The shaft answers {size} s sooner than expected.",
+            ),
+        ),
+    ] = 0.0
+    dead_band_rpm: Annotated[
+        float,
+        Field(ge=0, le=1e5),
+        Effect(
+            "shaft.dead_band",
+            "r/min",
+            "Shaft does not turn below some command",
+            "Static friction holds the shaft until the duty cycle overcomes it.",
+            "brushed motors with worm gears: 5-20 r/min",
+            ("run",),
+            "Grease the bearings, raise the drive's minimum duty.",
+            "A slow ramp of the shaft command from zero.",
+            probes=(5.0, 10.0, 15.0, 20.0, 30.0, 40.0),
+            bounds=(0.0, 60.0),
+            scales_with=SHAFT_RANGE,
+            says=("The shaft does not turn at all below {size} r/min.",),
+        ),
+    ] = 0.0
+    sag_percent_per_v: Annotated[
+        float,
+        Field(ge=0, le=30),
+        Effect(
+            "shaft.voltage_sag",
+            "% lost per V",
+            "Shaft loses speed when the supply falls below nominal",
+            "An open-loop motor's speed follows its supply voltage.",
+            "first-order motor equation: about 1/U per volt, 7 % at 13.5 V",
+            ("run",),
+            "Check battery, alternator and the voltage drop along the supply cable.",
+            "The same shaft command with the engine idling and at rated speed.",
+            says=("The shaft loses {size} % of its speed for every volt that the supply is low.",),
+        ),
+    ] = 0.0
+    droop_percent: Annotated[
+        float,
+        Field(ge=0, le=60),
+        Effect(
+            "shaft.load_droop",
+            "% lost at full opening",
+            "Shaft loses speed as the opening, and with it the load, grows",
+            "A wider opening shears more material, and the motor slows under the torque.",
+            "open-loop motor under load",
+            ("run",),
+            "Check the motor's current limit; clean caked material from the rollers.",
+            "A staircase of openings at one shaft command.",
+            says=("With the gate fully open the shaft turns {size} % too slowly.",),
+        ),
+    ] = 0.0
+    encoder_step_rpm: Annotated[
+        float,
+        Field(ge=0, le=1e4),
+        Effect(
+            "shaft.coarse_encoder",
+            "r/min",
+            "Measured shaft speed comes in steps",
+            "Few encoder lines counted over a short gate give a speed in whole counts.",
+            "60 / (lines x gate time)",
+            ("run",),
+            "Use an encoder with more lines, or measure the period instead of counting.",
+            "A slow ramp of the shaft command.",
+            probes=(0.5, 1.0, 2.0, 4.0),
+            bounds=(0.0, 20.0),
+            scales_with=SHAFT_RANGE,
+            says=("The shaft's speed is measured in steps of {size} r/min only.",),
+        ),
+    ] = 0.0
+    stalled: Annotated[
+        float,
+        Field(ge=0, le=1),
+        Effect(
+            "shaft.stall",
+            "s",
+            "Shaft stops at some time though commanded",
+            "A jammed roller, a broken coupling or a tripped fuse stops the shaft.",
+            "field experience",
+            ("run",),
+            "Switch off, clear the roller, check the coupling and the fuse.",
+            "None needed: command on, shaft still.",
+            probes=(1.0,),
+            onset_only=True,
+            says=("The shaft stopped {size} s into the run though it should have turned.",),
+        ),
+    ] = 0.0
 
 
 class ShaftInput(NamedTuple):
     command_rpm: float
     opening_mm: float
     supply_v: float
-    more_percent: float = 0.0   # of the machine file's terms (`term_step`)
+    more_percent: float = 0.0  # of the machine file's terms (`term_step`)
     more_rpm: float = 0.0
 
 
@@ -170,11 +347,12 @@ class ShaftState(NamedTuple):
     time_s: float
     rpm: float
     line: DelayLine
-    rpm_s: float = 0.0          # how fast its speed changes: of a shaft of second order
+    # how fast its speed changes: of a shaft of second order
+    rpm_s: float = 0.0
 
 
 class ShaftOutput(NamedTuple):
-    rpm: float                  # true
+    rpm: float  # true
     measured_rpm: float
 
 
@@ -184,7 +362,8 @@ def shaft_start(rpm: float = 0.0, time_s: float = 0.0) -> ShaftState:
 
 
 def approach(value: float, wanted: float, tau_s: float, fastest_per_s: float, dt_s: float) -> float:
-    """First order with a limited slope, exact for a held `wanted`: a ramp while the limit binds, then exponential."""
+    """First order with a limited slope, exact for a held `wanted`: a ramp while the limit
+    binds, then exponential."""
     gap = wanted - value
     if gap == 0.0:
         return value
@@ -200,7 +379,7 @@ def approach(value: float, wanted: float, tau_s: float, fastest_per_s: float, dt
 def free_swing(x: float, v: float, tau_s: float, second_s: float, t: float) -> tuple[float, float]:
     """tau second x'' + tau x' + x = 0 after t from x, v: exact, at any damping."""
     sigma, square = 0.5 / second_s, 1.0 / (tau_s * second_s)
-    beyond = sigma * sigma - square             # above 0: two time constants; below: it swings
+    beyond = sigma * sigma - square  # above 0: two time constants; below: it swings
     if abs(beyond) * t * t < CRITICAL:
         even, odd = exp(-sigma * t), t * exp(-sigma * t)
     elif beyond > 0.0:
@@ -214,8 +393,8 @@ def free_swing(x: float, v: float, tau_s: float, second_s: float, t: float) -> t
 
 
 def passes_s(at: float, falls: float, tau_s: float, second_s: float) -> float:
-    """When something in `free_swing` that is `at` now, and falls with `falls`, is next 0, s; 1e300: never. It goes as
-    at C - falls S, where C and S are 1 and 0 now and S rises with 1."""
+    """When something in `free_swing` that is `at` now, and falls with `falls`, is next 0, s;
+    1e300: never. It goes as at C - falls S, where C and S are 1 and 0 now and S rises with 1."""
     sigma, square = 0.5 / second_s, 1.0 / (tau_s * second_s)
     beyond = sigma * sigma - square
     if abs(beyond) < CRITICAL * square:
@@ -224,26 +403,35 @@ def passes_s(at: float, falls: float, tau_s: float, second_s: float) -> float:
     if beyond < 0.0:
         angle = atan2(root * at, falls)
         angle = angle if angle >= 0.0 else angle + pi
-        return (angle if angle > SURE else angle + pi) / root       # what is just over is not the next
+        # what is just over is not the next
+        return (angle if angle > SURE else angle + pi) / root
     share = root * at / falls if falls != 0.0 else 0.0
     return 0.5 * log((1.0 + share) / (1.0 - share)) / root if SURE < share < 1.0 else 1e300
 
 
-def free_for_s(x: float, v: float, tau_s: float, second_s: float, fastest_per_s: float, room: float,
-               left_s: float) -> float:
-    """How long `free_swing` holds, s: until the slope is at its limit or x at -room, at most `left_s`. Or until it
-    turns: slopes and ways are then looked at again."""
+def free_for_s(
+    x: float,
+    v: float,
+    tau_s: float,
+    second_s: float,
+    fastest_per_s: float,
+    room: float,
+    left_s: float,
+) -> float:
+    """How long `free_swing` holds, s: until the slope is at its limit or x at -room, at most
+    `left_s`. Or until it turns: slopes and ways are then looked at again."""
     sigma, square = 0.5 / second_s, 1.0 / (tau_s * second_s)
     pull = sigma * v + square * x
     slope = -sigma * v - pull
     end_s = min(left_s, passes_s(slope, sigma * slope + square * v, tau_s, second_s))
-    swings = x * x + v * v / square > room * room           # else it stays within: what swings loses
+    swings = x * x + v * v / square > room * room  # else it stays within: what swings loses
     if swings:
         end_s = min(end_s, passes_s(v, pull, tau_s, second_s))
     low, high = 0.0, end_s
     x_end, v_end = free_swing(x, v, tau_s, second_s, end_s)
     if abs(v_end) <= fastest_per_s * (1.0 + SURE) and x_end >= -room * (1.0 + SURE):
-        return end_s if swings else left_s                  # a free swing's slope is the largest at its first turn
+        # a free swing's slope is the largest at its first turn
+        return end_s if swings else left_s
     for _ in range(HALVINGS):
         middle = 0.5 * (low + high)
         x_end, v_end = free_swing(x, v, tau_s, second_s, middle)
@@ -254,14 +442,27 @@ def free_for_s(x: float, v: float, tau_s: float, second_s: float, fastest_per_s:
     return high
 
 
-def swung(value: float, rate: float, wanted: float, tau_s: float, second_s: float, fastest_per_s: float, least: float,
-          dt_s: float) -> tuple[float, float]:
+def swung(
+    value: float,
+    rate: float,
+    wanted: float,
+    tau_s: float,
+    second_s: float,
+    fastest_per_s: float,
+    least: float,
+    dt_s: float,
+) -> tuple[float, float]:
     """Second order with a limited slope, exact for a held `wanted`: value and rate after `dt_s`.
 
-    tau second x'' + tau x' + x = wanted, x' within +-fastest: it ramps while the limit binds and swings freely
-    otherwise. At `least` it is stopped.
+    tau second x'' + tau x' + x = wanted, x' within +-fastest: it ramps while the limit binds
+    and swings freely otherwise. At `least` it is stopped.
     """
-    x, v, left_s, room = value - wanted, min(fastest_per_s, max(-fastest_per_s, rate)), dt_s, wanted - least
+    x, v, left_s, room = (
+        value - wanted,
+        min(fastest_per_s, max(-fastest_per_s, rate)),
+        dt_s,
+        wanted - least,
+    )
     for _ in range(MOST_PHASES):
         if left_s <= 0.0:
             break
@@ -280,8 +481,9 @@ def swung(value: float, rate: float, wanted: float, tau_s: float, second_s: floa
 
 
 class Swing(NamedTuple):
-    """How a small step of the command is answered. overshoot_percent : of the step. period_s : of the swing. lags_s :
-    the two time constants; those of a swing are one, with which it dies away."""
+    """How a small step of the command is answered. overshoot_percent : of the step. period_s :
+    of the swing. lags_s : the two time constants; those of a swing are one, with which it dies
+    away."""
 
     overshoot_percent: float
     period_s: float
@@ -289,7 +491,8 @@ class Swing(NamedTuple):
 
 
 def swing(p: Shaft) -> Swing:
-    """Of a shaft of second order (Ogata, Modern Control Engineering, 2010, 5-3: damping ratio sqrt(T / T2) / 2)."""
+    """Of a shaft of second order (Ogata, Modern Control Engineering, 2010, 5-3: damping ratio
+    sqrt(T / T2) / 2)."""
     tau_s, second_s = lag_s(p), p.second_order_s
     square, sigma = 1.0 / (tau_s * second_s), 0.5 / second_s
     beyond = sigma * sigma - square
@@ -309,12 +512,14 @@ def follows(p: Shaft, value: float, rate: float, wanted: float, dt_s: float) -> 
 
 
 def lag_s(p: Shaft) -> float:
-    """Time constant with which the shaft follows, s: a drive may be quicker than its data sheet, and never ahead."""
+    """Time constant with which the shaft follows, s: a drive may be quicker than its data
+    sheet, and never ahead."""
     return max(LEAST_LAG_S, p.time_constant_s + p.slow_s)
 
 
 def fastest_rpm_s(p: Shaft) -> float:
-    """How fast the shaft's speed can change, r/min a second: the times of limit and ramp to full speed add up."""
+    """How fast the shaft's speed can change, r/min a second: the times of limit and ramp to
+    full speed add up."""
     return 1.0 / (1.0 / p.acceleration_rpm_s + p.ramp_s / p.full_rpm)
 
 
@@ -324,10 +529,11 @@ def dead_s(p: Shaft) -> float:
 
 
 def beyond_rpm(p: Shaft, command_rpm: float) -> float:
-    """By how much a command is beyond the one at which the shaft stands, r/min: below 0 it turns backwards.
+    """By how much a command is beyond the one at which the shaft stands, r/min: below 0 it
+    turns backwards.
 
-    Where speed falls as the command rises (a gain below -100 %) it is beyond below that command. A command of 0 stops
-    what `zero_stops`.
+    Where speed falls as the command rises (a gain below -100 %) it is beyond below that
+    command. A command of 0 stops what `zero_stops`.
     """
     if command_rpm == 0.0 and p.zero_stops > 0.0:
         return 0.0
@@ -336,17 +542,20 @@ def beyond_rpm(p: Shaft, command_rpm: float) -> float:
 
 
 def asked_rpm(p: Shaft, beyond: float) -> float:
-    """Size of the speed that a command so far `beyond_rpm` comes to when it is settled, r/min, before what multiplies
-    every speed alike.
+    """Size of the speed that a command so far `beyond_rpm` comes to when it is settled, r/min,
+    before what multiplies every speed alike.
 
-    A threshold holds the shaft until the command passes it; a zone takes away from every command: g (u - D). The curve
-    bends evenly, u / (1 + k u / full): a motor's speed falls behind its duty cycle as its current is cut more often.
+    A threshold holds the shaft until the command passes it; a zone takes away from every
+    command: g (u - D). The curve bends evenly, u / (1 + k u / full): a motor's speed falls
+    behind its duty cycle as its current is cut more often.
     """
     size = abs(beyond)
     if size < p.dead_band_rpm or (beyond < 0.0 and p.one_way > 0.0):
         return 0.0
     if beyond < 0.0:
-        size = max(0.0, size - max(0.0, p.dead_zone_rpm + p.back_zone_rpm)) * (1.0 + p.back_gain_percent / 100.0)
+        size = max(0.0, size - max(0.0, p.dead_zone_rpm + p.back_zone_rpm)) * (
+            1.0 + p.back_gain_percent / 100.0
+        )
     else:
         size = max(0.0, size - p.dead_zone_rpm)
     if p.saturation_percent == 0.0:
@@ -354,7 +563,9 @@ def asked_rpm(p: Shaft, beyond: float) -> float:
     return size / (1.0 + p.saturation_percent / (100.0 - p.saturation_percent) * size / p.full_rpm)
 
 
-def shaft_step(p: Shaft, s: ShaftState, u: ShaftInput, dt_s: float) -> tuple[ShaftState, ShaftOutput]:
+def shaft_step(
+    p: Shaft, s: ShaftState, u: ShaftInput, dt_s: float
+) -> tuple[ShaftState, ShaftOutput]:
     """One step of `dt_s` with the inputs held; the outputs are those at its end.
 
     Nominal: dead time, first order with an acceleration limit; together 0.383 s to 2 r/min at any
@@ -373,9 +584,12 @@ def shaft_step(p: Shaft, s: ShaftState, u: ShaftInput, dt_s: float) -> tuple[Sha
         line, wanted, until_s = line_held(line, at_s, end_s)
         beyond = beyond_rpm(p, wanted)
         goal = turns * asked_rpm(p, beyond)
-        if goal > 0.0:                          # terms are given with the speed's sign; none turns it round
+        # terms are given with the speed's sign; none turns it round
+        if goal > 0.0:
             way = -1.0 if beyond < 0.0 else 1.0
             goal = way * max(0.0, goal + way * u.more_rpm)
         rpm, rate = follows(p, rpm, rate, goal, until_s - at_s)
         at_s = until_s
-    return ShaftState(s.time_s + dt_s, rpm, line, rate), ShaftOutput(rpm, stepped(rpm, p.encoder_step_rpm))
+    return ShaftState(s.time_s + dt_s, rpm, line, rate), ShaftOutput(
+        rpm, stepped(rpm, p.encoder_step_rpm)
+    )

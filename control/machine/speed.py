@@ -1,4 +1,5 @@
 """Ground speed: true m/s -> wheel and GNSS readings, before noise."""
+
 from __future__ import annotations
 
 from typing import Annotated, NamedTuple
@@ -8,49 +9,87 @@ from pydantic import Field
 from .effect import Effect
 from .elements import DelayLine, line_mean, line_put, line_start
 
-UPHILL_SHARE_PER_DEG = 0.15     # slip grows by this share of itself for each degree nose up
+# slip grows by this share of itself for each degree nose up
+UPHILL_SHARE_PER_DEG = 0.15
 
 
 class Speed(NamedTuple):
     wheel_circumference_m: Annotated[float, Field(ge=0.05, le=20)] = 2.50
     pulses_per_turn: Annotated[float, Field(ge=1, le=10000)] = 16.0
-    slip_percent: Annotated[float, Field(ge=-5, le=40), Effect(
-        "speed.wheel_slip", "%", "Wheel reads fast under load, more uphill",
-        "A driven wheel under draught turns further than the tractor moves.",
-        "6-9 % working against about 1 % on the road are published", ("run",),
-        "Use GNSS speed, or a wheel that is not driven.",
-        "Rows out of work, or out and back on a slope.",
-        says=("The wheel slips: it reads {size} % too fast under load.",
-              "Under load the wheel reads {size} % too slow."))] = 0.0
-    radius_percent: Annotated[float, Field(ge=-20, le=20), Effect(
-        "speed.wheel_radius", "%", "Wheel reads off by a constant factor, working or not",
-        "Tyre pressure and wear change the distance that one turn covers.",
-        "tyre pressure; usual 0.5-4 %", ("run",),
-        "Calibrate the wheel's circumference over 100 m by GNSS.",
-        "Drive out of work on a road.",
-        says=("The wheel sensor reads {size} % too fast.",
-              "The wheel sensor reads {size} % too slow."))] = 0.0
-    missed_percent: Annotated[float, Field(ge=0, le=60), Effect(
-        "speed.missed_pulses", "%", "Wheel pulses go missing",
-        "A loose magnet or too wide a gap lets the Hall sensor miss some teeth.",
-        "Hall sensor gap", ("run",),
-        "Set the sensor's gap to 1-2 mm, look for a lost magnet.",
-        "Count pulses over ten turns by hand.",
-        says=("The wheel sensor misses {size} % of its pulses.",))] = 0.0
-    gnss_latency_s: Annotated[float, Field(ge=0, le=3), Effect(
-        "speed.gnss_latency", "s", "GNSS speed comes late",
-        "The receiver's filter and the link hold the speed back.",
-        "0.1-1 s are published", ("run",),
-        "Switch the receiver's smoothing off, raise its rate.",
-        "Accelerate and brake sharply a few times.", probes=(0.05,),
-        says=("The speed by GNSS comes {size} s late.",))] = 0.0
+    slip_percent: Annotated[
+        float,
+        Field(ge=-5, le=40),
+        Effect(
+            "speed.wheel_slip",
+            "%",
+            "Wheel reads fast under load, more uphill",
+            "A driven wheel under draught turns further than the tractor moves.",
+            "6-9 % working against about 1 % on the road are published",
+            ("run",),
+            "Use GNSS speed, or a wheel that is not driven.",
+            "Rows out of work, or out and back on a slope.",
+            says=(
+                "The wheel slips: it reads {size} % too fast under load.",
+                "Under load the wheel reads {size} % too slow.",
+            ),
+        ),
+    ] = 0.0
+    radius_percent: Annotated[
+        float,
+        Field(ge=-20, le=20),
+        Effect(
+            "speed.wheel_radius",
+            "%",
+            "Wheel reads off by a constant factor, working or not",
+            "Tyre pressure and wear change the distance that one turn covers.",
+            "tyre pressure; usual 0.5-4 %",
+            ("run",),
+            "Calibrate the wheel's circumference over 100 m by GNSS.",
+            "Drive out of work on a road.",
+            says=(
+                "The wheel sensor reads {size} % too fast.",
+                "The wheel sensor reads {size} % too slow.",
+            ),
+        ),
+    ] = 0.0
+    missed_percent: Annotated[
+        float,
+        Field(ge=0, le=60),
+        Effect(
+            "speed.missed_pulses",
+            "%",
+            "Wheel pulses go missing",
+            "A loose magnet or too wide a gap lets the Hall sensor miss some teeth.",
+            "Hall sensor gap",
+            ("run",),
+            "Set the sensor's gap to 1-2 mm, look for a lost magnet.",
+            "Count pulses over ten turns by hand.",
+            says=("The wheel sensor misses {size} % of its pulses.",),
+        ),
+    ] = 0.0
+    gnss_latency_s: Annotated[
+        float,
+        Field(ge=0, le=3),
+        Effect(
+            "speed.gnss_latency",
+            "s",
+            "GNSS speed comes late",
+            "The receiver's filter and the link hold the speed back.",
+            "0.1-1 s are published",
+            ("run",),
+            "Switch the receiver's smoothing off, raise its rate.",
+            "Accelerate and brake sharply a few times.",
+            probes=(0.05,),
+            says=("The speed by GNSS comes {size} s late.",),
+        ),
+    ] = 0.0
 
 
 class SpeedInput(NamedTuple):
-    speed_mps: float            # true, over ground
-    working: float = 0.0        # 1: under draught
+    speed_mps: float  # true, over ground
+    working: float = 0.0  # 1: under draught
     pitch_deg: float = 0.0
-    more_percent: float = 0.0   # of the machine file's terms
+    more_percent: float = 0.0  # of the machine file's terms
 
 
 class SpeedState(NamedTuple):
@@ -59,19 +98,26 @@ class SpeedState(NamedTuple):
 
 
 class SpeedOutput(NamedTuple):
-    wheel_mps: float            # as measured
-    gnss_mps: float             # as measured
+    wheel_mps: float  # as measured
+    gnss_mps: float  # as measured
 
 
 def speed_start(speed_mps: float = 0.0, time_s: float = 0.0) -> SpeedState:
     return SpeedState(time_s, line_start(speed_mps))
 
 
-def speed_step(p: Speed, s: SpeedState, u: SpeedInput, dt_s: float) -> tuple[SpeedState, SpeedOutput]:
+def speed_step(
+    p: Speed, s: SpeedState, u: SpeedInput, dt_s: float
+) -> tuple[SpeedState, SpeedOutput]:
     """One step of `dt_s` with the true speed held."""
     line = line_put(s.line, s.time_s, u.speed_mps)
     line, gnss = line_mean(line, s.time_s - p.gnss_latency_s, s.time_s - p.gnss_latency_s + dt_s)
     slip = p.slip_percent * u.working * max(0.0, 1.0 + UPHILL_SHARE_PER_DEG * u.pitch_deg)
-    wheel = u.speed_mps * (1.0 + slip / 100.0) * (1.0 + p.radius_percent / 100.0) * (1.0 - p.missed_percent / 100.0)
+    wheel = (
+        u.speed_mps
+        * (1.0 + slip / 100.0)
+        * (1.0 + p.radius_percent / 100.0)
+        * (1.0 - p.missed_percent / 100.0)
+    )
     wheel *= 1.0 + u.more_percent / 100.0
     return SpeedState(s.time_s + dt_s, line), SpeedOutput(wheel, gnss)

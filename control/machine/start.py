@@ -1,4 +1,6 @@
-"""A start as the lag rig measures it: from the command until the shaft turns, and from there to the first granule."""
+"""A start as the lag rig measures it: from the command until the shaft turns, and from there to
+the first granule."""
+
 from __future__ import annotations
 
 from math import log
@@ -12,13 +14,15 @@ from control.machine.machine import Machine
 from control.machine.shaft import HALVINGS, Shaft, dead_s, fastest_rpm_s, follows, lag_s
 
 STEP_S = 0.002
-SETTLED_AT, SETTLED_ROUNDS = 7, 4       # shaft speeds and rounds of `with_carried_share`
+SETTLED_AT, SETTLED_ROUNDS = 7, 4  # shaft speeds and rounds of `with_carried_share`
 PROBES = {"start_more_s": 0.01, "start_more_s_per_rpm": 2e-4, "start_more_per_rpm": 2e-4}
-TURNS_RPM = 2.0         # the detector's threshold (lag paper, section 2.4.2)
+# the detector's threshold (lag paper, section 2.4.2)
+TURNS_RPM = 2.0
 
 
 def response_s(machine: Machine, shaft_rpm: float) -> float:
-    """Time from a start command for `shaft_rpm` until the standing shaft reaches 2 r/min, s (lag paper, table 2).
+    """Time from a start command for `shaft_rpm` until the standing shaft reaches 2 r/min, s
+    (lag paper, table 2).
 
     A set-point below the threshold is reached at half its own value.
     """
@@ -54,11 +58,13 @@ def change_response_s(machine: Machine) -> float:
 
 
 def first_fall_s(machine: Machine, fall: Fall, shaft_rpm: float) -> float:
-    """From 2 r/min to the first granule on the ground, s: the rig's test played through the model (lag paper, table 3).
+    """From 2 r/min to the first granule on the ground, s: the rig's test played through the
+    model (lag paper, table 3).
 
-    Where the stream carries all along, the first granule leaves as the shaft begins to turn, and is carried along by
-    the stream behind it while the shaft speeds up; else one that a quicker shaft released may overtake it. With the
-    parts of `fall` that say how much longer a start takes it is `start_drop_s`, within 4 ms from 10 to 70 r/min.
+    Where the stream carries all along, the first granule leaves as the shaft begins to turn,
+    and is carried along by the stream behind it while the shaft speeds up; else one that a
+    quicker shaft released may overtake it. With the parts of `fall` that say how much longer a
+    start takes it is `start_drop_s`, within 4 ms from 10 to 70 r/min.
     """
     shaft, share = machine.shaft, fall.carried_share
     rpm, rate = min(TURNS_RPM, 0.5 * shaft_rpm), 0.0
@@ -67,28 +73,38 @@ def first_fall_s(machine: Machine, fall: Fall, shaft_rpm: float) -> float:
     for _ in range(round(lasts_s / STEP_S)):
         speeds.append(rpm)
         rpm, rate = follows(shaft, rpm, rate, shaft_rpm, STEP_S)
-    drops: Array = np.asarray([max(STEP_S, drop_s(fall, n)) for n in [*speeds, shaft_rpm]], dtype=np.float64)
+    drops: Array = np.asarray(
+        [max(STEP_S, drop_s(fall, n)) for n in [*speeds, shaft_rpm]], dtype=np.float64
+    )
     released: Array = np.asarray(STEP_S * np.arange(len(drops)), dtype=np.float64)
     return float(np.min(released + falls_s(released, drops, share)))
 
 
 def with_carried_share(machine: Machine, carried_share: float) -> Machine:
-    """The machine whose stream sets this share of the pace in the tube, and whose starts are the same as before.
+    """The machine whose stream sets this share of the pace in the tube, and whose starts are
+    the same as before.
 
-    A rig that times starts cannot tell the two apart: for another share the running shaft's drop is another line over
-    shaft speed. Singly, the lag paper's line of starts gives 1.79 - 0.0133 n s. Raises ValueError outside 0 to 1.
+    A rig that times starts cannot tell the two apart: for another share the running shaft's
+    drop is another line over shaft speed. Singly, the lag paper's line of starts gives 1.79 -
+    0.0133 n s. Raises ValueError outside 0 to 1.
     """
     if not 0.0 <= carried_share <= 1.0:
         raise ValueError(f"carried_share {carried_share:g}: allowed 0 to 1")
     if carried_share == machine.fall.carried_share:
         return machine
-    return resettled(machine.model_copy(update={"fall": machine.fall._replace(carried_share=carried_share)}))
+    return resettled(
+        machine.model_copy(update={"fall": machine.fall._replace(carried_share=carried_share)})
+    )
 
 
 def resettled(machine: Machine) -> Machine:
-    """The machine with its running shaft's drop such that its starts are `start_drop_s`: least squares of
-    `first_fall_s` over the line's range, Gauss-Newton."""
-    parts = ("start_more_per_rpm",) if machine.fall.carried_share >= 1.0 else ("start_more_s", "start_more_s_per_rpm")
+    """The machine with its running shaft's drop such that its starts are `start_drop_s`: least
+    squares of `first_fall_s` over the line's range, Gauss-Newton."""
+    parts = (
+        ("start_more_per_rpm",)
+        if machine.fall.carried_share >= 1.0
+        else ("start_more_s", "start_more_s_per_rpm")
+    )
     fall = machine.fall._replace(start_more_s=0.0, start_more_s_per_rpm=0.0, start_more_per_rpm=0.0)
     speeds = np.linspace(fall.valid_from_rpm, fall.valid_to_rpm, SETTLED_AT).tolist()
     line = np.array([start_drop_s(fall, n) for n in speeds])
@@ -98,8 +114,12 @@ def resettled(machine: Machine) -> Machine:
 
     for _ in range(SETTLED_ROUNDS):
         here = off(fall)
-        slopes = np.column_stack([(off(_more(fall, part, PROBES[part])) - here) / PROBES[part] for part in parts])
-        for part, step in zip(parts, np.linalg.lstsq(slopes, -here, rcond=None)[0].tolist(), strict=True):
+        slopes = np.column_stack(
+            [(off(_more(fall, part, PROBES[part])) - here) / PROBES[part] for part in parts]
+        )
+        for part, step in zip(
+            parts, np.linalg.lstsq(slopes, -here, rcond=None)[0].tolist(), strict=True
+        ):
             fall = _more(fall, part, step)
     return machine.model_copy(update={"fall": fall})
 
@@ -110,5 +130,10 @@ def _more(fall: Fall, part: str, step: float) -> Fall:
 
 
 def start_lag_s(machine: Machine, shaft_rpm: float) -> float:
-    """From the command to the first granule on the ground out of a standing shaft, s (lag paper, tables 1 and 4)."""
-    return response_s(machine, shaft_rpm) + first_fall_s(machine, machine.fall, shaft_rpm) + machine.fall.first_fill_s
+    """From the command to the first granule on the ground out of a standing shaft, s (lag
+    paper, tables 1 and 4)."""
+    return (
+        response_s(machine, shaft_rpm)
+        + first_fall_s(machine, machine.fall, shaft_rpm)
+        + machine.fall.first_fill_s
+    )

@@ -1,5 +1,6 @@
-"""Compiled steps in place of interpreted ones, as whoever begins a long run hands them in: what takes them loads no
-compiler."""
+"""Compiled steps in place of interpreted ones, as whoever begins a long run hands them in: what
+takes them loads no compiler."""
+
 from __future__ import annotations
 
 from collections.abc import Callable
@@ -7,5 +8,5 @@ from typing import Any, NamedTuple
 
 
 class Steps(NamedTuple):
-    drives: Callable[..., Any]      # `machine.compiled_tick.CompiledDrives`
-    cells: Any                      # the module `field.compiled_cells`
+    drives: Callable[..., Any]  # `machine.compiled_tick.CompiledDrives`
+    cells: Any  # the module `field.compiled_cells`

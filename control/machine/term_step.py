@@ -1,7 +1,9 @@
-"""The evaluator of terms: one value of one term, from its variables and what it remembers. Compiles as it stands.
+"""The evaluator of terms: one value of one term, from its variables and what it remembers.
+Compiles as it stands.
 
 Plant, prediction, control and diagnosis ask this step and no other. Scalars in, scalars out.
 """
+
 from __future__ import annotations
 
 from math import exp
@@ -14,7 +16,8 @@ from .forms import VALUES, clipped
 
 
 class TermState(NamedTuple):
-    """What a term remembers: its variable's first-order memory, the value held since, 1 once it has had one."""
+    """What a term remembers: its variable's first-order memory, the value held since, 1 once it
+    has had one."""
 
     slow: float = 0.0
     last: float = 0.0
@@ -22,7 +25,8 @@ class TermState(NamedTuple):
 
 
 def remembered(p: TermParams, s: TermState, x: float, dt_s: float) -> TermState:
-    """The memory after `dt_s` in which the last value was held; it begins settled. Exact for held inputs."""
+    """The memory after `dt_s` in which the last value was held; it begins settled. Exact for
+    held inputs."""
     if s.known == 0.0:
         return TermState(x, x, 1.0)
     keep = exp(-dt_s / p.tau_s)
@@ -34,8 +38,11 @@ def value_of(p: TermParams, x: float, y: float, slow: float) -> float:
     return VALUES[p.form](p, x, y, slow)
 
 
-def term_step(p: TermParams, s: TermState, x: float, y: float, dt_s: float) -> tuple[TermState, float]:
-    """Value of a term where its variables have come to `x` and `y`, `dt_s` after the step before."""
+def term_step(
+    p: TermParams, s: TermState, x: float, y: float, dt_s: float
+) -> tuple[TermState, float]:
+    """Value of a term where its variables have come to `x` and `y`, `dt_s` after the step
+    before."""
     x = clipped(x, p.low, p.high)
     y = clipped(y, p.second_low, p.second_high)
     if p.tau_s > 0.0:
@@ -44,7 +51,9 @@ def term_step(p: TermParams, s: TermState, x: float, y: float, dt_s: float) -> t
 
 
 def over_rows(step: Any) -> Any:
-    """`run(params, x, y, time_s) -> (rows,)`: a term over a log. x, y : its variables at each row (rows,)."""
+    """`run(params, x, y, time_s) -> (rows,)`: a term over a log. x, y : its variables at each
+    row (rows,)."""
+
     def run(params, x, y, time_s):  # type: ignore[no-untyped-def]
         out = np.empty(len(x))
         state = TermState(0.0, 0.0, 0.0)
@@ -53,4 +62,5 @@ def over_rows(step: Any) -> Any:
             state, out[row] = step(params, state, x[row], y[row], time_s[row] - before)
             before = time_s[row]
         return out
+
     return run

@@ -1,4 +1,6 @@
-"""What a machine's terms come to together, quantity by quantity: tick by tick, or over a log by the same evaluator."""
+"""What a machine's terms come to together, quantity by quantity: tick by tick, or over a log by
+the same evaluator."""
+
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -15,7 +17,8 @@ from .terms import COMMANDED_MM, COMMANDED_RPM, Acts, Term, needed, params_of
 
 
 class More(NamedTuple):
-    """What terms add to each quantity, in its own unit (`terms.UNIT_OF`); the names are those of `Acts`."""
+    """What terms add to each quantity, in its own unit (`terms.UNIT_OF`); the names are those
+    of `Acts`."""
 
     shaft_percent: float = 0.0
     shaft_rpm: float = 0.0
@@ -31,7 +34,8 @@ NOTHING = More()
 
 
 class TermSums:
-    """The terms of a machine and what each remembers. Values that are not given leave their terms out."""
+    """The terms of a machine and what each remembers. Values that are not given leave their
+    terms out."""
 
     def __init__(self, terms: Iterable[Term]) -> None:
         self._terms = [(term.acts_on.value, params_of(term), needed(term)) for term in terms]
@@ -57,7 +61,8 @@ class TermSums:
 
 
 class StandingTerms(NamedTuple):
-    """Terms in conditions that hold: what they come to at given set-points, for the inverse of the model."""
+    """Terms in conditions that hold: what they come to at given set-points, for the inverse of
+    the model."""
 
     terms: tuple[tuple[str, TermParams, tuple[str, ...]], ...]
     states: tuple[TermState, ...]
@@ -75,18 +80,26 @@ class StandingTerms(NamedTuple):
 
 
 class HeldCommands:
-    """Means of the commands that the drives follow by now, over each step: their dead times are past."""
+    """Means of the commands that the drives follow by now, over each step: their dead times are
+    past."""
 
     def __init__(self, machine: Machine, shaft_rpm: float, opening_mm: float) -> None:
         self._dead_s = dead_times_s(machine)
-        self._lines: list[DelayLine] = [in_lists(line_start(shaft_rpm)), in_lists(line_start(opening_mm))]
+        self._lines: list[DelayLine] = [
+            in_lists(line_start(shaft_rpm)),
+            in_lists(line_start(opening_mm)),
+        ]
 
-    def step(self, now_s: float, shaft_rpm: float, opening_mm: float, dt_s: float) -> dict[str, float]:
+    def step(
+        self, now_s: float, shaft_rpm: float, opening_mm: float, dt_s: float
+    ) -> dict[str, float]:
         """The commands given at `now_s` and held for `dt_s`."""
         found = {}
         for k, (name, value) in enumerate(((COMMANDED_RPM, shaft_rpm), (COMMANDED_MM, opening_mm))):
             begin_s = now_s - self._dead_s[k]
-            self._lines[k], found[name] = line_mean(line_put(self._lines[k], now_s, value), begin_s, begin_s + dt_s)
+            self._lines[k], found[name] = line_mean(
+                line_put(self._lines[k], now_s, value), begin_s, begin_s + dt_s
+            )
         return found
 
 
@@ -95,7 +108,9 @@ def dead_times_s(machine: Machine) -> tuple[float, float]:
     return dead_s(machine.shaft), machine.gate.dead_time_s
 
 
-def over_log(terms: Iterable[Term], values: Mapping[str, Array], time_s: Array, run: TermRun) -> dict[str, Array]:
+def over_log(
+    terms: Iterable[Term], values: Mapping[str, Array], time_s: Array, run: TermRun
+) -> dict[str, Array]:
     """The sums over a log, (rows,) by quantity; quantities without a term are left out.
 
     values : by the names of `needed`, (rows,) each. Terms whose values are not there add nothing.
@@ -104,14 +119,19 @@ def over_log(terms: Iterable[Term], values: Mapping[str, Array], time_s: Array, 
     for term in terms:
         names = needed(term)
         if all(name in values for name in names):
-            series = run(params_of(term), np.ascontiguousarray(values[names[0]], dtype=np.float64),
-                         np.ascontiguousarray(values[names[-1]], dtype=np.float64), time_s)
+            series = run(
+                params_of(term),
+                np.ascontiguousarray(values[names[0]], dtype=np.float64),
+                np.ascontiguousarray(values[names[-1]], dtype=np.float64),
+                time_s,
+            )
             found[term.acts_on.value] = found.get(term.acts_on.value, 0.0) + series
     return found
 
 
 def commanded_over_log(command: Array, time_s: Array, dead_s: float) -> Array:
-    """What `HeldCommands` gives, over a log: mean of the held command over each row, `dead_s` late (rows,)."""
+    """What `HeldCommands` gives, over a log: mean of the held command over each row, `dead_s`
+    late (rows,)."""
     if len(time_s) < 2:
         return command
     spans = np.diff(time_s)
@@ -121,8 +141,12 @@ def commanded_over_log(command: Array, time_s: Array, dead_s: float) -> Array:
 
     def until(at: Array) -> Array:
         inside = np.interp(at, time_s, summed)
-        return inside + np.where(at < time_s[0], (at - time_s[0]) * command[0], 0.0) \
+        return (
+            inside
+            + np.where(at < time_s[0], (at - time_s[0]) * command[0], 0.0)
             + np.where(at > time_s[-1], (at - time_s[-1]) * command[-1], 0.0)
+        )
+
     return np.asarray((until(begin + width) - until(begin)) / width)
 
 
@@ -134,7 +158,8 @@ def angle_over_log(shaft_rpm: Array, time_s: Array) -> Array:
 
 
 def not_compensated(term: Term, known: Iterable[str] = ()) -> str:
-    """Why control cannot take a term's error back; "" where it does. known : further columns that a device gives."""
+    """Why control cannot take a term's error back; "" where it does. known : further columns
+    that a device gives."""
     if FORMS[term.form].one_run:
         return "it holds for a span of one run"
     if SHAFT_ANGLE in term.variables:
@@ -148,7 +173,8 @@ def not_compensated(term: Term, known: Iterable[str] = ()) -> str:
 
 
 def partly_compensated(term: Term) -> str:
-    """What of a term control cannot know in advance although it takes it back; "" where it is known."""
+    """What of a term control cannot know in advance although it takes it back; "" where it is
+    known."""
     if "speed_mps" in term.variables:
         return "with the speed of now, not with that at landing"
     if "time_s" in term.variables:
@@ -156,5 +182,14 @@ def partly_compensated(term: Term) -> str:
     return ""
 
 
-KNOWN_TO_CONTROL = ("shaft_rpm", "opening_mm", "hopper_kg", "pitch_deg", "roll_deg", "supply_v", "speed_mps",
-                    "heading_deg", "time_s")
+KNOWN_TO_CONTROL = (
+    "shaft_rpm",
+    "opening_mm",
+    "hopper_kg",
+    "pitch_deg",
+    "roll_deg",
+    "supply_v",
+    "speed_mps",
+    "heading_deg",
+    "time_s",
+)

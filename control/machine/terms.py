@@ -1,7 +1,10 @@
-"""Terms: what a machine does beyond the catalogue, as data in its file. The evaluator is `term_step`.
+"""Terms: what a machine does beyond the catalogue, as data in its file. The evaluator is
+`term_step`.
 
-A term adds a value to one quantity of one stage (`acts_on`); the value is a form over one or two recorded variables.
+A term adds a value to one quantity of one stage (`acts_on`); the value is a form over one or
+two recorded variables.
 """
+
 from __future__ import annotations
 
 import re
@@ -23,44 +26,81 @@ from .forms import NODES, Form, params
 class Acts(StrEnum):
     """What a term acts on: a quantity of one stage, the unit in its name."""
 
-    SHAFT_PERCENT = "shaft_percent"         # of the speed that the shaft was commanded
-    SHAFT_RPM = "shaft_rpm"                 # added to it while the shaft is commanded to turn
-    GATE_MM = "gate_mm"                     # added to the true opening
+    SHAFT_PERCENT = "shaft_percent"  # of the speed that the shaft was commanded
+    # added to it while the shaft is commanded to turn
+    SHAFT_RPM = "shaft_rpm"
+    GATE_MM = "gate_mm"  # added to the true opening
     FLOW_PERCENT = "flow_percent"
-    FLOW_KG_MIN = "flow_kg_min"             # added while the shaft turns
-    SCALE_KG = "scale_kg"                   # added to the reading
-    SCALE_KG_MIN = "scale_kg_min"           # by which the reading runs away
-    WHEEL_PERCENT = "wheel_percent"         # of the wheel's speed reading
+    FLOW_KG_MIN = "flow_kg_min"  # added while the shaft turns
+    SCALE_KG = "scale_kg"  # added to the reading
+    SCALE_KG_MIN = "scale_kg_min"  # by which the reading runs away
+    WHEEL_PERCENT = "wheel_percent"  # of the wheel's speed reading
 
 
-STAGE_OF = {Acts.SHAFT_PERCENT: "shaft", Acts.SHAFT_RPM: "shaft", Acts.GATE_MM: "gate", Acts.FLOW_PERCENT: "flow",
-            Acts.FLOW_KG_MIN: "flow", Acts.SCALE_KG: "scale", Acts.SCALE_KG_MIN: "scale", Acts.WHEEL_PERCENT: "speed"}
-UNIT_OF = {Acts.SHAFT_PERCENT: "%", Acts.SHAFT_RPM: "r/min", Acts.GATE_MM: "mm", Acts.FLOW_PERCENT: "%",
-           Acts.FLOW_KG_MIN: "kg/min", Acts.SCALE_KG: "kg", Acts.SCALE_KG_MIN: "kg/min", Acts.WHEEL_PERCENT: "%"}
-# Recorded variables with their units. Of its own stage a term sees the command that the drive follows by now; the
-# shaft's angle is counted from the beginning of the run.
-VARIABLES = {"shaft_rpm": "r/min", "opening_mm": "mm", "hopper_kg": "kg", "pitch_deg": "deg", "roll_deg": "deg",
-             "supply_v": "V", "speed_mps": "m/s", "heading_deg": "deg", "time_s": "s", SHAFT_ANGLE: "deg"}
+STAGE_OF = {
+    Acts.SHAFT_PERCENT: "shaft",
+    Acts.SHAFT_RPM: "shaft",
+    Acts.GATE_MM: "gate",
+    Acts.FLOW_PERCENT: "flow",
+    Acts.FLOW_KG_MIN: "flow",
+    Acts.SCALE_KG: "scale",
+    Acts.SCALE_KG_MIN: "scale",
+    Acts.WHEEL_PERCENT: "speed",
+}
+UNIT_OF = {
+    Acts.SHAFT_PERCENT: "%",
+    Acts.SHAFT_RPM: "r/min",
+    Acts.GATE_MM: "mm",
+    Acts.FLOW_PERCENT: "%",
+    Acts.FLOW_KG_MIN: "kg/min",
+    Acts.SCALE_KG: "kg",
+    Acts.SCALE_KG_MIN: "kg/min",
+    Acts.WHEEL_PERCENT: "%",
+}
+# Recorded variables with their units. Of its own stage a term sees the command that the drive
+# follows by now; the shaft's angle is counted from the beginning of the run.
+VARIABLES = {
+    "shaft_rpm": "r/min",
+    "opening_mm": "mm",
+    "hopper_kg": "kg",
+    "pitch_deg": "deg",
+    "roll_deg": "deg",
+    "supply_v": "V",
+    "speed_mps": "m/s",
+    "heading_deg": "deg",
+    "time_s": "s",
+    SHAFT_ANGLE: "deg",
+}
 
 
 Number = Annotated[float, Field(ge=-1e9, le=1e9)]
 
 
 class Variable(FrozenModel):
-    """What a term depends on. valid : range in which it was seen; beyond it the term holds its edge value."""
+    """What a term depends on. valid : range in which it was seen; beyond it the term holds its
+    edge value."""
 
     name: Annotated[str, Field(min_length=1, max_length=200)]
-    unit: str = ""                      # of a column that is none of the run log's
+    unit: str = ""  # of a column that is none of the run log's
     valid: tuple[Number, Number] | None = None
 
     @model_validator(mode="after")
     def _agree(self) -> Variable:
         if self.valid is not None and not self.valid[0] < self.valid[1]:
-            raise PydanticCustomError("size_of_effect", "allowed a lower end below the upper one",
-                                      {"wrong_key": ("valid",)})
+            raise PydanticCustomError(
+                "size_of_effect",
+                "allowed a lower end below the upper one",
+                {"wrong_key": ("valid",)},
+            )
         if self.name in VARIABLES and self.unit not in ("", VARIABLES[self.name]):
-            raise PydanticCustomError("size_of_effect", "{allowed}", {
-                "wrong_key": ("unit",), "allowed": f"allowed {VARIABLES[self.name]} for {self.name}"})
+            raise PydanticCustomError(
+                "size_of_effect",
+                "{allowed}",
+                {
+                    "wrong_key": ("unit",),
+                    "allowed": f"allowed {VARIABLES[self.name]} for {self.name}",
+                },
+            )
         return self
 
     @property
@@ -97,12 +137,21 @@ class Term(FrozenModel):
     intervals: Annotated[tuple[Interval, ...], Field(max_length=100)] = ()
     nodes: Annotated[tuple[Number, ...], Field(max_length=100)] = ()
     values: Annotated[tuple[Number, ...], Field(max_length=100)] = ()
-    held_out_gain: Number | None = None          # share of the held-out error that it took away
+    held_out_gain: Number | None = None  # share of the held-out error that it took away
     source: Source = Source()
 
     def __hash__(self) -> int:
-        return hash((self.id, self.acts_on, self.form, self.over, tuple(self.coefficients.items()), self.nodes,
-                     self.values))
+        return hash(
+            (
+                self.id,
+                self.acts_on,
+                self.form,
+                self.over,
+                tuple(self.coefficients.items()),
+                self.nodes,
+                self.values,
+            )
+        )
 
     @model_validator(mode="after")
     def _agree(self) -> Term:
@@ -117,10 +166,16 @@ class Term(FrozenModel):
         allowed = (*use.needs, *use.may)
         for name in self.coefficients:
             if name not in allowed:
-                _wrong(("coefficients", name), f"allowed: form {self.form.value} has {_listed(allowed)}")
+                _wrong(
+                    ("coefficients", name),
+                    f"allowed: form {self.form.value} has {_listed(allowed)}",
+                )
         for name in use.needs:
             if name not in self.coefficients:
-                _wrong(("coefficients",), f"{name} is missing: form {self.form.value} needs {_listed(use.needs)}")
+                _wrong(
+                    ("coefficients",),
+                    f"{name} is missing: form {self.form.value} needs {_listed(use.needs)}",
+                )
         for name in use.positive:
             if not self.coefficients.get(name, 1.0) > 0.0:
                 _wrong(("coefficients", name), "allowed more than 0")
@@ -129,9 +184,14 @@ class Term(FrozenModel):
         form, names = FORMS[self.form], self.variables
         if len(names) != form.variables:
             many = "s" if form.variables > 1 else ""
-            _wrong(("over",), f"allowed: form {self.form.value} has {form.variables} variable{many}")
+            _wrong(
+                ("over",), f"allowed: form {self.form.value} has {form.variables} variable{many}"
+            )
         if form.only_over and names[0] not in form.only_over:
-            _wrong(("over", 0, "name"), f"allowed: form {self.form.value} is over {_listed(form.only_over)}")
+            _wrong(
+                ("over", 0, "name"),
+                f"allowed: form {self.form.value} is over {_listed(form.only_over)}",
+            )
         if SHAFT_ANGLE in names and SHAFT_ANGLE not in form.only_over:
             _wrong(("over", 0, "name"), f"allowed: {SHAFT_ANGLE} has form {Form.PERIODIC.value}")
 
@@ -179,23 +239,35 @@ def _listed(names: Iterable[str]) -> str:
 def params_of(term: Term) -> TermParams:
     """A term as the numbers that its evaluator takes."""
     low, high = term.over[0].valid or (-1e300, 1e300)
-    second_low, second_high = (term.over[1].valid or (-1e300, 1e300)) if len(term.over) > 1 else (-1e300, 1e300)
+    second_low, second_high = (
+        (term.over[1].valid or (-1e300, 1e300)) if len(term.over) > 1 else (-1e300, 1e300)
+    )
     numbers: dict[str, Any] = {name: float(value) for name, value in term.coefficients.items()}
     if term.nodes:
         numbers |= {"nodes": _filled(term.nodes, 1.0), "values": _filled(term.values, 0.0)}
-    return params(term.form, low=float(low), high=float(high), second_low=float(second_low),
-                  second_high=float(second_high), **numbers)
+    return params(
+        term.form,
+        low=float(low),
+        high=float(high),
+        second_low=float(second_low),
+        second_high=float(second_high),
+        **numbers,
+    )
 
 
 def _filled(numbers: tuple[float, ...], step: float) -> Table:
     """Eight numbers: beyond the last node the table is held."""
     more = NODES - len(numbers)
-    a, b, c, d, e, f, g, h = (*map(float, numbers), *(float(numbers[-1] + step * (k + 1)) for k in range(more)))
+    a, b, c, d, e, f, g, h = (
+        *map(float, numbers),
+        *(float(numbers[-1] + step * (k + 1)) for k in range(more)),
+    )
     return a, b, c, d, e, f, g, h
 
 
 def own_command(stage: str, variable: str) -> str:
-    """Name of the value that a term of a stage is asked with: of its own drive, the command that it follows by now."""
+    """Name of the value that a term of a stage is asked with: of its own drive, the command
+    that it follows by now."""
     commands = {("shaft", "shaft_rpm"): COMMANDED_RPM, ("gate", "opening_mm"): COMMANDED_MM}
     return commands.get((stage, variable), variable)
 
@@ -207,17 +279,24 @@ def needed(term: Term) -> tuple[str, ...]:
 
 COMMANDED_RPM, COMMANDED_MM = "told_rpm", "told_mm"
 
-# -- old machine files -------------------------------------------------------------------------------------------------
+# -- old machine files
+# -------------------------------------------------------------------------------------------------
 
-_OLD_TABLES = {"shaft": ("table_percent", Acts.SHAFT_PERCENT), "gate": ("table_mm", Acts.GATE_MM),
-               "flow": ("table_percent", Acts.FLOW_PERCENT), "scale": ("table_kg", Acts.SCALE_KG),
-               "speed": ("table_percent", Acts.WHEEL_PERCENT), "heads": ("table_percent", None),
-               "fall": ("table_s", None)}
+_OLD_TABLES = {
+    "shaft": ("table_percent", Acts.SHAFT_PERCENT),
+    "gate": ("table_mm", Acts.GATE_MM),
+    "flow": ("table_percent", Acts.FLOW_PERCENT),
+    "scale": ("table_kg", Acts.SCALE_KG),
+    "speed": ("table_percent", Acts.WHEEL_PERCENT),
+    "heads": ("table_percent", None),
+    "fall": ("table_s", None),
+}
 OLD_NOTE = "was a table in an older machine file (tables_over)"
 
 
 def without_old_tables(data: dict[str, Any]) -> dict[str, Any]:
-    """A machine file of before there were terms: its tables become terms, those that no variable was named for go."""
+    """A machine file of before there were terms: its tables become terms, those that no
+    variable was named for go."""
     over = data.get("tables_over")
     data = {key: value for key, value in data.items() if key != "tables_over"}
     named: dict[str, Any] = over if isinstance(over, dict) else {}
@@ -228,14 +307,29 @@ def without_old_tables(data: dict[str, Any]) -> dict[str, Any]:
             continue
         nodes, values = part.get("table_x"), part.get(field)
         data[stage] = {key: value for key, value in part.items() if key not in ("table_x", field)}
-        if acts_on is not None and stage in named and nodes is not None and values is not None and any(values):
-            found.append({"id": f"{stage}.table", "acts_on": acts_on.value, "form": Form.TABLE.value,
-                          "over": [{"name": named[stage]}], "nodes": list(nodes), "values": list(values),
-                          "source": {"note": OLD_NOTE}})
+        if (
+            acts_on is not None
+            and stage in named
+            and nodes is not None
+            and values is not None
+            and any(values)
+        ):
+            found.append(
+                {
+                    "id": f"{stage}.table",
+                    "acts_on": acts_on.value,
+                    "form": Form.TABLE.value,
+                    "over": [{"name": named[stage]}],
+                    "nodes": list(nodes),
+                    "values": list(values),
+                    "source": {"note": OLD_NOTE},
+                }
+            )
     return {**data, "terms": [*(data.get("terms") or ()), *found]} if found else data
 
 
-# -- written by hand ---------------------------------------------------------------------------------------------------
+# -- written by hand
+# --------------------------------------------------------------------------------------------------
 
 _ITEM = re.compile(r"(?P<key>[a-z_]+)=(?P<value>\S+)")
 GRAMMAR = "ACTS_ON FORM VARIABLE[,VARIABLE] COEFFICIENT=NUMBER ... [valid=LOW:HIGH[,LOW:HIGH]]"
@@ -243,7 +337,8 @@ EXAMPLE = "flow_percent bend speed_mps bend=-4.4 at=1.2 valid=0.6:2.3"
 
 
 def parse_term(text: str, explained: Callable[[dict[str, Any]], Term]) -> Term:
-    """One `--term`. explained : makes the term of plain data. Raises ValueError with one plain line."""
+    """One `--term`. explained : makes the term of plain data. Raises ValueError with one plain
+    line."""
     words = text.split()
     items = [_ITEM.fullmatch(word) for word in words[3:]]
     if len(words) < 3 or any(item is None for item in items):
@@ -251,15 +346,31 @@ def parse_term(text: str, explained: Callable[[dict[str, Any]], Term]) -> Term:
     given = {item["key"]: item["value"] for item in items if item is not None}
     valid, numbers = given.pop("valid", ""), {}
     try:
-        tables = {key: [float(one) for one in given.pop(key).split(",")] for key in ("nodes", "values") if key in given}
+        tables = {
+            key: [float(one) for one in given.pop(key).split(",")]
+            for key in ("nodes", "values")
+            if key in given
+        }
         numbers = {key: float(value) for key, value in given.items()}
-        ranges = [[float(end) for end in part.split(":")] for part in valid.split(",")] if valid else []
+        ranges = (
+            [[float(end) for end in part.split(":")] for part in valid.split(",")] if valid else []
+        )
     except ValueError:
-        raise ValueError(f"term {text!r}: coefficients and ranges are numbers, e.g. {EXAMPLE}") from None
+        raise ValueError(
+            f"term {text!r}: coefficients and ranges are numbers, e.g. {EXAMPLE}"
+        ) from None
     over: list[dict[str, Any]] = [{"name": name} for name in words[2].split(",")]
     if len(ranges) > len(over):
         raise ValueError(f"term {text!r}: valid: allowed one LOW:HIGH for each variable")
     for one, span in zip(over, ranges, strict=False):
         one["valid"] = span
-    return explained({"id": f"{words[0]}.{words[1]}", "acts_on": words[0], "form": words[1], "over": over,
-                      "coefficients": numbers, **tables})
+    return explained(
+        {
+            "id": f"{words[0]}.{words[1]}",
+            "acts_on": words[0],
+            "form": words[1],
+            "over": over,
+            "coefficients": numbers,
+            **tables,
+        }
+    )

@@ -1,25 +1,31 @@
-"""The hopper scale against what shaft and opening should have taken: the trim of the flow, and what no trim hides.
+"""The hopper scale against what shaft and opening should have taken: the trim of the flow, and
+what no trim hides.
 
-One series of blocks of `BLOCK_S`: what the model says has gone by then, and what the scale read. Filter `flow_trim` is
-a Kalman filter on it; its state is the mass in the hopper and three effects that a scale can tell while working: the
-gain (density, product, head of the hopper, moisture: a slow random walk), what flows more a revolution whatever the
-opening, and what a degree of pitch does. It never goes faster than its evidence: where the estimate is x standard
-deviations from what is trimmed, the trim goes 1 - (DOUBT_SD / x)^2 of the way, and does not move below `DOUBT_SD`. The
-estimate is kept within `most_percent`; of it as much is believed as the flow's own prior (by the age of its catch test)
-is wider than the scale's.
+One series of blocks of `BLOCK_S`: what the model says has gone by then, and what the scale
+read. Filter `flow_trim` is a Kalman filter on it; its state is the mass in the hopper and three
+effects that a scale can tell while working: the gain (density, product, head of the hopper,
+moisture: a slow random walk), what flows more a revolution whatever the opening, and what a
+degree of pitch does. It never goes faster than its evidence: where the estimate is x standard
+deviations from what is trimmed, the trim goes 1 - (DOUBT_SD / x)^2 of the way, and does not
+move below `DOUBT_SD`. The estimate is kept within `most_percent`; of it as much is believed as
+the flow's own prior (by the age of its catch test) is wider than the scale's.
 
-The watch asks what the filter of 2, 4, ... 120 blocks ago would read now. Where the scale is more than `CHANGED_SD`
-from that:
+The watch asks what the filter of 2, 4, ... 120 blocks ago would read now. Where the scale is
+more than `CHANGED_SD` from that:
 
-- nothing turns, and the scale falls: material leaves that nobody ordered (`unordered_kg`); it rises: it is filled;
-- material flows: the trim goes back to what it was then, and rests. A straight line through the blocks since then says
-  which share of the model's flow really left; its standard deviation comes from its own residuals, so that a scale
-  that sways says nothing. From `DECIDED_S` of flow on it is `share` (too far off), `outlets` (that give nothing),
-  `beyond_percent` (more than is trimmed: the trim is 1), or a change that may be trimmed. The same line through the
+- nothing turns, and the scale falls: material leaves that nobody ordered (`unordered_kg`); it
+  rises: it is filled;
+- material flows: the trim goes back to what it was then, and rests. A straight line through the
+  blocks since then says which share of the model's flow really left; its standard deviation
+  comes from its own residuals, so that a scale that sways says nothing. From `DECIDED_S` of
+  flow on it is `share` (too far off), `outlets` (that give nothing), `beyond_percent` (more
+  than is trimmed: the trim is 1), or a change that may be trimmed. The same line through the
   last two minutes finds what was wrong from the start.
 
-Inputs: measured shaft and opening through the model, `hopper_kg`, `pitch_deg`; output: `flow_trim`. All are logged.
+Inputs: measured shaft and opening through the model, `hopper_kg`, `pitch_deg`; output:
+`flow_trim`. All are logged.
 """
+
 from __future__ import annotations
 
 from collections import deque
@@ -38,55 +44,80 @@ from control.readings import NOTHING_SAID, Reading, ScaleSays
 class FlowTrimLimits:
     """Standard deviations unless it says otherwise."""
 
-    most_percent: float = 10.0          # of the flow, that is trimmed at most: a flow that is farther off is asked for
-    gain_percent: float = 5.0           # what a product is off before its catch test: 5-50 %
-    scale_percent: float = 1.0          # the scale's own gain; 0.5-5 % are usual (effect scale.gain)
-    offset_g_rev: float = 4.0           # an offset near 8 g per revolution is published
+    # of the flow, that is trimmed at most: a flow that is farther off is asked for
+    most_percent: float = 10.0
+    # what a product is off before its catch test: 5-50 %
+    gain_percent: float = 5.0
+    # the scale's own gain; 0.5-5 % are usual (effect scale.gain)
+    scale_percent: float = 1.0
+    offset_g_rev: float = 4.0  # an offset near 8 g per revolution is published
     slope_percent_per_deg: float = 0.5  # 0.3-1 % per degree are published
-    wanders_percent: float = 1.0        # the gain, in the square root of an hour: head 1-3 % an hopper, moisture
-    another_lot_percent: float = 1.5    # the gain, at a refill: with 3 every refill was a minute of noise trimmed
-    changed_percent: float = 10.0       # the gain, where the flow has changed by itself
-    level_kg: float = 100.0             # the mass in the hopper, before the first weighing
-    low_share: float = 0.5              # of the believed flow, less of which left: nothing decides between ...
-    high_share: float = 1.5             # ... shaft and scale; so does more than this
-    refill_percent: float = 5.0         # bags are within 1-2 % of their print: a rise farther off is the scale's gain
+    # the gain, in the square root of an hour: head 1-3 % an hopper, moisture
+    wanders_percent: float = 1.0
+    # the gain, at a refill: with 3 every refill was a minute of noise trimmed
+    another_lot_percent: float = 1.5
+    changed_percent: float = 10.0  # the gain, where the flow has changed by itself
+    # the mass in the hopper, before the first weighing
+    level_kg: float = 100.0
+    # of the believed flow, less of which left: nothing decides between ...
+    low_share: float = 0.5
+    high_share: float = 1.5  # ... shaft and scale; so does more than this
+    # bags are within 1-2 % of their print: a rise farther off is the scale's gain
+    refill_percent: float = 5.0
 
 
-BLOCK_S = 1.0               # weighings are averaged over this
-DOUBT_SD = 1.2              # an estimate nearer to what is trimmed moves nothing
-REFILL_KG = 2.0             # the scale rising this much from one weighing to the next is a refill
-CHANGED_SD = 5.0            # the scale is as far from where it should be: 7 questions a second, none wrong in months
-WINDOWS = (2, 4, 8, 16, 32, 64, 120)    # blocks; a quarter of them is averaged at the end
-DECIDED_S = 24.0            # of flow: a scale that sways by 1 kg in 30 s is a straight line for less than this
-DECIDED_SD = 4.0            # beyond a limit, by the residuals
-GOES_ON_SHARE = 0.75        # of what is off, in the last third: of a scale that sways it goes back
-FAR_SD = 2.0                # beyond `low_share` or `high_share`, which is far enough from a sound flow
-SWAYS_KG = 1.0              # more is allowed to a scale that stands, until it has shown for ...
-SWAY_BLOCKS = 30            # ... so long what it does; and material has left where it reads less than in all of these
-KNOWN_SD = 0.03             # a share as well known as this, within its limits, is a flow that changed
-NOISE_RATE = 0.02           # how quickly the scale is believed to be noisier than its file says ...
-NOISE_BLOCKS = 2.0          # ... and sooner at first, as if so many blocks had said ...
-NOISE_FIRST = 20.0          # ... that it sways by 1 kg: a scale has to show that it is calm
-NOISE_MOST = 100.0          # times the variance
-STALE_S = 1.0               # an older weighing says nothing
-LEAST_G_REV = 1.0           # of the model, to say what an offset is worth
-LEAST_KG_S = 0.005          # a smaller flow is no evidence
-ENDED_BLOCKS = 8            # without a further fall: nothing leaves any more
-FASTER = 1.5                # times the machine's largest flow: no flow, something was taken off the hopper
-TEST_PERCENT = 1.5          # what a catch test of today leaves open ...
-TEST_WANDERS_PERCENT = 0.5  # ... and what store and weather add in the square root of a day: 5 % after three months
+BLOCK_S = 1.0  # weighings are averaged over this
+# an estimate nearer to what is trimmed moves nothing
+DOUBT_SD = 1.2
+# the scale rising this much from one weighing to the next is a refill
+REFILL_KG = 2.0
+# the scale is as far from where it should be: 7 questions a second, none wrong in months
+CHANGED_SD = 5.0
+# blocks; a quarter of them is averaged at the end
+WINDOWS = (2, 4, 8, 16, 32, 64, 120)
+# of flow: a scale that sways by 1 kg in 30 s is a straight line for less than this
+DECIDED_S = 24.0
+DECIDED_SD = 4.0  # beyond a limit, by the residuals
+# of what is off, in the last third: of a scale that sways it goes back
+GOES_ON_SHARE = 0.75
+# beyond `low_share` or `high_share`, which is far enough from a sound flow
+FAR_SD = 2.0
+# more is allowed to a scale that stands, until it has shown for ...
+SWAYS_KG = 1.0
+# ... so long what it does; and material has left where it reads less than in all of these
+SWAY_BLOCKS = 30
+# a share as well known as this, within its limits, is a flow that changed
+KNOWN_SD = 0.03
+# how quickly the scale is believed to be noisier than its file says ...
+NOISE_RATE = 0.02
+# ... and sooner at first, as if so many blocks had said ...
+NOISE_BLOCKS = 2.0
+# ... that it sways by 1 kg: a scale has to show that it is calm
+NOISE_FIRST = 20.0
+NOISE_MOST = 100.0  # times the variance
+STALE_S = 1.0  # an older weighing says nothing
+LEAST_G_REV = 1.0  # of the model, to say what an offset is worth
+LEAST_KG_S = 0.005  # a smaller flow is no evidence
+ENDED_BLOCKS = 8  # without a further fall: nothing leaves any more
+# times the machine's largest flow: no flow, something was taken off the hopper
+FASTER = 1.5
+TEST_PERCENT = 1.5  # what a catch test of today leaves open ...
+# ... and what store and weather add in the square root of a day: 5 % after three months
+TEST_WANDERS_PERCENT = 0.5
 
 H, GAIN, OFFSET, SLOPE = range(4)
-Numbers = tuple[float, ...]         # of the state, one of each: numpy's own calls take longer than so few numbers
+# of the state, one of each: numpy's own calls take longer than so few numbers
+Numbers = tuple[float, ...]
 Rows = tuple[Numbers, ...]
 NO_TRIM = (0.0, 0.0, 0.0, 0.0)
 
 
 class _Block(NamedTuple):
-    sums: Numbers           # expected kg, 1000 revolutions, kg x degrees: so far
-    kg: float               # mean of the scale
-    flows: bool             # material flowed in it, by the model
-    state: Numbers          # after it
+    # expected kg, 1000 revolutions, kg x degrees: so far
+    sums: Numbers
+    kg: float  # mean of the scale
+    flows: bool  # material flowed in it, by the model
+    state: Numbers  # after it
     spread: Rows
     trimmed: Numbers
 
@@ -94,37 +125,50 @@ class _Block(NamedTuple):
 class FlowTrim:
     """One of a run. `update` once a tick; `at` is what the model's flow is multiplied by."""
 
-    def __init__(self, scale_kg: float = 0.15, correlation_s: float = 1.0, limits: FlowTrimLimits = FlowTrimLimits(),
-                 *, outlets: int = 6, most_kg_s: float = inf) -> None:
-        """scale_kg, correlation_s: the scale's noise, as the machine file has it. most_kg_s: the machine's largest
-        flow."""
+    def __init__(
+        self,
+        scale_kg: float = 0.15,
+        correlation_s: float = 1.0,
+        limits: FlowTrimLimits = FlowTrimLimits(),
+        *,
+        outlets: int = 6,
+        most_kg_s: float = inf,
+    ) -> None:
+        """scale_kg, correlation_s: the scale's noise, as the machine file has it. most_kg_s:
+        the machine's largest flow."""
         self._limits, self._outlets, self._most_kg = limits, outlets, FASTER * most_kg_s * BLOCK_S
-        self._scale_kg2, self._correlation_s = scale_kg ** 2, correlation_s
-        self._block_kg2 = self._scale_kg2 * min(4.0, 2.0 * correlation_s / BLOCK_S)     # as if blocks were independent
+        self._scale_kg2, self._correlation_s = scale_kg**2, correlation_s
+        # as if blocks were independent
+        self._block_kg2 = self._scale_kg2 * min(4.0, 2.0 * correlation_s / BLOCK_S)
         self._gain_percent = limits.gain_percent
-        self._noise = NOISE_FIRST               # times the file's variance
-        self._judged = 0                        # blocks that spoke of the noise
+        self._noise = NOISE_FIRST  # times the file's variance
+        self._judged = 0  # blocks that spoke of the noise
         self._refill_percent: float | None = None
         self._sums = 0.0, 0.0, 0.0
         self._block: list[tuple[tuple[float, float, float], float]] = []
         self._since_s = 0.0
         self._last_kg: float | None = None
         self._weighed_s: float | None = None
-        self._filled_kg, self._lowest_kg = 0.0, inf         # ordered in this rest; read in it
+        self._filled_kg, self._lowest_kg = 0.0, inf  # ordered in this rest; read in it
         self._unordered_kg = self._taken_kg = 0.0
-        self.grams_per_rev, self.pitch_deg = 100.0, 0.0     # of the newest tick
+        self.grams_per_rev, self.pitch_deg = 100.0, 0.0  # of the newest tick
         self.forget()
 
     def forget(self) -> None:
-        """Back to the model's own calibration, as before the first weighing; what the scale's noise is stays."""
+        """Back to the model's own calibration, as before the first weighing; what the scale's
+        noise is stays."""
         limits = self._limits
         self._state: Numbers = NO_TRIM
         sds = limits.level_kg, self._gain_percent, limits.offset_g_rev, limits.slope_percent_per_deg
-        self._spread: Rows = tuple([tuple([sd * sd if j == k else 0.0 for j in range(4)]) for k, sd in enumerate(sds)])
-        self._trimmed: Numbers = NO_TRIM        # of the state, without the level: as far as it is believed
-        self._value: float | None = None        # asked twice a tick
+        self._spread: Rows = tuple(
+            [tuple([sd * sd if j == k else 0.0 for j in range(4)]) for k, sd in enumerate(sds)]
+        )
+        # of the state, without the level: as far as it is believed
+        self._trimmed: Numbers = NO_TRIM
+        self._value: float | None = None  # asked twice a tick
         self._said = NOTHING_SAID
-        self._rests = False                     # the trim, while what the scale says is no trim, or not decided
+        # the trim, while what the scale says is no trim, or not decided
+        self._rests = False
         self.restart()
 
     @property
@@ -141,8 +185,11 @@ class FlowTrim:
 
     @property
     def says(self) -> ScaleSays:
-        return self._said._replace(trimmed_percent=100.0 * (self.value - 1.0), unordered_kg=self._unordered_kg,
-                                   refill_percent=self._refill_percent)
+        return self._said._replace(
+            trimmed_percent=100.0 * (self.value - 1.0),
+            unordered_kg=self._unordered_kg,
+            refill_percent=self._refill_percent,
+        )
 
     @property
     def sd_percent(self) -> float:
@@ -154,38 +201,49 @@ class FlowTrim:
         """What the model's flow is multiplied by, where a revolution gives so much by the model."""
         if self._refill_percent is not None:
             return 1.0
-        most, trimmed = self._limits.most_percent, _dot(self._trimmed, _shows(grams_per_rev, pitch_deg))
-        own = self._gain_percent ** 2
-        believed = own / (own + self._limits.scale_percent ** 2)
+        most, trimmed = (
+            self._limits.most_percent,
+            _dot(self._trimmed, _shows(grams_per_rev, pitch_deg)),
+        )
+        own = self._gain_percent**2
+        believed = own / (own + self._limits.scale_percent**2)
         return 1.0 + 0.01 * believed * min(most, max(-most, trimmed))
 
     def restart(self, another_lot: bool = False) -> None:
-        """After a pause, a tare or a refill the level is another one; after a refill the lot may be."""
+        """After a pause, a tare or a refill the level is another one; after a refill the lot
+        may be."""
         self._block.clear()
         self._blocks: deque[_Block] = deque(maxlen=WINDOWS[-1] + 1)
-        self._flow: deque[_Block] = deque(maxlen=WINDOWS[-1])   # of them, those with flow; since it changed, if it did
-        self._standing_kg: deque[float] = deque(maxlen=SWAY_BLOCKS)     # since it stands
-        self._left: _Block | None = None                # the last one before material left that nobody ordered
+        # of them, those with flow; since it changed, if it did
+        self._flow: deque[_Block] = deque(maxlen=WINDOWS[-1])
+        self._standing_kg: deque[float] = deque(maxlen=SWAY_BLOCKS)  # since it stands
+        # the last one before material left that nobody ordered
+        self._left: _Block | None = None
         self._unordered_kg = self._taken_kg = 0.0
-        self._quiet = 0                                 # blocks in which nothing more left
-        self._spread = _of_level(self._spread, (self._limits.level_kg ** 2, 0.0, 0.0, 0.0))
+        self._quiet = 0  # blocks in which nothing more left
+        self._spread = _of_level(self._spread, (self._limits.level_kg**2, 0.0, 0.0, 0.0))
         if another_lot:
             self._spread = _wider(self._spread, self._limits.another_lot_percent)
 
     def tested(self, age_days: float) -> None:
-        """The product's catch test is so old: a fresh one is believed rather than the scale. Before work begins."""
-        self._gain_percent = min(self._limits.gain_percent,
-                                 sqrt(TEST_PERCENT ** 2 + TEST_WANDERS_PERCENT ** 2 * max(0.0, age_days)))
+        """The product's catch test is so old: a fresh one is believed rather than the scale.
+        Before work begins."""
+        self._gain_percent = min(
+            self._limits.gain_percent,
+            sqrt(TEST_PERCENT**2 + TEST_WANDERS_PERCENT**2 * max(0.0, age_days)),
+        )
         self.forget()
 
     def started(self) -> None:
-        """Work begins, or begins again: what was wrong may have been put right, and is judged anew."""
+        """Work begins, or begins again: what was wrong may have been put right, and is judged
+        anew."""
         self._flow.clear()
         if self._said.share is not None:
             self._said = NOTHING_SAID
 
     def refilled(self, kg: float) -> None:
-        """Ordered. Where the scale rises by another amount before work goes on, its gain is wrong."""
+        """Ordered. Where the scale rises by another amount before work goes on, its gain is
+        wrong."""
         self._filled_kg += kg
         lowest_kg = self._lowest_kg
         self.restart(another_lot=True)
@@ -197,8 +255,15 @@ class FlowTrim:
         self._taken_kg += kg
         return kg
 
-    def update(self, now_s: float, dt_s: float, model_flow_kg_s: float, shaft_rpm: float, pitch_deg: float,
-               scale: Reading | None) -> None:
+    def update(
+        self,
+        now_s: float,
+        dt_s: float,
+        model_flow_kg_s: float,
+        shaft_rpm: float,
+        pitch_deg: float,
+        scale: Reading | None,
+    ) -> None:
         """`model_flow_kg_s`: from measured shaft and opening, without this trim."""
         self._value = None
         if shaft_rpm > 0.0 and model_flow_kg_s > 0.0:
@@ -220,7 +285,8 @@ class FlowTrim:
         if now_s - self._since_s + dt_s > BLOCK_S - 1e-6:
             self._take_block()
 
-    # -- blocks ----------------------------------------------------------------------------------------------------
+    # -- blocks
+    # ----------------------------------------------------------------------------------------------
 
     def _take_block(self) -> None:
         sums = _means([sums for sums, _ in self._block])
@@ -233,8 +299,10 @@ class FlowTrim:
         before = self._blocks[-1]
         gone = _more(sums, -1.0, before.sums)
         flows = gone[0] >= LEAST_KG_S * BLOCK_S
-        if abs(kg - before.kg + gone[0]) > self._most_kg + CHANGED_SD * sqrt(2.0 * self._mean_kg2(1)):
-            self.restart()                      # stood on, or taken off
+        if abs(kg - before.kg + gone[0]) > self._most_kg + CHANGED_SD * sqrt(
+            2.0 * self._mean_kg2(1)
+        ):
+            self.restart()  # stood on, or taken off
             self._level(kg)
             self._keep(sums, kg, flows)
             return
@@ -244,10 +312,12 @@ class FlowTrim:
             self._lowest_kg = kg
         self._lowest_kg = min(self._lowest_kg, kg)
         if self._rests and flows:
-            self._level(kg)                     # the filter rests; what is read is what a standstill begins with
+            # the filter rests; what is read is what a standstill begins with
+            self._level(kg)
         elif self._left is None:
             self._gone(gone)
-            if not flows:                       # what the level does now says nothing of the flow
+            # what the level does now says nothing of the flow
+            if not flows:
                 level_kg2 = max(self._spread[H][H], 0.25 * self._noise * self._block_kg2)
                 self._spread = _of_level(self._spread, (level_kg2, 0.0, 0.0, 0.0))
             self._weighed(kg)
@@ -267,18 +337,24 @@ class FlowTrim:
         level = _leaves(gone)
         along = _along(self._spread, level)
         self._state = (_dot(level, self._state) - gone[0], *self._state[GAIN:])
-        self._spread = _wider(_of_level(self._spread, (_dot(level, along), *along[GAIN:])),
-                              self._limits.wanders_percent * sqrt(BLOCK_S / 3600.0))
+        self._spread = _wider(
+            _of_level(self._spread, (_dot(level, along), *along[GAIN:])),
+            self._limits.wanders_percent * sqrt(BLOCK_S / 3600.0),
+        )
 
     def _weighed(self, weighed_kg: float) -> None:
         variance = self._spread[H][H] + self._noise * self._block_kg2
         off = (weighed_kg - self._state[H]) / sqrt(variance)
         gain = tuple([one / variance for one in self._spread[H]])
         self._state = _more(self._state, off * sqrt(variance), gain)
-        self._spread = tuple([_more(row, -variance * one, gain) for row, one in zip(self._spread, gain, strict=True)])
+        self._spread = tuple(
+            [_more(row, -variance * one, gain) for row, one in zip(self._spread, gain, strict=True)]
+        )
         self._judged += 1
         rate = max(NOISE_RATE, 1.0 / (NOISE_BLOCKS + self._judged))
-        self._noise = min(NOISE_MOST, max(1.0, self._noise * exp(rate * (min(9.0, off * off) - 1.0))))
+        self._noise = min(
+            NOISE_MOST, max(1.0, self._noise * exp(rate * (min(9.0, off * off) - 1.0)))
+        )
 
     def _bound(self) -> None:
         """The estimate projected into its bounds, along its own uncertainty."""
@@ -304,11 +380,16 @@ class FlowTrim:
         """When work goes on after a rest in which a refill was ordered."""
         if self._filled_kg > 0.0 and self._lowest_kg < inf:
             off_kg = kg - self._lowest_kg - self._filled_kg
-            allowed = 0.01 * self._limits.refill_percent * self._filled_kg + CHANGED_SD * sqrt(self._scale_kg2)
-            self._refill_percent = 100.0 * off_kg / self._filled_kg if abs(off_kg) > allowed else None
+            allowed = 0.01 * self._limits.refill_percent * self._filled_kg + CHANGED_SD * sqrt(
+                self._scale_kg2
+            )
+            self._refill_percent = (
+                100.0 * off_kg / self._filled_kg if abs(off_kg) > allowed else None
+            )
         self._filled_kg, self._lowest_kg = 0.0, inf
 
-    # -- the watch -------------------------------------------------------------------------------------------------
+    # -- the watch
+    # ----------------------------------------------------------------------------------------------
 
     def _mean_kg2(self, blocks: int) -> float:
         """Variance of the scale's mean over so many blocks."""
@@ -316,18 +397,24 @@ class FlowTrim:
         return self._noise * self._scale_kg2 * 2.0 * (t - 1.0 + exp(-t)) / (t * t)
 
     def _excess(self, since: _Block, blocks: int) -> tuple[float, float]:
-        """What left since a block more than the filter of then believes, kg, by the mean of the newest blocks, and its
-        standard deviation."""
+        """What left since a block more than the filter of then believes, kg, by the mean of the
+        newest blocks, and its standard deviation."""
         newest = list(islice(reversed(self._blocks), blocks))
         gone = _more(_means([one.sums for one in newest]), -1.0, since.sums)
         level = _leaves(gone)
         variance = _dot(level, _along(since.spread, level)) + self._mean_kg2(blocks)
-        return _dot(level, since.state) - gone[0] - sum([one.kg for one in newest]) / blocks, sqrt(variance)
+        return _dot(level, since.state) - gone[0] - sum([one.kg for one in newest]) / blocks, sqrt(
+            variance
+        )
 
     def _farthest(self, most: int) -> tuple[int, float, float]:
-        """(window, kg, sd) of that window of at most so many blocks over which the scale is farthest off."""
-        asked = [(window, *self._excess(self._blocks[-1 - window], max(1, window // 4)))
-                 for window in {*WINDOWS, most} if window <= min(most, len(self._blocks) - 1)]
+        """(window, kg, sd) of that window of at most so many blocks over which the scale is
+        farthest off."""
+        asked = [
+            (window, *self._excess(self._blocks[-1 - window], max(1, window // 4)))
+            for window in {*WINDOWS, most}
+            if window <= min(most, len(self._blocks) - 1)
+        ]
         return max(asked, key=lambda one: abs(one[1]) / one[2], default=(0, 0.0, 1.0))
 
     def _standing(self) -> None:
@@ -337,16 +424,21 @@ class FlowTrim:
             return
         newest = self._blocks[-1]
         self._standing_kg.append(newest.kg)
-        rest = next((k for k, one in enumerate(reversed(self._blocks)) if one.flows), len(self._blocks) - 1)
+        rest = next(
+            (k for k, one in enumerate(reversed(self._blocks)) if one.flows), len(self._blocks) - 1
+        )
         window, kg, sd = self._farthest(rest)
         least_kg = CHANGED_SD * sd + (SWAYS_KG if self._judged < SWAY_BLOCKS else 0.0)
-        if kg < -least_kg:                      # it is being filled
+        if kg < -least_kg:  # it is being filled
             self._back_to(self._blocks[-1 - window])
             self._blocks.clear()
             self._level(newest.kg)
             self._keep(newest.sums, newest.kg, False)
-        elif kg > least_kg and min(list(self._standing_kg)[:-window], default=inf) - newest.kg > 0.5 * kg:
-            rested = list(self._blocks)[-1 - rest:-1]
+        elif (
+            kg > least_kg
+            and min(list(self._standing_kg)[:-window], default=inf) - newest.kg > 0.5 * kg
+        ):
+            rested = list(self._blocks)[-1 - rest : -1]
             self._left = max(rested, key=lambda one: self._excess(one, 1)[0])
             self._back_to(self._left)
             self._goes_on(self._left)
@@ -376,10 +468,13 @@ class FlowTrim:
             self._believe()
 
     def _since_change(self, window: int) -> None:
-        """The trim goes back to what it was when the flow changed, and rests. That is the last block from which on nine
-        tenths are missing of what is missing over the window."""
+        """The trim goes back to what it was when the flow changed, and rests. That is the last
+        block from which on nine tenths are missing of what is missing over the window."""
         averaged = max(1, window // 4)
-        off = [abs(self._excess(one, averaged)[0]) for one in list(self._blocks)[-1 - window:-averaged]]
+        off = [
+            abs(self._excess(one, averaged)[0])
+            for one in list(self._blocks)[-1 - window : -averaged]
+        ]
         latest = max(k for k, kg in enumerate(off) if kg >= 0.9 * off[0])
         since = self._blocks[latest - window - 1]
         flow = [one for one in self._flow if one.sums[0] >= since.sums[0]]
@@ -392,10 +487,11 @@ class FlowTrim:
         self._state, self._spread, self._trimmed = since.state, since.spread, since.trimmed
 
     def _judge(self) -> None:
-        """By the share of the model's flow that left, since the flow changed, else in the last two minutes."""
+        """By the share of the model's flow that left, since the flow changed, else in the last
+        two minutes."""
         limits, flow = self._limits, list(self._flow)
         share, sd, noise_kg2 = self._share(flow)
-        off, lately = share - 1.0, self._share(flow[-len(flow) // 3:])[0] - 1.0
+        off, lately = share - 1.0, self._share(flow[-len(flow) // 3 :])[0] - 1.0
         goes_on = off * lately > GOES_ON_SHARE * off * off
         believed = 1.0 + 0.01 * _dot(self._trimmed, _shows(self.grams_per_rev, self.pitch_deg))
         silent, surely = self._silent(share / believed, sd)
@@ -406,11 +502,13 @@ class FlowTrim:
         elif goes_on and 100.0 * (abs(off) - DECIDED_SD * sd) > limits.most_percent:
             window, kg, kg_sd = self._farthest(WINDOWS[-1])
             if not self._rests and abs(kg) > DECIDED_SD * kg_sd:
-                self._since_change(window)      # it was not so all along
+                self._since_change(window)  # it was not so all along
                 return
             self._no_trim(ScaleSays(beyond_percent=100.0 * off))
-        elif self._rests and ((sd < KNOWN_SD and 100.0 * abs(off) < limits.most_percent)
-                              or len(self._flow) == self._flow.maxlen):
+        elif self._rests and (
+            (sd < KNOWN_SD and 100.0 * abs(off) < limits.most_percent)
+            or len(self._flow) == self._flow.maxlen
+        ):
             self._said, self._rests = NOTHING_SAID, False
             self._noise = max(self._noise, noise_kg2 / (self._mean_kg2(1) / self._noise))
             newest = self._blocks[-1]
@@ -423,7 +521,8 @@ class FlowTrim:
         self._said, self._rests, self._trimmed = said, True, NO_TRIM
 
     def _silent(self, share: float, sd: float) -> tuple[int, bool]:
-        """How many outlets that share of what was believed would be, and whether it is surely they."""
+        """How many outlets that share of what was believed would be, and whether it is surely
+        they."""
         lost = (1.0 - share) * self._outlets
         silent = round(lost)
         few = 1 <= silent <= max(1, self._outlets // 3)
@@ -431,8 +530,8 @@ class FlowTrim:
         return silent, few and known and abs(lost - silent) < 0.4
 
     def _share(self, flow: list[_Block]) -> tuple[float, float, float]:
-        """A straight line through what the scale read over what the model says has gone: the share that left, its
-        standard deviation by what the line leaves, and that, kg2."""
+        """A straight line through what the scale read over what the model says has gone: the
+        share that left, its standard deviation by what the line leaves, and that, kg2."""
         gone = np.array([one.sums[0] for one in flow])
         kg = np.array([one.kg for one in flow])
         gone, kg = gone - gone.mean(), kg - kg.mean()
@@ -441,12 +540,15 @@ class FlowTrim:
         left = kg - line * gone
         noise_kg2 = max(float(left @ left) / (len(kg) - 2), self._mean_kg2(1))
         alike = min(0.99, max(0.0, float(left[1:] @ left[:-1]) / max(1e-12, float(left @ left))))
-        each_kg2 = noise_kg2 * max(self._noise * self._block_kg2 / self._mean_kg2(1), (1.0 + alike) / (1.0 - alike))
+        each_kg2 = noise_kg2 * max(
+            self._noise * self._block_kg2 / self._mean_kg2(1), (1.0 + alike) / (1.0 - alike)
+        )
         return -line, sqrt(each_kg2 / across), noise_kg2
 
 
 def _leaves(gone: Numbers) -> Numbers:
-    """What the level in the hopper is made of where so much has gone by the model: the level before, the effects."""
+    """What the level in the hopper is made of where so much has gone by the model: the level
+    before, the effects."""
     return 1.0, -0.01 * gone[0], -gone[1], -0.01 * gone[2]
 
 
@@ -456,7 +558,12 @@ def _shows(grams_per_rev: float, pitch_deg: float) -> Numbers:
 
 
 def _dot(one: Numbers, other: Numbers) -> float:
-    return one[H] * other[H] + one[GAIN] * other[GAIN] + one[OFFSET] * other[OFFSET] + one[SLOPE] * other[SLOPE]
+    return (
+        one[H] * other[H]
+        + one[GAIN] * other[GAIN]
+        + one[OFFSET] * other[OFFSET]
+        + one[SLOPE] * other[SLOPE]
+    )
 
 
 def _along(spread: Rows, way: Numbers) -> Numbers:
@@ -473,10 +580,13 @@ def _means(rows: Sequence[Numbers]) -> Numbers:
 
 def _of_level(spread: Rows, level: Numbers) -> Rows:
     """The same with what the level has in common with itself and the effects."""
-    return (level, *[(one, *row[GAIN:]) for one, row in zip(level[GAIN:], spread[GAIN:], strict=True)])
+    return (
+        level,
+        *[(one, *row[GAIN:]) for one, row in zip(level[GAIN:], spread[GAIN:], strict=True)],
+    )
 
 
 def _wider(spread: Rows, percent: float) -> Rows:
     """The same with a gain that is less known."""
     gain = spread[GAIN]
-    return (spread[H], (gain[H], gain[GAIN] + percent ** 2, *gain[OFFSET:]), *spread[OFFSET:])
+    return (spread[H], (gain[H], gain[GAIN] + percent**2, *gain[OFFSET:]), *spread[OFFSET:])

@@ -1,4 +1,6 @@
-"""The machine model solved for its set-points, effects included: what to command so that this much flows."""
+"""The machine model solved for its set-points, effects included: what to command so that this
+much flows."""
+
 from __future__ import annotations
 
 from math import inf
@@ -15,8 +17,10 @@ OF_SHAFT = (Acts.SHAFT_PERCENT, Acts.SHAFT_RPM)
 OF_GATE = (Acts.GATE_MM,)
 MOST_ROUNDS = 20
 SETTLED_MM, SETTLED_RPM = 1e-4, 1e-4
-LEAST_LEFT = 1e-3           # of the flow: with every outlet blocked no opening is wide enough
-LEAST_SHARE = 0.2           # of a drive's command or of the flow that known errors are believed to leave
+# of the flow: with every outlet blocked no opening is wide enough
+LEAST_LEFT = 1e-3
+# of a drive's command or of the flow that known errors are believed to leave
+LEAST_SHARE = 0.2
 
 
 class Conditions(NamedTuple):
@@ -27,12 +31,15 @@ class Conditions(NamedTuple):
     pitch_deg: float = 0.0
     supply_v: float | None = None
     refilled: bool = False
-    flow_trim: float = 1.0          # the scale's correction of the flow model
-    terms: StandingTerms | None = None      # of the machine file, those that control knows
-    common: float | None = None     # `common_of` these, where it was asked once for many set-points
+    flow_trim: float = 1.0  # the scale's correction of the flow model
+    terms: StandingTerms | None = None  # of the machine file, those that control knows
+    # `common_of` these, where it was asked once for many set-points
+    common: float | None = None
 
 
-def common_of(p: Flow, elapsed_s: float, hopper_kg: float | None, pitch_deg: float, refilled: bool) -> float:
+def common_of(
+    p: Flow, elapsed_s: float, hopper_kg: float | None, pitch_deg: float, refilled: bool
+) -> float:
     """What multiplies the flow whatever the set-points are, without the scale's correction."""
     full = 1.0 if hopper_kg is None else min(1.0, max(0.0, hopper_kg / p.full_kg))
     return common_factor(p, full, elapsed_s, pitch_deg, 0.0, refilled)
@@ -46,16 +53,28 @@ def standing_factor(p: Flow, c: Conditions) -> float:
     return common * c.flow_trim
 
 
-def flow_kg_s(machine: Machine, shaft_rpm: float, opening_mm: float, c: Conditions = Conditions()) -> float:
-    """Steady flow of true shaft speed and opening, kg/s; `flow_trim` included as given in the conditions."""
-    flow = grams_per_rev(machine.flow, shaft_rpm, opening_mm) * shaft_rpm / 60_000.0 * standing_factor(machine.flow, c)
+def flow_kg_s(
+    machine: Machine, shaft_rpm: float, opening_mm: float, c: Conditions = Conditions()
+) -> float:
+    """Steady flow of true shaft speed and opening, kg/s; `flow_trim` included as given in the
+    conditions."""
+    flow = (
+        grams_per_rev(machine.flow, shaft_rpm, opening_mm)
+        * shaft_rpm
+        / 60_000.0
+        * standing_factor(machine.flow, c)
+    )
     if c.terms is None or shaft_rpm <= 0.0:
         return flow
     more = c.terms.at(OF_FLOW, shaft_rpm=shaft_rpm, opening_mm=opening_mm)
-    return max(0.0, flow * (1.0 + more.flow_percent / 100.0) + more.flow_kg_min / 60.0 * c.flow_trim)
+    return max(
+        0.0, flow * (1.0 + more.flow_percent / 100.0) + more.flow_kg_min / 60.0 * c.flow_trim
+    )
 
 
-def opening_for(machine: Machine, wanted_kg_s: float, shaft_rpm: float, c: Conditions = Conditions()) -> float:
+def opening_for(
+    machine: Machine, wanted_kg_s: float, shaft_rpm: float, c: Conditions = Conditions()
+) -> float:
     """True opening, mm, that gives `wanted_kg_s` at a true `shaft_rpm` > 0; not yet limited."""
     if c.terms is not None:
         return _opening_with_terms(machine, wanted_kg_s, shaft_rpm, c, c.terms)
@@ -66,9 +85,11 @@ def opening_for(machine: Machine, wanted_kg_s: float, shaft_rpm: float, c: Condi
     return 500.0 + (needed - at_500_mm) / slope
 
 
-def _opening_with_terms(machine: Machine, wanted_kg_s: float, shaft_rpm: float, c: Conditions,
-                        terms: StandingTerms) -> float:
-    """The same where terms bear on the flow: what they come to is put in anew until the opening stands still."""
+def _opening_with_terms(
+    machine: Machine, wanted_kg_s: float, shaft_rpm: float, c: Conditions, terms: StandingTerms
+) -> float:
+    """The same where terms bear on the flow: what they come to is put in anew until the opening
+    stands still."""
     bare, limits = c._replace(terms=None), machine.limits
     opening = opening_for(machine, wanted_kg_s, shaft_rpm, bare)
     for _ in range(MOST_ROUNDS):
@@ -83,8 +104,11 @@ def _opening_with_terms(machine: Machine, wanted_kg_s: float, shaft_rpm: float, 
     return opening
 
 
-def shaft_for(machine: Machine, wanted_kg_s: float, opening_mm: float, c: Conditions = Conditions()) -> float:
-    """True shaft speed, r/min, that gives `wanted_kg_s` at a true opening; infinite where the highest does not."""
+def shaft_for(
+    machine: Machine, wanted_kg_s: float, opening_mm: float, c: Conditions = Conditions()
+) -> float:
+    """True shaft speed, r/min, that gives `wanted_kg_s` at a true opening; infinite where the
+    highest does not."""
     low, high = 0.0, machine.limits.shaft_high_rpm
     most = flow_kg_s(machine, high, opening_mm, c)
     if wanted_kg_s <= 0.0:
@@ -106,9 +130,11 @@ def shaft_for(machine: Machine, wanted_kg_s: float, opening_mm: float, c: Condit
     return 0.5 * (low + high)
 
 
-def shaft_command(machine: Machine, wanted_rpm: float, opening_mm: float, c: Conditions = Conditions()) -> float:
-    """Command that turns the shaft at a true `wanted_rpm`: known gain, sag, droop and neutral point taken back. For 0
-    it is none, 0, which stops it."""
+def shaft_command(
+    machine: Machine, wanted_rpm: float, opening_mm: float, c: Conditions = Conditions()
+) -> float:
+    """Command that turns the shaft at a true `wanted_rpm`: known gain, sag, droop and neutral
+    point taken back. For 0 it is none, 0, which stops it."""
     p = machine.shaft
     kept = abs(1.0 + p.gain_percent / 100.0)
     if c.supply_v is not None:
@@ -120,8 +146,11 @@ def shaft_command(machine: Machine, wanted_rpm: float, opening_mm: float, c: Con
     bare = max(LEAST_SHARE, kept)
     for _ in range(MOST_ROUNDS):
         more = c.terms.at(OF_SHAFT, told_rpm=command, opening_mm=opening_mm)
-        found = _asked_for(p, max(0.0, wanted_rpm - more.shaft_rpm)
-                           / max(LEAST_SHARE, bare * (1.0 + more.shaft_percent / 100.0)))
+        found = _asked_for(
+            p,
+            max(0.0, wanted_rpm - more.shaft_rpm)
+            / max(LEAST_SHARE, bare * (1.0 + more.shaft_percent / 100.0)),
+        )
         if abs(found - command) < SETTLED_RPM:
             return found
         command = found
@@ -129,7 +158,8 @@ def shaft_command(machine: Machine, wanted_rpm: float, opening_mm: float, c: Con
 
 
 def _asked_for(p: Shaft, settled_rpm: float) -> float:
-    """Command forwards that comes to a settled speed (`asked_rpm`), its curve, zone and neutral point taken back."""
+    """Command forwards that comes to a settled speed (`asked_rpm`), its curve, zone and neutral
+    point taken back."""
     if settled_rpm <= 0.0:
         return 0.0
     bend = p.saturation_percent / (100.0 - p.saturation_percent) * settled_rpm / p.full_rpm

@@ -1,17 +1,22 @@
-"""A wanted rate to shaft and gate: the pair of each tick by the strategy in force, and what goes on the wire.
+"""A wanted rate to shaft and gate: the pair of each tick by the strategy in force, and what
+goes on the wire.
 
-All of it is in closed form: what is released now lands a lag from now, so the flow is the rate times the width times
-the ground speed expected then, and the strategy's pair gives that flow by the inverse of the machine model.
+All of it is in closed form: what is released now lands a lag from now, so the flow is the rate
+times the width times the ground speed expected then, and the strategy's pair gives that flow by
+the inverse of the machine model.
 
 opening first   the gate; the shaft stays at its set-point while the gate can (`strategies`).
-speed first     the shaft, its changes drawn out (`_drawn_out`), so that what falls singly does not overtake; abrupt
+speed first     the shaft, its changes drawn out (`_drawn_out`), so that what falls singly does
+not overtake; abrupt
                 changes are the gate's (`by_gate`).
 
-Each by what the other does: the drive that moves makes up for what the one that rests is off (`trims.Left`), and for
-what its own trim leaves.
+Each by what the other does: the drive that moves makes up for what the one that rests is off
+(`trims.Left`), and for what its own trim leaves.
 
-No strategy moves the shaft for what is falling already: nobody has measured what that does (docs/decisions/0007).
+No strategy moves the shaft for what is falling already: nobody has measured what that does
+(docs/decisions/0007).
 """
+
 from __future__ import annotations
 
 from collections.abc import Callable
@@ -28,64 +33,97 @@ from .inverse import Conditions, flow_kg_s, gate_command, opening_for, shaft_com
 from .strategies import Pair, pair_for
 from .trims import NOTHING_LEFT, DriveTrim, Left
 
-SWITCH_S = 4.0              # a change of strategy is spread over this long
-ABRUPT = 0.35               # |log| of rate after over rate before, from which on speed first's gate makes the change:
-                            # no two grades of a canopy in one second, but the edges of a map's zones
-BACK_PER_S = 0.02           # share of the opening by which it then returns: the shaft makes up for it, so slowly that
-                            # no tube shows it (0.6 s x 0.02 / s: 1 % of the flow, where granules fall singly)
-UNSETTLED_SHARE = 0.5       # of the drawing out that granules which fall singly need, while nobody knows: the least
-                            # that the worst of both tubes is then off (2.5 % in steady work, benchmarks other_machines)
-PLAN_BAND_RPM = 0.6         # smaller moves are not planned: the noise of the speed alone would make ten a second ...
-PLAN_BAND_SHARE = 0.008     # ... of the shaft speed: not less than this ...
-PLAN_BAND_MOST = 0.0136     # ... nor more: 0.6 of a slow shaft's 20 r/min would be 3 % of the flow
+SWITCH_S = 4.0  # a change of strategy is spread over this long
+# |log| of rate after over rate before, from which on speed first's gate makes the change: no
+# two grades of a canopy in one second, but the edges of a map's zones
+ABRUPT = 0.35
+# share of the opening by which it then returns: the shaft makes up for it, so slowly that no
+# tube shows it (0.6 s x 0.02 / s: 1 % of the flow, where granules fall singly)
+BACK_PER_S = 0.02
+# of the drawing out that granules which fall singly need, while nobody knows: the least that
+# the worst of both tubes is then off (2.5 % in steady work, benchmarks other_machines)
+UNSETTLED_SHARE = 0.5
+# smaller moves are not planned: the noise of the speed alone would make ten a second ...
+PLAN_BAND_RPM = 0.6
+PLAN_BAND_SHARE = 0.008  # ... of the shaft speed: not less than this ...
+# ... nor more: 0.6 of a slow shaft's 20 r/min would be 3 % of the flow
+PLAN_BAND_MOST = 0.0136
 PLAN_BAND_MM = 0.15
 PLAN_BAND_MM_SHARE = 0.012  # of the opening: the gate's moves are what wears
-SHAFT_BAND_RPM = 0.3        # smaller moves are not sent: the plan leaves out what it need not do, this is for the trims
+# smaller moves are not sent: the plan leaves out what it need not do, this is for the trims
+SHAFT_BAND_RPM = 0.3
 OPENING_BAND_MM = 0.12
 
 
 class Setting:
-    """One of a run: holds the strategy and, while it is being changed, the one it comes from. `pair` once a tick, then
-    `made` with what was really commanded."""
+    """One of a run: holds the strategy and, while it is being changed, the one it comes from.
+    `pair` once a tick, then `made` with what was really commanded."""
 
     def __init__(self, machine: Machine, strategy: Strategy) -> None:
         self.machine = machine
         self.strategy = strategy.in_force
         self._shaft_answers_s = dead_s(machine.shaft) + lag_s(machine.shaft)
-        self._drawn_out_share = 1.0 - machine.fall.carried_share if machine.tube_is_settled else UNSETTLED_SHARE
-        self._last: Pair | None = None                  # as commanded; None: the shaft stands
-        self._drawn_rpm: float | None = None            # of speed first
+        self._drawn_out_share = (
+            1.0 - machine.fall.carried_share if machine.tube_is_settled else UNSETTLED_SHARE
+        )
+        self._last: Pair | None = None  # as commanded; None: the shaft stands
+        self._drawn_rpm: float | None = None  # of speed first
         self._before: Strategy | None = None
-        self._at_mm = machine.set_points.opening_mm     # at which speed first turns its shaft
+        self._at_mm = machine.set_points.opening_mm  # at which speed first turns its shaft
         self._switched_s = 0.0
         self.left = NOTHING_LEFT
-        self.made_up = 1.0          # flow of the pair over that of the same with both drives as they should be
+        # flow of the pair over that of the same with both drives as they should be
+        self.made_up = 1.0
 
     def switch(self, strategy: Strategy, now_s: float) -> None:
         if strategy.in_force is not self.strategy:
             self._before, self.strategy, self._switched_s = self.strategy, strategy.in_force, now_s
             self._drawn_rpm = None
 
-    def pair(self, rate_kg_ha: float, mps_in: Callable[[float], float], now_s: float, dt_s: float,
-             opening_now_mm: float, c: Conditions, left: Left = NOTHING_LEFT) -> Pair:
-        """True shaft speed and opening to aim at, small moves left out. `rate_kg_ha`: for what is released now;
-        `mps_in`: ground speed expected so many seconds from now; `opening_now_mm`: expected; `left`: by readings."""
+    def pair(
+        self,
+        rate_kg_ha: float,
+        mps_in: Callable[[float], float],
+        now_s: float,
+        dt_s: float,
+        opening_now_mm: float,
+        c: Conditions,
+        left: Left = NOTHING_LEFT,
+    ) -> Pair:
+        """True shaft speed and opening to aim at, small moves left out. `rate_kg_ha`: for what
+        is released now; `mps_in`: ground speed expected so many seconds from now;
+        `opening_now_mm`: expected; `left`: by readings."""
         self.left = left
         machine, fall = self.machine, self.machine.fall
         shaft_moves = self._last is None or self.by_shaft
         answers_s = self._shaft_answers_s if shaft_moves else machine.gate.dead_time_s
         turns_rpm = machine.set_points.shaft_rpm if self._last is None else self._last.shaft_rpm
-        mps = mps_in(answers_s + 0.5 * dt_s + drop_s(fall, (1.0 + left.shaft_share) * turns_rpm) + fall.latency_s)
+        mps = mps_in(
+            answers_s
+            + 0.5 * dt_s
+            + drop_s(fall, (1.0 + left.shaft_share) * turns_rpm)
+            + fall.latency_s
+        )
         wanted_kg_s = rate_kg_ha * machine.geometry.working_width_m * mps / 10_000.0
         goal = self.goal(wanted_kg_s, now_s, opening_now_mm, c)
         self.made_up = self._made_up(goal, wanted_kg_s, opening_now_mm, c)
-        if goal.shaft_rpm > 0.0 and self.by_shaft and goal.opening_mm == self._at_mm and not goal.limited:
+        if (
+            goal.shaft_rpm > 0.0
+            and self.by_shaft
+            and goal.opening_mm == self._at_mm
+            and not goal.limited
+        ):
             opening = self._quiet(goal).opening_mm
-            limits, shaft = machine.limits, self._drawn_out(goal.shaft_rpm * goal.opening_mm / opening, dt_s)
+            limits, shaft = (
+                machine.limits,
+                self._drawn_out(goal.shaft_rpm * goal.opening_mm / opening, dt_s),
+            )
             goal = Pair(min(limits.shaft_high_rpm, max(limits.shaft_low_rpm, shaft)), opening)
         return self._quiet(goal) if goal.shaft_rpm > 0.0 else goal
 
-    def _made_up(self, goal: Pair, wanted_kg_s: float, opening_now_mm: float, c: Conditions) -> float:
+    def _made_up(
+        self, goal: Pair, wanted_kg_s: float, opening_now_mm: float, c: Conditions
+    ) -> float:
         if goal.shaft_rpm <= 0.0 or self.left == NOTHING_LEFT:
             return 1.0
         plain = pair_for(self.machine, self.strategy, wanted_kg_s, opening_now_mm, c, self._at_mm)
@@ -100,12 +138,13 @@ class Setting:
     def _drawn_out(self, settled_rpm: float, dt_s: float) -> float:
         """Speed first's shaft, on its way to the speed that gives the flow.
 
-        Where granules fall singly, what is released at n lands with 1 / (1 + drop'(n) dn/dt) of its flow: later
-        granules come down sooner. That is the flow of `settled_rpm` where dn/dt = (1 - n / settled) / -drop'(n).
+        Where granules fall singly, what is released at n lands with 1 / (1 + drop'(n) dn/dt) of
+        its flow: later granules come down sooner. That is the flow of `settled_rpm` where dn/dt
+        = (1 - n / settled) / -drop'(n).
         """
         n, fall = self._drawn_rpm or settled_rpm, self.machine.fall
         sooner_s = self._drawn_out_share * 0.5 * (drop_s(fall, n - 1.0) - drop_s(fall, n + 1.0))
-        share = dt_s / max(dt_s, sooner_s * settled_rpm)        # never past it
+        share = dt_s / max(dt_s, sooner_s * settled_rpm)  # never past it
         self._drawn_rpm = n + share * (settled_rpm - n)
         return self._drawn_rpm
 
@@ -114,32 +153,46 @@ class Setting:
         limits, last = self.machine.limits, self._last
         shaft = opening = None
         if last is not None:
-            band = max(PLAN_BAND_SHARE * last.shaft_rpm, min(PLAN_BAND_RPM, PLAN_BAND_MOST * last.shaft_rpm))
+            band = max(
+                PLAN_BAND_SHARE * last.shaft_rpm,
+                min(PLAN_BAND_RPM, PLAN_BAND_MOST * last.shaft_rpm),
+            )
             if abs(planned.shaft_rpm - last.shaft_rpm) < band:
                 shaft = last.shaft_rpm
             rests = self.by_shaft and planned.opening_mm == self.machine.set_points.opening_mm
             band_mm = max(PLAN_BAND_MM, PLAN_BAND_MM_SHARE * last.opening_mm)
             if not rests and abs(planned.opening_mm - last.opening_mm) < band_mm:
                 opening = last.opening_mm
-        return Pair(_rounded(planned.shaft_rpm, limits.shaft_resolution_rpm) if shaft is None else shaft,
-                    _rounded(planned.opening_mm, limits.opening_resolution_mm) if opening is None else opening,
-                    planned.limited)
+        return Pair(
+            _rounded(planned.shaft_rpm, limits.shaft_resolution_rpm) if shaft is None else shaft,
+            _rounded(planned.opening_mm, limits.opening_resolution_mm)
+            if opening is None
+            else opening,
+            planned.limited,
+        )
 
     def settled(self, wanted_kg_s: float, opening_now_mm: float, c: Conditions) -> Pair:
         """The pair of the present strategy, as if it had always been in force."""
-        return pair_for(self.machine, self.strategy, wanted_kg_s, opening_now_mm, c, self._at_mm, self.left)
+        return pair_for(
+            self.machine, self.strategy, wanted_kg_s, opening_now_mm, c, self._at_mm, self.left
+        )
 
     def by_gate(self, before_kg_ha: float, after_kg_ha: float) -> float | None:
-        """Opening after a change of the rate that speed first leaves to the gate; None: the shaft makes it.
+        """Opening after a change of the rate that speed first leaves to the gate; None: the
+        shaft makes it.
 
-        Where a zone of a map ends, the shaft would take what is in the tube along: 450 to 150 kg/ha came 1.2 m late.
+        Where a zone of a map ends, the shaft would take what is in the tube along: 450 to 150
+        kg/ha came 1.2 m late.
         """
         if not self.by_shaft or min(before_kg_ha, after_kg_ha) <= 0.0:
             return None
         if abs(log(after_kg_ha / before_kg_ha)) < ABRUPT:
             return None
         limits = self.machine.limits
-        return min(limits.opening_high_mm, max(limits.opening_low_mm, self._at_mm * after_kg_ha / before_kg_ha))
+        return min(
+            limits.opening_high_mm,
+            max(limits.opening_low_mm, self._at_mm * after_kg_ha / before_kg_ha),
+        )
 
     def changed(self, before_kg_ha: float, after_kg_ha: float) -> None:
         """A change of the rate was made: where the gate makes it, the opening goes along."""
@@ -156,8 +209,8 @@ class Setting:
         return self.strategy is Strategy.SPEED_FIRST and self._before is None
 
     def goal(self, wanted_kg_s: float, now_s: float, opening_now_mm: float, c: Conditions) -> Pair:
-        """The settled pair to plan towards. While a strategy is being changed the shaft glides over, and the opening
-        goes with it."""
+        """The settled pair to plan towards. While a strategy is being changed the shaft glides
+        over, and the opening goes with it."""
         goal = self.settled(wanted_kg_s, opening_now_mm, c)
         if self._before is None:
             return goal
@@ -165,11 +218,18 @@ class Setting:
         if share >= 1.0 or goal.shaft_rpm <= 0.0:
             self._before = None
             return goal
-        start = pair_for(self.machine, self._before, wanted_kg_s, opening_now_mm, c, self._at_mm, self.left)
+        start = pair_for(
+            self.machine, self._before, wanted_kg_s, opening_now_mm, c, self._at_mm, self.left
+        )
         limits = self.machine.limits
         shaft = max(limits.shaft_low_rpm, (1.0 - share) * start.shaft_rpm + share * goal.shaft_rpm)
-        opening = opening_for(self.machine, wanted_kg_s, (1.0 + self.left.shaft_share) * shaft, c) - self.left.gate_mm
-        return Pair(shaft, min(limits.opening_high_mm, max(limits.opening_low_mm, opening)), goal.limited)
+        opening = (
+            opening_for(self.machine, wanted_kg_s, (1.0 + self.left.shaft_share) * shaft, c)
+            - self.left.gate_mm
+        )
+        return Pair(
+            shaft, min(limits.opening_high_mm, max(limits.opening_low_mm, opening)), goal.limited
+        )
 
     def nudged(self, pair: Settled) -> Settled:
         """The pair after a small change of rate, made by this strategy's own actuator."""
@@ -181,16 +241,23 @@ class Setting:
         """Set-points for the drives without trims and rounding; a stopped shaft is 0."""
         if pair.shaft_rpm <= 0.0:
             return DriveCommand(0.0, gate_command(self.machine, pair.opening_mm, c))
-        return DriveCommand(shaft_command(self.machine, pair.shaft_rpm, pair.opening_mm, c),
-                            gate_command(self.machine, pair.opening_mm, c))
+        return DriveCommand(
+            shaft_command(self.machine, pair.shaft_rpm, pair.opening_mm, c),
+            gate_command(self.machine, pair.opening_mm, c),
+        )
 
-    def command(self, pair: Pair, c: Conditions, trim: DriveTrim, last: DriveCommand | None) -> DriveCommand:
-        """Set-points for the drives: trimmed, rounded to the drives' resolution, small moves left out."""
+    def command(
+        self, pair: Pair, c: Conditions, trim: DriveTrim, last: DriveCommand | None
+    ) -> DriveCommand:
+        """Set-points for the drives: trimmed, rounded to the drives' resolution, small moves
+        left out."""
         bare = self.wire(pair, c)
         if bare.shaft_rpm <= 0.0:
-            stays = last.opening_mm if last is not None else _rounded(bare.opening_mm, self._step_mm)
+            stays = (
+                last.opening_mm if last is not None else _rounded(bare.opening_mm, self._step_mm)
+            )
             return DriveCommand(0.0, stays)
-        neutral = self.machine.shaft.neutral_rpm        # a trim is a share of what turns it
+        neutral = self.machine.shaft.neutral_rpm  # a trim is a share of what turns it
         shaft = neutral + (bare.shaft_rpm - neutral) * (1.0 + trim.shaft_share)
         opening = bare.opening_mm + trim.gate_mm
         if last is not None and last.shaft_rpm > 0.0:
@@ -198,12 +265,17 @@ class Setting:
                 shaft = last.shaft_rpm
             if abs(opening - last.opening_mm) < OPENING_BAND_MM:
                 opening = last.opening_mm
-        return DriveCommand(_rounded(shaft, self.machine.limits.shaft_resolution_rpm), _rounded(opening, self._step_mm))
+        return DriveCommand(
+            _rounded(shaft, self.machine.limits.shaft_resolution_rpm),
+            _rounded(opening, self._step_mm),
+        )
 
     def by_hand(self, shaft_rpm: float, opening_mm: float) -> DriveCommand:
         """A pair wanted as it is, in steps of the drives' resolution: no trims, no dead bands."""
-        return DriveCommand(_rounded(shaft_rpm, self.machine.limits.shaft_resolution_rpm),
-                            _rounded(opening_mm, self._step_mm))
+        return DriveCommand(
+            _rounded(shaft_rpm, self.machine.limits.shaft_resolution_rpm),
+            _rounded(opening_mm, self._step_mm),
+        )
 
     @property
     def _step_mm(self) -> float:

@@ -1,4 +1,5 @@
 """Opening first and speed first: which pair of true shaft speed and opening gives a wanted flow."""
+
 from __future__ import annotations
 
 from typing import NamedTuple
@@ -11,7 +12,8 @@ from .trims import NOTHING_LEFT, Left
 
 
 class Pair(NamedTuple):
-    """True shaft speed and opening. `limited`: "", "lowest", "highest" or "zero" (less than half the lowest)."""
+    """True shaft speed and opening. `limited`: "", "lowest", "highest" or "zero" (less than
+    half the lowest)."""
 
     shaft_rpm: float
     opening_mm: float
@@ -19,9 +21,10 @@ class Pair(NamedTuple):
 
 
 class Reach(NamedTuple):
-    """What a strategy comes to on one machine at one rate and ground speed: lowest and highest rate by its own drive,
-    kg/ha; the smallest step of that drive, % of the flow; how far the lumps of one row lie apart, m; what 1 mm of the
-    gate and 1 r/min of the shaft change, % of the flow."""
+    """What a strategy comes to on one machine at one rate and ground speed: lowest and highest
+    rate by its own drive, kg/ha; the smallest step of that drive, % of the flow; how far the
+    lumps of one row lie apart, m; what 1 mm of the gate and 1 r/min of the shaft change, % of
+    the flow."""
 
     low_kg_ha: float
     high_kg_ha: float
@@ -31,31 +34,59 @@ class Reach(NamedTuple):
     percent_rpm: float
 
 
-def reach(machine: Machine, strategy: Strategy, rate_kg_ha: float, speed_mps: float) -> Reach | None:
-    """None where the machine stands, or nothing flows. Beyond the ends of the range the other drive helps."""
+def reach(
+    machine: Machine, strategy: Strategy, rate_kg_ha: float, speed_mps: float
+) -> Reach | None:
+    """None where the machine stands, or nothing flows. Beyond the ends of the range the other
+    drive helps."""
     limits, sets = machine.limits, machine.set_points
     to_kg_ha = 10_000.0 / (machine.geometry.working_width_m * speed_mps) if speed_mps > 0.0 else 0.0
-    pair = pair_for(machine, strategy, rate_kg_ha / to_kg_ha, sets.opening_mm) if to_kg_ha else Pair(0.0, 0.0)
+    pair = (
+        pair_for(machine, strategy, rate_kg_ha / to_kg_ha, sets.opening_mm)
+        if to_kg_ha
+        else Pair(0.0, 0.0)
+    )
     by_shaft = strategy is Strategy.SPEED_FIRST
-    ends = ([(rpm, sets.opening_mm) for rpm in (limits.shaft_low_rpm, limits.shaft_high_rpm)] if by_shaft
-            else [(sets.shaft_rpm, mm) for mm in (limits.opening_low_mm, limits.opening_high_mm)])
+    ends = (
+        [(rpm, sets.opening_mm) for rpm in (limits.shaft_low_rpm, limits.shaft_high_rpm)]
+        if by_shaft
+        else [(sets.shaft_rpm, mm) for mm in (limits.opening_low_mm, limits.opening_high_mm)]
+    )
     low, high = (to_kg_ha * flow_kg_s(machine, *end) for end in ends)
     if pair.shaft_rpm <= 0.0:
         return None
     flow = flow_kg_s(machine, *pair[:2])
     percent_mm = 100.0 * (flow_kg_s(machine, pair.shaft_rpm, pair.opening_mm + 1.0) / flow - 1.0)
     percent_rpm = 100.0 * (flow_kg_s(machine, pair.shaft_rpm + 1.0, pair.opening_mm) / flow - 1.0)
-    step = limits.shaft_resolution_rpm * percent_rpm if by_shaft else limits.opening_resolution_mm * percent_mm
-    return Reach(low, high, step, 60.0 * speed_mps / (machine.flow.flutes * pair.shaft_rpm), percent_mm, percent_rpm)
+    step = (
+        limits.shaft_resolution_rpm * percent_rpm
+        if by_shaft
+        else limits.opening_resolution_mm * percent_mm
+    )
+    return Reach(
+        low,
+        high,
+        step,
+        60.0 * speed_mps / (machine.flow.flutes * pair.shaft_rpm),
+        percent_mm,
+        percent_rpm,
+    )
 
 
-def pair_for(machine: Machine, strategy: Strategy, wanted_kg_s: float, opening_now_mm: float,
-             c: Conditions = Conditions(), at_mm: float | None = None, left: Left = NOTHING_LEFT) -> Pair:
+def pair_for(
+    machine: Machine,
+    strategy: Strategy,
+    wanted_kg_s: float,
+    opening_now_mm: float,
+    c: Conditions = Conditions(),
+    at_mm: float | None = None,
+    left: Left = NOTHING_LEFT,
+) -> Pair:
     """The pair that gives `wanted_kg_s`, kg/s, within the limits of the drives.
 
-    `opening_now_mm`: at zero rate the shaft stops and the gate stays where it is. `at_mm`: speed first at this opening.
-    `left`: what the drives are off; the one that moves makes up for it.
-    Below half the smallest flow: zero; between that and it: the smallest.
+    `opening_now_mm`: at zero rate the shaft stops and the gate stays where it is. `at_mm`:
+    speed first at this opening. `left`: what the drives are off; the one that moves makes up
+    for it. Below half the smallest flow: zero; between that and it: the smallest.
     """
     limits = machine.limits
     lowest = lowest_flow_kg_s(machine, c)
@@ -69,7 +100,11 @@ def pair_for(machine: Machine, strategy: Strategy, wanted_kg_s: float, opening_n
 
 
 def _opening_first(machine: Machine, wanted: float, c: Conditions, left: Left) -> Pair:
-    low, high, shaft_rpm = machine.limits.opening_low_mm, machine.limits.opening_high_mm, machine.set_points.shaft_rpm
+    low, high, shaft_rpm = (
+        machine.limits.opening_low_mm,
+        machine.limits.opening_high_mm,
+        machine.set_points.shaft_rpm,
+    )
     opening = opening_for(machine, wanted, (1.0 + left.shaft_share) * shaft_rpm, c) - left.gate_mm
     if low <= opening <= high:
         return Pair(shaft_rpm, opening)
@@ -77,7 +112,9 @@ def _opening_first(machine: Machine, wanted: float, c: Conditions, left: Left) -
     return _within_shaft(machine, wanted, opening, c)
 
 
-def _speed_first(machine: Machine, wanted: float, opening_mm: float, c: Conditions, left: Left) -> Pair:
+def _speed_first(
+    machine: Machine, wanted: float, opening_mm: float, c: Conditions, left: Left
+) -> Pair:
     low, high = machine.limits.shaft_low_rpm, machine.limits.shaft_high_rpm
     shaft = shaft_for(machine, wanted, opening_mm + left.gate_mm, c) / (1.0 + left.shaft_share)
     if low <= shaft <= high:

@@ -1,4 +1,6 @@
-"""The host's slow corrections of shaft and gate to their measured values, bounded. The scale's: `flow_trim`."""
+"""The host's slow corrections of shaft and gate to their measured values, bounded. The scale's:
+`flow_trim`."""
+
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -9,18 +11,22 @@ from control.readings import Reading
 
 @dataclass(frozen=True)
 class TrimLimits:
-    tau_s: float = 5.0                  # how slowly shaft and gate are trimmed
-    shaft_share: float = 0.10           # at most, of the command
-    held_share: float = 0.30            # further off the shaft is jammed or held: nothing is learnt (anti-windup)
-    gate_mm: float = 2.0                # at most
-    settled_s: float = 0.6              # the expected value must have stood still this long
-    left_tau_s: float = 1.0             # filter `left`: the encoder's 0.3 r/min come to 0.05
+    tau_s: float = 5.0  # how slowly shaft and gate are trimmed
+    shaft_share: float = 0.10  # at most, of the command
+    # further off the shaft is jammed or held: nothing is learnt (anti-windup)
+    held_share: float = 0.30
+    gate_mm: float = 2.0  # at most
+    # the expected value must have stood still this long
+    settled_s: float = 0.6
+    # filter `left`: the encoder's 0.3 r/min come to 0.05
+    left_tau_s: float = 1.0
 
 
 class Left(NamedTuple):
-    """What the drives are off their expected values, trims included, as far as it is to be made up for."""
+    """What the drives are off their expected values, trims included, as far as it is to be made
+    up for."""
 
-    shaft_share: float = 0.0            # of the expected speed
+    shaft_share: float = 0.0  # of the expected speed
     gate_mm: float = 0.0
 
 
@@ -33,28 +39,44 @@ class DriveTrim:
     def __init__(self, limits: TrimLimits, still: float) -> None:
         self.shaft_share = 0.0
         self.gate_mm = 0.0
-        self._left = NOTHING_LEFT             # filter `left`: what remains while the expected stands still
+        # filter `left`: what remains while the expected stands still
+        self._left = NOTHING_LEFT
         self._limits = limits
-        self._still = still             # a move of the expected value larger than this is not standing still
-        self._shaft: tuple[float, float] = (0.0, -1e9)      # value, since when
+        # a move of the expected value larger than this is not standing still
+        self._still = still
+        self._shaft: tuple[float, float] = (0.0, -1e9)  # value, since when
         self._gate: tuple[float, float] = (0.0, -1e9)
 
-    def update(self, now_s: float, dt_s: float, expected_rpm: float, measured_rpm: Reading | None,
-               expected_mm: float, measured_mm: Reading | None) -> None:
+    def update(
+        self,
+        now_s: float,
+        dt_s: float,
+        expected_rpm: float,
+        measured_rpm: Reading | None,
+        expected_mm: float,
+        measured_mm: Reading | None,
+    ) -> None:
         """Expected: what the nominal drive does with the untrimmed set-points."""
         lim = self._limits
         self._shaft = _stands(self._shaft, expected_rpm, now_s, self._still)
         self._gate = _stands(self._gate, expected_mm, now_s, self._still)
         share, left_share = dt_s / lim.tau_s, min(1.0, dt_s / lim.left_tau_s)
         left_shaft, left_mm = self._left
-        if (measured_rpm is not None and now_s - measured_rpm.time_s < 0.2 and expected_rpm > 5.0
-                and now_s - self._shaft[1] > lim.settled_s):
+        if (
+            measured_rpm is not None
+            and now_s - measured_rpm.time_s < 0.2
+            and expected_rpm > 5.0
+            and now_s - self._shaft[1] > lim.settled_s
+        ):
             off = (measured_rpm.value - expected_rpm) / expected_rpm
             if abs(off) <= lim.held_share:
                 self.shaft_share = _bounded(self.shaft_share - share * off, lim.shaft_share)
                 left_shaft += left_share * (off - left_shaft)
-        if (measured_mm is not None and now_s - measured_mm.time_s < 0.2
-                and now_s - self._gate[1] > lim.settled_s):
+        if (
+            measured_mm is not None
+            and now_s - measured_mm.time_s < 0.2
+            and now_s - self._gate[1] > lim.settled_s
+        ):
             off_mm = measured_mm.value - expected_mm
             self.gate_mm = _bounded(self.gate_mm - share * off_mm, lim.gate_mm)
             if abs(off_mm) <= lim.held_share * expected_mm:
@@ -62,15 +84,19 @@ class DriveTrim:
         self._left = Left(left_shaft, left_mm)
 
     def left(self, shaft_moves: bool) -> Left:
-        """To be made up for: what the drive that rests is off, by now; what the one that moves is off where its trim is
-        at its end."""
+        """To be made up for: what the drive that rests is off, by now; what the one that moves
+        is off where its trim is at its end."""
         shaft_share, gate_mm = self._left
         if shaft_moves:
-            return Left(shaft_share if abs(self.shaft_share) >= self._limits.shaft_share else 0.0, gate_mm)
+            return Left(
+                shaft_share if abs(self.shaft_share) >= self._limits.shaft_share else 0.0, gate_mm
+            )
         return Left(shaft_share, gate_mm if abs(self.gate_mm) >= self._limits.gate_mm else 0.0)
 
 
-def _stands(held: tuple[float, float], value: float, now_s: float, still: float) -> tuple[float, float]:
+def _stands(
+    held: tuple[float, float], value: float, now_s: float, still: float
+) -> tuple[float, float]:
     return held if abs(value - held[0]) <= still else (value, now_s)
 
 

@@ -1,1 +1,2 @@
-"""What the three papers print, and the same from this program's models; see `topdress reproduce`."""
+"""What the three papers print, and the same from this program's models; see `topdress
+reproduce`."""

@@ -1,4 +1,5 @@
 """Every claim of the decision paper, and what comes out."""
+
 from __future__ import annotations
 
 import datetime as dt
@@ -22,39 +23,68 @@ def rate_from_weighing_kg_ha(product_kg: float, area_m2: float) -> float:
     return product_kg * 10_000.0 / area_m2
 
 
-def extra_nitrogen_kg_ha(rates_kg_ha: Sequence[float], uniform_kg_ha: float, product_n_fraction: float = 0.45) -> float:
-    """Nitrogen that variable dressing gives more than a uniform one, kg N/ha, mean over plots of equal size.
+def extra_nitrogen_kg_ha(
+    rates_kg_ha: Sequence[float], uniform_kg_ha: float, product_n_fraction: float = 0.45
+) -> float:
+    """Nitrogen that variable dressing gives more than a uniform one, kg N/ha, mean over plots
+    of equal size.
 
-    The paper's "about 28 kg/ha more nitrogen" is this on the applied rates of table 2: 28.75; on the target rates it
-    is 17.75. ValueError without plots.
+    The paper's "about 28 kg/ha more nitrogen" is this on the applied rates of table 2: 28.75;
+    on the target rates it is 17.75. ValueError without plots.
     """
     if not rates_kg_ha:
         raise ValueError("no plots: at least one rate is needed")
     return (sum(rates_kg_ha) / len(rates_kg_ha) - uniform_kg_ha) * product_n_fraction
 
 
-AFTER_CV = {"CK": 11.32, "CP": 10.21, "variable": 8.68}     # 28 March, section 3.1 and conclusion 2
+# 28 March, section 3.1 and conclusion 2
+AFTER_CV = {"CK": 11.32, "CP": 10.21, "variable": 8.68}
 HARVESTED_M2 = 5.0
-UREA_N, GRAIN_N_KG_T = 0.45, 23.9                           # eq 2
-BASE_N_KG_HA = 225.0 * UREA_N + 150.0 * 0.18                # section 1.1; diammonium phosphate as traded, 18-46-0
+UREA_N, GRAIN_N_KG_T = 0.45, 23.9  # eq 2
+# section 1.1; diammonium phosphate as traded, 18-46-0
+BASE_N_KG_HA = 225.0 * UREA_N + 150.0 * 0.18
 WITHOUT_STRIP_T_HA = 6.73
 DAYS = 82.0
-PAPER_CURVE = (0.359, 324.4)                                # eq 3: t/ha, days
+PAPER_CURVE = (0.359, 324.4)  # eq 3: t/ha, days
 
 
 def yields() -> Table:
-    """Table 3: what the sample weights make, and what eq 3 says of the plots whose NDVI is printed."""
+    """Table 3: what the sample weights make, and what eq 3 says of the plots whose NDVI is
+    printed."""
     rows = []
     for plot, (sample_kg, cv, kg_ha) in YIELDS.items():
         ndvi = NDVI_OF.get(plot)
         potential = None if ndvi is None else 1000.0 * yield_without(ndvi / DAYS, *PAPER_CURVE)
-        rows.append((plot, sample_kg, cv, kg_ha, sample_kg / HARVESTED_M2 * 10_000.0,
-                     kg_ha / 10_000.0 * HARVESTED_M2, ndvi, potential))
-    return Table("Table 3 and eq 3: yields. Obtained: kg/ha of the printed sample weight on 5 m2, the weight behind "
-                 "the "
-                 "printed kg/ha, and eq 3's potential without topdressing",
-                 ("plot", "sample kg published", "CV %", "kg/ha published", "kg/ha of the sample", "kg of the kg/ha",
-                  "NDVI of 7 March published", "eq 3, kg/ha"), tuple(rows), (0, 2, 2, 1, 1, 4, 3, 0))
+        rows.append(
+            (
+                plot,
+                sample_kg,
+                cv,
+                kg_ha,
+                sample_kg / HARVESTED_M2 * 10_000.0,
+                kg_ha / 10_000.0 * HARVESTED_M2,
+                ndvi,
+                potential,
+            )
+        )
+    return Table(
+        "Table 3 and eq 3: yields. Obtained: kg/ha of the printed sample weight on 5 m2, "
+        "the weight behind "
+        "the "
+        "printed kg/ha, and eq 3's potential without topdressing",
+        (
+            "plot",
+            "sample kg published",
+            "CV %",
+            "kg/ha published",
+            "kg/ha of the sample",
+            "kg of the kg/ha",
+            "NDVI of 7 March published",
+            "eq 3, kg/ha",
+        ),
+        tuple(rows),
+        (0, 2, 2, 1, 1, 4, 3, 0),
+    )
 
 
 class GrainN(NamedTuple):
@@ -70,21 +100,29 @@ class GrainN(NamedTuple):
 
 
 def grain_n() -> list[GrainN]:
-    """FA, FB and FC: a third, two thirds and all of the base (section 1.1), and table 2's applied urea, against table
-    3's yields."""
+    """FA, FB and FC: a third, two thirds and all of the base (section 1.1), and table 2's
+    applied urea, against table 3's yields."""
     found = []
     for thirds, plot in enumerate(("FA", "FB", "FC"), start=1):
         topdressed = rate_from_weighing_kg_ha(APPLIED[plot][2], APPLIED[plot][0]) * UREA_N
-        found.append(GrainN(plot, BASE_N_KG_HA * thirds / 3.0 + topdressed,
-                            (YIELDS[plot][2] - YIELDS["CK"][2]) * GRAIN_N_KG_T / 1000.0))
+        found.append(
+            GrainN(
+                plot,
+                BASE_N_KG_HA * thirds / 3.0 + topdressed,
+                (YIELDS[plot][2] - YIELDS["CK"][2]) * GRAIN_N_KG_T / 1000.0,
+            )
+        )
     return found
 
 
 def found_in_grain() -> Table:
-    return Table("Eq 2 against table 3: nitrogen given and held by the grain, both more than CK; eq 2 takes 60 %",
-                 ("plot", "given, kg N/ha", "in the grain, kg N/ha", "share, %"),
-                 tuple((one.plot, one.given_kg_ha, one.grain_kg_ha, 100.0 * one.share) for one in grain_n()),
-                 (0, 1, 2, 1))
+    return Table(
+        "Eq 2 against table 3: nitrogen given and held by the grain, both more than CK; eq "
+        "2 takes 60 %",
+        ("plot", "given, kg N/ha", "in the grain, kg N/ha", "share, %"),
+        tuple((one.plot, one.given_kg_ha, one.grain_kg_ha, 100.0 * one.share) for one in grain_n()),
+        (0, 1, 2, 1),
+    )
 
 
 def sampling_claims(simulated: Table) -> list[Claim]:
@@ -96,47 +134,125 @@ def sampling_claims(simulated: Table) -> list[Claim]:
     table = np.array([cv[hz] for hz in FREQUENCIES_HZ])
     spread = table.max(axis=0) - table.min(axis=0)
     most, least = int(spread.argmax()), int(spread.argmin())
-    plots = [{hz: Evenness(0, 0.0, *SAMPLING[hz][k]) for hz in FREQUENCIES_HZ} for k in range(len(PLOTS))]
+    plots = [
+        {hz: Evenness(0, 0.0, *SAMPLING[hz][k]) for hz in FREQUENCIES_HZ} for k in range(len(PLOTS))
+    ]
     chosen = best_frequency(plots)
     deviation = float(np.mean((100.0 - cuc) / table.ravel()))
-    groups = {name: float(np.mean([cv[2.0][k] for k, plot in enumerate(PLOTS) if plot.startswith(name)]))
-              for name in ("CK", "FA", "FB", "FC")}
+    groups = {
+        name: float(np.mean([cv[2.0][k] for k, plot in enumerate(PLOTS) if plot.startswith(name)]))
+        for name in ("CK", "FA", "FB", "FC")
+    }
     largest = max(groups, key=lambda name: groups[name])
     low, high = float(cuc.min()), float(cuc.max())
     return [
-        Claim("eq 1", "C_uc of readings spread normally: mean deviation over s.d. is 0.798",
-              f"{deviation:.3f} (table 1)", "0.798", How.SIMULATED, None,
-              "eq 1 on a normal distribution; published is the mean of (100 - C_uc) / CV over the 60 cells of table 1: "
-              "readings more peaked than normal"),
-        Claim("table 1", "CV at 2, 1, 0.5, 0.25, 0.125 Hz, mean of 12 plots", ", "
-              "".join(f"{cv[hz].mean():.2f}" for hz in cv)
-              + " %", "input, " + ", ".join(f"{value:.2f}" for value in ours) + " %", How.SIMULATED,
-              all(abs(value - cv[hz].mean()) < within for value, hz in zip(ours, FREQUENCIES_HZ[1:], strict=True)),
-              "the readings are not printed; leaving readings out cannot make the CV fall as at 0.125 Hz",
-              f"{within:.1f} percentage points: twice the s.d. of a draw of twelve plots at 0.125 Hz, by the canopy "
-              "that fits"),
-        Claim("figure 2", "largest mean NDVI (FC), its CV is the largest", "0.546; 11.46 %",
-              f"largest CV of one plot {cv[2.0].max():.2f} %; of a treatment's mean {groups[largest]:.2f} % in "
-              f"{largest}, "
-              f"FC {groups['FC']:.2f} %", How.RECOMPUTED, largest == "FC",
-              "true of plot FC-1, not of the treatment", "none: the largest of four"),
-        Claim("figure 2", "smallest mean NDVI (CK), CV at least", "0.467; 8.22 %",
-              f"{min(cv[2.0][:3]):.2f} %", How.RECOMPUTED, abs(min(cv[2.0][:3]) - 8.22) < 0.005,
-              "the CV; the NDVI is copied", f"0.005 %: {DIGITS}"),
-        Claim("section 1.2", "C_uc stays within", "90 to 96 %", f"{low:.2f} to {high:.2f} %", How.RECOMPUTED,
-              low >= 90.0 and high <= 96.05, "", "0.05 %: printed as whole percents"),
-        compared("section 1.2", "largest CV (0.25 Hz, FB-0)", 13.85, float(table.max()), 0.005, "{:.2f} %"),
-        compared("section 1.2", "smallest CV (0.125 Hz, FB-2)", 4.81, float(table.min()), 0.005, "{:.2f} %"),
-        Claim("section 1.2", "largest spread of CV over frequencies", "8.35 % (FB-2)",
-              f"{spread[most]:.2f} % ({PLOTS[most]})", How.RECOMPUTED, PLOTS[most] == "FB-2", "",
-              "none: the plot that is named"),
-        Claim("section 1.2", "smallest spread of CV over frequencies", "1.91 % (FC-2)",
-              f"{spread[least]:.2f} % ({PLOTS[least]})", How.RECOMPUTED, PLOTS[least] == "FC-2",
-              "" if PLOTS[least] == "FC-2" else f"FC-2: {spread[PLOTS.index('FC-2')]:.2f} %",
-              "none: the plot that is named"),
-        Claim("figure 3", "1 Hz differs least from 2 Hz", "1 Hz", f"{chosen.frequency_hz:g} Hz: change of CV plus C_uc "
-              + ", ".join(f"{chosen.departure[hz]:.2f} at {hz:g} Hz" for hz in FREQUENCIES_HZ[1:]), How.RECOMPUTED,
-              chosen.frequency_hz == 1.0, "", "none: the frequency that is named"),
+        Claim(
+            "eq 1",
+            "C_uc of readings spread normally: mean deviation over s.d. is 0.798",
+            f"{deviation:.3f} (table 1)",
+            "0.798",
+            How.SIMULATED,
+            None,
+            "eq 1 on a normal distribution; published is the mean of (100 - C_uc) / CV over "
+            "the 60 cells of table 1: "
+            "readings more peaked than normal",
+        ),
+        Claim(
+            "table 1",
+            "CV at 2, 1, 0.5, 0.25, 0.125 Hz, mean of 12 plots",
+            ", ".join(f"{cv[hz].mean():.2f}" for hz in cv) + " %",
+            "input, " + ", ".join(f"{value:.2f}" for value in ours) + " %",
+            How.SIMULATED,
+            all(
+                abs(value - cv[hz].mean()) < within
+                for value, hz in zip(ours, FREQUENCIES_HZ[1:], strict=True)
+            ),
+            "the readings are not printed; leaving readings out cannot make the CV fall as "
+            "at 0.125 Hz",
+            f"{within:.1f} percentage points: twice the s.d. of a draw of twelve plots at "
+            "0.125 Hz, by the canopy "
+            "that fits",
+        ),
+        Claim(
+            "figure 2",
+            "largest mean NDVI (FC), its CV is the largest",
+            "0.546; 11.46 %",
+            f"largest CV of one plot {cv[2.0].max():.2f} %; of a treatment's mean "
+            f"{groups[largest]:.2f} % in "
+            f"{largest}, "
+            f"FC {groups['FC']:.2f} %",
+            How.RECOMPUTED,
+            largest == "FC",
+            "true of plot FC-1, not of the treatment",
+            "none: the largest of four",
+        ),
+        Claim(
+            "figure 2",
+            "smallest mean NDVI (CK), CV at least",
+            "0.467; 8.22 %",
+            f"{min(cv[2.0][:3]):.2f} %",
+            How.RECOMPUTED,
+            abs(min(cv[2.0][:3]) - 8.22) < 0.005,
+            "the CV; the NDVI is copied",
+            f"0.005 %: {DIGITS}",
+        ),
+        Claim(
+            "section 1.2",
+            "C_uc stays within",
+            "90 to 96 %",
+            f"{low:.2f} to {high:.2f} %",
+            How.RECOMPUTED,
+            low >= 90.0 and high <= 96.05,
+            "",
+            "0.05 %: printed as whole percents",
+        ),
+        compared(
+            "section 1.2",
+            "largest CV (0.25 Hz, FB-0)",
+            13.85,
+            float(table.max()),
+            0.005,
+            "{:.2f} %",
+        ),
+        compared(
+            "section 1.2",
+            "smallest CV (0.125 Hz, FB-2)",
+            4.81,
+            float(table.min()),
+            0.005,
+            "{:.2f} %",
+        ),
+        Claim(
+            "section 1.2",
+            "largest spread of CV over frequencies",
+            "8.35 % (FB-2)",
+            f"{spread[most]:.2f} % ({PLOTS[most]})",
+            How.RECOMPUTED,
+            PLOTS[most] == "FB-2",
+            "",
+            "none: the plot that is named",
+        ),
+        Claim(
+            "section 1.2",
+            "smallest spread of CV over frequencies",
+            "1.91 % (FC-2)",
+            f"{spread[least]:.2f} % ({PLOTS[least]})",
+            How.RECOMPUTED,
+            PLOTS[least] == "FC-2",
+            "" if PLOTS[least] == "FC-2" else f"FC-2: {spread[PLOTS.index('FC-2')]:.2f} %",
+            "none: the plot that is named",
+        ),
+        Claim(
+            "figure 3",
+            "1 Hz differs least from 2 Hz",
+            "1 Hz",
+            f"{chosen.frequency_hz:g} Hz: change of CV plus C_uc "
+            + ", ".join(f"{chosen.departure[hz]:.2f} at {hz:g} Hz" for hz in FREQUENCIES_HZ[1:]),
+            How.RECOMPUTED,
+            chosen.frequency_hz == 1.0,
+            "",
+            "none: the frequency that is named",
+        ),
     ]
 
 
@@ -146,31 +262,61 @@ def ndvi_claims() -> list[Claim]:
     ck, variable = float(raw[:3].mean()), float(raw[3:].mean())
     return [
         Claim("figure 7", "mean NDVI on 28 March: CK, CP", "0.671, 0.803"),
-        Claim("figure 7", "CV of CK on 28 March, grown by", "11.32 %, by 3 %",
-              f"by {AFTER_CV['CK'] - ck:.2f} (mean of CK at 2 Hz {ck:.2f} %); by {AFTER_CV['CK'] - 8.22:.2f} from the "
-              "smallest plot", How.RECOMPUTED, abs(AFTER_CV["CK"] - ck - 3.0) < 0.5,
-              "3 is had from CK-2 alone" if abs(AFTER_CV["CK"] - ck - 3.0) >= 0.25 else "", f"0.5 %: {DIGITS}"),
-        Claim("figure 7", "CV of CP on 28 March, fallen by", "10.21 %, by 0.33 %", remark="CP is not in table 1"),
-        Claim("abstract, section 3.1", "CV of the variable plots fallen by, at most", "3.57 %",
-              remark="the CV of single plots on 28 March are not printed"),
-        compared("abstract, section 3.1", "CV of the variable plots fallen by, "
-                 "mean", 1.46, variable - AFTER_CV["variable"],
-                 0.011, "{:.2f} %", remark=f"table 1 at 2 Hz ({variable:.2f} %) less the conclusion's 8.68 %",
-                 why="two means rounded to 0.01 %"),
-        Claim("conclusion 2", "CV after: variable below CP", "8.68 below 10.21 %",
-              remark="one field of each: no replicate of CP, no test possible"),
+        Claim(
+            "figure 7",
+            "CV of CK on 28 March, grown by",
+            "11.32 %, by 3 %",
+            f"by {AFTER_CV['CK'] - ck:.2f} (mean of CK at 2 Hz {ck:.2f} %); by "
+            f"{AFTER_CV['CK'] - 8.22:.2f} from the "
+            "smallest plot",
+            How.RECOMPUTED,
+            abs(AFTER_CV["CK"] - ck - 3.0) < 0.5,
+            "3 is had from CK-2 alone" if abs(AFTER_CV["CK"] - ck - 3.0) >= 0.25 else "",
+            f"0.5 %: {DIGITS}",
+        ),
+        Claim(
+            "figure 7",
+            "CV of CP on 28 March, fallen by",
+            "10.21 %, by 0.33 %",
+            remark="CP is not in table 1",
+        ),
+        Claim(
+            "abstract, section 3.1",
+            "CV of the variable plots fallen by, at most",
+            "3.57 %",
+            remark="the CV of single plots on 28 March are not printed",
+        ),
+        compared(
+            "abstract, section 3.1",
+            "CV of the variable plots fallen by, mean",
+            1.46,
+            variable - AFTER_CV["variable"],
+            0.011,
+            "{:.2f} %",
+            remark=f"table 1 at 2 Hz ({variable:.2f} %) less the conclusion's 8.68 %",
+            why="two means rounded to 0.01 %",
+        ),
+        Claim(
+            "conclusion 2",
+            "CV after: variable below CP",
+            "8.68 below 10.21 %",
+            remark="one field of each: no replicate of CP, no test possible",
+        ),
     ]
 
 
 def rate_claims(crop: Crop, forward: Table, simulated: Table) -> list[Claim]:
-    """Section 2.1 and table 2. `forward`: FC's target from its NDVI; `simulated`: table 2 on the machine."""
+    """Section 2.1 and table 2. `forward`: FC's target from its NDVI; `simulated`: table 2 on
+    the machine."""
     smooth = prepare(crop.model_copy(update={"grades": False}))
     at_edge = n_requirement_kg_ha(WITHOUT_STRIP_T_HA, yield_without(0.75 / DAYS, *PAPER_CURVE))
     rates = {plot: rate_from_weighing_kg_ha(row[1], row[0]) for plot, row in APPLIED.items()}
     errors = {plot: 100.0 * (row[2] / row[1] - 1.0) for plot, row in APPLIED.items()}
     targets, applied = ([row[column] for row in APPLIED.values()] for column in (1, 2))
-    extra = [extra_nitrogen_kg_ha([rate_from_weighing_kg_ha(kg, 600.0) for kg in amounts], UNIFORM_KG_HA)
-             for amounts in (targets, applied)]
+    extra = [
+        extra_nitrogen_kg_ha([rate_from_weighing_kg_ha(kg, 600.0) for kg in amounts], UNIFORM_KG_HA)
+        for amounts in (targets, applied)
+    ]
     sown, sensed = dt.date(2013, 11, 1), dt.date(2014, 3, 7)
     index = WITHOUT_STRIP_T_HA / yield_without(NDVI_OF["CK"] / DAYS, *PAPER_CURVE)
     grades = rate_table(crop)
@@ -180,59 +326,166 @@ def rate_claims(crop: Crop, forward: Table, simulated: Table) -> list[Claim]:
     forward_kg = [float(cell or 0.0) for cell in forward.rows[0][2:]]
     sim = [abs(float(row[6] or 0.0)) for row in simulated.rows]
     return [
-        Claim("eq 2", "urea for a yield: R = 23.9 (Y_PN - Y_P0) / (0.45 x 0.6)", "no value printed",
-              f"{at_edge:.1f} kg/ha at NDVI 0.75", How.RECOMPUTED, None, "below zero as printed; here never below 0"),
+        Claim(
+            "eq 2",
+            "urea for a yield: R = 23.9 (Y_PN - Y_P0) / (0.45 x 0.6)",
+            "no value printed",
+            f"{at_edge:.1f} kg/ha at NDVI 0.75",
+            How.RECOMPUTED,
+            None,
+            "below zero as printed; here never below 0",
+        ),
         Claim("eq 2", "N in grain, N in urea, efficiency", "23.9 kg/t, 0.45, 0.6 (0.5 to 0.7)"),
-        Claim("eq 2, table 3", "share of the nitrogen that the grain holds, FA, FB, FC", "0.6",
-              ", ".join(f"{one.share:.3f}" for one in grain_n()), How.RECOMPUTED,
-              all(0.5 <= one.share <= 0.7 for one in grain_n()), "more than CK holds, over base and topdressing; the "
-              "yield hardly answered to nitrogen", "0.1: 0.5 to 0.7 is printed"),
-        Claim("eq 3", "potential of CK without topdressing (NDVI 0.467), against its yield", f"{YIELDS['CK'][2]:.1f} "
-              f"kg/ha",
-              f"{ck:.0f} kg/ha", How.RECOMPUTED, abs(ck / YIELDS["CK"][2] - 1.0) < 0.1,
-              f"eq 3 leaves {100.0 * ck / YIELDS['CK'][2]:.0f} % of what the control plot gave",
-              "10 %: less than the plot's own CV of 15.2 %"),
-        Claim("eq 3", "potential of FC without topdressing (NDVI 0.546), below its yield with it",
-              f"{YIELDS['FC'][2]:.1f} kg/ha", f"{fc:.0f} kg/ha", How.RECOMPUTED, fc < YIELDS["FC"][2], "",
-              "none: below"),
-        Claim("eq 4", "days above 0 degC from 1 November to 7 March", "82", remark=f"of {(sensed - sown).days} days; "
-              f"no weather "
-              "is printed. The constants of eq 3 were published for days above 4.4 degC"),
-        Claim("eq 5", "yield with topdressing, no N-rich strip", f"{WITHOUT_STRIP_T_HA:.2f} t/ha",
-              f"{reached:.2f} t/ha, mean of FA, FB, FC", How.RECOMPUTED, abs(reached / WITHOUT_STRIP_T_HA - 1.0) < 0.05,
-              f"a response index of {index:.2f} over eq 3 at CK's NDVI; 2.0 is the usual cap",
-              "5 %: the standard error of three plots with a CV of some 8 %"),
-        Claim("section 2.1", "grades: number, width", "11, 0.5", f"{len(grades) + 1}, {width:.2f}", How.RECOMPUTED,
-              abs(width - 0.5) < 0.01, "a width of 0.5 leaves one grade between 0.25 and 0.75; 0.05 gives the eleven",
-              "0.01: widths are printed in steps of 0.05"),
-        Claim("figure 4", "rate over NDVI", "a curve without figures",
-              f"{smooth.decide(0.30).rate_kg_ha:.0f} kg/ha at 0.30, {smooth.decide(0.50).rate_kg_ha:.0f} at 0.50, "
-              f"{smooth.decide(0.70).rate_kg_ha:.0f} at 0.70", How.RECOMPUTED, None,
-              "drawn below from eq 2 to 5; the figure itself is a picture and was not read off"),
-        *(compared("table 2", f"target of FC from its NDVI of {NDVI_OF['FC']}: {way}", APPLIED["FC"][1], kg, 0.1,
-                   "{:.1f} kg", remark="the text's rule, over the canopy" if "grades" in way else "",
-                   why="last digits of target (0.05 kg) and NDVI (0.03 kg)")
-          for way, kg in zip(forward.columns[2:], forward_kg, strict=True)),
-        Claim("table 2", "targets of FA and FB", "22.0, 20.2 kg", remark="their NDVI is not printed: no test"),
-        *(compared("table 2", f"control error of {plot}", APPLIED[plot][3], errors[plot], 0.006, "{:.2f} %")
-          for plot in APPLIED),
-        Claim("table 2", "applied against target", "+5.82 to +8.42 %",
-              f"{max(sim):.2f} % at most", How.SIMULATED, None,
-              "the nominal machine on FC's plot, its scale not correcting; an outflow 7 % high gives the published "
-              "errors (below)"),
-        Claim("abstract, section 3.2", "control accuracy above", "90 %", f"{100.0 - max(errors.values()):.2f} %",
-              How.RECOMPUTED, max(errors.values()) < 10.0, "on plots' totals; all three errors have the same sign",
-              "none: above"),
-        Claim("abstract, section 3.2", "nitrogen above the uniform 300 kg/ha of urea", f"about {EXTRA_N_KG_HA:g} kg/ha",
-              f"{extra[1]:.2f} by the applied, {extra[0]:.2f} by the target amounts", How.RECOMPUTED,
-              abs(extra[1] - EXTRA_N_KG_HA) < 1.0, "counted from the applied amounts: 11 kg/ha of it is the control "
-              "error", "1 kg/ha: \"about\""),
-        Claim("section 3.2", "targets fall as the base fertilizer grows", "FA > FB > FC",
-              ", ".join(f"{rate:.1f}" for rate in rates.values()) + " kg/ha", How.RECOMPUTED,
-              rates["FA"] > rates["FB"] > rates["FC"], "", "none: the order"),
-        compared("section 3", "area: five treatments of 600 m2 in the test field of 0.33 ha", 0.33, 0.30, 0.05,
-                 "{:.2f} ha",
-                 remark="the sum", why="paths and headlands are not printed"),
+        Claim(
+            "eq 2, table 3",
+            "share of the nitrogen that the grain holds, FA, FB, FC",
+            "0.6",
+            ", ".join(f"{one.share:.3f}" for one in grain_n()),
+            How.RECOMPUTED,
+            all(0.5 <= one.share <= 0.7 for one in grain_n()),
+            "more than CK holds, over base and topdressing; the yield hardly answered to nitrogen",
+            "0.1: 0.5 to 0.7 is printed",
+        ),
+        Claim(
+            "eq 3",
+            "potential of CK without topdressing (NDVI 0.467), against its yield",
+            f"{YIELDS['CK'][2]:.1f} kg/ha",
+            f"{ck:.0f} kg/ha",
+            How.RECOMPUTED,
+            abs(ck / YIELDS["CK"][2] - 1.0) < 0.1,
+            f"eq 3 leaves {100.0 * ck / YIELDS['CK'][2]:.0f} % of what the control plot gave",
+            "10 %: less than the plot's own CV of 15.2 %",
+        ),
+        Claim(
+            "eq 3",
+            "potential of FC without topdressing (NDVI 0.546), below its yield with it",
+            f"{YIELDS['FC'][2]:.1f} kg/ha",
+            f"{fc:.0f} kg/ha",
+            How.RECOMPUTED,
+            fc < YIELDS["FC"][2],
+            "",
+            "none: below",
+        ),
+        Claim(
+            "eq 4",
+            "days above 0 degC from 1 November to 7 March",
+            "82",
+            remark=f"of {(sensed - sown).days} days; "
+            f"no weather "
+            "is printed. The constants of eq 3 were published for days above 4.4 degC",
+        ),
+        Claim(
+            "eq 5",
+            "yield with topdressing, no N-rich strip",
+            f"{WITHOUT_STRIP_T_HA:.2f} t/ha",
+            f"{reached:.2f} t/ha, mean of FA, FB, FC",
+            How.RECOMPUTED,
+            abs(reached / WITHOUT_STRIP_T_HA - 1.0) < 0.05,
+            f"a response index of {index:.2f} over eq 3 at CK's NDVI; 2.0 is the usual cap",
+            "5 %: the standard error of three plots with a CV of some 8 %",
+        ),
+        Claim(
+            "section 2.1",
+            "grades: number, width",
+            "11, 0.5",
+            f"{len(grades) + 1}, {width:.2f}",
+            How.RECOMPUTED,
+            abs(width - 0.5) < 0.01,
+            "a width of 0.5 leaves one grade between 0.25 and 0.75; 0.05 gives the eleven",
+            "0.01: widths are printed in steps of 0.05",
+        ),
+        Claim(
+            "figure 4",
+            "rate over NDVI",
+            "a curve without figures",
+            f"{smooth.decide(0.30).rate_kg_ha:.0f} kg/ha at 0.30, "
+            f"{smooth.decide(0.50).rate_kg_ha:.0f} at 0.50, "
+            f"{smooth.decide(0.70).rate_kg_ha:.0f} at 0.70",
+            How.RECOMPUTED,
+            None,
+            "drawn below from eq 2 to 5; the figure itself is a picture and was not read off",
+        ),
+        *(
+            compared(
+                "table 2",
+                f"target of FC from its NDVI of {NDVI_OF['FC']}: {way}",
+                APPLIED["FC"][1],
+                kg,
+                0.1,
+                "{:.1f} kg",
+                remark="the text's rule, over the canopy" if "grades" in way else "",
+                why="last digits of target (0.05 kg) and NDVI (0.03 kg)",
+            )
+            for way, kg in zip(forward.columns[2:], forward_kg, strict=True)
+        ),
+        Claim(
+            "table 2",
+            "targets of FA and FB",
+            "22.0, 20.2 kg",
+            remark="their NDVI is not printed: no test",
+        ),
+        *(
+            compared(
+                "table 2",
+                f"control error of {plot}",
+                APPLIED[plot][3],
+                errors[plot],
+                0.006,
+                "{:.2f} %",
+            )
+            for plot in APPLIED
+        ),
+        Claim(
+            "table 2",
+            "applied against target",
+            "+5.82 to +8.42 %",
+            f"{max(sim):.2f} % at most",
+            How.SIMULATED,
+            None,
+            "the nominal machine on FC's plot, its scale not correcting; an outflow 7 % "
+            "high gives the published "
+            "errors (below)",
+        ),
+        Claim(
+            "abstract, section 3.2",
+            "control accuracy above",
+            "90 %",
+            f"{100.0 - max(errors.values()):.2f} %",
+            How.RECOMPUTED,
+            max(errors.values()) < 10.0,
+            "on plots' totals; all three errors have the same sign",
+            "none: above",
+        ),
+        Claim(
+            "abstract, section 3.2",
+            "nitrogen above the uniform 300 kg/ha of urea",
+            f"about {EXTRA_N_KG_HA:g} kg/ha",
+            f"{extra[1]:.2f} by the applied, {extra[0]:.2f} by the target amounts",
+            How.RECOMPUTED,
+            abs(extra[1] - EXTRA_N_KG_HA) < 1.0,
+            "counted from the applied amounts: 11 kg/ha of it is the control error",
+            '1 kg/ha: "about"',
+        ),
+        Claim(
+            "section 3.2",
+            "targets fall as the base fertilizer grows",
+            "FA > FB > FC",
+            ", ".join(f"{rate:.1f}" for rate in rates.values()) + " kg/ha",
+            How.RECOMPUTED,
+            rates["FA"] > rates["FB"] > rates["FC"],
+            "",
+            "none: the order",
+        ),
+        compared(
+            "section 3",
+            "area: five treatments of 600 m2 in the test field of 0.33 ha",
+            0.33,
+            0.30,
+            0.05,
+            "{:.2f} ha",
+            remark="the sum",
+            why="paths and headlands are not printed",
+        ),
     ]
 
 
@@ -241,31 +494,67 @@ def yield_claims() -> list[Claim]:
     kg_ha = {plot: row[2] for plot, row in YIELDS.items()}
     cv = {plot: row[1] for plot, row in YIELDS.items()}
     return [
-        *(compared("table 3", f"yield of {plot} from its sample of 5 "
-                   f"m2", kg_ha[plot], sample / HARVESTED_M2 * 10_000.0,
-                   0.005 / HARVESTED_M2 * 10_000.0, "{:.1f} kg/ha",
-                   remark=f"the printed yield is {kg_ha[plot] / 2000.0:.4f} kg on 5 m2",
-                   why="half of the last digit of the sample, 0.005 kg")
-          for plot, (sample, _, _) in YIELDS.items()),
-        Claim("section 3.3", "CV of the variable plots below 10 %, below CK and CP", "below 10 %",
-              ", ".join(f"{plot} {value:.2f}" for plot, value in cv.items()) + " %", How.RECOMPUTED,
-              max(cv[p] for p in ("FA", "FB", "FC")) < min(10.0, cv["CK"], cv["CP"]), "", "none: below"),
-        Claim("section 3.3", "yield of the variable plots slightly below CP", "7000.2 against 7125.1 kg/ha",
-              ", ".join(f"{plot} {100.0 * (kg_ha[plot] / kg_ha['CP'] - 1.0):+.1f} %" for plot in ("FA", "FB", "FC")),
-              How.RECOMPUTED, all(kg_ha[p] > 0.95 * kg_ha["CP"] for p in ("FA", "FB", "FC")),
-              "true of FC; FA and FB had less base fertilizer", "5 %: \"slightly\""),
-        Claim("section 3.3", "yield grows with the base fertilizer", "CK < FA < FB < FC",
-              ", ".join(f"{kg_ha[plot]:.0f}" for plot in ("CK", "FA", "FB", "FC")), How.RECOMPUTED,
-              kg_ha["CK"] < kg_ha["FA"] < kg_ha["FB"] < kg_ha["FC"], "", "none: the order"),
+        *(
+            compared(
+                "table 3",
+                f"yield of {plot} from its sample of 5 m2",
+                kg_ha[plot],
+                sample / HARVESTED_M2 * 10_000.0,
+                0.005 / HARVESTED_M2 * 10_000.0,
+                "{:.1f} kg/ha",
+                remark=f"the printed yield is {kg_ha[plot] / 2000.0:.4f} kg on 5 m2",
+                why="half of the last digit of the sample, 0.005 kg",
+            )
+            for plot, (sample, _, _) in YIELDS.items()
+        ),
+        Claim(
+            "section 3.3",
+            "CV of the variable plots below 10 %, below CK and CP",
+            "below 10 %",
+            ", ".join(f"{plot} {value:.2f}" for plot, value in cv.items()) + " %",
+            How.RECOMPUTED,
+            max(cv[p] for p in ("FA", "FB", "FC")) < min(10.0, cv["CK"], cv["CP"]),
+            "",
+            "none: below",
+        ),
+        Claim(
+            "section 3.3",
+            "yield of the variable plots slightly below CP",
+            "7000.2 against 7125.1 kg/ha",
+            ", ".join(
+                f"{plot} {100.0 * (kg_ha[plot] / kg_ha['CP'] - 1.0):+.1f} %"
+                for plot in ("FA", "FB", "FC")
+            ),
+            How.RECOMPUTED,
+            all(kg_ha[p] > 0.95 * kg_ha["CP"] for p in ("FA", "FB", "FC")),
+            "true of FC; FA and FB had less base fertilizer",
+            '5 %: "slightly"',
+        ),
+        Claim(
+            "section 3.3",
+            "yield grows with the base fertilizer",
+            "CK < FA < FB < FC",
+            ", ".join(f"{kg_ha[plot]:.0f}" for plot in ("CK", "FA", "FB", "FC")),
+            How.RECOMPUTED,
+            kg_ha["CK"] < kg_ha["FA"] < kg_ha["FB"] < kg_ha["FC"],
+            "",
+            "none: the order",
+        ),
     ]
 
 
 def set_up_claims() -> list[Claim]:
     """Figures that describe the trial and the machine: inputs here."""
     return [
-        Claim("introduction", "nitrogen used in China, in developed countries", "30 to 50 %, 50 to 80 %",
-              remark="cited"),
-        Claim("section 1.1", "place; row spacing", "34.22 to 34.37 N, 119.80 to 119.97 E; 17 to 20 cm"),
+        Claim(
+            "introduction",
+            "nitrogen used in China, in developed countries",
+            "30 to 50 %, 50 to 80 %",
+            remark="cited",
+        ),
+        Claim(
+            "section 1.1", "place; row spacing", "34.22 to 34.37 N, 119.80 to 119.97 E; 17 to 20 cm"
+        ),
         Claim("section 1.1", "base urea and phosphate, topdressed urea", "225, 150 and 300 kg/ha"),
         Claim("figure 1", "plots", "CK, FA, FB, FC three times each, and CP"),
         Claim("section 1.1", "heads: number, before the nose, above the crop", "6, 1.2 m, 0.8 m"),
@@ -280,5 +569,10 @@ def set_up_claims() -> list[Claim]:
 
 def decision_claims(crop: Crop, sampled: Table, forward: Table, simulated: Table) -> list[Claim]:
     """All of the paper, in the order of its subjects."""
-    return [*sampling_claims(sampled), *rate_claims(crop, forward, simulated), *ndvi_claims(), *yield_claims(),
-            *set_up_claims()]
+    return [
+        *sampling_claims(sampled),
+        *rate_claims(crop, forward, simulated),
+        *ndvi_claims(),
+        *yield_claims(),
+        *set_up_claims(),
+    ]

@@ -1,4 +1,5 @@
 """The decision paper: sampling (table 1), rate over NDVI (figure 4), amounts (table 2)."""
+
 from __future__ import annotations
 
 import numpy as np
@@ -17,14 +18,24 @@ from control.simulation.closed_loop import simulated_run
 
 from .claims_decision import decision_claims, found_in_grain, grain_n, yields
 from .page import Cell, Line, Picture, Section, Table, ledger
-from .published import APPLIED, EXTRA_N_KG_HA, MAIN_SPEED_KMH, NDVI_OF, PLOTS, SAMPLING, UNIFORM_KG_HA
+from .published import (
+    APPLIED,
+    EXTRA_N_KG_HA,
+    MAIN_SPEED_KMH,
+    NDVI_OF,
+    PLOTS,
+    SAMPLING,
+    UNIFORM_KG_HA,
+)
 
-PLOT_M, WIDTH_M = 250.0, 2.4            # 600 m2 in one pass
-MEAN_NDVI, CV_PERCENT = 0.51, 9.7       # of the paper's plots, about
+PLOT_M, WIDTH_M = 250.0, 2.4  # 600 m2 in one pass
+MEAN_NDVI, CV_PERCENT = 0.51, 9.7  # of the paper's plots, about
 CORRELATION_M = 6.0
 RUNS = 4
-DRAWS = 30                              # of the canopy that fits: the mean's own error is then a fifth of a draw's
-CANOPIES = (                            # a plot of 600 m2, or a third of it, in one pass; how far readings are alike
+# of the canopy that fits: the mean's own error is then a fifth of a draw's
+DRAWS = 30
+# a plot of 600 m2, or a third of it, in one pass; how far readings are alike
+CANOPIES = (
     ("plots of 200 m2 and readings that hardly depend on one another", 83.0, 0.3),
     ("plots of 200 m2 and a correlation of 6 m", 83.0, 6.0),
     ("plots of 600 m2 and readings that hardly depend on one another", 250.0, 0.3),
@@ -39,49 +50,104 @@ def decision_section(machine: Machine, crop: Crop, seed: int = 1) -> Section:
     forward, forward_words = forward_targets(crop)
     table_2 = amounts(machine, crop, rule, seed)
     claims = tuple(decision_claims(crop, sampled[0], forward, table_2))
-    return Section("Decision system: NDVI to urea rate", (*words, *forward_words, grain_words()), (
-        ledger("decision paper", claims), *sampled, forward, table_2, nitrogen(), found_in_grain(),
-        grades(crop), yields()), (rate_picture(crop), sampling_picture(sampled[0]), grain_picture()), claims)
+    return Section(
+        "Decision system: NDVI to urea rate",
+        (*words, *forward_words, grain_words()),
+        (
+            ledger("decision paper", claims),
+            *sampled,
+            forward,
+            table_2,
+            nitrogen(),
+            found_in_grain(),
+            grades(crop),
+            yields(),
+        ),
+        (rate_picture(crop), sampling_picture(sampled[0]), grain_picture()),
+        claims,
+    )
 
 
 def sampling(seed: int) -> tuple[tuple[Table, Table], tuple[str, ...]]:
-    """Table 1 on simulated canopies: for each plot one of the published CV at 2 Hz, read as READINGS say."""
-    papers = [{hz: Evenness(0, 0.0, *SAMPLING[hz][k]) for hz in FREQUENCIES_HZ} for k in range(len(PLOTS))]
+    """Table 1 on simulated canopies: for each plot one of the published CV at 2 Hz, read as
+    READINGS say."""
+    papers = [
+        {hz: Evenness(0, 0.0, *SAMPLING[hz][k]) for hz in FREQUENCIES_HZ} for k in range(len(PLOTS))
+    ]
     chosen = best_frequency(papers)
-    rows: list[tuple[str | float, ...]] = [("published", *(chosen.departure[hz] for hz in FREQUENCIES_HZ[1:]))]
+    rows: list[tuple[str | float, ...]] = [
+        ("published", *(chosen.departure[hz] for hz in FREQUENCIES_HZ[1:]))
+    ]
     apart: dict[str, float] = {}
     for name, length_m, correlation_m in CANOPIES:
-        runs = [best_frequency(_plots(length_m, correlation_m, seed + 100 * run)) for run in range(RUNS)]
+        runs = [
+            best_frequency(_plots(length_m, correlation_m, seed + 100 * run)) for run in range(RUNS)
+        ]
         mean = [float(np.mean([run.departure[hz] for run in runs])) for hz in FREQUENCIES_HZ[1:]]
         rows.append((name, *mean))
-        apart[name] = float(np.mean([abs(ours - chosen.departure[hz])
-                                     for ours, hz in zip(mean, FREQUENCIES_HZ[1:], strict=True)]))
+        apart[name] = float(
+            np.mean(
+                [
+                    abs(ours - chosen.departure[hz])
+                    for ours, hz in zip(mean, FREQUENCIES_HZ[1:], strict=True)
+                ]
+            )
+        )
     fits = min(apart, key=lambda name: apart[name])
     _, length_m, correlation_m = next(canopy for canopy in CANOPIES if canopy[0] == fits)
     draws = [_plots(length_m, correlation_m, seed + 100 * run) for run in range(DRAWS)]
     table: list[tuple[Cell, ...]] = []
     for hz in FREQUENCIES_HZ:
         figures: list[float | None] = [
-            *_mean_sd([plot[hz].cv_percent for plot in papers]), *_mean_sd([plot[hz].cuc_percent for plot in papers]),
+            *_mean_sd([plot[hz].cv_percent for plot in papers]),
+            *_mean_sd([plot[hz].cuc_percent for plot in papers]),
             *_mean_sd([float(np.mean([plot[hz].cv_percent for plot in draw])) for draw in draws]),
-            *_mean_sd([float(np.mean([plot[hz].cuc_percent for plot in draw])) for draw in draws])]
+            *_mean_sd([float(np.mean([plot[hz].cuc_percent for plot in draw])) for draw in draws]),
+        ]
         if hz == FREQUENCIES_HZ[0]:
-            figures[4:6] = [None, None]     # an input of the simulated canopy
+            figures[4:6] = [None, None]  # an input of the simulated canopy
         table.append((f"{hz:g}", *figures))
     words = (
-        "Table 1 needs the NDVI of the field, which is not printed: the canopy is simulated, each plot with its "
+        "Table 1 needs the NDVI of the field, which is not printed: the canopy is "
+        "simulated, each plot with its "
         "published CV at 2 Hz. The frequency that changes CV and C_uc least is "
-        f"{chosen.frequency_hz:g} Hz in the paper's figures and 1 Hz in {_share(draws)} of {DRAWS} draws of ours.",
-        f"How much they change tells how the canopy was read: the published changes fit best with {fits} (apart by "
-        f"{apart[fits]:.2f} percentage points in the mean; " + ", ".join(
-            f"{value:.2f} with {name}" for name, value in apart.items() if name != fits) + "). That the published CV "
-        "falls by a quarter at 0.125 Hz no reading gives: leaving readings out does not make the others alike.")
-    return (Table("Table 1: CV and uniformity by sampling frequency, mean and s.d. over twelve plots, %; ours the mean "
-                  f"of {DRAWS} draws of twelve plots and the s.d. of one draw, with " + fits,
-                  ("Hz", "CV published", "s.d.", "C_uc published", "s.d.", "CV obtained", "s.d. of a draw",
-                   "C_uc obtained", "s.d. of a draw"), tuple(table), (0, 2, 2, 2, 2, 2, 2, 2, 2)),
-            Table("Change of CV plus change of C_uc against 2 Hz, percentage points, by how the canopy is read",
-                  ("", *(f"{hz:g} Hz" for hz in FREQUENCIES_HZ[1:])), tuple(rows), (0, 2, 2, 2, 2))), words
+        f"{chosen.frequency_hz:g} Hz in the paper's figures and 1 Hz in {_share(draws)} of "
+        f"{DRAWS} draws of ours.",
+        "How much they change tells how the canopy was read: the published changes fit "
+        f"best with {fits} (apart by "
+        f"{apart[fits]:.2f} percentage points in the mean; "
+        + ", ".join(f"{value:.2f} with {name}" for name, value in apart.items() if name != fits)
+        + "). That the published CV "
+        "falls by a quarter at 0.125 Hz no reading gives: leaving readings out does not "
+        "make the others alike.",
+    )
+    return (
+        Table(
+            "Table 1: CV and uniformity by sampling frequency, mean and s.d. over twelve "
+            "plots, %; ours the mean "
+            f"of {DRAWS} draws of twelve plots and the s.d. of one draw, with " + fits,
+            (
+                "Hz",
+                "CV published",
+                "s.d.",
+                "C_uc published",
+                "s.d.",
+                "CV obtained",
+                "s.d. of a draw",
+                "C_uc obtained",
+                "s.d. of a draw",
+            ),
+            tuple(table),
+            (0, 2, 2, 2, 2, 2, 2, 2, 2),
+        ),
+        Table(
+            "Change of CV plus change of C_uc against 2 Hz, percentage points, by how the "
+            "canopy is read",
+            ("", *(f"{hz:g} Hz" for hz in FREQUENCIES_HZ[1:])),
+            tuple(rows),
+            (0, 2, 2, 2, 2),
+        ),
+    ), words
 
 
 def _share(draws: list[list[dict[float, Evenness]]]) -> int:
@@ -90,19 +156,30 @@ def _share(draws: list[list[dict[float, Evenness]]]) -> int:
 
 
 def _plots(length_m: float, correlation_m: float, seed: int) -> list[dict[float, Evenness]]:
-    return [frequency_table(_readings(cv_percent, length_m, correlation_m, seed + k))
-            for k, (cv_percent, _) in enumerate(SAMPLING[2.0])]
+    return [
+        frequency_table(_readings(cv_percent, length_m, correlation_m, seed + k))
+        for k, (cv_percent, _) in enumerate(SAMPLING[2.0])
+    ]
 
 
 def _readings(cv_percent: float, length_m: float, correlation_m: float, seed: int) -> Array:
     """NDVI at 2 Hz along a plot, mean of six heads, with the CV asked for."""
-    field = CanopyField(Canopy(mean_ndvi=MEAN_NDVI, cv_percent=cv_percent, correlation_m=correlation_m), (0.0, 12.0),
-                        (0.0, length_m), seed)
+    field = CanopyField(
+        Canopy(mean_ndvi=MEAN_NDVI, cv_percent=cv_percent, correlation_m=correlation_m),
+        (0.0, 12.0),
+        (0.0, length_m),
+        seed,
+    )
     ways = np.arange(0.0, length_m, MAIN_SPEED_KMH / 3.6 / 2.0)
     heads = (np.arange(6) - 2.5) * WIDTH_M / 6
-    readings = np.mean([field.many_at(np.full(len(ways), 6.0 + aside), ways) for aside in heads], axis=0)
-    return np.asarray(MEAN_NDVI + (readings - readings.mean()) * (
-        cv_percent / 100.0 * MEAN_NDVI / readings.std(ddof=1)), dtype=np.float64)
+    readings = np.mean(
+        [field.many_at(np.full(len(ways), 6.0 + aside), ways) for aside in heads], axis=0
+    )
+    return np.asarray(
+        MEAN_NDVI
+        + (readings - readings.mean()) * (cv_percent / 100.0 * MEAN_NDVI / readings.std(ddof=1)),
+        dtype=np.float64,
+    )
 
 
 def _mean_sd(values: list[float]) -> tuple[float, float]:
@@ -110,23 +187,34 @@ def _mean_sd(values: list[float]) -> tuple[float, float]:
 
 
 def forward_targets(crop: Crop) -> tuple[Table, tuple[str, ...]]:
-    """Table 2's target of FC from the mean NDVI that figure 2 prints for it, by four readings of section 2.1."""
+    """Table 2's target of FC from the mean NDVI that figure 2 prints for it, by four readings
+    of section 2.1."""
     ndvi = NDVI_OF["FC"]
-    cv_percent = float(np.mean([SAMPLING[2.0][k][0] for k, plot in enumerate(PLOTS) if plot.startswith("FC")]))
+    cv_percent = float(
+        np.mean([SAMPLING[2.0][k][0] for k, plot in enumerate(PLOTS) if plot.startswith("FC")])
+    )
     smooth = crop.model_copy(update={"grades": False})
     area_m2, target_kg, _, _ = APPLIED["FC"]
-    kg = {"smooth rate at the mean": _mean_rate(smooth, ndvi, 0.0),
-          "smooth rate over the canopy": _mean_rate(smooth, ndvi, cv_percent),
-          "grades over the canopy": _mean_rate(crop, ndvi, cv_percent),
-          "one grade, of the mean": _mean_rate(crop, ndvi, 0.0)}
+    kg = {
+        "smooth rate at the mean": _mean_rate(smooth, ndvi, 0.0),
+        "smooth rate over the canopy": _mean_rate(smooth, ndvi, cv_percent),
+        "grades over the canopy": _mean_rate(crop, ndvi, cv_percent),
+        "one grade, of the mean": _mean_rate(crop, ndvi, 0.0),
+    }
     found = {name: rate * area_m2 / 10_000.0 for name, rate in kg.items()}
-    words = (f"Table 2's target can be held against the rule where an NDVI is printed, in FC: {ndvi} (figure 2), CV "
-             f"{cv_percent:.1f} % (table 1). Published are {target_kg:.1f} kg on {area_m2:.0f} m2; "
-             + ", ".join(f"{value:.1f} with {name}" for name, value in found.items())
-             + ". The text's rule, a grade for each reading, is the one that does not come near.",)
-    return Table("Table 2 forward: target of FC, kg, from its printed NDVI, by reading of section 2.1",
-                 ("plot", "published", *found), (("FC", target_kg, *found.values()),),
-                 (0, 1, *(1,) * len(found))), words
+    words = (
+        "Table 2's target can be held against the rule where an NDVI is printed, in FC: "
+        f"{ndvi} (figure 2), CV "
+        f"{cv_percent:.1f} % (table 1). Published are {target_kg:.1f} kg on {area_m2:.0f} m2; "
+        + ", ".join(f"{value:.1f} with {name}" for name, value in found.items())
+        + ". The text's rule, a grade for each reading, is the one that does not come near.",
+    )
+    return Table(
+        "Table 2 forward: target of FC, kg, from its printed NDVI, by reading of section 2.1",
+        ("plot", "published", *found),
+        (("FC", target_kg, *found.values()),),
+        (0, 1, *(1,) * len(found)),
+    ), words
 
 
 def _mean_rate(crop: Crop, ndvi: float, cv_percent: float) -> float:
@@ -138,81 +226,177 @@ def _mean_rate(crop: Crop, ndvi: float, cv_percent: float) -> float:
 
 
 def amounts(machine: Machine, crop: Crop, rule: Rule, seed: int) -> Table:
-    """Table 2's FC on the simulated machine, a canopy of its printed NDVI: as the machine is in its file, and with an
-    outflow 7 % above it, unknown to control."""
+    """Table 2's FC on the simulated machine, a canopy of its printed NDVI: as the machine is in
+    its file, and with an outflow 7 % above it, unknown to control."""
     _, target_kg, applied_kg, error_percent = APPLIED["FC"]
-    nominal, planted = (_plot(machine, crop, rule, NDVI_OF["FC"], seed, effect) for effect in ((), ("flow.gain=7",)))
+    nominal, planted = (
+        _plot(machine, crop, rule, NDVI_OF["FC"], seed, effect) for effect in ((), ("flow.gain=7",))
+    )
     row = ("FC", target_kg, applied_kg, error_percent, *nominal, *planted)
-    return Table("Table 2: amounts, kg, and control error, %. Simulated on one pass of 600 m2 with FC's printed NDVI",
-                 ("plot", "target published", "applied", "error %", "target simulated", "applied, nominal machine",
-                  "error %", "target simulated", "applied, outflow +7 %", "error %"), (row,),
-                 (0, 1, 1, 2, 1, 1, 2, 1, 1, 2))
+    return Table(
+        "Table 2: amounts, kg, and control error, %. Simulated on one pass of 600 m2 with "
+        "FC's printed NDVI",
+        (
+            "plot",
+            "target published",
+            "applied",
+            "error %",
+            "target simulated",
+            "applied, nominal machine",
+            "error %",
+            "target simulated",
+            "applied, outflow +7 %",
+            "error %",
+        ),
+        (row,),
+        (0, 1, 1, 2, 1, 1, 2, 1, 1, 2),
+    )
 
 
-def _plot(machine: Machine, crop: Crop, rule: Rule, ndvi: float, seed: int,
-          effects: tuple[str, ...]) -> tuple[float, float, float]:
+def _plot(
+    machine: Machine, crop: Crop, rule: Rule, ndvi: float, seed: int, effects: tuple[str, ...]
+) -> tuple[float, float, float]:
     """Target kg, kg really released over the plot, error %."""
     canopy = Canopy(mean_ndvi=ndvi, cv_percent=CV_PERCENT, correlation_m=CORRELATION_M)
-    job = with_simulated_field(Job(flow_trim=False, simulated=Simulated(
-        speed_kmh=MAIN_SPEED_KMH, passes=1, pass_length_m=PLOT_M, canopy=canopy)), machine)
+    job = with_simulated_field(
+        Job(
+            flow_trim=False,
+            simulated=Simulated(
+                speed_kmh=MAIN_SPEED_KMH, passes=1, pass_length_m=PLOT_M, canopy=canopy
+            ),
+        ),
+        machine,
+    )
     plant = simulated_machine(machine, job, seed, 0.05, [parse_planted(text) for text in effects])
     loop = control_loop(machine, crop, rule, job)
     seconds = (PLOT_M + 24.0) / (MAIN_SPEED_KMH / 3.6) + 6.0
     target = released = 0.0
     for step in simulated_run(plant, loop, seconds):
-        target += step.target_rate_kg_ha * step.truth.speed_mps * 0.05 * machine.geometry.working_width_m / 10_000.0
+        target += (
+            step.target_rate_kg_ha
+            * step.truth.speed_mps
+            * 0.05
+            * machine.geometry.working_width_m
+            / 10_000.0
+        )
         released += step.truth.flow_kg_s * 0.05
     return target, released, 100.0 * (released / target - 1.0)
 
 
 def nitrogen() -> Table:
     """The abstract's 28 kg/ha more nitrogen: from which of table 2's columns."""
-    extra = [extra_nitrogen_kg_ha([rate_from_weighing_kg_ha(row[column], row[0]) for row in APPLIED.values()],
-                                  UNIFORM_KG_HA) for column in (1, 2)]
-    return Table("Nitrogen given more than the uniform 300 kg/ha of urea, kg/ha",
-                 ("published (about)", "from the target amounts", "from the applied amounts"),
-                 ((EXTRA_N_KG_HA, *extra),), (0, 2, 2))
+    extra = [
+        extra_nitrogen_kg_ha(
+            [rate_from_weighing_kg_ha(row[column], row[0]) for row in APPLIED.values()],
+            UNIFORM_KG_HA,
+        )
+        for column in (1, 2)
+    ]
+    return Table(
+        "Nitrogen given more than the uniform 300 kg/ha of urea, kg/ha",
+        ("published (about)", "from the target amounts", "from the applied amounts"),
+        ((EXTRA_N_KG_HA, *extra),),
+        (0, 2, 2),
+    )
 
 
 def grain_words() -> str:
     shares = ", ".join(f"{100.0 * one.share:.1f}" for one in grain_n())
-    return (f"Eq 2 takes 60 % of the nitrogen to be found in the grain; table 3 holds {shares} % of what FA, FB and FC "
-            "got more than CK, base and topdressing. The default crop, huanghai_wheat, works by eq 2 as printed: in "
-            "this field its rates bought hardly any grain, for CK yielded 6.0 t/ha with nothing where eq 3 expects 2.3."
-            " It is for repeating the paper, not for dosing a field.")
+    return (
+        f"Eq 2 takes 60 % of the nitrogen to be found in the grain; table 3 holds {shares} "
+        "% of what FA, FB and FC "
+        "got more than CK, base and topdressing. The default crop, huanghai_wheat, works by "
+        "eq 2 as printed: in "
+        "this field its rates bought hardly any grain, for CK yielded 6.0 t/ha with nothing "
+        "where eq 3 expects 2.3."
+        " It is for repeating the paper, not for dosing a field."
+    )
 
 
 def grain_picture() -> Picture:
     """What eq 2 assumes next to what table 3 found."""
     found = grain_n()
-    return Picture("Table 3 against eq 2: nitrogen in the grain over nitrogen given, both more than CK",
-                   "N given, kg/ha", "N in the grain, kg/ha", (
-                       Line("table 3: FA, FB, FC", "published", [one.given_kg_ha for one in found],
-                            [one.grain_kg_ha for one in found]),
-                       Line("eq 2, by which the default crop doses: 60 %", "ours", [0.0, 300.0], [0.0, 180.0], True)))
+    return Picture(
+        "Table 3 against eq 2: nitrogen in the grain over nitrogen given, both more than CK",
+        "N given, kg/ha",
+        "N in the grain, kg/ha",
+        (
+            Line(
+                "table 3: FA, FB, FC",
+                "published",
+                [one.given_kg_ha for one in found],
+                [one.grain_kg_ha for one in found],
+            ),
+            Line(
+                "eq 2, by which the default crop doses: 60 %",
+                "ours",
+                [0.0, 300.0],
+                [0.0, 180.0],
+                True,
+            ),
+        ),
+    )
 
 
 def grades(crop: Crop) -> Table:
     """The grades of figure 4; the text's width of 0.5 is 0.05."""
-    rows = tuple((f"({grade.ndvi_above:.2f}, {grade.ndvi_to:.2f}]", grade.rate_kg_ha) for grade in rate_table(crop))
-    return Table("Figure 4 as a table: rate of each grade, kg/ha; below 0.25 and above 0.75 none", ("NDVI", "kg/ha"),
-                 rows, (0, 1))
+    rows = tuple(
+        (f"({grade.ndvi_above:.2f}, {grade.ndvi_to:.2f}]", grade.rate_kg_ha)
+        for grade in rate_table(crop)
+    )
+    return Table(
+        "Figure 4 as a table: rate of each grade, kg/ha; below 0.25 and above 0.75 none",
+        ("NDVI", "kg/ha"),
+        rows,
+        (0, 1),
+    )
 
 
 def sampling_picture(table: Table) -> Picture:
     """Figure 3 from table 1 and from the simulated canopy; `table`: the first of `sampling`."""
     hz = [float(str(row[0])) for row in table.rows]
-    return Picture("Figure 3: CV over sampling frequency, mean of twelve plots", "frequency, Hz", "CV, %", (
-        Line("published", "published", hz, [float(row[1] or 0.0) for row in table.rows], True),
-        Line("simulated canopy", "ours", hz[1:], [float(row[5] or 0.0) for row in table.rows[1:]], True)))
+    return Picture(
+        "Figure 3: CV over sampling frequency, mean of twelve plots",
+        "frequency, Hz",
+        "CV, %",
+        (
+            Line("published", "published", hz, [float(row[1] or 0.0) for row in table.rows], True),
+            Line(
+                "simulated canopy",
+                "ours",
+                hz[1:],
+                [float(row[5] or 0.0) for row in table.rows[1:]],
+                True,
+            ),
+        ),
+    )
 
 
 def rate_picture(crop: Crop) -> Picture:
     smooth, graded = prepare(crop.model_copy(update={"grades": False})), prepare(crop)
     ndvi = np.linspace(0.2, 0.8, 601)
     at = rate_from_weighing_kg_ha(APPLIED["FC"][1], APPLIED["FC"][0])
-    return Picture("Figure 4: rate over NDVI, drawn from eq 2 to 5 (the paper's own curve was not read off)", "NDVI",
-                   "urea, kg/ha", (
-        Line("eq 2 to 4", "other", ndvi.tolist(), [smooth.decide(float(v)).rate_kg_ha for v in ndvi], True),
-        Line("grades", "ours", ndvi.tolist(), [graded.decide(float(v)).rate_kg_ha for v in ndvi], True),
-        Line("FC: target of table 2 at the NDVI of figure 2", "published", [NDVI_OF["FC"]], [at])))
+    return Picture(
+        "Figure 4: rate over NDVI, drawn from eq 2 to 5 (the paper's own curve was not read off)",
+        "NDVI",
+        "urea, kg/ha",
+        (
+            Line(
+                "eq 2 to 4",
+                "other",
+                ndvi.tolist(),
+                [smooth.decide(float(v)).rate_kg_ha for v in ndvi],
+                True,
+            ),
+            Line(
+                "grades",
+                "ours",
+                ndvi.tolist(),
+                [graded.decide(float(v)).rate_kg_ha for v in ndvi],
+                True,
+            ),
+            Line(
+                "FC: target of table 2 at the NDVI of figure 2", "published", [NDVI_OF["FC"]], [at]
+            ),
+        ),
+    )

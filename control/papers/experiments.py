@@ -1,10 +1,13 @@
-"""One machine, every table of the lag paper: each through its own experiment, and what the tables leave open.
+"""One machine, every table of the lag paper: each through its own experiment, and what the
+tables leave open.
 
-Table 2: command to 2 r/min. Table 3: from there to the first granule of a start (`control.machine.start`), as the plate
-of the rig sees it. Table 4: the two together; and table 1's distances over a speed. Table 1: the start driven over the
-field at the speed of the test. The line of the start and its rise above 70 r/min are fitted to table 3; the speed of
-the test, or instead of it a delay that only the field has, to table 1.
+Table 2: command to 2 r/min. Table 3: from there to the first granule of a start
+(`control.machine.start`), as the plate of the rig sees it. Table 4: the two together; and table
+1's distances over a speed. Table 1: the start driven over the field at the speed of the test.
+The line of the start and its rise above 70 r/min are fitted to table 3; the speed of the test,
+or instead of it a delay that only the field has, to table 1.
 """
+
 from __future__ import annotations
 
 from collections.abc import Callable
@@ -25,7 +28,8 @@ from .published import DROP_S, LAG_M, LAG_SPEED_KMH, RESPONSE_S, TOTAL_LAG_S
 
 SPEEDS_RPM = tuple(LAG_M)
 WRITTEN_MPS = LAG_SPEED_KMH / 3.6
-CONVERTED_MPS = 4.5 / 3.6           # by which table 4's field times follow from table 1's distances
+# by which table 4's field times follow from table 1's distances
+CONVERTED_MPS = 4.5 / 3.6
 STEP_S = 0.0025
 MEAN_M = np.array([np.mean(LAG_M[n]) for n in SPEEDS_RPM])
 MEAN_DROP_S = np.array([np.mean(DROP_S[n]) for n in SPEEDS_RPM])
@@ -53,7 +57,8 @@ class PaperField(NamedTuple):
 
 
 def with_rise(machine: Machine) -> tuple[Machine, Sized]:
-    """The machine with the rise above 70 r/min that table 3's means at 80 to 100 r/min show, through the rig's test."""
+    """The machine with the rise above 70 r/min that table 3's means at 80 to 100 r/min show,
+    through the rig's test."""
     above = [k for k, n in enumerate(SPEEDS_RPM) if n > machine.fall.valid_to_rpm]
 
     def risen(rise_s: float) -> Fall:
@@ -63,24 +68,35 @@ def with_rise(machine: Machine) -> tuple[Machine, Sized]:
         falls = np.array([first_fall_s(machine, risen(rise_s), SPEEDS_RPM[k]) for k in above])
         return np.asarray((MEAN_DROP_S[above] - falls) / DROP_SE_S[above])
 
-    rise = float(minimize_scalar(lambda size: float(np.sum(off(size) ** 2)), bounds=(0.0, 2.0), method="bounded").x)
+    rise = float(
+        minimize_scalar(
+            lambda size: float(np.sum(off(size) ** 2)), bounds=(0.0, 2.0), method="bounded"
+        ).x
+    )
     half = 1.645 * 0.02 / float(np.linalg.norm(off(rise + 0.01) - off(rise - 0.01)))
     return machine.model_copy(update={"fall": risen(rise)}), Sized(rise, rise - half, rise + half)
 
 
 def risen_by(machine: Machine, parameter: Sized) -> Sized:
-    """How much a start at 100 r/min lies above the line, s. The parameter is the rise of a granule's own drop at 100
-    r/min; those that leave while the shaft speeds up take less, and the first granule is one of them."""
+    """How much a start at 100 r/min lies above the line, s. The parameter is the rise of a
+    granule's own drop at 100 r/min; those that leave while the shaft speeds up take less, and
+    the first granule is one of them."""
     line = first_fall_s(machine, machine.fall, 100.0)
-    return Sized(*(first_fall_s(machine, machine.fall._replace(rebound_s=size), 100.0) - line for size in parameter))
+    return Sized(
+        *(
+            first_fall_s(machine, machine.fall._replace(rebound_s=size), 100.0) - line
+            for size in parameter
+        )
+    )
 
 
 class Odds(NamedTuple):
-    """What makes table 1's distances of tables 2 and 3: three ways, each with its best size and its log likelihood."""
+    """What makes table 1's distances of tables 2 and 3: three ways, each with its best size and
+    its log likelihood."""
 
     speed_kmh: float
-    delay_s: float              # at the written speed
-    delay_at_4_5_s: float       # at the speed by which table 4's times were made
+    delay_s: float  # at the written speed
+    delay_at_4_5_s: float  # at the speed by which table 4's times were made
     of_speed: float
     of_delay: float
     of_delay_at_4_5: float
@@ -95,9 +111,9 @@ class Odds(NamedTuple):
 
 
 def speed_or_delay() -> Odds:
-    """Table 1's means at 10 to 70 r/min against the line through table 3's seventy drop times and the mean response,
-    the line with its own uncertainty: it comes into all seven distances alike, and a steeper rig makes a delay fit as
-    well."""
+    """Table 1's means at 10 to 70 r/min against the line through table 3's seventy drop times
+    and the mean response, the line with its own uncertainty: it comes into all seven distances
+    alike, and a steeper rig makes a delay fit as well."""
     rpm = np.array([n for n in SPEEDS_RPM if n <= 70], dtype=np.float64)
     drops = np.concatenate([DROP_S[int(n)] for n in rpm])
     design = np.column_stack([np.ones(len(drops)), np.repeat(rpm, len(drops) // len(rpm))])
@@ -110,19 +126,32 @@ def speed_or_delay() -> Odds:
 
     def minus_log(mps: float, delay_s: float) -> float:
         spread = mps * mps * unsure + repeats * np.eye(len(rpm))
-        off = MEAN_M[:len(rpm)] - mps * (lag + delay_s)
-        return float(0.5 * (off @ np.linalg.solve(spread, off) + np.linalg.slogdet(2.0 * np.pi * spread)[1]))
+        off = MEAN_M[: len(rpm)] - mps * (lag + delay_s)
+        return float(
+            0.5 * (off @ np.linalg.solve(spread, off) + np.linalg.slogdet(2.0 * np.pi * spread)[1])
+        )
 
     speed = minimize_scalar(lambda mps: minus_log(mps, 0.0), bounds=(0.8, 2.5), method="bounded")
-    delay, delay_at_4_5 = (minimize_scalar(lambda s, v=mps: minus_log(v, s), bounds=(-1.0, 1.5), method="bounded")
-                           for mps in (WRITTEN_MPS, CONVERTED_MPS))
-    return Odds(3.6 * float(speed.x), float(delay.x), float(delay_at_4_5.x), -float(speed.fun), -float(delay.fun),
-                -float(delay_at_4_5.fun))
+    delay, delay_at_4_5 = (
+        minimize_scalar(lambda s, v=mps: minus_log(v, s), bounds=(-1.0, 1.5), method="bounded")
+        for mps in (WRITTEN_MPS, CONVERTED_MPS)
+    )
+    return Odds(
+        3.6 * float(speed.x),
+        float(delay.x),
+        float(delay_at_4_5.x),
+        -float(speed.fun),
+        -float(delay.fun),
+        -float(delay_at_4_5.fun),
+    )
 
 
-def overtaking_fall_s(machine: Machine, shaft_rpm: float, intercept_s: float, slope_s_per_rpm: float) -> float:
-    """The same test where granules fall singly, each with the drop time of the shaft speed at its release, so that
-    later ones overtake, s. With eq 6 as that drop time: the model before, kept to compare with."""
+def overtaking_fall_s(
+    machine: Machine, shaft_rpm: float, intercept_s: float, slope_s_per_rpm: float
+) -> float:
+    """The same test where granules fall singly, each with the drop time of the shaft speed at
+    its release, so that later ones overtake, s. With eq 6 as that drop time: the model before,
+    kept to compare with."""
     shaft, rpm, at_s, first = machine.shaft, 2.0, 0.0, float("inf")
     while at_s < 1.5:
         first = min(first, at_s + intercept_s + slope_s_per_rpm * rpm)
@@ -137,11 +166,16 @@ def starts(machine: Machine, falls: Callable[[float], float]) -> Array:
 
 
 def field_of(lags_s: Array) -> PaperField:
-    """Speed or delay that makes table 1's distances from the lags, least squares over all ten shaft speeds."""
+    """Speed or delay that makes table 1's distances from the lags, least squares over all ten
+    shaft speeds."""
     mps = MEAN_M / lags_s
     delay = MEAN_M / WRITTEN_MPS - lags_s
-    return PaperField(_mean(mps), _rms(MEAN_M - float(np.mean(mps)) * lags_s), _mean(delay),
-                      _rms(MEAN_M - WRITTEN_MPS * (lags_s + float(np.mean(delay)))))
+    return PaperField(
+        _mean(mps),
+        _rms(MEAN_M - float(np.mean(mps)) * lags_s),
+        _mean(delay),
+        _rms(MEAN_M - WRITTEN_MPS * (lags_s + float(np.mean(delay)))),
+    )
 
 
 def _mean(values: Array) -> Sized:
@@ -159,63 +193,157 @@ def experiment_tables(machine: Machine) -> tuple[tuple[Table, ...], tuple[str, .
     risen, parameter = with_rise(machine)
     rise = risen_by(machine, parameter)
     lags = starts(risen, lambda n: first_fall_s(risen, risen.fall, n))
-    old = starts(machine, lambda n: overtaking_fall_s(machine, n, machine.fall.intercept_s,
-                                                         machine.fall.slope_s_per_rpm))
+    old = starts(
+        machine,
+        lambda n: overtaking_fall_s(
+            machine, n, machine.fall.intercept_s, machine.fall.slope_s_per_rpm
+        ),
+    )
     field, odds = field_of(lags), speed_or_delay()
     turns = np.array([response_s(machine, n) for n in SPEEDS_RPM])
     driven = field.mps.value * lags
     detected, actual = (np.array([TOTAL_LAG_S[n][k] for n in SPEEDS_RPM]) for k in (1, 0))
     responses = np.array([np.mean(RESPONSE_S[n]) for n in SPEEDS_RPM])
-    rows = tuple((rpm, *(float(value[k]) for value in (
-        responses, turns, MEAN_DROP_S, lags - turns, old - turns, detected, lags, old, actual, driven / CONVERTED_MPS,
-        WRITTEN_MPS * old / CONVERTED_MPS, MEAN_M, driven, WRITTEN_MPS * old))) for k, rpm in enumerate(SPEEDS_RPM))
+    rows = tuple(
+        (
+            rpm,
+            *(
+                float(value[k])
+                for value in (
+                    responses,
+                    turns,
+                    MEAN_DROP_S,
+                    lags - turns,
+                    old - turns,
+                    detected,
+                    lags,
+                    old,
+                    actual,
+                    driven / CONVERTED_MPS,
+                    WRITTEN_MPS * old / CONVERTED_MPS,
+                    MEAN_M,
+                    driven,
+                    WRITTEN_MPS * old,
+                )
+            ),
+        )
+        for k, rpm in enumerate(SPEEDS_RPM)
+    )
     line = np.array([n <= machine.fall.valid_to_rpm for n in SPEEDS_RPM])
-    held = (("table 2, s", responses, turns, turns, line | True), ("table 3, s", MEAN_DROP_S, lags - turns,
-                                                                   old - turns, line),
-            ("table 4 detected, s", detected, lags, old, line),
-            ("table 4 actual, s", actual, driven / CONVERTED_MPS, WRITTEN_MPS * old / CONVERTED_MPS, line),
-            ("table 1, m", MEAN_M, driven, WRITTEN_MPS * old, line))
+    held = (
+        ("table 2, s", responses, turns, turns, line | True),
+        ("table 3, s", MEAN_DROP_S, lags - turns, old - turns, line),
+        ("table 4 detected, s", detected, lags, old, line),
+        (
+            "table 4 actual, s",
+            actual,
+            driven / CONVERTED_MPS,
+            WRITTEN_MPS * old / CONVERTED_MPS,
+            line,
+        ),
+        ("table 1, m", MEAN_M, driven, WRITTEN_MPS * old, line),
+    )
     more = start_drop_s(machine.fall, 70.0) - drop_s(machine.fall, 70.0)
-    slopes = tuple(float(np.polyfit(np.array(SPEEDS_RPM)[line], lag[line], 1)[0]) for lag in (lags, old))
-    sums = tuple((name, _rms((ours - paper)[part]), _rms((before - paper)[part]), _rms(ours - paper),
-                  _rms(before - paper))
-                 for name, paper, ours, before, part in held)
-    return ((*_rows(rows), Table(
-        "R.m.s. by table, one model through each table's own experiment, next to the model before (eq 6 as the drop "
-        "time "
-        "of a running shaft, granules overtaking)",
-        ("table", "10 to 70 r/min", "before", "10 to 100 r/min", "before"), sums, (0, 4, 4, 4, 4)),
-        _settled(risen, rise, field, odds)), (
-        f"The paper's own test played through the model has a slope of {slopes[0]:.4f} s per r/min and takes "
-        f"{lags[6]:.3f} s at 70 r/min (published -0.0083 and 1.620; the model before {slopes[1]:.4f} and "
-        f"{old[6]:.3f} s). "
-        f"There granules are carried along by the stream behind them and do not overtake; a running shaft's drop time "
-        f"at 70 r/min is then {drop_s(machine.fall, 70.0):.2f} s, {1000.0 * more:.0f} ms less than a start's. No table "
-        f"settles that: granules that fall each by itself, {_singly(machine):.2f} s at 70 r/min, give the same starts.",
-        f"What reconciles table 1 with the rig's times is a test speed of {field.mps.text('{:.2f}')} m/s, "
-        f"{3.6 * field.mps.value:.2f} km/h where {LAG_SPEED_KMH:g} is written (r.m.s. {field.mps_rms_m:.3f} m over "
-        f"ten shaft "
-        f"speeds), or a delay of {field.delay.text('{:.2f}')} s that only the field has (r.m.s. "
-        f"{field.delay_rms_m:.3f} m). The slope of the rig's line is known to a fifth of itself, and with that the "
-        f"speed is likelier than the delay by {odds.speed_to_delay:.1f} to 1 only; and than {3.6 * CONVERTED_MPS:.2f} "
-        f"km/h, by which table 4 was made, with a delay of {odds.delay_at_4_5_s:.2f} s by "
-        f"{odds.speed_to_delay_at_4_5:.1f} to 1. That is a tie, and the last is the plainest: it needs no speed but "
-        "the one that the authors used themselves. "
-        "One ground speed cannot tell them apart. Where the field is driven as the paper did it, the lag that lands "
-        "right is table 1's own, whichever it is."))
+    slopes = tuple(
+        float(np.polyfit(np.array(SPEEDS_RPM)[line], lag[line], 1)[0]) for lag in (lags, old)
+    )
+    sums = tuple(
+        (
+            name,
+            _rms((ours - paper)[part]),
+            _rms((before - paper)[part]),
+            _rms(ours - paper),
+            _rms(before - paper),
+        )
+        for name, paper, ours, before, part in held
+    )
+    return (
+        (
+            *_rows(rows),
+            Table(
+                "R.m.s. by table, one model through each table's own experiment, next to "
+                "the model before (eq 6 as the drop "
+                "time "
+                "of a running shaft, granules overtaking)",
+                ("table", "10 to 70 r/min", "before", "10 to 100 r/min", "before"),
+                sums,
+                (0, 4, 4, 4, 4),
+            ),
+            _settled(risen, rise, field, odds),
+        ),
+        (
+            f"The paper's own test played through the model has a slope of {slopes[0]:.4f} "
+            "s per r/min and takes "
+            f"{lags[6]:.3f} s at 70 r/min (published -0.0083 and 1.620; the model before "
+            f"{slopes[1]:.4f} and "
+            f"{old[6]:.3f} s). "
+            "There granules are carried along by the stream behind them and do not "
+            "overtake; a running shaft's drop time "
+            f"at 70 r/min is then {drop_s(machine.fall, 70.0):.2f} s, {1000.0 * more:.0f} "
+            "ms less than a start's. No table "
+            f"settles that: granules that fall each by itself, {_singly(machine):.2f} s at "
+            "70 r/min, give the same starts.",
+            "What reconciles table 1 with the rig's times is a test speed of "
+            f"{field.mps.text('{:.2f}')} m/s, "
+            f"{3.6 * field.mps.value:.2f} km/h where {LAG_SPEED_KMH:g} is written (r.m.s. "
+            f"{field.mps_rms_m:.3f} m over "
+            f"ten shaft "
+            f"speeds), or a delay of {field.delay.text('{:.2f}')} s that only the field has "
+            "(r.m.s. "
+            f"{field.delay_rms_m:.3f} m). The slope of the rig's line is known to a fifth "
+            "of itself, and with that the "
+            f"speed is likelier than the delay by {odds.speed_to_delay:.1f} to 1 only; and "
+            f"than {3.6 * CONVERTED_MPS:.2f} "
+            f"km/h, by which table 4 was made, with a delay of {odds.delay_at_4_5_s:.2f} s by "
+            f"{odds.speed_to_delay_at_4_5:.1f} to 1. That is a tie, and the last is the "
+            "plainest: it needs no speed but "
+            "the one that the authors used themselves. "
+            "One ground speed cannot tell them apart. Where the field is driven as the "
+            "paper did it, the lag that lands "
+            "right is table 1's own, whichever it is.",
+        ),
+    )
 
 
 def _rows(rows: tuple[tuple[float, ...], ...]) -> tuple[Table, Table]:
-    return (Table("One model, the rig's tables: published, obtained, model before; 80 to 100 r/min with the rise "
-                  "fitted to "
-                  "table 3", ("r/min", "table 2, s", "obtained", "table 3, s", "obtained", "before",
-                              "table 4 detected, s",
-                              "obtained", "before"), tuple(row[:9] for row in rows), (0, *(3,) * 8)),
-            Table("One model, the field's tables: published, obtained with the speed fitted to table 1, model before "
-                  "with "
-                  "none fitted", ("r/min", "table 4 actual, s", "obtained", "before", "table 1, m", "obtained",
-                                  "before"),
-                  tuple((row[0], *row[9:]) for row in rows), (0, 3, 3, 3, 2, 2, 2)))
+    return (
+        Table(
+            "One model, the rig's tables: published, obtained, model before; 80 to 100 "
+            "r/min with the rise "
+            "fitted to "
+            "table 3",
+            (
+                "r/min",
+                "table 2, s",
+                "obtained",
+                "table 3, s",
+                "obtained",
+                "before",
+                "table 4 detected, s",
+                "obtained",
+                "before",
+            ),
+            tuple(row[:9] for row in rows),
+            (0, *(3,) * 8),
+        ),
+        Table(
+            "One model, the field's tables: published, obtained with the speed fitted to "
+            "table 1, model before "
+            "with "
+            "none fitted",
+            (
+                "r/min",
+                "table 4 actual, s",
+                "obtained",
+                "before",
+                "table 1, m",
+                "obtained",
+                "before",
+            ),
+            tuple((row[0], *row[9:]) for row in rows),
+            (0, 3, 3, 3, 2, 2, 2),
+        ),
+    )
 
 
 def _settled(machine: Machine, rise: Sized, field: PaperField, odds: Odds) -> Table:
@@ -226,45 +354,90 @@ def _settled(machine: Machine, rise: Sized, field: PaperField, odds: Odds) -> Ta
     x = np.repeat(rpm, singles.shape[1])
     slope, intercept = np.polyfit(x, singles.ravel(), 1)
     left = singles.ravel() - intercept - slope * x
-    sd = float(np.sqrt(np.sum(left ** 2) / (len(x) - 2)))
+    sd = float(np.sqrt(np.sum(left**2) / (len(x) - 2)))
     about = float(np.sum((x - x.mean()) ** 2))
     half = 1.668 * sd / np.sqrt(about), 1.668 * sd * np.sqrt(1.0 / len(x) + x.mean() ** 2 / about)
     singly = _singly(machine)
-    return Table("What the tables settle and what they leave open, 90 % intervals", ("quantity", "value",
-                                                                                     "settled by"), (
-        ("response to 2 r/min, s", _mean(response).text("{:.4f}"), "table 2, 20 rows"),
-        ("a start's drop at 0 r/min, s", Sized(intercept, intercept - half[1], intercept + half[1]).text("{:.3f}"),
-         "table 3, 70 rows; the machine file's 1.8288 is eq 6 less the response"),
-        ("its slope, s per r/min", Sized(slope, slope - half[0], slope + half[0]).text("{:.4f}"), "table 3, 70 rows"),
-        ("its rise at 100 r/min over the line, s", rise.text("{:.3f}"), "table 3; table 1 confirms it"),
-        ("speed by which table 4's field times were made, km/h",
-         _mean(3.6 * MEAN_M / np.array([TOTAL_LAG_S[n][0] for n in SPEEDS_RPM])).text("{:.3f}"),
-         "table 1 over table 4"),
-        ("speed of the test, km/h", _mean(3.6 * MEAN_M / starts(machine, lambda n: first_fall_s(machine, fall,
-                                                                                                n))).text("{:.2f}"),
-         "table 1 over tables 2 and 3, if nothing else differs"),
-        ("or: a delay of the field alone, s", field.delay.text("{:.2f}"), "tables 1, 2 and 3, if the written speed "
-         "holds"),
-        (f"or: a delay at {3.6 * CONVERTED_MPS:.2f} km/h, s", f"{odds.delay_at_4_5_s:.2f}", "tables 1, 2 and 3, if the "
-         "speed of table 4 holds"),
-        ("likelihood of the three, the slope's own uncertainty in it", f"1 : {1.0 / odds.speed_to_delay:.2f} : "
-         f"{1.0 / odds.speed_to_delay_at_4_5:.2f}", "no table; a second ground speed would"),
-        ("carrying along: a running shaft's drop at 70 r/min, s",
-         f"{drop_s(fall, 70.0):.2f} (carried along) to {singly:.2f} (each granule by itself)",
-         "no table: every test is a start; a change between two rates would settle it"),
-        ("first fill of an empty tube, s", f"0 to {drop_s(fall, 70.0) - 0.32:.2f}",
-         "no table; bounded by a free fall of 0.32 s from the outlet's 0.5 m"),
-    ), (0, 0, 0))
+    return Table(
+        "What the tables settle and what they leave open, 90 % intervals",
+        ("quantity", "value", "settled by"),
+        (
+            ("response to 2 r/min, s", _mean(response).text("{:.4f}"), "table 2, 20 rows"),
+            (
+                "a start's drop at 0 r/min, s",
+                Sized(intercept, intercept - half[1], intercept + half[1]).text("{:.3f}"),
+                "table 3, 70 rows; the machine file's 1.8288 is eq 6 less the response",
+            ),
+            (
+                "its slope, s per r/min",
+                Sized(slope, slope - half[0], slope + half[0]).text("{:.4f}"),
+                "table 3, 70 rows",
+            ),
+            (
+                "its rise at 100 r/min over the line, s",
+                rise.text("{:.3f}"),
+                "table 3; table 1 confirms it",
+            ),
+            (
+                "speed by which table 4's field times were made, km/h",
+                _mean(3.6 * MEAN_M / np.array([TOTAL_LAG_S[n][0] for n in SPEEDS_RPM])).text(
+                    "{:.3f}"
+                ),
+                "table 1 over table 4",
+            ),
+            (
+                "speed of the test, km/h",
+                _mean(
+                    3.6 * MEAN_M / starts(machine, lambda n: first_fall_s(machine, fall, n))
+                ).text("{:.2f}"),
+                "table 1 over tables 2 and 3, if nothing else differs",
+            ),
+            (
+                "or: a delay of the field alone, s",
+                field.delay.text("{:.2f}"),
+                "tables 1, 2 and 3, if the written speed holds",
+            ),
+            (
+                f"or: a delay at {3.6 * CONVERTED_MPS:.2f} km/h, s",
+                f"{odds.delay_at_4_5_s:.2f}",
+                "tables 1, 2 and 3, if the speed of table 4 holds",
+            ),
+            (
+                "likelihood of the three, the slope's own uncertainty in it",
+                f"1 : {1.0 / odds.speed_to_delay:.2f} : {1.0 / odds.speed_to_delay_at_4_5:.2f}",
+                "no table; a second ground speed would",
+            ),
+            (
+                "carrying along: a running shaft's drop at 70 r/min, s",
+                f"{drop_s(fall, 70.0):.2f} (carried along) to {singly:.2f} (each granule by "
+                "itself)",
+                "no table: every test is a start; a change between two rates would settle it",
+            ),
+            (
+                "first fill of an empty tube, s",
+                f"0 to {drop_s(fall, 70.0) - 0.32:.2f}",
+                "no table; bounded by a free fall of 0.32 s from the outlet's 0.5 m",
+            ),
+        ),
+        (0, 0, 0),
+    )
 
 
 def _singly(machine: Machine) -> float:
-    """Running drop at 70 r/min, s, if granules fall by themselves and overtake: the line whose overtaking start is that
-    of the machine (least squares, 10 to 70 r/min)."""
+    """Running drop at 70 r/min, s, if granules fall by themselves and overtake: the line whose
+    overtaking start is that of the machine (least squares, 10 to 70 r/min)."""
     speeds = [n for n in SPEEDS_RPM if n <= machine.fall.valid_to_rpm]
 
     def off(line: Array) -> Array:
-        return np.array([overtaking_fall_s(machine, n, float(line[0]), float(line[1])) - start_drop_s(machine.fall, n)
-                         for n in speeds])
+        return np.array(
+            [
+                overtaking_fall_s(machine, n, float(line[0]), float(line[1]))
+                - start_drop_s(machine.fall, n)
+                for n in speeds
+            ]
+        )
 
-    intercept, slope = least_squares(off, [machine.fall.intercept_s, machine.fall.slope_s_per_rpm - 1.0 / 200.0]).x
+    intercept, slope = least_squares(
+        off, [machine.fall.intercept_s, machine.fall.slope_s_per_rpm - 1.0 / 200.0]
+    ).x
     return float(intercept + 70.0 * slope)

@@ -1,4 +1,6 @@
-"""The lag paper: lag distances, response, drop times, the whole lag, the line, the correction, and what eq 3 costs."""
+"""The lag paper: lag distances, response, drop times, the whole lag, the line, the correction,
+and what eq 3 costs."""
+
 from __future__ import annotations
 
 import numpy as np
@@ -35,7 +37,7 @@ from .published import (
 )
 
 SPEED_MPS = LAG_SPEED_KMH / 3.6
-EQ3_AT = (40.0, 116.0)          # the paper's field, near Beijing
+EQ3_AT = (40.0, 116.0)  # the paper's field, near Beijing
 
 
 def lag_section(machine: Machine) -> Section:
@@ -44,40 +46,91 @@ def lag_section(machine: Machine) -> Section:
     line, line_words = lag_line()
     claims = tuple(lag_claims(machine))
     experiments, said = experiment_tables(machine)
-    return Section("Lag time and position correction: prescription maps", (*said, *line_words, *words), (
-        ledger("lag paper", claims), *experiments, distances(machine), responses(machine), drops(machine),
-        totals(machine), line,
-        *correction, eq3(), boundary_table()),
-        (drop_picture(machine), lags_picture(), line_picture(), gain_picture(correction[0])), claims)
+    return Section(
+        "Lag time and position correction: prescription maps",
+        (*said, *line_words, *words),
+        (
+            ledger("lag paper", claims),
+            *experiments,
+            distances(machine),
+            responses(machine),
+            drops(machine),
+            totals(machine),
+            line,
+            *correction,
+            eq3(),
+            boundary_table(),
+        ),
+        (drop_picture(machine), lags_picture(), line_picture(), gain_picture(correction[0])),
+        claims,
+    )
 
 
 def distances(machine: Machine) -> Table:
-    rows = tuple((rpm, float(np.mean(values)), SPEED_MPS * lag_paper_s(rpm), SPEED_MPS * start_lag_s(machine, rpm))
-                 for rpm, values in LAG_M.items())
-    return Table("Table 1: lag distance at 4.25 km/h, m; eq 6 and the machine file hold from 10 to 70 r/min",
-                 ("r/min", "published, mean of 3", "eq 1 with eq 6", "machine model, first granule"), rows,
-                 (0, 2, 2, 2))
+    rows = tuple(
+        (
+            rpm,
+            float(np.mean(values)),
+            SPEED_MPS * lag_paper_s(rpm),
+            SPEED_MPS * start_lag_s(machine, rpm),
+        )
+        for rpm, values in LAG_M.items()
+    )
+    return Table(
+        "Table 1: lag distance at 4.25 km/h, m; eq 6 and the machine file hold from 10 to 70 r/min",
+        ("r/min", "published, mean of 3", "eq 1 with eq 6", "machine model, first granule"),
+        rows,
+        (0, 2, 2, 2),
+    )
 
 
 def responses(machine: Machine) -> Table:
     rows = tuple((rpm, *values, response_s(machine, rpm)) for rpm, values in RESPONSE_S.items())
-    return Table("Table 2: from the command to 2 r/min, s", ("r/min", "standing", "moving", "machine model"), rows,
-                 (0, 3, 3, 3))
+    return Table(
+        "Table 2: from the command to 2 r/min, s",
+        ("r/min", "standing", "moving", "machine model"),
+        rows,
+        (0, 3, 3, 3),
+    )
 
 
 def drops(machine: Machine) -> Table:
-    rows = tuple((rpm, float(np.mean(values)), float(np.std(values, ddof=1)), first_fall_s(machine, machine.fall, rpm),
-                  drop_s(machine.fall, rpm)) for rpm, values in DROP_S.items())
-    return Table("Table 3: drop time, s; the machine file holds from 10 to 70 r/min",
-                 ("r/min", "published, mean of 10", "s.d.", "machine model, start", "running shaft"), rows,
-                 (0, 3, 3, 3, 3))
+    rows = tuple(
+        (
+            rpm,
+            float(np.mean(values)),
+            float(np.std(values, ddof=1)),
+            first_fall_s(machine, machine.fall, rpm),
+            drop_s(machine.fall, rpm),
+        )
+        for rpm, values in DROP_S.items()
+    )
+    return Table(
+        "Table 3: drop time, s; the machine file holds from 10 to 70 r/min",
+        ("r/min", "published, mean of 10", "s.d.", "machine model, start", "running shaft"),
+        rows,
+        (0, 3, 3, 3, 3),
+    )
 
 
 def totals(machine: Machine) -> Table:
-    rows = tuple((rpm, field, detected, 100.0 * (1.0 - detected / field), lag_paper_s(rpm),
-                  start_lag_s(machine, rpm)) for rpm, (field, detected) in TOTAL_LAG_S.items())
-    return Table("Table 4: whole lag, s", ("r/min", "field", "detected", "detected short by, %", "eq 6",
-                                           "machine model"), rows, (0, 3, 3, 1, 3, 3))
+    rows = tuple(
+        (
+            rpm,
+            field,
+            detected,
+            100.0 * (1.0 - detected / field),
+            lag_paper_s(rpm),
+            start_lag_s(machine, rpm),
+        )
+        for rpm, (field, detected) in TOTAL_LAG_S.items()
+    )
+    return Table(
+        "Table 4: whole lag, s",
+        ("r/min", "field", "detected", "detected short by, %", "eq 6", "machine model"),
+        rows,
+        (0, 3, 3, 1, 3, 3),
+    )
 
 
 def lag_line() -> tuple[Table, tuple[str, ...]]:
@@ -90,12 +143,22 @@ def lag_line() -> tuple[Table, tuple[str, ...]]:
         slope, intercept = np.polyfit(rpm, lag, 1)
         fits[name] = (float(intercept), float(slope))
         rows.append((name, float(intercept), float(slope), float(-np.corrcoef(rpm, lag)[0, 1])))
-    apart = max(abs(fits["detected, table 4"][0] + fits["detected, table 4"][1] * n - lag_paper_s(n))
-                for n in (10, 70))
-    words = (f"Eq 6 is the line through the detected lags at 10 to 70 r/min (within {1000 * apart:.1f} ms), not "
-             f"through the field's, which lie {np.mean([f - d for f, d in TOTAL_LAG_S.values()]):.2f} s higher.",)
-    return Table("Figure 10, eq 6: lag = a + b n, 10 to 70 r/min", ("from", "a, s", "b, s per r/min", "|r|"),
-                 tuple(rows), (0, 4, 5, 3)), words
+    apart = max(
+        abs(fits["detected, table 4"][0] + fits["detected, table 4"][1] * n - lag_paper_s(n))
+        for n in (10, 70)
+    )
+    words = (
+        "Eq 6 is the line through the detected lags at 10 to 70 r/min (within "
+        f"{1000 * apart:.1f} ms), not "
+        "through the field's, which lie "
+        f"{np.mean([f - d for f, d in TOTAL_LAG_S.values()]):.2f} s higher.",
+    )
+    return Table(
+        "Figure 10, eq 6: lag = a + b n, 10 to 70 r/min",
+        ("from", "a, s", "b, s per r/min", "|r|"),
+        tuple(rows),
+        (0, 4, 5, 3),
+    ), words
 
 
 def correction_tables(machine: Machine) -> tuple[tuple[Table, ...], tuple[str, ...]]:
@@ -103,44 +166,99 @@ def correction_tables(machine: Machine) -> tuple[tuple[Table, ...], tuple[str, .
     once = next(reading for reading in READINGS if reading.name == ONCE_A_SECOND)
     rows = []
     for rpm, (before, after) in GAIN_M.items():
-        ideal = [float(misses_m(machine, rpm, READINGS[0], on, 1, rng).mean()) for on in (False, True)]
+        ideal = [
+            float(misses_m(machine, rpm, READINGS[0], on, 1, rng).mean()) for on in (False, True)
+        ]
         late = [misses_m(machine, rpm, once, on, 4000, rng) for on in (False, True)]
-        rows.append((rpm, before, after, 100.0 * (1.0 - after / before), *ideal, float(late[0].mean()),
-                     float(late[1].mean()), 100.0 * (1.0 - float(late[1].mean()) / float(late[0].mean()))))
-    gain = Table("Tables 5 and 6: first granules past the boundary, m, before and after the correction, and gain",
-                 ("r/min", "before published", "after", "gain %", "before, eq 6 exact", "after",
-                  "before, 1 Hz position", "after", "gain %"), tuple(rows), (0, 2, 3, 1, 2, 2, 2, 2, 1))
+        rows.append(
+            (
+                rpm,
+                before,
+                after,
+                100.0 * (1.0 - after / before),
+                *ideal,
+                float(late[0].mean()),
+                float(late[1].mean()),
+                100.0 * (1.0 - float(late[1].mean()) / float(late[0].mean())),
+            )
+        )
+    gain = Table(
+        "Tables 5 and 6: first granules past the boundary, m, before and after the "
+        "correction, and gain",
+        (
+            "r/min",
+            "before published",
+            "after",
+            "gain %",
+            "before, eq 6 exact",
+            "after",
+            "before, 1 Hz position",
+            "after",
+            "gain %",
+        ),
+        tuple(rows),
+        (0, 2, 3, 1, 2, 2, 2, 2, 1),
+    )
     fits, rival = explain(machine, CORRECTED_M), fitted_rival(CORRECTED_M)
     mean, within, means = published_spread(CORRECTED_M)
-    readings = Table("Which reading explains table 5: miss m, spread of replicates and of their means, log likelihood",
-                     ("reading", "mean", "replicates", "means", "log likelihood of the 21"),
-                     (("published", mean, within, means, None), *(
-                         (fit.reading.name, fit.mean_m, fit.within_m, fit.means_m, fit.log_likelihood)
-                         for fit in fits), ("rival: field lag of table 1, both spreads fitted, less BIC's 3.0",
-                                            rival.mean_m, rival.within_m, rival.between_m, rival.penalised)),
-                     (0, 3, 3, 3, 1))
+    readings = Table(
+        "Which reading explains table 5: miss m, spread of replicates and of their means, "
+        "log likelihood",
+        ("reading", "mean", "replicates", "means", "log likelihood of the 21"),
+        (
+            ("published", mean, within, means, None),
+            *(
+                (fit.reading.name, fit.mean_m, fit.within_m, fit.means_m, fit.log_likelihood)
+                for fit in fits
+            ),
+            (
+                "rival: field lag of table 1, both spreads fitted, less BIC's 3.0",
+                rival.mean_m,
+                rival.within_m,
+                rival.between_m,
+                rival.penalised,
+            ),
+        ),
+        (0, 3, 3, 3, 1),
+    )
     by_name = {fit.reading.name: fit for fit in fits}
     field, best, alike = by_name["field lag of table 1"], fits[0], by_name[IN_PHASE]
     share = wider_apart(machine, best.reading, CORRECTED_M)
     words = (
-        f"With eq 6 exact the correction would leave nothing; the paper's left {mean:.2f} m in the mean. The field's "
-        f"own longer lag would account for most of it: table 1's distances less the lag that was corrected for leave "
+        f"With eq 6 exact the correction would leave nothing; the paper's left {mean:.2f} m "
+        "in the mean. The field's "
+        "own longer lag would account for most of it: table 1's distances less the lag "
+        "that was corrected for leave "
         f"{field.mean_m:.2f} m "
-        f"({min(field.by_rpm.values()):.2f} to {max(field.by_rpm.values()):.2f} by shaft speed). What they do not "
+        f"({min(field.by_rpm.values()):.2f} to {max(field.by_rpm.values()):.2f} by shaft "
+        "speed). What they do not "
         f"leave "
-        f"is the difference between shaft speeds: {field.means_m:.2f} m against {means:.2f} m published.",
-        f"Of the readings here the likeliest is a position that comes once a second, each drive with its own moment "
-        f"between two of them: {best.mean_m:.2f} m in the mean, {best.within_m:.2f} m between replicates (published "
-        f"{within:.2f}), {best.means_m:.2f} m between shaft speeds; the 21 values together have a log likelihood of "
-        f"{best.log_likelihood:.1f}. At 5 and 10 Hz it explains little. That the three replicates of a shaft speed met "
-        f"the boundary alike, which would spread shaft speeds by {alike.means_m:.2f} m, the table refutes: "
-        f"{alike.log_likelihood:.1f}, for at 10 r/min they lie 0.85 m apart. But a rival without any mechanism does as "
-        f"well: the field's own lag with both spreads fitted ({rival.between_m:.2f} m between shaft speeds, "
-        f"{rival.within_m:.2f} m between replicates) has {rival.log_likelihood:.1f}, and {rival.penalised:.1f} less "
-        f"BIC's price of two parameters. Table 5 does not settle it. Nor does the likeliest reading say all: "
-        f"shaft speeds differ as much beyond the replicates in {100.0 * share:.1f} % of the tables drawn by it. And a "
-        f"position once a second would stand in table 1's distances too (half a second is {0.5 * SPEED_MPS:.2f} m), "
-        "which hardly scatter (0.04 m).")
+        f"is the difference between shaft speeds: {field.means_m:.2f} m against {means:.2f} "
+        "m published.",
+        "Of the readings here the likeliest is a position that comes once a second, each "
+        "drive with its own moment "
+        f"between two of them: {best.mean_m:.2f} m in the mean, {best.within_m:.2f} m "
+        "between replicates (published "
+        f"{within:.2f}), {best.means_m:.2f} m between shaft speeds; the 21 values together "
+        "have a log likelihood of "
+        f"{best.log_likelihood:.1f}. At 5 and 10 Hz it explains little. That the three "
+        "replicates of a shaft speed met "
+        f"the boundary alike, which would spread shaft speeds by {alike.means_m:.2f} m, the "
+        "table refutes: "
+        f"{alike.log_likelihood:.1f}, for at 10 r/min they lie 0.85 m apart. But a rival "
+        "without any mechanism does as "
+        f"well: the field's own lag with both spreads fitted ({rival.between_m:.2f} m "
+        "between shaft speeds, "
+        f"{rival.within_m:.2f} m between replicates) has {rival.log_likelihood:.1f}, and "
+        f"{rival.penalised:.1f} less "
+        "BIC's price of two parameters. Table 5 does not settle it. Nor does the likeliest "
+        "reading say all: "
+        f"shaft speeds differ as much beyond the replicates in {100.0 * share:.1f} % of the "
+        "tables drawn by it. And a "
+        "position once a second would stand in table 1's distances too (half a second is "
+        f"{0.5 * SPEED_MPS:.2f} m), "
+        "which hardly scatter (0.04 m).",
+    )
     return (gain, readings), words
 
 
@@ -148,47 +266,110 @@ def eq3() -> Table:
     """What eq 3 as printed makes of 10 m, and its put-right form on the paper's radius."""
     plane = TangentPlane(*EQ3_AT)
     rows = []
-    for name, place in (("10 m east", (10.0, 0.0)), ("10 m north", (0.0, 10.0)), ("10 m north-east", (7.0711, 7.0711))):
+    for name, place in (
+        ("10 m east", (10.0, 0.0)),
+        ("10 m north", (0.0, 10.0)),
+        ("10 m north-east", (7.0711, 7.0711)),
+    ):
         there = plane.to_deg(*place)
-        rows.append((name, paper_distance_m(*EQ3_AT, *there), paper_distance_corrected_m(*EQ3_AT, *there),
-                     distance_m(*EQ3_AT, *there)))
-    return Table("Eq 3 at 40 N, m", ("way", "as printed", "products put right, radius as printed", "WGS84"),
-                 tuple(rows), (0, 3, 3, 3))
+        rows.append(
+            (
+                name,
+                paper_distance_m(*EQ3_AT, *there),
+                paper_distance_corrected_m(*EQ3_AT, *there),
+                distance_m(*EQ3_AT, *there),
+            )
+        )
+    return Table(
+        "Eq 3 at 40 N, m",
+        ("way", "as printed", "products put right, radius as printed", "WGS84"),
+        tuple(rows),
+        (0, 3, 3, 3),
+    )
 
 
 def drop_picture(machine: Machine) -> Picture:
     speeds = [float(rpm) for rpm in DROP_S]
     rising = np.linspace(10.0, 70.0, 61)
-    return Picture("Table 3: drop time over shaft speed", "shaft, r/min", "drop time, s", (
-        Line("published", "published", speeds, [float(np.mean(v)) for v in DROP_S.values()]),
-        Line("single drops", "other", [float(rpm) for rpm, v in DROP_S.items() for _ in v],
-             [v for values in DROP_S.values() for v in values]),
-        Line("machine model's start, 10 to 70 r/min", "ours", rising.tolist(),
-             [first_fall_s(machine, machine.fall, float(n)) for n in rising], True)))
+    return Picture(
+        "Table 3: drop time over shaft speed",
+        "shaft, r/min",
+        "drop time, s",
+        (
+            Line("published", "published", speeds, [float(np.mean(v)) for v in DROP_S.values()]),
+            Line(
+                "single drops",
+                "other",
+                [float(rpm) for rpm, v in DROP_S.items() for _ in v],
+                [v for values in DROP_S.values() for v in values],
+            ),
+            Line(
+                "machine model's start, 10 to 70 r/min",
+                "ours",
+                rising.tolist(),
+                [first_fall_s(machine, machine.fall, float(n)) for n in rising],
+                True,
+            ),
+        ),
+    )
 
 
 def lags_picture() -> Picture:
     """Figure 9 as section 2.4.3 tells it; its caption speaks of the drop time."""
     speeds = [float(rpm) for rpm in TOTAL_LAG_S]
-    return Picture("Figure 9: whole lag over shaft speed, drawn from table 4", "shaft, r/min", "lag, s", (
-        Line("detected", "published", speeds, [detected for _, detected in TOTAL_LAG_S.values()]),
-        Line("actual, by the text", "other", speeds, [field for field, _ in TOTAL_LAG_S.values()]),
-        Line("table 1's distances at 4.25 km/h", "ours", speeds,
-             [float(np.mean(values)) / SPEED_MPS for values in LAG_M.values()], True)))
+    return Picture(
+        "Figure 9: whole lag over shaft speed, drawn from table 4",
+        "shaft, r/min",
+        "lag, s",
+        (
+            Line(
+                "detected", "published", speeds, [detected for _, detected in TOTAL_LAG_S.values()]
+            ),
+            Line(
+                "actual, by the text", "other", speeds, [field for field, _ in TOTAL_LAG_S.values()]
+            ),
+            Line(
+                "table 1's distances at 4.25 km/h",
+                "ours",
+                speeds,
+                [float(np.mean(values)) / SPEED_MPS for values in LAG_M.values()],
+                True,
+            ),
+        ),
+    )
 
 
 def line_picture() -> Picture:
     speeds = [rpm for rpm in TOTAL_LAG_S if rpm <= 70]
-    return Picture("Figure 10: whole lag over shaft speed", "shaft, r/min", "lag, s", (
-        Line("detected", "published", [float(n) for n in speeds], [TOTAL_LAG_S[n][1] for n in speeds]),
-        Line("field", "other", [float(n) for n in speeds], [TOTAL_LAG_S[n][0] for n in speeds]),
-        Line("eq 6", "ours", [10.0, 70.0], [lag_paper_s(10.0), lag_paper_s(70.0)], True)))
+    return Picture(
+        "Figure 10: whole lag over shaft speed",
+        "shaft, r/min",
+        "lag, s",
+        (
+            Line(
+                "detected",
+                "published",
+                [float(n) for n in speeds],
+                [TOTAL_LAG_S[n][1] for n in speeds],
+            ),
+            Line("field", "other", [float(n) for n in speeds], [TOTAL_LAG_S[n][0] for n in speeds]),
+            Line("eq 6", "ours", [10.0, 70.0], [lag_paper_s(10.0), lag_paper_s(70.0)], True),
+        ),
+    )
 
 
 def gain_picture(gain: Table) -> Picture:
     late = [float(row[7] or 0.0) for row in gain.rows]
     speeds = [float(rpm) for rpm in GAIN_M]
-    return Picture("Table 6: before and after the correction", "shaft, r/min", "past the boundary, m", (
-        Line("published, before", "published", speeds, [before for before, _ in GAIN_M.values()]),
-        Line("published, after", "other", speeds, [after for _, after in GAIN_M.values()]),
-        Line("1 Hz position, after", "ours", speeds, late, True)))
+    return Picture(
+        "Table 6: before and after the correction",
+        "shaft, r/min",
+        "past the boundary, m",
+        (
+            Line(
+                "published, before", "published", speeds, [before for before, _ in GAIN_M.values()]
+            ),
+            Line("published, after", "other", speeds, [after for _, after in GAIN_M.values()]),
+            Line("1 Hz position, after", "ours", speeds, late, True),
+        ),
+    )

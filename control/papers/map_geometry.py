@@ -1,4 +1,6 @@
-"""The lag paper's geometry on the prescription map: eq 2 (which cell) and eq 4 and 5 (where a line meets an edge)."""
+"""The lag paper's geometry on the prescription map: eq 2 (which cell) and eq 4 and 5 (where a
+line meets an edge)."""
+
 from __future__ import annotations
 
 from collections.abc import Callable
@@ -8,11 +10,13 @@ from control.geodesy import TangentPlane
 
 from .page import Table
 
-Point = tuple[float, float]         # X longitude, Y latitude, degrees, as the paper has them
-CELL_M = 10.0                       # of the paper's field
-AT = (40.0, 116.0)                  # near Beijing
+# X longitude, Y latitude, degrees, as the paper has them
+Point = tuple[float, float]
+CELL_M = 10.0  # of the paper's field
+AT = (40.0, 116.0)  # near Beijing
 AHEAD_M = 20.0
-CASES = (                           # heading of the working line and of the edge, degrees
+# heading of the working line and of the edge, degrees
+CASES = (
     ("heading 30, edge east-west", 30.0, 90.0),
     ("heading 30, edge north-south", 30.0, 0.0),
     ("heading 60, slanting edge", 60.0, 150.0),
@@ -21,7 +25,8 @@ CASES = (                           # heading of the working line and of the edg
 
 
 def paper_cell(distance_m: float, half_m: float) -> int:
-    """Column or row of a place by its distance from the middle of cell 0 (eq 2). ValueError before cell 0."""
+    """Column or row of a place by its distance from the middle of cell 0 (eq 2). ValueError
+    before cell 0."""
     if distance_m >= half_m:
         return ceil((distance_m - half_m) / (2.0 * half_m))
     if distance_m > -half_m:
@@ -29,24 +34,27 @@ def paper_cell(distance_m: float, half_m: float) -> int:
     raise ValueError(f"{distance_m:g} m: eq 2 has no cell before the first")
 
 
-def cells_that_agree(count: int = 1001, cell: Callable[[float, float], int] = paper_cell) -> tuple[int, int]:
-    """At how many of `count` distances up to 100 m eq 2, `cell`, gives the cell in which they lie; an edge belongs to
-    the cell before it."""
+def cells_that_agree(
+    count: int = 1001, cell: Callable[[float, float], int] = paper_cell
+) -> tuple[int, int]:
+    """At how many of `count` distances up to 100 m eq 2, `cell`, gives the cell in which they
+    lie; an edge belongs to the cell before it."""
     half = 0.5 * CELL_M
     places = [k * 100.0 / (count - 1) for k in range(count)]
     return sum(cell(at, half) == max(0, ceil(at / CELL_M - 0.5)) for at in places), count
 
 
 def crossing(of: Point, towards: Point, a: Point, b: Point) -> Point:
-    """Where the line through `of` and `towards` meets that through a and b, by vectors: no slope, so any direction.
-    ZeroDivisionError for parallel lines."""
+    """Where the line through `of` and `towards` meets that through a and b, by vectors: no
+    slope, so any direction. ZeroDivisionError for parallel lines."""
     (dx, dy), (ex, ey) = (towards[0] - of[0], towards[1] - of[1]), (b[0] - a[0], b[1] - a[1])
     share = ((a[0] - of[0]) * ey - (a[1] - of[1]) * ex) / (dx * ey - dy * ex)
     return of[0] + share * dx, of[1] + share * dy
 
 
 def paper_crossing(of: Point, towards: Point, a: Point, b: Point) -> Point | None:
-    """The same as eq 4 and 5 print it; None where a slope does not exist (eq 4 asks for X1 other than X2)."""
+    """The same as eq 4 and 5 print it; None where a slope does not exist (eq 4 asks for X1
+    other than X2)."""
     if of[0] == towards[0]:
         return None
     k1 = (of[1] - towards[1]) / (of[0] - towards[0])
@@ -72,18 +80,31 @@ def boundary_table() -> Table:
         way = (sin(radians(heading_deg)), cos(radians(heading_deg)))
         along = (sin(radians(edge_deg)), cos(radians(edge_deg)))
         middle = (AHEAD_M * way[0], AHEAD_M * way[1])
-        ends = [(middle[0] + side * 30.0 * along[0], middle[1] + side * 30.0 * along[1]) for side in (-1.0, 1.0)]
+        ends = [
+            (middle[0] + side * 30.0 * along[0], middle[1] + side * 30.0 * along[1])
+            for side in (-1.0, 1.0)
+        ]
         a, b = (point(*end) for end in ends)
         if edge_deg == 0.0:
-            b = (a[0], b[1])            # a meridian to the last digit
+            b = (a[0], b[1])  # a meridian to the last digit
         towards = point(*way)
         here = point(0.0, 0.0)
         towards = (here[0], towards[1]) if heading_deg == 0.0 else towards
         printed = paper_crossing(here, towards, a, b)
         right = crossing(here, towards, a, b)
-        rows.append((name, None if printed is None else hypot(*plane.to_m(printed[1], printed[0])),
-                     hypot(*plane.to_m(right[1], right[0]))))
-    return Table(f"Eq 4 and 5 at 40 N: distance to an edge {AHEAD_M:g} m ahead along the working line, m; eq 5 as "
-                 f"printed "
-                 "takes X1 where the crossing's X belongs",
-                 ("case", "as printed", "by vectors"), tuple(rows), (0, 2, 2))
+        rows.append(
+            (
+                name,
+                None if printed is None else hypot(*plane.to_m(printed[1], printed[0])),
+                hypot(*plane.to_m(right[1], right[0])),
+            )
+        )
+    return Table(
+        f"Eq 4 and 5 at 40 N: distance to an edge {AHEAD_M:g} m ahead along the working "
+        "line, m; eq 5 as "
+        f"printed "
+        "takes X1 where the crossing's X belongs",
+        ("case", "as printed", "by vectors"),
+        tuple(rows),
+        (0, 2, 2),
+    )

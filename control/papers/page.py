@@ -1,5 +1,7 @@
-"""What a page of reproductions is made of: sections with words, tables and pictures, before anybody draws them; what a
-paper says, row by row, next to what comes out here, and how it came out."""
+"""What a page of reproductions is made of: sections with words, tables and pictures, before
+anybody draws them; what a paper says, row by row, next to what comes out here, and how it came
+out."""
+
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -36,17 +38,21 @@ class Picture(NamedTuple):
 
 
 class How(StrEnum):
-    """Where the obtained figure comes from. A copied figure has none: an input cannot confirm itself."""
+    """Where the obtained figure comes from. A copied figure has none: an input cannot confirm
+    itself."""
 
-    RECOMPUTED = "recomputed"       # from other figures that the paper prints, by its own definition
-    FITTED = "fitted"               # parameters fitted to printed data, next to the printed parameters
-    SIMULATED = "simulated"         # by this program's models
-    COPIED = "copied"               # taken over as an input, or printed without anything to compute it from
+    # from other figures that the paper prints, by its own definition
+    RECOMPUTED = "recomputed"
+    # parameters fitted to printed data, next to the printed parameters
+    FITTED = "fitted"
+    SIMULATED = "simulated"  # by this program's models
+    # taken over as an input, or printed without anything to compute it from
+    COPIED = "copied"
 
 
 class Claim(NamedTuple):
-    """`where`: equation, table, figure or section; `says`: what it tells. `agrees`: None where nothing is compared.
-    `within`: how far apart the two may be to agree, and why so far."""
+    """`where`: equation, table, figure or section; `says`: what it tells. `agrees`: None where
+    nothing is compared. `within`: how far apart the two may be to agree, and why so far."""
 
     where: str
     says: str
@@ -69,29 +75,63 @@ class Section(NamedTuple):
 DIGITS = "half of the last digit printed"
 
 
-def compared(where: str, says: str, published: float, obtained: float, within: float, form: str = "{:g}",
-             *,
-             how: How = How.RECOMPUTED, remark: str = "", why: str = DIGITS) -> Claim:
-    """A number next to a number; they agree if they differ by at most `within`, for the reason `why`. `form`: of both,
-    with the unit."""
+def compared(
+    where: str,
+    says: str,
+    published: float,
+    obtained: float,
+    within: float,
+    form: str = "{:g}",
+    *,
+    how: How = How.RECOMPUTED,
+    remark: str = "",
+    why: str = DIGITS,
+) -> Claim:
+    """A number next to a number; they agree if they differ by at most `within`, for the reason
+    `why`. `form`: of both, with the unit."""
     unit = form.partition("}")[2].strip()
-    return Claim(where, says, form.format(published), form.format(obtained), how,
-                 abs(published - obtained) <= within * (1.0 + 1e-9), remark,
-                 f"{within:.3g}{' ' + unit if unit else ''}: {why}")
+    return Claim(
+        where,
+        says,
+        form.format(published),
+        form.format(obtained),
+        how,
+        abs(published - obtained) <= within * (1.0 + 1e-9),
+        remark,
+        f"{within:.3g}{' ' + unit if unit else ''}: {why}",
+    )
 
 
 def ledger(name: str, claims: Sequence[Claim]) -> Table:
-    """Every claim of a paper as a table. Raises ValueError for a copied figure that is said to be obtained, and for a
-    verdict without its tolerance."""
+    """Every claim of a paper as a table. Raises ValueError for a copied figure that is said to
+    be obtained, and for a verdict without its tolerance."""
     for claim in claims:
         if (claim.how is How.COPIED) != (not claim.obtained):
-            raise ValueError(f"{claim.where}, {claim.says}: obtained {claim.obtained!r} is {claim.how}")
+            raise ValueError(
+                f"{claim.where}, {claim.says}: obtained {claim.obtained!r} is {claim.how}"
+            )
         if (claim.agrees is None) != (not claim.within):
-            raise ValueError(f"{claim.where}, {claim.says}: agrees {claim.agrees}, within {claim.within!r}")
-    return Table(f"Everything that the {name} says",
-                 ("where", "what", "published", "obtained", "how", "agrees", "if within", "remark"),
-                 tuple((c.where, c.says, c.published, c.obtained or None, c.how.value, _verdict(c), c.within, c.remark)
-                       for c in claims), (0,) * 8)
+            raise ValueError(
+                f"{claim.where}, {claim.says}: agrees {claim.agrees}, within {claim.within!r}"
+            )
+    return Table(
+        f"Everything that the {name} says",
+        ("where", "what", "published", "obtained", "how", "agrees", "if within", "remark"),
+        tuple(
+            (
+                c.where,
+                c.says,
+                c.published,
+                c.obtained or None,
+                c.how.value,
+                _verdict(c),
+                c.within,
+                c.remark,
+            )
+            for c in claims
+        ),
+        (0,) * 8,
+    )
 
 
 def _verdict(claim: Claim) -> str:
@@ -103,18 +143,54 @@ def summary(papers: Sequence[Section]) -> Section:
     counts: list[tuple[str | float, ...]] = []
     against: list[tuple[str, ...]] = []
     for paper in papers:
-        counts.append((paper.title, len(paper.claims), *(sum(c.how is how for c in paper.claims) for how in How),
-                       *(sum(c.agrees is verdict for c in paper.claims) for verdict in (True, False))))
-        against += [(f"{paper.title.split(':')[0]}: {c.where}", c.says, c.published, c.obtained, c.within, c.remark)
-                    for c in paper.claims if c.agrees is False]
-    rows, judged = sum(len(paper.claims) for paper in papers), sum(int(row[-2]) + int(row[-1]) for row in counts)
-    return Section("Summary", (
-        f"{rows} equations, tables, figures and numeric claims of three papers. {judged} can be held against "
-        f"something; "
-        f"{len(against)} of them do not come out, and are listed here with what was found. Every claim has its row in "
-        "the chapter of its paper. A copied figure is an input or stands alone in the paper: nothing is said to be "
-        "obtained for it.",),
-        (Table("Claims by paper", ("paper", "claims", *(how.value for how in How), "agree", "do not"), tuple(counts),
-               (0,) * (4 + len(How))),
-         Table("What does not come out", ("where", "what", "published", "obtained", "would agree within", "remark"),
-               tuple(against), (0,) * 6)))
+        counts.append(
+            (
+                paper.title,
+                len(paper.claims),
+                *(sum(c.how is how for c in paper.claims) for how in How),
+                *(sum(c.agrees is verdict for c in paper.claims) for verdict in (True, False)),
+            )
+        )
+        against += [
+            (
+                f"{paper.title.split(':')[0]}: {c.where}",
+                c.says,
+                c.published,
+                c.obtained,
+                c.within,
+                c.remark,
+            )
+            for c in paper.claims
+            if c.agrees is False
+        ]
+    rows, judged = (
+        sum(len(paper.claims) for paper in papers),
+        sum(int(row[-2]) + int(row[-1]) for row in counts),
+    )
+    return Section(
+        "Summary",
+        (
+            f"{rows} equations, tables, figures and numeric claims of three papers. "
+            f"{judged} can be held against "
+            f"something; "
+            f"{len(against)} of them do not come out, and are listed here with what was "
+            "found. Every claim has its row in "
+            "the chapter of its paper. A copied figure is an input or stands alone in the "
+            "paper: nothing is said to be "
+            "obtained for it.",
+        ),
+        (
+            Table(
+                "Claims by paper",
+                ("paper", "claims", *(how.value for how in How), "agree", "do not"),
+                tuple(counts),
+                (0,) * (4 + len(How)),
+            ),
+            Table(
+                "What does not come out",
+                ("where", "what", "published", "obtained", "would agree within", "remark"),
+                tuple(against),
+                (0,) * 6,
+            ),
+        ),
+    )

@@ -1,19 +1,94 @@
-"""Figures that the papers print, as they print them. Nothing in control works with them; they stand next to ours."""
+"""Figures that the papers print, as they print them. Nothing in control works with them; they
+stand next to ours."""
+
 from __future__ import annotations
 
 # Decision paper (A), table 1: plots, and for each frequency (CV %, C_uc %) in their order
-PLOTS = ("CK-0", "CK-1", "CK-2", "FA-0", "FA-1", "FA-2", "FB-0", "FB-1", "FB-2", "FC-0", "FC-1", "FC-2")
+PLOTS = (
+    "CK-0",
+    "CK-1",
+    "CK-2",
+    "FA-0",
+    "FA-1",
+    "FA-2",
+    "FB-0",
+    "FB-1",
+    "FB-2",
+    "FC-0",
+    "FC-1",
+    "FC-2",
+)
 SAMPLING: dict[float, tuple[tuple[float, float], ...]] = {
-    2.0: ((8.6, 93.84), (9.26, 93.32), (8.22, 94.17), (10.76, 92.1), (11.15, 92.0), (10.01, 92.89),
-          (9.2, 93.17), (10.11, 92.57), (9.06, 93.35), (9.68, 92.56), (11.46, 91.67), (9.88, 92.64)),
-    1.0: ((7.93, 93.97), (8.48, 93.41), (7.93, 94.3), (11.16, 91.65), (11.39, 91.86), (10.24, 92.74),
-          (10.74, 92.23), (11.73, 91.59), (10.71, 92.23), (9.97, 92.6), (10.1, 92.48), (9.46, 93.17)),
-    0.5: ((8.37, 94.05), (10.06, 91.93), (8.6, 93.41), (13.13, 90.58), (12.17, 92.46), (11.69, 92.52),
-          (11.17, 92.13), (10.76, 92.86), (10.35, 92.82), (9.45, 92.86), (9.66, 92.68), (9.11, 93.08)),
-    0.25: ((9.75, 92.94), (11.88, 90.48), (10.21, 92.2), (11.32, 90.89), (7.62, 94.43), (7.97, 93.43),
-          (13.85, 90.49), (13.56, 91.41), (13.16, 91.11), (10.54, 91.97), (9.99, 92.32), (9.92, 92.14)),
-    0.125: ((6.11, 95.34), (5.91, 95.31), (5.84, 95.32), (11.43, 91.28), (8.05, 94.24), (7.98, 94.01),
-          (5.95, 95.3), (5.91, 95.87), (4.81, 96.05), (7.63, 94.12), (9.14, 92.98), (8.01, 93.55)),
+    2.0: (
+        (8.6, 93.84),
+        (9.26, 93.32),
+        (8.22, 94.17),
+        (10.76, 92.1),
+        (11.15, 92.0),
+        (10.01, 92.89),
+        (9.2, 93.17),
+        (10.11, 92.57),
+        (9.06, 93.35),
+        (9.68, 92.56),
+        (11.46, 91.67),
+        (9.88, 92.64),
+    ),
+    1.0: (
+        (7.93, 93.97),
+        (8.48, 93.41),
+        (7.93, 94.3),
+        (11.16, 91.65),
+        (11.39, 91.86),
+        (10.24, 92.74),
+        (10.74, 92.23),
+        (11.73, 91.59),
+        (10.71, 92.23),
+        (9.97, 92.6),
+        (10.1, 92.48),
+        (9.46, 93.17),
+    ),
+    0.5: (
+        (8.37, 94.05),
+        (10.06, 91.93),
+        (8.6, 93.41),
+        (13.13, 90.58),
+        (12.17, 92.46),
+        (11.69, 92.52),
+        (11.17, 92.13),
+        (10.76, 92.86),
+        (10.35, 92.82),
+        (9.45, 92.86),
+        (9.66, 92.68),
+        (9.11, 93.08),
+    ),
+    0.25: (
+        (9.75, 92.94),
+        (11.88, 90.48),
+        (10.21, 92.2),
+        (11.32, 90.89),
+        (7.62, 94.43),
+        (7.97, 93.43),
+        (13.85, 90.49),
+        (13.56, 91.41),
+        (13.16, 91.11),
+        (10.54, 91.97),
+        (9.99, 92.32),
+        (9.92, 92.14),
+    ),
+    0.125: (
+        (6.11, 95.34),
+        (5.91, 95.31),
+        (5.84, 95.32),
+        (11.43, 91.28),
+        (8.05, 94.24),
+        (7.98, 94.01),
+        (5.95, 95.3),
+        (5.91, 95.87),
+        (4.81, 96.05),
+        (7.63, 94.12),
+        (9.14, 92.98),
+        (8.01, 93.55),
+    ),
 }
 
 # A, table 2: plot -> area m2, target kg, applied kg, error %
@@ -32,13 +107,14 @@ YIELDS: dict[str, tuple[float, float, float]] = {
     "CP": (3.56, 11.3, 7125.1),
 }
 
-NDVI_OF = {"CK": 0.467, "FC": 0.546}     # A, 7 March, figure 2: the least and the largest mean
+# A, 7 March, figure 2: the least and the largest mean
+NDVI_OF = {"CK": 0.467, "FC": 0.546}
 
-EXTRA_N_KG_HA = 28.0                    # A, section 3.2: "about"
+EXTRA_N_KG_HA = 28.0  # A, section 3.2: "about"
 UNIFORM_KG_HA = 300.0
 MAIN_SPEED_KMH = 4.5
 
-LAG_SPEED_KMH = 4.25                    # lag paper (B): of every field test
+LAG_SPEED_KMH = 4.25  # lag paper (B): of every field test
 
 # B, table 1: shaft r/min -> lag distance m, three replicates
 LAG_M: dict[int, tuple[float, ...]] = {
@@ -96,8 +172,8 @@ TOTAL_LAG_S: dict[int, tuple[float, float]] = {
     100: (2.165, 1.838),
 }
 
-LAG_LINE = (2.2118, -8.3e-3)            # B, eq 6: s at 0 r/min, s per r/min; 10-70 r/min
-LAG_CORRELATION = 0.97                  # B, figure 10
+LAG_LINE = (2.2118, -8.3e-3)  # B, eq 6: s at 0 r/min, s per r/min; 10-70 r/min
+LAG_CORRELATION = 0.97  # B, figure 10
 
 # B, table 5: shaft r/min -> miss m after the correction, late positive, three replicates
 CORRECTED_M: dict[int, tuple[float, ...]] = {
@@ -129,4 +205,10 @@ MICROSTEPS: dict[int, float] = {
 }
 
 # C, section 2.3
-POINT_DELAYS_S: dict[str, float] = {"vision": 1.5, "link": 0.8, "turn": 0.2, "fall": 0.45, "total": 2.95}
+POINT_DELAYS_S: dict[str, float] = {
+    "vision": 1.5,
+    "link": 0.8,
+    "turn": 0.2,
+    "fall": 0.45,
+    "total": 2.95,
+}

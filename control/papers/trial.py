@@ -1,5 +1,7 @@
-"""A field trial of one's own, looked at as the decision paper looks at its own: readings by plot before and after, the
-decision rate that changes their picture least, target against weighed kilograms, yields (tables 1 to 3, figure 7)."""
+"""A field trial of one's own, looked at as the decision paper looks at its own: readings by
+plot before and after, the decision rate that changes their picture least, target against
+weighed kilograms, yields (tables 1 to 3, figure 7)."""
+
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -8,22 +10,29 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import stdtrit
 
-from control.agronomy.sampling import Evenness, FrequencyChoice, best_frequency, evenness, frequency_table
+from control.agronomy.sampling import (
+    Evenness,
+    FrequencyChoice,
+    best_frequency,
+    evenness,
+    frequency_table,
+)
 from control.machine.elements import Array
 
 from .claims_decision import rate_from_weighing_kg_ha
 from .page import Cell, Line, Picture, Section, Table
 from .published import APPLIED
 
-HALVINGS = 4                # 2 to 0.125 Hz, as table 1 has it
-LEAST_READINGS = 4          # of a plot at the lowest frequency that is compared: an s.d. of fewer says nothing
-CONFIDENCE = 0.90           # of the intervals, as everywhere on these pages
+HALVINGS = 4  # 2 to 0.125 Hz, as table 1 has it
+# of a plot at the lowest frequency that is compared: an s.d. of fewer says nothing
+LEAST_READINGS = 4
+CONFIDENCE = 0.90  # of the intervals, as everywhere on these pages
 
 
 class Plot(NamedTuple):
-    """One plot. `before`, `after`: the canopy's index, mean of the heads, (n,), in the order of the way. Sums of kg
-    within it: `target_kg`, `logged_kg` by the log, `weighed_kg` by the scales; None: not known. `samples_kg_ha`:
-    yields."""
+    """One plot. `before`, `after`: the canopy's index, mean of the heads, (n,), in the order of
+    the way. Sums of kg within it: `target_kg`, `logged_kg` by the log, `weighed_kg` by the
+    scales; None: not known. `samples_kg_ha`: yields."""
 
     name: str
     treatment: str
@@ -43,7 +52,8 @@ class Plot(NamedTuple):
 
 
 class Trial(NamedTuple):
-    """`hz`: of the readings in the log; n_fraction: N in the product; grain_n_kg_t: N in the grain."""
+    """`hz`: of the readings in the log; n_fraction: N in the product; grain_n_kg_t: N in the
+    grain."""
 
     plots: tuple[Plot, ...]
     hz: float
@@ -60,14 +70,19 @@ class Trial(NamedTuple):
 
 
 def trial_section(trial: Trial, control: str | None = None) -> Section:
-    """control: the treatment that the others are held against; None: the one that got least. Raises ValueError."""
+    """control: the treatment that the others are held against; None: the one that got least.
+    Raises ValueError."""
     if control is not None and control not in trial.treatments:
         raise ValueError(f"--control {control}: allowed is one of {', '.join(trial.treatments)}")
     against = control or _least(trial)
     frequency, frequency_words = frequencies(trial)
     tables = [frequency, canopy(trial), amounts(trial), *yields(trial, against)]
-    return Section("Trial", (frequency_words, *_words(trial, against)),
-                   tuple(table for table in tables if table.rows), _pictures(trial))
+    return Section(
+        "Trial",
+        (frequency_words, *_words(trial, against)),
+        tuple(table for table in tables if table.rows),
+        _pictures(trial),
+    )
 
 
 def choice_of(trial: Trial) -> FrequencyChoice | None:
@@ -85,22 +100,39 @@ def frequencies(trial: Trial) -> tuple[Table, str]:
     rows: list[tuple[Cell, ...]] = []
     choice = choice_of(trial)
     for k in range(HALVINGS + 1):
-        hz = trial.hz / 2 ** k
+        hz = trial.hz / 2**k
         there = [plot[hz] for plot in plots if hz in plot]
         if there:
-            rows.append((f"{hz:.3g}", len(there), float(np.mean([one.cv_percent for one in there])),
-                         float(np.mean([one.cuc_percent for one in there])),
-                         None if choice is None else choice.departure.get(hz)))
-    said = ("Readings are too few to compare frequencies." if choice is None else
-            f"Of the frequencies below the {trial.hz:.3g} Hz of the readings, {choice.frequency_hz:.3g} Hz changes CV "
-            f"and C_uc least ({choice.departure[choice.frequency_hz]:.2f} percentage points): target.decision_hz "
-            f"{choice.frequency_hz:.3g} in the job.")
-    return Table("CV and uniformity of the readings by sampling frequency, mean of the plots, %; change against all of "
-                 "them, percentage points", ("Hz", "plots", "CV", "C_uc", "change"), tuple(rows), (0, 0, 2, 2, 2)), said
+            rows.append(
+                (
+                    f"{hz:.3g}",
+                    len(there),
+                    float(np.mean([one.cv_percent for one in there])),
+                    float(np.mean([one.cuc_percent for one in there])),
+                    None if choice is None else choice.departure.get(hz),
+                )
+            )
+    said = (
+        "Readings are too few to compare frequencies."
+        if choice is None
+        else f"Of the frequencies below the {trial.hz:.3g} Hz of the readings, "
+        f"{choice.frequency_hz:.3g} Hz changes CV "
+        f"and C_uc least ({choice.departure[choice.frequency_hz]:.2f} percentage points): "
+        "target.decision_hz "
+        f"{choice.frequency_hz:.3g} in the job."
+    )
+    return Table(
+        "CV and uniformity of the readings by sampling frequency, mean of the plots, %; "
+        "change against all of "
+        "them, percentage points",
+        ("Hz", "plots", "CV", "C_uc", "change"),
+        tuple(rows),
+        (0, 0, 2, 2, 2),
+    ), said
 
 
 def _frequencies(plot: Plot, hz: float) -> dict[float, Evenness]:
-    wanted = [hz / 2 ** k for k in range(HALVINGS + 1) if len(plot.before) / 2 ** k >= LEAST_READINGS]
+    wanted = [hz / 2**k for k in range(HALVINGS + 1) if len(plot.before) / 2**k >= LEAST_READINGS]
     return frequency_table(plot.before, hz, wanted) if wanted else {}
 
 
@@ -108,26 +140,55 @@ def canopy(trial: Trial) -> Table:
     """Figure 7 as a table: each plot, and each treatment's plots together."""
     rows: list[tuple[Cell, ...]] = []
     for treatment, plots in trial.treatments.items():
-        rows += [_canopy(treatment, plot.name, evenness(plot.before), evenness(plot.after)) for plot in plots]
+        rows += [
+            _canopy(treatment, plot.name, evenness(plot.before), evenness(plot.after))
+            for plot in plots
+        ]
         if len(plots) > 1:
-            both = [_together([evenness(part) for part in parts])
-                    for parts in ([p.before for p in plots], [p.after for p in plots])]
+            both = [
+                _together([evenness(part) for part in parts])
+                for parts in ([p.before for p in plots], [p.after for p in plots])
+            ]
             rows.append(_canopy(treatment, "mean of plots", *both))
-    return Table("Canopy index by plot, before and after", (
-        "treatment", "plot", "readings", "mean before", "CV %", "C_uc %", "mean after", "CV %", "C_uc %",
-        "CV grown by"), tuple(rows), (0, 0, 0, 3, 2, 2, 3, 2, 2, 2))
+    return Table(
+        "Canopy index by plot, before and after",
+        (
+            "treatment",
+            "plot",
+            "readings",
+            "mean before",
+            "CV %",
+            "C_uc %",
+            "mean after",
+            "CV %",
+            "C_uc %",
+            "CV grown by",
+        ),
+        tuple(rows),
+        (0, 0, 0, 3, 2, 2, 3, 2, 2, 2),
+    )
 
 
 def _together(parts: Sequence[Evenness]) -> Evenness:
     seen = [part for part in parts if part.n]
     if not seen:
         return Evenness(0, *(float("nan"),) * 3)
-    return Evenness(sum(part.n for part in seen), *(float(np.nanmean([part[k] for part in seen])) for k in (1, 2, 3)))
+    return Evenness(
+        sum(part.n for part in seen),
+        *(float(np.nanmean([part[k] for part in seen])) for k in (1, 2, 3)),
+    )
 
 
 def _canopy(treatment: str, name: str, before: Evenness, after: Evenness) -> tuple[Cell, ...]:
-    return (treatment, name, before.n, *(_known(figure) for figure in (
-        *before[1:], *after[1:], after.cv_percent - before.cv_percent)))
+    return (
+        treatment,
+        name,
+        before.n,
+        *(
+            _known(figure)
+            for figure in (*before[1:], *after[1:], after.cv_percent - before.cv_percent)
+        ),
+    )
 
 
 def _known(value: float) -> float | None:
@@ -135,25 +196,54 @@ def _known(value: float) -> float | None:
 
 
 def amounts(trial: Trial) -> Table:
-    """Table 2 of these plots: errors against the target, as the paper has them; the log's own kilograms next to what
-    was weighed say whether log or machine is off."""
+    """Table 2 of these plots: errors against the target, as the paper has them; the log's own
+    kilograms next to what was weighed say whether log or machine is off."""
+
     def percent(kg: float | None, of_kg: float | None) -> float | None:
         return None if kg is None or not of_kg else 100.0 * (kg / of_kg - 1.0)
 
-    rows = [(plot.treatment, plot.name, plot.area_m2, plot.target_kg, plot.logged_kg, plot.weighed_kg,
-             percent(plot.weighed_kg, plot.target_kg), percent(plot.logged_kg, plot.weighed_kg), plot.given_kg_ha)
-            for plot in trial.plots]
-    return Table("Amounts by plot: control error of what was weighed against the target, and of the log against what "
-                 "was weighed", (
-                     "treatment", "plot", "area m2", "target kg", "by the log kg", "weighed kg", "control error %",
-                     "log off %", "given kg/ha"), tuple(rows), (0, 0, 0, 2, 2, 2, 2, 2, 1))
+    rows = [
+        (
+            plot.treatment,
+            plot.name,
+            plot.area_m2,
+            plot.target_kg,
+            plot.logged_kg,
+            plot.weighed_kg,
+            percent(plot.weighed_kg, plot.target_kg),
+            percent(plot.logged_kg, plot.weighed_kg),
+            plot.given_kg_ha,
+        )
+        for plot in trial.plots
+    ]
+    return Table(
+        "Amounts by plot: control error of what was weighed against the target, and of the "
+        "log against what "
+        "was weighed",
+        (
+            "treatment",
+            "plot",
+            "area m2",
+            "target kg",
+            "by the log kg",
+            "weighed kg",
+            "control error %",
+            "log off %",
+            "given kg/ha",
+        ),
+        tuple(rows),
+        (0, 0, 0, 2, 2, 2, 2, 2, 1),
+    )
 
 
 def yields(trial: Trial, control: str) -> tuple[Table, ...]:
-    """Table 3 of these plots, with what it cannot say: whether treatments differ beyond their samples' scatter. A plot
-    is one replicate, the mean of its samples; samples of one plot are none of one another."""
-    means = {name: [float(np.mean(plot.samples_kg_ha)) for plot in plots if plot.samples_kg_ha]
-             for name, plots in trial.treatments.items()}
+    """Table 3 of these plots, with what it cannot say: whether treatments differ beyond their
+    samples' scatter. A plot is one replicate, the mean of its samples; samples of one plot are
+    none of one another."""
+    means = {
+        name: [float(np.mean(plot.samples_kg_ha)) for plot in plots if plot.samples_kg_ha]
+        for name, plots in trial.treatments.items()
+    }
     if not any(means.values()):
         return ()
     rows: list[tuple[Cell, ...]] = []
@@ -165,18 +255,47 @@ def yields(trial: Trial, control: str) -> tuple[Table, ...]:
         given = _mean([plot.given_kg_ha for plot in plots])
         base = _mean([plot.given_kg_ha for plot in trial.treatments[control]])
         more_n = None if given is None or base is None else (given - base) * trial.n_fraction
-        share = (100.0 * more * trial.grain_n_kg_t / 1000.0 / more_n if more is not None and more_n else None)
-        rows.append((name, len(means[name]), len(samples), float(np.mean(means[name])),
-                     float(100.0 * samples.std(ddof=1) / samples.mean()) if len(samples) > 1 else None, more, half,
-                     more_n, share))
-    return (Table(f"Yields by treatment, and what each has more than {control}", (
-        "treatment", "plots", "samples", "yield kg/ha", "CV of samples %", "more kg/ha", "90 % +-",
-        "more N given kg/ha", "of it in the grain %"), tuple(rows), (0, 0, 0, 0, 2, 0, 0, 1, 1)),)
+        share = (
+            100.0 * more * trial.grain_n_kg_t / 1000.0 / more_n
+            if more is not None and more_n
+            else None
+        )
+        rows.append(
+            (
+                name,
+                len(means[name]),
+                len(samples),
+                float(np.mean(means[name])),
+                float(100.0 * samples.std(ddof=1) / samples.mean()) if len(samples) > 1 else None,
+                more,
+                half,
+                more_n,
+                share,
+            )
+        )
+    return (
+        Table(
+            f"Yields by treatment, and what each has more than {control}",
+            (
+                "treatment",
+                "plots",
+                "samples",
+                "yield kg/ha",
+                "CV of samples %",
+                "more kg/ha",
+                "90 % +-",
+                "more N given kg/ha",
+                "of it in the grain %",
+            ),
+            tuple(rows),
+            (0, 0, 0, 0, 2, 0, 0, 1, 1),
+        ),
+    )
 
 
 def _apart(ours: Sequence[float], others: Sequence[float]) -> tuple[float | None, float | None]:
-    """Difference of two means, and half of its 90 % interval (Welch 1947, Biometrika 34:28-35); no interval where
-    either is a single plot."""
+    """Difference of two means, and half of its 90 % interval (Welch 1947, Biometrika 34:28-35);
+    no interval where either is a single plot."""
     if not ours or not others:
         return None, None
     more = float(np.mean(ours) - np.mean(others))
@@ -185,8 +304,9 @@ def _apart(ours: Sequence[float], others: Sequence[float]) -> tuple[float | None
     parts = [float(np.var(side, ddof=1)) / len(side) for side in (ours, others)]
     if sum(parts) <= 0.0:
         return more, 0.0
-    freedom = sum(parts) ** 2 / sum(part ** 2 / (len(side) - 1)
-                                    for part, side in zip(parts, (ours, others), strict=True))
+    freedom = sum(parts) ** 2 / sum(
+        part**2 / (len(side) - 1) for part, side in zip(parts, (ours, others), strict=True)
+    )
     return more, float(stdtrit(freedom, 0.5 + 0.5 * CONFIDENCE) * np.sqrt(sum(parts)))
 
 
@@ -196,40 +316,102 @@ def _mean(values: Sequence[float | None]) -> float | None:
 
 
 def _least(trial: Trial) -> str:
-    means = {name: _mean([plot.given_kg_ha for plot in plots]) for name, plots in trial.treatments.items()}
+    means = {
+        name: _mean([plot.given_kg_ha for plot in plots])
+        for name, plots in trial.treatments.items()
+    }
     return min(means, key=lambda name: (means[name] is None, means[name] or 0.0))
 
 
 def _words(trial: Trial, control: str) -> list[str]:
-    found = [f"{len(trial.plots)} plots of {len(trial.treatments)} treatments; held against {control}."]
-    errors = [100.0 * (plot.weighed_kg / plot.target_kg - 1.0) for plot in trial.plots
-              if plot.weighed_kg is not None and plot.target_kg]
+    found = [
+        f"{len(trial.plots)} plots of {len(trial.treatments)} treatments; held against {control}."
+    ]
+    errors = [
+        100.0 * (plot.weighed_kg / plot.target_kg - 1.0)
+        for plot in trial.plots
+        if plot.weighed_kg is not None and plot.target_kg
+    ]
     if errors:
         papers = [row[3] for row in APPLIED.values()]
-        found.append(f"Control error of what was weighed: {np.mean(errors):+.2f} % in the mean, "
-                     f"{np.max(np.abs(errors)):.2f} % at most; the paper's are {np.mean(papers):+.2f} and "
-                     f"{max(papers):.2f} %.")
-    single = [name for name, plots in trial.treatments.items() if sum(bool(p.samples_kg_ha) for p in plots) == 1]
+        found.append(
+            f"Control error of what was weighed: {np.mean(errors):+.2f} % in the mean, "
+            f"{np.max(np.abs(errors)):.2f} % at most; the paper's are {np.mean(papers):+.2f} and "
+            f"{max(papers):.2f} %."
+        )
+    single = [
+        name
+        for name, plots in trial.treatments.items()
+        if sum(bool(p.samples_kg_ha) for p in plots) == 1
+    ]
     if single:
-        found.append(f"One plot alone of {', '.join(single)}: no difference to it parts from the field's own.")
+        found.append(
+            f"One plot alone of {', '.join(single)}: no difference to it parts from the "
+            "field's own."
+        )
     return found
 
 
 def _pictures(trial: Trial) -> tuple[Picture, ...]:
-    numbered = "plot (" + ", ".join(f"{k} {plot.name}" for k, plot in enumerate(trial.plots, start=1)) + ")"
-    before, after = ([_known(evenness(part).cv_percent) for part in parts] for parts in (
-        [plot.before for plot in trial.plots], [plot.after for plot in trial.plots]))
+    numbered = (
+        "plot ("
+        + ", ".join(f"{k} {plot.name}" for k, plot in enumerate(trial.plots, start=1))
+        + ")"
+    )
+    before, after = (
+        [_known(evenness(part).cv_percent) for part in parts]
+        for parts in ([plot.before for plot in trial.plots], [plot.after for plot in trial.plots])
+    )
     pictures = [
-        Picture("Given by plot", numbered, "kg/ha", (
-            _line("target", "other", [None if plot.target_kg is None else rate_from_weighing_kg_ha(
-                plot.target_kg, plot.area_m2) for plot in trial.plots]),
-            _line("as weighed, else by the log", "ours", [plot.given_kg_ha for plot in trial.plots]))),
-        Picture("CV of the canopy by plot", numbered, "CV, %", (
-            _line("before", "published", before), _line("after", "ours", after)))]
+        Picture(
+            "Given by plot",
+            numbered,
+            "kg/ha",
+            (
+                _line(
+                    "target",
+                    "other",
+                    [
+                        None
+                        if plot.target_kg is None
+                        else rate_from_weighing_kg_ha(plot.target_kg, plot.area_m2)
+                        for plot in trial.plots
+                    ],
+                ),
+                _line(
+                    "as weighed, else by the log",
+                    "ours",
+                    [plot.given_kg_ha for plot in trial.plots],
+                ),
+            ),
+        ),
+        Picture(
+            "CV of the canopy by plot",
+            numbered,
+            "CV, %",
+            (_line("before", "published", before), _line("after", "ours", after)),
+        ),
+    ]
     if any(plot.samples_kg_ha for plot in trial.plots):
-        pictures.append(Picture("Yield over what was given, plot by plot", "given, kg/ha", "yield, kg/ha", (Line(
-            "plots", "ours", [plot.given_kg_ha or 0.0 for plot in trial.plots if plot.samples_kg_ha],
-            [float(np.mean(plot.samples_kg_ha)) for plot in trial.plots if plot.samples_kg_ha]),)))
+        pictures.append(
+            Picture(
+                "Yield over what was given, plot by plot",
+                "given, kg/ha",
+                "yield, kg/ha",
+                (
+                    Line(
+                        "plots",
+                        "ours",
+                        [plot.given_kg_ha or 0.0 for plot in trial.plots if plot.samples_kg_ha],
+                        [
+                            float(np.mean(plot.samples_kg_ha))
+                            for plot in trial.plots
+                            if plot.samples_kg_ha
+                        ],
+                    ),
+                ),
+            )
+        )
     return tuple(pictures)
 
 

@@ -1,11 +1,13 @@
 """What a reader noticed about a file and did about it, in plain words."""
+
 from __future__ import annotations
 
 from typing import NamedTuple
 
 
 class Finding(NamedTuple):
-    """`id` is stable, `text` is one sentence for people; `rows` is how many rows it concerns (0: the file)."""
+    """`id` is stable, `text` is one sentence for people; `rows` is how many rows it concerns
+    (0: the file)."""
 
     id: str
     text: str

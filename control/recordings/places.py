@@ -1,4 +1,6 @@
-"""The places of a recording: none where both are 0, latitude and longitude exchanged; the way between them."""
+"""The places of a recording: none where both are 0, latitude and longitude exchanged; the way
+between them."""
+
 from __future__ import annotations
 
 from typing import Any
@@ -11,33 +13,59 @@ from control.recordings.finding import Finding, many
 Floats = NDArray[np.float64]
 Columns = dict[str, NDArray[Any]]
 
-M_PER_DEG = 111_200.0        # of latitude; one percent is enough to tell units apart
-PIECE_S = 5.0                # of the way: at 1 m/s, fifty times a receiver's noise from place to place
-STRAIGHT_DEG = 10.0          # a heading that turns less than this over a piece: the piece is its course
-LEAST_WAY_M = 1.0            # of a piece that has a course
-MIN_STRAIGHT = 5             # pieces
-FITS_DEG, FITS_NOT_DEG = 5.0, 10.0      # headings less courses: the places exchanged, and as they stand
+# of latitude; one percent is enough to tell units apart
+M_PER_DEG = 111_200.0
+# of the way: at 1 m/s, fifty times a receiver's noise from place to place
+PIECE_S = 5.0
+# a heading that turns less than this over a piece: the piece is its course
+STRAIGHT_DEG = 10.0
+LEAST_WAY_M = 1.0  # of a piece that has a course
+MIN_STRAIGHT = 5  # pieces
+# headings less courses: the places exchanged, and as they stand
+FITS_DEG, FITS_NOT_DEG = 5.0, 10.0
 
 
 def in_place(columns: Columns, findings: list[Finding]) -> None:
-    """Places emptied where they are none, exchanged where latitudes show it, doubted where only headings do."""
+    """Places emptied where they are none, exchanged where latitudes show it, doubted where only
+    headings do."""
     if "lat_deg" not in columns or "lon_deg" not in columns:
         return
     lat_deg, lon_deg = columns["lat_deg"], columns["lon_deg"]
     nowhere = (lat_deg == 0.0) & (lon_deg == 0.0)
     if nowhere.any():
         count = int(nowhere.sum())
-        findings.append(Finding("zero_position", f"{many(count)} with latitude and longitude 0: place emptied, not "
-                                "known", "lat_deg", count))
+        findings.append(
+            Finding(
+                "zero_position",
+                f"{many(count)} with latitude and longitude 0: place emptied, not known",
+                "lat_deg",
+                count,
+            )
+        )
         lat_deg, lon_deg = np.where(nowhere, np.nan, lat_deg), np.where(nowhere, np.nan, lon_deg)
     known = np.isfinite(lat_deg) & np.isfinite(lon_deg)
-    if known.any() and np.mean(np.abs(lat_deg[known]) > 90.0) > 0.5 and np.all(np.abs(lon_deg[known]) <= 90.0):
-        findings.append(Finding("swapped_position", "lat_deg and lon_deg are exchanged (latitudes beyond 90): put "
-                                "right", "lat_deg", int(known.sum())))
+    if (
+        known.any()
+        and np.mean(np.abs(lat_deg[known]) > 90.0) > 0.5
+        and np.all(np.abs(lon_deg[known]) <= 90.0)
+    ):
+        findings.append(
+            Finding(
+                "swapped_position",
+                "lat_deg and lon_deg are exchanged (latitudes beyond 90): put right",
+                "lat_deg",
+                int(known.sum()),
+            )
+        )
         lat_deg, lon_deg = lon_deg, lat_deg
     elif _fits_swapped(columns, lat_deg, lon_deg):
-        findings.append(Finding("swapped_position_likely", "lat_deg and lon_deg look exchanged (the headings fit only "
-                                "then): left as they are", "lat_deg"))
+        findings.append(
+            Finding(
+                "swapped_position_likely",
+                "lat_deg and lon_deg look exchanged (the headings fit only then): left as they are",
+                "lat_deg",
+            )
+        )
     columns["lat_deg"], columns["lon_deg"] = lat_deg, lon_deg
 
 
@@ -58,7 +86,9 @@ def _fits_swapped(columns: Columns, lat_deg: Floats, lon_deg: Floats) -> bool:
     if swapped is None:
         return False
     as_is_deg = np.abs(_turn_deg(heading_deg[start], np.degrees(np.arctan2(east_m, north_m))))[far]
-    other_deg = np.abs(_turn_deg(heading_deg[start], np.degrees(np.arctan2(swapped[2], swapped[3]))))[far]
+    other_deg = np.abs(
+        _turn_deg(heading_deg[start], np.degrees(np.arctan2(swapped[2], swapped[3])))
+    )[far]
     return bool(np.median(other_deg) < FITS_DEG and np.median(as_is_deg) > FITS_NOT_DEG)
 
 
@@ -67,14 +97,16 @@ def _turn_deg(from_deg: Floats, to_deg: Floats) -> Floats:
     return turn
 
 
-def pieces(time_s: Floats, lat_deg: Floats, lon_deg: Floats
-            ) -> tuple[NDArray[np.intp], NDArray[np.intp], Floats, Floats] | None:
+def pieces(
+    time_s: Floats, lat_deg: Floats, lon_deg: Floats
+) -> tuple[NDArray[np.intp], NDArray[np.intp], Floats, Floats] | None:
     """First row, last row, metres east and north of pieces of track about five seconds long."""
     known = np.flatnonzero(np.isfinite(lat_deg) & np.isfinite(lon_deg))
     if known.size < 2:
         return None
     known_s = time_s[known]
-    piece = np.floor((known_s - known_s[0]) / PIECE_S)           # a bounded work, however far apart the times are
+    # a bounded work, however far apart the times are
+    piece = np.floor((known_s - known_s[0]) / PIECE_S)
     begins = np.flatnonzero(np.diff(piece, prepend=-1.0) > 0.0)
     picked = known[begins[known_s[0] + piece[begins] * PIECE_S < known_s[-1]]]
     start, end = picked[:-1], picked[1:]

@@ -1,4 +1,5 @@
 """The units of speeds, read off the way between places, or off the other speed."""
+
 from __future__ import annotations
 
 from collections.abc import Mapping
@@ -14,27 +15,35 @@ from control.recordings.places import pieces
 Floats = NDArray[np.float64]
 
 KMH_PER_MPS = 3.6
-MILE_M, NAUTICAL_MILE_M = 1609.344, 1852.0      # international, of 1959 and of 1929
+MILE_M, NAUTICAL_MILE_M = 1609.344, 1852.0  # international, of 1959 and of 1929
 KNOTS_PER_MPS, MPH_PER_MPS = 3600.0 / NAUTICAL_MILE_M, 3600.0 / MILE_M
 UNITS = {"km/h": KMH_PER_MPS, "knots": KNOTS_PER_MPS, "mph": MPH_PER_MPS}
-UNIT_TOLERANCE = 0.11       # that a wheel slips, or its radius is off, next to a unit
-MOVING_MPS = 0.3            # below, a speed is held at zero and says nothing of its noise, and a course is none
-FAST_MPS = 8.0              # no spreader works at more than 29 km/h
-MIN_PIECES = 5              # of the way, from which a ratio is read
-MIN_MOVING = 40             # rows: four seconds at 10 Hz, as long as a piece of the way
+# that a wheel slips, or its radius is off, next to a unit
+UNIT_TOLERANCE = 0.11
+# below, a speed is held at zero and says nothing of its noise, and a course is none
+MOVING_MPS = 0.3
+FAST_MPS = 8.0  # no spreader works at more than 29 km/h
+MIN_PIECES = 5  # of the way, from which a ratio is read
+# rows: four seconds at 10 Hz, as long as a piece of the way
+MIN_MOVING = 40
 
 
 def unit_of(ratio: float, units: Mapping[str, float] = UNITS) -> str | None:
-    """The unit of a speed whose numbers are `ratio` times those in m/s; None where they are none of these units.
+    """The unit of a speed whose numbers are `ratio` times those in m/s; None where they are
+    none of these units.
 
-    units : numbers for one m/s. The nearest by its factor is meant, where a wheel's slip can be what is left.
+    units : numbers for one m/s. The nearest by its factor is meant, where a wheel's slip can be
+    what is left.
     """
-    near = min((*units.items(), ("m/s", 1.0)), key=lambda one: abs(np.log(max(ratio, 1e-9) / one[1])))
+    near = min(
+        (*units.items(), ("m/s", 1.0)), key=lambda one: abs(np.log(max(ratio, 1e-9) / one[1]))
+    )
     return near[0] if near[0] in units and abs(ratio / near[1] - 1.0) < UNIT_TOLERANCE else None
 
 
 def over_track(columns: Mapping[str, NDArray[Any]], name: str) -> float | None:
-    """Median of a speed column over the speed between places; None where there is not enough to say."""
+    """Median of a speed column over the speed between places; None where there is not enough to
+    say."""
     if "lat_deg" not in columns or "lon_deg" not in columns:
         return None
     found = pieces(columns["time_s"], columns["lat_deg"], columns["lon_deg"])
@@ -44,13 +53,17 @@ def over_track(columns: Mapping[str, NDArray[Any]], name: str) -> float | None:
     track_mps = np.hypot(east_m, north_m) / (columns["time_s"][end] - columns["time_s"][start])
     said = (columns[name][start] + columns[name][end]) / 2.0
     usable = (track_mps > MOVING_MPS) & (said > MOVING_MPS)
-    return float(np.median(said[usable] / track_mps[usable])) if usable.sum() >= MIN_PIECES else None
+    return (
+        float(np.median(said[usable] / track_mps[usable])) if usable.sum() >= MIN_PIECES else None
+    )
 
 
 def in_mps(columns: dict[str, NDArray[Any]], findings: list[Finding]) -> None:
-    """Speeds of other units put right where the places or the other speed show them; what is fast without such is said.
+    """Speeds of other units put right where the places or the other speed show them; what is
+    fast without such is said.
 
-    The other speed shows km/h alone: a wheel that reads twice the speed may as well count its pulses twice.
+    The other speed shows km/h alone: a wheel that reads twice the speed may as well count its
+    pulses twice.
     """
     for name in SPEEDS:
         if name not in columns:
@@ -63,8 +76,13 @@ def in_mps(columns: dict[str, NDArray[Any]], findings: list[Finding]) -> None:
             if unit is None:
                 _doubt(name, columns[name], findings)
         if unit is not None:
-            findings.append(Finding("speed_unit", f"column {name} is in {unit} (it is {ratio:.2f} times {by}): divided",
-                                    name))
+            findings.append(
+                Finding(
+                    "speed_unit",
+                    f"column {name} is in {unit} (it is {ratio:.2f} times {by}): divided",
+                    name,
+                )
+            )
             columns[name] = columns[name] / UNITS[unit]
 
 
@@ -87,5 +105,11 @@ def _typical(speed: Floats) -> float | None:
 def _doubt(name: str, speed: Floats, findings: list[Finding]) -> None:
     moving = speed[speed > MOVING_MPS]
     if moving.size and np.median(moving) > FAST_MPS:
-        findings.append(Finding("speed_unit_likely", f"column {name} looks like km/h (median {np.median(moving):.1f}); "
-                                "no places to tell by: left as read", name))
+        findings.append(
+            Finding(
+                "speed_unit_likely",
+                f"column {name} looks like km/h (median {np.median(moving):.1f}); "
+                "no places to tell by: left as read",
+                name,
+            )
+        )

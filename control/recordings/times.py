@@ -1,13 +1,16 @@
-"""The times of a recording: seconds since its beginning, each later than the one before; what was otherwise is put
-right and said.
+"""The times of a recording: seconds since its beginning, each later than the one before; what
+was otherwise is put right and said.
 
-Where times run backwards, either the rows stand in another order than they were written in, or the clock was wrong.
-Rows in another order fill each other's gaps once they are sorted; stretches of a clock that was set back come to lie
-among each other. The first are sorted; of the second the fewest rows are left out that make the rest increase, which
-are all but a longest increasing subsequence [1]_.
+Where times run backwards, either the rows stand in another order than they were written in, or
+the clock was wrong. Rows in another order fill each other's gaps once they are sorted;
+stretches of a clock that was set back come to lie among each other. The first are sorted; of
+the second the fewest rows are left out that make the rest increase, which are all but a longest
+increasing subsequence [1]_.
 
-.. [1] Schensted, Longest increasing and decreasing subsequences, Canadian Journal of Mathematics 13, 1961.
+.. [1] Schensted, Longest increasing and decreasing subsequences, Canadian Journal of
+Mathematics 13, 1961.
 """
+
 from __future__ import annotations
 
 from bisect import bisect_left
@@ -22,24 +25,32 @@ from control.recordings.finding import Finding, many
 Floats = NDArray[np.float64]
 Rows = NDArray[np.int64]
 
-SAME_TIME_S = 5e-7          # rows closer than this repeat a time: the finest clocks count whole microseconds
-EPOCH_S = 1e6               # a log does not last eleven days: larger times count from some epoch
-EPOCH_MS = 1e11             # and these are milliseconds
+# rows closer than this repeat a time: the finest clocks count whole microseconds
+SAME_TIME_S = 5e-7
+# a log does not last eleven days: larger times count from some epoch
+EPOCH_S = 1e6
+EPOCH_MS = 1e11  # and these are milliseconds
 DAY_S = 86_400.0
-SPREADSHEET_DAYS = (30_000, 80_000)     # since 1899-12-30, as spreadsheets count: 1982 to 2119
-SPREADSHEET_EPOCH_DAYS = 25_569         # 1970-01-01 in them
-SELDOM_STEP_S = 60.0        # few loggers are so slow
-SPREADSHEET_DIGITS = 4      # of a second: days of a sheet, printed with nine digits after the point
-MS_STEP = 5.0               # rows (median) that may be milliseconds apart, where utc shows it ...
-MS_OVER_S = (900.0, 1100.0)     # ... by such a ratio of the spans
-MIXED_STEP = 0.25           # off the median by this share, in MIXED_ROWS of the rows: the sample time is mixed
+# since 1899-12-30, as spreadsheets count: 1982 to 2119
+SPREADSHEET_DAYS = (30_000, 80_000)
+SPREADSHEET_EPOCH_DAYS = 25_569  # 1970-01-01 in them
+SELDOM_STEP_S = 60.0  # few loggers are so slow
+# of a second: days of a sheet, printed with nine digits after the point
+SPREADSHEET_DIGITS = 4
+# rows (median) that may be milliseconds apart, where utc shows it ...
+MS_STEP = 5.0
+MS_OVER_S = (900.0, 1100.0)  # ... by such a ratio of the spans
+# off the median by this share, in MIXED_ROWS of the rows: the sample time is mixed
+MIXED_STEP = 0.25
 MIXED_ROWS = 0.2
-GAP_STEPS = 1.5             # of the median: a longer one has rows missing
-MOST_LEFT_OUT = 0.5         # of the rows: more, and it is not known what the times are
+GAP_STEPS = 1.5  # of the median: a longer one has rows missing
+# of the rows: more, and it is not known what the times are
+MOST_LEFT_OUT = 0.5
 
 
 class RecordingTimes(NamedTuple):
-    """`time_s`: (m,), of the rows `rows` (m,) of the recording, or of all as they stand. `spread`: coarse ones were."""
+    """`time_s`: (m,), of the rows `rows` (m,) of the recording, or of all as they stand.
+    `spread`: coarse ones were."""
 
     time_s: Floats
     rows: Rows | slice
@@ -47,13 +58,15 @@ class RecordingTimes(NamedTuple):
     spread: bool = False
 
 
-def mended_times(time_s: Floats, utc_s: Callable[[], Floats] | None = None,
-                 begins: Rows | None = None) -> RecordingTimes:
-    """Times (n,), NaN where there is none, as seconds from 0 or a little later, each later than the one before.
+def mended_times(
+    time_s: Floats, utc_s: Callable[[], Floats] | None = None, begins: Rows | None = None
+) -> RecordingTimes:
+    """Times (n,), NaN where there is none, as seconds from 0 or a little later, each later than
+    the one before.
 
-    begins : rows (b,) with which one of several files begins, that were joined.
-    utc_s : seconds since 1970 (n,), where the recording says them elsewhere; asked where they may decide on the unit.
-    Raises ValueError, one line, where no rows, or not even half of them, can be used.
+    begins : rows (b,) with which one of several files begins, that were joined. utc_s : seconds
+    since 1970 (n,), where the recording says them elsewhere; asked where they may decide on the
+    unit. Raises ValueError, one line, where no rows, or not even half of them, can be used.
     """
     findings: list[Finding] = []
     with_time = np.isfinite(time_s)
@@ -64,8 +77,11 @@ def mended_times(time_s: Floats, utc_s: Callable[[], Floats] | None = None,
         findings.append(Finding("no_time", f"{many(lost)} without a time left out", "time_s", lost))
     rows = np.flatnonzero(with_time)
     all_there = len(rows) == len(time_s)
-    seconds = in_seconds(time_s if all_there else time_s[rows], None if utc_s is None else lambda: utc_s()[rows],
-                         findings)
+    seconds = in_seconds(
+        time_s if all_there else time_s[rows],
+        None if utc_s is None else lambda: utc_s()[rows],
+        findings,
+    )
     spread = _spread(seconds, findings)
     were_coarse, seconds = spread is not seconds, spread
     kept = increasing(seconds, findings)
@@ -74,33 +90,67 @@ def mended_times(time_s: Floats, utc_s: Callable[[], Floats] | None = None,
     else:
         as_they_are = all_there
     starts = np.isin(rows, [] if begins is None else begins)
-    return RecordingTimes(seconds, slice(None) if as_they_are else rows, (*findings, *steps(seconds, starts)),
-                          were_coarse)
+    return RecordingTimes(
+        seconds,
+        slice(None) if as_they_are else rows,
+        (*findings, *steps(seconds, starts)),
+        were_coarse,
+    )
 
 
-def in_seconds(times: Floats, utc_s: Callable[[], Floats] | None, findings: list[Finding]) -> Floats:
-    """Times (n,) of days as spreadsheets count them, or of an epoch, or in milliseconds, as seconds."""
+def in_seconds(
+    times: Floats, utc_s: Callable[[], Floats] | None, findings: list[Finding]
+) -> Floats:
+    """Times (n,) of days as spreadsheets count them, or of an epoch, or in milliseconds, as
+    seconds."""
     first = float(times[0])
     forward = np.diff(times)
     forward = forward[forward > 0.0]
-    if SPREADSHEET_DAYS[0] < first < SPREADSHEET_DAYS[1] and forward.size \
-            and np.median(forward) < SELDOM_STEP_S / DAY_S:
-        findings.append(Finding("excel_days", "times are days as spreadsheets count them: taken as seconds since the "
-                                "first row", "time_s"))
+    if (
+        SPREADSHEET_DAYS[0] < first < SPREADSHEET_DAYS[1]
+        and forward.size
+        and np.median(forward) < SELDOM_STEP_S / DAY_S
+    ):
+        findings.append(
+            Finding(
+                "excel_days",
+                "times are days as spreadsheets count them: taken as seconds since the first row",
+                "time_s",
+            )
+        )
         return np.asarray(np.round((times - first) * DAY_S, SPREADSHEET_DIGITS))
     if abs(first) > EPOCH_MS:
-        findings.append(Finding("milliseconds", "times are milliseconds since an epoch: taken as seconds since the "
-                                "first row", "time_s"))
+        findings.append(
+            Finding(
+                "milliseconds",
+                "times are milliseconds since an epoch: taken as seconds since the first row",
+                "time_s",
+            )
+        )
         return (times - first) / 1000.0
     if abs(first) > EPOCH_S:
-        findings.append(Finding("epoch", "times count from an epoch: taken as seconds since the first row", "time_s"))
+        findings.append(
+            Finding(
+                "epoch", "times count from an epoch: taken as seconds since the first row", "time_s"
+            )
+        )
         times = times - first
     if utc_s is not None and times.size > 2 and np.median(np.diff(times)) >= MS_STEP:
         seconds = utc_s()
         both = np.isfinite(seconds)
-        if both.any() and MS_OVER_S[0] < np.ptp(times[both]) / max(float(np.ptp(seconds[both])), 1e-3) < MS_OVER_S[1]:
-            findings.append(Finding("milliseconds", "times are milliseconds (as utc shows): taken as seconds",
-                                    "time_s"))
+        if (
+            both.any()
+            and MS_OVER_S[0]
+            < np.ptp(times[both]) / max(float(np.ptp(seconds[both])), 1e-3)
+            < MS_OVER_S[1]
+        ):
+            findings.append(
+                Finding(
+                    "milliseconds",
+                    "times are milliseconds (as utc shows): taken as seconds",
+                    "time_s",
+                )
+            )
             return times / 1000.0
     return times
 
@@ -112,15 +162,25 @@ def _spread(times: Floats, findings: list[Finding]) -> Floats:
     if times.size < 4 or np.median(sizes) < 2 or np.any(np.diff(times) < 0) or starts.size < 2:
         return times
     step_s = float(np.median(np.diff(times[starts])))
-    findings.append(Finding("coarse_times", f"about {int(np.median(sizes))} rows share each time: spread evenly over "
-                            f"{step_s:g} s", "time_s", int(times.size)))
-    return np.asarray(times + step_s * (np.arange(times.size) - np.repeat(starts, sizes)) / np.repeat(sizes, sizes))
+    findings.append(
+        Finding(
+            "coarse_times",
+            f"about {int(np.median(sizes))} rows share each time: spread evenly over {step_s:g} s",
+            "time_s",
+            int(times.size),
+        )
+    )
+    return np.asarray(
+        times
+        + step_s * (np.arange(times.size) - np.repeat(starts, sizes)) / np.repeat(sizes, sizes)
+    )
 
 
 def increasing(times: Floats, findings: list[Finding]) -> Rows:
     """The rows (m,) of times (n,) in an order in which each is later than the one before.
 
-    Of rows that share a time the first is kept. Raises ValueError where most rows would be left out.
+    Of rows that share a time the first is kept. Raises ValueError where most rows would be left
+    out.
     """
     every = np.arange(len(times))
     if np.all(np.diff(times) > SAME_TIME_S):
@@ -131,13 +191,23 @@ def increasing(times: Floats, findings: list[Finding]) -> Rows:
         if _in_another_order(times, order):
             order = np.argsort(times, kind="stable")
             moved = int(np.sum(order != every))
-            findings.append(Finding("row_order", f"rows do not stand in order of time ({moved} of {len(times)}): taken "
-                                    "in order of time", "time_s", moved))
+            findings.append(
+                Finding(
+                    "row_order",
+                    f"rows do not stand in order of time ({moved} of {len(times)}): taken "
+                    "in order of time",
+                    "time_s",
+                    moved,
+                )
+            )
     kept = order[np.concatenate(([True], np.diff(times[order]) > SAME_TIME_S))]
     left_out = np.setdiff1d(every, kept)
     if len(left_out) > MOST_LEFT_OUT * len(times):
-        raise ValueError(f"column time_s: {len(left_out)} of {len(times)} rows are not later than the rows before "
-                         "them: allowed times that increase (sort the log by time_s)")
+        raise ValueError(
+            f"column time_s: {len(left_out)} of {len(times)} rows are not later than the "
+            "rows before "
+            "them: allowed times that increase (sort the log by time_s)"
+        )
     _said(times, kept, left_out, findings)
     return kept
 
@@ -145,23 +215,34 @@ def increasing(times: Floats, findings: list[Finding]) -> Rows:
 def _said(times: Floats, kept: Rows, left_out: Rows, findings: list[Finding]) -> None:
     """What each of the rows left out was."""
     at = np.searchsorted(times[kept], times[left_out])
-    off = np.minimum(np.abs(times[kept][np.minimum(at, len(kept) - 1)] - times[left_out]),
-                     np.abs(times[kept][np.maximum(at - 1, 0)] - times[left_out]))
+    off = np.minimum(
+        np.abs(times[kept][np.minimum(at, len(kept) - 1)] - times[left_out]),
+        np.abs(times[kept][np.maximum(at - 1, 0)] - times[left_out]),
+    )
     again = off <= SAME_TIME_S
-    before = np.searchsorted(kept, left_out) - 1           # the row kept last before it
+    before = np.searchsorted(kept, left_out) - 1  # the row kept last before it
     earlier = ~again & (before >= 0) & (times[left_out] < times[kept[np.maximum(before, 0)]])
-    for which, id_, what in ((again, "repeated_time", "the time of a row before"),
-                             (earlier, "backward_time", "earlier than a row before"),
-                             (~again & ~earlier, "forward_time", "later than a row after")):
+    for which, id_, what in (
+        (again, "repeated_time", "the time of a row before"),
+        (earlier, "backward_time", "earlier than a row before"),
+        (~again & ~earlier, "forward_time", "later than a row after"),
+    ):
         if which.any():
             count = int(which.sum())
-            findings.append(Finding(id_, f"{many(count)} left out: {what}, first at {times[left_out][which][0]:.3f} s",
-                                    "time_s", count))
+            findings.append(
+                Finding(
+                    id_,
+                    f"{many(count)} left out: {what}, first at {times[left_out][which][0]:.3f} s",
+                    "time_s",
+                    count,
+                )
+            )
 
 
 def _in_another_order(times: Floats, rising: Rows) -> bool:
-    """Whether rows that do not rise with the others only stand elsewhere: sorted in, they lie within the span of the
-    others, or are most of the rows, and as far from their neighbours as rows are."""
+    """Whether rows that do not rise with the others only stand elsewhere: sorted in, they lie
+    within the span of the others, or are most of the rows, and as far from their neighbours as
+    rows are."""
     others = np.setdiff1d(np.arange(len(times)), rising)
     in_order = np.sort(times)
     step = float(np.median(np.diff(in_order)))
@@ -177,12 +258,13 @@ def _in_another_order(times: Floats, rising: Rows) -> bool:
 
 
 def _longest_increasing(times: Floats) -> list[int]:
-    """Rows of a longest subsequence of strictly increasing times, by patience sorting (n log n): from the last row to
-    the first, so that of equally long ones the rows written first are taken."""
+    """Rows of a longest subsequence of strictly increasing times, by patience sorting (n log
+    n): from the last row to the first, so that of equally long ones the rows written first are
+    taken."""
     written = times.tolist()
     tops: list[float] = []
-    rows: list[int] = []                # of the tops
-    after = [-1] * len(written)           # of each row: the one that follows it
+    rows: list[int] = []  # of the tops
+    after = [-1] * len(written)  # of each row: the one that follows it
     for row in range(len(written) - 1, -1, -1):
         at = bisect_left(tops, -written[row])
         after[row] = rows[at - 1] if at else -1
@@ -199,8 +281,8 @@ def _longest_increasing(times: Floats) -> list[int]:
 
 
 def steps(time_s: Floats, begins: NDArray[np.bool_]) -> list[Finding]:
-    """What the steps from row to row say: rows missing, or no one sample time. begins (n,) : with these rows another
-    file begins; before them no rows are missing."""
+    """What the steps from row to row say: rows missing, or no one sample time. begins (n,) :
+    with these rows another file begins; before them no rows are missing."""
     between = begins[1:]
     before_s, spans = time_s[:-1][~between], np.diff(time_s)[~between]
     if spans.size < 2:
@@ -209,25 +291,47 @@ def steps(time_s: Floats, begins: NDArray[np.bool_]) -> list[Finding]:
     findings = _joined(np.diff(time_s)[between], step)
     if np.mean(np.abs(spans / step - 1.0) > MIXED_STEP) > MIXED_ROWS:
         low, high = np.quantile(spans, (0.05, 0.95))
-        return [*findings, Finding("mixed_steps", f"mixed sample time: mostly {step:.3g} s, from {low:.3g} to "
-                                   f"{high:.3g} s", "time_s", int(np.sum(np.abs(spans / step - 1.0) > MIXED_STEP)))]
+        return [
+            *findings,
+            Finding(
+                "mixed_steps",
+                f"mixed sample time: mostly {step:.3g} s, from {low:.3g} to {high:.3g} s",
+                "time_s",
+                int(np.sum(np.abs(spans / step - 1.0) > MIXED_STEP)),
+            ),
+        ]
     gaps = spans > GAP_STEPS * step
     if not gaps.any():
         return findings
     missing = int(np.round(spans / step - 1.0)[gaps].sum())
     at_s, share = float(before_s[int(np.argmax(spans))]), 100.0 * missing / (len(time_s) + missing)
     count = int(gaps.sum())
-    return [*findings, Finding("skipped_times", f"{many(count, 'gap')} in the times, the longest {spans.max():.3g} s "
-                               f"after {at_s:.3f} s (sample time {step:.3g} s): about {many(missing, 'row')} missing "
-                               f"({share:.1f} %)", "time_s", count)]
+    return [
+        *findings,
+        Finding(
+            "skipped_times",
+            f"{many(count, 'gap')} in the times, the longest {spans.max():.3g} s "
+            f"after {at_s:.3f} s (sample time {step:.3g} s): about {many(missing, 'row')} missing "
+            f"({share:.1f} %)",
+            "time_s",
+            count,
+        ),
+    ]
 
 
 def _joined(between_s: Floats, step_s: float) -> list[Finding]:
-    """That a log is several files. between_s (files - 1,): from the last row of one to the first of the next."""
+    """That a log is several files. between_s (files - 1,): from the last row of one to the
+    first of the next."""
     apart_s = between_s[between_s > GAP_STEPS * step_s]
     if not apart_s.size:
         return []
     low, high = float(apart_s.min()), float(apart_s.max())
     apart = f"{high:.3g} s" if low > 0.95 * high else f"{low:.3g} to {high:.3g} s"
-    return [Finding("joined", f"{len(between_s) + 1} files in one log, {apart} from one to the next: no rows are "
-                    "missing there", "time_s")]
+    return [
+        Finding(
+            "joined",
+            f"{len(between_s) + 1} files in one log, {apart} from one to the next: no rows are "
+            "missing there",
+            "time_s",
+        )
+    ]

@@ -1,4 +1,6 @@
-"""The values of a recording: what no machine reads, what stands for nothing, ranges, readings that only repeat."""
+"""The values of a recording: what no machine reads, what stands for nothing, ranges, readings
+that only repeat."""
+
 from __future__ import annotations
 
 import numpy as np
@@ -11,82 +13,151 @@ Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 ANYTHING = (-np.inf, np.inf)
-SENTINELS = (-999.0, -9999.0, -99999.0, -999.9, -999.99, -99.0, 999.0, 9999.0, 99999.0, 999999.0, 999.9, 9999.9,
-             32767.0, -32768.0, 65535.0, 2147483647.0, -2147483648.0)
-SENTINEL_APART = 3.0        # inside the plausible range: that many times larger than any other value
-MOST = 1e9                  # a number beyond this is no reading of a machine, in any unit (so are a machine file's) ...
-LEAST = 1e-9                # ... and one so small is nothing: its square would be lost next to any other
-PRINTED_DIGITS = 8          # after the point: logs print three to six, places (which are not rounded) eight
-MAX_HELD_S = 3.0            # a cell stands empty after so long without a reading: longer runs of equals are no dropout
-HELD_P = 0.01               # chance that equal readings in a row are as many by accident, anywhere in the log
-LONE_WITHIN = 5             # cells whose median a reading of one row or two does not move ...
-LONE_AMONG = 15             # ... and cells around it, that say how far readings there are off theirs
-LONE_SD = 10.0              # s.d. of that: those of a normal reach 6 of their own, once in a thousand million
-MAD_SD = 1.4826             # of a normal, over its median absolute deviation: for the cells around ...
-NINE_IN_TEN_SD = 1.645      # ... and for the column, within which nine in ten are: what jumps more often is no stray
+SENTINELS = (
+    -999.0,
+    -9999.0,
+    -99999.0,
+    -999.9,
+    -999.99,
+    -99.0,
+    999.0,
+    9999.0,
+    99999.0,
+    999999.0,
+    999.9,
+    9999.9,
+    32767.0,
+    -32768.0,
+    65535.0,
+    2147483647.0,
+    -2147483648.0,
+)
+# inside the plausible range: that many times larger than any other value
+SENTINEL_APART = 3.0
+# a number beyond this is no reading of a machine, in any unit (so are a machine file's) ...
+MOST = 1e9
+# ... and one so small is nothing: its square would be lost next to any other
+LEAST = 1e-9
+# after the point: logs print three to six, places (which are not rounded) eight
+PRINTED_DIGITS = 8
+# a cell stands empty after so long without a reading: longer runs of equals are no dropout
+MAX_HELD_S = 3.0
+# chance that equal readings in a row are as many by accident, anywhere in the log
+HELD_P = 0.01
+# cells whose median a reading of one row or two does not move ...
+LONE_WITHIN = 5
+# ... and cells around it, that say how far readings there are off theirs
+LONE_AMONG = 15
+# s.d. of that: those of a normal reach 6 of their own, once in a thousand million
+LONE_SD = 10.0
+# of a normal, over its median absolute deviation: for the cells around ...
+MAD_SD = 1.4826
+# ... and for the column, within which nine in ten are: what jumps more often is no stray
+NINE_IN_TEN_SD = 1.645
 NDVI = (*HEAD_COLUMNS, "ndvi")
 
 # Left out where they stand outside: vegetation indices by their definition, places by theirs.
 EMPTIED_OUTSIDE = frozenset({"lat_deg", "lon_deg", *NDVI, *NDRE_COLUMNS, "ndre"})
 
 
-def known(name: str, values: Floats, limits: tuple[float, float], findings: list[Finding],
-          inside: Flags | None = None) -> Floats:
-    """Values (n,) of which those that no machine reads and those that stand for nothing are NaN; the very array where
-    there are none. limits : what the quantity can be. inside : as of `stand_for_nothing`."""
+def known(
+    name: str,
+    values: Floats,
+    limits: tuple[float, float],
+    findings: list[Finding],
+    inside: Flags | None = None,
+) -> Floats:
+    """Values (n,) of which those that no machine reads and those that stand for nothing are
+    NaN; the very array where there are none. limits : what the quantity can be. inside : as of
+    `stand_for_nothing`."""
     marked = stand_for_nothing(values, limits, inside)
     if marked.any():
         kinds = ", ".join(f"{value:g}" for value in np.unique(values[marked])[:3])
         count = int(marked.sum())
-        findings.append(Finding("sentinel", f"column {name}: {many(count, 'value')} {kinds} emptied: not known", name,
-                                count))
+        findings.append(
+            Finding(
+                "sentinel",
+                f"column {name}: {many(count, 'value')} {kinds} emptied: not known",
+                name,
+                count,
+            )
+        )
         values = np.where(marked, np.nan, values)
     infinite, beyond = np.isinf(values), np.isfinite(values) & (np.abs(values) > MOST)
-    for marked, id_, what in ((infinite, "infinite", "infinite"), (beyond, "beyond", f"beyond {MOST:.0e}")):
+    for marked, id_, what in (
+        (infinite, "infinite", "infinite"),
+        (beyond, "beyond", f"beyond {MOST:.0e}"),
+    ):
         if marked.any():
             count = int(marked.sum())
-            findings.append(Finding(id_, f"column {name}: {many(count, 'cell')} {what}, which no machine reads: "
-                                    "emptied", name, count))
+            findings.append(
+                Finding(
+                    id_,
+                    f"column {name}: {many(count, 'cell')} {what}, which no machine reads: emptied",
+                    name,
+                    count,
+                )
+            )
             values = np.where(marked, np.nan, values)
     return values
 
 
 def readable(values: Floats) -> Floats:
-    """Numbers (n,) that arithmetic can go on with: NaN for what no machine reads, 0 for what is lost in any sum."""
+    """Numbers (n,) that arithmetic can go on with: NaN for what no machine reads, 0 for what is
+    lost in any sum."""
     sane = np.where(np.isfinite(values) & ~(np.abs(values) > MOST), values, np.nan)
     sane[np.abs(sane) < LEAST] = 0.0
     if np.array_equal(sane, values, equal_nan=True) and not np.signbit(values[values == 0.0]).any():
-        return values                   # nothing in it was otherwise: a million rows are not kept twice
+        # nothing in it was otherwise: a million rows are not kept twice
+        return values
     return sane
 
 
 def without_lone(name: str, values: Floats, findings: list[Finding]) -> Floats:
-    """Values (n,) without readings of one row or two that are far off those before and after (Hampel's identifier:
-    Davies and Gather, JASA 88, 1993, 782): a few such cells would decide what goes with the column.
+    """Values (n,) without readings of one row or two that are far off those before and after
+    (Hampel's identifier: Davies and Gather, JASA 88, 1993, 782): a few such cells would decide
+    what goes with the column.
 
-    How far is far is seen around each of them, in the whole column, and from the steps in which it is written.
+    How far is far is seen around each of them, in the whole column, and from the steps in which
+    it is written.
     """
     rows = np.flatnonzero(np.isfinite(values))
     if len(rows) < LONE_AMONG:
         return values
     seen = values[rows]
-    from scipy.ndimage import median_filter  # a third of a second: most that is read here needs none
+    # a third of a second: most that is read here needs none
+    from scipy.ndimage import median_filter
+
     off = np.abs(seen - median_filter(seen, LONE_WITHIN, mode="nearest"))
     steps = np.diff(np.unique(seen))
-    scale = np.maximum(MAD_SD * median_filter(off, LONE_AMONG), np.percentile(off, 90.0) / NINE_IN_TEN_SD)
-    far = rows[off > LONE_SD * np.maximum(scale, float(np.percentile(steps, 5.0)) if len(steps) else np.inf)]
+    scale = np.maximum(
+        MAD_SD * median_filter(off, LONE_AMONG), np.percentile(off, 90.0) / NINE_IN_TEN_SD
+    )
+    far = rows[
+        off
+        > LONE_SD * np.maximum(scale, float(np.percentile(steps, 5.0)) if len(steps) else np.inf)
+    ]
     if not len(far):
         return values
-    findings.append(Finding("lone", f"column {name}: {many(len(far), 'value')} such as {values[far[0]]:g} far off "
-                            "those before and after: not used", name, len(far)))
+    findings.append(
+        Finding(
+            "lone",
+            f"column {name}: {many(len(far), 'value')} such as {values[far[0]]:g} far off "
+            "those before and after: not used",
+            name,
+            len(far),
+        )
+    )
     alone = values.copy()
     alone[far] = np.nan
     return alone
 
 
-def stand_for_nothing(values: Floats, limits: tuple[float, float] = ANYTHING, inside: Flags | None = None) -> Flags:
-    """Which values (n,) are sentinels: out of the limits, or far larger than all others; or in the rows `inside` (n,),
-    where those are given."""
+def stand_for_nothing(
+    values: Floats, limits: tuple[float, float] = ANYTHING, inside: Flags | None = None
+) -> Flags:
+    """Which values (n,) are sentinels: out of the limits, or far larger than all others; or in
+    the rows `inside` (n,), where those are given."""
     low, high = limits
     if not values.size or not _reaches_one(values, limits):
         return np.zeros(values.shape, bool)
@@ -103,8 +174,11 @@ def _reaches_one(values: Floats, limits: tuple[float, float]) -> bool:
     return bool(low <= -99.0 or high >= 999.0 or low < limits[0] or high > limits[1])
 
 
-def within(name: str, values: Floats, limits: tuple[float, float], findings: list[Finding]) -> Floats:
-    """What stands outside of the limits is said; and emptied, where a definition says that it cannot be."""
+def within(
+    name: str, values: Floats, limits: tuple[float, float], findings: list[Finding]
+) -> Floats:
+    """What stands outside of the limits is said; and emptied, where a definition says that it
+    cannot be."""
     outside = (values < limits[0]) | (values > limits[1])
     count = int(np.count_nonzero(outside))
     if count == 0:
@@ -112,11 +186,23 @@ def within(name: str, values: Floats, limits: tuple[float, float], findings: lis
     example = f"{values[outside][0]:g}"
     allowed = f"allowed {limits[0]:g} to {limits[1]:g}"
     if name in EMPTIED_OUTSIDE:
-        findings.append(Finding("outside", f"column {name}: {many(count, 'value')} such as {example} emptied: "
-                                f"{allowed}", name, count))
+        findings.append(
+            Finding(
+                "outside",
+                f"column {name}: {many(count, 'value')} such as {example} emptied: {allowed}",
+                name,
+                count,
+            )
+        )
         return np.where(outside, np.nan, values)
-    findings.append(Finding("implausible", f"column {name}: {many(count, 'value')} such as {example}, {allowed}: left "
-                            "as read", name, count))
+    findings.append(
+        Finding(
+            "implausible",
+            f"column {name}: {many(count, 'value')} such as {example}, {allowed}: left as read",
+            name,
+            count,
+        )
+    )
     return values
 
 
@@ -125,25 +211,32 @@ def from_percent(name: str, values: Floats, findings: list[Finding]) -> Floats:
     seen = values[np.isfinite(values)]
     if not seen.size or np.median(seen) <= 1.0 or seen.min() < 0.0 or seen.max() > 100.0:
         return values
-    findings.append(Finding("ndvi_percent", f"column {name} is in percent: divided by 100", name, int(seen.size)))
+    findings.append(
+        Finding(
+            "ndvi_percent", f"column {name} is in percent: divided by 100", name, int(seen.size)
+        )
+    )
     return values / 100.0
 
 
 def as_printed(values: Floats) -> Floats:
-    """Readings that are alike to the last digit that a log prints are one reading: what repeats, and in which steps, is
-    evidence, and must not hang on the last bits of a float."""
+    """Readings that are alike to the last digit that a log prints are one reading: what
+    repeats, and in which steps, is evidence, and must not hang on the last bits of a float."""
     with np.errstate(over="ignore"):
-        rounded = np.round(values, PRINTED_DIGITS) + 0.0       # no -0
+        rounded = np.round(values, PRINTED_DIGITS) + 0.0  # no -0
     if np.array_equal(rounded, values, equal_nan=True):
-        return values                   # as a log prints them: a million rows are not kept twice
+        # as a log prints them: a million rows are not kept twice
+        return values
     return np.where(np.isfinite(rounded), rounded, values)
 
 
 def without_held(name: str, values: Floats, step_s: float, findings: list[Finding]) -> Floats:
-    """Readings held through a dropout say nothing new: only the first of an improbably long run of equals is kept."""
+    """Readings held through a dropout say nothing new: only the first of an improbably long run
+    of equals is kept."""
     same = np.concatenate(([False], (values[1:] == values[:-1]) & (values[1:] != 0.0)))
     share = same.sum() / max(1, np.isfinite(values).sum())
-    if share == 0.0 or share > 0.5:         # most readings repeat: so coarse a reading is held by nothing
+    # most readings repeat: so coarse a reading is held by nothing
+    if share == 0.0 or share > 0.5:
         return values
     longest = max(3, int(np.ceil(np.log(HELD_P / len(values)) / np.log(min(0.9, share + 1e-4)))))
     starts = np.flatnonzero(~same)
@@ -151,10 +244,16 @@ def without_held(name: str, values: Floats, step_s: float, findings: list[Findin
     held = np.zeros(len(values), bool)
     odd = (lengths > longest) & (lengths * step_s < MAX_HELD_S)
     for start, length in zip(starts[odd], lengths[odd], strict=True):
-        held[start + 1:start + length] = True
+        held[start + 1 : start + length] = True
     if not held.any():
         return values
     count = int(held.sum())
-    findings.append(Finding("held", f"column {name}: {count} cells only repeat an older reading and are not used", name,
-                            count))
+    findings.append(
+        Finding(
+            "held",
+            f"column {name}: {count} cells only repeat an older reading and are not used",
+            name,
+            count,
+        )
+    )
     return np.where(held, np.nan, values)

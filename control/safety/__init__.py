@@ -1,4 +1,6 @@
-"""Safety: states, interlocks, alarms, and the last gate before the drives. Pure; see docs/safety.md."""
+"""Safety: states, interlocks, alarms, and the last gate before the drives. Pure; see
+docs/safety.md."""
+
 from __future__ import annotations
 
 from control.safety.alarms import ALARMS, AlarmKind
@@ -8,10 +10,38 @@ from control.safety.limits import DriveLimits, SafetyLimits
 from control.safety.memory import Allowances
 from control.safety.ordered import SETTINGS, BenchRun, BenchSetting, after_setting
 from control.safety.watchdog import Safety
-from control.safety.words import POWERED, REFUSALS, STATE_REASONS, Commanded, Situation, Verdict, read_refusal, refusal
+from control.safety.words import (
+    POWERED,
+    REFUSALS,
+    STATE_REASONS,
+    Commanded,
+    Situation,
+    Verdict,
+    read_refusal,
+    refusal,
+)
 
 __all__ = [
-    "ALARMS", "INTERLOCKS", "POWERED", "REFUSALS", "SETTINGS", "STATE_REASONS", "AlarmKind", "Allowances", "BenchRun",
-    "BenchSetting", "Commanded", "DriveLimits", "Safety", "SafetyLimits", "Situation", "Verdict", "after_setting",
-    "limited", "limited_dose", "limited_valves", "read_refusal", "refusal",
+    "ALARMS",
+    "INTERLOCKS",
+    "POWERED",
+    "REFUSALS",
+    "SETTINGS",
+    "STATE_REASONS",
+    "AlarmKind",
+    "Allowances",
+    "BenchRun",
+    "BenchSetting",
+    "Commanded",
+    "DriveLimits",
+    "Safety",
+    "SafetyLimits",
+    "Situation",
+    "Verdict",
+    "after_setting",
+    "limited",
+    "limited_dose",
+    "limited_valves",
+    "read_refusal",
+    "refusal",
 ]

@@ -1,4 +1,5 @@
 """The last gate before every drive: no number passes that is not finite and inside the limits."""
+
 from __future__ import annotations
 
 from math import isfinite
@@ -9,14 +10,16 @@ from control.safety.limits import DriveLimits
 LARGEST_DOSE_DEG = 3600.0
 
 
-def limited(cmd: DriveCommand, limits: DriveLimits, flow_allowed: bool,
-            opening_now_mm: float | None = None) -> DriveCommand:
+def limited(
+    cmd: DriveCommand, limits: DriveLimits, flow_allowed: bool, opening_now_mm: float | None = None
+) -> DriveCommand:
     """The command that may be sent.
 
-    `opening_now_mm` is the gate's present set-point. Without flow, or when either number is not finite, the shaft
-    stops and the gate stays there; where it is not given, the gate goes to the commanded opening if that is a
-    number, else to `opening_min_mm`. A shaft speed below half the slowest turning becomes 0, between that and the
-    slowest the slowest. Units: r/min, mm. Never raises.
+    `opening_now_mm` is the gate's present set-point. Without flow, or when either number is not
+    finite, the shaft stops and the gate stays there; where it is not given, the gate goes to
+    the commanded opening if that is a number, else to `opening_min_mm`. A shaft speed below
+    half the slowest turning becomes 0, between that and the slowest the slowest. Units: r/min,
+    mm. Never raises.
     """
     opening_mm = _clamped(cmd.opening_mm, limits)
     if flow_allowed and opening_mm is not None and isfinite(cmd.shaft_rpm):
@@ -28,18 +31,29 @@ def limited(cmd: DriveCommand, limits: DriveLimits, flow_allowed: bool,
 
 
 def limited_dose(dose: DoseOrder, limits: DriveLimits, flow_allowed: bool) -> DoseOrder | None:
-    """The dose that may be sent; None without flow, or for an angle or a speed that is not a number above 0.
+    """The dose that may be sent; None without flow, or for an angle or a speed that is not a
+    number above 0.
 
     Angle at most 3600 degrees; the speed is cut to what the shaft may turn. Never raises.
     """
     angle_deg, shaft_rpm = dose
-    if not (flow_allowed and isfinite(angle_deg) and isfinite(shaft_rpm) and angle_deg > 0.0 and shaft_rpm > 0.0):
+    if not (
+        flow_allowed
+        and isfinite(angle_deg)
+        and isfinite(shaft_rpm)
+        and angle_deg > 0.0
+        and shaft_rpm > 0.0
+    ):
         return None
-    return DoseOrder(min(angle_deg, LARGEST_DOSE_DEG), min(max(shaft_rpm, limits.shaft_min_rpm), limits.shaft_max_rpm))
+    return DoseOrder(
+        min(angle_deg, LARGEST_DOSE_DEG),
+        min(max(shaft_rpm, limits.shaft_min_rpm), limits.shaft_max_rpm),
+    )
 
 
 def limited_valves(valves: tuple[bool, ...], flow_allowed: bool) -> tuple[bool, ...]:
-    """The valves that may be opened. Closed is the safe state: without flow all are, and whatever is not True is."""
+    """The valves that may be opened. Closed is the safe state: without flow all are, and
+    whatever is not True is."""
     return tuple([flow_allowed is True and wanted is True for wanted in valves])
 
 

@@ -1,4 +1,6 @@
-"""What forbids flow at this tick. Every condition is written so that an unknown or a NaN forbids."""
+"""What forbids flow at this tick. Every condition is written so that an unknown or a NaN
+forbids."""
+
 from __future__ import annotations
 
 from collections.abc import Mapping
@@ -12,40 +14,61 @@ from control.safety.senses import Senses
 from control.safety.troubles import target_acceptable
 from control.safety.words import N_, Situation
 
-INTERLOCKS: Mapping[str, str] = MappingProxyType({
-    "not_working": N_("The machine is not in work."),
-    "drive_silent": N_("A drive does not answer."),
-    "speed_silent": N_("There is no travel speed."),
-    "standstill": N_("The wheel stands still."),
-    "low_speed": N_("Too slow, or not yet fast enough on both speed sensors to start."),
-    "reversing": N_("The machine runs backwards."),
-    "course_unknown": N_("Its course after the standstill is not known yet."),
-    "position_lost": N_("There is no usable position."),
-    "outside_field": N_("What is released now would land outside the field."),
-    "map_elsewhere": N_("The map lies somewhere else: only its rate for outside would be spread."),
-    "work_switch_up": N_("The work switch is up or silent."),
-    "log_failed": N_("The log cannot be written."),
-    "target_refused": N_("The target is above the product's limit or not a number."),
-})
+INTERLOCKS: Mapping[str, str] = MappingProxyType(
+    {
+        "not_working": N_("The machine is not in work."),
+        "drive_silent": N_("A drive does not answer."),
+        "speed_silent": N_("There is no travel speed."),
+        "standstill": N_("The wheel stands still."),
+        "low_speed": N_("Too slow, or not yet fast enough on both speed sensors to start."),
+        "reversing": N_("The machine runs backwards."),
+        "course_unknown": N_("Its course after the standstill is not known yet."),
+        "position_lost": N_("There is no usable position."),
+        "outside_field": N_("What is released now would land outside the field."),
+        "map_elsewhere": N_(
+            "The map lies somewhere else: only its rate for outside would be spread."
+        ),
+        "work_switch_up": N_("The work switch is up or silent."),
+        "log_failed": N_("The log cannot be written."),
+        "target_refused": N_("The target is above the product's limit or not a number."),
+    }
+)
 
 
-def forbidding(state: State, s: Situation, seen: Senses, motion: Motion, allow: Allowances,
-               has_work_switch: bool, limits: SafetyLimits) -> tuple[str, ...]:
+def forbidding(
+    state: State,
+    s: Situation,
+    seen: Senses,
+    motion: Motion,
+    allow: Allowances,
+    has_work_switch: bool,
+    limits: SafetyLimits,
+) -> tuple[str, ...]:
     """Ids of the interlocks that forbid flow in `state`; empty: flow is allowed.
 
     Calibrating has rules of its own in place of the speed, field and target interlocks.
     """
     drives = () if seen.shaft_ok and seen.gate_ok else ("drive_silent",)
-    switch_up = s.measurements.work_switch is False or (has_work_switch and s.measurements.work_switch is None)
+    switch_up = s.measurements.work_switch is False or (
+        has_work_switch and s.measurements.work_switch is None
+    )
     switch = ("work_switch_up",) if switch_up else ()
     if state is State.CALIBRATING:
         return drives + switch
     if state is not State.WORKING:
         return ("not_working", *drives) if state is not State.OFF else ("not_working",)
-    return (*drives, *_speed(s, seen, motion, allow, limits), *_place(s, allow), *switch, *_record(s, allow, limits))
+    return (
+        *drives,
+        *_speed(s, seen, motion, allow, limits),
+        *_place(s, allow),
+        *switch,
+        *_record(s, allow, limits),
+    )
 
 
-def _speed(s: Situation, seen: Senses, motion: Motion, allow: Allowances, limits: SafetyLimits) -> tuple[str, ...]:
+def _speed(
+    s: Situation, seen: Senses, motion: Motion, allow: Allowances, limits: SafetyLimits
+) -> tuple[str, ...]:
     if seen.speed_mps is None:
         return ("speed_silent",)
     if s.wheel_standstill:

@@ -1,4 +1,5 @@
 """All that safety remembers from one tick to the next, in one frozen value."""
+
 from __future__ import annotations
 
 from math import inf
@@ -16,21 +17,24 @@ class Allowances(NamedTuple):
 
     reverse: bool = False
     outside: bool = False
-    unlogged: bool = False      # ends also when the log works again
-    map_elsewhere: bool = False         # the outside rate of a map that does not lie here is wanted
-    no_wheel: bool = False      # the wheel sensor is dead: GNSS alone says how fast it goes
+    unlogged: bool = False  # ends also when the log works again
+    # the outside rate of a map that does not lie here is wanted
+    map_elsewhere: bool = False
+    # the wheel sensor is dead: GNSS alone says how fast it goes
+    no_wheel: bool = False
 
 
 class Memory(NamedTuple):
     state: State = State.OFF
     why_state: str = ""
-    entered_s: float = -inf                 # the state was entered
-    left_off_s: float = -inf                # off was last left
-    calibrate_s: float = -inf               # last time the calibrate button was reported down
+    entered_s: float = -inf  # the state was entered
+    left_off_s: float = -inf  # off was last left
+    # last time the calibrate button was reported down
+    calibrate_s: float = -inf
     calibrate_until_s: float = -inf
-    start_held_s: float = -inf              # last time START was reported held down
+    start_held_s: float = -inf  # last time START was reported held down
     allow: Allowances = Allowances()
-    flowing: bool = False                   # flow was allowed at the last tick
+    flowing: bool = False  # flow was allowed at the last tick
     motion: Motion = Motion()
     rate: RateWatch = RateWatch()
     hopper: HopperWatch = HopperWatch()
@@ -39,7 +43,9 @@ class Memory(NamedTuple):
     scale_heard: bool = False
     heads_full_since_s: float | None = None
     live: tuple[Live, ...] = ()
-    checked_s: float = -inf                 # what follows is from that check
-    still: bool = False                     # wheel and GNSS known, both slow enough to calibrate
-    fault_cause: str | None = None          # an alarm that leads to fault and whose cause is there now
+    checked_s: float = -inf  # what follows is from that check
+    # wheel and GNSS known, both slow enough to calibrate
+    still: bool = False
+    # an alarm that leads to fault and whose cause is there now
+    fault_cause: str | None = None
     log_ok: bool = True

@@ -1,4 +1,6 @@
-"""What must be remembered of the movement: started or not, standing since when, forwards or backwards."""
+"""What must be remembered of the movement: started or not, standing since when, forwards or
+backwards."""
+
 from __future__ import annotations
 
 from typing import NamedTuple
@@ -9,38 +11,61 @@ from control.safety.words import Situation
 
 
 class Motion(NamedTuple):
-    moving: bool = False                        # started above one speed, not yet below the other
+    # started above one speed, not yet below the other
+    moving: bool = False
     standing_since_s: float | None = None
     speed_lost_since_s: float | None = None
-    wheel_doubt_since_s: float | None = None    # wheel stands while GNSS moves
-    course_deg: float | None = None             # last one believed
+    wheel_doubt_since_s: float | None = None  # wheel stands while GNSS moves
+    course_deg: float | None = None  # last one believed
     course_epoch_s: float | None = None
-    stood: bool = False                         # since that course
+    stood: bool = False  # since that course
     reversing: bool = False
-    launched_since_s: float | None = None       # flow with START held, since it is: before the machine counts as moving
+    # flow with START held, since it is: before the machine counts as moving
+    launched_since_s: float | None = None
     launching: bool = False
-    course_since_stood: bool = False            # a course was believed since it last stood still
+    course_since_stood: bool = False  # a course was believed since it last stood still
 
 
-def moved(before: Motion, now_s: float, s: Situation, seen: Senses, allow_reverse: bool,
-          limits: SafetyLimits, start_held: bool = False, by_gnss: bool = False) -> Motion:
+def moved(
+    before: Motion,
+    now_s: float,
+    s: Situation,
+    seen: Senses,
+    allow_reverse: bool,
+    limits: SafetyLimits,
+    start_held: bool = False,
+    by_gnss: bool = False,
+) -> Motion:
     """The movement after this tick. by_gnss: the wheel is allowed to be dead, and it is.
 
-    Reversing: the GNSS course differs by more than `reverse_flip_deg` from the last course before a standstill; it
-    lasts until the course flips once more across a standstill. A turn without a standstill changes nothing. After a
-    standstill the machine counts as moving only once its course is known again (where it was known before), or
-    reversing is allowed.
+    Reversing: the GNSS course differs by more than `reverse_flip_deg` from the last course
+    before a standstill; it lasts until the course flips once more across a standstill. A turn
+    without a standstill changes nothing. After a standstill the machine counts as moving only
+    once its course is known again (where it was known before), or reversing is allowed.
 
-    Launching: it creeps, START is held, and its course is known since it stood (or never was known); not for longer
-    than `launch_max_s` under one press.
+    Launching: it creeps, START is held, and its course is known since it stood (or never was
+    known); not for longer than `launch_max_s` under one press.
     """
     speed, gnss = seen.speed_mps, seen.gnss_speed_mps
     slow = speed is not None and speed < limits.stop_speed_mps
     standing = s.wheel_standstill or (speed is not None and speed < limits.standstill_speed_mps)
-    course, epoch, stood, reversing = before.course_deg, before.course_epoch_s, before.stood, before.reversing
-    if (seen.gnss_course_deg is not None and gnss is not None and gnss >= limits.course_speed_mps
-            and seen.gnss_epoch_s != epoch):
-        if stood and course is not None and _turn_deg(course, seen.gnss_course_deg) > limits.reverse_flip_deg:
+    course, epoch, stood, reversing = (
+        before.course_deg,
+        before.course_epoch_s,
+        before.stood,
+        before.reversing,
+    )
+    if (
+        seen.gnss_course_deg is not None
+        and gnss is not None
+        and gnss >= limits.course_speed_mps
+        and seen.gnss_epoch_s != epoch
+    ):
+        if (
+            stood
+            and course is not None
+            and _turn_deg(course, seen.gnss_course_deg) > limits.reverse_flip_deg
+        ):
             reversing = not reversing
         course, epoch, stood = seen.gnss_course_deg, seen.gnss_epoch_s, False
     stood = stood or slow or standing or (gnss is not None and gnss < limits.course_speed_mps)
@@ -49,19 +74,31 @@ def moved(before: Motion, now_s: float, s: Situation, seen: Senses, allow_revers
     both = limits.both_speeds_to_start and not by_gnss
     moving = _is_moving(before.moving, may_start, seen, s.wheel_standstill, limits, both)
     way_known = allow_reverse or before.course_deg is None or since_stood
-    creeping = start_held and not moving and way_known and _creeps(seen, s.wheel_standstill, limits, both)
-    launched = (before.launched_since_s if start_held and not moving else None)
+    creeping = (
+        start_held and not moving and way_known and _creeps(seen, s.wheel_standstill, limits, both)
+    )
+    launched = before.launched_since_s if start_held and not moving else None
     if launched is None and creeping:
         launched = now_s
     return Motion(
         moving,
         since(before.standing_since_s, now_s, standing),
         since(before.speed_lost_since_s, now_s, speed is None),
-        since(before.wheel_doubt_since_s, now_s,
-              (s.wheel_standstill or by_gnss) and gnss is not None and gnss > limits.wheel_fault_speed_mps),
-        course, epoch, stood, reversing, launched,
+        since(
+            before.wheel_doubt_since_s,
+            now_s,
+            (s.wheel_standstill or by_gnss)
+            and gnss is not None
+            and gnss > limits.wheel_fault_speed_mps,
+        ),
+        course,
+        epoch,
+        stood,
+        reversing,
+        launched,
         creeping and launched is not None and now_s - launched < limits.launch_max_s,
-        since_stood)
+        since_stood,
+    )
 
 
 def awaits_course(motion: Motion) -> bool:
@@ -69,9 +106,20 @@ def awaits_course(motion: Motion) -> bool:
     return motion.stood and motion.course_deg is not None
 
 
-def _is_moving(was: bool, may_start: bool, seen: Senses, wheel_standstill: bool, limits: SafetyLimits,
-               both_to_start: bool) -> bool:
-    speed, wheel, gnss, stop = seen.speed_mps, seen.wheel_speed_mps, seen.gnss_speed_mps, limits.stop_speed_mps
+def _is_moving(
+    was: bool,
+    may_start: bool,
+    seen: Senses,
+    wheel_standstill: bool,
+    limits: SafetyLimits,
+    both_to_start: bool,
+) -> bool:
+    speed, wheel, gnss, stop = (
+        seen.speed_mps,
+        seen.wheel_speed_mps,
+        seen.gnss_speed_mps,
+        limits.stop_speed_mps,
+    )
     if speed is None or wheel_standstill or not speed >= stop:
         return False
     if was:
@@ -80,8 +128,11 @@ def _is_moving(was: bool, may_start: bool, seen: Senses, wheel_standstill: bool,
     return may_start and speed >= limits.start_speed_mps and (both or not both_to_start)
 
 
-def _creeps(seen: Senses, wheel_standstill: bool, limits: SafetyLimits, both_to_start: bool) -> bool:
-    """Whether the speed in use and both speed sensors say that it has set off; one of them where only one is fitted."""
+def _creeps(
+    seen: Senses, wheel_standstill: bool, limits: SafetyLimits, both_to_start: bool
+) -> bool:
+    """Whether the speed in use and both speed sensors say that it has set off; one of them
+    where only one is fitted."""
     least = limits.launch_speed_mps
     moving = [v is not None and v >= least for v in (seen.wheel_speed_mps, seen.gnss_speed_mps)]
     both = all(moving) if both_to_start else any(moving)

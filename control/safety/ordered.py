@@ -1,4 +1,5 @@
 """The operator's orders that concern safety: what each asks for, and what it is refused for."""
+
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
@@ -48,8 +49,8 @@ def _ready(m: Memory, order: Order, now_s: float, limits: SafetyLimits) -> Outco
 
 
 def _start(m: Memory, order: Order, now_s: float, limits: SafetyLimits) -> Outcome:
-    """True: the button is down; the console repeats it while it is. A press that outlived work does not begin it again:
-    leaving held is an act of its own."""
+    """True: the button is down; the console repeats it while it is. A press that outlived work
+    does not begin it again: leaving held is an act of its own."""
     held_down = now_s - m.start_held_s < limits.launch_confirm_s
     if order.value is True:
         m = m._replace(start_held_s=now_s)
@@ -79,7 +80,9 @@ def _hold(m: Memory, order: Order, now_s: float, limits: SafetyLimits) -> Outcom
 def _stop(m: Memory, order: Order, now_s: float, limits: SafetyLimits) -> Outcome:
     if m.state is State.OFF:
         return m._replace(allow=Allowances()), YES
-    return _entered(m, State.OFF, order.do, now_s)._replace(allow=Allowances(), fault_cause=None), YES
+    return _entered(m, State.OFF, order.do, now_s)._replace(
+        allow=Allowances(), fault_cause=None
+    ), YES
 
 
 def _calibrate(m: Memory, order: Order, now_s: float, limits: SafetyLimits) -> Outcome:
@@ -103,7 +106,9 @@ def _calibrate(m: Memory, order: Order, now_s: float, limits: SafetyLimits) -> O
         return down, _no("acknowledge_first", alarm=alarm)
     if not m.still or not now_s - m.checked_s <= limits.calibrate_confirm_s:
         return down, _no("calibrate_moving", speed_mps=limits.calibrate_speed_mps)
-    return _entered(down, State.CALIBRATING, order.do, now_s)._replace(calibrate_until_s=now_s + wanted_s), YES
+    return _entered(down, State.CALIBRATING, order.do, now_s)._replace(
+        calibrate_until_s=now_s + wanted_s
+    ), YES
 
 
 def _release(m: Memory, order: Order, now_s: float, limits: SafetyLimits) -> Outcome:
@@ -144,12 +149,24 @@ def _number(value: str | float | bool) -> float | None:
     return float(value) if isfinite(value) else None
 
 
-_ALLOWED = {Do.ALLOW_REVERSE: "reverse", Do.ALLOW_OUTSIDE: "outside", Do.ALLOW_MAP_ELSEWHERE: "map_elsewhere",
-            Do.ALLOW_NO_WHEEL: "no_wheel", Do.GO_ON_UNLOGGED: "unlogged"}
+_ALLOWED = {
+    Do.ALLOW_REVERSE: "reverse",
+    Do.ALLOW_OUTSIDE: "outside",
+    Do.ALLOW_MAP_ELSEWHERE: "map_elsewhere",
+    Do.ALLOW_NO_WHEEL: "no_wheel",
+    Do.GO_ON_UNLOGGED: "unlogged",
+}
 _HANDLERS: Mapping[Do, Callable[[Memory, Order, float, SafetyLimits], Outcome]] = {
-    Do.READY: _ready, Do.START: _start, Do.HOLD: _hold, Do.STOP: _stop, Do.CALIBRATE: _calibrate,
-    Do.RELEASE: _release, Do.ACKNOWLEDGE: _acknowledge, **dict.fromkeys(_ALLOWED, _allow),
-    Do.GO_ON_UNLOGGED: _go_on_unlogged, Do.REFILL: _refill,
+    Do.READY: _ready,
+    Do.START: _start,
+    Do.HOLD: _hold,
+    Do.STOP: _stop,
+    Do.CALIBRATE: _calibrate,
+    Do.RELEASE: _release,
+    Do.ACKNOWLEDGE: _acknowledge,
+    **dict.fromkeys(_ALLOWED, _allow),
+    Do.GO_ON_UNLOGGED: _go_on_unlogged,
+    Do.REFILL: _refill,
 }
 
 
@@ -157,26 +174,28 @@ SETTINGS = (Do.CALIBRATE_SHAFT, Do.CALIBRATE_OPENING)
 
 
 class BenchSetting(NamedTuple):
-    """What shaft and gate are to do in a calibrating run: wanted set-points, before the drives' limits. A run begins
-    with a standing shaft and the gate where it is."""
+    """What shaft and gate are to do in a calibrating run: wanted set-points, before the drives'
+    limits. A run begins with a standing shaft and the gate where it is."""
 
     shaft_rpm: float = 0.0
-    opening_mm: float | None = None     # None: stays
+    opening_mm: float | None = None  # None: stays
 
 
 class BenchRun(NamedTuple):
     """A calibrating run as the console shows it."""
 
-    shaft_rpm: float                    # set-points as sent
+    shaft_rpm: float  # set-points as sent
     opening_mm: float
     elapsed_s: float
     left_s: float
 
 
 def after_setting(setting: BenchSetting, order: Order, state: State) -> tuple[BenchSetting, Answer]:
-    """The set-points after one of `SETTINGS`; refused unless calibrating, and for what is no number of at least 0.
+    """The set-points after one of `SETTINGS`; refused unless calibrating, and for what is no
+    number of at least 0.
 
-    A number above the drives' limits is taken and cut by the last gate (`limited`): the frame tells what was sent.
+    A number above the drives' limits is taken and cut by the last gate (`limited`): the frame
+    tells what was sent.
     """
     if state is not State.CALIBRATING:
         return setting, Answer(False, refusal("not_from_state", state=state.value))

@@ -1,4 +1,6 @@
-"""Which of the sensors can be believed at this tick. Pure: readings and limits in, plain values out."""
+"""Which of the sensors can be believed at this tick. Pure: readings and limits in, plain values
+out."""
+
 from __future__ import annotations
 
 from math import isfinite
@@ -12,17 +14,18 @@ from control.safety.words import Situation
 class Senses(NamedTuple):
     """Values at this tick; None: silent, missing or not a number; of a speed also: not believed."""
 
-    gnss_ok: bool                       # an epoch with a fix, not older than its limit
+    gnss_ok: bool  # an epoch with a fix, not older than its limit
     gnss_speed_mps: float | None
     gnss_course_deg: float | None
     gnss_epoch_s: float | None
-    wheel_speed_mps: float | None       # 0 when the wheel stands
-    speed_mps: float | None             # the one control uses
-    speed_heard_s: float | None         # newest GNSS or wheel speed
+    wheel_speed_mps: float | None  # 0 when the wheel stands
+    speed_mps: float | None  # the one control uses
+    speed_heard_s: float | None  # newest GNSS or wheel speed
     hopper_kg: float | None
     shaft_rpm: float | None
     opening_mm: float | None
-    heads_full: bool                    # every canopy head that is heard reads more than a canopy can
+    # every canopy head that is heard reads more than a canopy can
+    heads_full: bool
 
     @property
     def shaft_ok(self) -> bool:
@@ -48,18 +51,35 @@ def senses(now_s: float, s: Situation, limits: SafetyLimits) -> Senses:
     wheel, refused = m.wheel_speed_mps, None if s.speed_doubt is None else s.speed_doubt.refused
     if refused in (Doubted.GNSS, Doubted.EITHER):
         gnss_speed = None
-    wheel_speed = 0.0 if s.wheel_standstill else None if refused in (
-        Doubted.WHEEL, Doubted.EITHER) else held(wheel, now_s, limits.wheel_silent_s)
+    wheel_speed = (
+        0.0
+        if s.wheel_standstill
+        else None
+        if refused in (Doubted.WHEEL, Doubted.EITHER)
+        else held(wheel, now_s, limits.wheel_silent_s)
+    )
     heard_s = epoch if fix is not None and _number(fix.speed_mps) is not None else None
     if heard_s is not None and not heard_s <= now_s + AHEAD_S:
         heard_s = None
-    if wheel is not None and wheel.time_s <= now_s + AHEAD_S and (heard_s is None or wheel.time_s > heard_s):
+    if (
+        wheel is not None
+        and wheel.time_s <= now_s + AHEAD_S
+        and (heard_s is None or wheel.time_s > heard_s)
+    ):
         heard_s = wheel.time_s
     return Senses(
-        gnss_ok, gnss_speed, course, epoch, wheel_speed, _number(s.speed_used_mps), heard_s,
+        gnss_ok,
+        gnss_speed,
+        course,
+        epoch,
+        wheel_speed,
+        _number(s.speed_used_mps),
+        heard_s,
         held(m.hopper_kg, now_s, limits.scale_silent_s),
-        held(m.shaft_rpm, now_s, limits.drive_silent_s), held(m.opening_mm, now_s, limits.drive_silent_s),
-        _heads_full(now_s, m.ndvi, limits))
+        held(m.shaft_rpm, now_s, limits.drive_silent_s),
+        held(m.opening_mm, now_s, limits.drive_silent_s),
+        _heads_full(now_s, m.ndvi, limits),
+    )
 
 
 def _heads_full(now_s: float, heads: tuple[Reading | None, ...], limits: SafetyLimits) -> bool:

@@ -1,8 +1,10 @@
 """Do the drives stand while they are commanded to? Shaft, gate and valves, in every state. Pure.
 
-A stop is an order to a drive, not a fact. A shaft that runs down is no trouble: it must turn on although the machine
-model says that it stands, and not be slowing down. A gate may travel to its set-point first. A valve may take its time.
+A stop is an order to a drive, not a fact. A shaft that runs down is no trouble: it must turn on
+although the machine model says that it stands, and not be slowing down. A gate may travel to
+its set-point first. A valve may take its time.
 """
+
 from __future__ import annotations
 
 from typing import NamedTuple
@@ -12,35 +14,41 @@ from control.safety.limits import SafetyLimits
 from control.safety.senses import Senses, lasted, since
 from control.safety.words import Situation
 
-SLOWING_SHARE = 0.9         # of its highest speed since it last slowed down: a shaft below that is slowing down
+# of its highest speed since it last slowed down: a shaft below that is slowing down
+SLOWING_SHARE = 0.9
 
 
 class ShaftStand(NamedTuple):
     """The metering shaft while it is commanded to stop."""
 
-    commanded_since_s: float | None = None       # without a break; None: it is commanded to turn
-    settled_since_s: float | None = None    # by the machine model it stands since then
-    slows_from_rpm: float | None = None     # highest that was read since it was last seen slowing down
-    slowed_s: float = 0.0                   # when it was last seen slowing down
+    commanded_since_s: float | None = None  # without a break; None: it is commanded to turn
+    settled_since_s: float | None = None  # by the machine model it stands since then
+    # highest that was read since it was last seen slowing down
+    slows_from_rpm: float | None = None
+    slowed_s: float = 0.0  # when it was last seen slowing down
     turning_since_s: float | None = None
-    turns: bool = False                     # though commanded to stop
+    turns: bool = False  # though commanded to stop
 
 
 class GateStand(NamedTuple):
     """The gate while nothing may flow: its set-point stays, so must the gate."""
 
-    commanded_mm: float | None = None            # the newest set-point that it was to follow; None: none yet
-    lowest_mm: float | None = None          # read since flow was forbidden: on its way down it may be higher before
+    # the newest set-point that it was to follow; None: none yet
+    commanded_mm: float | None = None
+    # read since flow was forbidden: on its way down it may be higher before
+    lowest_mm: float | None = None
     opening_since_s: float | None = None
     opens: bool = False
 
 
 class ValveStand(NamedTuple):
-    """The sections' valves that are commanded closed; of machines whose board tells how they stand."""
+    """The sections' valves that are commanded closed; of machines whose board tells how they
+    stand."""
 
-    open_since_s: tuple[float | None, ...] = ()     # commanded closed for long enough, and read open since
-    closed_since_s: tuple[float | None, ...] = ()   # commanded closed since
-    stuck: tuple[int, ...] = ()                     # sections, from 1, that stay open
+    # commanded closed for long enough, and read open since
+    open_since_s: tuple[float | None, ...] = ()
+    closed_since_s: tuple[float | None, ...] = ()  # commanded closed since
+    stuck: tuple[int, ...] = ()  # sections, from 1, that stay open
 
 
 TURNS, NO_VALVES = ShaftStand(), ValveStand()
@@ -54,11 +62,16 @@ class Stand(NamedTuple):
 
 def stood(before: Stand, now_s: float, s: Situation, seen: Senses, limits: SafetyLimits) -> Stand:
     """The watch after this tick."""
-    return Stand(_shaft(before.shaft, now_s, s, seen, limits), _gate(before.gate, now_s, s, seen, limits),
-                 _valves(before.valves, now_s, s, limits))
+    return Stand(
+        _shaft(before.shaft, now_s, s, seen, limits),
+        _gate(before.gate, now_s, s, seen, limits),
+        _valves(before.valves, now_s, s, limits),
+    )
 
 
-def _shaft(before: ShaftStand, now_s: float, s: Situation, seen: Senses, limits: SafetyLimits) -> ShaftStand:
+def _shaft(
+    before: ShaftStand, now_s: float, s: Situation, seen: Senses, limits: SafetyLimits
+) -> ShaftStand:
     if s.commanded.turn:
         return TURNS
     rpm = seen.shaft_rpm
@@ -67,21 +80,32 @@ def _shaft(before: ShaftStand, now_s: float, s: Situation, seen: Senses, limits:
     if rpm is not None and (slows_from is None or rpm < SLOWING_SHARE * slows_from):
         slows_from, slowed_s = rpm, now_s
     elif rpm is not None and slows_from is not None:
-        slows_from = max(slows_from, rpm)       # commanded to stop within its dead time it turns up first
-    settled = since(before.settled_since_s, now_s, s.commanded.expected_rpm < limits.shaft_stands_rpm)
+        # commanded to stop within its dead time it turns up first
+        slows_from = max(slows_from, rpm)
+    settled = since(
+        before.settled_since_s, now_s, s.commanded.expected_rpm < limits.shaft_stands_rpm
+    )
     turning_since = since(before.turning_since_s, now_s, turning)
-    runs_down = (not lasted(slowed_s, now_s, limits.stand_confirm_s)
-                 and not lasted(settled, now_s, limits.run_down_max_s))
+    runs_down = not lasted(slowed_s, now_s, limits.stand_confirm_s) and not lasted(
+        settled, now_s, limits.run_down_max_s
+    )
     return ShaftStand(
-        now_s if before.commanded_since_s is None else before.commanded_since_s, settled, slows_from, slowed_s,
+        now_s if before.commanded_since_s is None else before.commanded_since_s,
+        settled,
+        slows_from,
+        slowed_s,
         turning_since,
-        lasted(turning_since, now_s, limits.stand_confirm_s) and lasted(settled, now_s, limits.stand_settle_s)
-        and not runs_down)
+        lasted(turning_since, now_s, limits.stand_confirm_s)
+        and lasted(settled, now_s, limits.stand_settle_s)
+        and not runs_down,
+    )
 
 
-def _gate(before: GateStand, now_s: float, s: Situation, seen: Senses, limits: SafetyLimits) -> GateStand:
-    """Neither above its set-point nor above where it came from: a board without enable keeps the last set-point that it
-    followed, and at power-on where the gate stands."""
+def _gate(
+    before: GateStand, now_s: float, s: Situation, seen: Senses, limits: SafetyLimits
+) -> GateStand:
+    """Neither above its set-point nor above where it came from: a board without enable keeps
+    the last set-point that it followed, and at power-on where the gate stands."""
     commanded_mm = s.commanded.opening_mm if s.commanded.enabled else before.commanded_mm
     if s.commanded.flow:
         return GateStand(commanded_mm)
@@ -102,10 +126,23 @@ def _valves(before: ValveStand, now_s: float, s: Situation, limits: SafetyLimits
     closed = _each(before.closed_since_s, count)
     opened = _each(before.open_since_s, count)
     closed_since = tuple([since(closed[k], now_s, not commanded[k]) for k in range(count)])
-    open_since = tuple([since(opened[k], now_s, seen.open[k] and lasted(
-        closed_since[k], now_s, limits.valve_closes_s)) for k in range(count)])
-    return ValveStand(open_since, closed_since, tuple(
-        [k + 1 for k in range(count) if lasted(open_since[k], now_s, limits.stand_confirm_s)]))
+    open_since = tuple(
+        [
+            since(
+                opened[k],
+                now_s,
+                seen.open[k] and lasted(closed_since[k], now_s, limits.valve_closes_s),
+            )
+            for k in range(count)
+        ]
+    )
+    return ValveStand(
+        open_since,
+        closed_since,
+        tuple(
+            [k + 1 for k in range(count) if lasted(open_since[k], now_s, limits.stand_confirm_s)]
+        ),
+    )
 
 
 def _each(before: tuple[float | None, ...], count: int) -> tuple[float | None, ...]:

@@ -1,4 +1,6 @@
-"""The table of losses: which alarms have their cause at this tick. One function for each group of rows."""
+"""The table of losses: which alarms have their cause at this tick. One function for each group
+of rows."""
+
 from __future__ import annotations
 
 from math import isfinite
@@ -17,10 +19,22 @@ _LOOKING = (State.READY, State.WORKING, State.HELD, State.FAULT)
 _UNKNOWN = "?"
 
 
-def troubles(m: Memory, now_s: float, s: Situation, *, seen: Senses, motion: Motion, rate: RateWatch,
-             hopper: HopperWatch, stand: Stand, follow: FollowWatch, scale_heard: bool,
-             limits: SafetyLimits) -> dict[str, Details]:
-    """Alarm id -> details, for each alarm of the list whose cause is there in the state of the tick before."""
+def troubles(
+    m: Memory,
+    now_s: float,
+    s: Situation,
+    *,
+    seen: Senses,
+    motion: Motion,
+    rate: RateWatch,
+    hopper: HopperWatch,
+    stand: Stand,
+    follow: FollowWatch,
+    scale_heard: bool,
+    limits: SafetyLimits,
+) -> dict[str, Details]:
+    """Alarm id -> details, for each alarm of the list whose cause is there in the state of the
+    tick before."""
     found: dict[str, Details] = {}
     if not s.log_ok:
         found["log_failed"] = ()
@@ -39,7 +53,9 @@ def troubles(m: Memory, now_s: float, s: Situation, *, seen: Senses, motion: Mot
     if m.state is State.CALIBRATING:
         _calibrating(found, seen, limits)
     if m.state in _LOOKING:
-        _sensors(found, m, now_s, s=s, seen=seen, motion=motion, scale_heard=scale_heard, limits=limits)
+        _sensors(
+            found, m, now_s, s=s, seen=seen, motion=motion, scale_heard=scale_heard, limits=limits
+        )
         _speeds(found, s.speed_doubt, limits)
         _hopper_low(found, s, seen, hopper)
     if m.state is State.WORKING:
@@ -55,18 +71,29 @@ def troubles(m: Memory, now_s: float, s: Situation, *, seen: Senses, motion: Mot
 def _commanded_to_stop(found: dict[str, Details], s: Situation, seen: Senses, stand: Stand) -> None:
     """In every state, also off: an order to stand is no proof that anything stands."""
     if stand.shaft.turns:
-        found["shaft_turns"] = (("shaft_rpm", _rounded(seen.shaft_rpm)),
-                                ("released_kg", _rounded(s.commanded.stopped_kg, 1)))
+        found["shaft_turns"] = (
+            ("shaft_rpm", _rounded(seen.shaft_rpm)),
+            ("released_kg", _rounded(s.commanded.stopped_kg, 1)),
+        )
     if stand.gate.opens:
-        found["gate_opens"] = (("opening_mm", _rounded(seen.opening_mm)), ("told_mm", _rounded(s.commanded.opening_mm)))
+        found["gate_opens"] = (
+            ("opening_mm", _rounded(seen.opening_mm)),
+            ("told_mm", _rounded(s.commanded.opening_mm)),
+        )
     if stand.valves.stuck:
         found["valve_open"] = (("sections", ", ".join(map(str, stand.valves.stuck))),)
     if s.scale.unordered_kg > 0.0:
         found["flow_unordered"] = (("kg", _rounded(s.scale.unordered_kg, 1)),)
 
 
-def _drives(found: dict[str, Details], m: Memory, now_s: float, s: Situation, seen: Senses,
-            limits: SafetyLimits) -> None:
+def _drives(
+    found: dict[str, Details],
+    m: Memory,
+    now_s: float,
+    s: Situation,
+    seen: Senses,
+    limits: SafetyLimits,
+) -> None:
     """A drive never heard has `drive_silent_s` after off is left to speak up."""
     waited = now_s - m.left_off_s > limits.drive_silent_s
     if not seen.shaft_ok and (waited or s.measurements.shaft_rpm is not None):
@@ -85,15 +112,25 @@ def _calibrating(found: dict[str, Details], seen: Senses, limits: SafetyLimits) 
         found["calibration_moved"] = (("speed_mps", round(fastest, 2)),)
 
 
-def _sensors(found: dict[str, Details], m: Memory, now_s: float, *, s: Situation, seen: Senses, motion: Motion,
-             scale_heard: bool, limits: SafetyLimits) -> None:
+def _sensors(
+    found: dict[str, Details],
+    m: Memory,
+    now_s: float,
+    *,
+    s: Situation,
+    seen: Senses,
+    motion: Motion,
+    scale_heard: bool,
+    limits: SafetyLimits,
+) -> None:
     """What was never heard has its time after off is left to speak up, as the drives have."""
     on_s = now_s - m.left_off_s
     if not seen.gnss_ok and (s.measurements.gnss is not None or on_s > limits.gnss_period_max_s):
         found["gnss_silent"] = ()
     if s.position_refused_m is not None:
         found["position_walks" if s.position_walks else "position_jumped"] = (
-            ("off_m", _rounded(s.position_refused_m)),)
+            ("off_m", _rounded(s.position_refused_m)),
+        )
     if lasted(motion.wheel_doubt_since_s, now_s, limits.wheel_fault_s):
         found["wheel_fault"] = (("speed_mps", round(seen.gnss_speed_mps or 0.0, 1)),)
     if scale_heard and seen.hopper_kg is None:
@@ -127,54 +164,83 @@ def _speeds(found: dict[str, Details], doubt: SpeedDoubt | None, limits: SafetyL
 
 def _hopper_low(found: dict[str, Details], s: Situation, seen: Senses, hopper: HopperWatch) -> None:
     if hopper.low and seen.hopper_kg is not None:
-        found["hopper_low"] = (("hopper_kg", round(seen.hopper_kg)), ("metres_left", _tens(s.metres_left_m)))
+        found["hopper_low"] = (
+            ("hopper_kg", round(seen.hopper_kg)),
+            ("metres_left", _tens(s.metres_left_m)),
+        )
     if s.scale.refill_percent is not None:
         found["refill_disagrees"] = (("percent", _rounded(s.scale.refill_percent)),)
 
 
-def _working(found: dict[str, Details], now_s: float, s: Situation, seen: Senses, motion: Motion,
-             limits: SafetyLimits) -> None:
+def _working(
+    found: dict[str, Details],
+    now_s: float,
+    s: Situation,
+    seen: Senses,
+    motion: Motion,
+    limits: SafetyLimits,
+) -> None:
     if speeds_silent(now_s, s, seen, motion, limits):
         found["speed_silent"] = ()
     if s.console_age_s is not None and not s.console_age_s <= limits.console_hold_s:
         found["console_silent"] = (("limit_s", limits.console_hold_s),)
-    if s.target_source in BY_PLACE and not s.position_ok and (motion.moving or not s.course_awaited):
+    if (
+        s.target_source in BY_PLACE
+        and not s.position_ok
+        and (motion.moving or not s.course_awaited)
+    ):
         found["position_lost"] = ()
     if s.target_silent:
         found["target_silent"] = ()
     if s.cut_from_kg_ha is not None:
-        found["target_cut"] = (("planned_kg_ha", _rounded(s.cut_from_kg_ha)),
-                               ("limit_kg_ha", _rounded(s.target_rate_kg_ha)))
+        found["target_cut"] = (
+            ("planned_kg_ha", _rounded(s.cut_from_kg_ha)),
+            ("limit_kg_ha", _rounded(s.target_rate_kg_ha)),
+        )
     if not target_acceptable(s, limits):
         found["target_refused"] = (("limit_kg_ha", limits.rate_max_kg_ha),)
 
 
-def _rate(found: dict[str, Details], now_s: float, s: Situation, rate: RateWatch, limits: SafetyLimits) -> None:
+def _rate(
+    found: dict[str, Details], now_s: float, s: Situation, rate: RateWatch, limits: SafetyLimits
+) -> None:
     if lasted(rate.red_since_s, now_s, limits.rate_red_s):
         found["rate_far_off"] = (("error_percent", _rounded(rate.error_percent)),)
     elif lasted(rate.amber_since_s, now_s, limits.rate_amber_s):
         found["rate_off"] = (("error_percent", _rounded(rate.error_percent)),)
     if lasted(rate.above_since_s, now_s, limits.rate_max_s):
-        found["rate_above_limit"] = (("applied_kg_ha", _rounded(s.applied_rate_kg_ha)),
-                                     ("limit_kg_ha", limits.rate_max_kg_ha))
+        found["rate_above_limit"] = (
+            ("applied_kg_ha", _rounded(s.applied_rate_kg_ha)),
+            ("limit_kg_ha", limits.rate_max_kg_ha),
+        )
 
 
-def _follow(found: dict[str, Details], now_s: float, s: Situation, follow: FollowWatch, limits: SafetyLimits) -> None:
+def _follow(
+    found: dict[str, Details], now_s: float, s: Situation, follow: FollowWatch, limits: SafetyLimits
+) -> None:
     commanded = s.commanded
     shaft_far = lasted(follow.shaft_far_since_s, now_s, limits.drive_far_s)
     gate_far = lasted(follow.gate_far_since_s, now_s, limits.drive_far_s)
     if shaft_far or lasted(follow.shaft_off_since_s, now_s, limits.shaft_off_s):
         found["shaft_far_off" if shaft_far else "shaft_off"] = (
             ("shaft_rpm", _rounded(commanded.expected_rpm + follow.shaft_off_rpm)),
-            ("told_rpm", _rounded(commanded.shaft_rpm if shaft_far else commanded.expected_rpm)))
+            ("told_rpm", _rounded(commanded.shaft_rpm if shaft_far else commanded.expected_rpm)),
+        )
     if gate_far or lasted(follow.gate_off_since_s, now_s, limits.gate_off_s):
         found["gate_far_off" if gate_far else "gate_off"] = (
             ("opening_mm", _rounded(commanded.expected_mm + follow.gate_off_mm, 1)),
-            ("told_mm", _rounded(commanded.expected_mm, 1)))
+            ("told_mm", _rounded(commanded.expected_mm, 1)),
+        )
 
 
-def _hopper_empty(found: dict[str, Details], m: Memory, now_s: float, seen: Senses, hopper: HopperWatch,
-                  limits: SafetyLimits) -> None:
+def _hopper_empty(
+    found: dict[str, Details],
+    m: Memory,
+    now_s: float,
+    seen: Senses,
+    hopper: HopperWatch,
+    limits: SafetyLimits,
+) -> None:
     """Found at work, it is there until the hopper is filled: holding fills none."""
     asked = m.state is State.WORKING or any(one.alarm.id == "hopper_empty" for one in m.live)
     if asked and lasted(hopper.empty_since_s, now_s, limits.hopper_confirm_s):
@@ -184,7 +250,9 @@ def _hopper_empty(found: dict[str, Details], m: Memory, now_s: float, seen: Sens
 def _scale(found: dict[str, Details], says: ScaleSays, limits: SafetyLimits) -> None:
     """What the scale says of the flow."""
     if says.share is not None:
-        found["flow_missing" if says.share < 1.0 else "flow_above"] = (("percent", _rounded(100.0 * says.share)),)
+        found["flow_missing" if says.share < 1.0 else "flow_above"] = (
+            ("percent", _rounded(100.0 * says.share)),
+        )
     if says.outlets:
         found["outlet_blocked"] = (("outlets", says.outlets), ("of", says.of_outlets))
     if says.beyond_percent is not None:
@@ -210,8 +278,11 @@ def _tens(metres: float | None) -> str | float:
     return round(metres / 10.0) * 10 if metres is not None and isfinite(metres) else _UNKNOWN
 
 
-def speeds_silent(now_s: float, s: Situation, seen: Senses, motion: Motion, limits: SafetyLimits) -> bool:
-    """Both speeds silent for `speed_silent_s`: none in use for so long, or the newest one older than that.
+def speeds_silent(
+    now_s: float, s: Situation, seen: Senses, motion: Motion, limits: SafetyLimits
+) -> bool:
+    """Both speeds silent for `speed_silent_s`: none in use for so long, or the newest one older
+    than that.
 
     A wheel that stands is not silent as long as it says 0.
     """

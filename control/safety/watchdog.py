@@ -1,8 +1,10 @@
-"""`Safety`: the one object the loop talks to. It holds one frozen memory and replaces it whole. And what moves between
-the states: troubles and time at each tick, orders in between.
+"""`Safety`: the one object the loop talks to. It holds one frozen memory and replaces it whole.
+And what moves between the states: troubles and time at each tick, orders in between.
 
-    off -> ready -> working <-> held -> ready / off, calibrating from ready, fault from anywhere but off
+    off -> ready -> working <-> held -> ready / off, calibrating from ready,
+    fault from anywhere but off
 """
+
 from __future__ import annotations
 
 from collections.abc import Mapping
@@ -46,15 +48,18 @@ class Safety:
         return now_s - self._memory.start_held_s < self._limits.launch_confirm_s
 
     def order(self, order: Order, now_s: float) -> Answer:
-        """Obey or refuse an order that concerns state, alarms or allowances; it takes effect at once.
+        """Obey or refuse an order that concerns state, alarms or allowances; it takes effect at
+        once.
 
-        `Answer.why` is read with `read_refusal`. Orders of other rooms are answered with `not_for_safety`.
+        `Answer.why` is read with `read_refusal`. Orders of other rooms are answered with
+        `not_for_safety`.
         """
         self._memory, answer = after_order(self._memory, order, now_s, self._limits)
         return answer
 
     def check(self, now_s: float, s: Situation) -> Verdict:
-        """One tick: take in the situation, move the state, book the alarms, say whether flow may be."""
+        """One tick: take in the situation, move the state, book the alarms, say whether flow
+        may be."""
         m, limits = self._memory, self._limits
         seen = senses(now_s, s, limits)
         start_held = m.state is State.WORKING and self.start_is_held(now_s)
@@ -71,8 +76,19 @@ class Safety:
         heads_full = since(m.heads_full_since_s, now_s, seen.heads_full)
         if heads_full != m.heads_full_since_s:
             m = m._replace(heads_full_since_s=heads_full)
-        found = troubles(m, now_s, s, seen=seen, motion=motion, rate=rate, hopper=hopper, stand=stand, follow=follow,
-                         scale_heard=scale_heard, limits=limits)
+        found = troubles(
+            m,
+            now_s,
+            s,
+            seen=seen,
+            motion=motion,
+            rate=rate,
+            hopper=hopper,
+            stand=stand,
+            follow=follow,
+            scale_heard=scale_heard,
+            limits=limits,
+        )
         state, why = after_tick(m, now_s, s, motion, found, limits)
         allow = m.allow._replace(unlogged=False) if s.log_ok and m.allow.unlogged else m.allow
         if state is State.OFF and m.state is not State.OFF:
@@ -80,32 +96,64 @@ class Safety:
         forbidden = forbidding(state, s, seen, motion, allow, self._has_work_switch, limits)
         live = booked(m.live, now_s, found, limits.alarm_clear_s)
         self._memory = Memory(
-            state=state, why_state=why, entered_s=m.entered_s if state is m.state else now_s, left_off_s=m.left_off_s,
-            calibrate_s=m.calibrate_s, calibrate_until_s=m.calibrate_until_s, start_held_s=m.start_held_s, allow=allow,
-            flowing=not forbidden, motion=motion, rate=rate, hopper=hopper, stand=stand, follow=follow,
-            scale_heard=scale_heard, heads_full_since_s=heads_full, live=live, checked_s=now_s,
-            still=_still(seen, limits), fault_cause=leading_to(found, State.FAULT), log_ok=s.log_ok)
+            state=state,
+            why_state=why,
+            entered_s=m.entered_s if state is m.state else now_s,
+            left_off_s=m.left_off_s,
+            calibrate_s=m.calibrate_s,
+            calibrate_until_s=m.calibrate_until_s,
+            start_held_s=m.start_held_s,
+            allow=allow,
+            flowing=not forbidden,
+            motion=motion,
+            rate=rate,
+            hopper=hopper,
+            stand=stand,
+            follow=follow,
+            scale_heard=scale_heard,
+            heads_full_since_s=heads_full,
+            live=live,
+            checked_s=now_s,
+            still=_still(seen, limits),
+            fault_cause=leading_to(found, State.FAULT),
+            log_ok=s.log_ok,
+        )
         return Verdict(state, not forbidden, forbidden, tuple([entry.alarm for entry in live]), why)
 
 
 def _gnss_serves(s: Situation, seen: Senses, limits: SafetyLimits) -> bool:
     """Whether GNSS alone can say how fast the machine goes."""
-    return seen.gnss_speed_mps is not None and s.gnss_period_s <= limits.gnss_alone_period_s and s.speed_doubt is None
+    return (
+        seen.gnss_speed_mps is not None
+        and s.gnss_period_s <= limits.gnss_alone_period_s
+        and s.speed_doubt is None
+    )
 
 
 def _still(seen: Senses, limits: SafetyLimits) -> bool:
     wheel, gnss = seen.wheel_speed_mps, seen.gnss_speed_mps
     if wheel is None or gnss is None:
         known = gnss if wheel is None else wheel
-        return known is not None and not limits.both_speeds_to_start and known < limits.calibrate_speed_mps
+        return (
+            known is not None
+            and not limits.both_speeds_to_start
+            and known < limits.calibrate_speed_mps
+        )
     return wheel < limits.calibrate_speed_mps and gnss < limits.calibrate_speed_mps
 
 
-def after_tick(m: Memory, now_s: float, s: Situation, motion: Motion, troubles: Mapping[str, Details],
-               limits: SafetyLimits) -> tuple[State, str]:
+def after_tick(
+    m: Memory,
+    now_s: float,
+    s: Situation,
+    motion: Motion,
+    troubles: Mapping[str, Details],
+    limits: SafetyLimits,
+) -> tuple[State, str]:
     """The state after this tick and what led to it. Fault before off, off before held.
 
-    No tick leaves fault, and a tick leaves held only for fault, or for off when no console came back.
+    No tick leaves fault, and a tick leaves held only for fault, or for off when no console came
+    back.
     """
     if m.state is State.OFF:
         return m.state, m.why_state
@@ -134,12 +182,14 @@ def _calibrating(m: Memory, now_s: float, limits: SafetyLimits) -> tuple[State, 
     return m.state, m.why_state
 
 
-def _working(m: Memory, now_s: float, motion: Motion, troubles: Mapping[str, Details],
-             limits: SafetyLimits) -> tuple[State, str]:
+def _working(
+    m: Memory, now_s: float, motion: Motion, troubles: Mapping[str, Details], limits: SafetyLimits
+) -> tuple[State, str]:
     cause = leading_to(troubles, State.HELD)
     if cause is not None:
         return State.HELD, cause
-    if motion.standing_since_s is not None and lasted(max(motion.standing_since_s, m.entered_s), now_s,
-                                                      limits.standstill_hold_s):
+    if motion.standing_since_s is not None and lasted(
+        max(motion.standing_since_s, m.entered_s), now_s, limits.standstill_hold_s
+    ):
         return State.HELD, "standstill"
     return m.state, m.why_state

@@ -1,11 +1,20 @@
-"""The words of this package: what safety is given each tick, what it answers; texts for translation."""
+"""The words of this package: what safety is given each tick, what it answers; texts for
+translation."""
+
 from __future__ import annotations
 
 from collections.abc import Mapping
 from typing import NamedTuple
 
 from control.orders import Alarm, State, TargetSource
-from control.readings import NO_EFFORT, NOTHING_SAID, EffortSays, Measurements, ScaleSays, SpeedDoubt
+from control.readings import (
+    NO_EFFORT,
+    NOTHING_SAID,
+    EffortSays,
+    Measurements,
+    ScaleSays,
+    SpeedDoubt,
+)
 
 Details = tuple[tuple[str, str | float], ...]
 
@@ -15,53 +24,69 @@ def N_(message: str) -> str:
     return message
 
 
-POWERED = (State.WORKING, State.HELD, State.CALIBRATING)      # states in which the drives have power
+# states in which the drives have power
+POWERED = (State.WORKING, State.HELD, State.CALIBRATING)
 
 
 class Commanded(NamedTuple):
-    """What the drives were commanded in the tick before, so what the readings of this one must answer to."""
+    """What the drives were commanded in the tick before, so what the readings of this one must
+    answer to."""
 
-    turn: bool = True                   # the shaft: a speed, or a dose that is not over yet
-    flow: bool = True                   # material was allowed to flow
-    enabled: bool = True                # the drives have power
+    # the shaft: a speed, or a dose that is not over yet
+    turn: bool = True
+    flow: bool = True  # material was allowed to flow
+    enabled: bool = True  # the drives have power
     opening_mm: float = 0.0
-    valves: tuple[bool, ...] = ()       # of the sections, left to right; none: no valves
-    expected_rpm: float = 0.0           # of the shaft by now, by the machine model
-    stopped_kg: float = 0.0             # released in this stop so far, by the measured shaft
-    expected_mm: float = 0.0            # what the gate should read by now, by the machine model
-    shaft_rpm: float = 0.0              # set-point; 0: to stop, in a dose, or not judged
+    valves: tuple[bool, ...] = ()  # of the sections, left to right; none: no valves
+    expected_rpm: float = 0.0  # of the shaft by now, by the machine model
+    # released in this stop so far, by the measured shaft
+    stopped_kg: float = 0.0
+    # what the gate should read by now, by the machine model
+    expected_mm: float = 0.0
+    shaft_rpm: float = 0.0  # set-point; 0: to stop, in a dose, or not judged
 
 
 class Situation(NamedTuple):
-    """What the loop tells safety each tick. Unknown is None; a number that is not finite counts as unknown."""
+    """What the loop tells safety each tick. Unknown is None; a number that is not finite counts
+    as unknown."""
 
     measurements: Measurements
-    speed_used_mps: float | None        # None: both speeds silent
-    gnss_period_s: float                # observed period of GNSS epochs
-    wheel_standstill: bool              # no wheel pulse for 0.8 s, or the wheel reads 0
-    target_source: TargetSource         # of the operator's mode
-    position_ok: bool                   # own or dead-reckoned position is usable
-    landing_inside: bool | None         # None: no field known
-    valid_heads: int | None             # None: heads not needed in this mode
+    speed_used_mps: float | None  # None: both speeds silent
+    gnss_period_s: float  # observed period of GNSS epochs
+    wheel_standstill: bool  # no wheel pulse for 0.8 s, or the wheel reads 0
+    target_source: TargetSource  # of the operator's mode
+    position_ok: bool  # own or dead-reckoned position is usable
+    landing_inside: bool | None  # None: no field known
+    valid_heads: int | None  # None: heads not needed in this mode
     ndvi_age_s: float | None
-    expected_rate_kg_ha: float | None   # target passed through the nominal response of the actuators
-    applied_rate_kg_ha: float | None    # raw
+    # target passed through the nominal response of the actuators
+    expected_rate_kg_ha: float | None
+    applied_rate_kg_ha: float | None  # raw
     target_rate_kg_ha: float
     metres_left_m: float | None
-    usable_speed_mps: float | None      # highest speed whose lead the heads still cover; None: not short
-    console_age_s: float | None         # since the operating console was heard; None: none needed (headless)
+    # highest speed whose lead the heads still cover; None: not short
+    usable_speed_mps: float | None
+    # since the operating console was heard; None: none needed (headless)
+    console_age_s: float | None
     log_ok: bool
-    position_refused_m: float | None = None     # the newest epoch was ruled out: how far off it lies
-    position_walks: bool = False                # it has walked off, each epoch near the one before
-    cut_from_kg_ha: float | None = None         # the rate that was wanted, where it is above the crop's limit
+    # the newest epoch was ruled out: how far off it lies
+    position_refused_m: float | None = None
+    # it has walked off, each epoch near the one before
+    position_walks: bool = False
+    # the rate that was wanted, where it is above the crop's limit
+    cut_from_kg_ha: float | None = None
     commanded: Commanded = Commanded()
-    scale: ScaleSays = NOTHING_SAID     # what the hopper scale says of the flow, and of material that nobody ordered
-    effort: EffortSays = NO_EFFORT      # what the metering drive's effort says of its load
-    map_elsewhere: bool = False         # the map does not lie where work was started
-    target_silent: bool = False         # the other display that tells the target
-    by_index_map: bool = False          # the index map stands in for silent heads
-    course_awaited: bool = False                # the position is known, but it never moved: where it points is not
-    speed_doubt: SpeedDoubt | None = None       # wheel and GNSS do not tell one speed: which is not believed
+    # what the hopper scale says of the flow, and of material that nobody ordered
+    scale: ScaleSays = NOTHING_SAID
+    # what the metering drive's effort says of its load
+    effort: EffortSays = NO_EFFORT
+    map_elsewhere: bool = False  # the map does not lie where work was started
+    target_silent: bool = False  # the other display that tells the target
+    by_index_map: bool = False  # the index map stands in for silent heads
+    # the position is known, but it never moved: where it points is not
+    course_awaited: bool = False
+    # wheel and GNSS do not tell one speed: which is not believed
+    speed_doubt: SpeedDoubt | None = None
 
 
 class Verdict(NamedTuple):
@@ -69,9 +94,11 @@ class Verdict(NamedTuple):
 
     state: State
     flow_allowed: bool
-    why_no_flow: tuple[str, ...]        # ids of INTERLOCKS; empty exactly when flow is allowed
-    alarms: tuple[Alarm, ...]           # live, worst first, then oldest first
-    why_state: str = ""                 # what led to the state: an order, an alarm id, or one of STATE_REASONS
+    # ids of INTERLOCKS; empty exactly when flow is allowed
+    why_no_flow: tuple[str, ...]
+    alarms: tuple[Alarm, ...]  # live, worst first, then oldest first
+    # what led to the state: an order, an alarm id, or one of STATE_REASONS
+    why_state: str = ""
 
 
 STATE_REASONS: Mapping[str, str] = {
@@ -89,9 +116,13 @@ REFUSALS: Mapping[str, str] = {
     "cause_lives": N_("The cause is still there: {alarm}."),
     "calibrate_moving": N_("Calibrating needs wheel and GNSS, both below {speed_mps} m/s."),
     "calibrate_seconds": N_("A calibration run lasts more than 0 and at most {max_s} s."),
-    "calibrate_setting": N_("A shaft speed is a number of r/min, an opening a number of mm, both 0 or more."),
-    "map_elsewhere": N_("The map lies {away_m} m from here and gives {outside_kg_ha} kg/ha outside of it. Choose "
-                        "another map, or allow it (H)."),
+    "calibrate_setting": N_(
+        "A shaft speed is a number of r/min, an opening a number of mm, both 0 or more."
+    ),
+    "map_elsewhere": N_(
+        "The map lies {away_m} m from here and gives {outside_kg_ha} kg/ha outside of it. Choose "
+        "another map, or allow it (H)."
+    ),
     "start_held": N_("Let go of START first."),
     "release_first": N_("Let go of the calibration button first."),
     "no_such_alarm": N_("There is no live alarm {alarm}."),
@@ -99,7 +130,9 @@ REFUSALS: Mapping[str, str] = {
     "yes_or_no": N_("This order takes yes or no."),
     "refill_kg": N_("A refill is a number of kg above 0."),
     "refill_beyond_hopper": N_("A refill is at most what the hopper holds, {hopper_kg} kg."),
-    "no_spread_margin": N_("The field has margins that get nothing: flow outside of it is not allowed."),
+    "no_spread_margin": N_(
+        "The field has margins that get nothing: flow outside of it is not allowed."
+    ),
     "not_for_safety": N_("This order does not concern safety."),
 }
 

@@ -1,11 +1,14 @@
-"""What is watched at work: do shaft and gate follow, is the rate on its target, is the hopper empty or nearly? Pure.
+"""What is watched at work: do shaft and gate follow, is the rate on its target, is the hopper
+empty or nearly? Pure.
 
-Shaft and gate are held against where the machine model says that they are by now: the set-point alone would accuse
-every ramp. The model knows the drive's dead time, its slope, and what it loses with the supply; the host's trims (10 %
-of the shaft, 2 mm of the gate) take up what a weak battery or a worn motor costs beyond that. What is left does not do
-what it is commanded to: a wrong gear, a drive that runs away or is jammed, a gate that is stuck.
-What leaves the hopper against what should is watched by `metering/flow_trim.py`.
+Shaft and gate are held against where the machine model says that they are by now: the set-point
+alone would accuse every ramp. The model knows the drive's dead time, its slope, and what it
+loses with the supply; the host's trims (10 % of the shaft, 2 mm of the gate) take up what a
+weak battery or a worn motor costs beyond that. What is left does not do what it is commanded
+to: a wrong gear, a drive that runs away or is jammed, a gate that is stuck. What leaves the
+hopper against what should is watched by `metering/flow_trim.py`.
 """
+
 from __future__ import annotations
 
 from typing import NamedTuple
@@ -16,8 +19,8 @@ from control.safety.words import Situation
 
 
 class FollowWatch(NamedTuple):
-    """`*_off`: reading less model, at this tick. `*_far_since_s`, `*_off_since_s`: beyond its limit, without a
-    break."""
+    """`*_off`: reading less model, at this tick. `*_far_since_s`, `*_off_since_s`: beyond its
+    limit, without a break."""
 
     shaft_off_rpm: float = 0.0
     gate_off_mm: float = 0.0
@@ -30,44 +33,65 @@ class FollowWatch(NamedTuple):
 FOLLOWS = FollowWatch()
 
 
-def followed(before: FollowWatch, now_s: float, s: Situation, seen: Senses, flowing: bool,
-             limits: SafetyLimits) -> FollowWatch:
-    """The watch after this tick. Judged only while material is to flow by a turning shaft: a stop is `stand_watch`'s, a
-    dose the board's own. A share is of the set-point, or of what the model still has from the one before."""
+def followed(
+    before: FollowWatch,
+    now_s: float,
+    s: Situation,
+    seen: Senses,
+    flowing: bool,
+    limits: SafetyLimits,
+) -> FollowWatch:
+    """The watch after this tick. Judged only while material is to flow by a turning shaft: a
+    stop is `stand_watch`'s, a dose the board's own. A share is of the set-point, or of what the
+    model still has from the one before."""
     commanded = s.commanded
     if not flowing or not commanded.shaft_rpm > 0.0:
         return FOLLOWS
     share = limits.drive_far_percent / 100.0
     shaft_off = 0.0 if seen.shaft_rpm is None else seen.shaft_rpm - commanded.expected_rpm
     gate_off = 0.0 if seen.opening_mm is None else seen.opening_mm - commanded.expected_mm
-    shaft_most = max(limits.shaft_stands_rpm, share * max(commanded.shaft_rpm, commanded.expected_rpm))
+    shaft_most = max(
+        limits.shaft_stands_rpm, share * max(commanded.shaft_rpm, commanded.expected_rpm)
+    )
     gate_most = max(limits.gate_off_mm, share * max(commanded.opening_mm, commanded.expected_mm))
     return FollowWatch(
-        shaft_off, gate_off,
+        shaft_off,
+        gate_off,
         since(before.shaft_far_since_s, now_s, abs(shaft_off) > shaft_most),
-        since(before.shaft_off_since_s, now_s,
-              abs(shaft_off) > max(limits.shaft_stands_rpm, limits.shaft_off_percent / 100.0 * commanded.expected_rpm)),
+        since(
+            before.shaft_off_since_s,
+            now_s,
+            abs(shaft_off)
+            > max(
+                limits.shaft_stands_rpm, limits.shaft_off_percent / 100.0 * commanded.expected_rpm
+            ),
+        ),
         since(before.gate_far_since_s, now_s, abs(gate_off) > gate_most),
-        since(before.gate_off_since_s, now_s, abs(gate_off) > limits.gate_off_mm))
+        since(before.gate_off_since_s, now_s, abs(gate_off) > limits.gate_off_mm),
+    )
 
 
 class RateWatch(NamedTuple):
-    """How long the applied rate has been off its target. Raw values: no smoothing between machine and alarm."""
+    """How long the applied rate has been off its target. Raw values: no smoothing between
+    machine and alarm."""
 
-    error_percent: float = 0.0              # at this tick, signed: applied minus expected
-    amber_since_s: float | None = None      # without a break
+    error_percent: float = 0.0  # at this tick, signed: applied minus expected
+    amber_since_s: float | None = None  # without a break
     red_since_s: float | None = None
-    above_since_s: float | None = None      # above the product's absolute limit
+    above_since_s: float | None = None  # above the product's absolute limit
 
 
 NOT_JUDGED = RateWatch()
 
 
-def rated(before: RateWatch, now_s: float, s: Situation, flowing: bool, limits: SafetyLimits) -> RateWatch:
-    """The watch after this tick; every break in an excess, and every stop of flow, starts its count again.
+def rated(
+    before: RateWatch, now_s: float, s: Situation, flowing: bool, limits: SafetyLimits
+) -> RateWatch:
+    """The watch after this tick; every break in an excess, and every stop of flow, starts its
+    count again.
 
-    The error is applied less expected rate (target passed through the nominal response of the actuators), relative
-    to the larger of the target and `rate_floor_kg_ha`.
+    The error is applied less expected rate (target passed through the nominal response of the
+    actuators), relative to the larger of the target and `rate_floor_kg_ha`.
     """
     if not flowing or s.applied_rate_kg_ha is None:
         return NOT_JUDGED
@@ -79,7 +103,8 @@ def rated(before: RateWatch, now_s: float, s: Situation, flowing: bool, limits: 
         error,
         since(before.amber_since_s, now_s, abs(error) > limits.rate_amber_percent),
         since(before.red_since_s, now_s, abs(error) > limits.rate_red_percent),
-        since(before.above_since_s, now_s, s.applied_rate_kg_ha > limits.rate_max_kg_ha))
+        since(before.above_since_s, now_s, s.applied_rate_kg_ha > limits.rate_max_kg_ha),
+    )
 
 
 class HopperWatch(NamedTuple):
@@ -88,14 +113,22 @@ class HopperWatch(NamedTuple):
     low: bool = False
 
 
-def watched(before: HopperWatch, now_s: float, hopper_kg: float | None, limits: SafetyLimits) -> HopperWatch:
+def watched(
+    before: HopperWatch, now_s: float, hopper_kg: float | None, limits: SafetyLimits
+) -> HopperWatch:
     """The watch after this tick. `hopper_kg` None: no scale, or silent; then nothing is judged."""
     if hopper_kg is None:
         return HopperWatch(low=before.low)
     edge_kg = limits.hopper_low_kg + (limits.hopper_clear_kg if before.low else 0.0)
     low_since = since(before.low_since_s, now_s, hopper_kg <= edge_kg)
-    empty = lasted(before.empty_since_s, now_s, limits.hopper_confirm_s)     # no noise of the scale fills a hopper
-    empty_since = since(before.empty_since_s, now_s,
-                        hopper_kg <= limits.hopper_empty_kg + (limits.hopper_clear_kg if empty else 0.0))
-    low = low_since is not None and (before.low or lasted(low_since, now_s, limits.hopper_confirm_s))
+    # no noise of the scale fills a hopper
+    empty = lasted(before.empty_since_s, now_s, limits.hopper_confirm_s)
+    empty_since = since(
+        before.empty_since_s,
+        now_s,
+        hopper_kg <= limits.hopper_empty_kg + (limits.hopper_clear_kg if empty else 0.0),
+    )
+    low = low_since is not None and (
+        before.low or lasted(low_since, now_s, limits.hopper_confirm_s)
+    )
     return HopperWatch(empty_since, low_since, low)

@@ -1,11 +1,14 @@
-"""How late a receiver's speed comes, measured against the wheel, and the wheel's speed of that moment.
+"""How late a receiver's speed comes, measured against the wheel, and the wheel's speed of that
+moment.
 
-The wheel is corrected by GNSS's speed. Held against the wheel of now, a speed that comes 0.4 s late is 0.2 m/s off
-while the machine speeds up, and a correction that follows slip within seconds follows that as well. So the delay is
-measured: while GNSS's speed changes, its change over a second is held against the wheel's, some tenths of a second ago.
-Changes, because slip and a tyre of another size are in the level; GNSS's, because a wheel that begins to slip changes
+The wheel is corrected by GNSS's speed. Held against the wheel of now, a speed that comes 0.4 s
+late is 0.2 m/s off while the machine speeds up, and a correction that follows slip within
+seconds follows that as well. So the delay is measured: while GNSS's speed changes, its change
+over a second is held against the wheel's, some tenths of a second ago. Changes, because slip
+and a tyre of another size are in the level; GNSS's, because a wheel that begins to slip changes
 and the machine does not. Each delay has its sum of squares, and the odds that follow from it.
 """
+
 from __future__ import annotations
 
 from bisect import bisect_right
@@ -13,34 +16,41 @@ from collections import deque
 from math import exp, sqrt
 from typing import NamedTuple
 
-DELAYS_S = tuple(0.1 * k for k in range(11))    # GNSS speeds come 0.1 to 1 s late (`speed.gnss_latency`)
-OVER_S = 1.0                    # a change of speed is taken over this
-MEAN_S = 0.2                    # the wheel's speed of a moment: mean of so long, some pulses
-TELLS_MPS = 0.2                 # a change of GNSS's speed that tells a delay: seven times its noise
-APART_MPS = 0.1                 # 1 s.d. of what changes differ by at the right delay: noise of both, and epochs
-                                # 0.2 s apart share most of their second
-FORGETS_S = 600.0               # of driving that tells: receivers are exchanged
-SPREAD_S = 0.03                 # 1 s.d. within a step of `DELAYS_S`
-SPEED_SD_MPS = 0.03             # as `walk_watch.SPEED_STEP_MPS`
+# GNSS speeds come 0.1 to 1 s late (`speed.gnss_latency`)
+DELAYS_S = tuple(0.1 * k for k in range(11))
+OVER_S = 1.0  # a change of speed is taken over this
+# the wheel's speed of a moment: mean of so long, some pulses
+MEAN_S = 0.2
+# a change of GNSS's speed that tells a delay: seven times its noise
+TELLS_MPS = 0.2
+# 1 s.d. of what changes differ by at the right delay: noise of both, and epochs 0.2 s apart
+# share most of their second
+APART_MPS = 0.1
+FORGETS_S = 600.0  # of driving that tells: receivers are exchanged
+SPREAD_S = 0.03  # 1 s.d. within a step of `DELAYS_S`
+SPEED_SD_MPS = 0.03  # as `walk_watch.SPEED_STEP_MPS`
 
 
 class WheelThen(NamedTuple):
-    """The wheel's mean speed at the moment of which an epoch's speed is, and how far the two can be compared, 0 to 1: a
-    delay that is not known well weighs as much as the machine's speed changes."""
+    """The wheel's mean speed at the moment of which an epoch's speed is, and how far the two
+    can be compared, 0 to 1: a delay that is not known well weighs as much as the machine's
+    speed changes."""
 
     mps: float
     weight: float
 
 
 class GnssLate:
-    """`moved` once a tick with a wheel that is believed, `epoch` once an epoch of a GNSS speed that is."""
+    """`moved` once a tick with a wheel that is believed, `epoch` once an epoch of a GNSS speed
+    that is."""
 
     def __init__(self) -> None:
         self._times_s: deque[float] = deque()
         self._ways_m: deque[float] = deque()
-        self._epochs: deque[tuple[float, float]] = deque()        # epochs of the last second: time, m/s
+        # epochs of the last second: time, m/s
+        self._epochs: deque[tuple[float, float]] = deque()
         self._squares = [0.0] * len(DELAYS_S)
-        self.delay_s = self._delay_s()              # mean and standard deviation
+        self.delay_s = self._delay_s()  # mean and standard deviation
 
     def moved(self, time_s: float, wheel_mps: float, dt_s: float) -> None:
         if self._times_s and not 0.0 < time_s - self._times_s[-1] < OVER_S:
@@ -54,16 +64,21 @@ class GnssLate:
 
     def _delay_s(self) -> tuple[float, float]:
         least = min(self._squares)
-        odds = [exp(-0.5 * (squares - least) / APART_MPS ** 2) for squares in self._squares]
+        odds = [exp(-0.5 * (squares - least) / APART_MPS**2) for squares in self._squares]
         mean = sum(delay * odd for delay, odd in zip(DELAYS_S, odds, strict=True)) / sum(odds)
-        spread = sum(odd * (delay - mean) ** 2 for delay, odd in zip(DELAYS_S, odds, strict=True)) / sum(odds)
-        return mean, sqrt(spread + SPREAD_S ** 2)
+        spread = sum(
+            odd * (delay - mean) ** 2 for delay, odd in zip(DELAYS_S, odds, strict=True)
+        ) / sum(odds)
+        return mean, sqrt(spread + SPREAD_S**2)
 
     def epoch(self, time_s: float, gnss_mps: float, ratio: float) -> WheelThen | None:
-        """ratio: by which the wheel is corrected. None: the wheel has not been believed for so long."""
+        """ratio: by which the wheel is corrected. None: the wheel has not been believed for so
+        long."""
         while self._epochs and time_s - self._epochs[0][0] > OVER_S + 1e-6:
             self._epochs.popleft()
-        before = self._epochs[0] if self._epochs and time_s - self._epochs[0][0] > 0.5 * OVER_S else None
+        before = (
+            self._epochs[0] if self._epochs and time_s - self._epochs[0][0] > 0.5 * OVER_S else None
+        )
         self._epochs.append((time_s, gnss_mps))
         change_mps = 0.0 if before is None else (gnss_mps - before[1]) / (time_s - before[0])
         if before is not None and abs(gnss_mps - before[1]) >= TELLS_MPS:
@@ -72,7 +87,7 @@ class GnssLate:
         then_mps = self._wheel_mps(time_s - delay_s)
         if then_mps is None:
             return None
-        return WheelThen(then_mps, SPEED_SD_MPS ** 2 / (SPEED_SD_MPS ** 2 + (change_mps * sd_s) ** 2))
+        return WheelThen(then_mps, SPEED_SD_MPS**2 / (SPEED_SD_MPS**2 + (change_mps * sd_s) ** 2))
 
     def _learn(self, time_s: float, change_mps: float, before_s: float, ratio: float) -> None:
         changes = []
@@ -82,8 +97,10 @@ class GnssLate:
                 return
             changes.append(ratio * (now - then))
         keep = exp(-(time_s - self._epochs[-2][0]) / FORGETS_S)
-        self._squares = [keep * squares + (change_mps - change) ** 2
-                         for squares, change in zip(self._squares, changes, strict=True)]
+        self._squares = [
+            keep * squares + (change_mps - change) ** 2
+            for squares, change in zip(self._squares, changes, strict=True)
+        ]
         self.delay_s = self._delay_s()
 
     def _wheel_mps(self, at_s: float) -> float | None:

@@ -1,44 +1,66 @@
 """Which GNSS places can be believed: the gate on the innovation.
 
-The innovation is the distance between the place that GNSS tells and the one that dead reckoning predicts from the last
-place taken. Its square over its variance, the normalised innovation squared, has a chi-square distribution with two
-degrees of freedom when all is well; an epoch beyond `GATE` is ruled out (Bar-Shalom, Li and Kirubarajan, Estimation
-with Applications to Tracking and Navigation, 2001, section 5.4). Epochs that are ruled out but agree with each other,
-by the same gate, are a new place: the receiver was started anew, the machine was carried, or reckoning was wrong.
+The innovation is the distance between the place that GNSS tells and the one that dead reckoning
+predicts from the last place taken. Its square over its variance, the normalised innovation
+squared, has a chi-square distribution with two degrees of freedom when all is well; an epoch
+beyond `GATE` is ruled out (Bar-Shalom, Li and Kirubarajan, Estimation with Applications to
+Tracking and Navigation, 2001, section 5.4). Epochs that are ruled out but agree with each
+other, by the same gate, are a new place: the receiver was started anew, the machine was
+carried, or reckoning was wrong.
 
-A place that walks off, each epoch near the one before, is what `walk_watch` finds. From then on none is believed until
-three agree again with the place before the walk and the way since; or until places have agreed with speed and course
-for a minute, or as long as those before the walk had (after a cold start: some seconds): then they are a new place.
+A place that walks off, each epoch near the one before, is what `walk_watch` finds. From then on
+none is believed until three agree again with the place before the walk and the way since; or
+until places have agreed with speed and course for a minute, or as long as those before the walk
+had (after a cold start: some seconds): then they are a new place.
 """
+
 from __future__ import annotations
 
 from math import hypot, isfinite
 from typing import NamedTuple
 
 from control.geodesy import Place
-from control.sensing.walk_watch import WINDOWS_S, Mark, Reckoned, Velocity, Walk, WalkWatch, walk_between
+from control.sensing.walk_watch import (
+    WINDOWS_S,
+    Mark,
+    Reckoned,
+    Velocity,
+    Walk,
+    WalkWatch,
+    walk_between,
+)
 
-GATE = 27.6                     # chi-square, 2 degrees of freedom: exceeded by one sound epoch in a million
-SPREAD_M = {2: 1.5, 4: 0.5, 5: 1.0}     # 1 s.d. of a place by its fix quality. Wide: the antenna sways, errors persist
-PLAIN_SPREAD_M = 2.2            # all other qualities; times HDOP: 2.5 m CEP, as data sheets of receivers have it, is
-                                # 2.1 m an axis. From plain to RTK a place may jump 12 m
+# chi-square, 2 degrees of freedom: exceeded by one sound epoch in a million
+GATE = 27.6
+# 1 s.d. of a place by its fix quality. Wide: the antenna sways, errors persist
+SPREAD_M = {2: 1.5, 4: 0.5, 5: 1.0}
+# all other qualities; times HDOP: 2.5 m CEP, as data sheets of receivers have it, is 2.1 m an
+# axis. From plain to RTK a place may jump 12 m
+PLAIN_SPREAD_M = 2.2
 HDOP_MOST = 10.0
-TIMING_S = 0.1                  # epochs come late by uneven times
-WAY_SHARE = 0.25                # of the way since: speed, slip, and the course in a turn, which is filtered
-RECKONED_S = 2.0                # longer ago, the course since then is not known: any place within the way is possible
-FASTEST_MPS = 30.0              # speed not known: no faster than this, on a lorry
-AGREE_EPOCHS = 3                # a new place: so many epochs that agree with each other ...
-AGREE_S = 1.0                   # ... over this time
+TIMING_S = 0.1  # epochs come late by uneven times
+# of the way since: speed, slip, and the course in a turn, which is filtered
+WAY_SHARE = 0.25
+# longer ago, the course since then is not known: any place within the way is possible
+RECKONED_S = 2.0
+# speed not known: no faster than this, on a lorry
+FASTEST_MPS = 30.0
+# a new place: so many epochs that agree with each other ...
+AGREE_EPOCHS = 3
+AGREE_S = 1.0  # ... over this time
 
 
 class JudgedPlace(NamedTuple):
-    """`off_m`: how far the place lies from the nearest one that is possible; infinite where it is no number."""
+    """`off_m`: how far the place lies from the nearest one that is possible; infinite where it
+    is no number."""
 
     taken: bool
     off_m: float
-    anew: bool = False          # taken though dead reckoning says otherwise
-    walks: bool = False         # it has walked off, or did and does not agree again yet
-    back: Place | None = None   # the walk is found with this epoch: where the antenna is by the place before it
+    anew: bool = False  # taken though dead reckoning says otherwise
+    # it has walked off, or did and does not agree again yet
+    walks: bool = False
+    # the walk is found with this epoch: where the antenna is by the place before it
+    back: Place | None = None
 
 
 class _ReckonedPlace(NamedTuple):
@@ -54,20 +76,25 @@ class _ReckonedPlace(NamedTuple):
 
 
 class PositionGate:
-    """`moved` or `lost` once a tick, then `judge` where a new epoch came. Works in O(1) whatever is reported."""
+    """`moved` or `lost` once a tick, then `judge` where a new epoch came. Works in O(1)
+    whatever is reported."""
 
     def __init__(self) -> None:
         self._taken: _ReckonedPlace | None = None
-        self._other: _ReckonedPlace | None = None        # first of the refused epochs that agree with each other
+        # first of the refused epochs that agree with each other
+        self._other: _ReckonedPlace | None = None
         self._agreeing = 0
-        self._way_m = 0.0                       # reckoned since the beginning: distance, and its two components
+        # reckoned since the beginning: distance, and its two components
+        self._way_m = 0.0
         self._east_m = 0.0
         self._north_m = 0.0
-        self._lost = 0                          # ticks whose heading was not known
+        self._lost = 0  # ticks whose heading was not known
         self._watch = WalkWatch()
-        self._before_walk: Mark | None = None   # the last place that is believed; None: none has walked off
-        self._back = 0                          # epochs that agree with it again
-        self._again_s = 0.0                     # how long places must agree with speed and course
+        # the last place that is believed; None: none has walked off
+        self._before_walk: Mark | None = None
+        self._back = 0  # epochs that agree with it again
+        # how long places must agree with speed and course
+        self._again_s = 0.0
 
     def moved(self, way_m: float, east_m: float, north_m: float) -> None:
         """The way of a tick as it is reckoned: length, and its two components."""
@@ -96,14 +123,26 @@ class PositionGate:
         """The receiver's speed was wrong: what places were held against says nothing of them."""
         self._watch.restart()
 
-    def judge(self, place: Place, quality: int, hdop: float | None, speed_mps: float | None, time_s: float,
-              velocity: Velocity | None = None) -> JudgedPlace:
-        """Whether a new epoch's place (east, north on one plane, m) is taken. velocity: by the receiver's own speed and
-        course; None: it tells none."""
+    def judge(
+        self,
+        place: Place,
+        quality: int,
+        hdop: float | None,
+        speed_mps: float | None,
+        time_s: float,
+        velocity: Velocity | None = None,
+    ) -> JudgedPlace:
+        """Whether a new epoch's place (east, north on one plane, m) is taken. velocity: by the
+        receiver's own speed and course; None: it tells none."""
         if not (isfinite(place[0]) and isfinite(place[1])):
             return JudgedPlace(False, float("inf"))
-        mark = self._watch.epoch(time_s, place, spread_m(quality, hdop), velocity,
-                                 Reckoned(self._east_m, self._north_m, self._way_m, self._lost))
+        mark = self._watch.epoch(
+            time_s,
+            place,
+            spread_m(quality, hdop),
+            velocity,
+            Reckoned(self._east_m, self._north_m, self._way_m, self._lost),
+        )
         timing_m = TIMING_S * (speed_mps or 0.0)
         if self._before_walk is not None:
             return self._in_doubt(mark, quality, hdop, timing_m)
@@ -123,8 +162,11 @@ class PositionGate:
         self._watch.restart(mark)
         return JudgedPlace(False, walk.off_m, walks=True, back=walk.place)
 
-    def _in_doubt(self, mark: Mark, quality: int, hdop: float | None, timing_m: float) -> JudgedPlace:
-        """After a walk: does the place agree with the one before it, or for long with speed and course?"""
+    def _in_doubt(
+        self, mark: Mark, quality: int, hdop: float | None, timing_m: float
+    ) -> JudgedPlace:
+        """After a walk: does the place agree with the one before it, or for long with speed and
+        course?"""
         assert self._before_walk is not None
         walk = walk_between(self._before_walk, mark, GATE, timing_m)
         self._back = self._back + 1 if walk is None else 0
@@ -136,14 +178,25 @@ class PositionGate:
             if walk is None:
                 self._watch.restart(mark)
             self._by_epoch(mark.place, quality, hdop, timing_m, mark.time_s)
-            return JudgedPlace(True, 0.0) if walk is None else JudgedPlace(True, walk.off_m, anew=True)
+            return (
+                JudgedPlace(True, 0.0) if walk is None else JudgedPlace(True, walk.off_m, anew=True)
+            )
         self._watch.taken(mark)
         return JudgedPlace(False, 0.0 if walk is None else walk.off_m, walks=True)
 
-    def _by_epoch(self, place: Place, quality: int, hdop: float | None, timing_m: float, time_s: float) -> JudgedPlace:
+    def _by_epoch(
+        self, place: Place, quality: int, hdop: float | None, timing_m: float, time_s: float
+    ) -> JudgedPlace:
         """By this epoch and the last one taken alone."""
-        now = _ReckonedPlace(place, spread_m(quality, hdop), time_s, self._way_m, self._east_m, self._north_m,
-                             self._lost)
+        now = _ReckonedPlace(
+            place,
+            spread_m(quality, hdop),
+            time_s,
+            self._way_m,
+            self._east_m,
+            self._north_m,
+            self._lost,
+        )
         if self._taken is None:
             return self._take(now, 0.0)
         off_m = _off_m(self._taken, now)
@@ -175,7 +228,7 @@ def _off_m(before: _ReckonedPlace, now: _ReckonedPlace) -> float:
 
 def _passes(off_m: float, before: _ReckonedPlace, now: _ReckonedPlace, timing_m: float) -> bool:
     way_m = WAY_SHARE * (now.way_m - before.way_m)
-    variance = before.spread_m ** 2 + now.spread_m ** 2 + way_m ** 2 + timing_m ** 2
+    variance = before.spread_m**2 + now.spread_m**2 + way_m**2 + timing_m**2
     return off_m * off_m <= GATE * variance
 
 
@@ -184,4 +237,6 @@ def spread_m(quality: int, hdop: float | None) -> float:
     known = SPREAD_M.get(quality)
     if known is not None:
         return known
-    return PLAIN_SPREAD_M * min(HDOP_MOST, max(1.0, hdop if hdop is not None and isfinite(hdop) else 1.0))
+    return PLAIN_SPREAD_M * min(
+        HDOP_MOST, max(1.0, hdop if hdop is not None and isfinite(hdop) else 1.0)
+    )

@@ -1,8 +1,10 @@
 """Which speed and which place control uses.
 
-The wheel tells changes of speed quickly, GNSS tells its level without slip: the wheel, corrected by a slowly learned
-ratio, drives the filter `speed_used`; either alone serves when the other is silent.
+The wheel tells changes of speed quickly, GNSS tells its level without slip: the wheel,
+corrected by a slowly learned ratio, drives the filter `speed_used`; either alone serves when
+the other is silent.
 """
+
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -17,68 +19,91 @@ from control.sensing.speed_ahead import QUICK_TAU_S, Moving
 from control.sensing.speed_check import SLIP, SpeedCheck
 from control.sensing.walk_watch import Velocity
 
-RATIO_TAU_S = 3.0               # filter `ratio`, first order: how slowly the wheel is corrected by GNSS. Slip comes in
-                                # bursts of some 20 s
-WHEEL_HOLDS_S = 0.5             # a wheel speed
-STANDSTILL_S = 0.8              # no wheel pulse for this long: standing
-HELD_SPEED_S = 2.0              # both speeds silent: the last one holds this long
-DEAD_RECKONING_S = 2.0          # a place without GNSS is believed this long; on a straight way as long as 1 s.d. of it
-                                # is below `SensingLimits.reckoned_m`: that of the last place taken, and of the way ...
-WHEEL_SHARE = 0.1               # ... along it what a wheel that was corrected just now may slip (`speed_check`), ...
-COURSE_SHARE = 0.05             # ... across it 3 degrees: nobody tells the course, a driver holds it
-STRAIGHT_DEG_S = 6.0            # a straight way: the noise of the course alone makes 2
-HEADING_FROM_MPS = 0.3          # below, course over ground is noise ...
-FIRST_HEADING_FROM_MPS = 0.2    # ... but better than none: 9 degrees with 0.03 m/s
-HEADING_TAU_S = 0.5             # filter `heading`: first order
-STOOD_BELOW_MPS = 0.3           # slower than this, the direction of travel may turn round unseen
-COURSE_FROM_MPS = 0.2           # GNSS speed from which its course tells the direction of travel
-BACKWARDS_DEG = 120.0           # a course that differs by more across a standstill is the other direction
-MOVED_M = 1.0                   # a place that GNSS gives up, or takes again, and lies nearer is the same
-FIRST_EPOCHS = 2                # a plane that began with a wrong place is known by having had no more than these
+# filter `ratio`, first order: how slowly the wheel is corrected by GNSS. Slip comes in bursts
+# of some 20 s
+RATIO_TAU_S = 3.0
+WHEEL_HOLDS_S = 0.5  # a wheel speed
+STANDSTILL_S = 0.8  # no wheel pulse for this long: standing
+# both speeds silent: the last one holds this long
+HELD_SPEED_S = 2.0
+# a place without GNSS is believed this long; on a straight way as long as 1 s.d. of it is below
+# `SensingLimits.reckoned_m`: that of the last place taken, and of the way ...
+DEAD_RECKONING_S = 2.0
+# ... along it what a wheel that was corrected just now may slip (`speed_check`), ...
+WHEEL_SHARE = 0.1
+# ... across it 3 degrees: nobody tells the course, a driver holds it
+COURSE_SHARE = 0.05
+# a straight way: the noise of the course alone makes 2
+STRAIGHT_DEG_S = 6.0
+HEADING_FROM_MPS = 0.3  # below, course over ground is noise ...
+# ... but better than none: 9 degrees with 0.03 m/s
+FIRST_HEADING_FROM_MPS = 0.2
+HEADING_TAU_S = 0.5  # filter `heading`: first order
+# slower than this, the direction of travel may turn round unseen
+STOOD_BELOW_MPS = 0.3
+# GNSS speed from which its course tells the direction of travel
+COURSE_FROM_MPS = 0.2
+# a course that differs by more across a standstill is the other direction
+BACKWARDS_DEG = 120.0
+# a place that GNSS gives up, or takes again, and lies nearer is the same
+MOVED_M = 1.0
+# a plane that began with a wrong place is known by having had no more than these
+FIRST_EPOCHS = 2
 
 
 class Sensed(NamedTuple):
     time_s: float
-    speed_mps: float | None             # the one control uses; None: both silent too long
+    # the one control uses; None: both silent too long
+    speed_mps: float | None
     acceleration_mps2: float
-    speed_source: str                   # both, gnss, wheel, held, none
-    track_m: float                      # distance the outlet has travelled; backing up takes it back
-    east_m: float | None                # outlet
+    speed_source: str  # both, gnss, wheel, held, none
+    # distance the outlet has travelled; backing up takes it back
+    track_m: float
+    east_m: float | None  # outlet
     north_m: float | None
-    heading_deg: float | None           # where the machine points, also when it backs up
+    heading_deg: float | None  # where the machine points, also when it backs up
     turn_deg_s: float
     position_ok: bool
     gnss_age_s: float | None
     gnss_period_s: float
     wheel_standstill: bool
     backwards: bool
-    refused_m: float | None = None      # the newest epoch was ruled out: how far it lies from where it can be
-    moved_m: float | None = None        # in this tick a place was taken this far from where it was thought to be
-    walks: bool = False                 # the refused epoch has walked off from the receiver's own speed and course
-    quick: Moving = Moving()            # filter `quick`; as `speed_used` where only GNSS speaks
-    course_awaited: bool = False        # a place is known, and it never moved: where it points is not
-    doubt: SpeedDoubt | None = None     # wheel and GNSS do not tell one speed: which is not believed
+    # the newest epoch was ruled out: how far it lies from where it can be
+    refused_m: float | None = None
+    # in this tick a place was taken this far from where it was thought to be
+    moved_m: float | None = None
+    # the refused epoch has walked off from the receiver's own speed and course
+    walks: bool = False
+    # filter `quick`; as `speed_used` where only GNSS speaks
+    quick: Moving = Moving()
+    # a place is known, and it never moved: where it points is not
+    course_awaited: bool = False
+    # wheel and GNSS do not tell one speed: which is not believed
+    doubt: SpeedDoubt | None = None
 
 
 @dataclass(frozen=True)
 class SensingLimits:
-    gnss_silent_s: float = 0.5          # at least
+    gnss_silent_s: float = 0.5  # at least
     gnss_silent_periods: float = 2.5
-    reckoned_m: float = 0.0             # 1 s.d. of a place up to which it is reckoned; 0: `DEAD_RECKONING_S` alone
+    # 1 s.d. of a place up to which it is reckoned; 0: `DEAD_RECKONING_S` alone
+    reckoned_m: float = 0.0
 
 
 class Sensing:
     """One per run; `update` once a tick."""
 
-    def __init__(self, antenna_m: float, plane: TangentPlane | None, limits: SensingLimits | None = None) -> None:
+    def __init__(
+        self, antenna_m: float, plane: TangentPlane | None, limits: SensingLimits | None = None
+    ) -> None:
         self.plane = plane
         self._antenna_m = antenna_m
         self._limits = limits or SensingLimits()
         self._time_s: float | None = None
-        self._moving = Moving()                     # filter `speed_used`
-        self._quick = Moving()                      # filter `quick`
-        self._filtered_s: float | None = None       # time of the sample last taken in
-        self._source = "none"                       # of the speed, when one was last heard
+        self._moving = Moving()  # filter `speed_used`
+        self._quick = Moving()  # filter `quick`
+        self._filtered_s: float | None = None  # time of the sample last taken in
+        self._source = "none"  # of the speed, when one was last heard
         self._ratio = 1.0
         self._late = GnssLate()
         self._track_m = 0.0
@@ -87,40 +112,50 @@ class Sensing:
         self._heading: float | None = None
         self._course: float | None = None
         self._turn = 0.0
-        self._east: float | None = None             # antenna
+        self._east: float | None = None  # antenna
         self._north: float | None = None
         self._heard_s: float | None = None
         self._wheel_s: float | None = None
-        self._turned_s: float | None = None         # newest time that the wheel reported anything
+        self._turned_s: float | None = None  # newest time that the wheel reported anything
         self._direction = _Direction()
         self._gate = PositionGate()
         self._check = SpeedCheck()
-        self._placed_s: float | None = None         # epoch of the place last taken
-        self._spread_m = inf                        # of that place
-        self._way_m = 0.0                           # reckoned since; infinite where speed or course was not known
+        self._placed_s: float | None = None  # epoch of the place last taken
+        self._spread_m = inf  # of that place
+        # reckoned since; infinite where speed or course was not known
+        self._way_m = 0.0
         self._refused_m: float | None = None
         self._walks = False
-        self._own_epochs: int | None = None         # taken on a plane that the first of them began
+        self._own_epochs: int | None = None  # taken on a plane that the first of them began
 
     def update(self, m: Measurements) -> Sensed:
         m = _believable(m)
         now = m.time_s
         dt = 0.0 if self._time_s is None else max(0.0, now - self._time_s)
         self._time_s = now
-        fix_new = m.gnss is not None and m.gnss.time_s != self._fix_s and m.gnss.time_s <= now + AHEAD_S
+        fix_new = (
+            m.gnss is not None and m.gnss.time_s != self._fix_s and m.gnss.time_s <= now + AHEAD_S
+        )
         if fix_new and m.gnss is not None and self._fix_s is not None:
             gap = m.gnss.time_s - self._fix_s
             if 0.0 < gap < 2.0:
                 self._period_s += 0.1 * (gap - self._period_s)
         gnss_age = None if m.gnss is None else now - m.gnss.time_s
-        silent_s = max(self._limits.gnss_silent_s, self._limits.gnss_silent_periods * self._period_s)
+        silent_s = max(
+            self._limits.gnss_silent_s, self._limits.gnss_silent_periods * self._period_s
+        )
         gnss_ok = m.gnss is not None and is_fresh(m.gnss.time_s, now, silent_s)
         gnss_speed = m.gnss.speed_mps if m.gnss is not None and gnss_ok else None
         wheel = m.wheel_speed_mps
         wheel_ok = wheel is not None and is_fresh(wheel.time_s, now, WHEEL_HOLDS_S)
         standstill = self._wheel_stands(wheel, now)
-        self._check.moved(wheel.value if wheel is not None and wheel_ok and not standstill else None, self._heading,
-                          self._direction.backwards, self._ratio, dt)
+        self._check.moved(
+            wheel.value if wheel is not None and wheel_ok and not standstill else None,
+            self._heading,
+            self._direction.backwards,
+            self._ratio,
+            dt,
+        )
         if not self._gnss_speed_serves(gnss_speed, wheel if wheel_ok else None):
             gnss_speed = None
         wheel_faulty = standstill and gnss_speed is not None and gnss_speed > 0.5
@@ -128,55 +163,101 @@ class Sensing:
         source = self._take_speed(m, now, dt, gnss_speed, wheel_ok, fix_new)
         speed = self._moving.speed_mps if source != "none" else None
         self._track_m += self._direction.moved_m(
-            (speed or 0.0) * dt, standstill or (speed or 0.0) < STOOD_BELOW_MPS, m.gnss if fix_new else None)
+            (speed or 0.0) * dt,
+            standstill or (speed or 0.0) < STOOD_BELOW_MPS,
+            m.gnss if fix_new else None,
+        )
         moved_m = self._take_place(m, speed, dt, fix_new)
         if fix_new and m.gnss is not None:
             self._fix_s = m.gnss.time_s
-        heard = (self._placed_s is not None and is_fresh(self._placed_s, now, max(silent_s, DEAD_RECKONING_S))
-                and (m.gnss is None or m.gnss.fix_quality > 0))
+        heard = (
+            self._placed_s is not None
+            and is_fresh(self._placed_s, now, max(silent_s, DEAD_RECKONING_S))
+            and (m.gnss is None or m.gnss.fix_quality > 0)
+        )
         placed = self._east is not None and (heard or self._reckons(source))
         position_ok = placed and self._heading is not None
         east, north = self._outlet()
-        return Sensed(now, speed, self._moving.acceleration_mps2, source, self._track_m, east, north, self._heading,
-                      self._turn, position_ok, gnss_age, self._period_s, standstill, self._direction.backwards,
-                      self._refused_m, moved_m, self._walks, self._quick, placed and not position_ok,
-                      self._check.doubt)
+        return Sensed(
+            now,
+            speed,
+            self._moving.acceleration_mps2,
+            source,
+            self._track_m,
+            east,
+            north,
+            self._heading,
+            self._turn,
+            position_ok,
+            gnss_age,
+            self._period_s,
+            standstill,
+            self._direction.backwards,
+            self._refused_m,
+            moved_m,
+            self._walks,
+            self._quick,
+            placed and not position_ok,
+            self._check.doubt,
+        )
 
     def _reckons(self, source: str) -> bool:
-        """Whether the place is good enough without GNSS: it is silent or has no fix, and the wheel is believed."""
+        """Whether the place is good enough without GNSS: it is silent or has no fix, and the
+        wheel is believed."""
         off_m = hypot(self._spread_m, hypot(WHEEL_SHARE, COURSE_SHARE) * self._way_m)
-        return (off_m <= self._limits.reckoned_m and abs(self._turn) <= STRAIGHT_DEG_S and self._refused_m is None
-                and source in ("wheel", "both") and self._check.doubt is None)
+        return (
+            off_m <= self._limits.reckoned_m
+            and abs(self._turn) <= STRAIGHT_DEG_S
+            and self._refused_m is None
+            and source in ("wheel", "both")
+            and self._check.doubt is None
+        )
 
     def _wheel_stands(self, wheel: Reading | None, now: float) -> bool:
-        """Whether the wheel says 0, or has said nothing for so long. One that was heard once is fitted: it stands also
-        when what it says cannot be."""
+        """Whether the wheel says 0, or has said nothing for so long. One that was heard once is
+        fitted: it stands also when what it says cannot be."""
         if wheel is not None and wheel.time_s <= now + AHEAD_S:
-            self._turned_s = wheel.time_s if self._turned_s is None else max(self._turned_s, wheel.time_s)
+            self._turned_s = (
+                wheel.time_s if self._turned_s is None else max(self._turned_s, wheel.time_s)
+            )
             if wheel.value <= 0.0:
                 return True
         return self._turned_s is not None and now - self._turned_s > STANDSTILL_S
 
     def _gnss_speed_serves(self, gnss_mps: float | None, wheel: Reading | None) -> bool:
-        """While it is not known which one is wrong, the slower one serves: too little can be made up for."""
+        """While it is not known which one is wrong, the slower one serves: too little can be
+        made up for."""
         doubt = self._check.doubt
         if doubt is None or doubt.refused is Doubted.WHEEL or gnss_mps is None:
             return True
-        return doubt.refused is Doubted.EITHER and (wheel is None or gnss_mps < wheel.value * self._ratio)
+        return doubt.refused is Doubted.EITHER and (
+            wheel is None or gnss_mps < wheel.value * self._ratio
+        )
 
     def _wheel_serves(self, gnss_mps: float | None) -> bool:
         """gnss_mps: where it serves."""
         doubt = self._check.doubt
         return doubt is None or (doubt.refused is not Doubted.WHEEL and gnss_mps is None)
 
-    def _take_speed(self, m: Measurements, now: float, dt: float, gnss_mps: float | None, wheel_ok: bool,
-                    fix_new: bool) -> str:
+    def _take_speed(
+        self,
+        m: Measurements,
+        now: float,
+        dt: float,
+        gnss_mps: float | None,
+        wheel_ok: bool,
+        fix_new: bool,
+    ) -> str:
         sample: float | None = None
         source = "none"
         wheel = m.wheel_speed_mps
         if wheel_ok and wheel is not None:
             self._late.moved(now, wheel.value, dt)
-            then = self._late.epoch(now, gnss_mps, self._ratio) if gnss_mps is not None and fix_new else None
+            then = (
+                self._late.epoch(now, gnss_mps, self._ratio)
+                if gnss_mps is not None and fix_new
+                else None
+            )
             if then is not None and gnss_mps is not None and then.mps > 0.5 and gnss_mps > 0.5:
                 share = then.weight * (1.0 - exp(-self._period_s / RATIO_TAU_S))
                 self._ratio += share * (_within_slip(gnss_mps / then.mps) - self._ratio)
@@ -193,7 +274,8 @@ class Sensing:
             self._moving = self._quick = self._moving._replace(acceleration_mps2=0.0)
             return "none"
         self._heard_s = now
-        if source != self._source and self._check.doubt is not None:        # what the refused one said is no movement
+        # what the refused one said is no movement
+        if source != self._source and self._check.doubt is not None:
             believed = gnss_mps if wheel is None or source == "gnss" else wheel.value * self._ratio
             self._moving, self._filtered_s = Moving(believed or 0.0), now
             self._quick, sample = self._moving, None
@@ -202,12 +284,16 @@ class Sensing:
         if sample is not None:
             gap = 0.0 if self._filtered_s is None else now - self._filtered_s
             self._moving, self._filtered_s = self._moving.taking(sample, gap), now
-            self._quick = self._quick.taking(sample, gap, QUICK_TAU_S) if source != "gnss" else self._moving
+            self._quick = (
+                self._quick.taking(sample, gap, QUICK_TAU_S) if source != "gnss" else self._moving
+            )
         return source
 
-    def _take_place(self, m: Measurements, speed: float | None, dt: float, fix_new: bool) -> float | None:
-        """The place of a new epoch that is possible, else reckoned on. How far off the old place was, where the new
-        one is taken in spite of it."""
+    def _take_place(
+        self, m: Measurements, speed: float | None, dt: float, fix_new: bool
+    ) -> float | None:
+        """The place of a new epoch that is possible, else reckoned on. How far off the old
+        place was, where the new one is taken in spite of it."""
         fix, backwards = m.gnss, self._direction.backwards
         east_m = north_m = 0.0
         if self._heading is None or speed is None:
@@ -223,9 +309,11 @@ class Sensing:
             judged = self._judged(fix, speed)
             self._refused_m = None if judged is None or judged.taken else judged.off_m
             self._walks = judged is not None and judged.walks
-            if judged is not None and (judged.taken or judged.walks):       # a course may be right where a place is not
+            # a course may be right where a place is not
+            if judged is not None and (judged.taken or judged.walks):
                 if fix.heading_deg is not None and (fix.speed_mps or 0.0) >= (
-                        FIRST_HEADING_FROM_MPS if self._heading is None else HEADING_FROM_MPS):
+                    FIRST_HEADING_FROM_MPS if self._heading is None else HEADING_FROM_MPS
+                ):
                     self._take_heading(fix.heading_deg + (180.0 if backwards else 0.0))
                 if judged.back is not None:
                     self._east, self._north = judged.back
@@ -239,14 +327,16 @@ class Sensing:
         return None
 
     def _gone_m(self, before: tuple[float | None, float | None]) -> float | None:
-        """How far the antenna's place has gone from where it was thought to be; None where that is next to nothing."""
+        """How far the antenna's place has gone from where it was thought to be; None where that
+        is next to nothing."""
         if self._east is None or self._north is None or before[0] is None or before[1] is None:
             return None
         gone_m = hypot(self._east - before[0], self._north - before[1])
         return gone_m if gone_m >= MOVED_M else None
 
     def _judged(self, fix: GnssFix, speed: float | None) -> JudgedPlace | None:
-        """A new epoch through the gate; when it is taken, the antenna is there. None: it tells no place."""
+        """A new epoch through the gate; when it is taken, the antenna is there. None: it tells
+        no place."""
         if fix.fix_quality <= 0:
             return None
         if not (-90.0 <= fix.lat_deg <= 90.0 and -180.0 <= fix.lon_deg <= 180.0):
@@ -255,8 +345,14 @@ class Sensing:
             self.plane, self._own_epochs = TangentPlane(fix.lat_deg, fix.lon_deg), 0
         place = self.plane.to_m(fix.lat_deg, fix.lon_deg)
         believes_speed = self._check_speed(fix, place)
-        judged = self._gate.judge(place, fix.fix_quality, fix.hdop, speed, fix.time_s,
-                                  _velocity(fix) if believes_speed else None)
+        judged = self._gate.judge(
+            place,
+            fix.fix_quality,
+            fix.hdop,
+            speed,
+            fix.time_s,
+            _velocity(fix) if believes_speed else None,
+        )
         if not judged.taken:
             return judged
         if judged.anew:
@@ -268,7 +364,11 @@ class Sensing:
         if self._own_epochs is not None:
             self._own_epochs += 1
         self._east, self._north = place
-        self._placed_s, self._spread_m, self._way_m = fix.time_s, spread_m(fix.fix_quality, fix.hdop), 0.0
+        self._placed_s, self._spread_m, self._way_m = (
+            fix.time_s,
+            spread_m(fix.fix_quality, fix.hdop),
+            0.0,
+        )
         return judged
 
     def _check_speed(self, fix: GnssFix, place: Place) -> bool:
@@ -317,7 +417,8 @@ def _velocity(fix: GnssFix) -> Velocity | None:
 
 
 def _believable(m: Measurements) -> Measurements:
-    """The measurements without speeds and courses that are no numbers, or faster than anything that spreads."""
+    """The measurements without speeds and courses that are no numbers, or faster than anything
+    that spreads."""
     wheel, fix = m.wheel_speed_mps, m.gnss
     if wheel is not None and not wheel.value <= FASTEST_MPS:
         m = m._replace(wheel_speed_mps=None)
@@ -329,16 +430,18 @@ def _believable(m: Measurements) -> Measurements:
 
 
 class _Direction:
-    """Forwards or backwards: the wheel cannot tell, the GNSS course flips across a standstill when it changes.
+    """Forwards or backwards: the wheel cannot tell, the GNSS course flips across a standstill
+    when it changes.
 
-    The way made between the standstill and the first course after it is put right once the direction is known.
+    The way made between the standstill and the first course after it is put right once the
+    direction is known.
     """
 
     def __init__(self) -> None:
         self.backwards = False
         self._course_deg: float | None = None
         self._stood = False
-        self._unsure_m = 0.0            # signed as if the direction had not changed
+        self._unsure_m = 0.0  # signed as if the direction had not changed
 
     def moved_m(self, way_m: float, slow: bool, fix: GnssFix | None) -> float:
         """Signed way of this tick. `way_m`: unsigned; `fix`: a new one, or None."""
@@ -350,8 +453,11 @@ class _Direction:
         if fix.speed_mps < COURSE_FROM_MPS:
             self._stood = True
             return signed
-        if (self._stood and self._course_deg is not None
-                and abs((fix.heading_deg - self._course_deg + 180.0) % 360.0 - 180.0) > BACKWARDS_DEG):
+        if (
+            self._stood
+            and self._course_deg is not None
+            and abs((fix.heading_deg - self._course_deg + 180.0) % 360.0 - 180.0) > BACKWARDS_DEG
+        ):
             self.backwards = not self.backwards
             signed -= 2.0 * self._unsure_m
         self._course_deg, self._stood, self._unsure_m = fix.heading_deg, slow, 0.0

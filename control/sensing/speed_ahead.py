@@ -1,14 +1,17 @@
-"""How fast the machine will go over the next seconds: its own speed gone on with, and what the tractor says it wants.
+"""How fast the machine will go over the next seconds: its own speed gone on with, and what the
+tractor says it wants.
 
-Without news from the tractor a change of speed can only be seen when it is there. Two filters look for it: a quick one
-that follows an acceleration without delay, and a slow one that is quieter. While both agree the speed is steady, and
-the quiet one is believed; where they part by more than noise explains, the quick one is.
+Without news from the tractor a change of speed can only be seen when it is there. Two filters
+look for it: a quick one that follows an acceleration without delay, and a slow one that is
+quieter. While both agree the speed is steady, and the quiet one is believed; where they part by
+more than noise explains, the quick one is.
 
-With news the announced speeds are driven along with the acceleration that was announced (the reference). What the
-machine does next to the reference (throttle, slope, slip) goes on as it would without news. How far the reference is
-believed is
-learned: where the two forecasts differ, both are kept until their time has come, and the one that came true weighs.
+With news the announced speeds are driven along with the acceleration that was announced (the
+reference). What the machine does next to the reference (throttle, slope, slip) goes on as it
+would without news. How far the reference is believed is learned: where the two forecasts
+differ, both are kept until their time has come, and the one that came true weighs.
 """
+
 from __future__ import annotations
 
 from collections import deque
@@ -17,10 +20,12 @@ from typing import NamedTuple
 
 from control.readings import SpeedPlan, is_fresh
 
-FILTER_TAU_S = 0.25             # its step response is half-way after 0.2 s; a steady acceleration passes without delay
-QUICK_TAU_S = 0.09              # filter `quick`, of the same samples, half-way after 0.07 s: for what is to come alone
-LONGEST_GAP_S = 1.0             # after a longer one it begins anew
-STANDS_MPS = 0.05               # a sample of 0 and less than this: standing
+# its step response is half-way after 0.2 s; a steady acceleration passes without delay
+FILTER_TAU_S = 0.25
+# filter `quick`, of the same samples, half-way after 0.07 s: for what is to come alone
+QUICK_TAU_S = 0.09
+LONGEST_GAP_S = 1.0  # after a longer one it begins anew
+STANDS_MPS = 0.05  # a sample of 0 and less than this: standing
 
 
 class Moving(NamedTuple):
@@ -31,7 +36,9 @@ class Moving(NamedTuple):
 
     def on(self, dt_s: float) -> Moving:
         """A time later, without a sample."""
-        return Moving(max(0.0, self.speed_mps + self.acceleration_mps2 * dt_s), self.acceleration_mps2)
+        return Moving(
+            max(0.0, self.speed_mps + self.acceleration_mps2 * dt_s), self.acceleration_mps2
+        )
 
     def taking(self, sample_mps: float, gap_s: float, tau_s: float = FILTER_TAU_S) -> Moving:
         """With a sample taken in, `gap_s` after the one before."""
@@ -45,40 +52,53 @@ class Moving(NamedTuple):
         return Moving(speed, self.acceleration_mps2 + (1.0 - keep) * (1.0 - keep) / gap_s * error)
 
 
-DIES_OUT_S = 0.8                # an acceleration is expected to die out this fast: drivers change from one speed to
-                                # another, and a forecast that goes on for the whole lag overshoots at the end of it
-STOPS_BELOW_MPS = 0.75          # slower than this and slowing down, a machine stops: nobody works so slowly ...
-STOPS_WITHIN_MPS = 0.15         # ... the less surely the nearer to it
-STEADY_TAU_S = 0.35             # filter `steady`, first order, behind `quick`
-BAND_OVER_MEDIAN = 3.2          # quiet band: apart by less is noise, by twice as much a change of speed. In units of
-                                # the median of what the two are apart: 2.1 s.d. of Gaussian noise
-QUIET_MPS = 0.03                # the band at first: the shipped wheel's 0.02 m/s a sample; never less than ...
-LEAST_QUIET_MPS = 0.02          # ... what the gate leaves out, 1.2 % of 1.5 m/s (`setting.PLAN_BAND_MM_SHARE`), ...
-MOST_QUIET_MPS = 0.12           # ... nor more: 0.5 m/s2 holds the two 0.5 x 0.35 = 0.175 apart, and must be seen
-NOISE_TAU_S = 20.0              # filter `quiet band`: the median moves by a factor e in so long
-NOISE_FROM_MPS = 0.3            # slower than work: nothing is learnt
+# an acceleration is expected to die out this fast: drivers change from one speed to another,
+# and a forecast that goes on for the whole lag overshoots at the end of it
+DIES_OUT_S = 0.8
+# slower than this and slowing down, a machine stops: nobody works so slowly ...
+STOPS_BELOW_MPS = 0.75
+STOPS_WITHIN_MPS = 0.15  # ... the less surely the nearer to it
+STEADY_TAU_S = 0.35  # filter `steady`, first order, behind `quick`
+# quiet band: apart by less is noise, by twice as much a change of speed. In units of the median
+# of what the two are apart: 2.1 s.d. of Gaussian noise
+BAND_OVER_MEDIAN = 3.2
+# the band at first: the shipped wheel's 0.02 m/s a sample; never less than ...
+QUIET_MPS = 0.03
+# ... what the gate leaves out, 1.2 % of 1.5 m/s (`setting.PLAN_BAND_MM_SHARE`), ...
+LEAST_QUIET_MPS = 0.02
+# ... nor more: 0.5 m/s2 holds the two 0.5 x 0.35 = 0.175 apart, and must be seen
+MOST_QUIET_MPS = 0.12
+# filter `quiet band`: the median moves by a factor e in so long
+NOISE_TAU_S = 20.0
+NOISE_FROM_MPS = 0.3  # slower than work: nothing is learnt
 
 
-ANNOUNCED_HOLDS_S = 2.0              # an announced speed
-TABLE_S, TABLE_STEP_S = 6.0, 0.1        # how far the reference is driven ahead, and in which steps
-JUDGED_S = 1.3                  # how far ahead a forecast was made that is judged: a lag
-DIFFER_MPS = 0.05               # forecasts nearer to each other than this say nothing about which one is right
-FORGETS = 0.99                  # of what was learned, at each forecast judged (of ten a second that differ)
+ANNOUNCED_HOLDS_S = 2.0  # an announced speed
+# how far the reference is driven ahead, and in which steps
+TABLE_S, TABLE_STEP_S = 6.0, 0.1
+# how far ahead a forecast was made that is judged: a lag
+JUDGED_S = 1.3
+# forecasts nearer to each other than this say nothing about which one is right
+DIFFER_MPS = 0.05
+# of what was learned, at each forecast judged (of ten a second that differ)
+FORGETS = 0.99
 JUDGED_EVERY_S = 0.1
-AT_FIRST_MPS2 = 0.1 ** 2        # squared error that both have at first: believed by half
+# squared error that both have at first: believed by half
+AT_FIRST_MPS2 = 0.1**2
 
 
 class SpeedAhead(NamedTuple):
-    """The forecast made at one tick: a speed, and an acceleration that dies out; next to it, where somebody announced,
-    the reference in steps of `TABLE_STEP_S`, what is driven on top of it, and how far all that is believed."""
+    """The forecast made at one tick: a speed, and an acceleration that dies out; next to it,
+    where somebody announced, the reference in steps of `TABLE_STEP_S`, what is driven on top of
+    it, and how far all that is believed."""
 
     now_mps: float
     acceleration_mps2: float
-    announced_mps: tuple[float, ...] = ()        # the reference
-    announced_way_m: tuple[float, ...] = ()      # its way from now on
-    faster_mps: float = 0.0                 # faster than the reference, now
+    announced_mps: tuple[float, ...] = ()  # the reference
+    announced_way_m: tuple[float, ...] = ()  # its way from now on
+    faster_mps: float = 0.0  # faster than the reference, now
     faster_mps2: float = 0.0
-    believed: float = 0.0                   # 0 to 1
+    believed: float = 0.0  # 0 to 1
 
     def mps(self, in_s: float) -> float:
         """Speed so many seconds ahead, m/s; never below 0."""
@@ -93,15 +113,21 @@ class SpeedAhead(NamedTuple):
         own = travelled_ahead_m(self.now_mps, self.acceleration_mps2, in_s)
         if not self.announced_mps:
             return own
-        known = _at(self.announced_way_m, in_s) + self.faster_mps * in_s + _more_m(self.faster_mps2, in_s)
+        known = (
+            _at(self.announced_way_m, in_s)
+            + self.faster_mps * in_s
+            + _more_m(self.faster_mps2, in_s)
+        )
         return max(0.0, own + self.believed * (known - own))
 
 
 class _Quieted:
-    """A speed that is steady or changing: the quick filter's where it has parted from the slow one, else the slow.
+    """A speed that is steady or changing: the quick filter's where it has parted from the slow
+    one, else the slow.
 
-    How far noise alone parts them is measured: the running median of what they are apart. A median is not moved by how
-    far a change of speed parts them, only by how long, and half of the time no machine changes its speed.
+    How far noise alone parts them is measured: the running median of what they are apart. A
+    median is not moved by how far a change of speed parts them, only by how long, and half of
+    the time no machine changes its speed.
     """
 
     def __init__(self, quiet_mps: float = QUIET_MPS) -> None:
@@ -115,9 +141,14 @@ class _Quieted:
         apart_mps = abs(quick.speed_mps - self._steady_mps)
         if quick.speed_mps >= NOISE_FROM_MPS:
             way = 1.0 if BAND_OVER_MEDIAN * apart_mps > self.quiet_mps else -1.0
-            self.quiet_mps = min(MOST_QUIET_MPS, max(LEAST_QUIET_MPS, self.quiet_mps * exp(way * dt_s / NOISE_TAU_S)))
+            self.quiet_mps = min(
+                MOST_QUIET_MPS, max(LEAST_QUIET_MPS, self.quiet_mps * exp(way * dt_s / NOISE_TAU_S))
+            )
         share = min(1.0, max(0.0, apart_mps / self.quiet_mps - 1.0))
-        return Moving(share * quick.speed_mps + (1.0 - share) * self._steady_mps, share * quick.acceleration_mps2)
+        return Moving(
+            share * quick.speed_mps + (1.0 - share) * self._steady_mps,
+            share * quick.acceleration_mps2,
+        )
 
 
 class Forecaster:
@@ -126,22 +157,31 @@ class Forecaster:
     def __init__(self) -> None:
         self._own = _Quieted()
         self._forget()
-        self._errors_mps2 = [AT_FIRST_MPS2, AT_FIRST_MPS2]      # squared, of the reference and of the own forecast
+        # squared, of the reference and of the own forecast
+        self._errors_mps2 = [AT_FIRST_MPS2, AT_FIRST_MPS2]
 
     def _forget(self) -> None:
         self._own, self._faster = _Quieted(self._own.quiet_mps), _Quieted(self._own.quiet_mps)
         self._reference_mps: float | None = None
-        self._reference = Moving()              # as the filter `quick` would see it
-        self._waiting: deque[tuple[float, float, float]] = deque()      # time, reference's forecast, own forecast
+        self._reference = Moving()  # as the filter `quick` would see it
+        # time, reference's forecast, own forecast
+        self._waiting: deque[tuple[float, float, float]] = deque()
 
     @property
     def believed(self) -> float:
         """How far what is reported is believed, 0 to 1."""
         return self._errors_mps2[1] / sum(self._errors_mps2)
 
-    def update(self, now_s: float, speed_mps: float | None, acceleration_mps2: float, dt_s: float,
-               announced: SpeedPlan | None = None) -> SpeedAhead:
-        """speed_mps, acceleration_mps2: of the filter `quick`; None: not known, which counts as standing."""
+    def update(
+        self,
+        now_s: float,
+        speed_mps: float | None,
+        acceleration_mps2: float,
+        dt_s: float,
+        announced: SpeedPlan | None = None,
+    ) -> SpeedAhead:
+        """speed_mps, acceleration_mps2: of the filter `quick`; None: not known, which counts as
+        standing."""
         if speed_mps is None:
             self._forget()
             return SpeedAhead(0.0, 0.0)
@@ -152,50 +192,76 @@ class Forecaster:
             return SpeedAhead(*own)
         self._judge(now_s, speed_mps)
         self._drive_reference(announced, now_s, speed_mps, dt_s)
-        faster = self._faster.update(Moving(speed_mps - self._reference.speed_mps,
-                                            acceleration_mps2 - self._reference.acceleration_mps2), dt_s)
+        faster = self._faster.update(
+            Moving(
+                speed_mps - self._reference.speed_mps,
+                acceleration_mps2 - self._reference.acceleration_mps2,
+            ),
+            dt_s,
+        )
         table, way = _driven(announced, now_s - announced.time_s, self._reference_mps or 0.0)
         ahead = SpeedAhead(*own, table, way, *faster, self.believed)
-        if speed_mps >= STANDS_MPS and (not self._waiting or now_s + JUDGED_S - self._waiting[-1][0] >= JUDGED_EVERY_S):
-            self._waiting.append((now_s + JUDGED_S, ahead._replace(believed=1.0).mps(JUDGED_S),
-                                  ahead._replace(believed=0.0).mps(JUDGED_S)))
+        if speed_mps >= STANDS_MPS and (
+            not self._waiting or now_s + JUDGED_S - self._waiting[-1][0] >= JUDGED_EVERY_S
+        ):
+            self._waiting.append(
+                (
+                    now_s + JUDGED_S,
+                    ahead._replace(believed=1.0).mps(JUDGED_S),
+                    ahead._replace(believed=0.0).mps(JUDGED_S),
+                )
+            )
         return ahead
 
-    def _drive_reference(self, announced: SpeedPlan, now_s: float, speed_mps: float, dt_s: float) -> None:
-        """One tick on; it begins at the speed of the machine, and anew where that stands: when it sets off nobody can
-        tell."""
+    def _drive_reference(
+        self, announced: SpeedPlan, now_s: float, speed_mps: float, dt_s: float
+    ) -> None:
+        """One tick on; it begins at the speed of the machine, and anew where that stands: when
+        it sets off nobody can tell."""
         if self._reference_mps is None or speed_mps < STANDS_MPS:
             self._reference_mps, self._reference = speed_mps, Moving(speed_mps, 0.0)
             self._faster = _Quieted(self._own.quiet_mps)
         aim = _aimed(announced, max(0.0, now_s - announced.time_s))
         self._reference_mps = _towards(self._reference_mps, aim, announced.acceleration_mps2 * dt_s)
         if dt_s > 0.0:
-            self._reference = self._reference.on(dt_s).taking(self._reference_mps, dt_s, QUICK_TAU_S)
+            self._reference = self._reference.on(dt_s).taking(
+                self._reference_mps, dt_s, QUICK_TAU_S
+            )
 
     def _judge(self, now_s: float, speed_mps: float) -> None:
         while self._waiting and self._waiting[0][0] <= now_s:
             _, known, own = self._waiting.popleft()
             if abs(known - own) > DIFFER_MPS:
                 both = ((known - speed_mps) ** 2, (own - speed_mps) ** 2)
-                self._errors_mps2 = [FORGETS * kept + new for kept, new in zip(self._errors_mps2, both, strict=True)]
+                self._errors_mps2 = [
+                    FORGETS * kept + new for kept, new in zip(self._errors_mps2, both, strict=True)
+                ]
 
 
 def _aimed(announced: SpeedPlan, in_s: float) -> float:
-    """The speed that is aimed at so many seconds after its announcement, m/s, whichever way: `speed_used` has no
-    sign."""
-    return next(abs(mps) for since, mps in reversed(announced.points) if since <= in_s + 1e-9 or since == 0.0)
+    """The speed that is aimed at so many seconds after its announcement, m/s, whichever way:
+    `speed_used` has no sign."""
+    return next(
+        abs(mps)
+        for since, mps in reversed(announced.points)
+        if since <= in_s + 1e-9 or since == 0.0
+    )
 
 
 def _towards(mps: float, aimed: float, most: float) -> float:
     return mps + min(most, max(-most, aimed - mps))
 
 
-def _driven(announced: SpeedPlan, since_s: float, reference_mps: float) -> tuple[tuple[float, ...], tuple[float, ...]]:
+def _driven(
+    announced: SpeedPlan, since_s: float, reference_mps: float
+) -> tuple[tuple[float, ...], tuple[float, ...]]:
     """The reference ahead, m/s, and its way, m, in steps of `TABLE_STEP_S`."""
     mps, way, table, ways = reference_mps, 0.0, [reference_mps], [0.0]
     most = announced.acceleration_mps2 * TABLE_STEP_S
     for k in range(round(TABLE_S / TABLE_STEP_S)):
-        following = _towards(mps, _aimed(announced, max(0.0, since_s) + (k + 0.5) * TABLE_STEP_S), most)
+        following = _towards(
+            mps, _aimed(announced, max(0.0, since_s) + (k + 0.5) * TABLE_STEP_S), most
+        )
         way += 0.5 * (mps + following) * TABLE_STEP_S
         mps = following
         table.append(mps)
@@ -216,29 +282,43 @@ def _more_mps(acceleration_mps2: float, in_s: float) -> float:
 
 
 def _more_m(acceleration_mps2: float, in_s: float) -> float:
-    return min(1.0, max(-1.0, acceleration_mps2)) * DIES_OUT_S * (in_s - DIES_OUT_S * (1.0 - exp(-in_s / DIES_OUT_S)))
+    return (
+        min(1.0, max(-1.0, acceleration_mps2))
+        * DIES_OUT_S
+        * (in_s - DIES_OUT_S * (1.0 - exp(-in_s / DIES_OUT_S)))
+    )
 
 
 def travelled_ahead_m(speed_mps: float, acceleration_mps2: float, time_s: float) -> float:
-    """Distance covered in `time_s` ahead, m: the integral of a speed that is believed as `speed_ahead_mps` believes
-    it, at least half of what the present speed would give where it does not stop."""
+    """Distance covered in `time_s` ahead, m: the integral of a speed that is believed as
+    `speed_ahead_mps` believes it, at least half of what the present speed would give where it
+    does not stop."""
     more_m = _more_m(acceleration_mps2, time_s)
-    usual = speed_mps * time_s + min(0.5 * speed_mps * time_s, max(-0.5 * speed_mps * time_s, more_m))
+    usual = speed_mps * time_s + min(
+        0.5 * speed_mps * time_s, max(-0.5 * speed_mps * time_s, more_m)
+    )
     share = _stops(speed_mps, acceleration_mps2)
     if share <= 0.0:
         return usual
     until_s = min(time_s, -speed_mps / acceleration_mps2)
-    return usual + share * (speed_mps * until_s + 0.5 * acceleration_mps2 * until_s ** 2 - usual)
+    return usual + share * (speed_mps * until_s + 0.5 * acceleration_mps2 * until_s**2 - usual)
 
 
 def speed_ahead_mps(speed_mps: float, acceleration_mps2: float, time_s: float) -> float:
-    """Speed expected `time_s` ahead, m/s: the acceleration, up to 1 m/s2, dies out with `DIES_OUT_S`; the forecast
-    stays within 50-150 % of the present speed. A machine that is stopping goes on with it."""
+    """Speed expected `time_s` ahead, m/s: the acceleration, up to 1 m/s2, dies out with
+    `DIES_OUT_S`; the forecast stays within 50-150 % of the present speed. A machine that is
+    stopping goes on with it."""
     more = _more_mps(acceleration_mps2, time_s)
     usual = min(1.5 * speed_mps, max(0.5 * speed_mps, speed_mps + more))
-    return usual + _stops(speed_mps, acceleration_mps2) * (max(0.0, speed_mps + acceleration_mps2 * time_s) - usual)
+    return usual + _stops(speed_mps, acceleration_mps2) * (
+        max(0.0, speed_mps + acceleration_mps2 * time_s) - usual
+    )
 
 
 def _stops(speed_mps: float, acceleration_mps2: float) -> float:
     """How surely the machine stops, 0 to 1."""
-    return 0.0 if acceleration_mps2 >= 0.0 else min(1.0, max(0.0, (STOPS_BELOW_MPS - speed_mps) / STOPS_WITHIN_MPS))
+    return (
+        0.0
+        if acceleration_mps2 >= 0.0
+        else min(1.0, max(0.0, (STOPS_BELOW_MPS - speed_mps) / STOPS_WITHIN_MPS))
+    )

@@ -1,25 +1,31 @@
-"""Which of three witnesses of one ground speed is not believed: the wheel, GNSS's speed, the way between its places.
+"""Which of three witnesses of one ground speed is not believed: the wheel, GNSS's speed, the
+way between its places.
 
 Each is summed up to a way by its own readings and held against the others over windows of time.
 
-*Wheel and GNSS's speed* differ where over 1, 2, 4 or 8 s the ratio of their ways is outside `SLIP`, the limits within
-which GNSS corrects the wheel: slip (10 %, bursts to 20 %), slopes and tyres are within. A GNSS speed comes up to
-`LATE_S` late, so GNSS's way is taken over windows that are later than the wheel's by up to as much, and they differ
-only where none of them fits. Noise and pulses have `WAY_M`, the lever between antenna and wheel `LEVER_M` times the
-turn. A factor of 2 or 0.5 is seen within 2 s.
+*Wheel and GNSS's speed* differ where over 1, 2, 4 or 8 s the ratio of their ways is outside
+`SLIP`, the limits within which GNSS corrects the wheel: slip (10 %, bursts to 20 %), slopes and
+tyres are within. A GNSS speed comes up to `LATE_S` late, so GNSS's way is taken over windows
+that are later than the wheel's by up to as much, and they differ only where none of them fits.
+Noise and pulses have `WAY_M`, the lever between antenna and wheel `LEVER_M` times the turn. A
+factor of 2 or 0.5 is seen within 2 s.
 
-*GNSS's speed and its places* differ by the statistic of `walk_watch`: chi-square, two degrees of freedom, over 1 to
-60 s. With RTK 20 % are seen after some 25 s; plain GNSS shows a factor of two, no 20 %.
+*GNSS's speed and its places* differ by the statistic of `walk_watch`: chi-square, two degrees
+of freedom, over 1 to 60 s. With RTK 20 % are seen after some 25 s; plain GNSS shows a factor of
+two, no 20 %.
 
-*Which one stands alone* says the third. Between wheel and GNSS's speed the places decide: the machine should be in one
-place by the wheel, in another by GNSS's speed; the nearer one is borne out where the odds are a hundred to one
-(`DECIDES`, in units of the places' variance) and it fits. With RTK that takes 1 to 4 s, with plain GNSS 10 to 20 s.
-Between GNSS's speed and its places the wheel decides, corrected as it was before they parted. Nothing decides where
-places are missing or walk, or all three differ; or where the wheel rolls less than GNSS goes by speed and places, and
-GNSS has changed more than the wheel: both come from one receiver, and one that is led astray looks like that.
+*Which one stands alone* says the third. Between wheel and GNSS's speed the places decide: the
+machine should be in one place by the wheel, in another by GNSS's speed; the nearer one is borne
+out where the odds are a hundred to one (`DECIDES`, in units of the places' variance) and it
+fits. With RTK that takes 1 to 4 s, with plain GNSS 10 to 20 s. Between GNSS's speed and its
+places the wheel decides, corrected as it was before they parted. Nothing decides where places
+are missing or walk, or all three differ; or where the wheel rolls less than GNSS goes by speed
+and places, and GNSS has changed more than the wheel: both come from one receiver, and one that
+is led astray looks like that.
 
 What is refused is believed again once it has agreed, moving, for `AGAIN_S` without a break.
 """
+
 from __future__ import annotations
 
 from bisect import bisect_left, bisect_right
@@ -27,21 +33,37 @@ from math import atan2, cos, hypot, isfinite, pi, radians, sin
 
 from control.geodesy import Place
 from control.readings import Doubted, SpeedDoubt
-from control.sensing.walk_watch import GAP_S, LATE_S, SPEED_SHARE, TIME_S, Mark, Reckoned, Velocity, WalkWatch
+from control.sensing.walk_watch import (
+    GAP_S,
+    LATE_S,
+    SPEED_SHARE,
+    TIME_S,
+    Mark,
+    Reckoned,
+    Velocity,
+    WalkWatch,
+)
 
-SLIP = (0.7, 1.3)       # GNSS's way by the wheel's
+SLIP = (0.7, 1.3)  # GNSS's way by the wheel's
 WINDOWS_S = (1.0, 2.0, 4.0, 8.0)
 LATER_S = (0.0, 0.5 * LATE_S, LATE_S)
-WAY_M = 0.2             # a pulse of the wheel is 0.16 m
-LEVER_M = 2.0           # a wheel at the side and an antenna ahead of the axle, together
-JUDGED_FROM_MPS = 0.4   # slower, receivers tell 0 or noise; flow ends at 0.3
-DECIDES = 9.2           # 2 ln 100
-FITS = 27.6             # chi-square, 2 degrees of freedom: exceeded by one sound epoch in a million
-WHEEL_SHARE = 0.1       # of the way: what a wheel that was corrected just now may slip more, or less
-BEFORE_S = 2.0          # they parted somewhere in the window in which it shows: surely not so long before it
-KEPT_S = 12.0           # windows, their delay, and `BEFORE_S`
-RATIO_S = 15.0          # way between places by which the wheel is corrected where GNSS's speed is refused
-STRAIGHT = 0.95         # of its length lies between the ends of a way that is straight
+WAY_M = 0.2  # a pulse of the wheel is 0.16 m
+# a wheel at the side and an antenna ahead of the axle, together
+LEVER_M = 2.0
+# slower, receivers tell 0 or noise; flow ends at 0.3
+JUDGED_FROM_MPS = 0.4
+DECIDES = 9.2  # 2 ln 100
+# chi-square, 2 degrees of freedom: exceeded by one sound epoch in a million
+FITS = 27.6
+# of the way: what a wheel that was corrected just now may slip more, or less
+WHEEL_SHARE = 0.1
+# they parted somewhere in the window in which it shows: surely not so long before it
+BEFORE_S = 2.0
+KEPT_S = 12.0  # windows, their delay, and `BEFORE_S`
+# way between places by which the wheel is corrected where GNSS's speed is refused
+RATIO_S = 15.0
+# of its length lies between the ends of a way that is straight
+STRAIGHT = 0.95
 
 
 # the longest window that shows it; while it is open, a wheel that has stopped spinning
@@ -55,34 +77,58 @@ class SpeedCheck:
         self.doubt: SpeedDoubt | None = None
         self._watch = WalkWatch()
         self._wheel = Reckoned(0.0, 0.0, 0.0, 0)
-        self._before: Mark | None = None        # the one before they parted
-        self._window_s = WINDOWS_S[-1]          # the longest that is looked at; while open, the one that showed it
+        self._before: Mark | None = None  # the one before they parted
+        # the longest that is looked at; while open, the one that showed it
+        self._window_s = WINDOWS_S[-1]
         self._agreed_s = 0.0
 
-    def moved(self, wheel_mps: float | None, heading_deg: float | None, backwards: bool, ratio: float,
-              dt_s: float) -> None:
-        """A tick. wheel_mps: as the sensor reads, None: silent or standing; ratio: by which it is corrected."""
+    def moved(
+        self,
+        wheel_mps: float | None,
+        heading_deg: float | None,
+        backwards: bool,
+        ratio: float,
+        dt_s: float,
+    ) -> None:
+        """A tick. wheel_mps: as the sensor reads, None: silent or standing; ratio: by which it
+        is corrected."""
         was = self._wheel
         if wheel_mps is None or heading_deg is None:
             self._wheel = was._replace(lost=was.lost + 1)
             return
         way_m, angle = wheel_mps * dt_s, radians(heading_deg) + (pi if backwards else 0.0)
-        self._wheel = Reckoned(was.east_m + way_m * sin(angle), was.north_m + way_m * cos(angle), was.way_m + way_m,
-                               was.lost, ratio, wheel_mps)
+        self._wheel = Reckoned(
+            was.east_m + way_m * sin(angle),
+            was.north_m + way_m * cos(angle),
+            was.way_m + way_m,
+            was.lost,
+            ratio,
+            wheel_mps,
+        )
 
-    def epoch(self, time_s: float, place: Place, spread_m: float, velocity: Velocity | None) -> bool:
-        """A new epoch of GNSS; True where from now on another speed is refused than before. spread_m: of a place that
-        is not believed, infinite."""
+    def epoch(
+        self, time_s: float, place: Place, spread_m: float, velocity: Velocity | None
+    ) -> bool:
+        """A new epoch of GNSS; True where from now on another speed is refused than before.
+        spread_m: of a place that is not believed, infinite."""
         last_s, was = self._watch.newest_s, self.doubt
-        now = self._watch.epoch(time_s, place, spread_m if isfinite(spread_m) else 1e6, velocity, self._wheel)
+        now = self._watch.epoch(
+            time_s, place, spread_m if isfinite(spread_m) else 1e6, velocity, self._wheel
+        )
         differing, window_s = self._differing(now)
         wrong_since = None if differing or self._refuses(Doubted.WHEEL) else self._wrong_since(now)
         parted = differing or wrong_since
         if self.doubt is not None:
             self._settle(self.doubt, now, parted, min(GAP_S, time_s - last_s) if window_s else 0.0)
         elif parted is not None:
-            self.doubt = SpeedDoubt(Doubted.EITHER if differing else Doubted.GNSS, time_s, time_s, now.reckoned.mps,
-                                    hypot(*now.velocity), parted.reckoned.ratio)
+            self.doubt = SpeedDoubt(
+                Doubted.EITHER if differing else Doubted.GNSS,
+                time_s,
+                time_s,
+                now.reckoned.mps,
+                hypot(*now.velocity),
+                parted.reckoned.ratio,
+            )
             self._before, self._agreed_s = parted, 0.0
             self._window_s = window_s if differing else WINDOWS_S[-1]
         if wrong_since is not None:
@@ -98,10 +144,13 @@ class SpeedCheck:
         self._before = None
 
     def corrected_ratio(self) -> float | None:
-        """The way between places by the wheel's, on the newest straight piece; None: there is none."""
+        """The way between places by the wheel's, on the newest straight piece; None: there is
+        none."""
         marks = self._watch.marks
         now = marks[-1] if marks else None
-        first = next((mark for mark in reversed(marks) if now and now.time_s - mark.time_s >= RATIO_S), None)
+        first = next(
+            (mark for mark in reversed(marks) if now and now.time_s - mark.time_s >= RATIO_S), None
+        )
         if now is None or first is None or first.reckoned.lost != now.reckoned.lost:
             return None
         rolled_m, way_m = hypot(*_by_wheel(first, now)), now.reckoned.way_m - first.reckoned.way_m
@@ -114,7 +163,8 @@ class SpeedCheck:
         """Do they agree again?"""
         if parted is not None:
             self.doubt, self._agreed_s = doubt._replace(differed_s=now.time_s), 0.0
-            if self._before is None or self._before.reckoned.lost != now.reckoned.lost:     # it stood meanwhile
+            # it stood meanwhile
+            if self._before is None or self._before.reckoned.lost != now.reckoned.lost:
                 self._before = parted
             return
         self._agreed_s += judged_s
@@ -123,12 +173,13 @@ class SpeedCheck:
             self._watch.restart()
 
     def _differing(self, now: Mark) -> tuple[Mark | None, float]:
-        """A mark before wheel and GNSS's speed parted, and the window that shows it; None where they agree, and the
-        longest window that was judged, 0 where none could be."""
+        """A mark before wheel and GNSS's speed parted, and the window that shows it; None where
+        they agree, and the longest window that was judged, 0 where none could be."""
         recent = [*self._watch.marks, now]
-        del recent[:bisect_left(recent, now.time_s - KEPT_S, key=TIME_S)]
+        del recent[: bisect_left(recent, now.time_s - KEPT_S, key=TIME_S)]
         while recent[0].reckoned.lost != now.reckoned.lost or recent[0].gap_m != now.gap_m:
-            del recent[0]                       # lost ticks and gaps only add up: what comes later is of this piece
+            # lost ticks and gaps only add up: what comes later is of this piece
+            del recent[0]
         since_s, end_s, judged_s = recent[0].time_s, now.time_s - LATE_S, 0.0
         if end_s - WINDOWS_S[0] < since_s:
             return None, 0.0
@@ -139,26 +190,42 @@ class SpeedCheck:
                 break
             begin, least_m = _at(recent, begin_s), JUDGED_FROM_MPS * window_s
             wheel_m, way_m = end[0] - begin[0], end[1] - begin[1]
-            if max(wheel_m, way_m) >= least_m and SLIP[0] * wheel_m - WAY_M <= way_m <= SLIP[1] * wheel_m + WAY_M:
-                judged_s = window_s             # the usual case: they agree as they are, whatever comes later
+            if (
+                max(wheel_m, way_m) >= least_m
+                and SLIP[0] * wheel_m - WAY_M <= way_m <= SLIP[1] * wheel_m + WAY_M
+            ):
+                # the usual case: they agree as they are, whatever comes later
+                judged_s = window_s
                 continue
-            ways_m = [way_m, *(_at(recent, end_s + late)[1] - _at(recent, begin_s + late)[1] for late in LATER_S[1:])]
+            ways_m = [
+                way_m,
+                *(
+                    _at(recent, end_s + late)[1] - _at(recent, begin_s + late)[1]
+                    for late in LATER_S[1:]
+                ),
+            ]
             if max(wheel_m, *ways_m) < least_m:
                 continue
             judged_s = window_s
             first = recent[bisect_right(recent, begin_s, key=TIME_S) - 1]
             room_m = WAY_M + LEVER_M * _turned(first.velocity, now.velocity)
             if max(ways_m) < SLIP[0] * wheel_m - room_m or min(ways_m) > SLIP[1] * wheel_m + room_m:
-                return recent[max(0, bisect_right(recent, begin_s - BEFORE_S, key=TIME_S) - 1)], window_s
+                return recent[
+                    max(0, bisect_right(recent, begin_s - BEFORE_S, key=TIME_S) - 1)
+                ], window_s
         return None, judged_s
 
     def _wrong_since(self, now: Mark) -> Mark | None:
-        """A mark since which GNSS's speed differs from its places, and the wheel bears out these; None: it does not."""
+        """A mark since which GNSS's speed differs from its places, and the wheel bears out
+        these; None: it does not."""
         walk = self._watch.walked(now, FITS, 0.0)
         if walk is None or walk.since.reckoned.lost != now.reckoned.lost:
             return None
         east, north = _by_wheel(walk.since, now)
-        places, speed = _by_places(walk.since, now), (now.east_m - walk.since.east_m, now.north_m - walk.since.north_m)
+        places, speed = (
+            _by_places(walk.since, now),
+            (now.east_m - walk.since.east_m, now.north_m - walk.since.north_m),
+        )
         off_places_m, off_speed_m = (hypot(e - east, n - north) for e, n in (places, speed))
         return walk.since if 2.0 * off_places_m < off_speed_m else None
 
@@ -169,9 +236,13 @@ class SpeedCheck:
             return
         places, wheel = _by_places(before, now), _by_wheel(before, now)
         speed = now.east_m - before.east_m, now.north_m - before.north_m
-        changed_mps = hypot(now.velocity[0] - before.velocity[0], now.velocity[1] - before.velocity[1])
-        variance = before.spread_m ** 2 + now.spread_m ** 2 + (LATE_S * changed_mps) ** 2
-        by_wheel, by_speed = ((way[0] - places[0]) ** 2 + (way[1] - places[1]) ** 2 for way in (wheel, speed))
+        changed_mps = hypot(
+            now.velocity[0] - before.velocity[0], now.velocity[1] - before.velocity[1]
+        )
+        variance = before.spread_m**2 + now.spread_m**2 + (LATE_S * changed_mps) ** 2
+        by_wheel, by_speed = (
+            (way[0] - places[0]) ** 2 + (way[1] - places[1]) ** 2 for way in (wheel, speed)
+        )
         if abs(by_wheel - by_speed) < DECIDES * variance:
             return
         if by_wheel < by_speed:
@@ -180,8 +251,10 @@ class SpeedCheck:
         else:
             fits = by_speed <= FITS * (variance + (SPEED_SHARE * hypot(*speed)) ** 2)
             refused = Doubted.WHEEL
-            if hypot(*wheel) < hypot(*speed) and changed_mps > abs(now.reckoned.mps - before.reckoned.mps):
-                return                          # one receiver against one wheel
+            if hypot(*wheel) < hypot(*speed) and changed_mps > abs(
+                now.reckoned.mps - before.reckoned.mps
+            ):
+                return  # one receiver against one wheel
         if fits:
             self.doubt, self._window_s = doubt._replace(refused=refused), WINDOWS_S[-1]
             self._watch.restart()
@@ -194,8 +267,10 @@ def _by_places(before: Mark, now: Mark) -> tuple[float, float]:
 def _by_wheel(before: Mark, now: Mark) -> tuple[float, float]:
     """East and north, m, corrected as it was before."""
     ratio = before.reckoned.ratio
-    return (ratio * (now.reckoned.east_m - before.reckoned.east_m),
-            ratio * (now.reckoned.north_m - before.reckoned.north_m))
+    return (
+        ratio * (now.reckoned.east_m - before.reckoned.east_m),
+        ratio * (now.reckoned.north_m - before.reckoned.north_m),
+    )
 
 
 def _turned(before: Velocity, now: Velocity) -> float:
@@ -205,12 +280,14 @@ def _turned(before: Velocity, now: Velocity) -> float:
 
 
 def _at(marks: list[Mark], time_s: float) -> tuple[float, float]:
-    """The ways of the wheel and of GNSS's speed until then: between two marks in proportion; beyond the last as
-    there."""
+    """The ways of the wheel and of GNSS's speed until then: between two marks in proportion;
+    beyond the last as there."""
     k = bisect_right(marks, time_s, key=TIME_S)
     if k >= len(marks):
         return marks[-1].reckoned.way_m, marks[-1].way_m
     one, other = marks[k - 1], marks[k]
     share = (time_s - one.time_s) / (other.time_s - one.time_s)
     rolled_m, way_m = one.reckoned.way_m, one.way_m
-    return rolled_m + share * (other.reckoned.way_m - rolled_m), way_m + share * (other.way_m - way_m)
+    return rolled_m + share * (other.reckoned.way_m - rolled_m), way_m + share * (
+        other.way_m - way_m
+    )

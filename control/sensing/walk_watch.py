@@ -1,20 +1,25 @@
-"""Does GNSS's place go where its own speed and course say? The sum of the innovations, over seconds and over a minute.
+"""Does GNSS's place go where its own speed and course say? The sum of the innovations, over
+seconds and over a minute.
 
-A place that walks off by half a metre a second passes every gate on one epoch: each agrees with the one before. Summed
-up it does not: over a window the place must have moved as far as speed and course add up to. The square of what is
-left over its variance has a chi-square distribution with two degrees of freedom when all is well (`position_gate`).
+A place that walks off by half a metre a second passes every gate on one epoch: each agrees with
+the one before. Summed up it does not: over a window the place must have moved as far as speed
+and course add up to. The square of what is left over its variance has a chi-square distribution
+with two degrees of freedom when all is well (`position_gate`).
 
-What is left has these causes, and the variance these terms, all 1 s.d.: the two places' own spread; the share by which
-a receiver's speed may be off (`SPEED_SHARE` of the way) and the step in which it tells it (`SPEED_STEP_MPS`); that
-speed comes later than place (`LATE_S` of the change of velocity: nothing on a straight pass); what it calls standing
-though it creeps (`CREEP_MPS`); where epochs tell no speed a quarter of the way as it was reckoned, where they are
-missing all of it.
-The wheel is not asked here, so that one that slips, spins or is calibrated wrongly accuses nobody.
+What is left has these causes, and the variance these terms, all 1 s.d.: the two places' own
+spread; the share by which a receiver's speed may be off (`SPEED_SHARE` of the way) and the step
+in which it tells it (`SPEED_STEP_MPS`); that speed comes later than place (`LATE_S` of the
+change of velocity: nothing on a straight pass); what it calls standing though it creeps
+(`CREEP_MPS`); where epochs tell no speed a quarter of the way as it was reckoned, where they
+are missing all of it. The wheel is not asked here, so that one that slips, spins or is
+calibrated wrongly accuses nobody.
 
-So a steady walk is seen from 5.25 (the gate's root) times what grows with time on: 0.2 m/s at 1.25 m/s, over a minute.
-What walks more slowly is not seen. Nor is a receiver whose speed and course walk with its place: that, and whether it
-is the speed that is wrong, `speed_check` says by the wheel.
+So a steady walk is seen from 5.25 (the gate's root) times what grows with time on: 0.2 m/s at
+1.25 m/s, over a minute. What walks more slowly is not seen. Nor is a receiver whose speed and
+course walk with its place: that, and whether it is the speed that is wrong, `speed_check` says
+by the wheel.
 """
+
 from __future__ import annotations
 
 from bisect import bisect_right
@@ -27,23 +32,28 @@ from typing import NamedTuple
 from control.geodesy import Place
 
 WINDOWS_S = (1.0, 2.0, 4.0, 8.0, 15.0, 30.0, 60.0)
-MARK_S = 0.5            # marks are kept at this distance, ...
-LONGEST_S = WINDOWS_S[-1] + 1.0     # ... for this long
+MARK_S = 0.5  # marks are kept at this distance, ...
+LONGEST_S = WINDOWS_S[-1] + 1.0  # ... for this long
 SPEED_SHARE = 0.01
-SPEED_STEP_MPS = 0.03   # a tenth of a knot is a step of 0.05 m/s; its s.d. 0.015, and as much again for a bias
-LATE_S = 1.0            # GNSS speeds come 0.1 to 1 s late
-CREEP_MPS = 0.05        # reported as standing: receivers cut speeds below some 0.1 to 0.2 m/s to 0
+# a tenth of a knot is a step of 0.05 m/s; its s.d. 0.015, and as much again for a bias
+SPEED_STEP_MPS = 0.03
+LATE_S = 1.0  # GNSS speeds come 0.1 to 1 s late
+# reported as standing: receivers cut speeds below some 0.1 to 0.2 m/s to 0
+CREEP_MPS = 0.05
 STANDS_MPS = 0.2
-GAP_S = 2.0             # epochs farther apart: the course in between is not known, nor where the way led
-GAP_SHARE = 0.25        # of the way reckoned where epochs tell no speed, as `position_gate.WAY_SHARE`
+# epochs farther apart: the course in between is not known, nor where the way led
+GAP_S = 2.0
+# of the way reckoned where epochs tell no speed, as `position_gate.WAY_SHARE`
+GAP_SHARE = 0.25
 
 TIME_S = attrgetter("time_s")
-Velocity = tuple[float, float]      # east, north, m/s
+Velocity = tuple[float, float]  # east, north, m/s
 
 
 class Reckoned(NamedTuple):
-    """The way as wheel and heading have it, since the beginning; `lost`: ticks whose heading or speed was unknown.
-    `ratio`, `mps`: of a wheel that is not corrected (`speed_check`), by what it would be, and what it reads."""
+    """The way as wheel and heading have it, since the beginning; `lost`: ticks whose heading or
+    speed was unknown. `ratio`, `mps`: of a wheel that is not corrected (`speed_check`), by what
+    it would be, and what it reads."""
 
     east_m: float
     north_m: float
@@ -59,7 +69,7 @@ class Mark(NamedTuple):
     time_s: float
     place: Place
     spread_m: float
-    east_m: float           # by the receiver's own speed and course
+    east_m: float  # by the receiver's own speed and course
     north_m: float
     way_m: float
     creep_m: float
@@ -69,7 +79,8 @@ class Mark(NamedTuple):
 
 
 class Walk(NamedTuple):
-    """A place that has walked off: how far, in how many seconds, and where it would be now without."""
+    """A place that has walked off: how far, in how many seconds, and where it would be now
+    without."""
 
     off_m: float
     over_s: float
@@ -78,11 +89,12 @@ class Walk(NamedTuple):
 
 
 class WalkWatch:
-    """`epoch` for every epoch, then `walked` of its mark, then `taken` where it is. O(1) an epoch."""
+    """`epoch` for every epoch, then `walked` of its mark, then `taken` where it is. O(1) an
+    epoch."""
 
     def __init__(self) -> None:
         self._marks: deque[Mark] = deque()
-        self._last: Mark | None = None          # of the newest epoch, taken or not
+        self._last: Mark | None = None  # of the newest epoch, taken or not
 
     @property
     def marks(self) -> Sequence[Mark]:
@@ -99,12 +111,20 @@ class WalkWatch:
         """Since when places agree; infinite before the first."""
         return self._marks[0].time_s if self._marks else inf
 
-    def epoch(self, time_s: float, place: Place, spread_m: float, velocity: Velocity | None,
-              reckoned: Reckoned) -> Mark:
+    def epoch(
+        self,
+        time_s: float,
+        place: Place,
+        spread_m: float,
+        velocity: Velocity | None,
+        reckoned: Reckoned,
+    ) -> Mark:
         """The mark of a new epoch. velocity: as the receiver tells it; None: it does not."""
         before = self._last
         if before is None:
-            now = Mark(time_s, place, spread_m, 0.0, 0.0, 0.0, 0.0, 0.0, velocity or (0.0, 0.0), reckoned)
+            now = Mark(
+                time_s, place, spread_m, 0.0, 0.0, 0.0, 0.0, 0.0, velocity or (0.0, 0.0), reckoned
+            )
         else:
             now = _on(before, time_s, place, spread_m, velocity, reckoned)
         self._last = now
@@ -114,10 +134,11 @@ class WalkWatch:
         """The longest window over which this epoch has walked off; None: over none of them."""
         found, over_s, marks, now_s = None, 0.0, self._marks, now.time_s
         for window_s in WINDOWS_S:
-            if window_s <= over_s:              # of the mark that spoke for the window before
+            if window_s <= over_s:  # of the mark that spoke for the window before
                 continue
             k = bisect_right(marks, now_s - window_s + 1e-6, key=TIME_S)
-            if k and now_s - marks[k - 1].time_s < window_s:        # nearer by less than the arithmetic
+            # nearer by less than the arithmetic
+            if k and now_s - marks[k - 1].time_s < window_s:
                 k -= 1
             if k == 0:
                 break
@@ -140,39 +161,73 @@ class WalkWatch:
 
 
 def walk_between(before: Mark, now: Mark, gate: float, timing_m: float) -> Walk | None:
-    """How far the place has walked off between two epochs from where the receiver's own speed leads; None where that is
-    within the gate (chi-square)."""
+    """How far the place has walked off between two epochs from where the receiver's own speed
+    leads; None where that is within the gate (chi-square)."""
     (east1, north1), (east0, north0) = now.place, before.place
     east, north = east1 - east0, north1 - north0
-    over_s, places = now.time_s - before.time_s, before.spread_m ** 2 + now.spread_m ** 2 + timing_m ** 2
+    over_s, places = now.time_s - before.time_s, before.spread_m**2 + now.spread_m**2 + timing_m**2
     moved_east, moved_north = now.east_m - before.east_m, now.north_m - before.north_m
     off_m = hypot(east - moved_east, north - moved_north)
-    if off_m * off_m <= gate * places:          # the usual case: the other terms only add to it
+    if off_m * off_m <= gate * places:  # the usual case: the other terms only add to it
         return None
-    way_m, creep_m, gap_m = now.way_m - before.way_m, now.creep_m - before.creep_m, now.gap_m - before.gap_m
-    late_m = LATE_S * hypot(now.velocity[0] - before.velocity[0], now.velocity[1] - before.velocity[1])
-    variance = (places + (SPEED_SHARE * way_m) ** 2 + (SPEED_STEP_MPS * over_s) ** 2 + creep_m ** 2 + gap_m ** 2
-                + late_m ** 2)
+    way_m, creep_m, gap_m = (
+        now.way_m - before.way_m,
+        now.creep_m - before.creep_m,
+        now.gap_m - before.gap_m,
+    )
+    late_m = LATE_S * hypot(
+        now.velocity[0] - before.velocity[0], now.velocity[1] - before.velocity[1]
+    )
+    variance = (
+        places
+        + (SPEED_SHARE * way_m) ** 2
+        + (SPEED_STEP_MPS * over_s) ** 2
+        + creep_m**2
+        + gap_m**2
+        + late_m**2
+    )
     if off_m * off_m > gate * variance:
         return Walk(off_m, over_s, before, (east0 + moved_east, north0 + moved_north))
     return None
 
 
-def _on(before: Mark, time_s: float, place: Place, spread_m: float, velocity: Velocity | None,
-        reckoned: Reckoned) -> Mark:
+def _on(
+    before: Mark,
+    time_s: float,
+    place: Place,
+    spread_m: float,
+    velocity: Velocity | None,
+    reckoned: Reckoned,
+) -> Mark:
     """The sums moved on to a new epoch."""
     step_s = max(0.0, time_s - before.time_s)
     if velocity is None or step_s > GAP_S:
         way_m = reckoned.way_m - before.reckoned.way_m
         on_course = step_s <= GAP_S and reckoned.lost == before.reckoned.lost
         share = GAP_SHARE if on_course else 1.0
-        return Mark(time_s, place, spread_m, before.east_m + reckoned.east_m - before.reckoned.east_m,
-                    before.north_m + reckoned.north_m - before.reckoned.north_m, before.way_m + way_m,
-                    before.creep_m + CREEP_MPS * step_s, before.gap_m + share * way_m,
-                    before.velocity if velocity is None else velocity, reckoned)
+        return Mark(
+            time_s,
+            place,
+            spread_m,
+            before.east_m + reckoned.east_m - before.reckoned.east_m,
+            before.north_m + reckoned.north_m - before.reckoned.north_m,
+            before.way_m + way_m,
+            before.creep_m + CREEP_MPS * step_s,
+            before.gap_m + share * way_m,
+            before.velocity if velocity is None else velocity,
+            reckoned,
+        )
     (east0, north0), (east1, north1) = before.velocity, velocity
     speed_mps = 0.5 * (hypot(east0, north0) + hypot(east1, north1))
-    return Mark(time_s, place, spread_m, before.east_m + 0.5 * (east0 + east1) * step_s,
-                before.north_m + 0.5 * (north0 + north1) * step_s, before.way_m + speed_mps * step_s,
-                before.creep_m + (CREEP_MPS * step_s if speed_mps < STANDS_MPS else 0.0), before.gap_m, velocity,
-                reckoned)
+    return Mark(
+        time_s,
+        place,
+        spread_m,
+        before.east_m + 0.5 * (east0 + east1) * step_s,
+        before.north_m + 0.5 * (north0 + north1) * step_s,
+        before.way_m + speed_mps * step_s,
+        before.creep_m + (CREEP_MPS * step_s if speed_mps < STANDS_MPS else 0.0),
+        before.gap_m,
+        velocity,
+        reckoned,
+    )

@@ -1,4 +1,5 @@
 """Machine, crop and job to a control loop and, where the machine is simulated, its plant."""
+
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
@@ -31,57 +32,121 @@ def with_simulated_field(job: Job, machine: Machine) -> Job:
     """A job that names no boundary gets the rectangle of its simulated passes."""
     if job.field.boundary_m:
         return job
-    corners = field_boundary(job.simulated, machine.geometry.working_width_m, job.field.pass_heading_deg)
+    corners = field_boundary(
+        job.simulated, machine.geometry.working_width_m, job.field.pass_heading_deg
+    )
     return job.model_copy(update={"field": job.field.model_copy(update={"boundary_m": corners})})
 
 
-def control_loop(machine: Machine, crop: Crop, rule: Rule, job: Job, has_work_switch: bool = False,
-                 *,
-                 prescription: MapProfile | None = None, plants: PlantList | None = None,
-                 dose_errors: Sequence[DoseError] = (), obeyed: bool = True, index_map: IndexMap | None = None,
-                 zone_map: IndexMap | None = None, done: DoneGround | None = None, steps: Steps | None = None,
-                 record_only: bool = False) -> ControlLoop:
-    """The loop of a job; fenced where the job knows its field. `prescription`, `plants`: on the job's plane, for map
-    and point mode; `dose_errors`: from which the threshold begins; `obeyed`, `index_map`, `zone_map`, `done`, `steps`,
-    `record_only`: as `ControlLoop` has them. Raises ValueError where the headland or the margins leave nothing of the
-    field."""
-    strips = [strip.right_m - strip.left_m for strip in machine.switched] or [machine.geometry.working_width_m]
+def control_loop(
+    machine: Machine,
+    crop: Crop,
+    rule: Rule,
+    job: Job,
+    has_work_switch: bool = False,
+    *,
+    prescription: MapProfile | None = None,
+    plants: PlantList | None = None,
+    dose_errors: Sequence[DoseError] = (),
+    obeyed: bool = True,
+    index_map: IndexMap | None = None,
+    zone_map: IndexMap | None = None,
+    done: DoneGround | None = None,
+    steps: Steps | None = None,
+    record_only: bool = False,
+) -> ControlLoop:
+    """The loop of a job; fenced where the job knows its field. `prescription`, `plants`: on the
+    job's plane, for map and point mode; `dose_errors`: from which the threshold begins;
+    `obeyed`, `index_map`, `zone_map`, `done`, `steps`, `record_only`: as `ControlLoop` has
+    them. Raises ValueError where the headland or the margins leave nothing of the field."""
+    strips = [strip.right_m - strip.left_m for strip in machine.switched] or [
+        machine.geometry.working_width_m
+    ]
     boundary = job.field.spread_ground(0.5 * max(strips))
     fence = Fence(boundary) if boundary is not None else None
-    headland = Fence(_without_headland(job)) if fence is not None and job.field.headland_m > 0.0 else None
+    headland = (
+        Fence(_without_headland(job)) if fence is not None and job.field.headland_m > 0.0 else None
+    )
     points = None
     if plants is not None or job.target.source is TargetSource.POINT:
         points = point_source(machine, job, plants, dose_errors)
-    return ControlLoop(machine, crop, rule, job, fence, has_work_switch, prescription=prescription, points=points,
-                       headland=headland, obeyed=obeyed, index_map=index_map, zone_map=zone_map, done=done,
-                       steps=steps, record_only=record_only)
+    return ControlLoop(
+        machine,
+        crop,
+        rule,
+        job,
+        fence,
+        has_work_switch,
+        prescription=prescription,
+        points=points,
+        headland=headland,
+        obeyed=obeyed,
+        index_map=index_map,
+        zone_map=zone_map,
+        done=done,
+        steps=steps,
+        record_only=record_only,
+    )
 
 
 def _without_headland(job: Job) -> Boundary:
     """Raises ValueError where the headland leaves nothing of the field."""
     inner = Boundary(job.field.boundary_m, job.field.holes_m).inset(job.field.headland_m)
     if inner.is_empty:
-        raise ValueError(f"job {job.id}: field.headland_m {job.field.headland_m:g}: leaves nothing of the field")
+        raise ValueError(
+            f"job {job.id}: field.headland_m {job.field.headland_m:g}: leaves nothing of the field"
+        )
     return inner
 
 
-def point_source(machine: Machine, job: Job, plants: PlantList | None,
-                 dose_errors: Sequence[DoseError] = ()) -> PointSource:
-    """Point mode of a job. Its lag as the machine file has it: what passes between command and shaft counts as the
-    link (point paper, eq 2), the fall as drop time; a camera's computing time is known from its pictures."""
+def point_source(
+    machine: Machine, job: Job, plants: PlantList | None, dose_errors: Sequence[DoseError] = ()
+) -> PointSource:
+    """Point mode of a job. Its lag as the machine file has it: what passes between command and
+    shaft counts as the link (point paper, eq 2), the fall as drop time; a camera's computing
+    time is known from its pictures."""
     dose = DoseOrder(job.target.dose_angle_deg, machine.set_points.shaft_rpm)
     shaft = machine.shaft
-    lag = PointLag(0.0, shaft.dead_time_s + shaft.extra_dead_time_s, dose.angle_deg / (6.0 * dose.shaft_rpm),
-                   drop_s(machine.fall, dose.shaft_rpm))
-    return PointSource(lag, dose, 0.5 * machine.geometry.working_width_m, plants, job.target.learn_threshold,
-                       job.target.dose_rest_s, dose_errors)
+    lag = PointLag(
+        0.0,
+        shaft.dead_time_s + shaft.extra_dead_time_s,
+        dose.angle_deg / (6.0 * dose.shaft_rpm),
+        drop_s(machine.fall, dose.shaft_rpm),
+    )
+    return PointSource(
+        lag,
+        dose,
+        0.5 * machine.geometry.working_width_m,
+        plants,
+        job.target.learn_threshold,
+        job.target.dose_rest_s,
+        dose_errors,
+    )
 
 
-def simulated_machine(machine: Machine, job: Job, seed: int, dt_s: float, planted: Sequence[Planted] = (),
-                      *,
-                      keep: Callable[[Truth], None] | None = None, plants: PlantList | None = None,
-                      terms: Sequence[Term] = (), steps: Steps | None = None) -> Plant:
-    """The plant of a job. `plants`: of its plant list; `terms`: along with those of the machine's file; `steps`: as
-    `Plant` has them. Raises ValueError where an effect does not fit the machine."""
-    return Plant(machine, job, seed, dt_s, planted, keep=keep, plants=None if plants is None else plants.places_m,
-                 terms=terms, steps=steps)
+def simulated_machine(
+    machine: Machine,
+    job: Job,
+    seed: int,
+    dt_s: float,
+    planted: Sequence[Planted] = (),
+    *,
+    keep: Callable[[Truth], None] | None = None,
+    plants: PlantList | None = None,
+    terms: Sequence[Term] = (),
+    steps: Steps | None = None,
+) -> Plant:
+    """The plant of a job. `plants`: of its plant list; `terms`: along with those of the
+    machine's file; `steps`: as `Plant` has them. Raises ValueError where an effect does not fit
+    the machine."""
+    return Plant(
+        machine,
+        job,
+        seed,
+        dt_s,
+        planted,
+        keep=keep,
+        plants=None if plants is None else plants.places_m,
+        terms=terms,
+        steps=steps,
+    )

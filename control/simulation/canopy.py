@@ -1,4 +1,6 @@
-"""A seeded NDVI field with a chosen mean, CV and correlation length (decision paper: plots of 0.467-0.546, 8-11 %)."""
+"""A seeded NDVI field with a chosen mean, CV and correlation length (decision paper: plots of
+0.467-0.546, 8-11 %)."""
+
 from __future__ import annotations
 
 from functools import lru_cache
@@ -10,9 +12,10 @@ from control.field.job import Canopy
 from control.machine.elements import Array
 
 CELL_M = 0.4
-MOST_CELLS = 4_000_000          # 0.8 km by 0.8 km, 32 MB, four times that to make; beyond the same canopy comes again
-# Both indices saturate with leaf area, NDVI much sooner (form after Baret and Guyot 1991, Remote Sens. Environ.
-# 35:161-173; the figures are typical of wheat, nobody's in particular).
+# 0.8 km by 0.8 km, 32 MB, four times that to make; beyond the same canopy comes again
+MOST_CELLS = 4_000_000
+# Both indices saturate with leaf area, NDVI much sooner (form after Baret and Guyot 1991,
+# Remote Sens. Environ. 35:161-173; the figures are typical of wheat, nobody's in particular).
 SOIL_NDVI, DENSE_NDVI, NDVI_PER_LEAF = 0.15, 0.95, 0.70
 SOIL_NDRE, DENSE_NDRE, NDRE_PER_LEAF = 0.08, 0.60, 0.25
 
@@ -27,10 +30,13 @@ def ndre_of(ndvi: float) -> float:
 class CanopyField:
     """NDVI on a grid of CELL_M, bilinear in between; it repeats beyond its edges.
 
-    A Gaussian random field with exponential covariance exp(-d / correlation_m), made in the frequency domain.
+    A Gaussian random field with exponential covariance exp(-d / correlation_m), made in the
+    frequency domain.
     """
 
-    def __init__(self, canopy: Canopy, east_m: tuple[float, float], north_m: tuple[float, float], seed: int) -> None:
+    def __init__(
+        self, canopy: Canopy, east_m: tuple[float, float], north_m: tuple[float, float], seed: int
+    ) -> None:
         self._east0, self._north0 = east_m[0], north_m[0]
         columns, rows = _grid(east_m[1] - east_m[0], north_m[1] - north_m[0])
         rng = np.random.default_rng(seed)
@@ -43,9 +49,10 @@ class CanopyField:
         field = (field - field.mean()) / field.std()
         ndvi = canopy.mean_ndvi * (1.0 + canopy.cv_percent / 100.0 * field)
         self.ndvi: Array = np.clip(ndvi, 0.02, 0.98)
-        self.ndvi.flags.writeable = False               # several machines may work on it
+        self.ndvi.flags.writeable = False  # several machines may work on it
         self._rows, self._columns = rows, columns
-        self._cells = memoryview(self.ndvi.ravel())     # by row: its single cells are read quicker than the array's
+        # by row: its single cells are read quicker than the array's
+        self._cells = memoryview(self.ndvi.ravel())
 
     def at(self, east_m: float, north_m: float) -> float:
         """NDVI at a place on the field's plane."""
@@ -56,7 +63,9 @@ class CanopyField:
         columns, g = self._columns, self._cells
         i0, i1 = i % columns, (i + 1) % columns
         j0, j1 = j % self._rows * columns, (j + 1) % self._rows * columns
-        here: float = (1 - v) * ((1 - u) * g[j0 + i0] + u * g[j0 + i1]) + v * ((1 - u) * g[j1 + i0] + u * g[j1 + i1])
+        here: float = (1 - v) * ((1 - u) * g[j0 + i0] + u * g[j0 + i1]) + v * (
+            (1 - u) * g[j1 + i0] + u * g[j1 + i1]
+        )
         return here
 
     def many_at(self, east_m: Array, north_m: Array) -> Array:
@@ -64,19 +73,30 @@ class CanopyField:
         x, y = (east_m - self._east0) / CELL_M, (north_m - self._north0) / CELL_M
         i, j = np.floor(x).astype(np.int64), np.floor(y).astype(np.int64)
         u, v, g = x - i, y - j, self.ndvi
-        i0, i1, j0, j1 = i % self._columns, (i + 1) % self._columns, j % self._rows, (j + 1) % self._rows
-        here: Array = (1 - v) * ((1 - u) * g[j0, i0] + u * g[j0, i1]) + v * ((1 - u) * g[j1, i0] + u * g[j1, i1])
+        i0, i1, j0, j1 = (
+            i % self._columns,
+            (i + 1) % self._columns,
+            j % self._rows,
+            (j + 1) % self._rows,
+        )
+        here: Array = (1 - v) * ((1 - u) * g[j0, i0] + u * g[j0, i1]) + v * (
+            (1 - u) * g[j1, i0] + u * g[j1, i1]
+        )
         return here
 
 
 @lru_cache(maxsize=1)
-def canopy_field(canopy: Canopy, east_m: tuple[float, float], north_m: tuple[float, float], seed: int) -> CanopyField:
-    """As `CanopyField`; the same one where the same field is worked again: it takes as long as 30 s of simulation."""
+def canopy_field(
+    canopy: Canopy, east_m: tuple[float, float], north_m: tuple[float, float], seed: int
+) -> CanopyField:
+    """As `CanopyField`; the same one where the same field is worked again: it takes as long as
+    30 s of simulation."""
     return CanopyField(canopy, east_m, north_m, seed)
 
 
 class AcrossWidth:
-    """What heads in a row across the working width read of a canopy, one at each head's place: NDVI or NDRE, `index`.
+    """What heads in a row across the working width read of a canopy, one at each head's place:
+    NDVI or NDRE, `index`.
 
     Places are those of the row's middle on the field's plane.
     """
@@ -88,13 +108,18 @@ class AcrossWidth:
     def at(self, east_m: float, north_m: float, heading_deg: float) -> list[float]:
         angle = radians(heading_deg)
         right, back = cos(angle), sin(angle)
-        ndvi = [self._field.at(east_m + aside * right, north_m - aside * back) for aside in self._asides]
+        ndvi = [
+            self._field.at(east_m + aside * right, north_m - aside * back) for aside in self._asides
+        ]
         return [ndre_of(one) for one in ndvi] if self._by_ndre else ndvi
 
     def means(self, east_m: Array, north_m: Array, heading_deg: Array) -> Array:
         """Mean of `at` for a whole run, (n,) each -> (n,)."""
         headings, which = np.unique(heading_deg, return_inverse=True)
-        right, back = (np.array([of(radians(heading)) for heading in headings.tolist()])[which] for of in (cos, sin))
+        right, back = (
+            np.array([of(radians(heading)) for heading in headings.tolist()])[which]
+            for of in (cos, sin)
+        )
         total = np.zeros(len(east_m))
         for aside in self._asides:
             ndvi = self._field.many_at(east_m + aside * right, north_m - aside * back)
@@ -103,11 +128,12 @@ class AcrossWidth:
 
 
 def _grid(wide_m: float, long_m: float) -> tuple[int, int]:
-    """Columns and rows: all of the ground, the longer side cut where that would be more than `MOST_CELLS`."""
+    """Columns and rows: all of the ground, the longer side cut where that would be more than
+    `MOST_CELLS`."""
     columns, rows = (max(8, int(np.ceil(m / CELL_M))) for m in (wide_m, long_m))
     if columns * rows <= MOST_CELLS:
         return columns, rows
-    side = int(MOST_CELLS ** 0.5)
+    side = int(MOST_CELLS**0.5)
     if min(columns, rows) >= side:
         return side, side
     return (columns, MOST_CELLS // columns) if columns < rows else (MOST_CELLS // rows, rows)

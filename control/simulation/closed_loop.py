@@ -1,4 +1,5 @@
 """A whole run: loop and plant closed on an injected clock, the operator included."""
+
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
@@ -18,8 +19,8 @@ from .plant import Plant, SensorReadings, Truth
 
 
 class Measuring:
-    """The plant's sensors straight to the loop's measurements, without the bytes: the newest of everything, as the
-    drivers keep it."""
+    """The plant's sensors straight to the loop's measurements, without the bytes: the newest of
+    everything, as the drivers keep it."""
 
     def __init__(self, heads: int) -> None:
         self._now = Measurements(0.0, ndvi=(None,) * heads)
@@ -28,12 +29,24 @@ class Measuring:
         t = s.time_s
         ndvi = self._now.ndvi if s.ndvi is None else tuple(Reading(v, t) for v in s.ndvi)
         self._now = Measurements(
-            t, s.gnss or self._now.gnss, Reading(s.wheel_mps, t), ndvi, Reading(s.shaft_rpm, t),
-            Reading(s.opening_mm, t), Reading(s.hopper_kg, t), Reading(s.supply_v, t), Reading(s.pitch_deg, t),
-            Reading(s.roll_deg, t), s.work_switch, plants=s.plants, speed_told=s.speed_told or self._now.speed_told,
-            canopy_index=s.canopy_index, valves=None if s.valves_open is None else ValvesSeen(t, s.valves_open),
+            t,
+            s.gnss or self._now.gnss,
+            Reading(s.wheel_mps, t),
+            ndvi,
+            Reading(s.shaft_rpm, t),
+            Reading(s.opening_mm, t),
+            Reading(s.hopper_kg, t),
+            Reading(s.supply_v, t),
+            Reading(s.pitch_deg, t),
+            Reading(s.roll_deg, t),
+            s.work_switch,
+            plants=s.plants,
+            speed_told=s.speed_told or self._now.speed_told,
+            canopy_index=s.canopy_index,
+            valves=None if s.valves_open is None else ValvesSeen(t, s.valves_open),
             shaft_effort=None if s.shaft_effort is None else Reading(s.shaft_effort, t),
-            gate_effort=None if s.gate_effort is None else Reading(s.gate_effort, t))
+            gate_effort=None if s.gate_effort is None else Reading(s.gate_effort, t),
+        )
         return self._now
 
 
@@ -45,14 +58,20 @@ class SimulatedTick(NamedTuple):
 
     tick: Tick
     truth: Truth
-    target_rate_kg_ha: float        # that the ground at the outlet's present place was meant to get
+    # that the ground at the outlet's present place was meant to get
+    target_rate_kg_ha: float
 
 
-def simulated_run(plant: Plant, loop: ControlLoop, seconds: float,
-                  orders: Sequence[tuple[float, Order]] | None = None,
-                  doses: DoseWatch | None = None) -> Iterator[SimulatedTick]:
-    """Ticks of `plant.dt_s` for `seconds`. `orders`: (time_s, order) of the operator; None: ready, start, and start
-    again whenever work was held at a refill. `doses`: measures dose errors in point mode, and tells the loop."""
+def simulated_run(
+    plant: Plant,
+    loop: ControlLoop,
+    seconds: float,
+    orders: Sequence[tuple[float, Order]] | None = None,
+    doses: DoseWatch | None = None,
+) -> Iterator[SimulatedTick]:
+    """Ticks of `plant.dt_s` for `seconds`. `orders`: (time_s, order) of the operator; None:
+    ready, start, and start again whenever work was held at a refill. `doses`: measures dose
+    errors in point mode, and tells the loop."""
     measuring = Measuring(plant.machine.geometry.heads)
     waiting = sorted(orders or (), key=lambda item: item[0])
     opening = plant.machine.set_points.opening_mm
@@ -101,10 +120,30 @@ class _SimulatedOperator:
 class Record:
     """What is kept of a run to judge it: columns of numbers, a row a tick."""
 
-    KEPT = ("time_s", "shaft_rpm", "opening_mm", "flow_kg_s", "drop_s", "settled_drop_s", "driven_m", "speed_mps",
-            "east_m", "north_m", "in_pass", "target_kg_ha", "working", "track_m", "shaft_rpm_cmd", "opening_mm_cmd",
-            "flowing", "open_share", "carried_share", "heading_deg")
-    NAMES = (*KEPT, "ndvi")         # of the canopy at the outlets, mean over the working width
+    KEPT = (
+        "time_s",
+        "shaft_rpm",
+        "opening_mm",
+        "flow_kg_s",
+        "drop_s",
+        "settled_drop_s",
+        "driven_m",
+        "speed_mps",
+        "east_m",
+        "north_m",
+        "in_pass",
+        "target_kg_ha",
+        "working",
+        "track_m",
+        "shaft_rpm_cmd",
+        "opening_mm_cmd",
+        "flowing",
+        "open_share",
+        "carried_share",
+        "heading_deg",
+    )
+    # of the canopy at the outlets, mean over the working width
+    NAMES = (*KEPT, "ndvi")
 
     def __init__(self) -> None:
         self._rows: list[tuple[float, ...]] = []
@@ -115,16 +154,38 @@ class Record:
         t = step.truth
         self._canopy = t.canopy
         self.fired.extend(step.tick.fired)
-        self._rows.append((t.time_s, t.shaft_rpm, t.opening_mm, t.flow_kg_s, t.drop_s, t.settled_drop_s, t.driven_m,
-                           t.speed_mps, t.east_m, t.north_m, float(t.in_pass), step.target_rate_kg_ha,
-                           float(step.tick.row.state == State.WORKING), step.tick.sensed.track_m,
-                           step.tick.command.shaft_rpm, step.tick.command.opening_mm,
-                           float(not step.tick.why_no_flow), t.open_share, t.carried_share, t.heading_deg))
+        self._rows.append(
+            (
+                t.time_s,
+                t.shaft_rpm,
+                t.opening_mm,
+                t.flow_kg_s,
+                t.drop_s,
+                t.settled_drop_s,
+                t.driven_m,
+                t.speed_mps,
+                t.east_m,
+                t.north_m,
+                float(t.in_pass),
+                step.target_rate_kg_ha,
+                float(step.tick.row.state == State.WORKING),
+                step.tick.sensed.track_m,
+                step.tick.command.shaft_rpm,
+                step.tick.command.opening_mm,
+                float(not step.tick.why_no_flow),
+                t.open_share,
+                t.carried_share,
+                t.heading_deg,
+            )
+        )
 
     def columns(self) -> dict[str, Array]:
         table = np.array(self._rows, dtype=np.float64).reshape(-1, len(self.KEPT))
         found = {name: table[:, k] for k, name in enumerate(self.KEPT)}
         canopy = self._canopy
-        found["ndvi"] = np.zeros(len(table)) if canopy is None else canopy.means(
-            found["east_m"], found["north_m"], found["heading_deg"])
+        found["ndvi"] = (
+            np.zeros(len(table))
+            if canopy is None
+            else canopy.means(found["east_m"], found["north_m"], found["heading_deg"])
+        )
         return found

@@ -1,4 +1,6 @@
-"""Where doses came to lie against the plants they were for: measured behind the machine, and judged over a run."""
+"""Where doses came to lie against the plants they were for: measured behind the machine, and
+judged over a run."""
+
 from __future__ import annotations
 
 from collections import deque
@@ -10,43 +12,46 @@ from control.machine.elements import Array
 
 from .plant import Truth
 
-LEAST_KG_S = 1e-4           # less is the end of a dose
-LEAST_KG = 1e-6             # less is no dose
-ENDS_S = 0.1                # without flow for this long: the dose is over
-MEASURED_M = 1.0            # behind the place where it fell
+LEAST_KG_S = 1e-4  # less is the end of a dose
+LEAST_KG = 1e-6  # less is no dose
+ENDS_S = 0.1  # without flow for this long: the dose is over
+MEASURED_M = 1.0  # behind the place where it fell
 KEPT_S = 30.0
-STARTED_M = 5.0             # plants so near ahead when work begins cannot be met
+# plants so near ahead when work begins cannot be met
+STARTED_M = 5.0
 
 
 class DoseErrors(NamedTuple):
-    """Of one run. Errors: middle of the dose minus the plant it was for, late positive, m; unsigned in p50 and p95."""
+    """Of one run. Errors: middle of the dose minus the plant it was for, late positive, m;
+    unsigned in p50 and p95."""
 
-    plants: int                 # that the machine has passed at work
+    plants: int  # that the machine has passed at work
     doses: int
     p50_m: float
     p95_m: float
     mean_m: float
-    missed: int                 # plants for which there was no dose
-    doubled: int                # plants for which there was more than one
-    dose_g: float               # mean mass
+    missed: int  # plants for which there was no dose
+    doubled: int  # plants for which there was more than one
+    dose_g: float  # mean mass
 
 
 class DoseWatch:
-    """Fed with the truth, step by step. `plants_m`: where along the way the plants stand, rising."""
+    """Fed with the truth, step by step. `plants_m`: where along the way the plants stand,
+    rising."""
 
     def __init__(self, plants_m: Array, seed: int, measured_sd_m: float) -> None:
         self.plants_m = plants_m
         self.errors_m: list[float] = []
-        self.for_plant: list[int] = []                          # of each dose ordered
+        self.for_plant: list[int] = []  # of each dose ordered
         self.mass_kg: list[float] = []
         self._rng = np.random.default_rng(seed)
         self._sd_m = measured_sd_m
-        self._way: deque[tuple[float, float]] = deque()         # time, driven
-        self._dose: tuple[float, float] | None = None           # kg, kg s of landing
+        self._way: deque[tuple[float, float]] = deque()  # time, driven
+        self._dose: tuple[float, float] | None = None  # kg, kg s of landing
         self._flowed_s = 0.0
         self._number = 0
-        self._falling: deque[tuple[float, float]] = deque()     # lands, kg
-        self._lying: deque[tuple[float, float]] = deque()       # place, error: not yet measured
+        self._falling: deque[tuple[float, float]] = deque()  # lands, kg
+        self._lying: deque[tuple[float, float]] = deque()  # place, error: not yet measured
         self._last_s = 0.0
         self._from_m = float("inf")
         self._to_m = float("-inf")
@@ -70,7 +75,9 @@ class DoseWatch:
             place = float(np.interp(lands_s, [t for t, _ in self._way], [d for _, d in self._way]))
             self.mass_kg.append(kg)
             if len(self.errors_m) < len(self.for_plant):
-                self.errors_m.append(place - float(self.plants_m[self.for_plant[len(self.errors_m)]]))
+                self.errors_m.append(
+                    place - float(self.plants_m[self.for_plant[len(self.errors_m)]])
+                )
                 self._lying.append((place, self.errors_m[-1]))
         found = []
         while self._lying and self._lying[0][0] <= truth.driven_m - MEASURED_M:
@@ -78,17 +85,27 @@ class DoseWatch:
         return found
 
     def errors(self, settle: int = 0) -> DoseErrors:
-        """Judge the run. `settle`: so many doses at the start are left out of the errors, not of the misses."""
+        """Judge the run. `settle`: so many doses at the start are left out of the errors, not
+        of the misses."""
         last_m = float(self.plants_m[self.for_plant[-1]]) if self.for_plant else float("-inf")
-        passed = np.flatnonzero((self.plants_m > self._from_m + STARTED_M)
-                                & (self.plants_m <= max(last_m, self._to_m)))
-        doses = np.bincount(np.array(self.for_plant, dtype=np.int64), minlength=len(self.plants_m))[passed]
+        passed = np.flatnonzero(
+            (self.plants_m > self._from_m + STARTED_M) & (self.plants_m <= max(last_m, self._to_m))
+        )
+        doses = np.bincount(np.array(self.for_plant, dtype=np.int64), minlength=len(self.plants_m))[
+            passed
+        ]
         errors = np.array(self.errors_m[settle:])
         size = np.abs(errors) if len(errors) else np.zeros(1)
-        return DoseErrors(len(passed), len(self.for_plant), float(np.percentile(size, 50)),
-                          float(np.percentile(size, 95)), float(errors.mean()) if len(errors) else 0.0,
-                          int(np.sum(doses == 0)), int(np.sum(doses > 1)),
-                          1000.0 * float(np.mean(self.mass_kg)) if self.mass_kg else 0.0)
+        return DoseErrors(
+            len(passed),
+            len(self.for_plant),
+            float(np.percentile(size, 50)),
+            float(np.percentile(size, 95)),
+            float(errors.mean()) if len(errors) else 0.0,
+            int(np.sum(doses == 0)),
+            int(np.sum(doses > 1)),
+            1000.0 * float(np.mean(self.mass_kg)) if self.mass_kg else 0.0,
+        )
 
     def _collect(self, truth: Truth, step_s: float) -> None:
         if truth.doses != self._number and self._dose is not None:

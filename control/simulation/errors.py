@@ -1,13 +1,15 @@
 """Rate error and place error of a run, as defined once for everybody.
 
-Rate error: the area mean of |landed - target|. Place error: the distance between a step of the target and the half-way
-point of the landed step.
+Rate error: the area mean of |landed - target|. Place error: the distance between a step of the
+target and the half-way point of the landed step.
 
-The target is a staircase: what control held for a decision period, seen by noisy heads. Held against it, the rate error
-tells how well the machine does what it was commanded, and not how well the crop is served. For that it is held against
-what the crop needs where the canopy is the source: the graded need, the crop's rule at the true canopy of every place,
-and the smooth need, the same rule without grades.
+The target is a staircase: what control held for a decision period, seen by noisy heads. Held
+against it, the rate error tells how well the machine does what it was commanded, and not how
+well the crop is served. For that it is held against what the crop needs where the canopy is the
+source: the graded need, the crop's rule at the true canopy of every place, and the smooth need,
+the same rule without grades.
 """
+
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -23,34 +25,39 @@ from control.machine.landing import LandedGround, landed
 from control.machine.landing import falls_s as tube_falls_s
 from control.targets.lag_correction import Fired
 
-BIN_M = 0.25                # rates are judged on stretches of this length
-FINE_BIN_M = 0.05           # half-way points are found on these
-FARTHEST_M = 12.0           # the landed step is looked for this far on
-EARLY_M = 0.25              # a drive may answer sooner than control believes: the step is looked for from so far before
-LEAST_OPEN = 0.1            # of a bin's area: less was passed by a closing valve's last grains
-LEAST_STEP = 0.03           # smaller steps of the target, as a share of it, have no findable half-way point
+BIN_M = 0.25  # rates are judged on stretches of this length
+FINE_BIN_M = 0.05  # half-way points are found on these
+FARTHEST_M = 12.0  # the landed step is looked for this far on
+# a drive may answer sooner than control believes: the step is looked for from so far before
+EARLY_M = 0.25
+# of a bin's area: less was passed by a closing valve's last grains
+LEAST_OPEN = 0.1
+# smaller steps of the target, as a share of it, have no findable half-way point
+LEAST_STEP = 0.03
 
 
 class Errors(NamedTuple):
     """Place errors are signed: landed minus wanted along the travel, late positive."""
 
     rate_error_kg_ha: float
-    rate_error_percent: float           # of the mean target
-    bias_kg_ha: float                   # mean landed minus mean target
+    rate_error_percent: float  # of the mean target
+    bias_kg_ha: float  # mean landed minus mean target
     mean_target_kg_ha: float
     mean_landed_kg_ha: float
-    place_error_m: float                # mean of |place error|
+    place_error_m: float  # mean of |place error|
     place_bias_m: float
     place_p50_m: float
     place_p95_m: float
-    steps: int                          # whose half-way point was found
-    steps_lost: int                     # undone or overtaken by the next step before they were half-way
+    steps: int  # whose half-way point was found
+    # undone or overtaken by the next step before they were half-way
+    steps_lost: int
     released_kg: float
     landed_kg: float
     area_ha: float
-    graded_error_kg_ha: float | None = None     # against the graded need; None: no rule, or nothing needed
-    graded_error_percent: float | None = None   # of the mean need
-    smooth_error_kg_ha: float | None = None     # against the smooth need
+    # against the graded need; None: no rule, or nothing needed
+    graded_error_kg_ha: float | None = None
+    graded_error_percent: float | None = None  # of the mean need
+    smooth_error_kg_ha: float | None = None  # against the smooth need
     smooth_error_percent: float | None = None
 
 
@@ -65,12 +72,13 @@ class Landing(NamedTuple):
     """The ground of a run and, tick by tick, what came to lie where."""
 
     ground: LandedGround
-    place_m: Array              # of each tick's parcel
-    rate_kg_ha: Array           # landed where the outlet is in each tick
-    target_kg_ha: Array         # by bin of the ground
-    landed_kg_ha: Array         # by bin
-    inside: Array               # by bin: 1 where work was on and a target known
-    ndvi: Array                 # by bin: of the canopy, mean over the working width
+    place_m: Array  # of each tick's parcel
+    rate_kg_ha: Array  # landed where the outlet is in each tick
+    target_kg_ha: Array  # by bin of the ground
+    landed_kg_ha: Array  # by bin
+    inside: Array  # by bin: 1 where work was on and a target known
+    # by bin: of the canopy, mean over the working width
+    ndvi: Array
 
 
 def landing(columns: dict[str, Array], width_m: float, lever_arm_m: float = 0.0) -> Landing:
@@ -80,27 +88,38 @@ def landing(columns: dict[str, Array], width_m: float, lever_arm_m: float = 0.0)
     ground, place = landed(time, driven, mass, falls_s(columns), BIN_M, lever_arm_m)
     centres = ground.centres_m()
     rate, passed = _rates(columns, ground, width_m, lever_arm_m)
-    at = np.interp(centres, np.maximum.accumulate(driven), np.arange(len(driven)))     # backed up: the first time
+    # backed up: the first time
+    at = np.interp(centres, np.maximum.accumulate(driven), np.arange(len(driven)))
     row = np.clip(np.round(at).astype(np.int64), 0, len(driven) - 1)
     target = columns["target_kg_ha"][row]
     inside = (columns["working"][row] > 0.0) & (columns["in_pass"][row] > 0.0) & (target > 0.0)
     inside &= (centres >= driven[0]) & (centres <= driven[-1]) & passed
     here = np.clip(np.floor((driven - ground.origin_m) / BIN_M).astype(np.int64), 0, len(rate) - 1)
-    return Landing(ground, place, rate[here], target, rate, inside.astype(np.float64),
-                   columns["ndvi"][np.maximum(0, row - 1)])      # rows tell targets of their step's begin
+    return Landing(
+        ground,
+        place,
+        rate[here],
+        target,
+        rate,
+        inside.astype(np.float64),
+        # rows tell targets of their step's begin
+        columns["ndvi"][np.maximum(0, row - 1)],
+    )
 
 
 def true_landing(columns: dict[str, Array], width_m: float) -> tuple[Array, Array]:
-    """What landed where the outlet is at the end of each row's step, kg/ha, and where the first of what left in that
-    step came to lie, m along the way; both (n,).
+    """What landed where the outlet is at the end of each row's step, kg/ha, and where the first
+    of what left in that step came to lie, m along the way; both (n,).
 
-    A row holds the flow of the step that ends with it. `landing` takes it as let go from the row on, a tick late, as it
-    takes the row's target: to compare the two, which it is for, that is the same. A place by itself it is not.
+    A row holds the flow of the step that ends with it. `landing` takes it as let go from the
+    row on, a tick late, as it takes the row's target: to compare the two, which it is for, that
+    is the same. A place by itself it is not.
     """
     step = _row_s(columns["time_s"])
     first = {name: column[:1] for name, column in columns.items()} | {
         "time_s": columns["time_s"][:1] - step[:1],
-        "driven_m": columns["driven_m"][:1] - step[:1] * columns["speed_mps"][:1]}
+        "driven_m": columns["driven_m"][:1] - step[:1] * columns["speed_mps"][:1],
+    }
     started = {name: np.concatenate((first[name], column)) for name, column in columns.items()}
     for name in ("flow_kg_s", "drop_s", "settled_drop_s"):
         started[name] = np.append(columns[name], 0.0 if name == "flow_kg_s" else columns[name][-1:])
@@ -111,20 +130,31 @@ def true_landing(columns: dict[str, Array], width_m: float) -> tuple[Array, Arra
 def needs(rule: Rule, ndvi: Array) -> CropNeeds:
     """What the crop needs at canopies (n,), its rule's cut-offs and limits included."""
     smooth = replace(rule, crop=rule.crop.model_copy(update={"grades": False}))
-    return CropNeeds(*(np.array([one.decide(value).rate_kg_ha for value in ndvi.tolist()]) for one in (rule, smooth)))
+    return CropNeeds(
+        *(
+            np.array([one.decide(value).rate_kg_ha for value in ndvi.tolist()])
+            for one in (rule, smooth)
+        )
+    )
 
 
 def falls_s(columns: dict[str, Array]) -> Array:
-    """Each parcel's time to the ground, (n,) s: as its machine's tube has it, and what its own effects add."""
+    """Each parcel's time to the ground, (n,) s: as its machine's tube has it, and what its own
+    effects add."""
     settled, share = columns["settled_drop_s"], columns.get("carried_share")
     carried = 1.0 if share is None or not len(share) else float(share[0])
     return tube_falls_s(columns["time_s"], settled, carried) + columns["drop_s"] - settled
 
 
-def errors(columns: dict[str, Array], fired: Sequence[Fired], width_m: float, lever_arm_m: float = 0.0,
-           rule: Rule | None = None) -> Errors:
-    """Judge a run. The first metres after work begins count: a late start is an error like any other. rule: of the
-    crop, where the canopy is the source."""
+def errors(
+    columns: dict[str, Array],
+    fired: Sequence[Fired],
+    width_m: float,
+    lever_arm_m: float = 0.0,
+    rule: Rule | None = None,
+) -> Errors:
+    """Judge a run. The first metres after work begins count: a late start is an error like any
+    other. rule: of the crop, where the canopy is the source."""
     land = landing(columns, width_m, lever_arm_m)
     inside = land.inside > 0.0
     target, got = land.target_kg_ha[inside], land.landed_kg_ha[inside]
@@ -135,13 +165,24 @@ def errors(columns: dict[str, Array], fired: Sequence[Fired], width_m: float, le
     size = np.abs(places)
     needed: tuple[Array, ...] = () if rule is None else needs(rule, land.ndvi[inside])
     against = [_missed(got, need) for need in needed] or [(None, None), (None, None)]
-    return Errors(miss, 100.0 * miss / mean_target if mean_target else 0.0, mean_got - mean_target,
-                  mean_target, mean_got,
-                  float(size.mean()) if len(places) else 0.0, float(places.mean()) if len(places) else 0.0,
-                  float(np.percentile(size, 50)) if len(places) else 0.0,
-                  float(np.percentile(size, 95)) if len(places) else 0.0, len(places), lost,
-                  float((columns["flow_kg_s"] * _row_s(columns["time_s"])).sum()), float(land.ground.mass_kg.sum()),
-                  float(inside.sum() * BIN_M * width_m / 10_000.0), *against[0], *against[1])
+    return Errors(
+        miss,
+        100.0 * miss / mean_target if mean_target else 0.0,
+        mean_got - mean_target,
+        mean_target,
+        mean_got,
+        float(size.mean()) if len(places) else 0.0,
+        float(places.mean()) if len(places) else 0.0,
+        float(np.percentile(size, 50)) if len(places) else 0.0,
+        float(np.percentile(size, 95)) if len(places) else 0.0,
+        len(places),
+        lost,
+        float((columns["flow_kg_s"] * _row_s(columns["time_s"])).sum()),
+        float(land.ground.mass_kg.sum()),
+        float(inside.sum() * BIN_M * width_m / 10_000.0),
+        *against[0],
+        *against[1],
+    )
 
 
 def _missed(got: Array, need: Array) -> tuple[float | None, float | None]:
@@ -152,19 +193,32 @@ def _missed(got: Array, need: Array) -> tuple[float | None, float | None]:
     return miss, 100.0 * miss / float(need.mean())
 
 
-def place_errors(columns: dict[str, Array], fired: Sequence[Fired], land: Landing, width_m: float) -> tuple[Array, int]:
+def place_errors(
+    columns: dict[str, Array], fired: Sequence[Fired], land: Landing, width_m: float
+) -> tuple[Array, int]:
     """Signed place errors (k,), m, and how many steps never came half-way before the next one.
 
-    A step is looked for in what was released after its drive answered and before the next one could show. Its half-way
-    point is where a step between the two targets fits the landed rate best (`_half_way`): a single noisy bin that
-    touches the middle early is no landing.
+    A step is looked for in what was released after its drive answered and before the next one
+    could show. Its half-way point is where a step between the two targets fits the landed rate
+    best (`_half_way`): a single noisy bin that touches the middle early is no landing.
     """
     time, track, driven = columns["time_s"], columns["track_m"], columns["driven_m"]
     share = columns.get("open_share")
     falls = falls_s(columns)
-    fine, _ = landed(time, driven, columns["flow_kg_s"] * _row_s(time), falls, FINE_BIN_M,
-                     float(np.median(land.place_m - np.interp(time + falls, time, driven))))
-    rate, _ = _rates(columns, fine, width_m, float(np.median(land.place_m - np.interp(time + falls, time, driven))))
+    fine, _ = landed(
+        time,
+        driven,
+        columns["flow_kg_s"] * _row_s(time),
+        falls,
+        FINE_BIN_M,
+        float(np.median(land.place_m - np.interp(time + falls, time, driven))),
+    )
+    rate, _ = _rates(
+        columns,
+        fine,
+        width_m,
+        float(np.median(land.place_m - np.interp(time + falls, time, driven))),
+    )
     found: list[float] = []
     lost = 0
     for k, change in enumerate(fired):
@@ -174,8 +228,12 @@ def place_errors(columns: dict[str, Array], fired: Sequence[Fired], land: Landin
         row = int(np.searchsorted(time, change.time_s))
         if row >= len(time) or not columns["working"][row]:
             continue
-        wanted = float(np.interp(change.place_m, np.maximum.accumulate(track), np.maximum.accumulate(driven)))
-        answers = min(len(time) - 1, int(np.searchsorted(time, change.time_s + change.lag.response_s)))
+        wanted = float(
+            np.interp(change.place_m, np.maximum.accumulate(track), np.maximum.accumulate(driven))
+        )
+        answers = min(
+            len(time) - 1, int(np.searchsorted(time, change.time_s + change.lag.response_s))
+        )
         if share is not None and min(share[row], share[answers]) <= 0.0:
             continue
         begin_m = float(land.place_m[answers]) - EARLY_M
@@ -183,7 +241,9 @@ def place_errors(columns: dict[str, Array], fired: Sequence[Fired], land: Landin
         if k + 1 < len(fired):
             following = fired[k + 1]
             shows_s = following.time_s + following.lag.response_s
-            end_m = min(end_m, float(land.place_m[min(len(time) - 1, int(np.searchsorted(time, shows_s)))]))
+            end_m = min(
+                end_m, float(land.place_m[min(len(time) - 1, int(np.searchsorted(time, shows_s)))])
+            )
         begin = max(0, int((begin_m - fine.origin_m) / FINE_BIN_M))
         end = min(len(rate), int((end_m - fine.origin_m) / FINE_BIN_M) + 1)
         half_way = _half_way(rate[begin:end], before, after)
@@ -195,7 +255,8 @@ def place_errors(columns: dict[str, Array], fired: Sequence[Fired], land: Landin
 
 
 def _half_way(rate: Array, before: float, after: float) -> int | None:
-    """Bins before the step that fits best: least squares of a step from `before` to `after`. None: no step inside."""
+    """Bins before the step that fits best: least squares of a step from `before` to `after`.
+    None: no step inside."""
     if len(rate) < 3:
         return None
     over = (rate - 0.5 * (before + after)) * (1.0 if after > before else -1.0)
@@ -204,10 +265,11 @@ def _half_way(rate: Array, before: float, after: float) -> int | None:
     return None if at == len(rate) else at
 
 
-def _rates(columns: dict[str, Array], ground: LandedGround, width_m: float,
-           lever_arm_m: float) -> tuple[Array, npt.NDArray[np.bool_]]:
-    """kg/ha by bin of the ground under what was open, and whether anything was. Where all is open all the time, over
-    the whole width and everywhere."""
+def _rates(
+    columns: dict[str, Array], ground: LandedGround, width_m: float, lever_arm_m: float
+) -> tuple[Array, npt.NDArray[np.bool_]]:
+    """kg/ha by bin of the ground under what was open, and whether anything was. Where all is
+    open all the time, over the whole width and everywhere."""
     time, driven, share = columns["time_s"], columns["driven_m"], columns.get("open_share")
     whole_m2 = ground.bin_m * width_m
     if share is None or bool(np.all(share >= 1.0)):
@@ -215,7 +277,9 @@ def _rates(columns: dict[str, Array], ground: LandedGround, width_m: float,
     way_m2 = width_m * share * np.abs(np.diff(driven, prepend=driven[0]))
     area, _ = landed(time, driven, way_m2, falls_s(columns), ground.bin_m, lever_arm_m)
     passed = area.mass_kg > LEAST_OPEN * whole_m2
-    return np.where(passed, ground.mass_kg / np.where(passed, area.mass_kg, 1.0) * 10_000.0, 0.0), passed
+    return np.where(
+        passed, ground.mass_kg / np.where(passed, area.mass_kg, 1.0) * 10_000.0, 0.0
+    ), passed
 
 
 def _row_s(time_s: Array) -> Array:

@@ -1,4 +1,6 @@
-"""What strategies are compared by along with rate and place error: time to reach a new rate, moves an hour."""
+"""What strategies are compared by along with rate and place error: time to reach a new rate,
+moves an hour."""
+
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -9,15 +11,18 @@ import numpy as np
 from control.machine.elements import Array
 from control.targets.lag_correction import Fired
 
-REACHED_SHARE = 0.9         # of a step: the new rate is reached
+REACHED_SHARE = 0.9  # of a step: the new rate is reached
 LONGEST_S = 5.0
-LEAST_STEP = 0.03           # of the larger rate; smaller steps drown in the changes of speed
+# of the larger rate; smaller steps drown in the changes of speed
+LEAST_STEP = 0.03
 
 
 class Moves(NamedTuple):
-    """Of one run. Moves are changed set-points on the wire, in an hour of work with flow allowed."""
+    """Of one run. Moves are changed set-points on the wire, in an hour of work with flow
+    allowed."""
 
-    reach_p50_s: float | None           # from the command to 90 % of the step in the stream that leaves; None: no step
+    # from the command to 90 % of the step in the stream that leaves; None: no step
+    reach_p50_s: float | None
     reach_p95_s: float | None
     steps: int
     shaft_moves_per_h: float
@@ -26,21 +31,32 @@ class Moves(NamedTuple):
 
 
 def moves(columns: dict[str, Array], fired: Sequence[Fired], width_m: float) -> Moves:
-    """`columns`: see `closed_loop.Record`; `width_m`: working width. Steps from or to nothing are left out, and steps
-    that the next one overtakes before they are reached."""
+    """`columns`: see `closed_loop.Record`; `width_m`: working width. Steps from or to nothing
+    are left out, and steps that the next one overtakes before they are reached."""
     time = columns["time_s"]
     speed = np.maximum(0.1, np.abs(columns["speed_mps"]))
     released = columns["flow_kg_s"] * 10_000.0 / (width_m * speed)
-    taken = [t for t in (_reached_s(time, released, fired, k) for k in range(len(fired))) if t is not None]
+    taken = [
+        t
+        for t in (_reached_s(time, released, fired, k) for k in range(len(fired)))
+        if t is not None
+    ]
     flowing = columns["flowing"] > 0.0
-    hours = float(flowing.sum()) * float(np.median(np.diff(time))) / 3600.0 if len(time) > 1 else 0.0
+    hours = (
+        float(flowing.sum()) * float(np.median(np.diff(time))) / 3600.0 if len(time) > 1 else 0.0
+    )
     at_work = flowing[1:] & flowing[:-1]
     shaft = (np.abs(np.diff(columns["shaft_rpm_cmd"])) > 0.0)[at_work]
     gate = np.abs(np.diff(columns["opening_mm_cmd"]))[at_work]
     per_h = 1.0 / hours if hours > 0.0 else 0.0
-    return Moves(float(np.percentile(taken, 50)) if taken else None, float(np.percentile(taken, 95)) if taken else None,
-                 len(taken), float(shaft.sum()) * per_h, float((gate > 0.0).sum()) * per_h,
-                 float(gate.sum()) * per_h)
+    return Moves(
+        float(np.percentile(taken, 50)) if taken else None,
+        float(np.percentile(taken, 95)) if taken else None,
+        len(taken),
+        float(shaft.sum()) * per_h,
+        float((gate > 0.0).sum()) * per_h,
+        float(gate.sum()) * per_h,
+    )
 
 
 def _reached_s(time: Array, released: Array, fired: Sequence[Fired], k: int) -> float | None:

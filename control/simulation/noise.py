@@ -1,4 +1,5 @@
 """Seeded sensor noise, drawn in blocks because single draws are slow."""
+
 from __future__ import annotations
 
 from collections.abc import Callable
@@ -15,7 +16,9 @@ class Normals:
 
     def __init__(self, seed: int) -> None:
         draw = np.random.default_rng(seed).standard_normal
-        self.next: Callable[[], float] = chain.from_iterable(reversed(draw(BLOCK).tolist()) for _ in count()).__next__
+        self.next: Callable[[], float] = chain.from_iterable(
+            reversed(draw(BLOCK).tolist()) for _ in count()
+        ).__next__
 
 
 class Slow:
@@ -26,7 +29,8 @@ class Slow:
         self._sd = sd
         self._correlation_s = correlation_s
         self.value = sd * normals.next()
-        self._dt_s = self._keep = self._fresh_sd = 0.0      # of the step before; steps are mostly alike
+        # of the step before; steps are mostly alike
+        self._dt_s = self._keep = self._fresh_sd = 0.0
 
     def step(self, dt_s: float) -> float:
         if dt_s != self._dt_s:

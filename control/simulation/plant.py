@@ -1,4 +1,6 @@
-"""The machine in its field, as the model has it: commands in, what the sensors read out, and the truth kept apart."""
+"""The machine in its field, as the model has it: commands in, what the sensors read out, and
+the truth kept apart."""
+
 from __future__ import annotations
 
 from collections import deque
@@ -34,15 +36,18 @@ from .tractor import Driver, Path, Pose, field_boundary, field_path
 from .valves import Valves
 from .vision import Vision
 
-LEAVES_S = 6.0                  # after a refill: the lid is closed first
-MODEL_STEPS = 4             # model steps a control tick
-BEGIN_UTC = datetime(2014, 3, 7, 8, 0, 0, tzinfo=UTC)      # the decision paper's day of topdressing
-SUPPLY_WANDER_V = 0.25      # engine speed and consumers, 1 s.d.
-CHANGE_SHOWS_S = 1.0        # a rise or fall of the flow counts as such for this long
+LEAVES_S = 6.0  # after a refill: the lid is closed first
+MODEL_STEPS = 4  # model steps a control tick
+# the decision paper's day of topdressing
+BEGIN_UTC = datetime(2014, 3, 7, 8, 0, 0, tzinfo=UTC)
+SUPPLY_WANDER_V = 0.25  # engine speed and consumers, 1 s.d.
+# a rise or fall of the flow counts as such for this long
+CHANGE_SHOWS_S = 1.0
 
 
 class SensorReadings(NamedTuple):
-    """What the sensors of the machine read at `time_s`; None where a sensor gave nothing in this step."""
+    """What the sensors of the machine read at `time_s`; None where a sensor gave nothing in
+    this step."""
 
     time_s: float
     gnss: GnssFix | None
@@ -56,12 +61,13 @@ class SensorReadings(NamedTuple):
     pitch_deg: float
     roll_deg: float
     work_switch: bool | None
-    wheel_pulse_s: float | None = None      # when the newest pulse came
-    plants: tuple[PlantSeen, ...] = ()      # reported by the camera in this step
-    speed_told: SpeedPlan | None = None     # by the tractor in this step
-    canopy_index: str = "ndvi"              # that the heads give
-    valves_open: tuple[bool, ...] | None = None     # of the sections, by their own switches; None: no valves
-    shaft_effort: float | None = None       # None: the drive tells none
+    wheel_pulse_s: float | None = None  # when the newest pulse came
+    plants: tuple[PlantSeen, ...] = ()  # reported by the camera in this step
+    speed_told: SpeedPlan | None = None  # by the tractor in this step
+    canopy_index: str = "ndvi"  # that the heads give
+    # of the sections, by their own switches; None: no valves
+    valves_open: tuple[bool, ...] | None = None
+    shaft_effort: float | None = None  # None: the drive tells none
     gate_effort: float | None = None
 
 
@@ -71,34 +77,47 @@ class Truth(NamedTuple):
     time_s: float
     shaft_rpm: float
     opening_mm: float
-    flow_kg_s: float            # mean over the step
-    drop_s: float               # of what was released in it, if the shaft keeps its speed
-    settled_drop_s: float       # of that, what the tube alone takes
-    driven_m: float             # outlet along its path, at the step's end
+    flow_kg_s: float  # mean over the step
+    # of what was released in it, if the shaft keeps its speed
+    drop_s: float
+    settled_drop_s: float  # of that, what the tube alone takes
+    driven_m: float  # outlet along its path, at the step's end
     speed_mps: float
     hopper_kg: float
     east_m: float
     north_m: float
     in_pass: bool
     refill_kg: float
-    doses: int = 0              # of point mode that the shaft has started
-    canopy: AcrossWidth | None = None       # that the outlets pass
+    doses: int = 0  # of point mode that the shaft has started
+    canopy: AcrossWidth | None = None  # that the outlets pass
     heading_deg: float = 0.0
-    section_kg: tuple[float, ...] = ()      # released in the step by each section; none: no valves
-    open_share: float = 1.0     # of the working width, mean over the step
+    # released in the step by each section; none: no valves
+    section_kg: tuple[float, ...] = ()
+    open_share: float = 1.0  # of the working width, mean over the step
     carried_share: float = 1.0  # of the pace in the tube, that the stream sets
 
 
 class Plant:
     """One simulated machine on one job. `step` advances it by `dt_s`; it reads no clock."""
 
-    def __init__(self, machine: Machine, job: Job, seed: int, dt_s: float = 0.05, planted: Sequence[Planted] = (),
-                 *,
-                 path: Path | None = None, keep: Callable[[Truth], None] | None = None,
-                 plants: Array | None = None, terms: Sequence[Term] = (), steps: Steps | None = None) -> None:
-        """`plants`: places (n, 2) of the plants of point mode, east and north, m; None: those of the job. `terms`: what
-        the machine does along with those of its file. `steps`: compiled, of its drives and its flow, for long runs;
-        not of a machine with valves, which share out each step."""
+    def __init__(
+        self,
+        machine: Machine,
+        job: Job,
+        seed: int,
+        dt_s: float = 0.05,
+        planted: Sequence[Planted] = (),
+        *,
+        path: Path | None = None,
+        keep: Callable[[Truth], None] | None = None,
+        plants: Array | None = None,
+        terms: Sequence[Term] = (),
+        steps: Steps | None = None,
+    ) -> None:
+        """`plants`: places (n, 2) of the plants of point mode, east and north, m; None: those
+        of the job. `terms`: what the machine does along with those of its file. `steps`:
+        compiled, of its drives and its flow, for long runs; not of a machine with valves, which
+        share out each step."""
         sim = job.simulated
         self.machine = machine
         self.dt_s = dt_s
@@ -113,26 +132,42 @@ class Plant:
         self._more, self._ran_away_kg, self._angle_deg = NOTHING, 0.0, 0.0
         width = machine.geometry.working_width_m
         self._path = path or field_path(sim, width, job.field.pass_heading_deg)
-        self.plants_m = along_way(self._path, simulated_plants(job, width, seed) if plants is None else plants,
-                                  0.5 * width)
-        self._vision = Vision(sim.camera, self.plants_m, seed + 2) if sim.camera is not None else None
+        self.plants_m = along_way(
+            self._path,
+            simulated_plants(job, width, seed) if plants is None else plants,
+            0.5 * width,
+        )
+        self._vision = (
+            Vision(sim.camera, self.plants_m, seed + 2) if sim.camera is not None else None
+        )
         self._dose: DoseOrder | None = None
-        self._begins_s: deque[float] = deque()      # when the shaft will begin the doses that were accepted
+        # when the shaft will begin the doses that were accepted
+        self._begins_s: deque[float] = deque()
         self._doses = 0
         self._leaves_s = 0.0
-        self.parked = False                         # the driver stops, or does not start
+        self.parked = False  # the driver stops, or does not start
         self._heading0 = job.field.pass_heading_deg
         self._plane = TangentPlane(job.field.origin_lat_deg, job.field.origin_lon_deg)
         corners = field_boundary(sim, width, job.field.pass_heading_deg)
         east, north = [e for e, _ in corners], [n for _, n in corners]
         rim = sim.run_in_m + machine.geometry.heads_m
-        self._canopy = AcrossWidth(canopy_field(sim.canopy, (min(east) - rim, max(east) + rim),
-                                                (min(north) - rim, max(north) + rim), seed),
-                                   machine.geometry.heads, width, sim.heads_index)
+        self._canopy = AcrossWidth(
+            canopy_field(
+                sim.canopy,
+                (min(east) - rim, max(east) + rim),
+                (min(north) - rim, max(north) + rim),
+                seed,
+            ),
+            machine.geometry.heads,
+            width,
+            sim.heads_index,
+        )
         self._driver = Driver(sim, seed + 4)
         self._normal = Normals(seed + 1)
-        self._effort_normal = Normals(seed + 5)     # of its own: a drive that tells its effort changes nothing else
-        self._before = 0.0, machine.set_points.opening_mm, 0.0      # speed, opening, and the gate's speed
+        # of its own: a drive that tells its effort changes nothing else
+        self._effort_normal = Normals(seed + 5)
+        # speed, opening, and the gate's speed
+        self._before = 0.0, machine.set_points.opening_mm, 0.0
         self._asked_rpm = 0.0
         noise = machine.noise
         self._scale_noise = Slow(self._normal, noise.scale_kg, noise.scale_correlation_s)
@@ -144,8 +179,15 @@ class Plant:
         self._wheel_m = 0.0
         self._pulses = 0
         self._pulse_s: float | None = None
-        shaft, gate, ground = shaft_start(0.0), gate_start(machine.set_points.opening_mm), speed_start(0.0)
-        self._shaft, self._gate = shaft._replace(line=in_lists(shaft.line)), gate._replace(line=in_lists(gate.line))
+        shaft, gate, ground = (
+            shaft_start(0.0),
+            gate_start(machine.set_points.opening_mm),
+            speed_start(0.0),
+        )
+        self._shaft, self._gate = (
+            shaft._replace(line=in_lists(shaft.line)),
+            gate._replace(line=in_lists(gate.line)),
+        )
         self._flow = flow_start(min(sim.hopper_kg, machine.flow.full_kg))
         self._speed = ground._replace(line=in_lists(ground.line))
         self._drives: Any = None
@@ -173,11 +215,14 @@ class Plant:
         speed = self._driver.step(begin, self.parked or self._stopped(), self._normal.next(), dt)
         self._driven_m += speed * dt
         pose = self._path.at(self._driven_m)
-        pitch = self._sim.slope_deg * cos(radians(pose.heading_deg - self._heading0)) + self._pitch.step(dt)
+        pitch = self._sim.slope_deg * cos(
+            radians(pose.heading_deg - self._heading0)
+        ) + self._pitch.step(dt)
         supply = self.machine.shaft.nominal_supply_v + self._supply.step(dt)
         refill = self._refill(speed, dt)
         self._asked_rpm = command.shaft_rpm if enabled else 0.0
-        rpm = command.shaft_rpm if enabled else self._true.shaft.neutral_rpm      # without power it stands
+        # without power it stands
+        rpm = command.shaft_rpm if enabled else self._true.shaft.neutral_rpm
         self._take_dose(command.dose, enabled)
         if self.valves is not None:
             self.valves.tell(begin, command.valves if enabled else ())
@@ -186,26 +231,55 @@ class Plant:
         flow = self._move(rpm, command.opening_mm, supply, pitch, refill)
         self._ticks += 1
         drop = self._drop(flow)
-        self.truth = Truth(self.time_s, self._shaft_out[0], self._gate_out[0], flow, drop,
-                           drop_s(self._true.fall, self._shaft_out[0]), self._driven_m, speed, self._flow.hopper_kg,
-                           pose.east_m, pose.north_m, pose.in_pass, refill,
-                           self._doses, self._canopy, pose.heading_deg,
-                           carried_share=self._true.fall.carried_share)
+        self.truth = Truth(
+            self.time_s,
+            self._shaft_out[0],
+            self._gate_out[0],
+            flow,
+            drop,
+            drop_s(self._true.fall, self._shaft_out[0]),
+            self._driven_m,
+            speed,
+            self._flow.hopper_kg,
+            pose.east_m,
+            pose.north_m,
+            pose.in_pass,
+            refill,
+            self._doses,
+            self._canopy,
+            pose.heading_deg,
+            carried_share=self._true.fall.carried_share,
+        )
         if self.valves is not None:
-            self.truth = self.truth._replace(section_kg=self.valves.take_kg(), open_share=self.valves.take_share())
+            self.truth = self.truth._replace(
+                section_kg=self.valves.take_kg(), open_share=self.valves.take_share()
+            )
         if self._keep is not None:
             self._keep(self.truth)
         return self._read(speed, pose, pitch, supply, flow)
 
-    def _terms_now(self, rpm: float, opening_mm: float, supply: float, pitch: float, speed: float, pose: Pose) -> More:
+    def _terms_now(
+        self, rpm: float, opening_mm: float, supply: float, pitch: float, speed: float, pose: Pose
+    ) -> More:
         """What the machine's terms come to in this step."""
         dt, shaft = self.dt_s, self._shaft_out[0]
         turned = 6.0 * shaft * dt
-        more = self._terms.step({
-            "shaft_rpm": shaft, "opening_mm": self._gate_out[0], "hopper_kg": self._flow.hopper_kg,
-            "pitch_deg": pitch, "roll_deg": self._roll.value, "supply_v": supply, "speed_mps": abs(speed),
-            "heading_deg": pose.heading_deg, "time_s": self.time_s, SHAFT_ANGLE: self._angle_deg + 0.5 * turned,
-            **self._commands.step(self.time_s, rpm, opening_mm, dt)}, dt)
+        more = self._terms.step(
+            {
+                "shaft_rpm": shaft,
+                "opening_mm": self._gate_out[0],
+                "hopper_kg": self._flow.hopper_kg,
+                "pitch_deg": pitch,
+                "roll_deg": self._roll.value,
+                "supply_v": supply,
+                "speed_mps": abs(speed),
+                "heading_deg": pose.heading_deg,
+                "time_s": self.time_s,
+                SHAFT_ANGLE: self._angle_deg + 0.5 * turned,
+                **self._commands.step(self.time_s, rpm, opening_mm, dt),
+            },
+            dt,
+        )
         self._angle_deg = (self._angle_deg + turned) % 360.0
         self._ran_away_kg += more.scale_kg_min / 60.0 * dt
         return more
@@ -216,7 +290,9 @@ class Plant:
             self._dose = None
         elif self._dose is None and dose is not None:
             self._dose = dose
-            self._begins_s.append(self.time_s + self._true.shaft.dead_time_s + self._true.shaft.extra_dead_time_s)
+            self._begins_s.append(
+                self.time_s + self._true.shaft.dead_time_s + self._true.shaft.extra_dead_time_s
+            )
         while self._begins_s and self._begins_s[0] < self.time_s + self.dt_s - 1e-9:
             self._begins_s.popleft()
             self._doses += 1
@@ -247,14 +323,25 @@ class Plant:
         self._leaves_s = self.time_s + LEAVES_S
         return self._true.flow.full_kg - self._flow.hopper_kg
 
-    def _move(self, rpm: float, opening_mm: float, supply: float, pitch: float, refill: float) -> float:
+    def _move(
+        self, rpm: float, opening_mm: float, supply: float, pitch: float, refill: float
+    ) -> float:
         true, step, more, valves = self._true, self.dt_s / MODEL_STEPS, self._more, self.valves
         if self._drives is not None:
             self._drives.of(true.shaft, true.gate, true.flow)
-            turns = (rpm,) * MODEL_STEPS if self._dose is None else tuple([
-                rpm if self._dose is None else max(rpm, self._dose_rpm(step)) for _ in range(MODEL_STEPS)])
+            turns = (
+                (rpm,) * MODEL_STEPS
+                if self._dose is None
+                else tuple(
+                    [
+                        rpm if self._dose is None else max(rpm, self._dose_rpm(step))
+                        for _ in range(MODEL_STEPS)
+                    ]
+                )
+            )
             flow_kg_s, self._shaft_out, self._gate_out, self._flow = self._drives.tick(
-                turns, opening_mm, supply, pitch, refill, more, step)
+                turns, opening_mm, supply, pitch, refill, more, step
+            )
             return float(flow_kg_s)
         shafts, gates, flows = true.shaft, true.gate, true.flow
         shaft_state, gate_state, flow_state = self._shaft, self._gate, self._flow
@@ -267,17 +354,37 @@ class Plant:
             else:
                 turn_rpm = rpm if self._dose is None else max(rpm, self._dose_rpm(step))
                 shaft_was, gate_was, stood = shaft_state, gate_state, gate_out
-                shaft_state, shaft_out = shaft_step(shafts, shaft_state, ShaftInput(
-                    turn_rpm, gate_out.opening_mm, supply, more.shaft_percent, more.shaft_rpm), step)
+                shaft_state, shaft_out = shaft_step(
+                    shafts,
+                    shaft_state,
+                    ShaftInput(
+                        turn_rpm, gate_out.opening_mm, supply, more.shaft_percent, more.shaft_rpm
+                    ),
+                    step,
+                )
                 gate_state, gate_out = gate_step(gates, gate_state, moves, step)
-                rests = self._dose is None and gate_out == stood and rest(shaft_was, shaft_state, gate_was, gate_state)
+                rests = (
+                    self._dose is None
+                    and gate_out == stood
+                    and rest(shaft_was, shaft_state, gate_was, gate_state)
+                )
             opened = valves is None or valves.any_open(self.time_s + (k + 0.5) * step)
             if rests and valves is None and stands(flows, shaft_out.rpm, refill):
                 flow_state = waited(flow_state, step)
                 continue
-            flow_state, flow = flow_step(flows, flow_state, FlowInput(
-                shaft_out.rpm if opened else 0.0, gate_out.opening_mm, pitch, refill, more.flow_percent, more_kg_s),
-                step)
+            flow_state, flow = flow_step(
+                flows,
+                flow_state,
+                FlowInput(
+                    shaft_out.rpm if opened else 0.0,
+                    gate_out.opening_mm,
+                    pitch,
+                    refill,
+                    more.flow_percent,
+                    more_kg_s,
+                ),
+                step,
+            )
             refill = 0.0
             total += flow.flow_kg_s
             if valves is not None:
@@ -295,24 +402,43 @@ class Plant:
         self._fall, drop = fall_step(self._true.fall, self._fall, parcel, self.dt_s)
         return drop
 
-    def _read(self, speed: float, pose: Pose, pitch: float, supply: float, flow: float) -> SensorReadings:
+    def _read(
+        self, speed: float, pose: Pose, pitch: float, supply: float, flow: float
+    ) -> SensorReadings:
         now, dt, normal = self.time_s, self.dt_s, self._normal.next
         true, noise = self._true, self.machine.noise
-        self._speed, reads = speed_step(true.speed, self._speed, SpeedInput(
-            abs(speed), 1.0 if flow > 0.0 else 0.0, pitch, self._more.wheel_percent), dt)
+        self._speed, reads = speed_step(
+            true.speed,
+            self._speed,
+            SpeedInput(abs(speed), 1.0 if flow > 0.0 else 0.0, pitch, self._more.wheel_percent),
+            dt,
+        )
         wheel = max(0.0, reads.wheel_mps + (noise.wheel_mps * normal() if speed != 0.0 else 0.0))
         self._roll_wheel(wheel, dt)
         more_kg = self._more.scale_kg + self._ran_away_kg
-        scale = scale_reads(true.scale, ScaleInput(self._flow.hopper_kg, now, pitch, more_kg)) \
-            + self._scale_noise.step(dt)
+        scale = scale_reads(
+            true.scale, ScaleInput(self._flow.hopper_kg, now, pitch, more_kg)
+        ) + self._scale_noise.step(dt)
         return SensorReadings(
-            now, self._gnss(pose, reads.gnss_mps, speed < 0.0), wheel, self._pulses, self._ndvi(pose),
-            max(0.0, self._shaft_out[1] + noise.shaft_rpm * normal()), self._gate_out[1] + noise.opening_mm * normal(),
-            stepped(scale, true.scale.resolution_kg), supply + noise.supply_v * normal(),
-            pitch + noise.pitch_deg * normal(), self._roll.step(dt), None, self._pulse_s,
-            () if self._vision is None else self._vision.look(now, self._driven_m), self._driver.announced(),
-            self._sim.heads_index, None if self.valves is None else self.valves.open_now,
-            *self._efforts(pitch, supply))
+            now,
+            self._gnss(pose, reads.gnss_mps, speed < 0.0),
+            wheel,
+            self._pulses,
+            self._ndvi(pose),
+            max(0.0, self._shaft_out[1] + noise.shaft_rpm * normal()),
+            self._gate_out[1] + noise.opening_mm * normal(),
+            stepped(scale, true.scale.resolution_kg),
+            supply + noise.supply_v * normal(),
+            pitch + noise.pitch_deg * normal(),
+            self._roll.step(dt),
+            None,
+            self._pulse_s,
+            () if self._vision is None else self._vision.look(now, self._driven_m),
+            self._driver.announced(),
+            self._sim.heads_index,
+            None if self.valves is None else self.valves.open_now,
+            *self._efforts(pitch, supply),
+        )
 
     def _efforts(self, pitch: float, supply: float) -> tuple[float | None, float | None]:
         """How hard shaft and gate work; None of a drive that tells none."""
@@ -324,13 +450,29 @@ class Plant:
         share = true.shaft.nominal_supply_v / max(1.0, supply)
         shaft = gate = None
         if true.has("effort"):
-            # A term says what lands, not what the flutes hold: the drive's load is that of the flow without it.
-            flutes = in_flutes(true.flow, rpm, opening, pitch, self._flow.hopper_kg / true.flow.full_kg,
-                               self._flow.time_s, 0.0, self._flow.refills > 0.0)
-            shaft = true.effort.limit if true.shaft.stalled > 0.0 and self._asked_rpm != 0.0 else shaft_effort(
-                true.effort, EffortInput(rpm, (rpm - turned_rpm) / dt, share, *flutes))
-            shaft = min(max(0.0, shaft + self.machine.noise.effort * self._effort_normal.next()),
-                        true.effort.limit or 1000.0)
+            # A term says what lands, not what the flutes hold: the drive's load is that of the
+            # flow without it.
+            flutes = in_flutes(
+                true.flow,
+                rpm,
+                opening,
+                pitch,
+                self._flow.hopper_kg / true.flow.full_kg,
+                self._flow.time_s,
+                0.0,
+                self._flow.refills > 0.0,
+            )
+            shaft = (
+                true.effort.limit
+                if true.shaft.stalled > 0.0 and self._asked_rpm != 0.0
+                else shaft_effort(
+                    true.effort, EffortInput(rpm, (rpm - turned_rpm) / dt, share, *flutes)
+                )
+            )
+            shaft = min(
+                max(0.0, shaft + self.machine.noise.effort * self._effort_normal.next()),
+                true.effort.limit or 1000.0,
+            )
         if true.has("gate_effort"):
             gate = gate_effort(true.effort, EffortInput(moves, (moves - moved_mm_s) / dt, share))
             gate = max(0.0, gate + self.machine.noise.effort * self._effort_normal.next())
@@ -353,12 +495,28 @@ class Plant:
         self._next_gnss_s += 1.0 / self._sim.gnss_hz
         noise, normal = self.machine.noise, self._normal.next
         ahead, angle = self.machine.geometry.antenna_m, radians(pose.heading_deg)
-        lat, lon = self._plane.to_deg(pose.east_m + ahead * sin(angle) + noise.gnss_m * normal(),
-                                             pose.north_m + ahead * cos(angle) + noise.gnss_m * normal())
+        lat, lon = self._plane.to_deg(
+            pose.east_m + ahead * sin(angle) + noise.gnss_m * normal(),
+            pose.north_m + ahead * cos(angle) + noise.gnss_m * normal(),
+        )
         course = pose.heading_deg + (180.0 if backwards else 0.0)
         course += degrees(noise.gnss_mps / max(0.1, speed)) * normal()
-        utc = (BEGIN_UTC + timedelta(seconds=round(now, 3))).isoformat(timespec="milliseconds").replace("+00:00", "Z")
-        return GnssFix(now, lat, lon, 4, 14, 0.8, max(0.0, speed + noise.gnss_mps * normal()), course % 360.0, utc)
+        utc = (
+            (BEGIN_UTC + timedelta(seconds=round(now, 3)))
+            .isoformat(timespec="milliseconds")
+            .replace("+00:00", "Z")
+        )
+        return GnssFix(
+            now,
+            lat,
+            lon,
+            4,
+            14,
+            0.8,
+            max(0.0, speed + noise.gnss_mps * normal()),
+            course % 360.0,
+            utc,
+        )
 
     def _ndvi(self, pose: Pose) -> tuple[float, ...] | None:
         now = self.time_s
@@ -366,8 +524,15 @@ class Plant:
             return None
         self._next_heads_s += 1.0 / self._sim.heads_hz
         ahead_m, angle, readings = self.machine.geometry.heads_m, radians(pose.heading_deg), []
-        for head, here in enumerate(self._canopy.at(pose.east_m + ahead_m * sin(angle),
-                                                    pose.north_m + ahead_m * cos(angle), pose.heading_deg)):
+        for head, here in enumerate(
+            self._canopy.at(
+                pose.east_m + ahead_m * sin(angle),
+                pose.north_m + ahead_m * cos(angle),
+                pose.heading_deg,
+            )
+        ):
             reads = head_reads(self._true.heads, HeadInput(here, head + 1.0, now))
-            readings.append(min(0.99, max(-0.1, reads + self.machine.noise.ndvi * self._normal.next())))
+            readings.append(
+                min(0.99, max(-0.1, reads + self.machine.noise.ndvi * self._normal.next()))
+            )
         return tuple(readings)

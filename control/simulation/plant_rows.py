@@ -1,4 +1,5 @@
 """Plants of the simulated field, and where along the machine's way they stand."""
+
 from __future__ import annotations
 
 from math import cos, radians, sin
@@ -12,7 +13,8 @@ from .tractor import Path, pass_order
 
 
 def simulated_plants(job: Job, width_m: float, seed: int) -> Array:
-    """Places (n, 2), east and north, m, of the plants that `simulated.plants` describes; none without it."""
+    """Places (n, 2), east and north, m, of the plants that `simulated.plants` describes; none
+    without it."""
     plants, sim = job.simulated.plants, job.simulated
     if plants is None:
         return np.zeros((0, 2))
@@ -21,16 +23,21 @@ def simulated_plants(job: Job, width_m: float, seed: int) -> Array:
     rows = []
     for k in pass_order(sim.passes):
         along = np.arange(plants.spacing_m, sim.pass_length_m, plants.spacing_m)
-        along = along + plants.scatter_percent / 100.0 * plants.spacing_m * rng.standard_normal(len(along))
+        along = along + plants.scatter_percent / 100.0 * plants.spacing_m * rng.standard_normal(
+            len(along)
+        )
         across = (k + 0.5) * width_m
-        rows.append(np.column_stack((along * sin(north) + across * cos(north),
-                                     along * cos(north) - across * sin(north))))
+        rows.append(
+            np.column_stack(
+                (along * sin(north) + across * cos(north), along * cos(north) - across * sin(north))
+            )
+        )
     return np.concatenate(rows)
 
 
 def along_way(path: Path, places: Array, half_width_m: float) -> Array:
-    """Distances driven (k,), rising, at which the outlet passes the plants (n, 2) within `half_width_m` next to it, on
-    the straight legs of its way."""
+    """Distances driven (k,), rising, at which the outlet passes the plants (n, 2) within
+    `half_width_m` next to it, on the straight legs of its way."""
     found = []
     for begin_m, leg in path.straight_legs():
         angle = radians(leg.heading_deg)

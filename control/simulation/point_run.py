@@ -1,4 +1,6 @@
-"""A row of plants driven over in point mode, on a machine with delays and measures unknown to its controller."""
+"""A row of plants driven over in point mode, on a machine with delays and measures unknown to
+its controller."""
+
 from __future__ import annotations
 
 from typing import NamedTuple
@@ -9,7 +11,7 @@ from control.machine.elements import Array
 from control.targets.plants import PlantRow, SeenPlant
 from control.targets.point import PointLag, PointMode, Threshold
 
-CAMERA_FROM_M, CAMERA_TO_M = 0.2, 1.2       # of the camera's picture, beyond its own place
+CAMERA_FROM_M, CAMERA_TO_M = 0.2, 1.2  # of the camera's picture, beyond its own place
 
 
 class PointTruth(NamedTuple):
@@ -18,38 +20,57 @@ class PointTruth(NamedTuple):
     link_sd_s: float = 0.03
     extra_delay_s: float = 0.15
     lever_arm_m: float = 0.04
-    place_sd_m: float = 0.015           # of the dose's middle on the ground, its own scatter
-    seen_sd_m: float = 0.01             # of a plant in the picture
-    odometer_percent: float = 0.3       # the wheel reads more than the way
-    speed_sd_mps: float = 0.01          # of the filtered speed, with a correlation of 0.25 s
-    measured_sd_m: float = 0.01         # of the error that the threshold learns from
+    # of the dose's middle on the ground, its own scatter
+    place_sd_m: float = 0.015
+    seen_sd_m: float = 0.01  # of a plant in the picture
+    odometer_percent: float = 0.3  # the wheel reads more than the way
+    # of the filtered speed, with a correlation of 0.25 s
+    speed_sd_mps: float = 0.01
+    measured_sd_m: float = 0.01  # of the error that the threshold learns from
 
 
 class PointRun(NamedTuple):
-    """error_m: (doses,) middle of the dose minus its plant, late positive, in the order of the doses."""
+    """error_m: (doses,) middle of the dose minus its plant, late positive, in the order of the
+    doses."""
 
     error_m: Array
     plants: int
     missed: int
-    threshold_m: Array          # (doses,) that each was commanded with
+    threshold_m: Array  # (doses,) that each was commanded with
 
 
-def point_run(lag: PointLag, spacing_m: float, speed_mps: float, plants: int, seed: int, learn: bool = True,
-              *,
-              truth: PointTruth | None = None, camera_m: float | None = None, vision_s: float = 1.5,
-              wander_percent: float = 3.0, tick_s: float = 0.02, within_tick: bool = True,
-              measured_after: int = 10) -> PointRun:
-    """Drive over a row. `learn`: the threshold follows the measured errors, known `measured_after` doses later.
+def point_run(
+    lag: PointLag,
+    spacing_m: float,
+    speed_mps: float,
+    plants: int,
+    seed: int,
+    learn: bool = True,
+    *,
+    truth: PointTruth | None = None,
+    camera_m: float | None = None,
+    vision_s: float = 1.5,
+    wander_percent: float = 3.0,
+    tick_s: float = 0.02,
+    within_tick: bool = True,
+    measured_after: int = 10,
+) -> PointRun:
+    """Drive over a row. `learn`: the threshold follows the measured errors, known
+    `measured_after` doses later.
 
-    camera_m: the camera's place before the outlet; None: so far ahead that lag and computing time are met.
-    within_tick: the dose command tells its moment; otherwise it is given at the tick. The way is straight, the speed
-    wanders with a 4 s correlation.
+    camera_m: the camera's place before the outlet; None: so far ahead that lag and computing
+    time are met. within_tick: the dose command tells its moment; otherwise it is given at the
+    tick. The way is straight, the speed wanders with a 4 s correlation.
     """
     really = truth or PointTruth()
     rng = np.random.default_rng(seed)
     places = 5.0 + spacing_m * np.arange(plants) + 0.1 * spacing_m * rng.standard_normal(plants)
     places.sort()
-    camera = lag.distance_m(1.3 * speed_mps) + 1.3 * speed_mps * vision_s + 0.5 if camera_m is None else camera_m
+    camera = (
+        lag.distance_m(1.3 * speed_mps) + 1.3 * speed_mps * vision_s + 0.5
+        if camera_m is None
+        else camera_m
+    )
     row = PlantRow()
     mode = PointMode(lag, row, Threshold())
     way, odometer, now, wander, off = 0.0, 0.0, 0.0, 0.0, 0.0
@@ -62,24 +83,38 @@ def point_run(lag: PointLag, spacing_m: float, speed_mps: float, plants: int, se
     scale = 1.0 + really.odometer_percent / 100.0
     settle_m = lag.distance_m(2.0 * speed_mps) + 1.0
     while way < places[-1] + settle_m:
-        wander += -wander * tick_s / 4.0 + wander_percent / 100.0 * (2.0 * tick_s / 4.0) ** 0.5 * rng.standard_normal()
+        wander += (
+            -wander * tick_s / 4.0
+            + wander_percent / 100.0 * (2.0 * tick_s / 4.0) ** 0.5 * rng.standard_normal()
+        )
         speed = speed_mps * (1.0 + wander)
         way += speed * tick_s
         odometer += speed * tick_s * scale
         now += tick_s
         ways.append(way)
-        in_view = places[(places > way + camera + CAMERA_FROM_M) & (places < way + camera + CAMERA_TO_M)]
+        in_view = places[
+            (places > way + camera + CAMERA_FROM_M) & (places < way + camera + CAMERA_TO_M)
+        ]
         looks = in_view - way + really.seen_sd_m * rng.standard_normal(len(in_view))
         waiting.append((now + vision_s, [SeenPlant(odometer, float(ahead)) for ahead in looks]))
         while waiting and waiting[0][0] <= now:
             row.look(waiting.pop(0)[1], mode.fixed_to_m)
-        off += -off * tick_s / 0.25 + really.speed_sd_mps * (2.0 * tick_s / 0.25) ** 0.5 * rng.standard_normal()
+        off += (
+            -off * tick_s / 0.25
+            + really.speed_sd_mps * (2.0 * tick_s / 0.25) ** 0.5 * rng.standard_normal()
+        )
         measured_mps = max(0.0, speed + off)
         doses, _ = mode.tick(now, odometer, measured_mps, tick_s)
         for dose in doses:
             begins = now + (dose.in_s if within_tick else 0.0)
-            lands = (begins + lag.link_s + really.link_sd_s * rng.standard_normal() + really.extra_delay_s
-                     + 0.5 * lag.turn_s + lag.fall_s)
+            lands = (
+                begins
+                + lag.link_s
+                + really.link_sd_s * rng.standard_normal()
+                + really.extra_delay_s
+                + 0.5 * lag.turn_s
+                + lag.fall_s
+            )
             ordered.append((lands, dose.plant_m, dose.threshold_m, dose.speed_mps))
         while learned < len(ordered) and ordered[learned][0] < now:
             lands, plant, threshold, _ = ordered[learned]
@@ -92,6 +127,9 @@ def point_run(lag: PointLag, spacing_m: float, speed_mps: float, plants: int, se
             learned += 1
             known = learned - 1 - measured_after
             if learn and known >= 0:
-                mode.threshold.learn(found[known] + really.measured_sd_m * rng.standard_normal(), ordered[known][3],
-                                     ordered[known][2])
+                mode.threshold.learn(
+                    found[known] + really.measured_sd_m * rng.standard_normal(),
+                    ordered[known][3],
+                    ordered[known][2],
+                )
     return PointRun(np.array(found), plants, plants - len(found), np.array(thresholds))

@@ -1,8 +1,10 @@
-"""Drives that rest: the later model steps of a tick give what its first one gave, and need not be computed.
+"""Drives that rest: the later model steps of a tick give what its first one gave, and need not
+be computed.
 
-To the last bit, so that a run's rows are the same. A machine that stands, or works at one speed, takes a quarter of the
-steps' time.
+To the last bit, so that a run's rows are the same. A machine that stands, or works at one
+speed, takes a quarter of the steps' time.
 """
+
 from __future__ import annotations
 
 from control.machine.flow import Flow, FlowState
@@ -11,18 +13,27 @@ from control.machine.shaft import ShaftState
 
 
 def rest(shaft_was: ShaftState, shaft: ShaftState, gate_was: GateState, gate: GateState) -> bool:
-    """Whether further steps with the same inputs leave both drives where this one left them: nothing that was
-    commanded is still to come, and neither moved."""
-    return (shaft.rpm == shaft_was.rpm and shaft.rpm_s == shaft_was.rpm_s
-            and shaft.line.in_force == shaft.line.newest
-            and gate.driven_mm == gate_was.driven_mm and gate.carried_mm == gate_was.carried_mm
-            and gate.line.in_force == gate.line.newest and gate.driven_mm == gate.line.values[gate.line.newest])
+    """Whether further steps with the same inputs leave both drives where this one left them:
+    nothing that was commanded is still to come, and neither moved."""
+    return (
+        shaft.rpm == shaft_was.rpm
+        and shaft.rpm_s == shaft_was.rpm_s
+        and shaft.line.in_force == shaft.line.newest
+        and gate.driven_mm == gate_was.driven_mm
+        and gate.carried_mm == gate_was.carried_mm
+        and gate.line.in_force == gate.line.newest
+        and gate.driven_mm == gate.line.values[gate.line.newest]
+    )
 
 
 def later(shaft: ShaftState, gate: GateState, dt_s: float) -> tuple[ShaftState, GateState]:
     """Drives that rest, a step later."""
-    return (ShaftState(shaft.time_s + dt_s, shaft.rpm, shaft.line, shaft.rpm_s),
-            GateState(gate.time_s + dt_s, gate.driven_mm, gate.carried_mm, gate.travelled_mm, gate.line))
+    return (
+        ShaftState(shaft.time_s + dt_s, shaft.rpm, shaft.line, shaft.rpm_s),
+        GateState(
+            gate.time_s + dt_s, gate.driven_mm, gate.carried_mm, gate.travelled_mm, gate.line
+        ),
+    )
 
 
 def stands(flow: Flow, shaft_rpm: float, refill_kg: float) -> bool:

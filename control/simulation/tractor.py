@@ -1,4 +1,5 @@
 """The tractor: passes up and down a field with half-circle turns, and how fast it goes."""
+
 from __future__ import annotations
 
 from bisect import bisect_right
@@ -11,7 +12,8 @@ import numpy as np
 from control.field.job import Simulated
 from control.readings import SpeedPlan
 
-BLOCK = 8               # passes are taken in blocks, four apart, so that the turns are wide enough to drive
+# passes are taken in blocks, four apart, so that the turns are wide enough to drive
+BLOCK = 8
 
 
 class Pose(NamedTuple):
@@ -48,22 +50,36 @@ class Path:
         along = driven_m - self._begin_m[k]
         heading = radians(leg.heading_deg)
         if leg.turn_deg == 0.0:
-            return Pose(leg.east_m + along * sin(heading), leg.north_m + along * cos(heading), leg.heading_deg, True)
+            return Pose(
+                leg.east_m + along * sin(heading),
+                leg.north_m + along * cos(heading),
+                leg.heading_deg,
+                True,
+            )
         turned = radians(leg.turn_deg) * along / leg.length_m
-        radius = leg.length_m / radians(leg.turn_deg)          # right turns positive
+        radius = leg.length_m / radians(leg.turn_deg)  # right turns positive
         centre_e = leg.east_m + radius * cos(heading)
         centre_n = leg.north_m - radius * sin(heading)
         angle = heading + turned
-        return Pose(centre_e - radius * cos(angle), centre_n + radius * sin(angle),
-                    (leg.heading_deg + leg.turn_deg * along / leg.length_m) % 360.0, False)
+        return Pose(
+            centre_e - radius * cos(angle),
+            centre_n + radius * sin(angle),
+            (leg.heading_deg + leg.turn_deg * along / leg.length_m) % 360.0,
+            False,
+        )
 
     def straight_legs(self) -> list[tuple[float, Leg]]:
         """Each straight leg with the distance driven at its begin."""
-        return [(begin, leg) for begin, leg in zip(self._begin_m, self._legs, strict=False) if leg.turn_deg == 0.0]
+        return [
+            (begin, leg)
+            for begin, leg in zip(self._begin_m, self._legs, strict=False)
+            if leg.turn_deg == 0.0
+        ]
 
 
 def pass_order(passes: int) -> list[int]:
-    """0, 4, 1, 5, 2, 6, 3, 7, then the next block: neighbours in time lie three or four widths apart."""
+    """0, 4, 1, 5, 2, 6, 3, 7, then the next block: neighbours in time lie three or four widths
+    apart."""
     order: list[int] = []
     for block in range(0, passes, BLOCK):
         members = list(range(block, min(block + BLOCK, passes)))
@@ -76,7 +92,8 @@ def pass_order(passes: int) -> list[int]:
 
 
 def field_path(sim: Simulated, width_m: float, heading_deg: float) -> Path:
-    """Passes of the simulated field; the first begins at the origin, the next ones lie to its right."""
+    """Passes of the simulated field; the first begins at the origin, the next ones lie to its
+    right."""
     north = radians(heading_deg)
     ahead = (sin(north), cos(north))
     right = (cos(north), -sin(north))
@@ -102,20 +119,30 @@ def field_path(sim: Simulated, width_m: float, heading_deg: float) -> Path:
     return Path(legs)
 
 
-def field_boundary(sim: Simulated, width_m: float, heading_deg: float) -> tuple[tuple[float, float], ...]:
+def field_boundary(
+    sim: Simulated, width_m: float, heading_deg: float
+) -> tuple[tuple[float, float], ...]:
     """The rectangle that the passes cover, east and north, m."""
     north = radians(heading_deg)
-    corners = [(0.0, 0.0), (sim.pass_length_m, 0.0), (sim.pass_length_m, sim.passes * width_m),
-               (0.0, sim.passes * width_m)]
-    return tuple((a * sin(north) + c * cos(north), a * cos(north) - c * sin(north)) for a, c in corners)
+    corners = [
+        (0.0, 0.0),
+        (sim.pass_length_m, 0.0),
+        (sim.pass_length_m, sim.passes * width_m),
+        (0.0, sim.passes * width_m),
+    ]
+    return tuple(
+        (a * sin(north) + c * cos(north), a * cos(north) - c * sin(north)) for a, c in corners
+    )
 
 
-ANNOUNCED_AHEAD_S, ANNOUNCED_STEP_S = 5.0, 0.1        # of what a tractor tells of its speeds to come
-WANDER_S = 8.0                              # correlation of the throttle's wander
+# of what a tractor tells of its speeds to come
+ANNOUNCED_AHEAD_S, ANNOUNCED_STEP_S = 5.0, 0.1
+WANDER_S = 8.0  # correlation of the throttle's wander
 
 
 class Driver:
-    """Wanted speed to speed: bounded acceleration, a slow wander of the throttle, stops for refills.
+    """Wanted speed to speed: bounded acceleration, a slow wander of the throttle, stops for
+    refills.
 
     Where the drive tells all that it will do, its wander is drawn so far ahead, from `seed`.
     """
@@ -128,7 +155,7 @@ class Driver:
         self._time_s = 0.0
         self._stopped = False
         self._dt_s = 0.05
-        self._to_come: deque[float] = deque()           # wander of the next ticks
+        self._to_come: deque[float] = deque()  # wander of the next ticks
         self._rng = np.random.default_rng(seed)
 
     def step(self, time_s: float, stopped: bool, kick: float, dt_s: float) -> float:
@@ -152,12 +179,25 @@ class Driver:
         now, most = self._wanted(self._time_s)
         if self._stopped or how == "set":
             return SpeedPlan(self._time_s, ((0.0, 0.0 if self._stopped else now),), most)
-        steps = [round(k * ANNOUNCED_STEP_S, 3) for k in range(round(ANNOUNCED_AHEAD_S / ANNOUNCED_STEP_S))]
+        steps = [
+            round(k * ANNOUNCED_STEP_S, 3)
+            for k in range(round(ANNOUNCED_AHEAD_S / ANNOUNCED_STEP_S))
+        ]
         aims = [self._wanted(self._time_s + in_s) for in_s in steps]
-        wander = [0.0 if how == "plan" else self._to_come[min(len(self._to_come) - 1, round(in_s / self._dt_s))]
-                  for in_s in steps]
-        return SpeedPlan(self._time_s, tuple((in_s, aim * (1.0 + more)) for in_s, (aim, _), more
-                                             in zip(steps, aims, wander, strict=True)), max(a for _, a in aims))
+        wander = [
+            0.0
+            if how == "plan"
+            else self._to_come[min(len(self._to_come) - 1, round(in_s / self._dt_s))]
+            for in_s in steps
+        ]
+        return SpeedPlan(
+            self._time_s,
+            tuple(
+                (in_s, aim * (1.0 + more))
+                for in_s, (aim, _), more in zip(steps, aims, wander, strict=True)
+            ),
+            max(a for _, a in aims),
+        )
 
     def _wanted(self, time_s: float) -> tuple[float, float]:
         """Speed, m/s, and acceleration, m/s2, that the driver wants at a time."""
@@ -169,7 +209,9 @@ class Driver:
 
     def _wandered(self, before: float, kick: float, dt_s: float) -> float:
         share = self._sim.speed_wander_percent / 100.0
-        return float((1.0 - dt_s / WANDER_S) * before + share * (2.0 * dt_s / WANDER_S) ** 0.5 * kick)
+        return float(
+            (1.0 - dt_s / WANDER_S) * before + share * (2.0 * dt_s / WANDER_S) ** 0.5 * kick
+        )
 
     def _drawn_ahead(self, dt_s: float) -> float:
         while len(self._to_come) * dt_s <= ANNOUNCED_AHEAD_S:

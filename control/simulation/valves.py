@@ -1,4 +1,5 @@
 """The valves of a simulated machine: what was metered, shared by the outlets that are open."""
+
 from __future__ import annotations
 
 from collections import deque
@@ -15,7 +16,8 @@ class Valves:
         self.stuck: dict[int, bool] = {}
         self._valves = [section.valve or Valve() for section in machine.sections]
         self._shares = [strip.share for strip in machine.switched]
-        self._to_come: list[deque[tuple[float, bool]]] = [deque() for _ in self._valves]    # from when, open
+        # from when, open
+        self._to_come: list[deque[tuple[float, bool]]] = [deque() for _ in self._valves]
         self._commanded = [False] * len(self._valves)
         self._open = [False] * len(self._valves)
         self._kg = [0.0] * len(self._valves)
@@ -44,7 +46,8 @@ class Valves:
         return any(self._open)
 
     def pass_on(self, kg: float) -> None:
-        """What was metered just now leaves by the open outlets; what trickles with all closed, by none."""
+        """What was metered just now leaves by the open outlets; what trickles with all closed,
+        by none."""
         share = self._share()
         for k, on in enumerate(self._open):
             if on:

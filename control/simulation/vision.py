@@ -1,4 +1,6 @@
-"""A simulated camera over a row of plants: pictures, each reported when its computer is done with it."""
+"""A simulated camera over a row of plants: pictures, each reported when its computer is done
+with it."""
+
 from __future__ import annotations
 
 from collections import deque
@@ -29,7 +31,9 @@ class Vision:
             first, last = np.searchsorted(self._plants_m, (begin, begin + camera.view_m))
             ahead = self._plants_m[first:last] - driven_m
             ahead = ahead + camera.seen_sd_m * self._rng.standard_normal(len(ahead))
-            self._pictures.append((now_s + camera.computing_s, [PlantSeen(now_s, float(d)) for d in ahead]))
+            self._pictures.append(
+                (now_s + camera.computing_s, [PlantSeen(now_s, float(d)) for d in ahead])
+            )
         reported: list[PlantSeen] = []
         while self._pictures and self._pictures[0][0] <= now_s + 1e-9:
             reported += self._pictures.popleft()[1]

@@ -1,1 +1,2 @@
-"""Which target holds where: profiles along the track, and the queue of rate changes that looks ahead."""
+"""Which target holds where: profiles along the track, and the queue of rate changes that looks
+ahead."""

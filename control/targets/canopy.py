@@ -1,4 +1,6 @@
-"""Canopy mode: fused NDVI under the heads, collected for a decision period, becomes a stretch of decided rate."""
+"""Canopy mode: fused NDVI under the heads, collected for a decision period, becomes a stretch
+of decided rate."""
+
 from __future__ import annotations
 
 from typing import NamedTuple
@@ -9,23 +11,26 @@ from control.orders import TargetSource
 
 from .profile import Profile, Stretches, Target, TargetChange
 
-HORIZON_M = 200.0           # H: long against the metres of heads' lead and lag, short against a field
-MOST_OWED = 0.5             # of R over H
+# H: long against the metres of heads' lead and lag, short against a field
+HORIZON_M = 200.0
+MOST_OWED = 0.5  # of R over H
 LEAST_FACTOR, MOST_FACTOR = 0.2, 5.0
 
 
 class HoldMean:
-    """Canopy mode with the field's mean held at a given rate: the canopy says where, the farmer how much in all.
+    """Canopy mode with the field's mean held at a given rate: the canopy says where, the farmer
+    how much in all.
 
-    A decided rate is multiplied by k = (R + owed / H) / m: R the mean to be held, m the running mean of what the rule
-    decided so far where it decided anything, and `owed` what the ground worked so far still lacks (kg/ha x m of way),
-    to be given over the next H metres. The first part alone keeps a mean only of ground like that before; the second
-    closes the loop over what really landed.
+    A decided rate is multiplied by k = (R + owed / H) / m: R the mean to be held, m the running
+    mean of what the rule decided so far where it decided anything, and `owed` what the ground
+    worked so far still lacks (kg/ha x m of way), to be given over the next H metres. The first
+    part alone keeps a mean only of ground like that before; the second closes the loop over
+    what really landed.
 
-    It cannot run away: `owed` is cut to half of R over H, so that the mean of what follows is at most half as much
-    again, or half as much; k is cut to 0.2 to 5; the crop's limit holds above all. Ground on which the rule gives
-    nothing gets nothing, and what it lacks beyond that cut is not made up elsewhere: a bare half of a field is no
-    reason to burn the other.
+    It cannot run away: `owed` is cut to half of R over H, so that the mean of what follows is
+    at most half as much again, or half as much; k is cut to 0.2 to 5; the crop's limit holds
+    above all. Ground on which the rule gives nothing gets nothing, and what it lacks beyond
+    that cut is not made up elsewhere: a bare half of a field is no reason to burn the other.
 
     One per run. `on`: the canopy decides alone; `learns`: the machine is at work.
     """
@@ -34,8 +39,9 @@ class HoldMean:
         self.mean_kg_ha = mean_kg_ha
         self.on = True
         self.learns = False
-        self._way_m = self._rule = 0.0      # decided so far, above nothing: way, and its rates times way
-        self._owed = 0.0                    # kg/ha x m
+        # decided so far, above nothing: way, and its rates times way
+        self._way_m = self._rule = 0.0
+        self._owed = 0.0  # kg/ha x m
 
     @property
     def owed_kg_ha(self) -> float:
@@ -50,7 +56,8 @@ class HoldMean:
             self._way_m += way_m
             self._rule += rule_kg_ha * way_m
         mean = self._rule / self._way_m if self._way_m > 0.0 else rule_kg_ha
-        if mean <= 0.0:                     # rates so small that a float loses them on the way
+        # rates so small that a float loses them on the way
+        if mean <= 0.0:
             return rule_kg_ha
         factor = (self.mean_kg_ha + self.owed_kg_ha) / mean
         return rule_kg_ha * min(MOST_FACTOR, max(LEAST_FACTOR, factor))
@@ -67,29 +74,37 @@ class HoldMean:
         self.landed(given_kg_ha, area_m)
 
 
-STRAIGHT_DEG_S = 8.0            # turning faster, the outlets do not follow the heads: samples are left out
-SILENT_HOLDS_S = 2.0            # heads silent: the last decision holds this long
+# turning faster, the outlets do not follow the heads: samples are left out
+STRAIGHT_DEG_S = 8.0
+SILENT_HOLDS_S = 2.0  # heads silent: the last decision holds this long
 
 
 class CanopyDecisions:
-    """Turns samples into decisions at `decision_hz` and keeps them along the track (decision paper, section 1.2)."""
+    """Turns samples into decisions at `decision_hz` and keeps them along the track (decision
+    paper, section 1.2)."""
 
-    def __init__(self, rule: Rule, heads_m: float, decision_hz: float, stretches: Stretches,
-                 hold: HoldMean | None = None) -> None:
+    def __init__(
+        self,
+        rule: Rule,
+        heads_m: float,
+        decision_hz: float,
+        stretches: Stretches,
+        hold: HoldMean | None = None,
+    ) -> None:
         """hold: the field's mean is held; None: the rule's rate as it is."""
         self.rule = rule
         self.hold = hold
         self.stretches = stretches
         self.period_s = 1.0 / decision_hz
-        self.ndvi: float | None = None              # of the last decision
+        self.ndvi: float | None = None  # of the last decision
         self.rate_kg_ha: float | None = None
-        self.zone_factor = 1.0                      # of the rule, where the heads look
+        self.zone_factor = 1.0  # of the rule, where the heads look
         self._heads_m = heads_m
         self._samples: list[float] = []
         self._from_m: float | None = None
         self._started_s = 0.0
         self._sampled_s: float | None = None
-        self._source = TargetSource.CANOPY          # of the newest sample
+        self._source = TargetSource.CANOPY  # of the newest sample
 
     def take_strip(self, strip: StripValue) -> None:
         """A strip was measured: later decisions go by it."""
@@ -100,10 +115,16 @@ class CanopyDecisions:
         self._samples.clear()
         self._from_m = None
 
-    def sample(self, ndvi: float | None, track_m: float, now_s: float, turn_deg_s: float,
-               source: TargetSource = TargetSource.CANOPY) -> None:
-        """One fused reading (None: none valid), with the outlets at `track_m`. source: INDEX_MAP where it is the map's
-        in the place of the heads'."""
+    def sample(
+        self,
+        ndvi: float | None,
+        track_m: float,
+        now_s: float,
+        turn_deg_s: float,
+        source: TargetSource = TargetSource.CANOPY,
+    ) -> None:
+        """One fused reading (None: none valid), with the outlets at `track_m`. source:
+        INDEX_MAP where it is the map's in the place of the heads'."""
         if abs(turn_deg_s) > STRAIGHT_DEG_S:
             self.pause()
             self.stretches.forget()
@@ -113,13 +134,14 @@ class CanopyDecisions:
         if self._from_m is None:
             self._from_m, self._started_s = track_m + self._heads_m, now_s
         if source is not self._source:
-            self._samples.clear()                   # one period speaks of one of them
+            self._samples.clear()  # one period speaks of one of them
             self._source = source
         self._samples.append(ndvi)
         self._sampled_s = now_s
 
     def decide(self, track_m: float, now_s: float) -> bool:
-        """Once a decision period has passed: a new stretch. True when the decision was made in this tick."""
+        """Once a decision period has passed: a new stretch. True when the decision was made in
+        this tick."""
         if self._from_m is None or now_s - self._started_s < self.period_s - 1e-6:
             return False
         here = track_m + self._heads_m
@@ -137,11 +159,16 @@ class CanopyDecisions:
         return True
 
     def _rate(self, way_m: float) -> float | None:
-        """Decided for the next `way_m` by the newest NDVI; None as long as the rule waits for its strips."""
+        """Decided for the next `way_m` by the newest NDVI; None as long as the rule waits for
+        its strips."""
         if not self.rule.is_ready:
             return None
         rate = self.rule.decide(self.ndvi, self.zone_factor).rate_kg_ha
-        return rate if self.hold is None else min(self.rule.crop.max_rate_kg_ha, self.hold.decided(rate, way_m))
+        return (
+            rate
+            if self.hold is None
+            else min(self.rule.crop.max_rate_kg_ha, self.hold.decided(rate, way_m))
+        )
 
 
 class Around(NamedTuple):
@@ -156,15 +183,18 @@ class Around(NamedTuple):
 
 
 class MapAndCanopy:
-    """Map and sensor together: the map's rate is the base, the heads' rate is followed within limits around it.
+    """Map and sensor together: the map's rate is the base, the heads' rate is followed within
+    limits around it.
 
-    The map knows what the place can yield, the heads what the crop lacks today (map overlay, Auernhammer 2001, Comput.
-    Electron. Agric. 30:31-43). Where the map has a rate and the heads have decided, the heads' rate holds, at most so
-    far from the map's. Without a reading the map alone holds; outside the map, and where it says zero, the heads change
-    nothing. Each keeps its own lead: the map is seen as far as it reaches, the heads' decisions as far as they look
-    ahead.
+    The map knows what the place can yield, the heads what the crop lacks today (map overlay,
+    Auernhammer 2001, Comput. Electron. Agric. 30:31-43). Where the map has a rate and the heads
+    have decided, the heads' rate holds, at most so far from the map's. Without a reading the
+    map alone holds; outside the map, and where it says zero, the heads change nothing. Each
+    keeps its own lead: the map is seen as far as it reaches, the heads' decisions as far as
+    they look ahead.
 
-    A profile made of two. `base`: the map; `canopy`: decisions of the heads, fallback where there are none.
+    A profile made of two. `base`: the map; `canopy`: decisions of the heads, fallback where
+    there are none.
     """
 
     def __init__(self, base: Profile, canopy: Profile, around: Around) -> None:
@@ -177,10 +207,13 @@ class MapAndCanopy:
         seen = self._canopy.at(place_m)
         if seen.source is not TargetSource.CANOPY:
             return base
-        return Target(self._around.held(base.rate_kg_ha, seen.rate_kg_ha), TargetSource.MAP_AND_CANOPY)
+        return Target(
+            self._around.held(base.rate_kg_ha, seen.rate_kg_ha), TargetSource.MAP_AND_CANOPY
+        )
 
     def next_change(self, after_m: float, before_m: float, holding: Target) -> TargetChange | None:
-        """The first place at which either of the two changes and what they come to differs from what is held."""
+        """The first place at which either of the two changes and what they come to differs from
+        what is held."""
         place: float | None = after_m
         while place is not None and place <= before_m:
             target = self.at(place)
@@ -190,6 +223,11 @@ class MapAndCanopy:
         return None
 
     def _next_edge(self, after_m: float, before_m: float) -> float | None:
-        changes = [one.next_change(after_m, before_m, one.at(after_m)) for one in (self._base, self._canopy)]
-        places = [change.place_m for change in changes if change is not None and change.place_m > after_m]
+        changes = [
+            one.next_change(after_m, before_m, one.at(after_m))
+            for one in (self._base, self._canopy)
+        ]
+        places = [
+            change.place_m for change in changes if change is not None and change.place_m > after_m
+        ]
         return min(places, default=None)

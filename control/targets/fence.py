@@ -1,4 +1,5 @@
 """The field's edge seen along the working line: outside it the target is nothing."""
+
 from __future__ import annotations
 
 from typing import Protocol
@@ -10,7 +11,7 @@ from .profile import Profile, Target, TargetChange
 
 OUTSIDE = Target(0.0, TargetSource.NONE)
 LOOK_M = 40.0
-SAME_M = 2.0            # crossings seen this near to each other are one
+SAME_M = 2.0  # crossings seen this near to each other are one
 
 
 class Fence:
@@ -21,14 +22,20 @@ class Fence:
         self._inside_here = False
         self.places_m: list[float] = []
 
-    def look(self, track_m: float, east_m: float, north_m: float, heading_deg: float, fired_to_m: float) -> None:
-        """Look from the outlet straight ahead. A crossing up to `fired_to_m`, where changes have been made, stays
-        where it was seen then: a jitter of the heading must not make it once more."""
+    def look(
+        self, track_m: float, east_m: float, north_m: float, heading_deg: float, fired_to_m: float
+    ) -> None:
+        """Look from the outlet straight ahead. A crossing up to `fired_to_m`, where changes
+        have been made, stays where it was seen then: a jitter of the heading must not make it
+        once more."""
         crossed = self.edge.crossings_m(east_m, north_m, heading_deg)
-        self._inside_here = len(crossed) % 2 == 1           # whoever leaves once more than he enters is inside
+        # whoever leaves once more than he enters is inside
+        self._inside_here = len(crossed) % 2 == 1
         seen = [track_m + d for d in crossed if d <= LOOK_M]
         made = [place for place in self.places_m if place <= fired_to_m]
-        self.places_m = [next((old for old in made if abs(old - place) < SAME_M), place) for place in seen]
+        self.places_m = [
+            next((old for old in made if abs(old - place) < SAME_M), place) for place in seen
+        ]
 
     def lost(self) -> None:
         """No place known: nothing ahead counts as inside."""
@@ -43,7 +50,7 @@ class Fence:
 class Inside(Protocol):
     """What tells inside from outside along the way ahead."""
 
-    places_m: list[float]       # where one becomes the other
+    places_m: list[float]  # where one becomes the other
 
     def inside(self, place_m: float) -> bool: ...
 

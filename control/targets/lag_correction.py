@@ -1,10 +1,13 @@
-"""The look-ahead: changes of the target ahead are made early enough to land where they belong (lag papers).
+"""The look-ahead: changes of the target ahead are made early enough to land where they belong
+(lag papers).
 
-A change has its own lag: the response of the actuator that makes it (dead time and half its transition) plus the drop
-time at the shaft speed of release. It fires when the distance to its place is at most the lag distance (lag paper,
-section 1.3: "when the distance to the cell's boundary equals L"), fires once, and is not withdrawn: otherwise speed
-first chases itself, the lag depending on the shaft speed that depends on the target that depends on the lag.
+A change has its own lag: the response of the actuator that makes it (dead time and half its
+transition) plus the drop time at the shaft speed of release. It fires when the distance to its
+place is at most the lag distance (lag paper, section 1.3: "when the distance to the cell's
+boundary equals L"), fires once, and is not withdrawn: otherwise speed first chases itself, the
+lag depending on the shaft speed that depends on the target that depends on the lag.
 """
+
 from __future__ import annotations
 
 from typing import NamedTuple, Protocol
@@ -15,9 +18,10 @@ from .profile import Profile, Target, TargetChange
 
 
 class Reach(Protocol):
-    """How far ahead a change must be made at the present speed: asked by the queue, answered by the loop."""
+    """How far ahead a change must be made at the present speed: asked by the queue, answered by
+    the loop."""
 
-    farthest_m: float           # beyond it no change is looked for
+    farthest_m: float  # beyond it no change is looked for
 
     def lag(self, before: Target, change: TargetChange) -> Lag: ...
 
@@ -25,7 +29,8 @@ class Reach(Protocol):
 
 
 class Fired(NamedTuple):
-    """A change that was made: when, where it belongs, from what to what, and how far it was from there."""
+    """A change that was made: when, where it belongs, from what to what, and how far it was
+    from there."""
 
     time_s: float
     place_m: float
@@ -40,10 +45,11 @@ class ChangeQueue:
 
     def __init__(self, start: Target) -> None:
         self.holding = start
-        self.fired_to_m = float("-inf")        # changes up to here have been made
+        self.fired_to_m = float("-inf")  # changes up to here have been made
 
     def restart(self, target: Target, place_m: float) -> None:
-        """Begin anew: what holds at `place_m` is taken as it is (start of a pass, another source)."""
+        """Begin anew: what holds at `place_m` is taken as it is (start of a pass, another
+        source)."""
         self.holding = target
         self.fired_to_m = place_m
 
@@ -51,7 +57,9 @@ class ChangeQueue:
         """Make every change whose distance is at most its lag distance; in order, each once."""
         fired: list[Fired] = []
         while True:
-            change = profile.next_change(max(self.fired_to_m, track_m), track_m + reach.farthest_m, self.holding)
+            change = profile.next_change(
+                max(self.fired_to_m, track_m), track_m + reach.farthest_m, self.holding
+            )
             if change is None:
                 return fired
             lag = reach.lag(self.holding, change)

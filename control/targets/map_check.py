@@ -1,4 +1,6 @@
-"""What of a prescription will not be applied as it stands: outside the field, above the crop's limit, covered twice."""
+"""What of a prescription will not be applied as it stands: outside the field, above the crop's
+limit, covered twice."""
+
 from __future__ import annotations
 
 from typing import NamedTuple
@@ -17,51 +19,79 @@ HECTARE_M2 = 10_000.0
 class MapCheck(NamedTuple):
     """Ground in ha; each place counts once. What is not known is None."""
 
-    mapped_ha: float                    # ground that has a rate in the map
-    field_ha: float | None              # the field's
-    outside_ha: float                   # mapped, but outside the field: not used
-    uncovered_ha: float                 # of the field, without a rate in the map
-    away_m: float                       # between map and field where they do not touch; 0: they do, or no field
-    overlap_ha: float                   # in more than one zone: the first in the file holds
-    limit_kg_ha: float | None           # the crop's
-    above_ha: float                     # in the field with a rate above the limit
-    above_kg: float                     # what the limit takes off there
-    highest_kg_ha: float                # of the map's rates in the field
-    beyond_kg_ha: float = 0.0           # what is applied on mapped ground outside the field; a fence stops it
-    uncovered_kg_ha: float = 0.0        # what is applied in the field where the map has no rate
-    away_kg_ha: float = 0.0             # what is applied in the field where the map lies elsewhere
-    swapped: bool = False               # it lies elsewhere, and on the field once latitude and longitude are exchanged
+    mapped_ha: float  # ground that has a rate in the map
+    field_ha: float | None  # the field's
+    outside_ha: float  # mapped, but outside the field: not used
+    uncovered_ha: float  # of the field, without a rate in the map
+    # between map and field where they do not touch; 0: they do, or no field
+    away_m: float
+    # in more than one zone: the first in the file holds
+    overlap_ha: float
+    limit_kg_ha: float | None  # the crop's
+    above_ha: float  # in the field with a rate above the limit
+    above_kg: float  # what the limit takes off there
+    highest_kg_ha: float  # of the map's rates in the field
+    # what is applied on mapped ground outside the field; a fence stops it
+    beyond_kg_ha: float = 0.0
+    # what is applied in the field where the map has no rate
+    uncovered_kg_ha: float = 0.0
+    # what is applied in the field where the map lies elsewhere
+    away_kg_ha: float = 0.0
+    # it lies elsewhere, and on the field once latitude and longitude are exchanged
+    swapped: bool = False
 
 
-def map_check(data: MapData, limit_kg_ha: float | None = None, field: Boundary | None = None,
-              plane: TangentPlane | None = None) -> MapCheck:
+def map_check(
+    data: MapData,
+    limit_kg_ha: float | None = None,
+    field: Boundary | None = None,
+    plane: TangentPlane | None = None,
+) -> MapCheck:
     """`field`: of the job, on `plane`; None: the map's own fields, if any, on the map's own plane.
 
     Raises ValueError in one line where a field's outline of the map cannot be used.
     """
     plane = plane or data.plane()
     ground = ground_of(data, plane)
-    shape = shapely.union_all([one.shape for one in fields_on(data, plane)]) if data.fields_deg else None
+    shape = (
+        shapely.union_all([one.shape for one in fields_on(data, plane)])
+        if data.fields_deg
+        else None
+    )
     if field is not None:
         shape = field.shape if shape is None else shapely.intersection(shape, field.shape)
     inside_m2 = ground.areas_m2 if shape is None else ground.inside_m2(shape)
     mapped = float(ground.areas_m2.sum())
     inside = float(inside_m2.sum())
     here = inside_m2 > LEAST_M2
-    above = here & (ground.rates > limit_kg_ha) if limit_kg_ha is not None else np.zeros(len(here), np.bool_)
+    above = (
+        here & (ground.rates > limit_kg_ha)
+        if limit_kg_ha is not None
+        else np.zeros(len(here), np.bool_)
+    )
     over = ground.rates[above] - (limit_kg_ha or 0.0)
     limit = float("inf") if limit_kg_ha is None else limit_kg_ha
-    outside, default = min(limit, data.fallbacks.outside_kg_ha), min(limit, data.fallbacks.default_kg_ha)
+    outside, default = (
+        min(limit, data.fallbacks.outside_kg_ha),
+        min(limit, data.fallbacks.default_kg_ha),
+    )
     away_m = 0.0 if shape is None or here.any() else ground.away_m(shape)
     return MapCheck(
-        mapped / HECTARE_M2, None if shape is None else float(shape.area) / HECTARE_M2,
+        mapped / HECTARE_M2,
+        None if shape is None else float(shape.area) / HECTARE_M2,
         max(0.0, mapped - inside) / HECTARE_M2,
         0.0 if shape is None else max(0.0, float(shape.area) - inside) / HECTARE_M2,
-        away_m, ground.overlap_m2 / HECTARE_M2, limit_kg_ha,
-        float(inside_m2[above].sum()) / HECTARE_M2, float((inside_m2[above] * over).sum()) / HECTARE_M2,
-        float(ground.rates[here].max()) if here.any() else 0.0, 0.0 if field is not None else outside,
-        default if data.fields_deg else outside, outside,
-        away_m > 0.0 and field is not None and _swapped_on(data, plane, field))
+        away_m,
+        ground.overlap_m2 / HECTARE_M2,
+        limit_kg_ha,
+        float(inside_m2[above].sum()) / HECTARE_M2,
+        float((inside_m2[above] * over).sum()) / HECTARE_M2,
+        float(ground.rates[here].max()) if here.any() else 0.0,
+        0.0 if field is not None else outside,
+        default if data.fields_deg else outside,
+        outside,
+        away_m > 0.0 and field is not None and _swapped_on(data, plane, field),
+    )
 
 
 def _swapped_on(data: MapData, plane: TangentPlane, field: Boundary) -> bool:

@@ -1,4 +1,6 @@
-"""Map mode: the prescription seen ahead of the outlets, as a profile along the track (lag paper, section 1.3)."""
+"""Map mode: the prescription seen ahead of the outlets, as a profile along the track (lag
+paper, section 1.3)."""
+
 from __future__ import annotations
 
 from bisect import bisect_right
@@ -9,14 +11,18 @@ from .prescription import Prescription, TargetAhead
 from .profile import Target, TargetChange
 
 LOOK_M = 40.0
-BEND_DEG_M = 2.0        # turning more sharply, the way ahead is taken in straight pieces along the arc
+# turning more sharply, the way ahead is taken in straight pieces along the arc
+BEND_DEG_M = 2.0
 PIECE_M = 1.5
-SAME_M = 2.0            # an edge seen this near to where its change was made is that change
-NEAR_BY_M = 0.2          # what holds this near by is as good: an edge driven along makes no chatter
+# an edge seen this near to where its change was made is that change
+SAME_M = 2.0
+# what holds this near by is as good: an edge driven along makes no chatter
+NEAR_BY_M = 0.2
 
 
 class MapProfile:
-    """Where along the track, the way the machine is heading, the rate changes; looked at once a tick.
+    """Where along the track, the way the machine is heading, the rate changes; looked at once a
+    tick.
 
     Changes that were made stay where they were seen then; what lies beyond them is seen anew.
     """
@@ -28,21 +34,40 @@ class MapProfile:
         self._targets: list[Target] = [prescription.lost]
         self._lost = True
 
-    def look(self, track_m: float, east_m: float, north_m: float, heading_deg: float, fired_to_m: float,
-             turn_deg_m: float = 0.0) -> None:
-        """Look from the outlet ahead. `turn_deg_m`: how the heading changes per metre (0: straight on)."""
-        seen = [TargetAhead(track_m + d, target)
-                for d, target in self._ahead((east_m, north_m), heading_deg, turn_deg_m)]
+    def look(
+        self,
+        track_m: float,
+        east_m: float,
+        north_m: float,
+        heading_deg: float,
+        fired_to_m: float,
+        turn_deg_m: float = 0.0,
+    ) -> None:
+        """Look from the outlet ahead. `turn_deg_m`: how the heading changes per metre (0:
+        straight on)."""
+        seen = [
+            TargetAhead(track_m + d, target)
+            for d, target in self._ahead((east_m, north_m), heading_deg, turn_deg_m)
+        ]
         kept = bisect_right(self._places_m, fired_to_m)
         if self._lost or kept == 0 or fired_to_m < track_m - LOOK_M:
             self._put(seen)
             return
         begin = max(fired_to_m, track_m)
         first = max(k for k, stretch in enumerate(seen) if k == 0 or stretch.distance_m <= begin)
-        beyond = [TargetAhead(begin, seen[first].target), *seen[first + 1:]]
+        beyond = [TargetAhead(begin, seen[first].target), *seen[first + 1 :]]
         held = self._targets[kept - 1]
-        while beyond and beyond[0].target != held and self._is_made(held, beyond, begin, offset(
-                (east_m, north_m), heading_deg, beyond[0].distance_m - track_m), heading_deg):
+        while (
+            beyond
+            and beyond[0].target != held
+            and self._is_made(
+                held,
+                beyond,
+                begin,
+                offset((east_m, north_m), heading_deg, beyond[0].distance_m - track_m),
+                heading_deg,
+            )
+        ):
             del beyond[0]
         self._places_m[kept:] = [place for place, _ in beyond]
         self._targets[kept:] = [target for _, target in beyond]
@@ -81,15 +106,27 @@ class MapProfile:
             started += PIECE_M
         return stretches
 
-    def _is_made(self, held: Target, beyond: list[TargetAhead], begin_m: float, place: Place,
-                 heading_deg: float) -> bool:
-        """Whether what is seen first, at `place`, is the change already made: what is held begins a little further
-        on, or holds close by."""
+    def _is_made(
+        self,
+        held: Target,
+        beyond: list[TargetAhead],
+        begin_m: float,
+        place: Place,
+        heading_deg: float,
+    ) -> bool:
+        """Whether what is seen first, at `place`, is the change already made: what is held
+        begins a little further on, or holds close by."""
         if len(beyond) > 1 and beyond[1].target == held and beyond[1].distance_m < begin_m + SAME_M:
             return True
-        return beyond[0].distance_m < begin_m + 2.0 * NEAR_BY_M and held in self.prescription.targets_at(
-            [offset(place, heading_deg, ahead, aside)
-             for ahead in (-NEAR_BY_M, NEAR_BY_M) for aside in (-NEAR_BY_M, NEAR_BY_M)])
+        return beyond[
+            0
+        ].distance_m < begin_m + 2.0 * NEAR_BY_M and held in self.prescription.targets_at(
+            [
+                offset(place, heading_deg, ahead, aside)
+                for ahead in (-NEAR_BY_M, NEAR_BY_M)
+                for aside in (-NEAR_BY_M, NEAR_BY_M)
+            ]
+        )
 
     def _put(self, seen: list[TargetAhead]) -> None:
         self._lost = False

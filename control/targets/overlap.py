@@ -1,4 +1,6 @@
-"""Ground that has its material from an earlier pass, seen ahead along the working line: no second dose there."""
+"""Ground that has its material from an earlier pass, seen ahead along the working line: no
+second dose there."""
+
 from __future__ import annotations
 
 from collections import deque
@@ -10,50 +12,68 @@ from control.field.cells import ahead_of
 from control.field.coverage import Coverage, Covered, Raster
 from control.geodesy import Place, direction
 
-LOOK_M = 16.0           # changes are looked for at most this far ahead (4 s at 3.3 m/s, and a little)
+# changes are looked for at most this far ahead (4 s at 3.3 m/s, and a little)
+LOOK_M = 16.0
 STEP_M = 0.25
-SHARE = 0.8             # of the outlets over done ground: from here on the whole machine counts as over it
-SHORTEST_M = 0.5        # shorter stretches, done or not, are cut corners
-LONGEST_M = 5.0         # way of a tick; longer is a jump of the position
-SAME_DEG = 1.0          # a heading this near to that of the last look is the same
-SAME_M = 2.0            # an edge seen this near to where its change was made is that change
+# of the outlets over done ground: from here on the whole machine counts as over it
+SHARE = 0.8
+SHORTEST_M = 0.5  # shorter stretches, done or not, are cut corners
+LONGEST_M = 5.0  # way of a tick; longer is a jump of the position
+# a heading this near to that of the last look is the same
+SAME_DEG = 1.0
+# an edge seen this near to where its change was made is that change
+SAME_M = 2.0
 
 
 class Overlap:
-    """Where along the way ahead the ground is done; looked at anew every step of the way and in turns.
+    """Where along the way ahead the ground is done; looked at anew every step of the way and in
+    turns.
 
     `outlets` stand at even distances over the width of `coverage`; each counts by its own place.
     """
 
     def __init__(self, coverage: Coverage, outlets: int) -> None:
-        self.places_m: list[float] = []         # along the track, where done begins or ends
+        self.places_m: list[float] = []  # along the track, where done begins or ends
         self.coverage = coverage
-        self._aside = (np.arange(outlets) + 0.5) / outlets * coverage.width_m - 0.5 * coverage.width_m
+        self._aside = (
+            np.arange(outlets) + 0.5
+        ) / outlets * coverage.width_m - 0.5 * coverage.width_m
         self._ahead = np.arange(0.0, LOOK_M, STEP_M)
-        self._done_here = False                 # where it was looked from
-        self._wanted_here = False               # since START, until ground without material is reached
-        self._looked: tuple[float, float] | None = None         # track and heading of that place
-        self._falling: deque[tuple[float, bool | Sequence[bool]]] = deque()     # when it lands, whether there is any
+        self._done_here = False  # where it was looked from
+        # since START, until ground without material is reached
+        self._wanted_here = False
+        self._looked: tuple[float, float] | None = None  # track and heading of that place
+        # when it lands, whether there is any
+        self._falling: deque[tuple[float, bool | Sequence[bool]]] = deque()
         self._lands: bool | Sequence[bool] = coverage.nothing
 
     @property
     def covered(self) -> Covered:
         return self.coverage.covered
 
-    def note(self, now_s: float, place: Place | None, heading_deg: float | None, released: bool | Sequence[bool],
-             drop_s: float) -> None:
-        """The outlets are here; what is released now, by each strip of the coverage where it has several, lands a drop
-        time later, under where they are then."""
+    def note(
+        self,
+        now_s: float,
+        place: Place | None,
+        heading_deg: float | None,
+        released: bool | Sequence[bool],
+        drop_s: float,
+    ) -> None:
+        """The outlets are here; what is released now, by each strip of the coverage where it
+        has several, lands a drop time later, under where they are then."""
         self._falling.append((now_s + drop_s, released))
         while self._falling and self._falling[0][0] <= now_s:
             self._lands = self._falling.popleft()[1]
         known = place is not None and heading_deg is not None
-        self.coverage.lay(place if place is not None and known else (float("nan"), float("nan")),
-                           heading_deg if heading_deg is not None and known else 0.0, self._lands)
+        self.coverage.lay(
+            place if place is not None and known else (float("nan"), float("nan")),
+            heading_deg if heading_deg is not None and known else 0.0,
+            self._lands,
+        )
 
     def seed(self, ground: Raster, ours: bool = True) -> None:
-        """What an earlier part of the job has done, or another machine (not ours). START does not lift this: only the
-        job's `no_double` does."""
+        """What an earlier part of the job has done, or another machine (not ours). START does
+        not lift this: only the job's `no_double` does."""
         self.coverage.seed(ground, ours)
         self._looked = None
 
@@ -66,17 +86,23 @@ class Overlap:
         self.places_m, self._looked = [], None
 
     def started(self) -> None:
-        """The operator wants flow from here on: the ground that it stands on, done in this run, gets it."""
+        """The operator wants flow from here on: the ground that it stands on, done in this run,
+        gets it."""
         self._wanted_here, self._looked = True, None
 
-    def look(self, track_m: float, place: Place | None, heading_deg: float | None, fired_to_m: float) -> None:
-        """Look from the outlets straight ahead. An edge up to `fired_to_m`, where changes have been made, stays where
-        it was seen then."""
+    def look(
+        self, track_m: float, place: Place | None, heading_deg: float | None, fired_to_m: float
+    ) -> None:
+        """Look from the outlets straight ahead. An edge up to `fired_to_m`, where changes have
+        been made, stays where it was seen then."""
         if place is None or heading_deg is None:
             self._done_here, self.places_m, self._looked = False, [], None
             return
-        if self._looked is not None and abs(track_m - self._looked[0]) < STEP_M and abs(
-                (heading_deg - self._looked[1] + 180.0) % 360.0 - 180.0) < SAME_DEG:
+        if (
+            self._looked is not None
+            and abs(track_m - self._looked[0]) < STEP_M
+            and abs((heading_deg - self._looked[1] + 180.0) % 360.0 - 180.0) < SAME_DEG
+        ):
             return
         self._looked = track_m, heading_deg
         over = self._over(place, heading_deg, earlier=False)
@@ -88,7 +114,9 @@ class Overlap:
         self._done_here = bool(over[0])
         seen = (track_m + STEP_M * (np.flatnonzero(over[1:] != over[:-1]) + 0.5)).tolist()
         made = [known for known in self.places_m if known <= fired_to_m]
-        self.places_m = [next((old for old in made if abs(old - edge) < SAME_M), edge) for edge in seen]
+        self.places_m = [
+            next((old for old in made if abs(old - edge) < SAME_M), edge) for edge in seen
+        ]
 
     def inside(self, place_m: float) -> bool:
         """Whether a place of the track may get material: it has none yet."""
@@ -96,13 +124,18 @@ class Overlap:
         return self._done_here == (len(crossed) % 2 == 1)
 
     def _over(self, place: Place, heading_deg: float, earlier: bool) -> np.ndarray:
-        """Whether the machine would be over ground that is done, each step ahead (k,). earlier: by an earlier run."""
+        """Whether the machine would be over ground that is done, each step ahead (k,). earlier:
+        by an earlier run."""
         course = direction(heading_deg)
         done = self.coverage.done_ahead(place, course, self._ahead, self._aside, earlier)
         if done is None:
             places = np.empty((len(self._ahead), len(self._aside), 2))
-            places[..., 0] = ahead_of(place[0], self._ahead[:, None], course[0], self._aside, course[1])
-            places[..., 1] = ahead_of(place[1], self._ahead[:, None], course[1], -self._aside, course[0])
+            places[..., 0] = ahead_of(
+                place[0], self._ahead[:, None], course[0], self._aside, course[1]
+            )
+            places[..., 1] = ahead_of(
+                place[1], self._ahead[:, None], course[1], -self._aside, course[0]
+            )
             asked = self.coverage.applied_earlier if earlier else self.coverage.applied
             done = asked(places.reshape(-1, 2)).reshape(places.shape[:2]).sum(axis=1)
         over = done / len(self._aside) >= SHARE
@@ -110,7 +143,8 @@ class Overlap:
 
 
 def without_short(flags: np.ndarray, least: int) -> np.ndarray:
-    """Runs (k,) of less than `least` equal values take the value before them; the first run stays."""
+    """Runs (k,) of less than `least` equal values take the value before them; the first run
+    stays."""
     begins = (np.flatnonzero(flags[1:] != flags[:-1]) + 1).tolist()
     kept = flags.copy() if begins else flags
     for begin, end in zip(begins, [*begins[1:], len(flags)], strict=False):

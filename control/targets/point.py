@@ -1,8 +1,11 @@
-"""Point mode: one dose a plant, commanded when the distance to it is at most the lag distance plus a threshold.
+"""Point mode: one dose a plant, commanded when the distance to it is at most the lag distance
+plus a threshold.
 
-Point paper, eq 1-5 and section 1.3.2. The paper put its mean error in as a constant threshold and left the updating to
-later work; here it is learned from measured dose errors, as a distance and a time, so that it holds at other speeds.
+Point paper, eq 1-5 and section 1.3.2. The paper put its mean error in as a constant threshold
+and left the updating to later work; here it is learned from measured dose errors, as a distance
+and a time, so that it holds at other speeds.
 """
+
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -14,9 +17,10 @@ GRAVITY_MPS2 = 9.80665
 
 
 class PointLag(NamedTuple):
-    """The four parts of the lag of a dose, s (point paper, eq 1-4; eq 3 with the factor 6 that it lacks in print)."""
+    """The four parts of the lag of a dose, s (point paper, eq 1-4; eq 3 with the factor 6 that
+    it lacks in print)."""
 
-    vision_s: float             # 0 where the picture's own track place is known
+    vision_s: float  # 0 where the picture's own track place is known
     link_s: float
     turn_s: float
     fall_s: float
@@ -26,38 +30,51 @@ class PointLag(NamedTuple):
         return self.vision_s + self.link_s + self.turn_s + self.fall_s
 
     def distance_m(self, speed_mps: float) -> float:
-        """Eq 5: L_d, m. A falling dose keeps the machine's speed, so that every part counts with the same v."""
+        """Eq 5: L_d, m. A falling dose keeps the machine's speed, so that every part counts
+        with the same v."""
         return speed_mps * self.total_s
 
 
-def point_lag(turn_deg: float, shaft_rpm: float, fall_m: float, vision_s: float = 0.0, link_s: float = 0.8) -> PointLag:
-    """Lag of a dose of `turn_deg` at a shaft speed. Raises ValueError for a shaft that stands or a fall below 0."""
+def point_lag(
+    turn_deg: float, shaft_rpm: float, fall_m: float, vision_s: float = 0.0, link_s: float = 0.8
+) -> PointLag:
+    """Lag of a dose of `turn_deg` at a shaft speed. Raises ValueError for a shaft that stands
+    or a fall below 0."""
     if not (shaft_rpm > 0.0 and fall_m >= 0.0 and turn_deg > 0.0):
-        raise ValueError(f"dose of {turn_deg:g} deg at {shaft_rpm:g} r/min, fall {fall_m:g} m: allowed is above 0")
-    return PointLag(vision_s, link_s, turn_deg / (6.0 * shaft_rpm), (2.0 * fall_m / GRAVITY_MPS2) ** 0.5)
+        raise ValueError(
+            f"dose of {turn_deg:g} deg at {shaft_rpm:g} r/min, fall {fall_m:g} m: allowed "
+            "is above 0"
+        )
+    return PointLag(
+        vision_s, link_s, turn_deg / (6.0 * shaft_rpm), (2.0 * fall_m / GRAVITY_MPS2) ** 0.5
+    )
 
 
 @dataclass(frozen=True)
 class Learning:
-    """How fast the threshold follows: prior spread of its parts, spread of one dose's error, memory in doses."""
+    """How fast the threshold follows: prior spread of its parts, spread of one dose's error,
+    memory in doses."""
 
     offset_sd_m: float = 0.10
     delay_sd_s: float = 0.10
     error_sd_m: float = 0.03
     memory_doses: float = 200.0
-    most_m: float = 0.5                 # a threshold beyond this is no correction but a fault
+    # a threshold beyond this is no correction but a fault
+    most_m: float = 0.5
     outlier_sd: float = 4.0
 
 
 class Threshold:
-    """T = a + b v: learned by recursive least squares from measured errors (landed minus plant, late positive)."""
+    """T = a + b v: learned by recursive least squares from measured errors (landed minus plant,
+    late positive)."""
 
     def __init__(self, learning: Learning | None = None) -> None:
         self._how = learning or Learning()
         self.offset_m = 0.0
         self.delay_s = 0.0
         self.doses = 0
-        self._p = (self._how.offset_sd_m ** 2, 0.0, self._how.delay_sd_s ** 2)      # variance, covariance, variance
+        # variance, covariance, variance
+        self._p = (self._how.offset_sd_m**2, 0.0, self._how.delay_sd_s**2)
 
     def at(self, speed_mps: float) -> float:
         """m; added to the lag distance, so that a dose that landed late is commanded earlier."""
@@ -65,51 +82,66 @@ class Threshold:
         return min(most, max(-most, self.offset_m + self.delay_s * speed_mps))
 
     def learn(self, error_m: float, speed_mps: float, threshold_m: float) -> None:
-        """One measured dose: its error, its speed, the threshold that it was commanded with. Outliers count less."""
+        """One measured dose: its error, its speed, the threshold that it was commanded with.
+        Outliers count less."""
         a, c, b = self._p
         keep = 1.0 - 1.0 / self._how.memory_doses
         a, c, b = a / keep, c / keep, b / keep
         along_a, along_b = a + c * speed_mps, c + b * speed_mps
-        spread = along_a + along_b * speed_mps + self._how.error_sd_m ** 2
+        spread = along_a + along_b * speed_mps + self._how.error_sd_m**2
         missed = error_m + threshold_m - (self.offset_m + self.delay_s * speed_mps)
-        limit = self._how.outlier_sd * spread ** 0.5
+        limit = self._how.outlier_sd * spread**0.5
         missed = min(limit, max(-limit, missed))
         self.offset_m += along_a / spread * missed
         self.delay_s += along_b / spread * missed
-        a, c, b = a - along_a * along_a / spread, c - along_a * along_b / spread, b - along_b * along_b / spread
-        share = min(1.0, self._how.offset_sd_m ** 2 / a, self._how.delay_sd_s ** 2 / b)
+        a, c, b = (
+            a - along_a * along_a / spread,
+            c - along_a * along_b / spread,
+            b - along_b * along_b / spread,
+        )
+        share = min(1.0, self._how.offset_sd_m**2 / a, self._how.delay_sd_s**2 / b)
         self._p = (share * a, share * c, share * b)
         self.doses += 1
 
 
 class Dose(NamedTuple):
-    """Turn the shaft once by the dose's angle, `in_s` from now: commands come on ticks, plants do not."""
+    """Turn the shaft once by the dose's angle, `in_s` from now: commands come on ticks, plants
+    do not."""
 
-    plant_m: float              # along the track
+    plant_m: float  # along the track
     in_s: float
-    late_m: float               # how far beyond its moment it is commanded; 0: in time
+    # how far beyond its moment it is commanded; 0: in time
+    late_m: float
     threshold_m: float
     speed_mps: float
 
 
 class Missed(NamedTuple):
     plant_m: float
-    why: str                    # busy: the shaft turns for the one before; passed: seen too late
+    # busy: the shaft turns for the one before; passed: seen too late
+    why: str
 
 
 class PointMode:
     """Plans doses tick by tick; a plant is dosed once or said to be missed, never forgotten."""
 
-    def __init__(self, lag: PointLag, row: PlantRow, threshold: Threshold | None = None, latest_m: float = 0.08,
-                 rest_s: float = 0.0) -> None:
-        """latest_m: a dose that would come later than this is missed; rest_s: the shaft's pause between doses."""
+    def __init__(
+        self,
+        lag: PointLag,
+        row: PlantRow,
+        threshold: Threshold | None = None,
+        latest_m: float = 0.08,
+        rest_s: float = 0.0,
+    ) -> None:
+        """latest_m: a dose that would come later than this is missed; rest_s: the shaft's pause
+        between doses."""
         self.lag = lag
         self.row = row
         self.threshold = threshold or Threshold()
         self._latest_m = latest_m
         self.rest_s = rest_s
         self._done_to_m = float("-inf")
-        self._free_s = float("-inf")            # on the clock of commands
+        self._free_s = float("-inf")  # on the clock of commands
         self.doses = 0
         self.missed = 0
 
@@ -117,7 +149,9 @@ class PointMode:
     def fixed_to_m(self) -> float:
         return self._done_to_m
 
-    def tick(self, now_s: float, track_m: float, speed_mps: float, period_s: float) -> tuple[list[Dose], list[Missed]]:
+    def tick(
+        self, now_s: float, track_m: float, speed_mps: float, period_s: float
+    ) -> tuple[list[Dose], list[Missed]]:
         """Doses whose moment comes before the next tick, and plants that can no longer be met."""
         doses: list[Dose] = []
         missed: list[Missed] = []
@@ -145,7 +179,8 @@ class PointMode:
 
 
 def fastest_mps(spacing_m: float, turn_s: float, rest_s: float = 0.0) -> float:
-    """Ground speed above which doses begin to be missed: one dose must end before the next one begins.
+    """Ground speed above which doses begin to be missed: one dose must end before the next one
+    begins.
 
     Raises ValueError for a spacing that is not above 0.
     """

@@ -1,4 +1,6 @@
-"""Point mode in the loop: plants ahead become dose orders on ticks; measured dose errors teach the threshold."""
+"""Point mode in the loop: plants ahead become dose orders on ticks; measured dose errors teach
+the threshold."""
+
 from __future__ import annotations
 
 import math
@@ -14,12 +16,16 @@ from control.readings import DoseOrder, PlantSeen
 from .plants import PlantList, PlantRow, SeenPlant
 from .point import Dose, PointLag, PointMode, fastest_mps
 
-LOOK_M = 2.0                # plants are looked for this far beyond the lag distance
-TURNED_DEG = 20.0           # what lay ahead then does not any more
-KEEP_M = 20.0               # of the way behind, to place pictures taken before
-SETTLES_S = 0.5             # after the time that a dose takes the shaft stands
-FARTHEST_DOSE_M = 2.0       # a dose farther from its plant was meant for another
-SPACINGS = 20               # doses whose mean distance counts
+# plants are looked for this far beyond the lag distance
+LOOK_M = 2.0
+TURNED_DEG = 20.0  # what lay ahead then does not any more
+# of the way behind, to place pictures taken before
+KEEP_M = 20.0
+# after the time that a dose takes the shaft stands
+SETTLES_S = 0.5
+# a dose farther from its plant was meant for another
+FARTHEST_DOSE_M = 2.0
+SPACINGS = 20  # doses whose mean distance counts
 
 
 class CommandedDose(NamedTuple):
@@ -33,7 +39,8 @@ class CommandedDose(NamedTuple):
 
 
 class DoseError(NamedTuple):
-    """Of a dose that was measured: late positive, m; at what speed, and commanded with what threshold."""
+    """Of a dose that was measured: late positive, m; at what speed, and commanded with what
+    threshold."""
 
     error_m: float
     speed_mps: float
@@ -53,12 +60,20 @@ NOTHING = Due(None, ())
 class PointSource:
     """Plants, out of a list or a camera, to doses.
 
-    `tick` after `look`, once a control period. A dose is commanded on the tick nearest to its moment, one at a time.
-    `learn`: measured errors move the threshold; off: it stays 0.
+    `tick` after `look`, once a control period. A dose is commanded on the tick nearest to its
+    moment, one at a time. `learn`: measured errors move the threshold; off: it stays 0.
     """
 
-    def __init__(self, lag: PointLag, dose: DoseOrder, half_width_m: float, plants: PlantList | None = None,
-                 learn: bool = True, rest_s: float = 0.0, measured: Sequence[DoseError] = ()) -> None:
+    def __init__(
+        self,
+        lag: PointLag,
+        dose: DoseOrder,
+        half_width_m: float,
+        plants: PlantList | None = None,
+        learn: bool = True,
+        rest_s: float = 0.0,
+        measured: Sequence[DoseError] = (),
+    ) -> None:
         """measured: doses of before, from which the threshold begins."""
         self.lag = lag
         self.dose = dose
@@ -76,7 +91,7 @@ class PointSource:
         self._waiting: deque[tuple[float, Dose]] = deque()
         self._free_s = float("-inf")
         self._looked_deg: float | None = None
-        self._way: deque[tuple[float, float]] = deque()         # time, track
+        self._way: deque[tuple[float, float]] = deque()  # time, track
 
     @property
     def plane(self) -> TangentPlane | None:
@@ -91,53 +106,83 @@ class PointSource:
 
     @property
     def fastest_mps(self) -> float:
-        """Ground speed above which doses begin to be missed, by the spacing of the plants now known; infinite before
-        there are three."""
+        """Ground speed above which doses begin to be missed, by the spacing of the plants now
+        known; infinite before there are three."""
         places = self.row.places_m
         if len(places) < 3:
             return float("inf")
-        return fastest_mps(float(np.median(np.diff(places))), self.mode.lag.turn_s, self.mode.rest_s)
+        return fastest_mps(
+            float(np.median(np.diff(places))), self.mode.lag.turn_s, self.mode.rest_s
+        )
 
     def may_turn(self, now_s: float) -> bool:
         """Whether a dose that was ordered may still be turning."""
-        return bool(self.given) and now_s < self.given[-1].time_s + self.lag.link_s + self.lag.turn_s + SETTLES_S
+        return (
+            bool(self.given)
+            and now_s < self.given[-1].time_s + self.lag.link_s + self.lag.turn_s + SETTLES_S
+        )
 
     def reach_m(self, speed_mps: float) -> float:
         """How far ahead a dose commanded now is meant to fall: lag distance and threshold."""
         return self.lag.distance_m(speed_mps) + self.mode.threshold.at(speed_mps)
 
-    def look(self, now_s: float, track_m: float, place: Place | None, heading_deg: float | None, speed_mps: float,
-             seen: Sequence[PlantSeen]) -> None:
-        """Take in the plants ahead of the outlet; `place` None: not known, or turning: nothing is taken in. Once the
-        heading has changed much since the last look, the plants not yet dosed are forgotten."""
+    def look(
+        self,
+        now_s: float,
+        track_m: float,
+        place: Place | None,
+        heading_deg: float | None,
+        speed_mps: float,
+        seen: Sequence[PlantSeen],
+    ) -> None:
+        """Take in the plants ahead of the outlet; `place` None: not known, or turning: nothing
+        is taken in. Once the heading has changed much since the last look, the plants not yet
+        dosed are forgotten."""
         self._way.append((now_s, track_m))
         while len(self._way) > 2 and self._way[1][1] < track_m - KEEP_M:
             self._way.popleft()
         fixed = self.mode.fixed_to_m
-        if heading_deg is not None and self._looked_deg is not None and abs(
-                (heading_deg - self._looked_deg + 180.0) % 360.0 - 180.0) > TURNED_DEG:
+        if (
+            heading_deg is not None
+            and self._looked_deg is not None
+            and abs((heading_deg - self._looked_deg + 180.0) % 360.0 - 180.0) > TURNED_DEG
+        ):
             self.row.only([], max(fixed, track_m), float("inf"))
         if place is None or heading_deg is None:
             return
         self._looked_deg = heading_deg
         if self._plants is None:
-            self.row.look([SeenPlant(self._track_at(plant.time_s), plant.ahead_m) for plant in seen], fixed)
+            self.row.look(
+                [SeenPlant(self._track_at(plant.time_s), plant.ahead_m) for plant in seen], fixed
+            )
         else:
             farthest = self.reach_m(speed_mps) + LOOK_M
-            ahead = [SeenPlant(track_m, d)
-                     for d in self._plants.ahead_m(place, heading_deg, farthest, self._half_width_m)]
+            ahead = [
+                SeenPlant(track_m, d)
+                for d in self._plants.ahead_m(place, heading_deg, farthest, self._half_width_m)
+            ]
             self.row.only(ahead, max(fixed, track_m), track_m + farthest)
             self.row.look(ahead, fixed, newer=0.1)
         self.row.forget(track_m - KEEP_M)
 
-    def tick(self, now_s: float, track_m: float, speed_mps: float, period_s: float, may_flow: bool,
-             at_work: bool) -> Due:
-        """The dose of this tick. Where flow is not allowed its plant is missed; out of work it is passed by."""
+    def tick(
+        self,
+        now_s: float,
+        track_m: float,
+        speed_mps: float,
+        period_s: float,
+        may_flow: bool,
+        at_work: bool,
+    ) -> Due:
+        """The dose of this tick. Where flow is not allowed its plant is missed; out of work it
+        is passed by."""
         half = 0.5 * period_s
-        if period_s > 0.0:          # doses begin on ticks only
+        if period_s > 0.0:  # doses begin on ticks only
             busy_s = math.ceil(self._busy_s / period_s - 1e-6) * period_s
             self.mode.rest_s = busy_s - self.lag.turn_s
-        doses, missed = self.mode.tick(now_s - half, track_m - half * speed_mps, speed_mps, period_s)
+        doses, missed = self.mode.tick(
+            now_s - half, track_m - half * speed_mps, speed_mps, period_s
+        )
         self._waiting.extend((now_s - half + dose.in_s, dose) for dose in doses)
         if not at_work:
             self._waiting.clear()
@@ -151,14 +196,18 @@ class PointSource:
             _, dose = self._waiting.popleft()
             self._free_s = now_s + self._busy_s
             self.doses += 1
-            self.given.append(CommandedDose(now_s, dose.plant_m, dose.threshold_m, dose.speed_mps,
-                                            now_s + self.lag.total_s))
+            self.given.append(
+                CommandedDose(
+                    now_s, dose.plant_m, dose.threshold_m, dose.speed_mps, now_s + self.lag.total_s
+                )
+            )
             order = self.dose
         self.missed += len(why)
         return Due(order, tuple(why))
 
     def learn(self, error_m: float, now_s: float) -> bool:
-        """A dose error measured now on the newest dose that has landed, late positive; False where there is none."""
+        """A dose error measured now on the newest dose that has landed, late positive; False
+        where there is none."""
         landed = next((given for given in reversed(self.given) if given.lands_s <= now_s), None)
         if landed is None:
             return False

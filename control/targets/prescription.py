@@ -1,4 +1,6 @@
-"""A prescription: rates by cells or zones in degrees, as files hold them, and laid on the field's tangent plane."""
+"""A prescription: rates by cells or zones in degrees, as files hold them, and laid on the
+field's tangent plane."""
+
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -16,26 +18,32 @@ from control.orders import TargetSource
 from .profile import Target
 from .rate_map import Floats, GridMap, RateMap, ZoneMap, frame_deg, polygons
 
-SHORTEST_M = 0.25       # a shorter stretch is a cut corner, passed before a drive has answered
-PROBES = 100            # on a side: 10 m apart in a field of 1 km
-LEAST_M2 = 0.01         # smaller ground is the rounding of corners
-LEAST_DEG2 = LEAST_M2 / 111_200.0 ** 2
-GAP_M = 0.5             # shorter ground without a rate, between ground that has one, is a sliver between polygons
+# a shorter stretch is a cut corner, passed before a drive has answered
+SHORTEST_M = 0.25
+PROBES = 100  # on a side: 10 m apart in a field of 1 km
+LEAST_M2 = 0.01  # smaller ground is the rounding of corners
+LEAST_DEG2 = LEAST_M2 / 111_200.0**2
+# shorter ground without a rate, between ground that has one, is a sliver between polygons
+GAP_M = 0.5
 
 
 class Fallbacks(NamedTuple):
-    """What holds where the map says nothing, kg/ha (ISO 11783-10: default, out-of-field, position-lost zones)."""
+    """What holds where the map says nothing, kg/ha (ISO 11783-10: default, out-of-field,
+    position-lost zones)."""
 
-    default_kg_ha: float = 0.0          # inside the field, but in no zone, or in a cell without a value
-    outside_kg_ha: float = 0.0          # outside the field; without a known field: outside the map
-    lost_kg_ha: float = 0.0             # position lost
+    # inside the field, but in no zone, or in a cell without a value
+    default_kg_ha: float = 0.0
+    # outside the field; without a known field: outside the map
+    outside_kg_ha: float = 0.0
+    lost_kg_ha: float = 0.0  # position lost
 
 
 NO_FALLBACKS = Fallbacks()
 
 
 class Zone(NamedTuple):
-    """One polygon. rings_deg: outline, then holes, each (k, 2) latitude and longitude, closed by itself."""
+    """One polygon. rings_deg: outline, then holes, each (k, 2) latitude and longitude, closed
+    by itself."""
 
     rate_kg_ha: float
     rings_deg: tuple[Floats, ...]
@@ -43,7 +51,8 @@ class Zone(NamedTuple):
 
 
 class GridDeg(NamedTuple):
-    """Cells in degrees from the south-western corner on. rate_kg_ha: (rows, columns), NaN: says nothing."""
+    """Cells in degrees from the south-western corner on. rate_kg_ha: (rows, columns), NaN: says
+    nothing."""
 
     south_deg: float
     west_deg: float
@@ -54,7 +63,8 @@ class GridDeg(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class MapData:
-    """What a file says, WGS84: zones or a grid, fallbacks, and the field's outlines with their holes where given."""
+    """What a file says, WGS84: zones or a grid, fallbacks, and the field's outlines with their
+    holes where given."""
 
     zones: tuple[Zone, ...] = ()
     grid: GridDeg | None = None
@@ -72,8 +82,12 @@ class MapData:
         """South, west, north and east end of what has a rate, degrees."""
         if self.grid is not None:
             rows, columns = self.grid.rate_kg_ha.shape
-            return (self.grid.south_deg, self.grid.west_deg, self.grid.south_deg + rows * self.grid.cell_lat_deg,
-                    self.grid.west_deg + columns * self.grid.cell_lon_deg)
+            return (
+                self.grid.south_deg,
+                self.grid.west_deg,
+                self.grid.south_deg + rows * self.grid.cell_lat_deg,
+                self.grid.west_deg + columns * self.grid.cell_lon_deg,
+            )
         corners = np.concatenate([zone.rings_deg[0] for zone in self.zones])
         (south, west), (north, east) = corners.min(axis=0), corners.max(axis=0)
         return float(south), float(west), float(north), float(east)
@@ -94,7 +108,9 @@ class TargetAhead(NamedTuple):
 class Prescription:
     """Rates, field and fallbacks on one plane; does not change once made."""
 
-    def __init__(self, rates: RateMap, fallbacks: Fallbacks, fields: Sequence[Boundary] = ()) -> None:
+    def __init__(
+        self, rates: RateMap, fallbacks: Fallbacks, fields: Sequence[Boundary] = ()
+    ) -> None:
         self._rates = rates
         self._fields = tuple(fields)
         self.fallbacks = fallbacks
@@ -135,40 +151,55 @@ class Prescription:
         return self.fallbacks.outside_kg_ha
 
     def away_m(self, place: Place) -> float:
-        """Distance, m, from a place to the map: its ground with a rate, or one of its fields; 0 on it."""
+        """Distance, m, from a place to the map: its ground with a rate, or one of its fields; 0
+        on it."""
         return min([self._rates.away_m(place), *(field.away_m(place) for field in self._fields)])
 
     def has_rate_in(self, field: Boundary) -> bool:
-        """Whether it gives a rate somewhere in a field, looked at on a raster of `PROBES` by `PROBES` places."""
+        """Whether it gives a rate somewhere in a field, looked at on a raster of `PROBES` by
+        `PROBES` places."""
         west, south, east, north = field.shape.bounds
-        places = np.stack(np.meshgrid(np.linspace(west, east, PROBES), np.linspace(south, north, PROBES)),
-                          axis=-1).reshape(-1, 2)
+        places = np.stack(
+            np.meshgrid(np.linspace(west, east, PROBES), np.linspace(south, north, PROBES)), axis=-1
+        ).reshape(-1, 2)
         return bool(np.isfinite(self._rates.rates_at(places[field.many_inside(places)])).any())
 
     def ahead(self, start: Place, heading_deg: float, farthest_m: float) -> list[TargetAhead]:
-        """The stretches along a straight line from `start`, the first from 0 m on; each differs from the one before.
+        """The stretches along a straight line from `start`, the first from 0 m on; each differs
+        from the one before.
 
-        Where the line meets a cell's or a zone's edge, or the field's, which cuts the cells of the border (lag paper,
-        eq 4 and 5, by vectors). Stretches below SHORTEST_M and gaps below GAP_M go half to each neighbour.
+        Where the line meets a cell's or a zone's edge, or the field's, which cuts the cells of
+        the border (lag paper, eq 4 and 5, by vectors). Stretches below SHORTEST_M and gaps
+        below GAP_M go half to each neighbour.
         """
         meets = [self._rates.crossings_m(start, heading_deg, farthest_m)]
-        meets += [np.array(field.crossings_m(*start, heading_deg, farthest_m)) for field in self._fields]
+        meets += [
+            np.array(field.crossings_m(*start, heading_deg, farthest_m)) for field in self._fields
+        ]
         edges = np.concatenate(([0.0], np.unique(np.concatenate(meets)), [farthest_m]))
         edges = edges[np.append(True, np.diff(edges) > 0.0)]
         middles = 0.5 * (edges[:-1] + edges[1:])
-        targets = self.targets_at(np.asarray(start) + middles[:, None] * np.asarray(direction(heading_deg)))
+        targets = self.targets_at(
+            np.asarray(start) + middles[:, None] * np.asarray(direction(heading_deg))
+        )
         pieces: list[_ZonePiece] = []
-        for begin, end, target in zip(edges[:-1].tolist(), edges[1:].tolist(), targets, strict=True):
+        for begin, end, target in zip(
+            edges[:-1].tolist(), edges[1:].tolist(), targets, strict=True
+        ):
             if pieces and pieces[-1].target == target:
                 begin = pieces.pop().begin_m
             pieces.append(_ZonePiece(begin, end, target))
-        long = [k for k, piece in enumerate(pieces) if not _is_sliver(piece, 0 < k < len(pieces) - 1)]
+        long = [
+            k for k, piece in enumerate(pieces) if not _is_sliver(piece, 0 < k < len(pieces) - 1)
+        ]
         stretches: list[TargetAhead] = []
         for before, k in zip([None, *long], long or [0], strict=False):
             if not stretches or before is None:
                 stretches = [TargetAhead(0.0, pieces[k].target)]
             elif pieces[k].target != stretches[-1].target:
-                stretches.append(TargetAhead(0.5 * (pieces[before].end_m + pieces[k].begin_m), pieces[k].target))
+                stretches.append(
+                    TargetAhead(0.5 * (pieces[before].end_m + pieces[k].begin_m), pieces[k].target)
+                )
         return stretches
 
 
@@ -179,7 +210,8 @@ class _ZonePiece(NamedTuple):
 
 
 def _is_sliver(piece: _ZonePiece, between: bool) -> bool:
-    """Whether a piece is too short to count; a gap in the map counts only where it is not between two others."""
+    """Whether a piece is too short to count; a gap in the map counts only where it is not
+    between two others."""
     least = GAP_M if between and piece.target.source is TargetSource.FALLBACK else SHORTEST_M
     return piece.end_m - piece.begin_m < least
 
@@ -192,8 +224,12 @@ def on_plane(data: MapData, plane: TangentPlane) -> Prescription:
     return Prescription(rates_on(data, plane), data.fallbacks, fields_on(data, plane))
 
 
-def _boundary_rings(plane: TangentPlane, rings: Sequence[Floats]) -> tuple[list[Place], list[list[Place]]]:
-    outline, *holes = ([(float(e), float(n)) for e, n in plane.many_to_m(ring[:, 0], ring[:, 1])] for ring in rings)
+def _boundary_rings(
+    plane: TangentPlane, rings: Sequence[Floats]
+) -> tuple[list[Place], list[list[Place]]]:
+    outline, *holes = (
+        [(float(e), float(n)) for e, n in plane.many_to_m(ring[:, 0], ring[:, 1])] for ring in rings
+    )
     return outline, holes
 
 
@@ -202,8 +238,18 @@ def rates_on(data: MapData, plane: TangentPlane) -> RateMap:
     if data.grid is not None:
         grid = data.grid
         rows, columns = grid.rate_kg_ha.shape
-        return GridMap(frame_deg(plane, grid.south_deg, grid.west_deg, grid.cell_lat_deg, grid.cell_lon_deg,
-                                 rows, columns), grid.rate_kg_ha)
+        return GridMap(
+            frame_deg(
+                plane,
+                grid.south_deg,
+                grid.west_deg,
+                grid.cell_lat_deg,
+                grid.cell_lon_deg,
+                rows,
+                columns,
+            ),
+            grid.rate_kg_ha,
+        )
     return ZoneMap(zone_rings_m(data.zones, plane), [zone.rate_kg_ha for zone in data.zones])
 
 
@@ -211,7 +257,9 @@ def zone_rings_m(zones: Sequence[Zone], plane: TangentPlane) -> list[list[Floats
     """Rings of every zone on the plane, m: all corners projected at once."""
     flat = [ring for zone in zones for ring in zone.rings_deg]
     corners = np.concatenate(flat)
-    places = np.split(plane.many_to_m(corners[:, 0], corners[:, 1]), np.cumsum([len(ring) for ring in flat])[:-1])
+    places = np.split(
+        plane.many_to_m(corners[:, 0], corners[:, 1]), np.cumsum([len(ring) for ring in flat])[:-1]
+    )
     rings = iter(places)
     return [[next(rings) for _ in zone.rings_deg] for zone in zones]
 
@@ -227,18 +275,23 @@ class RateShare(NamedTuple):
 def statistics(data: MapData) -> tuple[RateShare, ...]:
     """Area and mass by rate, rising, of the cells or zones themselves (m on their own plane).
 
-    Where fields are given, what lies outside them does not count. Where zones overlap, the first one in order counts,
-    as it holds there.
+    Where fields are given, what lies outside them does not count. Where zones overlap, the
+    first one in order counts, as it holds there.
     """
     plane = data.plane()
     ground = ground_of(data, plane)
     areas = ground.areas_m2
     if data.fields_deg:
-        areas = ground.inside_m2(shapely.union_all([field.shape for field in fields_on(data, plane)]))
+        areas = ground.inside_m2(
+            shapely.union_all([field.shape for field in fields_on(data, plane)])
+        )
     counts = areas > LEAST_M2
     levels, which = np.unique(ground.rates[counts], return_inverse=True)
     by_rate = np.bincount(which, weights=areas[counts], minlength=len(levels)) / 10_000.0
-    return tuple(RateShare(float(rate), float(ha), float(rate * ha)) for rate, ha in zip(levels, by_rate, strict=True))
+    return tuple(
+        RateShare(float(rate), float(ha), float(rate * ha))
+        for rate, ha in zip(levels, by_rate, strict=True)
+    )
 
 
 def fields_on(data: MapData, plane: TangentPlane) -> tuple[Boundary, ...]:
@@ -247,16 +300,21 @@ def fields_on(data: MapData, plane: TangentPlane) -> tuple[Boundary, ...]:
 
 
 class RatedGround(NamedTuple):
-    """Cells or zones (n,) that have a rate, none over another: `shapes` or, of a grid, corners `rings` (n, 4, 2)."""
+    """Cells or zones (n,) that have a rate, none over another: `shapes` or, of a grid, corners
+    `rings` (n, 4, 2)."""
 
     rates: Floats
     areas_m2: Floats
     shapes: npt.NDArray[np.object_] | None
     rings: Floats | None
-    overlap_m2: float                   # ground in more than one zone
+    overlap_m2: float  # ground in more than one zone
 
     def _shapes(self) -> npt.NDArray[np.object_]:
-        return self.shapes if self.shapes is not None else np.asarray(shapely.polygons(self.rings), dtype=object)
+        return (
+            self.shapes
+            if self.shapes is not None
+            else np.asarray(shapely.polygons(self.rings), dtype=object)
+        )
 
     def inside_m2(self, field: shapely.Geometry) -> Floats:
         """Areas (n,) of what lies in a field."""
@@ -272,19 +330,25 @@ class RatedGround(NamedTuple):
 
 
 def ground_of(data: MapData, plane: TangentPlane) -> RatedGround:
-    """Where the map has which rate. Of zones that overlap, the first one in order holds, as `ZoneMap` has it."""
+    """Where the map has which rate. Of zones that overlap, the first one in order holds, as
+    `ZoneMap` has it."""
     if data.grid is not None:
         rates = data.grid.rate_kg_ha.ravel()
         known = np.isfinite(rates)
         rings = _cell_rings(data.grid, plane)[known]
         return RatedGround(rates[known], _ring_areas(rings), None, rings, 0.0)
-    shapes = ZoneMap(zone_rings_m(data.zones, plane), [zone.rate_kg_ha for zone in data.zones]).shapes
+    shapes = ZoneMap(
+        zone_rings_m(data.zones, plane), [zone.rate_kg_ha for zone in data.zones]
+    ).shapes
     own, overlap_m2 = _each_once(shapes)
-    return RatedGround(np.array([zone.rate_kg_ha for zone in data.zones]), shapely.area(own), own, None, overlap_m2)
+    return RatedGround(
+        np.array([zone.rate_kg_ha for zone in data.zones]), shapely.area(own), own, None, overlap_m2
+    )
 
 
 def apart(zones: Sequence[Zone]) -> tuple[Zone, ...]:
-    """The same zones where none lies over another; else zones of the ground on which each holds, in degrees."""
+    """The same zones where none lies over another; else zones of the ground on which each
+    holds, in degrees."""
     shapes = polygons([zone.rings_deg for zone in zones])
     own, _ = _each_once(shapes, LEAST_DEG2)
     found: list[Zone] = []
@@ -295,12 +359,17 @@ def apart(zones: Sequence[Zone]) -> tuple[Zone, ...]:
         for part in shapely.get_parts(now):
             if part.geom_type == "Polygon" and part.area > LEAST_DEG2:
                 rings = (part.exterior, *part.interiors)
-                found.append(zone._replace(rings_deg=tuple(shapely.get_coordinates(ring)[:-1] for ring in rings)))
+                found.append(
+                    zone._replace(
+                        rings_deg=tuple(shapely.get_coordinates(ring)[:-1] for ring in rings)
+                    )
+                )
     return tuple(found)
 
 
 class Merged(NamedTuple):
-    """`most_kg_ha`: the largest change of a rate; `mean_kg_ha`: the mean size of the change, by area."""
+    """`most_kg_ha`: the largest change of a rate; `mean_kg_ha`: the mean size of the change, by
+    area."""
 
     zones: tuple[Zone, ...]
     most_kg_ha: float
@@ -308,12 +377,16 @@ class Merged(NamedTuple):
 
 
 def merged(zones: Sequence[Zone], step_kg_ha: float) -> Merged:
-    """Zones whose rates round to the same multiple of a step as one, with their mean rate by area: as much mass as
-    before. Ground on which several lie is the first's, as everywhere. Raises ValueError for a step of 0 or less."""
+    """Zones whose rates round to the same multiple of a step as one, with their mean rate by
+    area: as much mass as before. Ground on which several lie is the first's, as everywhere.
+    Raises ValueError for a step of 0 or less."""
     if not step_kg_ha > 0.0:
         raise ValueError(f"merge {step_kg_ha:g} kg/ha: allowed is above 0")
     own = apart(zones)
-    shapes, rates = polygons([zone.rings_deg for zone in own]), np.array([zone.rate_kg_ha for zone in own])
+    shapes, rates = (
+        polygons([zone.rings_deg for zone in own]),
+        np.array([zone.rate_kg_ha for zone in own]),
+    )
     areas, levels = shapely.area(shapes), np.round(rates / step_kg_ha)
     found: list[Zone] = []
     new = np.empty(len(own))
@@ -321,19 +394,33 @@ def merged(zones: Sequence[Zone], step_kg_ha: float) -> Merged:
         here = levels == level
         rate = float(np.average(rates[here], weights=areas[here] + LEAST_DEG2))
         new[here] = rate
-        parts = [part for part in shapely.get_parts(shapely.union_all(shapes[here])) if part.geom_type == "Polygon"]
-        found += [Zone(rate, tuple(shapely.get_coordinates(ring)[:-1] for ring in (part.exterior, *part.interiors)))
-                  for part in parts]
+        parts = [
+            part
+            for part in shapely.get_parts(shapely.union_all(shapes[here]))
+            if part.geom_type == "Polygon"
+        ]
+        found += [
+            Zone(
+                rate,
+                tuple(
+                    shapely.get_coordinates(ring)[:-1] for ring in (part.exterior, *part.interiors)
+                ),
+            )
+            for part in parts
+        ]
     change = np.abs(new - rates)
     return Merged(tuple(found), float(change.max()), float(np.average(change, weights=areas)))
 
 
-def _each_once(shapes: npt.NDArray[np.object_],
-               least: float = LEAST_M2) -> tuple[npt.NDArray[np.object_], float]:
-    """The shapes less what an earlier one covers, and how much ground lies in more than one; less than `least` in two
-    is none."""
+def _each_once(
+    shapes: npt.NDArray[np.object_], least: float = LEAST_M2
+) -> tuple[npt.NDArray[np.object_], float]:
+    """The shapes less what an earlier one covers, and how much ground lies in more than one;
+    less than `least` in two is none."""
     tree = shapely.STRtree(shapes)
-    pairs = np.concatenate([tree.query(shapes, predicate=how) for how in ("overlaps", "contains", "within")], axis=1)
+    pairs = np.concatenate(
+        [tree.query(shapes, predicate=how) for how in ("overlaps", "contains", "within")], axis=1
+    )
     later, earlier = pairs[:, pairs[0] > pairs[1]]
     counts = shapely.area(shapely.intersection(shapes[later], shapes[earlier])) > least
     later, earlier = later[counts], earlier[counts]
@@ -348,13 +435,20 @@ def _each_once(shapes: npt.NDArray[np.object_],
 def _cell_rings(grid: GridDeg, plane: TangentPlane) -> Floats:
     """Corners of all cells (rows x columns, 4, 2), row by row, m."""
     rows, columns = grid.rate_kg_ha.shape
-    row, column = (a.ravel() for a in np.meshgrid(np.arange(rows + 1), np.arange(columns + 1), indexing="ij"))
-    corner = plane.many_to_m(grid.south_deg + row * grid.cell_lat_deg,
-                             grid.west_deg + column * grid.cell_lon_deg).reshape(rows + 1, columns + 1, 2)
-    return np.stack((corner[:-1, :-1], corner[:-1, 1:], corner[1:, 1:], corner[1:, :-1]), axis=2).reshape(-1, 4, 2)
+    row, column = (
+        a.ravel() for a in np.meshgrid(np.arange(rows + 1), np.arange(columns + 1), indexing="ij")
+    )
+    corner = plane.many_to_m(
+        grid.south_deg + row * grid.cell_lat_deg, grid.west_deg + column * grid.cell_lon_deg
+    ).reshape(rows + 1, columns + 1, 2)
+    return np.stack(
+        (corner[:-1, :-1], corner[:-1, 1:], corner[1:, 1:], corner[1:, :-1]), axis=2
+    ).reshape(-1, 4, 2)
 
 
 def _ring_areas(rings: Floats) -> Floats:
     """Areas (n,) of four-cornered rings (n, 4, 2) by their diagonals."""
     one, other = rings[:, 2] - rings[:, 0], rings[:, 3] - rings[:, 1]
-    return np.asarray(0.5 * np.abs(one[:, 0] * other[:, 1] - one[:, 1] * other[:, 0]), dtype=np.float64)
+    return np.asarray(
+        0.5 * np.abs(one[:, 0] * other[:, 1] - one[:, 1] * other[:, 0]), dtype=np.float64
+    )

@@ -1,4 +1,5 @@
 """A target along the track: what holds at a place, and where it changes next."""
+
 from __future__ import annotations
 
 from bisect import bisect_right
@@ -31,7 +32,8 @@ class Profile(Protocol):
 
 
 class Everywhere:
-    """One target wherever the machine goes: manual, or the fallback rate by the operator's choice."""
+    """One target wherever the machine goes: manual, or the fallback rate by the operator's
+    choice."""
 
     def __init__(self, target: Target) -> None:
         self.target = target
@@ -44,14 +46,18 @@ class Everywhere:
 
 
 class Stretches:
-    """Decided rates for stretches of the track, appended in order; where there is none within reach: the fallback."""
+    """Decided rates for stretches of the track, appended in order; where there is none within
+    reach: the fallback."""
 
-    KEEP_M = 60.0       # stretches that lie further back than this are forgotten
+    # stretches that lie further back than this are forgotten
+    KEEP_M = 60.0
 
-    def __init__(self, fallback_rate_kg_ha: float, reach_m: float = 1.5, first_reach_m: float | None = None) -> None:
-        """first_reach_m: how far the first of them reaches back, as far as the heads look ahead: behind a turn they
-        have spoken by then, and the nearest ground that they saw says more than the crop file's one rate. None: as
-        far as all others."""
+    def __init__(
+        self, fallback_rate_kg_ha: float, reach_m: float = 1.5, first_reach_m: float | None = None
+    ) -> None:
+        """first_reach_m: how far the first of them reaches back, as far as the heads look
+        ahead: behind a turn they have spoken by then, and the nearest ground that they saw says
+        more than the crop file's one rate. None: as far as all others."""
         self.fallback = Target(fallback_rate_kg_ha, TargetSource.FALLBACK)
         self.reach_m = reach_m
         self._first_reach_m = reach_m if first_reach_m is None else first_reach_m
@@ -59,8 +65,13 @@ class Stretches:
         self._to: list[float] = []
         self._target: list[Target] = []
 
-    def append(self, from_m: float, to_m: float, rate_kg_ha: float,
-               source: TargetSource = TargetSource.CANOPY) -> None:
+    def append(
+        self,
+        from_m: float,
+        to_m: float,
+        rate_kg_ha: float,
+        source: TargetSource = TargetSource.CANOPY,
+    ) -> None:
         """A decision for [from_m, to_m). What it overlaps of an earlier one is decided anew."""
         while self._from and self._from[-1] >= from_m:
             self._from.pop()
@@ -80,7 +91,8 @@ class Stretches:
         self._target.clear()
 
     def at(self, place_m: float) -> Target:
-        """The decided target there, or that of the nearest stretch within reach, or the fallback."""
+        """The decided target there, or that of the nearest stretch within reach, or the
+        fallback."""
         if not self._from:
             return self.fallback
         k = bisect_right(self._from, place_m) - 1
@@ -102,7 +114,8 @@ class Stretches:
         return None
 
     def _edges(self, after_m: float) -> Iterator[float]:
-        """Every place from `after_m` on where `at` may change, rising, and `after_m` itself first."""
+        """Every place from `after_m` on where `at` may change, rising, and `after_m` itself
+        first."""
         yield after_m
         k = max(0, bisect_right(self._from, after_m) - 1)
         if self._from and self._from[0] - self._first_reach_m > after_m:
@@ -110,8 +123,11 @@ class Stretches:
         for j in range(k, len(self._from)):
             following = self._from[j + 1] if j + 1 < len(self._from) else float("inf")
             gap, behind_m = following - self._to[j], self._to[j] + self.reach_m
-            places = (behind_m, following - self.reach_m) if gap > 2.0 * self.reach_m else (
-                (self._to[j] + 0.5 * gap,) if gap > 0.0 else ())
+            places = (
+                (behind_m, following - self.reach_m)
+                if gap > 2.0 * self.reach_m
+                else ((self._to[j] + 0.5 * gap,) if gap > 0.0 else ())
+            )
             for place in (self._from[j], *places):
                 if place > after_m:
                     yield place
@@ -133,4 +149,8 @@ class Unspread:
             return self._inner.next_change(after_m, before_m, holding)
         if holding.rate_kg_ha > 0.0:
             return TargetChange(after_m, self._nothing)
-        return self._inner.next_change(self._to_m, before_m, holding) if before_m >= self._to_m else None
+        return (
+            self._inner.next_change(self._to_m, before_m, holding)
+            if before_m >= self._to_m
+            else None
+        )

@@ -1,8 +1,11 @@
-"""What a map says at a place, and where along a straight line it may say something else: cells, or polygons.
+"""What a map says at a place, and where along a straight line it may say something else: cells,
+or polygons.
 
-Both answer on the field's tangent plane, m. A grid in degrees stays a grid in degrees: its cells are found through a
-frame that bends as meridians do, so that no cell is cut anew by the projection.
+Both answer on the field's tangent plane, m. A grid in degrees stays a grid in degrees: its
+cells are found through a frame that bends as meridians do, so that no cell is cut anew by the
+projection.
 """
+
 from __future__ import annotations
 
 import math
@@ -17,7 +20,7 @@ from control.geodesy import Place, TangentPlane, direction
 
 Floats = npt.NDArray[np.float64]
 
-_FRAME_POINTS = 5           # on a side, to which a frame is fitted
+_FRAME_POINTS = 5  # on a side, to which a frame is fitted
 
 
 class RateMap(Protocol):
@@ -33,16 +36,19 @@ class RateMap(Protocol):
         ...
 
     def away_m(self, place: Place) -> float:
-        """Distance, m, from a place to the nearest ground that has a rate; 0 on it, infinite where the map has none."""
+        """Distance, m, from a place to the nearest ground that has a rate; 0 on it, infinite
+        where the map has none."""
         ...
 
     def crossings_m(self, start: Place, heading_deg: float, farthest_m: float) -> Floats:
-        """Distances (k,) ahead, above 0 and up to `farthest_m`, at which the rate may change; in any order."""
+        """Distances (k,) ahead, above 0 and up to `farthest_m`, at which the rate may change;
+        in any order."""
         ...
 
 
 class MapFrame(NamedTuple):
-    """From the plane to columns and rows: quadratics in east and north; a cell is where both have the same floor.
+    """From the plane to columns and rows: quadratics in east and north; a cell is where both
+    have the same floor.
 
     `column`, `row`: six factors each, of 1, e, n, e^2, e n, n^2.
     """
@@ -60,7 +66,9 @@ def _quadratic(factors: tuple[float, ...], e: Floats, n: Floats) -> Floats:
     return np.asarray(a + e * (b + d * e + f * n) + n * (c + g * n), dtype=np.float64)
 
 
-def frame_m(corner: Place, cell_east_m: float, cell_north_m: float, heading_deg: float = 0.0) -> MapFrame:
+def frame_m(
+    corner: Place, cell_east_m: float, cell_north_m: float, heading_deg: float = 0.0
+) -> MapFrame:
     """Cells in metres; rows follow one another along the heading, columns to the right of it.
 
     corner: the outer corner of the first cell. Raises ValueError for a cell that is not above 0.
@@ -70,24 +78,46 @@ def frame_m(corner: Place, cell_east_m: float, cell_north_m: float, heading_deg:
     ahead, right = direction(heading_deg), direction(heading_deg + 90.0)
 
     def factors(axis: Place, cell_m: float) -> tuple[float, ...]:
-        return (-(corner[0] * axis[0] + corner[1] * axis[1]) / cell_m, axis[0] / cell_m, axis[1] / cell_m,
-                0.0, 0.0, 0.0)
+        return (
+            -(corner[0] * axis[0] + corner[1] * axis[1]) / cell_m,
+            axis[0] / cell_m,
+            axis[1] / cell_m,
+            0.0,
+            0.0,
+            0.0,
+        )
 
     return MapFrame(factors(right, cell_east_m), factors(ahead, cell_north_m))
 
 
-def frame_deg(plane: TangentPlane, south_deg: float, west_deg: float, cell_lat_deg: float, cell_lon_deg: float,
-              rows: int, columns: int) -> MapFrame:
+def frame_deg(
+    plane: TangentPlane,
+    south_deg: float,
+    west_deg: float,
+    cell_lat_deg: float,
+    cell_lon_deg: float,
+    rows: int,
+    columns: int,
+) -> MapFrame:
     """Cells in degrees, from the south-western corner on: right to a millimetre over 2 km.
 
     Raises ValueError for a cell that is not above 0 or a grid without cells.
     """
     if not (cell_lat_deg > 0.0 and cell_lon_deg > 0.0 and rows > 0 and columns > 0):
-        raise ValueError(f"grid of {rows} rows and {columns} columns, cell {cell_lat_deg:g} x {cell_lon_deg:g} deg: "
-                         "allowed is above 0")
-    row, column = (values.ravel() for values in np.meshgrid(
-        np.linspace(0.0, rows, _FRAME_POINTS), np.linspace(0.0, columns, _FRAME_POINTS)))
-    east, north = plane.many_to_m(south_deg + row * cell_lat_deg, west_deg + column * cell_lon_deg).T
+        raise ValueError(
+            f"grid of {rows} rows and {columns} columns, cell {cell_lat_deg:g} x "
+            f"{cell_lon_deg:g} deg: "
+            "allowed is above 0"
+        )
+    row, column = (
+        values.ravel()
+        for values in np.meshgrid(
+            np.linspace(0.0, rows, _FRAME_POINTS), np.linspace(0.0, columns, _FRAME_POINTS)
+        )
+    )
+    east, north = plane.many_to_m(
+        south_deg + row * cell_lat_deg, west_deg + column * cell_lon_deg
+    ).T
     size = max(1.0, float(np.abs((east, north)).max()))
     e, n = east / size, north / size
     terms = np.column_stack((np.ones_like(e), e, n, e * e, e * n, n * n))
@@ -97,13 +127,16 @@ def frame_deg(plane: TangentPlane, south_deg: float, west_deg: float, cell_lat_d
 
 
 class GridMap:
-    """Cells of a frame. rate_kg_ha: (rows, columns), NaN where the map says nothing; row 0 begins at the corner."""
+    """Cells of a frame. rate_kg_ha: (rows, columns), NaN where the map says nothing; row 0
+    begins at the corner."""
 
     def __init__(self, frame: MapFrame, rate_kg_ha: npt.ArrayLike) -> None:
         self.frame = frame
         self.rate_kg_ha: Floats = np.asarray(rate_kg_ha, dtype=np.float64)
         if self.rate_kg_ha.ndim != 2:
-            raise ValueError(f"a grid's rates have {self.rate_kg_ha.ndim} axes: allowed 2 (rows, columns)")
+            raise ValueError(
+                f"a grid's rates have {self.rate_kg_ha.ndim} axes: allowed 2 (rows, columns)"
+            )
 
     @property
     def cell_m(self) -> float:
@@ -115,38 +148,53 @@ class GridMap:
         rows, columns = self.rate_kg_ha.shape
         inside = (column >= 0.0) & (column < columns) & (row >= 0.0) & (row < rows)
         found = np.full(len(points), np.nan)
-        found[inside] = self.rate_kg_ha[row[inside].astype(np.int64), column[inside].astype(np.int64)]
+        found[inside] = self.rate_kg_ha[
+            row[inside].astype(np.int64), column[inside].astype(np.int64)
+        ]
         return found
 
     def away_m(self, place: Place) -> float:
-        """By the frame as it lies at the place: right to the share by which it bends, below 1 % over 10 km."""
+        """By the frame as it lies at the place: right to the share by which it bends, below 1 %
+        over 10 km."""
         row, column = np.nonzero(np.isfinite(self.rate_kg_ha))
         if not len(row):
             return math.inf
-        at = np.array([place[0], place[0] + 1.0, place[0]]), np.array([place[1], place[1], place[1] + 1.0])
+        at = (
+            np.array([place[0], place[0] + 1.0, place[0]]),
+            np.array([place[1], place[1], place[1] + 1.0]),
+        )
         columns, rows = self.frame.at(*at)
         cells = np.stack((_beyond(columns[0], column), _beyond(rows[0], row)))
-        per_m = np.array([np.diff(columns[:2]), columns[2] - columns[:1]]).T, np.array([
-            np.diff(rows[:2]), rows[2] - rows[:1]]).T
+        per_m = (
+            np.array([np.diff(columns[:2]), columns[2] - columns[:1]]).T,
+            np.array([np.diff(rows[:2]), rows[2] - rows[:1]]).T,
+        )
         metres = np.linalg.solve(np.concatenate(per_m), cells)
         return float(np.hypot(*metres).min())
 
     def crossings_m(self, start: Place, heading_deg: float, farthest_m: float) -> Floats:
-        """Every column's and row's edge on the way. Within 40 m a line is straight in the frame to 0.03 mm."""
+        """Every column's and row's edge on the way. Within 40 m a line is straight in the frame
+        to 0.03 mm."""
         east, north = direction(heading_deg)
-        column, row = self.frame.at(np.array([start[0], start[0] + farthest_m * east]),
-                                    np.array([start[1], start[1] + farthest_m * north]))
+        column, row = self.frame.at(
+            np.array([start[0], start[0] + farthest_m * east]),
+            np.array([start[1], start[1] + farthest_m * north]),
+        )
         rows, columns = self.rate_kg_ha.shape
         return np.concatenate((_steps(column, columns), _steps(row, rows))) * farthest_m
 
 
 def _beyond(at: float, cell: npt.NDArray[np.intp]) -> Floats:
     """How far, in cells and with its sign, each cell (n,) lies from a place; 0 within it."""
-    return np.asarray(np.where(at < cell, cell - at, np.where(at > cell + 1.0, cell + 1.0 - at, 0.0)), dtype=np.float64)
+    return np.asarray(
+        np.where(at < cell, cell - at, np.where(at > cell + 1.0, cell + 1.0 - at, 0.0)),
+        dtype=np.float64,
+    )
 
 
 def _steps(ends: Floats, count: int) -> Floats:
-    """Shares of the way from one end to the other at which whole numbers from 0 to `count` are met."""
+    """Shares of the way from one end to the other at which whole numbers from 0 to `count` are
+    met."""
     begin, end = float(ends[0]), float(ends[1])
     if begin == end:
         return np.zeros(0)
@@ -158,14 +206,16 @@ def _steps(ends: Floats, count: int) -> Floats:
 class ZoneMap:
     """Polygons with a rate each. Where several hold at a place, the first of them in order does.
 
-    rings: for each zone its outline and its holes, each (k, 2) east and north, m; an outline that crosses itself is
-    taken as the ground that it encloses. rate_kg_ha: (zones,).
+    rings: for each zone its outline and its holes, each (k, 2) east and north, m; an outline
+    that crosses itself is taken as the ground that it encloses. rate_kg_ha: (zones,).
     """
 
     def __init__(self, rings: Sequence[Sequence[Floats]], rate_kg_ha: npt.ArrayLike) -> None:
         self.rate_kg_ha: Floats = np.asarray(rate_kg_ha, dtype=np.float64).reshape(-1)
         if len(rings) != len(self.rate_kg_ha):
-            raise ValueError(f"{len(rings)} zones, {len(self.rate_kg_ha)} rates: allowed as many as zones")
+            raise ValueError(
+                f"{len(rings)} zones, {len(self.rate_kg_ha)} rates: allowed as many as zones"
+            )
         self.shapes = polygons(rings)
         self.cell_m = math.inf
         self._edges = shapely.boundary(self.shapes)
@@ -198,7 +248,8 @@ class ZoneMap:
 
 
 def polygons(rings: Sequence[Sequence[Floats]]) -> npt.NDArray[np.object_]:
-    """Shapes (zones,) of outlines with holes; what crosses itself is put right by what it encloses."""
+    """Shapes (zones,) of outlines with holes; what crosses itself is put right by what it
+    encloses."""
     shapes = polygons_as_drawn(rings)
     wrong = np.flatnonzero(~shapely.is_valid(shapes))
     shapes[wrong] = shapely.make_valid(shapes[wrong])
@@ -210,6 +261,10 @@ def polygons_as_drawn(rings: Sequence[Sequence[Floats]]) -> npt.NDArray[np.objec
     flat = [ring for zone in rings for ring in zone]
     if not flat:
         return np.zeros(0, dtype=object)
-    lines = shapely.linearrings(np.concatenate(flat), indices=np.repeat(np.arange(len(flat)), [len(r) for r in flat]))
-    shapes = shapely.polygons(lines, indices=np.repeat(np.arange(len(rings)), [len(zone) for zone in rings]))
+    lines = shapely.linearrings(
+        np.concatenate(flat), indices=np.repeat(np.arange(len(flat)), [len(r) for r in flat])
+    )
+    shapes = shapely.polygons(
+        lines, indices=np.repeat(np.arange(len(rings)), [len(zone) for zone in rings])
+    )
     return np.asarray(shapes, dtype=object)

@@ -1,4 +1,5 @@
 """What the ground under each section wants, at one place of the way: material, or none and why."""
+
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -13,12 +14,16 @@ from control.machine.sections import SectionStrip
 from control.targets.fence import Fence
 from control.targets.profile import Target
 
-APART_M = 0.05              # of the points at which a section's strip is judged
-FEWEST, MOST = 9, 25        # points of one section; an odd number, so that half of it is its middle
-MOST_OUTSIDE = 0.5          # of a section's width: beyond, it is outside the field whatever the overlap setting says
+# of the points at which a section's strip is judged
+APART_M = 0.05
+# points of one section; an odd number, so that half of it is its middle
+FEWEST, MOST = 9, 25
+# of a section's width: beyond, it is outside the field whatever the overlap setting says
+MOST_OUTSIDE = 0.5
 FULL = 1.0 - 1e-9
 
-OUTSIDE, HEADLAND, DONE, EMPTY = "outside", "headland", "done", "map"      # why a section gets nothing
+# why a section gets nothing
+OUTSIDE, HEADLAND, DONE, EMPTY = "outside", "headland", "done", "map"
 
 
 class SectionRates(Protocol):
@@ -28,37 +33,45 @@ class SectionRates(Protocol):
 
 
 class SectionsGround(NamedTuple):
-    """What holds for every section. `started`: of each, the operator wants flow on what this run has done."""
+    """What holds for every section. `started`: of each, the operator wants flow on what this
+    run has done."""
 
-    fence: Fence | None                 # None: no field known, or the operator allows work outside it
-    headland: Fence | None              # where it gets nothing: inside of it
-    coverage: Coverage | None           # None: ground that is done may get more
-    rates: SectionRates | None                 # of map mode
+    # None: no field known, or the operator allows work outside it
+    fence: Fence | None
+    headland: Fence | None  # where it gets nothing: inside of it
+    coverage: Coverage | None  # None: ground that is done may get more
+    rates: SectionRates | None  # of map mode
     started: tuple[bool, ...]
 
 
 class JudgedStrip(NamedTuple):
-    """One section's strip. `share`: of its width that is to get nothing; `why`: what most of that is, or empty."""
+    """One section's strip. `share`: of its width that is to get nothing; `why`: what most of
+    that is, or empty."""
 
     wanted: bool
     why: str
     share: float
-    done: bool                  # any of it, in this run
+    done: bool  # any of it, in this run
 
 
 class SectionGround:
-    """Points across the strips of a machine. overlap_percent: the share of a strip that must be unwanted for the
-    section to close; 0: any, 100: all of it.
+    """Points across the strips of a machine. overlap_percent: the share of a strip that must be
+    unwanted for the section to close; 0: any, 100: all of it.
 
-    A bitmap knows ground by its cells, so that a strip's outermost `edge_m` say nothing: they are left out.
+    A bitmap knows ground by its cells, so that a strip's outermost `edge_m` say nothing: they
+    are left out.
     """
 
-    def __init__(self, strips: Sequence[SectionStrip], overlap_percent: float, edge_m: float) -> None:
+    def __init__(
+        self, strips: Sequence[SectionStrip], overlap_percent: float, edge_m: float
+    ) -> None:
         self._overlap = min(FULL, max(1e-9, overlap_percent / 100.0))
         aside = []
         for left, right, _ in strips:
             edge = min(edge_m, 0.25 * (right - left))
-            count = min(MOST, max(FEWEST, 2 * round(0.5 * (right - left - 2.0 * edge) / APART_M) + 1))
+            count = min(
+                MOST, max(FEWEST, 2 * round(0.5 * (right - left - 2.0 * edge) / APART_M) + 1)
+            )
             aside.append(np.linspace(left + edge, right - edge, count))
         self._counts = [len(points) for points in aside]
         self._begins = np.concatenate([[0], np.cumsum(self._counts)[:-1]])
@@ -67,9 +80,13 @@ class SectionGround:
     def unknown(self, ground: SectionsGround) -> tuple[JudgedStrip, ...]:
         """No place known: outside the field, where there is one."""
         outside = ground.fence is not None
-        return (JudgedStrip(not outside, OUTSIDE if outside else "", float(outside), False),) * len(self._counts)
+        return (JudgedStrip(not outside, OUTSIDE if outside else "", float(outside), False),) * len(
+            self._counts
+        )
 
-    def look(self, place: Place, heading_deg: float, ground: SectionsGround) -> tuple[JudgedStrip, ...]:
+    def look(
+        self, place: Place, heading_deg: float, ground: SectionsGround
+    ) -> tuple[JudgedStrip, ...]:
         """The middle of the outlets is there, on this course. Some 60 us."""
         points = self._points(place, heading_deg)
         nothing: dict[str, npt.NDArray[np.bool_]] = {}
@@ -85,21 +102,28 @@ class SectionGround:
                 earlier = ground.coverage.applied_earlier(points)
                 nothing[DONE] = np.where(np.repeat(ground.started, self._counts), earlier, done)
         if ground.rates is not None:
-            nothing[EMPTY] = np.array([target.rate_kg_ha <= 0.0 for target in ground.rates.targets_at(points)])
+            nothing[EMPTY] = np.array(
+                [target.rate_kg_ha <= 0.0 for target in ground.rates.targets_at(points)]
+            )
         return self._judged(nothing, done)
 
-    def rate_kg_ha(self, place: Place, heading_deg: float, on: Sequence[bool], rates: SectionRates) -> float:
+    def rate_kg_ha(
+        self, place: Place, heading_deg: float, on: Sequence[bool], rates: SectionRates
+    ) -> float:
         """Mean of what a map wants under the sections that are on, where it wants any."""
         points = self._points(place, heading_deg)[np.repeat(on, self._counts)]
-        wanted = [target.rate_kg_ha for target in rates.targets_at(points) if target.rate_kg_ha > 0.0]
+        wanted = [
+            target.rate_kg_ha for target in rates.targets_at(points) if target.rate_kg_ha > 0.0
+        ]
         return sum(wanted) / len(wanted) if wanted else 0.0
 
     def _points(self, place: Place, heading_deg: float) -> npt.NDArray[np.float64]:
         east, north = direction(heading_deg)
         return np.column_stack((place[0] + self._aside * north, place[1] - self._aside * east))
 
-    def _judged(self, nothing: dict[str, npt.NDArray[np.bool_]],
-                done: npt.NDArray[np.bool_]) -> tuple[JudgedStrip, ...]:
+    def _judged(
+        self, nothing: dict[str, npt.NDArray[np.bool_]], done: npt.NDArray[np.bool_]
+    ) -> tuple[JudgedStrip, ...]:
         if not nothing:
             return (JudgedStrip(True, "", 0.0, False),) * len(self._counts)
         shares = {why: self._shares(flags) for why, flags in nothing.items()}
@@ -116,4 +140,3 @@ class SectionGround:
     def _shares(self, flags: npt.NDArray[np.bool_]) -> list[float]:
         summed = np.add.reduceat(flags.astype(np.float64), self._begins)
         return [float(total) / count for total, count in zip(summed, self._counts, strict=True)]
-

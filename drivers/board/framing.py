@@ -1,9 +1,12 @@
-"""Frames of the boards' line protocols: `$<name>,<field>,...*<CRC>` (docs/protocol-slave-board.md)."""
+"""Frames of the boards' line protocols: `$<name>,<field>,...*<CRC>`
+(docs/protocol-slave-board.md)."""
+
 from array import array
 
 LONGEST_LINE = 120
 SEQUENCES = 1 << 16
-WORDS = 1 << 32             # clocks, counts, the words; and orders that carry one, 6 years at 20 a second
+# clocks, counts, the words; and orders that carry one, 6 years at 20 a second
+WORDS = 1 << 32
 REPEAT_WINDOW = 16
 
 
@@ -34,7 +37,8 @@ def seal(payload: str) -> bytes:
 
 
 class Receiver:
-    """Bytes in any pieces to the fields of frames; what is wrong is counted by kind in `rejected`."""
+    """Bytes in any pieces to the fields of frames; what is wrong is counted by kind in
+    `rejected`."""
 
     def __init__(self) -> None:
         self.rejected: dict[str, int] = {}
@@ -109,7 +113,8 @@ def whole(text: bytes, high: int) -> int:
 
 
 def number(text: bytes, low: float, high: float) -> float:
-    """`-12.345`: up to six digits on either side of the point. Raises ValueError with the kind of what is wrong."""
+    """`-12.345`: up to six digits on either side of the point. Raises ValueError with the kind
+    of what is wrong."""
     unsigned = text[1:] if text[:1] == b"-" else text
     before, point, after = unsigned.partition(b".")
     if not 1 <= len(before) <= 6 or len(after) > 6 or (point and not after):
@@ -124,32 +129,37 @@ def number(text: bytes, low: float, high: float) -> float:
 
 
 def decimal(value: "float | None", low: float, high: float) -> str:
-    """Three decimals, cut to what the protocol allows; empty for None and for what is not a number."""
+    """Three decimals, cut to what the protocol allows; empty for None and for what is not a
+    number."""
     if value is None or value != value:
         return ""
     return f"{min(max(value, low), high):.3f}"
 
 
 class Newest:
-    """Which orders of the host are newer than all before them (docs/protocol-slave-board.md, "Only what is newer").
+    """Which orders of the host are newer than all before them (docs/protocol-slave-board.md,
+    "Only what is newer").
 
-    `chance` gives a number below 2^32 that nobody can foresee, or None: such a board knows orders without a word only.
+    `chance` gives a number below 2^32 that nobody can foresee, or None: such a board knows
+    orders without a word only.
     """
 
     def __init__(self, chance, words_only: bool = False) -> None:  # type: ignore[no-untyped-def]
         self._chance = chance
-        self._words_only = words_only       # from the first order with the word on, until power-on
+        # from the first order with the word on, until power-on
+        self._words_only = words_only
         self.renew()
 
     def renew(self) -> None:
-        """After power-on and after a silence: what was sent before it is old, for it has another word."""
+        """After power-on and after a silence: what was sent before it is old, for it has
+        another word."""
         self.word: int | None = self._chance()
         self.last = -1
-        self.used = False                   # an order with this word has come
+        self.used = False  # an order with this word has come
 
     def take(self, count: int, word: "int | None") -> None:
-        """Raises ValueError: `repeated_sequence` for the newest order and the 15 before it, which a line may double;
-        `old_order` for all others, at which the board is to stop."""
+        """Raises ValueError: `repeated_sequence` for the newest order and the 15 before it,
+        which a line may double; `old_order` for all others, at which the board is to stop."""
         if word is None and not self._words_only:
             behind = (self.last - count) % SEQUENCES
             newer = self.last < 0 or behind >= SEQUENCES // 2

@@ -1,26 +1,31 @@
-"""The lag rig's program (lag paper, 1.2): an encoder on the metering shaft starts the clock, the first granule on a
-pressure plate stops it. Both times are this board's own. See docs/protocol-lag-rig.md.
+"""The lag rig's program (lag paper, 1.2): an encoder on the metering shaft starts the clock,
+the first granule on a pressure plate stops it. Both times are this board's own. See
+docs/protocol-lag-rig.md.
 
 `RigProgram.tick` is called about every millisecond. A pin layer has:
 
     read() -> bytes, write(data)                as of the slave board
-    encoder() -> (counts, us, us_before)        count; the clock at the newest count and at the one before
+    encoder() -> (counts, us, us_before)        count; the clock at the newest count and at the
+                                                one before
     plate() -> int                              the plate's reading, any scale
 """
+
 from drivers.board.framing import SEQUENCES, WORDS, Receiver, seal, whole
 from drivers.board.motion import SpeedMeter
 
 STATUS_US = 50000
-START_RPM = 2.0                 # the shaft "turns" from here on (lag paper)
+START_RPM = 2.0  # the shaft "turns" from here on (lag paper)
 IDLE, ARMED, TURNING, LANDED = 0, 1, 2, 3
 TURNED_BEFORE, PLATE_BEFORE = 1, 2
-FORGET = 1.0 / 64.0             # of a sample, in the plate's mean and noise
+FORGET = 1.0 / 64.0  # of a sample, in the plate's mean and noise
 
 
 class RigSettings:
     counts_per_turn = 1000.0
-    least_step = 20.0           # of the plate's reading; a landing is at least this ...
-    noises = 8.0                # ... and this many times the plate's mean deviation above its mean
+    # of the plate's reading; a landing is at least this ...
+    least_step = 20.0
+    # ... and this many times the plate's mean deviation above its mean
+    noises = 8.0
 
 
 class RigPins:
@@ -84,7 +89,11 @@ class RigProgram:
             raise ValueError("unknown_frame")
         if len(fields) != 4:
             raise ValueError("wrong_length")
-        seq, run, arm = whole(fields[1], SEQUENCES - 1), whole(fields[2], SEQUENCES - 1), whole(fields[3], 1)
+        seq, run, arm = (
+            whole(fields[1], SEQUENCES - 1),
+            whole(fields[2], SEQUENCES - 1),
+            whole(fields[3], 1),
+        )
         if seq == self._last_seq:
             raise ValueError("repeated_sequence")
         self._last_seq = seq
@@ -113,5 +122,7 @@ class RigProgram:
         land = str(self._land_us % WORDS) if self.state == LANDED else ""
         rpm = min(max(self._meter.update(now_us, counts), -400.0), 400.0)
         seq, self._seq = self._seq, (self._seq + 1) % SEQUENCES
-        return seal(f"L1,{seq},{self._run},{self.state},{now_us % WORDS},{rpm:.3f},{self._pins.plate()},"
-                    f"{start},{land},{self._flags}")
+        return seal(
+            f"L1,{seq},{self._run},{self.state},{now_us % WORDS},{rpm:.3f},{self._pins.plate()},"
+            f"{start},{land},{self._flags}"
+        )

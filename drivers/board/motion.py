@@ -1,4 +1,5 @@
-"""Motion on the board: shaft speed by PI with feed-forward, gate and doses by counted steps. Pure: time comes in."""
+"""Motion on the board: shaft speed by PI with feed-forward, gate and doses by counted steps.
+Pure: time comes in."""
 
 
 class SpeedMeter:
@@ -7,7 +8,7 @@ class SpeedMeter:
     def __init__(self, counts_per_turn: float, window_us: int = 50000) -> None:
         self._per_turn = counts_per_turn
         self._window_us = window_us
-        self._seen: list[tuple[int, int]] = []          # (us, counts), oldest first
+        self._seen: list[tuple[int, int]] = []  # (us, counts), oldest first
 
     def update(self, now_us: int, counts: int) -> float:
         """r/min, positive in the direction of rising counts."""
@@ -24,15 +25,27 @@ class SpeedMeter:
 class ShaftControl:
     """Duty of a DC motor, 0 to 1: feed-forward from the motor's own curve, PI for what is left.
 
-    The set-point rises and falls no faster than `acceleration_rpm_s`. The error is taken against what a motor with
-    `time_constant_s` would measure by now, so that the integrator learns nothing from a ramp that is followed as it
-    should be. Anti-windup: it stands still while the shaft is slower than that by more than `held_share` of the speed
-    and `held_rpm` (jammed or held: there is nothing to learn), and while the duty is at its limit and the error would
-    drive it further; it learns no more than `held_share` of the feed-forward; and it is emptied at every stop.
+    The set-point rises and falls no faster than `acceleration_rpm_s`. The error is taken
+    against what a motor with `time_constant_s` would measure by now, so that the integrator
+    learns nothing from a ramp that is followed as it should be. Anti-windup: it stands still
+    while the shaft is slower than that by more than `held_share` of the speed and `held_rpm`
+    (jammed or held: there is nothing to learn), and while the duty is at its limit and the
+    error would drive it further; it learns no more than `held_share` of the feed-forward; and
+    it is emptied at every stop.
     """
 
-    def __init__(self, duty_per_rpm: float, duty_to_start: float, time_constant_s: float, *, kp: float, ki: float,
-                 acceleration_rpm_s: float, held_share: float, held_rpm: float) -> None:
+    def __init__(
+        self,
+        duty_per_rpm: float,
+        duty_to_start: float,
+        time_constant_s: float,
+        *,
+        kp: float,
+        ki: float,
+        acceleration_rpm_s: float,
+        held_share: float,
+        held_rpm: float,
+    ) -> None:
         self._held_share, self._held_rpm = held_share, held_rpm
         self._duty_per_rpm, self._duty_to_start = duty_per_rpm, duty_to_start
         self._kp, self._ki = kp, ki
@@ -52,19 +65,29 @@ class ShaftControl:
             return self.stop()
         most = self._acceleration * dt_s
         self.ramped_rpm += min(max(wanted_rpm - self.ramped_rpm, -most), most)
-        self.expected_rpm += (self.ramped_rpm - self.expected_rpm) * min(1.0, dt_s / self._time_constant_s)
+        self.expected_rpm += (self.ramped_rpm - self.expected_rpm) * min(
+            1.0, dt_s / self._time_constant_s
+        )
         error = self.expected_rpm - measured_rpm
         held = error > self._held_share * self.expected_rpm + self._held_rpm
-        free = self._duty_to_start + self._duty_per_rpm * self.ramped_rpm + self._kp * error + self.integral
+        free = (
+            self._duty_to_start
+            + self._duty_per_rpm * self.ramped_rpm
+            + self._kp * error
+            + self.integral
+        )
         duty = min(max(free, 0.0), 1.0)
-        if not held and (free == duty or (free > 1.0 and error < 0.0) or (free < 0.0 and error > 0.0)):
+        if not held and (
+            free == duty or (free > 1.0 and error < 0.0) or (free < 0.0 and error > 0.0)
+        ):
             most = self._held_share * self._duty_per_rpm * self.expected_rpm
             self.integral = min(max(self.integral + self._ki * error * dt_s, -most), most)
         return duty
 
 
 class Stepper:
-    """Steps to a place or without end, along a ramp of constant acceleration. `place` counts what was put out."""
+    """Steps to a place or without end, along a ramp of constant acceleration. `place` counts
+    what was put out."""
 
     def __init__(self, fastest_steps_s: float, acceleration_steps_s2: float) -> None:
         self.place = 0
@@ -93,7 +116,9 @@ class Stepper:
             self.halt()
             return 0
         brake = (2.0 * self._acceleration * abs(ahead)) ** 0.5
-        steps = self.run(min(self._fastest, brake) * (1.0 if ahead > 0 else -1.0 if ahead < 0 else 0.0), dt_s)
+        steps = self.run(
+            min(self._fastest, brake) * (1.0 if ahead > 0 else -1.0 if ahead < 0 else 0.0), dt_s
+        )
         if ahead and abs(steps) > abs(ahead) and (steps > 0) == (ahead > 0):
             self.halt()
             self.place, steps = wanted, ahead
@@ -101,14 +126,22 @@ class Stepper:
 
 
 class GateMotion:
-    """The gate's stepper with its reckoning: homed by the displacement sensor or the switch, checked for lost steps.
+    """The gate's stepper with its reckoning: homed by the displacement sensor or the switch,
+    checked for lost steps.
 
-    `opening_mm` of the sensor is None where there is none. `lost`: the sensor said that steps had been lost; they were
-    made good; cleared by `forgive`.
+    `opening_mm` of the sensor is None where there is none. `lost`: the sensor said that steps
+    had been lost; they were made good; cleared by `forgive`.
     """
 
-    def __init__(self, steps_per_mm: float, fastest_mm_s: float, acceleration_mm_s2: float, home_mm_s: float,
-                 lost_mm: float, lost_after_s: float) -> None:
+    def __init__(
+        self,
+        steps_per_mm: float,
+        fastest_mm_s: float,
+        acceleration_mm_s2: float,
+        home_mm_s: float,
+        lost_mm: float,
+        lost_after_s: float,
+    ) -> None:
         self._per_mm = steps_per_mm
         self._stepper = Stepper(fastest_mm_s * steps_per_mm, acceleration_mm_s2 * steps_per_mm)
         self._home_steps_s = home_mm_s * steps_per_mm
@@ -154,14 +187,15 @@ class GateMotion:
 
 
 class Doser:
-    """Turns a stepper's shaft by an angle, dose after dose; what rounding to steps leaves over goes to the next."""
+    """Turns a stepper's shaft by an angle, dose after dose; what rounding to steps leaves over
+    goes to the next."""
 
     def __init__(self, steps_per_turn: float, acceleration_rpm_s: float) -> None:
         self._per_turn = steps_per_turn
         self._acceleration = acceleration_rpm_s / 60.0 * steps_per_turn
         self._over = 0.0
         self._stepper = Stepper(0.0, self._acceleration)
-        self.steps = 0                  # of the dose under way
+        self.steps = 0  # of the dose under way
         self.running = False
 
     @property
@@ -191,12 +225,21 @@ class Doser:
 class SteppedShaft:
     """Turns the metering shaft by a stepper for as long as it is asked to.
 
-    Where an encoder shows the shaft slower than its steps by more than `held_share` of them and `held_rpm` for
-    `lost_after_s`, the motor fell out of step, which no steps at full speed bring back: the ramp begins anew.
+    Where an encoder shows the shaft slower than its steps by more than `held_share` of them and
+    `held_rpm` for `lost_after_s`, the motor fell out of step, which no steps at full speed
+    bring back: the ramp begins anew.
     """
 
-    def __init__(self, steps_per_turn: float, steps_s2: float, most_steps_s: float, *, held_share: float,
-                 held_rpm: float, lost_after_s: float) -> None:
+    def __init__(
+        self,
+        steps_per_turn: float,
+        steps_s2: float,
+        most_steps_s: float,
+        *,
+        held_share: float,
+        held_rpm: float,
+        lost_after_s: float,
+    ) -> None:
         self._per_turn, self._most = steps_per_turn, most_steps_s
         self._held_share, self._held_rpm, self._lost_after_s = held_share, held_rpm, lost_after_s
         self._stepper = Stepper(most_steps_s, steps_s2)

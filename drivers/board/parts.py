@@ -1,24 +1,31 @@
-"""Parts at the slave board: a load-cell amplifier HX711, an accelerometer LIS3DH, and the plug for USB."""
+"""Parts at the slave board: a load-cell amplifier HX711, an accelerometer LIS3DH, and the plug
+for USB."""
+
 from math import atan2, degrees
 
 HX711_BITS = 24
-GAIN_PULSES = 1                 # after the 24: channel A, gain 128 at the next conversion
+# after the 24: channel A, gain 128 at the next conversion
+GAIN_PULSES = 1
 
 LIS3DH = 0x18
 WHO_AM_I, IS_LIS3DH = 0x0F, 0x33
 CONTROL_1, ALL_AXES_50_HZ = 0x20, b"\x47"
 CONTROL_4, WHOLE_SAMPLES_2_G = 0x23, b"\x88"
-SAMPLES = 0x28 | 0x80           # the address counts on while it is read
-LEAST_G2, MOST_G2 = 0.5, 2.0    # of 1 g squared: more or less is a jolt and says nothing of the slope
+SAMPLES = 0x28 | 0x80  # the address counts on while it is read
+# of 1 g squared: more or less is a jolt and says nothing of the slope
+LEAST_G2, MOST_G2 = 0.5, 2.0
 
-USB_WAITING = 1024              # bytes that a host has not fetched yet; a frame beyond them is lost
-USB_ROUND = 64                  # in and out a round: 64 kB a second, and no round is long
+# bytes that a host has not fetched yet; a frame beyond them is lost
+USB_WAITING = 1024
+# in and out a round: 64 kB a second, and no round is long
+USB_ROUND = 64
 
 
 class UsbLine:
-    """The line through the board's own USB plug, on the streams of MicroPython's prompt. Bytes go one at a time, and
-    only while there is room: `stdout` waits up to 0.5 s for a host that does not read (MicroPython's
-    shared/tinyusb/mp_usbd_cdc.c), and the program with it. `can_read`, `can_write` ask without waiting."""
+    """The line through the board's own USB plug, on the streams of MicroPython's prompt. Bytes
+    go one at a time, and only while there is room: `stdout` waits up to 0.5 s for a host that
+    does not read (MicroPython's shared/tinyusb/mp_usbd_cdc.c), and the program with it.
+    `can_read`, `can_write` ask without waiting."""
 
     def __init__(self, stdin, stdout, can_read, can_write) -> None:  # type: ignore[no-untyped-def]
         self._in, self._out = stdin, stdout
@@ -29,7 +36,7 @@ class UsbLine:
         """What came; what waits to be sent goes first. To be called every round."""
         sent = 0
         while sent < min(len(self._waiting), USB_ROUND) and self._can_write():
-            self._out.write(self._waiting[sent:sent + 1])
+            self._out.write(self._waiting[sent : sent + 1])
             sent += 1
         self._waiting = self._waiting[sent:]
         got = b""
@@ -46,18 +53,19 @@ class UsbLine:
 
 
 class LoadCell:
-    """HX711: `data` falls when a conversion is there (10 a second); `clock` fetches it bit by bit. kg = slope x counts
-    + zero, from the two-point calibration of the hopper."""
+    """HX711: `data` falls when a conversion is there (10 a second); `clock` fetches it bit by
+    bit. kg = slope x counts + zero, from the two-point calibration of the hopper."""
 
     def __init__(self, clock, data, kg_per_count: float, zero_kg: float) -> None:  # type: ignore[no-untyped-def]
         self._clock, self._data = clock, data
         self._slope, self._zero_kg = kg_per_count, zero_kg
         self._silent = 0
-        self.kg: float | None = None        # None: not heard yet, or silent
+        self.kg: float | None = None  # None: not heard yet, or silent
         clock.value(0)
 
     def look(self, rounds_silent: int = 1000) -> None:
-        """To be called every round (about a millisecond); takes 0.3 ms when a conversion is there."""
+        """To be called every round (about a millisecond); takes 0.3 ms when a conversion is
+        there."""
         if self._data.value():
             self._silent += 1
             if self._silent > rounds_silent:
@@ -69,10 +77,12 @@ class LoadCell:
             count = count << 1 | self._pulse()
         for _ in range(GAIN_PULSES):
             self._pulse()
-        if count in (0x7FFFFF, 0x800000):   # the converter's limits: a broken cell or cable
+        if count in (0x7FFFFF, 0x800000):  # the converter's limits: a broken cell or cable
             self.kg = None
             return
-        self.kg = self._slope * (count - (1 << HX711_BITS) if count & 0x800000 else count) + self._zero_kg
+        self.kg = (
+            self._slope * (count - (1 << HX711_BITS) if count & 0x800000 else count) + self._zero_kg
+        )
 
     def _pulse(self) -> int:
         self._clock.value(1)
@@ -82,18 +92,20 @@ class LoadCell:
 
 
 class Tilt:
-    """LIS3DH lying flat, x to the front, y to the right, z up. Shaking is taken out by a mean over `tau_s`."""
+    """LIS3DH lying flat, x to the front, y to the right, z up. Shaking is taken out by a mean
+    over `tau_s`."""
 
     def __init__(self, i2c, tau_s: float = 0.5) -> None:  # type: ignore[no-untyped-def]
         self._i2c = i2c
         self._tau_s = tau_s
         self._g: list[float] | None = None
         self._there = False
-        self.pitch_deg: float | None = None         # nose up positive
-        self.roll_deg: float | None = None          # right side down positive
+        self.pitch_deg: float | None = None  # nose up positive
+        self.roll_deg: float | None = None  # right side down positive
 
     def look(self, dt_s: float) -> None:
-        """To be called every 50 ms or so; a part that does not answer is looked for again at the next call."""
+        """To be called every 50 ms or so; a part that does not answer is looked for again at
+        the next call."""
         try:
             if not self._there:
                 self._begin()

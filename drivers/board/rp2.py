@@ -1,4 +1,6 @@
-"""What the main programs of both boards have in common on an RP2040 (Raspberry Pi Pico): serial line, clock, rounds."""
+"""What the main programs of both boards have in common on an RP2040 (Raspberry Pi Pico): serial
+line, clock, rounds."""
+
 import select
 import sys
 import time
@@ -11,33 +13,42 @@ from drivers.board.parts import UsbLine
 
 def usb_line() -> UsbLine:
     """Through the board's own plug; MicroPython's prompt is gone until the next power-on."""
-    micropython.kbd_intr(-1)        # a byte of 3 is no Ctrl-C
+    micropython.kbd_intr(-1)  # a byte of 3 is no Ctrl-C
     inward, outward = select.poll(), select.poll()
     inward.register(sys.stdin, select.POLLIN)
     outward.register(sys.stdout, select.POLLOUT)
-    return UsbLine(sys.stdin.buffer, sys.stdout.buffer, lambda: inward.poll(0), lambda: outward.poll(0))
+    return UsbLine(
+        sys.stdin.buffer, sys.stdout.buffer, lambda: inward.poll(0), lambda: outward.poll(0)
+    )
 
 
 class Board:
-    """The serial line, on UART 0 or USB, and a clock that never runs over; pin layers inherit from it first."""
+    """The serial line, on UART 0 or USB, and a clock that never runs over; pin layers inherit
+    from it first."""
 
     def __init__(self, rxbuf: int, txbuf: int, link: str = "uart") -> None:
-        self._line = usb_line() if link == "usb" else machine.UART(
-            0, 115200, tx=machine.Pin(0), rx=machine.Pin(1), rxbuf=rxbuf, txbuf=txbuf)
+        self._line = (
+            usb_line()
+            if link == "usb"
+            else machine.UART(
+                0, 115200, tx=machine.Pin(0), rx=machine.Pin(1), rxbuf=rxbuf, txbuf=txbuf
+            )
+        )
         self._now_us = 0
-        self._ticks = time.ticks_us()   # type: ignore[attr-defined]
+        self._ticks = time.ticks_us()  # type: ignore[attr-defined]
 
     def now_us(self) -> int:
         """Out of a clock that does run over; to be asked more often than that."""
-        ticks = time.ticks_us()         # type: ignore[attr-defined]
-        self._now_us += int(time.ticks_diff(ticks, self._ticks))     # type: ignore[attr-defined]
+        ticks = time.ticks_us()  # type: ignore[attr-defined]
+        self._now_us += int(time.ticks_diff(ticks, self._ticks))  # type: ignore[attr-defined]
         self._ticks = ticks
         return self._now_us
 
     def at_us(self, ticks: int) -> int:
-        """A time that an interrupt noted, on this clock; soon after: later its own clock has run over."""
+        """A time that an interrupt noted, on this clock; soon after: later its own clock has
+        run over."""
         now_us = self.now_us()
-        return now_us - max(0, int(time.ticks_diff(self._ticks, ticks)))     # type: ignore[attr-defined]
+        return now_us - max(0, int(time.ticks_diff(self._ticks, ticks)))  # type: ignore[attr-defined]
 
     def read(self) -> bytes:
         return self._line.read() or b""
@@ -49,4 +60,4 @@ class Board:
         """Wait for the end of a round."""
         rest_us = round_us - (self.now_us() - started_us)
         if rest_us > 0:
-            time.sleep_us(rest_us)      # type: ignore[attr-defined]
+            time.sleep_us(rest_us)  # type: ignore[attr-defined]

@@ -2,6 +2,7 @@
 
 Not in use on a rig yet: compiled and its logic run, its pins not.
 """
+
 import time
 
 import machine  # type: ignore[import-not-found]
@@ -24,15 +25,16 @@ class Rp2RigPins(Board, RigPins):
     def _on_shaft(self, pin: object) -> None:
         self._counts += 1
         self._before_us = self._count_us
-        self._count_us = time.ticks_us()        # type: ignore[attr-defined]
+        self._count_us = time.ticks_us()  # type: ignore[attr-defined]
 
     def encoder(self) -> "tuple[int, int, int]":
-        """The newest count's time is turned into this clock's when it is new: later its own clock has run over."""
+        """The newest count's time is turned into this clock's when it is new: later its own
+        clock has run over."""
         counts = self._counts
         if counts != self._newest[0]:
             newest, before = self._count_us, self._before_us
             at_us = self.at_us(newest)
-            apart_us = time.ticks_diff(newest, before)                          # type: ignore[attr-defined]
+            apart_us = time.ticks_diff(newest, before)  # type: ignore[attr-defined]
             self._newest = counts, at_us, at_us - apart_us
         return self._newest
 

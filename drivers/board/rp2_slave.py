@@ -1,7 +1,9 @@
-"""Main program of the slave board on an RP2040 (Raspberry Pi Pico): its main.py. Pins: docs/wiring.md.
+"""Main program of the slave board on an RP2040 (Raspberry Pi Pico): its main.py. Pins:
+docs/wiring.md.
 
 Not in use on a machine yet: compiled and its logic run, its pins not.
 """
+
 import os
 import time
 
@@ -12,24 +14,31 @@ from drivers.board.rp2 import Board
 from drivers.board.slave import BoardSettings, Pins, Slave
 
 ROUND_US = 1000
-SERVICE_PIN = 22                        # to ground at power-on: the program stays out, `mpremote` has the board
+# to ground at power-on: the program stays out, `mpremote` has the board
+SERVICE_PIN = 22
 TILT_US = 50000
-EFFORT_SHARE = 0.1                      # of each reading: some 10 ms, so that the driver's switching is no noise
+# of each reading: some 10 ms, so that the driver's switching is no noise
+EFFORT_SHARE = 0.1
 VOLTS_PER_COUNT = 3.3 / 65535.0 * 11.0  # supply over 100 kOhm and 10 kOhm
 
 
 class Rp2Settings(BoardSettings):
     """And what is wired to this one's pins. Left out: `False`, and the status says "not fitted"."""
 
-    counts_per_turn = 1200.0            # both edges of one channel
-    displacement_fitted = True          # False: the gate finds its place by the home switch
-    mm_per_count = 65.0 / 65535.0       # displacement sensor, 0 to 65 mm over the converter's range
+    counts_per_turn = 1200.0  # both edges of one channel
+    # False: the gate finds its place by the home switch
+    displacement_fitted = True
+    # displacement sensor, 0 to 65 mm over the converter's range
+    mm_per_count = 65.0 / 65535.0
     scale_fitted = tilt_fitted = supply_fitted = work_switch_fitted = True
-    kg_per_count = 5.0e-5               # of the hopper's load cells: calibrate with two known masses
+    # of the hopper's load cells: calibrate with two known masses
+    kg_per_count = 5.0e-5
     zero_kg = 0.0
-    effort_fitted = False               # the shaft driver's current-sense output, 0 to 3.3 V over the converter's range
-    amps_per_count = 30.0 / 65535.0     # calibrate with an ammeter
-    valve_pins: "tuple[int, ...]" = ()  # of the sections' drivers, left to right, e.g. (16, 17, 18); 1 opens
+    # the shaft driver's current-sense output, 0 to 3.3 V over the converter's range
+    effort_fitted = False
+    amps_per_count = 30.0 / 65535.0  # calibrate with an ammeter
+    # of the sections' drivers, left to right, e.g. (16, 17, 18); 1 opens
+    valve_pins: "tuple[int, ...]" = ()
 
 
 class Rp2Pins(Board, Pins):
@@ -47,17 +56,28 @@ class Rp2Pins(Board, Pins):
         self._dose_step = machine.Pin(11, machine.Pin.OUT, value=0)
         self._hall = machine.Pin(14, machine.Pin.IN, machine.Pin.PULL_UP)
         self._switch = machine.Pin(15, machine.Pin.IN, machine.Pin.PULL_UP)
-        self._valve_pins = [machine.Pin(pin, machine.Pin.OUT, value=0) for pin in settings.valve_pins]
+        self._valve_pins = [
+            machine.Pin(pin, machine.Pin.OUT, value=0) for pin in settings.valve_pins
+        ]
         self._opening = machine.ADC(26)
         self._supply = machine.ADC(27)
         self._current = machine.ADC(28)
         self._amps = 0.0
         self._counts = self._pulses = self._pulse_us = 0
         self._newest = 0, 0
-        self._shaft_a.irq(self._on_shaft, machine.Pin.IRQ_RISING | machine.Pin.IRQ_FALLING, hard=True)
+        self._shaft_a.irq(
+            self._on_shaft, machine.Pin.IRQ_RISING | machine.Pin.IRQ_FALLING, hard=True
+        )
         self._hall.irq(self._on_wheel, machine.Pin.IRQ_FALLING, hard=True)
-        scale = machine.Pin(12, machine.Pin.OUT, value=0), machine.Pin(13, machine.Pin.IN, machine.Pin.PULL_UP)
-        self._scale = LoadCell(*scale, settings.kg_per_count, settings.zero_kg) if settings.scale_fitted else None
+        scale = (
+            machine.Pin(12, machine.Pin.OUT, value=0),
+            machine.Pin(13, machine.Pin.IN, machine.Pin.PULL_UP),
+        )
+        self._scale = (
+            LoadCell(*scale, settings.kg_per_count, settings.zero_kg)
+            if settings.scale_fitted
+            else None
+        )
         bus = machine.I2C(0, sda=machine.Pin(20), scl=machine.Pin(21), freq=400000, timeout=1000)
         self._tilt = Tilt(bus) if settings.tilt_fitted else None
         self._tilt_us = 0
@@ -67,7 +87,7 @@ class Rp2Pins(Board, Pins):
 
     def _on_wheel(self, pin: object) -> None:
         self._pulses += 1
-        self._pulse_us = time.ticks_us()        # type: ignore[attr-defined]
+        self._pulse_us = time.ticks_us()  # type: ignore[attr-defined]
 
     def enable(self, on: bool) -> None:
         self._enable.value(on)
@@ -87,7 +107,11 @@ class Rp2Pins(Board, Pins):
 
     def opening_mm(self) -> "float | None":
         settings = self._settings
-        return float(self._opening.read_u16() * settings.mm_per_count) if settings.displacement_fitted else None
+        return (
+            float(self._opening.read_u16() * settings.mm_per_count)
+            if settings.displacement_fitted
+            else None
+        )
 
     def at_home(self) -> bool:
         return not self._home.value()
@@ -96,14 +120,19 @@ class Rp2Pins(Board, Pins):
         return not self._fault.value()
 
     def wheel(self) -> "tuple[int, int]":
-        """The newest pulse's time is turned into this clock's when it is new: later its own clock has run over."""
+        """The newest pulse's time is turned into this clock's when it is new: later its own
+        clock has run over."""
         pulses = self._pulses
         if pulses != self._newest[0]:
             self._newest = pulses, self.at_us(self._pulse_us)
         return self._newest
 
     def supply_v(self) -> "float | None":
-        return float(self._supply.read_u16() * VOLTS_PER_COUNT) if self._settings.supply_fitted else None
+        return (
+            float(self._supply.read_u16() * VOLTS_PER_COUNT)
+            if self._settings.supply_fitted
+            else None
+        )
 
     def shaft_effort(self) -> "float | None":
         return self._amps if self._settings.effort_fitted else None
@@ -119,7 +148,9 @@ class Rp2Pins(Board, Pins):
 
     def look(self, now_us: int) -> None:
         """Fetch what scale, inclination and the current sensor have; every round."""
-        self._amps += EFFORT_SHARE * (self._current.read_u16() * self._settings.amps_per_count - self._amps)
+        self._amps += EFFORT_SHARE * (
+            self._current.read_u16() * self._settings.amps_per_count - self._amps
+        )
         if self._scale:
             self._scale.look()
         if self._tilt and now_us - self._tilt_us >= TILT_US:
@@ -139,13 +170,14 @@ class Rp2Pins(Board, Pins):
     def _pulse(self, pin: "machine.Pin", count: int) -> None:
         for _ in range(count):
             pin.on()
-            time.sleep_us(5)            # type: ignore[attr-defined]
+            time.sleep_us(5)  # type: ignore[attr-defined]
             pin.off()
-            time.sleep_us(20)           # type: ignore[attr-defined]
+            time.sleep_us(20)  # type: ignore[attr-defined]
 
 
 def own_settings() -> Rp2Settings:
-    """With what `board_settings.py` on the board says. Raises ValueError as `BoardSettings.take` does."""
+    """With what `board_settings.py` on the board says. Raises ValueError as
+    `BoardSettings.take` does."""
     settings = Rp2Settings()
     try:
         import board_settings  # type: ignore[import-not-found]
@@ -162,7 +194,8 @@ def main() -> None:
     settings.valves = len(settings.valve_pins)
     pins = Rp2Pins(settings)
     slave = Slave(pins, settings)
-    watchdog = machine.WDT(timeout=500)     # a program that hangs restarts; the enable line is off meanwhile
+    # a program that hangs restarts; the enable line is off meanwhile
+    watchdog = machine.WDT(timeout=500)
     while True:
         started_us = pins.now_us()
         pins.look(started_us)

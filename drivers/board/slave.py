@@ -1,6 +1,7 @@
 """The slave board's program: commands in, drives moved, safe stop by itself, status out.
 
-`Slave.tick` is called about every millisecond by a main program that has the pins (`rp2_slave.py`). A pin layer has:
+`Slave.tick` is called about every millisecond by a main program that has the pins
+(`rp2_slave.py`). A pin layer has:
 
     read() -> bytes                 what the host sent; at once, mostly nothing
     write(data)                     to the host; must not wait
@@ -10,63 +11,89 @@
     gate_steps(steps)               put out now, positive opens
     dose_steps(steps)               of a shaft turned by a stepper (metering, point dose)
     opening_mm() -> float or None   displacement sensor, None where there is none
-    at_home() -> bool               the gate's switch; read only where there is no displacement sensor
+    at_home() -> bool               the gate's switch; read only where there is no displacement
+                                    sensor
     driver_fault() -> bool
     wheel() -> (pulses, us)         count, and the board's clock at the newest pulse
     hopper_kg(), supply_v(), pitch_deg(), roll_deg() -> float or None
-    shaft_effort(), gate_effort() -> float or None      how hard each drive works: % of full duty, A or N m
+    shaft_effort(), gate_effort() -> float or None      how hard each drive works: % of full duty,
+                                                        A or N m
     work_switch() -> bool or None
-    valves(mask)                    of the sections: bit 0 the leftmost, 1 open; called when it changes
+    valves(mask)                    of the sections: bit 0 the leftmost, 1 open; called when it
+                                    changes
     valves_open() -> int or None    the same as their own switches tell, None where they have none
-    chance() -> int or None         below 2^32 and not to be foreseen; None: only orders without a word are taken
+    chance() -> int or None         below 2^32 and not to be foreseen; None: only orders without a
+                                    word are taken
 """
+
 from drivers.board.framing import SEQUENCES, WORDS, Newest, Receiver, decimal, number, seal, whole
 from drivers.board.motion import Doser, GateMotion, ShaftControl, SpeedMeter, SteppedShaft
 
 SILENT_HOST_US = 1000000
 CONTROL_US = 10000
 STATUS_US = 25000
-REPORT_US = 300000          # what became of a dose is said again this long, for a line may lose it
-OLD_ORDER_US = 1000000      # an old order is reported this long
-LONGEST_STEPPED_S = 0.005   # what a longer round leaves out is lost: in one burst it would throw the motor out of step
+# what became of a dose is said again this long, for a line may lose it
+REPORT_US = 300000
+OLD_ORDER_US = 1000000  # an old order is reported this long
+# what a longer round leaves out is lost: in one burst it would throw the motor out of step
+LONGEST_STEPPED_S = 0.005
 
-ENABLED, HEARTBEAT_LOST, DRIVER_FAULT, STEPS_LOST, HOMING, WORD_UNUSED, OLD_ORDER = 1, 2, 4, 8, 16, 32, 64
+ENABLED, HEARTBEAT_LOST, DRIVER_FAULT, STEPS_LOST, HOMING, WORD_UNUSED, OLD_ORDER = (
+    1,
+    2,
+    4,
+    8,
+    16,
+    32,
+    64,
+)
 FIELDS = {b"T1": 5, b"T2": 6, b"T3": 7, b"D1": 5, b"D3": 6, b"A1": 1, b"A2": 1}
 DOSE_RUNNING, DOSE_DONE, DOSE_REFUSED, DOSE_ABORTED = 1, 2, 3, 4
 
 
 class BoardSettings:
-    """What is screwed to this board. Change the values in `board_settings.py` on the board, which `take` reads."""
+    """What is screwed to this board. Change the values in `board_settings.py` on the board,
+    which `take` reads."""
 
-    link = "uart"                       # to the host: "uart" (GP0, GP1) or "usb" (the board's own plug)
-    shaft_drive = "dc"                  # what meters: "dc", a motor by its duty, or "stepper", by steps
+    # to the host: "uart" (GP0, GP1) or "usb" (the board's own plug)
+    link = "uart"
+    # what meters: "dc", a motor by its duty, or "stepper", by steps
+    shaft_drive = "dc"
     max_shaft_rpm = 100.0
     max_opening_mm = 60.0
-    counts_per_turn = 2400.0            # of the shaft's encoder; 0: none, which only a stepper can do without
-    duty_per_rpm = 0.008                # of the motor at nominal supply
+    # of the shaft's encoder; 0: none, which only a stepper can do without
+    counts_per_turn = 2400.0
+    duty_per_rpm = 0.008  # of the motor at nominal supply
     duty_to_start = 0.04
-    time_constant_s = 0.13              # of the motor and of measuring its speed
+    time_constant_s = 0.13  # of the motor and of measuring its speed
     kp = 0.004
     ki = 0.03
     acceleration_rpm_s = 400.0
-    held_share = 0.25                   # slower than expected by more than this share and ...
-    held_rpm = 5.0                      # ... this: held or jammed; nothing is learnt from it
-    steps_per_mm = 100.0                # gate: 400 half steps a turn, spindle of 4 mm
+    # slower than expected by more than this share and ...
+    held_share = 0.25
+    # ... this: held or jammed; nothing is learnt from it
+    held_rpm = 5.0
+    steps_per_mm = 100.0  # gate: 400 half steps a turn, spindle of 4 mm
     gate_mm_s = 20.0
     gate_acceleration_mm_s2 = 200.0
     home_mm_s = 5.0
     lost_mm = 1.0
     lost_after_s = 0.5
-    dose_steps_per_turn = 400.0         # of the shaft's stepper, for doses and for metering: microstep mode 2
+    # of the shaft's stepper, for doses and for metering: microstep mode 2
+    dose_steps_per_turn = 400.0
     dose_acceleration_rpm_s = 2000.0
-    stepper_steps_s2 = 2000.0           # metering by the stepper: 0 to 100 r/min in a third of a second
-    stepper_steps_s = 4000.0            # and no faster than this: 4 steps in a round of a millisecond
-    valves = 0                          # of sections; 0: a board without, which does not obey T2
-    words_only = False                  # True: takes no order without a word (T1, T2, D1), not even before the first
+    # metering by the stepper: 0 to 100 r/min in a third of a second
+    stepper_steps_s2 = 2000.0
+    # and no faster than this: 4 steps in a round of a millisecond
+    stepper_steps_s = 4000.0
+    # of sections; 0: a board without, which does not obey T2
+    valves = 0
+    # True: takes no order without a word (T1, T2, D1), not even before the first
+    words_only = False
 
     def take(self, own: object) -> None:
-        """The values of a module or class `own`. Raises ValueError with one line for one that cannot be: the board
-        does not start then, and its drives stay off."""
+        """The values of a module or class `own`. Raises ValueError with one line for one that
+        cannot be: the board does not start then, and its drives stay off."""
         for name in dir(own):
             if name.startswith("_"):
                 continue
@@ -81,22 +108,36 @@ class BoardSettings:
             value, word = getattr(self, name), isinstance(allowed[0], str)
             if not (value in allowed if word else allowed[0] <= value <= allowed[1]):
                 between = "or" if word else "to"
-                raise ValueError(f"{name} {value!r}: allowed is {allowed[0]} {between} {allowed[1]}")
+                raise ValueError(
+                    f"{name} {value!r}: allowed is {allowed[0]} {between} {allowed[1]}"
+                )
         if self.shaft_drive == "dc" and not self.counts_per_turn:
             raise ValueError("counts_per_turn 0: allowed only with shaft_drive 'stepper'")
         asked = self.max_shaft_rpm / 60.0 * self.dose_steps_per_turn
         if self.shaft_drive == "stepper" and asked > self.stepper_steps_s:
-            raise ValueError(f"max_shaft_rpm {self.max_shaft_rpm!r}: asks {asked:.0f} steps a second of the stepper: "
-                             f"allowed is stepper_steps_s, {self.stepper_steps_s:.0f}")
+            raise ValueError(
+                f"max_shaft_rpm {self.max_shaft_rpm!r}: asks {asked:.0f} steps a second of "
+                "the stepper: "
+                f"allowed is stepper_steps_s, {self.stepper_steps_s:.0f}"
+            )
 
 
-ALLOWED = {"link": ("uart", "usb"), "shaft_drive": ("dc", "stepper"), "counts_per_turn": (0.0, 100000.0),
-           "dose_steps_per_turn": (20.0, 51200.0), "max_shaft_rpm": (1.0, 300.0), "max_opening_mm": (1.0, 100.0),
-           "stepper_steps_s2": (100.0, 20000.0), "stepper_steps_s": (100.0, 8000.0), "valves": (0, 16)}
+ALLOWED = {
+    "link": ("uart", "usb"),
+    "shaft_drive": ("dc", "stepper"),
+    "counts_per_turn": (0.0, 100000.0),
+    "dose_steps_per_turn": (20.0, 51200.0),
+    "max_shaft_rpm": (1.0, 300.0),
+    "max_opening_mm": (1.0, 100.0),
+    "stepper_steps_s2": (100.0, 20000.0),
+    "stepper_steps_s": (100.0, 8000.0),
+    "valves": (0, 16),
+}
 
 
 class Pins:
-    """What the program asks of its hardware; here everything is absent. Pin layers and tests inherit from it."""
+    """What the program asks of its hardware; here everything is absent. Pin layers and tests
+    inherit from it."""
 
     def _absent(self) -> "float | None":
         return None
@@ -145,29 +186,49 @@ class Slave:
         self.shaft_rpm = 0.0
         self._pins, self._settings = pins, settings
         self._wanted_rpm = 0.0
-        self._wanted_mm: float | None = None            # None: the gate stays where it stands
+        self._wanted_mm: float | None = None  # None: the gate stays where it stands
         self._commanded_mm = 0.0
         self._enable = False
         self._armed = False
         self._heartbeat_lost = False
-        self._heard_us: int | None = None               # None: not heard yet, or silent
+        self._heard_us: int | None = None  # None: not heard yet, or silent
         self._newest = Newest(pins.chance, settings.words_only)
         self._old_order_until_us = 0
         self._status_seq = 0
         self._encoder = settings.counts_per_turn > 0.0
-        self._meter = SpeedMeter(settings.counts_per_turn if self._encoder else settings.dose_steps_per_turn)
-        self._shaft = ShaftControl(settings.duty_per_rpm, settings.duty_to_start, settings.time_constant_s,
-                                   kp=settings.kp, ki=settings.ki, acceleration_rpm_s=settings.acceleration_rpm_s,
-                                   held_share=settings.held_share, held_rpm=settings.held_rpm)
-        self._gate = GateMotion(settings.steps_per_mm, settings.gate_mm_s, settings.gate_acceleration_mm_s2,
-                          settings.home_mm_s, settings.lost_mm, settings.lost_after_s)
+        self._meter = SpeedMeter(
+            settings.counts_per_turn if self._encoder else settings.dose_steps_per_turn
+        )
+        self._shaft = ShaftControl(
+            settings.duty_per_rpm,
+            settings.duty_to_start,
+            settings.time_constant_s,
+            kp=settings.kp,
+            ki=settings.ki,
+            acceleration_rpm_s=settings.acceleration_rpm_s,
+            held_share=settings.held_share,
+            held_rpm=settings.held_rpm,
+        )
+        self._gate = GateMotion(
+            settings.steps_per_mm,
+            settings.gate_mm_s,
+            settings.gate_acceleration_mm_s2,
+            settings.home_mm_s,
+            settings.lost_mm,
+            settings.lost_after_s,
+        )
         self._doser = Doser(settings.dose_steps_per_turn, settings.dose_acceleration_rpm_s)
-        self._stepped: SteppedShaft | None = None       # None: a DC motor meters
+        self._stepped: SteppedShaft | None = None  # None: a DC motor meters
         if settings.shaft_drive == "stepper":
-            self._stepped = SteppedShaft(settings.dose_steps_per_turn, settings.stepper_steps_s2,
-                                         settings.stepper_steps_s, held_share=settings.held_share,
-                                         held_rpm=settings.held_rpm, lost_after_s=settings.lost_after_s)
-        self._steps = 0                                 # of the shaft's stepper since power-on
+            self._stepped = SteppedShaft(
+                settings.dose_steps_per_turn,
+                settings.stepper_steps_s2,
+                settings.stepper_steps_s,
+                held_share=settings.held_share,
+                held_rpm=settings.held_rpm,
+                lost_after_s=settings.lost_after_s,
+            )
+        self._steps = 0  # of the shaft's stepper since power-on
         self._dose = -1
         self._dose_begin_us = 0
         self._report = ""
@@ -176,7 +237,8 @@ class Slave:
         self._next_control_us = 0
         self._next_status_us = 0
         self._control_us: int | None = None
-        self._wanted_valves = self._valves = 0          # without power, and unless enabled, all are closed
+        # without power, and unless enabled, all are closed
+        self._wanted_valves = self._valves = 0
         pins.enable(False)
         pins.duty(0.0)
         pins.valves(0)
@@ -206,7 +268,8 @@ class Slave:
             self.say(now_us, now_us)
 
     def hear(self, now_us: int) -> None:
-        """What the host sent: from here on the newest order is in force, and `enabled` says whether the drives are."""
+        """What the host sent: from here on the newest order is in force, and `enabled` says
+        whether the drives are."""
         if self._heard_us is not None and now_us - self._heard_us >= SILENT_HOST_US:
             self._heartbeat_lost, self._armed, self._heard_us = True, False, None
             self._newest.renew()
@@ -224,8 +287,9 @@ class Slave:
             self._pins.write(seal(f"E1,{self._next_seq()},{self._report}"))
 
     def _reject(self, kind: str, now_us: int) -> None:
-        """An old order stops the board until it is sent enable 0. While no order has come with the word the host has
-        not heard it yet, and what it sends is old by no fault of the line."""
+        """An old order stops the board until it is sent enable 0. While no order has come with
+        the word the host has not heard it yet, and what it sends is old by no fault of the
+        line."""
         self.receiver.reject(kind)
         if kind == "old_order":
             self._armed = False
@@ -288,14 +352,19 @@ class Slave:
             self._stepped.stop()
         if self._doser.running:
             self._doser.abort()
-            self._tell_dose(self._dose, DOSE_ABORTED, self._doser.turned_deg, self._dose_begin_us, now_us)
+            self._tell_dose(
+                self._dose, DOSE_ABORTED, self._doser.turned_deg, self._dose_begin_us, now_us
+            )
 
     def _turn_stepper(self, now_us: int, dt_s: float) -> None:
-        """A dose, or metering where the stepper does it; `_stop_shaft` has ended both when not enabled."""
+        """A dose, or metering where the stepper does it; `_stop_shaft` has ended both when not
+        enabled."""
         if self._doser.running:
             steps = self._doser.advance(dt_s)
             if not self._doser.running:
-                self._tell_dose(self._dose, DOSE_DONE, self._doser.turned_deg, self._dose_begin_us, now_us)
+                self._tell_dose(
+                    self._dose, DOSE_DONE, self._doser.turned_deg, self._dose_begin_us, now_us
+                )
         elif self._stepped is not None and self.enabled:
             steps = self._stepped.advance(self._metered_rpm(), min(dt_s, LONGEST_STEPPED_S))
         else:
@@ -328,13 +397,17 @@ class Slave:
         self._next_control_us = now_us + CONTROL_US
         dt_s = 0.0 if self._control_us is None else (now_us - self._control_us) * 1e-6
         self._control_us = now_us
-        self.shaft_rpm = self._meter.update(now_us, self._pins.shaft_counts() if self._encoder else self._steps)
+        self.shaft_rpm = self._meter.update(
+            now_us, self._pins.shaft_counts() if self._encoder else self._steps
+        )
         if enabled and self._stepped is None:
             self._pins.duty(self._shaft.update(self._metered_rpm(), self.shaft_rpm, dt_s))
         elif self._stepped is not None and self._encoder:
             self._stepped.compare(self.shaft_rpm, dt_s)
 
-    def _tell_dose(self, dose: int, state: int, turned_deg: float, begin_us: int, end_us: int) -> None:
+    def _tell_dose(
+        self, dose: int, state: int, turned_deg: float, begin_us: int, end_us: int
+    ) -> None:
         self._report = f"{dose},{state},{turned_deg:.3f},{begin_us % WORDS},{end_us % WORDS}"
         self._report_until_us = end_us + REPORT_US
         self._pins.write(seal(f"E1,{self._next_seq()},{self._report}"))
@@ -347,28 +420,59 @@ class Slave:
         valves = pins.valves_open()
         flags = ENABLED * self.enabled | HEARTBEAT_LOST * self._heartbeat_lost
         flags |= DRIVER_FAULT * bool(pins.driver_fault()) | STEPS_LOST * self._gate.lost
-        flags |= HOMING * (self.enabled and not self._gate.homed) | OLD_ORDER * (now_us < self._old_order_until_us)
+        flags |= HOMING * (self.enabled and not self._gate.homed) | OLD_ORDER * (
+            now_us < self._old_order_until_us
+        )
         flags |= WORD_UNUSED * (self._newest.word is not None and not self._newest.used)
         name, more = ("S1", "") if valves is None else ("S2", f",{valves}")
         shaft_effort, gate_effort = pins.shaft_effort(), pins.gate_effort()
         if shaft_effort is not None or gate_effort is not None:
-            name, more = "S3", (more or ",") + "," + decimal(shaft_effort, 0.0, 1000.0) + "," + decimal(
-                gate_effort, 0.0, 1000.0)
-        return seal(",".join((
-            name, str(self._next_seq()), str(max(self._newest.last, 0) % SEQUENCES),
-            str(clock_us % WORDS), str(pulses % WORDS), str(pulse_us % WORDS),
-            decimal(self.shaft_rpm, -10.0, 400.0) or "0.000",
-            decimal(self._gate.reckoned_mm if sensor_mm is None else sensor_mm, -10.0, 110.0) or "0.000",
-            decimal(pins.hopper_kg(), -100.0, 5000.0), decimal(pins.supply_v(), 0.0, 60.0),
-            decimal(pins.pitch_deg(), -60.0, 60.0), decimal(pins.roll_deg(), -60.0, 60.0),
-            "" if switch is None else str(int(switch)),
-            f"{int(flags)}{more}")))
+            name, more = (
+                "S3",
+                (more or ",")
+                + ","
+                + decimal(shaft_effort, 0.0, 1000.0)
+                + ","
+                + decimal(gate_effort, 0.0, 1000.0),
+            )
+        return seal(
+            ",".join(
+                (
+                    name,
+                    str(self._next_seq()),
+                    str(max(self._newest.last, 0) % SEQUENCES),
+                    str(clock_us % WORDS),
+                    str(pulses % WORDS),
+                    str(pulse_us % WORDS),
+                    decimal(self.shaft_rpm, -10.0, 400.0) or "0.000",
+                    decimal(
+                        self._gate.reckoned_mm if sensor_mm is None else sensor_mm, -10.0, 110.0
+                    )
+                    or "0.000",
+                    decimal(pins.hopper_kg(), -100.0, 5000.0),
+                    decimal(pins.supply_v(), 0.0, 60.0),
+                    decimal(pins.pitch_deg(), -60.0, 60.0),
+                    decimal(pins.roll_deg(), -60.0, 60.0),
+                    "" if switch is None else str(int(switch)),
+                    f"{int(flags)}{more}",
+                )
+            )
+        )
 
     def _turned(self) -> bytes:
-        """How far the shaft turned since power-on, and what a turn is taken to be: by its encoder, by its stepper."""
+        """How far the shaft turned since power-on, and what a turn is taken to be: by its
+        encoder, by its stepper."""
         settings = self._settings
-        counts = f"{self._pins.shaft_counts() % WORDS},{settings.counts_per_turn:.3f}" if self._encoder else ","
-        steps = "," if self._stepped is None else f"{self._steps % WORDS},{settings.dose_steps_per_turn:.3f}"
+        counts = (
+            f"{self._pins.shaft_counts() % WORDS},{settings.counts_per_turn:.3f}"
+            if self._encoder
+            else ","
+        )
+        steps = (
+            ","
+            if self._stepped is None
+            else f"{self._steps % WORDS},{settings.dose_steps_per_turn:.3f}"
+        )
         return seal(f"C1,{self._next_seq()},{counts},{steps}")
 
     def _next_seq(self) -> int:

@@ -2,8 +2,10 @@
 
     80 81 7F <id> <length> <length bytes> <sum of all bytes from the third on, modulo 256>
 
-0x64 carries position and heading, 0xFE speed. See docs/rate-module.md for where the facts come from.
+0x64 carries position and heading, 0xFE speed. See docs/rate-module.md for where the facts come
+from.
 """
+
 from __future__ import annotations
 
 import math
@@ -16,22 +18,23 @@ from drivers.devices.nmea import FASTEST_MPS
 HEAD = b"\x80\x81\x7f"
 POSITION, DRIVE = 0x64, 0xFE
 FEWEST_BYTES = {POSITION: 24, DRIVE: 8}
-SPEED_HELD_S = 1.0          # a speed older than this is not given with a position
-_PLACE = struct.Struct("<ddd")      # longitude, latitude, heading
+# a speed older than this is not given with a position
+SPEED_HELD_S = 1.0
+_PLACE = struct.Struct("<ddd")  # longitude, latitude, heading
 
 
 class AgOpenGpsDecoder(Decoder[GnssFix]):
     """Bytes of the loopback to fixes; each position is a fix, with the newest speed.
 
-    The frames tell no fix quality and no time: quality is 1, `utc` None. Counted as rejected: `bad_checksum`,
-    `wrong_length`, `impossible_value`, `garbage` (bytes that belong to no frame, once a run). Counted as ignored:
-    every other frame as `pgn_<id in hexadecimal>`.
+    The frames tell no fix quality and no time: quality is 1, `utc` None. Counted as rejected:
+    `bad_checksum`, `wrong_length`, `impossible_value`, `garbage` (bytes that belong to no
+    frame, once a run). Counted as ignored: every other frame as `pgn_<id in hexadecimal>`.
     """
 
     def __init__(self) -> None:
         super().__init__()
         self._rest = b""
-        self._at = 0                # of `_rest`: read up to here
+        self._at = 0  # of `_rest`: read up to here
         self._in_garbage = False
         self._speed_mps: float | None = None
         self._speed_s = -math.inf
@@ -49,10 +52,12 @@ class AgOpenGpsDecoder(Decoder[GnssFix]):
         return []
 
     def _next(self) -> bytes | None:
-        """The next frame whose sum is right; None: more bytes are needed, and what was read is dropped.
+        """The next frame whose sum is right; None: more bytes are needed, and what was read is
+        dropped.
 
-        Every byte is looked at once as the beginning of a frame, and summed at most once for each head before it: no
-        pattern of bytes costs more than the longest frame for every three bytes.
+        Every byte is looked at once as the beginning of a frame, and summed at most once for
+        each head before it: no pattern of bytes costs more than the longest frame for every
+        three bytes.
         """
         while True:
             start = self._rest.find(HEAD, self._at)
@@ -60,16 +65,18 @@ class AgOpenGpsDecoder(Decoder[GnssFix]):
                 self._skip_to(max(self._at, len(self._rest) - len(HEAD) + 1))
                 break
             self._skip_to(start)
-            if len(self._rest) < start + 5 or len(self._rest) < (end := start + 6 + self._rest[start + 4]):
+            if len(self._rest) < start + 5 or len(self._rest) < (
+                end := start + 6 + self._rest[start + 4]
+            ):
                 break
             self._in_garbage = False
-            if sum(memoryview(self._rest)[start + 2:end - 1]) & 0xFF == self._rest[end - 1]:
+            if sum(memoryview(self._rest)[start + 2 : end - 1]) & 0xFF == self._rest[end - 1]:
                 self._at = end
                 return self._rest[start:end]
             self.counts.reject("bad_checksum")
             self._at = start + len(HEAD)
-            self._in_garbage = True         # what follows of that frame was counted with it
-        self._rest, self._at = self._rest[self._at:], 0
+            self._in_garbage = True  # what follows of that frame was counted with it
+        self._rest, self._at = self._rest[self._at :], 0
         return None
 
     def _skip_to(self, place: int) -> None:
@@ -85,17 +92,28 @@ class AgOpenGpsDecoder(Decoder[GnssFix]):
         if len(body) < FEWEST_BYTES[name]:
             raise Rejected("wrong_length")
         if name == DRIVE:
-            speed_mps = int.from_bytes(body[:2], "little") / 36.0       # tenths of km/h
+            speed_mps = int.from_bytes(body[:2], "little") / 36.0  # tenths of km/h
             if speed_mps > FASTEST_MPS:
                 raise Rejected("impossible_value")
             self._speed_mps, self._speed_s = speed_mps, time_s
             return []
         lon_deg, lat_deg, heading_deg = _PLACE.unpack_from(body)
         fine = all(map(math.isfinite, (lon_deg, lat_deg, heading_deg))) and (
-            abs(lat_deg) <= 90.0 and abs(lon_deg) <= 180.0 and -360.0 <= heading_deg <= 360.0
-            and (lat_deg, lon_deg) != (0.0, 0.0))
+            abs(lat_deg) <= 90.0
+            and abs(lon_deg) <= 180.0
+            and -360.0 <= heading_deg <= 360.0
+            and (lat_deg, lon_deg) != (0.0, 0.0)
+        )
         if not fine:
             raise Rejected("impossible_value")
         fresh = time_s - self._speed_s <= SPEED_HELD_S
-        return [GnssFix(time_s, lat_deg, lon_deg, 1, speed_mps=self._speed_mps if fresh else None,
-                        heading_deg=heading_deg % 360.0)]
+        return [
+            GnssFix(
+                time_s,
+                lat_deg,
+                lon_deg,
+                1,
+                speed_mps=self._speed_mps if fresh else None,
+                heading_deg=heading_deg % 360.0,
+            )
+        ]

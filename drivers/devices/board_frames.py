@@ -1,7 +1,9 @@
 """Frames of the slave board's line protocol, version 1, both directions: text to records and back.
 
-The protocol is described in docs/protocol-slave-board.md; the names and ranges here are the same as there.
+The protocol is described in docs/protocol-slave-board.md; the names and ranges here are the
+same as there.
 """
+
 from __future__ import annotations
 
 import binascii
@@ -14,14 +16,20 @@ from drivers.devices.lines import Rejected
 
 VERSION = 1
 COMMAND, STATUS = f"T{VERSION}", f"S{VERSION}"
-STATUS_VALVES = "S2"            # the same with how the sections' valves stand, from a board whose valves have switches
-STATUS_EFFORT = "S3"            # both, valves empty where it has none, and how hard shaft and gate work
-COMMAND_VALVES = "T2"          # the same with the sections' valves; a board without them does not obey it
-COMMAND_WORD = "T3"            # both, with the board's word: what was recorded under another one is old
-WORD = "W1"                     # the board's word, in answer to ASK
-TURNED = "C1"                   # how far the shaft turned, in answer to ASK_TURNED
-COUNTERS = WORDS                # micros and pulses run over here; words, and counts of commands with one, are below it
-SILENT_HOST_S = 1.0             # the board stops by itself after this
+# the same with how the sections' valves stand, from a board whose valves have switches
+STATUS_VALVES = "S2"
+# both, valves empty where it has none, and how hard shaft and gate work
+STATUS_EFFORT = "S3"
+# the same with the sections' valves; a board without them does not obey it
+COMMAND_VALVES = "T2"
+# both, with the board's word: what was recorded under another one is old
+COMMAND_WORD = "T3"
+WORD = "W1"  # the board's word, in answer to ASK
+# how far the shaft turned, in answer to ASK_TURNED
+TURNED = "C1"
+# micros and pulses run over here; words, and counts of commands with one, are below it
+COUNTERS = WORDS
+SILENT_HOST_S = 1.0  # the board stops by itself after this
 
 MOST_VALVES = 16
 COMMAND_SHAFT_RPM = (0.0, 300.0)
@@ -35,14 +43,16 @@ STATUS_RANGES: dict[str, tuple[float, float]] = {
     "roll_deg": (-60.0, 60.0),
 }
 MEASURED = tuple(STATUS_RANGES)
-EFFORT = (0.0, 1000.0)          # % of full duty, A or N m: as the machine file says
+# % of full duty, A or N m: as the machine file says
+EFFORT = (0.0, 1000.0)
 
 _CRC = re.compile(rb"[0-9A-Fa-f]{4}")
 
 
 class CommandFrame(NamedTuple):
-    """Host to board: set-points. Every frame is also the heartbeat. `valves`: bit 0 the leftmost section, 1 open; None:
-    the machine has none. `word`: the board's; None: it has none, and `seq` runs over at 65536 instead of 2^32."""
+    """Host to board: set-points. Every frame is also the heartbeat. `valves`: bit 0 the
+    leftmost section, 1 open; None: the machine has none. `word`: the board's; None: it has
+    none, and `seq` runs over at 65536 instead of 2^32."""
 
     seq: int
     shaft_rpm: float
@@ -56,10 +66,10 @@ class StatusFrame(NamedTuple):
     """Board to host. `None`: not fitted."""
 
     seq: int
-    echo: int                       # sequence number of the last command accepted
-    micros: int                     # the board's clock now
-    pulses: int                     # of the wheel, since power-on
-    pulse_micros: int               # the board's clock at the last pulse
+    echo: int  # sequence number of the last command accepted
+    micros: int  # the board's clock now
+    pulses: int  # of the wheel, since power-on
+    pulse_micros: int  # the board's clock at the last pulse
     shaft_rpm: float
     opening_mm: float
     hopper_kg: float | None = None
@@ -68,14 +78,14 @@ class StatusFrame(NamedTuple):
     roll_deg: float | None = None
     work_switch: bool | None = None
     flags: int = 0
-    valves_open: int | None = None      # bit 0 the leftmost section, 1 open
+    valves_open: int | None = None  # bit 0 the leftmost section, 1 open
     shaft_effort: float | None = None
     gate_effort: float | None = None
 
 
 class ShaftTurned(NamedTuple):
-    """How far the shaft turned since power-on, below 2^32, and what the board takes a turn to be. `None`: no encoder,
-    or no stepper that meters."""
+    """How far the shaft turned since power-on, below 2^32, and what the board takes a turn to
+    be. `None`: no encoder, or no stepper that meters."""
 
     seq: int
     counts: int | None
@@ -85,7 +95,8 @@ class ShaftTurned(NamedTuple):
 
 
 def crc16(payload: bytes) -> int:
-    """CRC-16/CCITT-FALSE: polynomial 0x1021, start 0xFFFF, nothing reflected; `123456789` gives 0x29B1."""
+    """CRC-16/CCITT-FALSE: polynomial 0x1021, start 0xFFFF, nothing reflected; `123456789` gives
+    0x29B1."""
     return binascii.crc_hqx(payload, 0xFFFF)
 
 
@@ -111,12 +122,16 @@ def encode_command(frame: CommandFrame) -> bytes:
     ------
     ValueError : a set-point that is not finite or that the protocol does not allow.
     """
-    for name, value, (low, high) in (("shaft_rpm", frame.shaft_rpm, COMMAND_SHAFT_RPM),
-                                     ("opening_mm", frame.opening_mm, COMMAND_OPENING_MM)):
+    for name, value, (low, high) in (
+        ("shaft_rpm", frame.shaft_rpm, COMMAND_SHAFT_RPM),
+        ("opening_mm", frame.opening_mm, COMMAND_OPENING_MM),
+    ):
         if not low <= value <= high:
             raise ValueError(f"board command: {name} {value}, allowed is {low:g} to {high:g}")
     if frame.valves is not None and not 0 <= frame.valves < 1 << MOST_VALVES:
-        raise ValueError(f"board command: valves {frame.valves}, allowed is 0 to {(1 << MOST_VALVES) - 1}")
+        raise ValueError(
+            f"board command: valves {frame.valves}, allowed is 0 to {(1 << MOST_VALVES) - 1}"
+        )
     said = f"{frame.shaft_rpm:.3f},{frame.opening_mm:.3f},{frame.enable:d}"
     valves = "" if frame.valves is None else f",{frame.valves}"
     if frame.word is not None:
@@ -137,31 +152,53 @@ def decode_turned(frame: bytes) -> ShaftTurned:
     """Raises ValueError with its kind."""
     seq, *said = open_frame(frame, TURNED, 5)
     (counts, per_count), (steps, per_step) = (
-        (whole(said[k], COUNTERS - 1), number(said[k + 1], 1.0, 100000.0)) if said[k] else (None, None) for k in (0, 2))
+        (whole(said[k], COUNTERS - 1), number(said[k + 1], 1.0, 100000.0))
+        if said[k]
+        else (None, None)
+        for k in (0, 2)
+    )
     return ShaftTurned(whole(seq, SEQUENCES - 1), counts, per_count, steps, per_step)
 
 
 def decode_status(frame: bytes) -> StatusFrame:
     """A frame as received, without `$` and line end. Raises ValueError with its kind."""
-    name = next((name for name in (STATUS_VALVES, STATUS_EFFORT) if frame.startswith(name.encode())), STATUS)
+    name = next(
+        (name for name in (STATUS_VALVES, STATUS_EFFORT) if frame.startswith(name.encode())), STATUS
+    )
     fields = open_frame(frame, name, {STATUS: 13, STATUS_VALVES: 14, STATUS_EFFORT: 16}[name])
     seq, echo = (whole(text, SEQUENCES - 1) for text in fields[:2])
     micros, pulses, pulse_micros = (whole(text, COUNTERS - 1) for text in fields[2:5])
     shaft_rpm = number(fields[5], *STATUS_RANGES["shaft_rpm"])
     opening_mm = number(fields[6], *STATUS_RANGES["opening_mm"])
-    fitted = [number(text, *STATUS_RANGES[name]) if text else None
-              for name, text in zip(MEASURED[2:], fields[7:11], strict=True)]
+    fitted = [
+        number(text, *STATUS_RANGES[name]) if text else None
+        for name, text in zip(MEASURED[2:], fields[7:11], strict=True)
+    ]
     hopper_kg, supply_v, pitch_deg, roll_deg = fitted
     work_switch = bool(whole(fields[11], 1)) if fields[11] else None
     valved = name == STATUS_VALVES or (name == STATUS_EFFORT and fields[13] != b"")
-    return StatusFrame(seq, echo, micros, pulses, pulse_micros, shaft_rpm, opening_mm, hopper_kg, supply_v,
-                       pitch_deg, roll_deg, work_switch, whole(fields[12], 255),
-                       whole(fields[13], (1 << MOST_VALVES) - 1) if valved else None,
-                       *(number(text, *EFFORT) if text else None for text in fields[14:]))
+    return StatusFrame(
+        seq,
+        echo,
+        micros,
+        pulses,
+        pulse_micros,
+        shaft_rpm,
+        opening_mm,
+        hopper_kg,
+        supply_v,
+        pitch_deg,
+        roll_deg,
+        work_switch,
+        whole(fields[12], 255),
+        whole(fields[13], (1 << MOST_VALVES) - 1) if valved else None,
+        *(number(text, *EFFORT) if text else None for text in fields[14:]),
+    )
 
 
 def open_frame(frame: bytes, kind: str, count: int) -> list[bytes]:
-    """The fields after the frame's name, once CRC, name and number of fields are right. Raises Rejected."""
+    """The fields after the frame's name, once CRC, name and number of fields are right. Raises
+    Rejected."""
     payload, star, crc = frame.partition(b"*")
     crc = crc.strip()
     if not star or not crc:

@@ -1,8 +1,10 @@
 """Canopy heads that write one ASCII line a sample: GreenSeeker, Crop Circle ACS-430 and ACS-435.
 
-Six heads come on six ports, one decoder each, or on one multiplexed line on which every line is preceded by the head
-that it belongs to, counted from 1 at the left: `H3,<the head's own line>`. See docs/protocol-heads.md.
+Six heads come on six ports, one decoder each, or on one multiplexed line on which every line is
+preceded by the head that it belongs to, counted from 1 at the left: `H3,<the head's own line>`.
+See docs/protocol-heads.md.
 """
+
 from __future__ import annotations
 
 import re
@@ -19,13 +21,15 @@ _HEAD = re.compile(rb"H([1-9]\d?)")
 
 
 class HeadFields(NamedTuple):
-    """Which field of a head's line means what; the first field is 1, and 0 stands for "not on the line"."""
+    """Which field of a head's line means what; the first field is 1, and 0 stands for "not on
+    the line"."""
 
     fields: int
     ndvi: int
-    index_2: int = 0        # the head's second index, e.g. NDRE
+    index_2: int = 0  # the head's second index, e.g. NDRE
     baud: int = 38400
-    index_2_is: str = ""    # what that is: ndre, or "" where the head's owner chooses it
+    # what that is: ndre, or "" where the head's owner chooses it
+    index_2_is: str = ""
 
 
 PROTOCOLS: dict[str, HeadFields] = {
@@ -44,8 +48,8 @@ def head_fields(protocol: str) -> HeadFields | None:
 class HeadSample(NamedTuple):
     """One accepted sample of one head."""
 
-    time_s: float               # arrival on the loop's clock
-    head: int                   # 1-based, from the left
+    time_s: float  # arrival on the loop's clock
+    head: int  # 1-based, from the left
     ndvi: float
     index_2: float | None = None
 
@@ -63,11 +67,13 @@ class HeadDecoder(LineDecoder[HeadSample]):
     ------
     ValueError : a field map that points outside the line.
 
-    Counted as rejected: `wrong_field_count`, `not_a_number`, `out_of_range` (NDVI outside -1 to 1, or a second index
-    beyond 100 either way), `unprintable` (a byte that is no ASCII text, in any field), `unknown_head` (multiplexed: no
-    `H<n>` in front, or no such head), `overlong`. Counted as ignored: `partial_first` (the line that was under way when
-    the port was opened), `comment` (lines beginning with #). The lines carry no checksum: a digit changed on the wire
-    into another digit cannot be seen here; the fusion of six heads by their median is what withstands it.
+    Counted as rejected: `wrong_field_count`, `not_a_number`, `out_of_range` (NDVI outside -1 to
+    1, or a second index beyond 100 either way), `unprintable` (a byte that is no ASCII text, in
+    any field), `unknown_head` (multiplexed: no `H<n>` in front, or no such head), `overlong`.
+    Counted as ignored: `partial_first` (the line that was under way when the port was opened),
+    `comment` (lines beginning with #). The lines carry no checksum: a digit changed on the wire
+    into another digit cannot be seen here; the fusion of six heads by their median is what
+    withstands it.
     """
 
     longest = 200
@@ -76,7 +82,9 @@ class HeadDecoder(LineDecoder[HeadSample]):
         for what, number in (("ndvi", fields.ndvi), ("index_2", fields.index_2)):
             lowest = 1 if what == "ndvi" else 0
             if not lowest <= number <= fields.fields:
-                raise ValueError(f"field map: {what} is field {number}, allowed is {lowest} to {fields.fields}")
+                raise ValueError(
+                    f"field map: {what} is field {number}, allowed is {lowest} to {fields.fields}"
+                )
         super().__init__()
         self._map = fields
         self._head = head

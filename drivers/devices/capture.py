@@ -1,13 +1,16 @@
-r"""Raw captures of one device's line: what came and went, with times. Nothing is lost: `received` gives the bytes back.
+r"""Raw captures of one device's line: what came and went, with times. Nothing is lost:
+`received` gives the bytes back.
 
     # topdress-capture/1 gnss nmea0183 socket://127.0.0.1:4100
     12.345 < $GPGGA,...*47\r\n
     12.350 > $T1,...
 
-Times in s on the worker's clock (the run log's `time_s`, but for the time of its first row). One line for each line of
-the device, cut also where bytes came at different times; backslash and what is not printable ASCII as `\xNN`, ends of
-lines as `\r`, `\n`. Of datagrams each has a line of its own.
+Times in s on the worker's clock (the run log's `time_s`, but for the time of its first row).
+One line for each line of the device, cut also where bytes came at different times; backslash
+and what is not printable ASCII as `\xNN`, ends of lines as `\r`, `\n`. Of datagrams each has a
+line of its own.
 """
+
 from __future__ import annotations
 
 import re
@@ -27,7 +30,9 @@ def header(name: str, protocol: str, port: str) -> bytes:
 def captured(time_s: float, direction: str, data: bytes) -> bytes:
     """What was received (`<`) or sent (`>`) at `time_s`, as lines of a capture."""
     begin = f"{time_s:.3f} {direction} "
-    return "".join(f"{begin}{_printable(piece)}\n" for piece in data.splitlines(keepends=True)).encode()
+    return "".join(
+        f"{begin}{_printable(piece)}\n" for piece in data.splitlines(keepends=True)
+    ).encode()
 
 
 def is_capture(data: bytes) -> bool:
@@ -47,14 +52,18 @@ def received(capture: bytes) -> bytes:
             continue
         match = _LINE.fullmatch(line)
         if match is None:
-            raise ValueError(f"line {number}: {line[:40]!r}: allowed is TIME_S < BYTES or TIME_S > BYTES")
+            raise ValueError(
+                f"line {number}: {line[:40]!r}: allowed is TIME_S < BYTES or TIME_S > BYTES"
+            )
         if match[1] == b"<":
             found.append(_ESCAPE.sub(_unescaped, match[2]))
     return b"".join(found)
 
 
 def _printable(data: bytes) -> str:
-    return "".join(_ESCAPED.get(byte) or (chr(byte) if 32 <= byte < 127 else f"\\x{byte:02x}") for byte in data)
+    return "".join(
+        _ESCAPED.get(byte) or (chr(byte) if 32 <= byte < 127 else f"\\x{byte:02x}") for byte in data
+    )
 
 
 def _unescaped(match: re.Match[bytes]) -> bytes:

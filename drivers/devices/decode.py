@@ -1,4 +1,5 @@
 """A raw capture of one device, read through its real driver: what `topdress decode` shows."""
+
 from __future__ import annotations
 
 from collections.abc import Callable
@@ -20,28 +21,27 @@ from drivers.plugins import plugged
 
 Record = dict[str, float | int | str | None]
 
-# A capture holds no arrival times: bytes are taken to have come at 9600 baud, the usual rate of a receiver. Only what
-# depends on the order of seconds uses it (when a receiver's clock that jumped back is believed).
+# A capture holds no arrival times: bytes are taken to have come at 9600 baud, the usual rate of
+# a receiver. Only what depends on the order of seconds uses it (when a receiver's clock that
+# jumped back is believed).
 BYTES_PER_S = 960.0
 PIECE_BYTES = 96
 
 
 def decode(protocol: str, data: bytes) -> tuple[list[Record], Counts]:
-    """Every accepted measurement of a capture, with the run log's column names, and the counts by kind.
+    """Every accepted measurement of a capture, with the run log's column names, and the counts
+    by kind.
 
-    Parameters
-    ----------
-    protocol : one of `PROTOCOLS`; a head protocol with `-multi` behind it is the multiplexed line.
-    data : the capture, whole: the bare bytes of the line, or what the console wrote (`drivers.devices.capture`).
+    Parameters ---------- protocol : one of `PROTOCOLS`; a head protocol with `-multi` behind it
+    is the multiplexed line. data : the capture, whole: the bare bytes of the line, or what the
+    console wrote (`drivers.devices.capture`).
 
-    Returns
-    -------
-    records : one dict per accepted epoch, sample or status line, in order; None where the device did not say.
-    counts : sentences or frames read, accepted, rejected by kind, ignored by kind.
+    Returns ------- records : one dict per accepted epoch, sample or status line, in order; None
+    where the device did not say. counts : sentences or frames read, accepted, rejected by kind,
+    ignored by kind.
 
-    Raises
-    ------
-    ValueError : an unknown protocol; the message lists the known ones. A capture of the console's with a wrong line.
+    Raises ------ ValueError : an unknown protocol; the message lists the known ones. A capture
+    of the console's with a wrong line.
     """
     name = protocol.removesuffix("-multi")
     if protocol not in PROTOCOLS and (device := plugged("devices", name)) is not None:
@@ -54,42 +54,77 @@ def decode(protocol: str, data: bytes) -> tuple[list[Record], Counts]:
     return PROTOCOLS[protocol](received(data) if is_capture(data) else data)
 
 
-def _through(decoder: Any, to_record: Callable[[Any], Record], data: bytes) -> tuple[list[Record], Counts]:
+def _through(
+    decoder: Any, to_record: Callable[[Any], Record], data: bytes
+) -> tuple[list[Record], Counts]:
     readings = []
     for start in range(0, len(data), PIECE_BYTES):
-        readings += decoder.feed(data[start:start + PIECE_BYTES], start / BYTES_PER_S)
+        readings += decoder.feed(data[start : start + PIECE_BYTES], start / BYTES_PER_S)
     readings += decoder.flush(len(data) / BYTES_PER_S)
     counts: Counts = decoder.counts
     return [to_record(reading) for reading in readings], counts
 
 
 def _heads(layout: HeadFields, multiplexed: bool, data: bytes) -> tuple[list[Record], Counts]:
-    return _through(HeadDecoder(layout, head=None if multiplexed else 1),
-                    lambda sample: {f"ndvi_{sample.head}": sample.ndvi}, data)
+    return _through(
+        HeadDecoder(layout, head=None if multiplexed else 1),
+        lambda sample: {f"ndvi_{sample.head}": sample.ndvi},
+        data,
+    )
 
 
 def _fix_record(fix: GnssFix) -> Record:
-    return {"utc": fix.utc, "lat_deg": fix.lat_deg, "lon_deg": fix.lon_deg, "fix_quality": fix.fix_quality,
-            "satellites": fix.satellites, "hdop": fix.hdop, "heading_deg": fix.heading_deg, "speed_mps": fix.speed_mps}
+    return {
+        "utc": fix.utc,
+        "lat_deg": fix.lat_deg,
+        "lon_deg": fix.lon_deg,
+        "fix_quality": fix.fix_quality,
+        "satellites": fix.satellites,
+        "hdop": fix.hdop,
+        "heading_deg": fix.heading_deg,
+        "speed_mps": fix.speed_mps,
+    }
 
 
 def _board_record(readings: BoardReadings) -> Record:
-    names = ("wheel_speed_mps", "pitch_deg", "roll_deg", "shaft_rpm", "opening_mm", "hopper_kg", "supply_v",
-             "shaft_effort", "gate_effort")
-    record: Record = {name: value.value if (value := getattr(readings, name)) is not None else None for name in names}
+    names = (
+        "wheel_speed_mps",
+        "pitch_deg",
+        "roll_deg",
+        "shaft_rpm",
+        "opening_mm",
+        "hopper_kg",
+        "supply_v",
+        "shaft_effort",
+        "gate_effort",
+    )
+    record: Record = {
+        name: value.value if (value := getattr(readings, name)) is not None else None
+        for name in names
+    }
     record["work_switch"] = None if readings.work_switch is None else int(readings.work_switch)
     return record
 
 
 def _rate_line(data: bytes) -> tuple[list[Record], Counts]:
-    return _through(RateLineDecoder(), lambda said: {
-        "target_rate_kg_ha" if said.is_target else "applied_rate_kg_ha": said.rate_kg_ha}, data)
+    return _through(
+        RateLineDecoder(),
+        lambda said: {
+            "target_rate_kg_ha" if said.is_target else "applied_rate_kg_ha": said.rate_kg_ha
+        },
+        data,
+    )
 
 
 def _tractor(data: bytes) -> tuple[list[Record], Counts]:
-    return _through(TractorSpeedDecoder(), lambda announced: {
-        "acceleration_mps2": announced.acceleration_mps2,
-        **{f"speed_mps_in_{in_s:g}_s": mps for in_s, mps in announced.points}}, data)
+    return _through(
+        TractorSpeedDecoder(),
+        lambda announced: {
+            "acceleration_mps2": announced.acceleration_mps2,
+            **{f"speed_mps_in_{in_s:g}_s": mps for in_s, mps in announced.points},
+        },
+        data,
+    )
 
 
 PROTOCOLS: dict[str, Callable[[bytes], tuple[list[Record], Counts]]] = {

@@ -1,14 +1,18 @@
-"""GNSS receivers speaking NMEA 0183: GGA, RMC, VTG, GNS and GLL grouped into epochs of one UTC time, ZDA for the date.
+"""GNSS receivers speaking NMEA 0183: GGA, RMC, VTG, GNS and GLL grouped into epochs of one UTC
+time, ZDA for the date.
 
-GNS, then GLL, serve receivers that send no GGA, and talkers that are no receivers (IN, EC, ...) lines on which none
-speaks: what stands behind another is ignored until that has been silent for 5 s.
+GNS, then GLL, serve receivers that send no GGA, and talkers that are no receivers (IN, EC, ...)
+lines on which none speaks: what stands behind another is ignored until that has been silent for
+5 s.
 
-Latency: a fix is handed over with the sentence that ended the last epochs (the last type that the last two epochs
-have in common), so nothing is added to the receiver's own sending time. Only the very first epoch, and one whose
-ending sentence was lost, wait for the next epoch to begin: one period. A sentence that comes after the hand-over and
-brings a speed which the fix did not have yet hands the same epoch over again, completed. `GnssFix.time_s` is always the
+Latency: a fix is handed over with the sentence that ended the last epochs (the last type that
+the last two epochs have in common), so nothing is added to the receiver's own sending time.
+Only the very first epoch, and one whose ending sentence was lost, wait for the next epoch to
+begin: one period. A sentence that comes after the hand-over and brings a speed which the fix
+did not have yet hands the same epoch over again, completed. `GnssFix.time_s` is always the
 arrival of the epoch's first sentence, so that a late hand-over never looks fresh.
 """
+
 from __future__ import annotations
 
 from dataclasses import dataclass, field
@@ -20,8 +24,10 @@ from drivers.devices.nmea import GNSS_TALKERS, Sentence, parse
 
 DAY_MS = 86_400_000
 BEHIND = {"GNS": ("GGA",), "GLL": ("GGA", "GNS", "RMC")}
-STANDS_BEHIND_S = 5.0       # a lesser source of places counts when the better one has been silent for so long
-NEW_CLOCK_AFTER_S = 5.0     # a receiver whose time has run on behind the old one this long has a new clock
+# a lesser source of places counts when the better one has been silent for so long
+STANDS_BEHIND_S = 5.0
+# a receiver whose time has run on behind the old one this long has a new clock
+NEW_CLOCK_AFTER_S = 5.0
 
 
 @dataclass(slots=True)
@@ -39,22 +45,20 @@ class _Epoch:
 class GnssDecoder(LineDecoder[GnssFix]):
     """Bytes to fixes.
 
-    Counted as rejected:
-    `bad_checksum`, `missing_checksum`, `malformed`, `impossible_value`;
-    `time_backwards`: earlier than the epoch before, and a VTG that follows. After 5 s of time running on from there
-    it is taken for the receiver's new clock;
-    `duplicate_epoch`: the same talker says the same type for the same time again; the first stays;
-    `garbage` (text that is no sentence), `overlong`.
+    Counted as rejected: `bad_checksum`, `missing_checksum`, `malformed`, `impossible_value`;
+    `time_backwards`: earlier than the epoch before, and a VTG that follows. After 5 s of time
+    running on from there it is taken for the receiver's new clock; `duplicate_epoch`: the same
+    talker says the same type for the same time again; the first stays; `garbage` (text that is
+    no sentence), `overlong`.
 
-    Counted as ignored:
-    every other sentence type by its name (ZDA too, though its date is taken; GNS and GLL that stand behind GGA; talkers
-    that stand behind a receiver, with their type), `no_fix`, `comment` (lines beginning with #);
-    `other_talker`: a second constellation's sentence for the same epoch; the first stays;
-    `no_epoch`: VTG carries no time, and there is no epoch yet that it could belong to.
+    Counted as ignored: every other sentence type by its name (ZDA too, though its date is
+    taken; GNS and GLL that stand behind GGA; talkers that stand behind a receiver, with their
+    type), `no_fix`, `comment` (lines beginning with #); `other_talker`: a second
+    constellation's sentence for the same epoch; the first stays; `no_epoch`: VTG carries no
+    time, and there is no epoch yet that it could belong to.
 
-    Parameters
-    ----------
-    live : hand over at the earliest moment (see the module's text). False, for recordings: each epoch once, whole,
+    Parameters ---------- live : hand over at the earliest moment (see the module's text).
+    False, for recordings: each epoch once, whole,
         when the next one begins or at `flush`.
     """
 
@@ -65,9 +69,12 @@ class GnssDecoder(LineDecoder[GnssFix]):
         self._live = live
         self._epoch: _Epoch | None = None
         self._types_of_last_epochs: tuple[list[str], list[str]] = ([], [])
-        self._dated: tuple[date, int] | None = None         # newest date, and the time of day it came with
-        self._behind: tuple[int, float] | None = None       # last backward time of day, arrival of the first
-        self._heard_s: dict[str, float] = {}                # types of sentences, and "receiver" -> when they spoke last
+        # newest date, and the time of day it came with
+        self._dated: tuple[date, int] | None = None
+        # last backward time of day, arrival of the first
+        self._behind: tuple[int, float] | None = None
+        # types of sentences, and "receiver" -> when they spoke last
+        self._heard_s: dict[str, float] = {}
 
     def flush(self, time_s: float) -> list[GnssFix]:
         """At the end of a recording: the last line and the last epoch."""
@@ -83,7 +90,7 @@ class GnssDecoder(LineDecoder[GnssFix]):
         try:
             return self._take(self._first_hand(parse(sentence), time_s), time_s)
         except Ignored as kind:
-            if str(kind) == "no_fix":           # it speaks, and says that it does not know
+            if str(kind) == "no_fix":  # it speaks, and says that it does not know
                 self._note(sentence[:2].decode(), sentence[2:5].decode(), time_s)
             raise
 
@@ -99,7 +106,9 @@ class GnssDecoder(LineDecoder[GnssFix]):
         receiver = sentence.talker in GNSS_TALKERS
         if not receiver and self._spoke("receiver", time_s):
             raise Ignored(sentence.talker + sentence.type)
-        if sentence.type in BEHIND and any(self._spoke(kind, time_s) for kind in BEHIND[sentence.type]):
+        if sentence.type in BEHIND and any(
+            self._spoke(kind, time_s) for kind in BEHIND[sentence.type]
+        ):
             raise Ignored(sentence.type)
         self._note(sentence.talker, sentence.type, time_s)
         return sentence
@@ -132,7 +141,8 @@ class GnssDecoder(LineDecoder[GnssFix]):
         return closed
 
     def _epoch_of(self, sentence: Sentence, time_s: float) -> tuple[_Epoch, list[GnssFix]]:
-        """The epoch that a sentence belongs to, a new one where it begins one; the fix of the one that it closes."""
+        """The epoch that a sentence belongs to, a new one where it begins one; the fix of the
+        one that it closes."""
         epoch = self._epoch
         if sentence.time_of_day_ms is None:
             if epoch is None:
@@ -170,29 +180,42 @@ class GnssDecoder(LineDecoder[GnssFix]):
         return [] if epoch.handed_over else [self._fix(epoch)]
 
     def _fix(self, epoch: _Epoch) -> GnssFix:
-        gga, gns, gll, rmc, vtg = (epoch.sentences.get(kind) for kind in ("GGA", "GNS", "GLL", "RMC", "VTG"))
+        gga, gns, gll, rmc, vtg = (
+            epoch.sentences.get(kind) for kind in ("GGA", "GNS", "GLL", "RMC", "VTG")
+        )
         place = gga or gns or rmc or gll
         assert place is not None and place.lat_deg is not None and place.lon_deg is not None
         moving = rmc if rmc is not None and rmc.speed_mps is not None else vtg
         headed = rmc if rmc is not None and rmc.heading_deg is not None else vtg
         return GnssFix(
-            time_s=epoch.first_s, lat_deg=place.lat_deg, lon_deg=place.lon_deg,
-            fix_quality=place.fix_quality or 0, satellites=place.satellites, hdop=place.hdop,
-            speed_mps=moving.speed_mps if moving else None, heading_deg=headed.heading_deg if headed else None,
-            utc=self._utc(epoch.time_of_day_ms))
+            time_s=epoch.first_s,
+            lat_deg=place.lat_deg,
+            lon_deg=place.lon_deg,
+            fix_quality=place.fix_quality or 0,
+            satellites=place.satellites,
+            hdop=place.hdop,
+            speed_mps=moving.speed_mps if moving else None,
+            heading_deg=headed.heading_deg if headed else None,
+            utc=self._utc(epoch.time_of_day_ms),
+        )
 
     def _utc(self, time_of_day_ms: int) -> str | None:
         if self._dated is None:
             return None
         day, dated_ms = self._dated
-        if time_of_day_ms < dated_ms - DAY_MS // 2:     # past midnight, and no RMC has given the new date yet
+        # past midnight, and no RMC has given the new date yet
+        if time_of_day_ms < dated_ms - DAY_MS // 2:
             day += timedelta(days=1)
-        elif time_of_day_ms > dated_ms + DAY_MS // 2:   # the new date came ahead of the last epoch of the old one
+        # the new date came ahead of the last epoch of the old one
+        elif time_of_day_ms > dated_ms + DAY_MS // 2:
             day -= timedelta(days=1)
-        at = datetime(day.year, day.month, day.day, tzinfo=UTC) + timedelta(milliseconds=time_of_day_ms)
+        at = datetime(day.year, day.month, day.day, tzinfo=UTC) + timedelta(
+            milliseconds=time_of_day_ms
+        )
         return at.strftime("%Y-%m-%dT%H:%M:%S.") + f"{time_of_day_ms % 1000:03d}Z"
 
 
 def _ahead_ms(later_ms: int, earlier_ms: int) -> int:
-    """How far one time of day is ahead of another, the shorter way round midnight: -12 h to 12 h."""
+    """How far one time of day is ahead of another, the shorter way round midnight: -12 h to 12
+    h."""
     return (later_ms - earlier_ms + DAY_MS // 2) % DAY_MS - DAY_MS // 2

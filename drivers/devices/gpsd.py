@@ -1,4 +1,6 @@
-"""gpsd: JSON objects, one a line, over TCP. TPV is a fix, SKY the satellites in it; VERSION greets."""
+"""gpsd: JSON objects, one a line, over TCP. TPV is a fix, SKY the satellites in it; VERSION
+greets."""
+
 from __future__ import annotations
 
 import json
@@ -12,16 +14,17 @@ from drivers.devices.lines import Ignored, LineDecoder, Rejected
 from drivers.devices.nmea import FASTEST_MPS, LARGEST_HDOP
 
 WATCH = b'?WATCH={"enable":true,"json":true};\n'
-QUALITY_OF_STATUS = {0: 1, 1: 1, 2: 2, 3: 4, 4: 5, 5: 6, 6: 6, 7: 1, 8: 8, 9: 3}    # gpsd's status in GGA's numbers
+# gpsd's status in GGA's numbers
+QUALITY_OF_STATUS = {0: 1, 1: 1, 2: 2, 3: 4, 4: 5, 5: 6, 6: 6, 7: 1, 8: 8, 9: 3}
 _UTC = re.compile(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d(\.\d+)?Z")
 
 
 class GpsdDecoder(LineDecoder[GnssFix]):
     """Bytes of a gpsd connection to fixes. Send `WATCH` after every connect.
 
-    Counted as rejected: `malformed` (no JSON object), `impossible_value`, `time_backwards`, `duplicate_epoch`,
-    `overlong`. Counted as ignored: every other class by its name, `no_fix`, `other_device` (gpsd may serve several
-    receivers; the first that has a fix stays).
+    Counted as rejected: `malformed` (no JSON object), `impossible_value`, `time_backwards`,
+    `duplicate_epoch`, `overlong`. Counted as ignored: every other class by its name, `no_fix`,
+    `other_device` (gpsd may serve several receivers; the first that has a fix stays).
     """
 
     longest = 16384
@@ -56,7 +59,8 @@ class GpsdDecoder(LineDecoder[GnssFix]):
         return self._fix(said, time_s) if name == "TPV" else self._sky(said)
 
     def _poll(self, said: dict[str, Any], time_s: float) -> list[GnssFix]:
-        """An answer to ?POLL holds the newest reports of each receiver: those of the one that is used."""
+        """An answer to ?POLL holds the newest reports of each receiver: those of the one that
+        is used."""
         found: list[GnssFix] | Ignored | Rejected = Ignored("POLL")
         for name, kind in (("sky", "SKY"), ("tpv", "TPV")):
             reports = said.get(name, [])
@@ -64,7 +68,9 @@ class GpsdDecoder(LineDecoder[GnssFix]):
                 raise Rejected("malformed")
             for report in reports:
                 try:
-                    taken: list[GnssFix] | Ignored | Rejected = self._take({**report, "class": kind}, time_s)
+                    taken: list[GnssFix] | Ignored | Rejected = self._take(
+                        {**report, "class": kind}, time_s
+                    )
                 except (Ignored, Rejected) as why:
                     taken = why
                 if not (isinstance(found, list) and found) or (isinstance(taken, list) and taken):
@@ -107,12 +113,23 @@ class GpsdDecoder(LineDecoder[GnssFix]):
         device = said.get("device")
         if isinstance(device, str):
             self._device = device
-        return [GnssFix(time_s, lat_deg, lon_deg, QUALITY_OF_STATUS[int(status or 0)], self._satellites, self._hdop,
-                        speed_mps, None if heading_deg is None else heading_deg % 360.0,
-                        None if utc is None else utc[:19] + (utc[19:-1] + ".000")[:4] + "Z")]
+        return [
+            GnssFix(
+                time_s,
+                lat_deg,
+                lon_deg,
+                QUALITY_OF_STATUS[int(status or 0)],
+                self._satellites,
+                self._hdop,
+                speed_mps,
+                None if heading_deg is None else heading_deg % 360.0,
+                None if utc is None else utc[:19] + (utc[19:-1] + ".000")[:4] + "Z",
+            )
+        ]
 
     def _new_clock(self, time_s: float) -> bool:
-        """Whether the receiver's time has run on behind the old one for long enough to be its new clock."""
+        """Whether the receiver's time has run on behind the old one for long enough to be its
+        new clock."""
         if self._behind_since_s is None:
             self._behind_since_s = time_s
         return time_s - self._behind_since_s >= NEW_CLOCK_AFTER_S
@@ -128,15 +145,13 @@ def _is_utc(said: object) -> bool:
     return True
 
 
-
-
-
 def _number(said: dict[str, Any], key: str, low: float, high: float) -> float | None:
     value = said.get(key)
     if value is None:
         return None
     if isinstance(value, bool) or not isinstance(value, (int, float)):
         raise Rejected("malformed")
-    if not low <= value <= high:                # also for what is no number, and for whole ones of any length
+    # also for what is no number, and for whole ones of any length
+    if not low <= value <= high:
         raise Rejected("impossible_value")
     return float(value)

@@ -1,4 +1,6 @@
-"""Host side of the lag rig: its lines to readings, orders to lines. See docs/protocol-lag-rig.md; lag paper, 1.2."""
+"""Host side of the lag rig: its lines to readings, orders to lines. See
+docs/protocol-lag-rig.md; lag paper, 1.2."""
+
 from __future__ import annotations
 
 import math
@@ -11,7 +13,8 @@ from drivers.devices.board_frames import COUNTERS, is_repeat, open_frame
 from drivers.devices.lines import LineDecoder, Rejected
 
 ORDER, STATUS = "R1", "L1"
-CLOCK_BLOCK_S = 10.0        # crystals drift by some 50 ppm: the least delay is looked for in the last two blocks
+# crystals drift by some 50 ppm: the least delay is looked for in the last two blocks
+CLOCK_BLOCK_S = 10.0
 
 
 class RigStatus(NamedTuple):
@@ -29,7 +32,8 @@ class RigStatus(NamedTuple):
 
 
 class RigReadings(NamedTuple):
-    """One accepted line. `start_s` on the host's clock; `drop_s` on the rig's own, which no link delays."""
+    """One accepted line. `start_s` on the host's clock; `drop_s` on the rig's own, which no
+    link delays."""
 
     time_s: float
     run: int
@@ -44,8 +48,9 @@ class RigReadings(NamedTuple):
 class LagRig(LineDecoder[RigReadings]):
     """Bytes of the rig to readings, orders to bytes. Opens nothing and reads no clock.
 
-    The rig's clock is laid over the host's by the line of the last 10 to 20 s that came with the least delay: `start_s`
-    is late by that least delay (1 to 3 ms at 115 200 Bd, and less than one tick where bytes are stamped once a tick).
+    The rig's clock is laid over the host's by the line of the last 10 to 20 s that came with
+    the least delay: `start_s` is late by that least delay (1 to 3 ms at 115 200 Bd, and less
+    than one tick where bytes are stamped once a tick).
 
     Counted as rejected: as the slave board's lines, see `slave_board.SlaveBoard`.
     """
@@ -56,22 +61,27 @@ class LagRig(LineDecoder[RigReadings]):
         super().__init__()
         self._last_seq: int | None = None
         self._next_order = 0
-        self._micros: int | None = None     # the rig's clock, run on over its wraps
-        self._offsets_s = [math.inf, math.inf]      # host's clock less the rig's: least of the last block, of this one
+        self._micros: int | None = None  # the rig's clock, run on over its wraps
+        # host's clock less the rig's: least of the last block, of this one
+        self._offsets_s = [math.inf, math.inf]
         self._block_s = -math.inf
 
     def _said(self, sentence: bytes, time_s: float) -> list[RigReadings]:
         return [self._take(decode_status(sentence), time_s)]
 
     def order(self, run: int, arm: bool) -> bytes:
-        """Arm the rig for a run of that number, or let it idle. Sent again and again, it does no harm."""
+        """Arm the rig for a run of that number, or let it idle. Sent again and again, it does
+        no harm."""
         count, self._next_order = self._next_order, (self._next_order + 1) % SEQUENCES
         return seal(f"{ORDER},{count},{run % SEQUENCES},{arm:d}")
 
     def _take(self, status: RigStatus, time_s: float) -> RigReadings:
         if is_repeat(status.seq, self._last_seq):
             raise Rejected("repeated_sequence")
-        restarted = self._last_seq is not None and (self._last_seq - status.seq) % SEQUENCES < SEQUENCES // 2
+        restarted = (
+            self._last_seq is not None
+            and (self._last_seq - status.seq) % SEQUENCES < SEQUENCES // 2
+        )
         self._last_seq = status.seq
         if restarted:
             self._micros, self._offsets_s = None, [math.inf, math.inf]
@@ -84,10 +94,15 @@ class LagRig(LineDecoder[RigReadings]):
         start_us = self._before(status, status.start_micros)
         land_us = self._before(status, status.land_micros)
         return RigReadings(
-            time_s, status.run, status.state, Reading(status.shaft_rpm, time_s),
+            time_s,
+            status.run,
+            status.state,
+            Reading(status.shaft_rpm, time_s),
             None if start_us is None else start_us * 1e-6 + min(self._offsets_s),
             None if start_us is None or land_us is None else (land_us - start_us) * 1e-6,
-            bool(status.flags & TURNED_BEFORE), bool(status.flags & PLATE_BEFORE))
+            bool(status.flags & TURNED_BEFORE),
+            bool(status.flags & PLATE_BEFORE),
+        )
 
     def _before(self, status: RigStatus, micros: int | None) -> int | None:
         """A moment of the past on the rig's clock, run on."""

@@ -1,9 +1,12 @@
-"""The lag paper's measuring procedure (section 1.2 and tables 2 to 4): shaft speeds in steps of 10 r/min, ten repeats.
+"""The lag paper's measuring procedure (section 1.2 and tables 2 to 4): shaft speeds in steps of
+10 r/min, ten repeats.
 
-Each run: the shaft stands and the plate is quiet; the rig is armed; the set-point is sent; at 2 r/min the rig starts
-its clock, the first granule on the plate stops it. Response = command to 2 r/min, drop = 2 r/min to landing.
-Pure: readings and times in, set-points and orders out. It never starts a shaft by itself: the caller's safety does.
+Each run: the shaft stands and the plate is quiet; the rig is armed; the set-point is sent; at 2
+r/min the rig starts its clock, the first granule on the plate stops it. Response = command to 2
+r/min, drop = 2 r/min to landing. Pure: readings and times in, set-points and orders out. It
+never starts a shaft by itself: the caller's safety does.
 """
+
 from __future__ import annotations
 
 from collections.abc import Iterable
@@ -21,10 +24,11 @@ class Plan(NamedTuple):
 
     shaft_rpm: tuple[float, ...] = (10.0, 20.0, 30.0, 40.0, 50.0, 60.0, 70.0)
     repeats: int = 10
-    settle_s: float = 3.0           # standing, so that what was in the tubes has landed
-    arm_s: float = 1.0              # the rig must say "armed" within
-    longest_s: float = 8.0          # from command to landing
-    tries: int = 3                  # of one run, before it is left out
+    # standing, so that what was in the tubes has landed
+    settle_s: float = 3.0
+    arm_s: float = 1.0  # the rig must say "armed" within
+    longest_s: float = 8.0  # from command to landing
+    tries: int = 3  # of one run, before it is left out
 
 
 class LagRun(NamedTuple):
@@ -47,11 +51,12 @@ class Wish(NamedTuple):
     run: int
     arm: bool
     phase: Phase
-    said: str = ""                  # a run that failed, and why
+    said: str = ""  # a run that failed, and why
 
 
 class _RigTest:
-    """What both procedures do first: the shaft must stand for so long that what was in the tubes has landed."""
+    """What both procedures do first: the shaft must stand for so long that what was in the
+    tubes has landed."""
 
     def __init__(self, settle_s: float) -> None:
         self._settle_s = settle_s
@@ -67,9 +72,11 @@ class _RigTest:
 
 
 class LagTest(_RigTest):
-    """Runs through a plan, one `tick` after the other; measured runs are in `runs`, those given up in `left_out`.
+    """Runs through a plan, one `tick` after the other; measured runs are in `runs`, those given
+    up in `left_out`.
 
-    `allowed` False (hold-to-run released, an interlock): the shaft is wanted at 0 and the run begins again later.
+    `allowed` False (hold-to-run released, an interlock): the shaft is wanted at 0 and the run
+    begins again later.
     """
 
     def __init__(self, plan: Plan | None = None) -> None:
@@ -78,7 +85,9 @@ class LagTest(_RigTest):
         self.runs: list[LagRun] = []
         self.left_out: list[tuple[float, int, str]] = []
         self._plan = plan
-        self._todo = [(rpm, repeat) for repeat in range(1, plan.repeats + 1) for rpm in plan.shaft_rpm]
+        self._todo = [
+            (rpm, repeat) for repeat in range(1, plan.repeats + 1) for rpm in plan.shaft_rpm
+        ]
         self._total = len(self._todo)
         self._tries = 0
         self._phase: Phase = "settling" if self._todo else "done"
@@ -101,8 +110,8 @@ class LagTest(_RigTest):
     def tick(self, now_s: float, rig: RigReadings | None, allowed: bool) -> Wish:
         """`rig`: the newest reading, however old; `now_s` on the clock that stamped it.
 
-        In the tick whose wish turns to the run's speed, that speed must be sent at `now_s`: the response is counted
-        from then.
+        In the tick whose wish turns to the run's speed, that speed must be sent at `now_s`: the
+        response is counted from then.
         """
         if self._phase == "done":
             return self._wish()
@@ -118,8 +127,6 @@ class LagTest(_RigTest):
             return self._wish(self._watch(now_s, rig))
         return self._wish()
 
-
-
     def _arm(self, now_s: float, rig: RigReadings | None) -> None:
         if rig is not None and rig.run == self._number and rig.state == ARMED:
             self._phase, self._sent_s = "running", now_s
@@ -132,8 +139,11 @@ class LagTest(_RigTest):
             assert rig.start_s is not None and rig.drop_s is not None
             response_s = rig.start_s - self._sent_s
             if rig.plate_before or rig.turned_before:
-                return self._fail("the plate was touched before the shaft turned" if rig.plate_before
-                                  else "the shaft turned before its command")
+                return self._fail(
+                    "the plate was touched before the shaft turned"
+                    if rig.plate_before
+                    else "the shaft turned before its command"
+                )
             if response_s <= 0.0:
                 return self._fail(f"the shaft turned {-response_s:.3f} s before its command")
             self.runs.append(LagRun(rpm, repeat, response_s, rig.drop_s))
@@ -166,8 +176,13 @@ class LagTest(_RigTest):
 
     def _wish(self, said: str = "") -> Wish:
         running = self._phase == "running"
-        return Wish(self._todo[0][0] if running else 0.0, self._number, self._phase in ("arming", "running"),
-                    self._phase, said)
+        return Wish(
+            self._todo[0][0] if running else 0.0,
+            self._number,
+            self._phase in ("arming", "running"),
+            self._phase,
+            said,
+        )
 
 
 COLUMNS = ("shaft_rpm", "replicate", "response_s", "drop_s")
@@ -179,7 +194,8 @@ def bench_row(run: LagRun) -> str:
 
 
 def bench_table(runs: Iterable[LagRun]) -> str:
-    """The runs as a lag bench table (CSV) with both measured times, by shaft speed; their sum is the lag."""
+    """The runs as a lag bench table (CSV) with both measured times, by shaft speed; their sum
+    is the lag."""
     ordered = sorted(runs, key=lambda run: (run.shaft_rpm, run.replicate))
     return ",".join(COLUMNS) + "\n" + "".join(map(bench_row, ordered))
 
@@ -200,16 +216,17 @@ class DropWish(NamedTuple):
     run: int
     arm: bool
     phase: DropPhase
-    said: str = ""                  # a run that failed, and why
+    said: str = ""  # a run that failed, and why
 
 
 class DropTest(_RigTest):
-    """Drop times with the lag rig alone: the machine's own drive turns the shaft, which this program does not command.
-    One `tick` after the other, for as long as somebody likes; measured runs are in `runs`.
+    """Drop times with the lag rig alone: the machine's own drive turns the shaft, which this
+    program does not command. One `tick` after the other, for as long as somebody likes;
+    measured runs are in `runs`.
 
-    Each run: the shaft stands and the tubes are empty; the rig is armed; somebody starts the shaft; the rig times from
-    2 r/min to the first granule on the plate (lag paper, 1.2). Nothing is known of the response: nobody announced when
-    the start was wanted.
+    Each run: the shaft stands and the tubes are empty; the rig is armed; somebody starts the
+    shaft; the rig times from 2 r/min to the first granule on the plate (lag paper, 1.2).
+    Nothing is known of the response: nobody announced when the start was wanted.
     """
 
     def __init__(self, settle_s: float = 3.0, longest_s: float = 8.0) -> None:
@@ -233,12 +250,14 @@ class DropTest(_RigTest):
             said = self._landed(rig)
         elif rig.state == TURNING and self._phase == "start":
             self._phase, self._since_s = "falling", now_s
-        elif self._phase == "falling" and self._since_s is not None and now_s - self._since_s > self._longest_s:
+        elif (
+            self._phase == "falling"
+            and self._since_s is not None
+            and now_s - self._since_s > self._longest_s
+        ):
             said = "nothing landed"
             self._again()
         return DropWish(self._number, self._phase != "stop", self._phase, said)
-
-
 
     def _landed(self, rig: RigReadings) -> str:
         self._again()
@@ -256,5 +275,8 @@ class DropTest(_RigTest):
 
 def drop_table(runs: Iterable[DropRun]) -> str:
     """The runs as a lag bench table (CSV), in the order in which they were measured."""
-    rows = [f"{run.shaft_rpm:.1f},{number},{run.drop_s:.3f}\n" for number, run in enumerate(runs, start=1)]
+    rows = [
+        f"{run.shaft_rpm:.1f},{number},{run.drop_s:.3f}\n"
+        for number, run in enumerate(runs, start=1)
+    ]
     return "shaft_rpm,replicate,drop_s\n" + "".join(rows)

@@ -1,4 +1,6 @@
-"""Bytes that arrive in any pieces, cut into lines; what every decoder of lines has, and the counts that it keeps."""
+"""Bytes that arrive in any pieces, cut into lines; what every decoder of lines has, and the
+counts that it keeps."""
+
 from __future__ import annotations
 
 import re
@@ -10,7 +12,8 @@ _LINE_END = re.compile(rb"[\r\n]+")
 
 
 class LineCutter:
-    """Cuts a byte stream at CR and LF. A line longer than `longest` is given up, in `counts` rejected as `overlong`."""
+    """Cuts a byte stream at CR and LF. A line longer than `longest` is given up, in `counts`
+    rejected as `overlong`."""
 
     def __init__(self, counts: Counts, longest: int = 512) -> None:
         self._counts = counts
@@ -69,7 +72,8 @@ class Counts:
 
 
 class Rejected(ValueError):
-    """A sentence, frame or datagram that is wrong; the argument is the kind under which it is counted."""
+    """A sentence, frame or datagram that is wrong; the argument is the kind under which it is
+    counted."""
 
 
 class Ignored(Exception):
@@ -80,9 +84,11 @@ Said = TypeVar("Said")
 
 
 class Decoder(Generic[Said]):
-    """Sentences of a protocol to what they say. Opens nothing and reads no clock. A protocol gives `_said`."""
+    """Sentences of a protocol to what they say. Opens nothing and reads no clock. A protocol
+    gives `_said`."""
 
-    wrong: ClassVar[type[Exception]] = Rejected         # what `_said` raises of a sentence that is wrong
+    # what `_said` raises of a sentence that is wrong
+    wrong: ClassVar[type[Exception]] = Rejected
 
     def __init__(self) -> None:
         self.counts = Counts()
@@ -107,8 +113,8 @@ class Decoder(Generic[Said]):
 class LineDecoder(Decoder[Said]):
     """Of a protocol of lines, which arrive in any pieces."""
 
-    longest: ClassVar[int] = 512        # of a line, bytes
-    framed: ClassVar[bool] = False      # a line is frames that each begin with `$`
+    longest: ClassVar[int] = 512  # of a line, bytes
+    framed: ClassVar[bool] = False  # a line is frames that each begin with `$`
 
     def __init__(self) -> None:
         super().__init__()
@@ -124,11 +130,15 @@ class LineDecoder(Decoder[Said]):
 
     def _line(self, line: bytes, time_s: float) -> list[Said]:
         """What one line says; whatever is wrong with it is counted by kind."""
-        return [one for sentence in (self._frames(line) if self.framed else (line,))
-                for one in self._counted(sentence, time_s)]
+        return [
+            one
+            for sentence in (self._frames(line) if self.framed else (line,))
+            for one in self._counted(sentence, time_s)
+        ]
 
     def _frames(self, line: bytes) -> list[bytes]:
-        """The frames of a line, without their `$`: one that was cut short is followed at once by the next."""
+        """The frames of a line, without their `$`: one that was cut short is followed at once
+        by the next."""
         before, *frames = line.split(b"$")
         if before.strip():
             self.counts.reject("garbage")

@@ -1,4 +1,6 @@
-"""One NMEA 0183 sentence: checksum, address, fields. pynmea2 reads the fields; ranges are checked here."""
+"""One NMEA 0183 sentence: checksum, address, fields. pynmea2 reads the fields; ranges are
+checked here."""
+
 from __future__ import annotations
 
 import math
@@ -12,22 +14,26 @@ import pynmea2
 
 from drivers.devices.lines import Ignored, Rejected
 
-# Satellite receivers by constellation. Any other two letters are some program or instrument that passes a place on (IN
-# integrated navigation, EC chart display, II, ...); P begins what a maker has for himself.
+# Satellite receivers by constellation. Any other two letters are some program or instrument
+# that passes a place on (IN integrated navigation, EC chart display, II, ...); P begins what a
+# maker has for himself.
 GNSS_TALKERS = frozenset({"GP", "GN", "GL", "GA", "GB", "BD", "GI", "GQ", "QZ"})
 _TALKER = re.compile(r"[A-OQ-Z][A-Z0-9]|Q[A-Z]")
 FEWEST_FIELDS = {"GGA": 10, "RMC": 9, "VTG": 8, "GNS": 8, "GLL": 6, "ZDA": 4}
 
 MPS_PER_KNOT = 1852.0 / 3600.0
-FASTEST_MPS = 100.0         # anything above is no ground vehicle
-FIRST_YEAR, LAST_YEAR = 1980, 2099      # of GPS; two digits of a year, as RMC has them, reach to 2099
-LARGEST_HDOP = 100.0        # receivers write 99.99 for "unknown"
+FASTEST_MPS = 100.0  # anything above is no ground vehicle
+# of GPS; two digits of a year, as RMC has them, reach to 2099
+FIRST_YEAR, LAST_YEAR = 1980, 2099
+LARGEST_HDOP = 100.0  # receivers write 99.99 for "unknown"
 MODES_BY_WORTH = "RFPDAEMS"
-QUALITY_OF_MODE = {"A": 1, "D": 2, "P": 3, "R": 4, "F": 5, "E": 6, "M": 7, "S": 8}    # RMC's mode in GGA's numbers
+# RMC's mode in GGA's numbers
+QUALITY_OF_MODE = {"A": 1, "D": 2, "P": 3, "R": 4, "F": 5, "E": 6, "M": 7, "S": 8}
 
 _TIME = re.compile(r"\d{6}(\.\d+)?")
 _DATE = re.compile(r"\d{6}")
-_LATITUDE = re.compile(r"\d{4}\.\d+")      # degrees and minutes; a digit less is one that was lost on the wire
+# degrees and minutes; a digit less is one that was lost on the wire
+_LATITUDE = re.compile(r"\d{4}\.\d+")
 _LONGITUDE = re.compile(r"\d{5}\.\d+")
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)")
 _HEX_PAIR = re.compile(rb"[0-9A-Fa-f]{2}")
@@ -64,10 +70,9 @@ def seal(payload: str) -> bytes:
 def parse(sentence: bytes) -> Sentence:
     """Read one sentence, given without `$` and line end.
 
-    Raises
-    ------
-    Rejected : `missing_checksum`, `bad_checksum`, `malformed`, `impossible_value`.
-    Ignored : the sentence type (with its talker where that is unknown), or `no_fix` where the receiver says that it
+    Raises ------ Rejected : `missing_checksum`, `bad_checksum`, `malformed`,
+    `impossible_value`. Ignored : the sentence type (with its talker where that is unknown), or
+    `no_fix` where the receiver says that it
         has no position or no speed.
     """
     text = _checked(sentence)
@@ -112,9 +117,16 @@ def _gga(talker: str, fields: Any) -> Sentence:
     if not quality:
         raise Ignored("no_fix")
     lat_deg, lon_deg = _position(fields)
-    return Sentence("GGA", talker, time_of_day_ms=_time_of_day_ms(fields), lat_deg=lat_deg, lon_deg=lon_deg,
-                    fix_quality=quality, satellites=_whole(fields.num_sats, 0, 200),
-                    hdop=_number(fields.horizontal_dil, 0.0, LARGEST_HDOP))
+    return Sentence(
+        "GGA",
+        talker,
+        time_of_day_ms=_time_of_day_ms(fields),
+        lat_deg=lat_deg,
+        lon_deg=lon_deg,
+        fix_quality=quality,
+        satellites=_whole(fields.num_sats, 0, 200),
+        hdop=_number(fields.horizontal_dil, 0.0, LARGEST_HDOP),
+    )
 
 
 def _rmc(talker: str, fields: Any) -> Sentence:
@@ -129,10 +141,17 @@ def _rmc(talker: str, fields: Any) -> Sentence:
     if mode and mode not in QUALITY_OF_MODE:
         raise Rejected("malformed")
     speed_knots = _number(fields.data[6], 0.0, FASTEST_MPS / MPS_PER_KNOT)
-    return Sentence("RMC", talker, time_of_day_ms=_time_of_day_ms(fields), date=_date(fields),
-                    lat_deg=lat_deg, lon_deg=lon_deg, fix_quality=QUALITY_OF_MODE.get(mode, 1),
-                    speed_mps=None if speed_knots is None else speed_knots * MPS_PER_KNOT,
-                    heading_deg=_heading_deg(fields.data[7]))
+    return Sentence(
+        "RMC",
+        talker,
+        time_of_day_ms=_time_of_day_ms(fields),
+        date=_date(fields),
+        lat_deg=lat_deg,
+        lon_deg=lon_deg,
+        fix_quality=QUALITY_OF_MODE.get(mode, 1),
+        speed_mps=None if speed_knots is None else speed_knots * MPS_PER_KNOT,
+        heading_deg=_heading_deg(fields.data[7]),
+    )
 
 
 def _vtg(talker: str, fields: Any) -> Sentence:
@@ -153,9 +172,16 @@ def _gns(talker: str, fields: Any) -> Sentence:
     if best == "N":
         raise Ignored("no_fix")
     lat_deg, lon_deg = _position(fields)
-    return Sentence("GNS", talker, time_of_day_ms=_time_of_day_ms(fields), lat_deg=lat_deg, lon_deg=lon_deg,
-                    fix_quality=QUALITY_OF_MODE[best], satellites=_whole(fields.data[6], 0, 200),
-                    hdop=_number(fields.data[7], 0.0, LARGEST_HDOP))
+    return Sentence(
+        "GNS",
+        talker,
+        time_of_day_ms=_time_of_day_ms(fields),
+        lat_deg=lat_deg,
+        lon_deg=lon_deg,
+        fix_quality=QUALITY_OF_MODE[best],
+        satellites=_whole(fields.data[6], 0, 200),
+        hdop=_number(fields.data[7], 0.0, LARGEST_HDOP),
+    )
 
 
 def _gll(talker: str, fields: Any) -> Sentence:
@@ -165,8 +191,14 @@ def _gll(talker: str, fields: Any) -> Sentence:
     if fields.data[5] != "A" or (mode and mode not in QUALITY_OF_MODE):
         raise Rejected("malformed")
     lat_deg, lon_deg = _position(fields)
-    return Sentence("GLL", talker, time_of_day_ms=_time_of_day_ms(fields, 4), lat_deg=lat_deg, lon_deg=lon_deg,
-                    fix_quality=QUALITY_OF_MODE.get(mode, 1))
+    return Sentence(
+        "GLL",
+        talker,
+        time_of_day_ms=_time_of_day_ms(fields, 4),
+        lat_deg=lat_deg,
+        lon_deg=lon_deg,
+        fix_quality=QUALITY_OF_MODE.get(mode, 1),
+    )
 
 
 def _zda(talker: str, fields: Any) -> Sentence:
@@ -214,7 +246,8 @@ def _time_of_day_ms(fields: Any, at_field: int = 0) -> int:
     if not _TIME.fullmatch(fields.data[at_field]):
         raise Rejected("malformed")
     at = fields.timestamp
-    if not isinstance(at, time):        # pynmea2 hands back the text where it makes no sense
+    # pynmea2 hands back the text where it makes no sense
+    if not isinstance(at, time):
         raise Rejected("impossible_value")
     return (at.hour * 3600 + at.minute * 60 + at.second) * 1000 + round(at.microsecond / 1000)
 
@@ -232,7 +265,8 @@ def _date(fields: Any) -> date | None:
 
 
 def _position(fields: Any) -> tuple[float, float]:
-    """Latitude and longitude, both in signed degrees; an exact 0, 0 is a receiver's "unknown", not a field."""
+    """Latitude and longitude, both in signed degrees; an exact 0, 0 is a receiver's "unknown",
+    not a field."""
     if not (_LATITUDE.fullmatch(fields.lat) and _LONGITUDE.fullmatch(fields.lon)):
         raise Rejected("malformed")
     if fields.lat_dir not in ("N", "S") or fields.lon_dir not in ("E", "W"):

@@ -1,8 +1,11 @@
-"""Point fertilisation (point-fertilisation paper): one dose a plant, sent to the board as an angle of its shaft.
+"""Point fertilisation (point-fertilisation paper): one dose a plant, sent to the board as an
+angle of its shaft.
 
-Doses go to the slave board on the same line as its targets, frames `D1` and `E1` (docs/protocol-slave-board.md). The
-targets with enable 1 and 0 r/min go on meanwhile: they are the heartbeat, and a stop ends the dose under way.
+Doses go to the slave board on the same line as its targets, frames `D1` and `E1`
+(docs/protocol-slave-board.md). The targets with enable 1 and 0 r/min go on meanwhile: they are
+the heartbeat, and a stop ends the dose under way.
 """
+
 from __future__ import annotations
 
 import math
@@ -14,11 +17,13 @@ from drivers.devices.board_frames import COUNTERS, open_frame
 from drivers.devices.lines import Rejected
 
 DOSE, REPORT = "D1", "E1"
-DOSE_WORD = "D3"            # with the board's word, as `board_frames.COMMAND_WORD`
+# with the board's word, as `board_frames.COMMAND_WORD`
+DOSE_WORD = "D3"
 ANGLE_DEG = (0.0, 3600.0)
 SHAFT_RPM = (1.0, 300.0)
-UNHEARD_S = 0.3             # no word of a dose for this long: it is not known whether it was given
-OVERDUE_S = 0.5             # beyond the time that its angle takes
+# no word of a dose for this long: it is not known whether it was given
+UNHEARD_S = 0.3
+OVERDUE_S = 0.5  # beyond the time that its angle takes
 
 
 class DoseState(IntEnum):
@@ -44,7 +49,8 @@ class DoseReport(NamedTuple):
 
 
 class GivenDose(NamedTuple):
-    """What is known of one dose. `took_s` from the board's receipt to its end, on the board's clock."""
+    """What is known of one dose. `took_s` from the board's receipt to its end, on the board's
+    clock."""
 
     number: int
     angle_deg: float
@@ -53,19 +59,27 @@ class GivenDose(NamedTuple):
     state: DoseState = DoseState.SENT
     turned_deg: float = 0.0
     took_s: float | None = None
-    heard_s: float | None = None        # when the board first answered: link delay plus one tick
+    # when the board first answered: link delay plus one tick
+    heard_s: float | None = None
 
     @property
     def settled(self) -> bool:
         return self.state > DoseState.RUNNING
 
 
-def encode_dose(seq: int, dose: int, angle_deg: float, shaft_rpm: float, word: int | None = None) -> bytes:
+def encode_dose(
+    seq: int, dose: int, angle_deg: float, shaft_rpm: float, word: int | None = None
+) -> bytes:
     """Raises ValueError for a number that is not finite or that the protocol does not allow."""
-    for name, value, (low, high) in (("angle_deg", angle_deg, ANGLE_DEG), ("shaft_rpm", shaft_rpm, SHAFT_RPM)):
+    for name, value, (low, high) in (
+        ("angle_deg", angle_deg, ANGLE_DEG),
+        ("shaft_rpm", shaft_rpm, SHAFT_RPM),
+    ):
         if not low <= value <= high:
             raise ValueError(f"dose: {name} {value}, allowed is {low:g} to {high:g}")
-    name, count, tail = (DOSE, seq % SEQUENCES, "") if word is None else (DOSE_WORD, seq % COUNTERS, f",{word}")
+    name, count, tail = (
+        (DOSE, seq % SEQUENCES, "") if word is None else (DOSE_WORD, seq % COUNTERS, f",{word}")
+    )
     return seal(f"{name},{count},{dose % SEQUENCES},{angle_deg:.3f},{shaft_rpm:.3f}{tail}")
 
 
@@ -77,15 +91,22 @@ def decode_report(frame: bytes) -> DoseReport:
     if state < DoseState.RUNNING:
         raise Rejected("out_of_range")
     turned_deg = number(fields[3], 0.0, 2.0 * ANGLE_DEG[1])
-    return DoseReport(seq, dose, DoseState(state), turned_deg, whole(fields[4], COUNTERS - 1),
-                      whole(fields[5], COUNTERS - 1))
+    return DoseReport(
+        seq,
+        dose,
+        DoseState(state),
+        turned_deg,
+        whole(fields[4], COUNTERS - 1),
+        whole(fields[5], COUNTERS - 1),
+    )
 
 
 class PointDose:
-    """One dose after the other. The sequence numbers are the board driver's: every frame to the board counts.
+    """One dose after the other. The sequence numbers are the board driver's: every frame to the
+    board counts.
 
-    A dose is never sent twice: a plant that was missed is reported (LOST), one that was dosed twice could not be
-    mended.
+    A dose is never sent twice: a plant that was missed is reported (LOST), one that was dosed
+    twice could not be mended.
     """
 
     def __init__(self, max_shaft_rpm: float = 201.0) -> None:
@@ -98,17 +119,21 @@ class PointDose:
         """Whether the next dose may be sent."""
         return self.newest is None or self.newest.settled
 
-    def give(self, angle_deg: float, shaft_rpm: float, seq: int, now_s: float, word: int | None = None) -> bytes:
+    def give(
+        self, angle_deg: float, shaft_rpm: float, seq: int, now_s: float, word: int | None = None
+    ) -> bytes:
         """The line of a new dose, to be sent at `now_s`; the speed is cut to the limit.
 
-        Raises
-        ------
-        ValueError : a number that is not finite or not allowed; or the dose before is still under way.
+        Raises ------ ValueError : a number that is not finite or not allowed; or the dose
+        before is still under way.
         """
         if not self.ready:
             raise ValueError("dose: the one before is still under way")
         if not math.isfinite(shaft_rpm):
-            raise ValueError(f"dose: shaft_rpm {shaft_rpm}, allowed is {SHAFT_RPM[0]:g} to {self._max_shaft_rpm:g}")
+            raise ValueError(
+                f"dose: shaft_rpm {shaft_rpm}, allowed is {SHAFT_RPM[0]:g} to "
+                f"{self._max_shaft_rpm:g}"
+            )
         rpm = min(shaft_rpm, self._max_shaft_rpm)
         line = encode_dose(seq, self._next, angle_deg, rpm, word)
         self.newest = GivenDose(self._next, angle_deg, rpm, now_s)
@@ -116,15 +141,18 @@ class PointDose:
         return line
 
     def hear(self, report: DoseReport, now_s: float) -> None:
-        """A report of the board; those of older doses and of doses that are settled say nothing new."""
+        """A report of the board; those of older doses and of doses that are settled say nothing
+        new."""
         dose = self.newest
         if dose is None or dose.settled or report.dose != dose.number or report.state < dose.state:
             return
         took_s = (report.end_micros - report.begin_micros) % COUNTERS * 1e-6
         self.newest = dose._replace(
-            state=report.state, turned_deg=report.turned_deg,
+            state=report.state,
+            turned_deg=report.turned_deg,
             took_s=took_s if report.state > DoseState.RUNNING else None,
-            heard_s=now_s if dose.heard_s is None else dose.heard_s)
+            heard_s=now_s if dose.heard_s is None else dose.heard_s,
+        )
 
     def look(self, now_s: float) -> None:
         """Give a dose up of which nothing was heard in time; to be called every tick."""

@@ -1,7 +1,9 @@
-"""What speaks on a line: its bytes are given to every driver, and the one that makes most of them says what it is.
+"""What speaks on a line: its bytes are given to every driver, and the one that makes most of
+them says what it is.
 
 Listens only: nothing is sent, so that no drive can be set in motion by being looked at.
 """
+
 from __future__ import annotations
 
 import re
@@ -19,20 +21,21 @@ from drivers.devices.rate_module_frames import BoardLabel, BoardStatus, Status, 
 from drivers.devices.slave_board import SlaveBoard
 from drivers.ports import Clock, Port, printable
 
-BAUDS = (115200, 38400, 9600, 57600, 19200, 4800)      # the most usual first
-LISTEN_S = 1.2                                          # a receiver or head at 1 Hz is heard once
-FEWEST = 2                                              # accepted messages that make a finding
+BAUDS = (115200, 38400, 9600, 57600, 19200, 4800)  # the most usual first
+LISTEN_S = 1.2  # a receiver or head at 1 Hz is heard once
+FEWEST = 2  # accepted messages that make a finding
 
 
 class ProbeFinding(NamedTuple):
-    """`protocol` empty: nothing known speaks there. `said`: the last line, or why the port cannot be used."""
+    """`protocol` empty: nothing known speaks there. `said`: the last line, or why the port
+    cannot be used."""
 
     protocol: str = ""
     baud: int | None = None
     accepted: int = 0
     rejected: int = 0
     said: str = ""
-    opened: bool = True             # False: the port could not be opened
+    opened: bool = True  # False: the port could not be opened
 
 
 class Decoder(Protocol):
@@ -43,32 +46,55 @@ class Decoder(Protocol):
 
 def decoders() -> dict[str, Decoder]:
     """A fresh driver of every protocol on a line, the strictest first."""
-    return {"slave-board/1": SlaveBoard(), "lag-rig/1": LagRig(), "agopengps": AgOpenGpsDecoder(),
-            "nmea0183": GnssDecoder(), "gpsd": GpsdDecoder(),
-            **{f"{name} (multiplexed)": HeadDecoder(layout, head=None) for name, layout in PROTOCOLS.items()},
-            **{name: HeadDecoder(layout) for name, layout in PROTOCOLS.items()}}
+    return {
+        "slave-board/1": SlaveBoard(),
+        "lag-rig/1": LagRig(),
+        "agopengps": AgOpenGpsDecoder(),
+        "nmea0183": GnssDecoder(),
+        "gpsd": GpsdDecoder(),
+        **{
+            f"{name} (multiplexed)": HeadDecoder(layout, head=None)
+            for name, layout in PROTOCOLS.items()
+        },
+        **{name: HeadDecoder(layout) for name, layout in PROTOCOLS.items()},
+    }
 
 
 def recognise(data: bytes) -> ProbeFinding:
-    """What bytes heard on a line are. Head layouts of equal length cannot be told apart: the first one is named.
+    """What bytes heard on a line are. Head layouts of equal length cannot be told apart: the
+    first one is named.
 
-    An NMEA receiver without a fix and a gpsd that waits to be asked are recognised by what is ignored.
+    An NMEA receiver without a fix and a gpsd that waits to be asked are recognised by what is
+    ignored.
     """
     best = ProbeFinding()
     for protocol, decoder in decoders().items():
         decoder.feed(data, 0.0)
         counts = decoder.counts
         understood = counts.accepted + sum(
-            times for kind, times in counts.ignored.items() if kind not in ("comment", "partial_first"))
+            times
+            for kind, times in counts.ignored.items()
+            if kind not in ("comment", "partial_first")
+        )
         enough = FEWEST if protocol not in ("gpsd",) else 1
-        if understood >= enough and understood > best.accepted and understood > counts.rejected_total:
+        if (
+            understood >= enough
+            and understood > best.accepted
+            and understood > counts.rejected_total
+        ):
             best = ProbeFinding(protocol, None, understood, counts.rejected_total)
     return best
 
 
-def probe(open_at: Callable[[int], Port], bauds: Sequence[int], clock: Clock = time.monotonic,
-          sleep: Callable[[float], None] = time.sleep, listen_s: float = LISTEN_S) -> ProbeFinding:
-    """Listen at each baud rate in turn until something is recognised; takes `listen_s` a rate at most.
+def probe(
+    open_at: Callable[[int], Port],
+    bauds: Sequence[int],
+    clock: Clock = time.monotonic,
+    sleep: Callable[[float], None] = time.sleep,
+    listen_s: float = LISTEN_S,
+) -> ProbeFinding:
+    """Listen at each baud rate in turn until something is recognised; takes `listen_s` a rate
+    at most.
 
     `open_at` opens the port at a rate; ValueError and OSError come through.
     """
@@ -91,9 +117,14 @@ def probe(open_at: Callable[[int], Port], bauds: Sequence[int], clock: Clock = t
         last = state.last_lines()
         if found.protocol:
             return found._replace(baud=baud, said=last[0] if last else "")
-        said = f"{len(heard)} bytes that no driver understands" if heard else state.last_error or "silent"
+        said = (
+            f"{len(heard)} bytes that no driver understands"
+            if heard
+            else state.last_error or "silent"
+        )
         if not state.connects:
-            return ProbeFinding(said=said, opened=False)     # it cannot be opened: not at another rate either
+            # it cannot be opened: not at another rate either
+            return ProbeFinding(said=said, opened=False)
     return ProbeFinding(said=said)
 
 

@@ -1,15 +1,20 @@
-"""A target from another display, and what somebody else's rate controller says that it applies: sentences on a serial
-line or in datagrams.
+"""A target from another display, and what somebody else's rate controller says that it applies:
+sentences on a serial line or in datagrams.
 
-    $R,RC,1300<CR><LF>              a rate request, as displays send it to a Raven SCS console (SCS 450/460 manual,
-    $R,RC,1300,0<CR><LF>            appendix 9; SCS 4000/5000, chapter 16: "the decimal point will not be sent", 130.0).
-                                    The first number is taken. RateKing takes the same as its protocol "Raven 660"
+    $R,RC,1300<CR><LF>              a rate request, as displays send it to a Raven SCS console
+                                    (SCS 450/460 manual,
+    $R,RC,1300,0<CR><LF>            appendix 9; SCS 4000/5000, chapter 16: "the decimal point will
+                                    not be sent", 130.0).
+                                    The first number is taken. RateKing takes the same as its
+                                    protocol "Raven 660"
     $R114-,AR,1287<CR><LF>          such a console's actual rate
     $PTDRT,130.0*hh<CR><LF>         kg/ha, with NMEA's sum: for a gateway or a script
 
-Raven's sentences have no sum. So a target of them counts once it has come twice without another between: one digit that
-was spoilt on the line is no target. RateKing believes a target for 2 s (its manual, variable rate application).
+Raven's sentences have no sum. So a target of them counts once it has come twice without another
+between: one digit that was spoilt on the line is no target. RateKing believes a target for 2 s
+(its manual, variable rate application).
 """
+
 from __future__ import annotations
 
 import re
@@ -18,8 +23,10 @@ from typing import NamedTuple
 from drivers.devices.lines import Ignored, LineDecoder, Rejected
 from drivers.devices.nmea import checksum, seal
 
-MOST_KG_HA = 2000.0             # as a job's rates
-_RAVEN = re.compile(rb"\$R(?:,RC,(?P<target>\d{1,6})|[0-9A-Z-]{1,6},AR,(?P<actual>\d{1,6}))(?:,\d{0,6})*")
+MOST_KG_HA = 2000.0  # as a job's rates
+_RAVEN = re.compile(
+    rb"\$R(?:,RC,(?P<target>\d{1,6})|[0-9A-Z-]{1,6},AR,(?P<actual>\d{1,6}))(?:,\d{0,6})*"
+)
 _OWN = re.compile(rb"\$(PTDRT,(\d{1,4}(?:\.\d{1,3})?))\*([0-9A-Fa-f]{2})")
 
 
@@ -32,8 +39,9 @@ class RateSaid(NamedTuple):
 
 
 class RateLineDecoder(LineDecoder[RateSaid]):
-    """unit_kg_ha: of a Raven sentence's number. Rejected: `bad_checksum`, `garbage`, `impossible_value`, `overlong`;
-    ignored: `said_once`, a Raven target that has not come twice yet."""
+    """unit_kg_ha: of a Raven sentence's number. Rejected: `bad_checksum`, `garbage`,
+    `impossible_value`, `overlong`; ignored: `said_once`, a Raven target that has not come twice
+    yet."""
 
     longest = 128
 

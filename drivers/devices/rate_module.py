@@ -1,8 +1,9 @@
-"""Host side of a rate module on UDP, as the drive of the metering shaft: its unit is one turn, so that units a minute
-are r/min. Opens nothing and reads no clock.
+"""Host side of a rate module on UDP, as the drive of the metering shaft: its unit is one turn,
+so that units a minute are r/min. Opens nothing and reads no clock.
 
 The module stops its own motor only after 4 s without its console (a slave board after 1 s).
 """
+
 from __future__ import annotations
 
 import math
@@ -26,11 +27,15 @@ from drivers.devices.rate_module_frames import (
     encode_target,
 )
 
-TARGET_EVERY_S = 0.1        # at most this often while the set-point changes ...
-TARGET_AT_LEAST_S = 0.5     # ... and at least this often: the module gives up after 4 s
+# at most this often while the set-point changes ...
+TARGET_EVERY_S = 0.1
+# ... and at least this often: the module gives up after 4 s
+TARGET_AT_LEAST_S = 0.5
 RELAYS_EVERY_S = 1.0
-RUN_DOWN_S = 2.0            # after a stop the relay stays on: without it the module neither controls nor counts
-UNHEARD_S = 2.0             # a module that says this long that it does not hear us is no drive
+# after a stop the relay stays on: without it the module neither controls nor counts
+RUN_DOWN_S = 2.0
+# a module that says this long that it does not hear us is no drive
+UNHEARD_S = 2.0
 FASTEST_RPM = 400.0
 
 
@@ -40,12 +45,13 @@ class ModuleAddress(NamedTuple):
 
 
 class ModuleReadings(NamedTuple):
-    """One accepted status of the module. `shaft_rpm` is None while the module does not hear this console."""
+    """One accepted status of the module. `shaft_rpm` is None while the module does not hear
+    this console."""
 
     time_s: float
     shaft_rpm: Reading | None
-    turns: float                # of the shaft since the first status
-    pwm: int                    # of FULL_PWM, either way: how hard it works
+    turns: float  # of the shaft since the first status
+    pwm: int  # of FULL_PWM, either way: how hard it works
     hears_us: bool
     bin_empty: bool
 
@@ -53,8 +59,9 @@ class ModuleReadings(NamedTuple):
 class RateModule(Decoder[ModuleReadings]):
     """Datagrams of one module to readings, set-points to datagrams.
 
-    Counted as rejected: `wrong_length`, `bad_checksum`, `out_of_range` (a shaft faster than 400 r/min). Counted as
-    ignored: `unknown_message`, `other_module` (several modules share a subnet).
+    Counted as rejected: `wrong_length`, `bad_checksum`, `out_of_range` (a shaft faster than 400
+    r/min). Counted as ignored: `unknown_message`, `other_module` (several modules share a
+    subnet).
 
     Parameters
     ----------
@@ -63,13 +70,18 @@ class RateModule(Decoder[ModuleReadings]):
     drive : one of `rate_module_frames.CONTROL_TYPES`.
     """
 
-    def __init__(self, address: ModuleAddress, pulses_per_turn: float, max_shaft_rpm: float,
-                 drive: str = "motor") -> None:
+    def __init__(
+        self,
+        address: ModuleAddress,
+        pulses_per_turn: float,
+        max_shaft_rpm: float,
+        drive: str = "motor",
+    ) -> None:
         super().__init__()
         self.label = ""
-        self.board: BoardStatus | None = None         # the newest 32401
+        self.board: BoardStatus | None = None  # the newest 32401
         self.board_s: float | None = None
-        self.trace: Trace | None = None         # the newest 32402
+        self.trace: Trace | None = None  # the newest 32402
         self._address = address
         self._pulses_per_turn = pulses_per_turn
         self._max_shaft_rpm = max_shaft_rpm
@@ -82,7 +94,7 @@ class RateModule(Decoder[ModuleReadings]):
         self._relays: int | None = None
         self._relays_s = -math.inf
         self._run_until_s = -math.inf
-        self._turns_rpm = 0.0                   # as it reported last
+        self._turns_rpm = 0.0  # as it reported last
 
     def feed(self, datagrams: Iterable[bytes], time_s: float) -> list[ModuleReadings]:
         """Readings from the datagrams that arrived at `time_s`, oldest first."""
@@ -91,7 +103,8 @@ class RateModule(Decoder[ModuleReadings]):
     def _said(self, sentence: bytes, time_s: float) -> list[ModuleReadings]:
         heard = decode_heard(sentence)
         if heard.module != self._address.module or (
-                isinstance(heard, Status | Trace) and heard.sensor != self._address.sensor):
+            isinstance(heard, Status | Trace) and heard.sensor != self._address.sensor
+        ):
             raise Ignored("other_module")
         if isinstance(heard, Status):
             if heard.units_per_min > FASTEST_RPM:
@@ -105,15 +118,18 @@ class RateModule(Decoder[ModuleReadings]):
             self.board, self.board_s = heard, time_s
         return []
 
-    def command(self, shaft_rpm: float | None, enabled: bool, now_s: float,
-                valves: Sequence[bool] = ()) -> list[bytes]:
+    def command(
+        self, shaft_rpm: float | None, enabled: bool, now_s: float, valves: Sequence[bool] = ()
+    ) -> list[bytes]:
         """The datagrams due at `now_s`, to be called every tick; often none.
 
-        valves: of the sections, left to right, on the relays from the second on; closed unless enabled. The first relay
-        is the drive's own: without one that is set the module neither controls nor counts.
+        valves: of the sections, left to right, on the relays from the second on; closed unless
+        enabled. The first relay is the drive's own: without one that is set the module neither
+        controls nor counts.
 
-        A changed set-point is sent at once (at most every 0.1 s), a stop at once without that limit, an unchanged one
-        every 0.5 s; relays every second and on change. Not enabled, or no set-point: 0 with the master off.
+        A changed set-point is sent at once (at most every 0.1 s), a stop at once without that
+        limit, an unchanged one every 0.5 s; relays every second and on change. Not enabled, or
+        no set-point: 0 with the master off.
 
         Raises
         ------
@@ -129,20 +145,25 @@ class RateModule(Decoder[ModuleReadings]):
             self._run_until_s = now_s + RUN_DOWN_S
         relays = int(now_s < self._run_until_s)
         if running:
-            relays |= valves_mask(valves[:MOST_RELAYS - 1]) << 1
+            relays |= valves_mask(valves[: MOST_RELAYS - 1]) << 1
         found = []
         if relays != self._relays or now_s - self._relays_s >= RELAYS_EVERY_S:
             self._relays, self._relays_s = relays, now_s
             found.append(encode_relays(Relays(*self._address, relays)))
         if self._due((rpm, running), now_s):
             self._sent, self._sent_s = (rpm, running), now_s
-            found.append(encode_target(FlowTarget(*self._address, rpm, self._pulses_per_turn, self._drive, running)))
+            found.append(
+                encode_target(
+                    FlowTarget(*self._address, rpm, self._pulses_per_turn, self._drive, running)
+                )
+            )
         return found
 
     def _due(self, wanted: tuple[float, bool], now_s: float) -> bool:
         waited_s = now_s - self._sent_s
         if wanted == self._sent:
-            disobeys = wanted[0] == 0.0 and self._turns_rpm > 0.0       # commanded to stop, again and again
+            # commanded to stop, again and again
+            disobeys = wanted[0] == 0.0 and self._turns_rpm > 0.0
             return waited_s >= (TARGET_EVERY_S if disobeys else TARGET_AT_LEAST_S)
         stops = wanted[0] == 0.0 or self._sent is None or wanted[1] != self._sent[1]
         return stops or waited_s >= TARGET_EVERY_S
@@ -150,7 +171,8 @@ class RateModule(Decoder[ModuleReadings]):
     def _read(self, status: Status, time_s: float) -> ModuleReadings:
         if self._quantity is not None:
             moved = (status.quantity - self._quantity) % (U24 / 10.0)
-            self._turns += moved if moved < U24 / 20.0 else 0.0         # backwards: the module was restarted
+            # backwards: the module was restarted
+            self._turns += moved if moved < U24 / 20.0 else 0.0
         self._quantity = status.quantity
         if status.hears_you:
             self._unheard_since_s = None
@@ -158,5 +180,11 @@ class RateModule(Decoder[ModuleReadings]):
             self._unheard_since_s = time_s
         self._turns_rpm = status.units_per_min
         deaf = self._unheard_since_s is not None and time_s - self._unheard_since_s >= UNHEARD_S
-        return ModuleReadings(time_s, None if deaf else Reading(status.units_per_min, time_s), self._turns, status.pwm,
-                              status.hears_you, status.bin_empty)
+        return ModuleReadings(
+            time_s,
+            None if deaf else Reading(status.units_per_min, time_s),
+            self._turns,
+            status.pwm,
+            status.hears_you,
+            status.bin_empty,
+        )

@@ -1,7 +1,9 @@
-"""Datagrams of the open rate modules: little-endian, id first, sum of all bytes before it last (docs/rate-module.md).
+"""Datagrams of the open rate modules: little-endian, id first, sum of all bytes before it last
+(docs/rate-module.md).
 
 A datagram counts when its length is exactly that of its id and its checksum is right.
 """
+
 from __future__ import annotations
 
 import math
@@ -9,11 +11,11 @@ from typing import NamedTuple
 
 from drivers.devices.lines import Ignored, Rejected
 
-TARGET, RELAYS, SETTINGS = 32500, 32501, 32502              # to the module
-STATUS, BOARD, TRACE, LABEL = 32400, 32401, 32402, 32403    # from the module
+TARGET, RELAYS, SETTINGS = 32500, 32501, 32502  # to the module
+STATUS, BOARD, TRACE, LABEL = 32400, 32401, 32402, 32403  # from the module
 LENGTHS = {TARGET: 14, RELAYS: 11, SETTINGS: 24, STATUS: 15, BOARD: 15, TRACE: 26, LABEL: 20}
 U24 = 1 << 24
-FULL_PWM = 255              # either way
+FULL_PWM = 255  # either way
 NO_FLOW_MASTER = 255
 
 CONTROL_TYPES = ("valve", "combo_close", "motor", "motor_weights", "fan", "timed")
@@ -23,7 +25,8 @@ WORK_SWITCH, ETHERNET, PINS_OK, CONFIG_REJECTED = 0x01, 0x10, 0x20, 0x80
 
 
 class FlowTarget(NamedTuple):
-    """32500. `units_per_min` and `pulses_per_unit` travel in thousandths, 24 bits: below 16 777.216."""
+    """32500. `units_per_min` and `pulses_per_unit` travel in thousandths, 24 bits: below 16
+    777.216."""
 
     module: int
     sensor: int
@@ -34,14 +37,16 @@ class FlowTarget(NamedTuple):
     auto: bool = True
     reset_quantity: bool = False
     manual_pwm: int = 0
-    log_pid: bool = False       # the module tells every turn of its control loop (32402)
+    # the module tells every turn of its control loop (32402)
+    log_pid: bool = False
 
 
 MOST_RELAYS = 16
 
 
 class Relays(NamedTuple):
-    """32501. Bit 0 of `relays` is the first; with none set the module neither controls nor counts."""
+    """32501. Bit 0 of `relays` is the first; with none set the module neither controls nor
+    counts."""
 
     module: int
     sensor: int
@@ -57,7 +62,7 @@ class Status(NamedTuple):
     module: int
     sensor: int
     units_per_min: float
-    quantity: float         # tenths of a unit in 24 bits: runs over
+    quantity: float  # tenths of a unit in 24 bits: runs over
     pwm: int
     hears_you: bool
     bin_empty: bool
@@ -87,8 +92,8 @@ class BoardLabel(NamedTuple):
 
 
 class Trace(NamedTuple):
-    """32402, every turn of the module's own control loop while its log is on. Units as in 32400; `millis` since it
-    was switched on."""
+    """32402, every turn of the module's own control loop while its log is on. Units as in
+    32400; `millis` since it was switched on."""
 
     module: int
     sensor: int
@@ -117,78 +122,146 @@ def seal(message: int, body: bytes) -> bytes:
 
 
 def encode_target(target: FlowTarget) -> bytes:
-    """Raises ValueError for a number that is not finite or does not fit: a wrapped set-point would be another one."""
+    """Raises ValueError for a number that is not finite or does not fit: a wrapped set-point
+    would be another one."""
     command = CONTROL_TYPES.index(target.control) << 1
-    for flag, mask in ((target.reset_quantity, RESET_QUANTITY), (target.master_on, MASTER_ON), (target.auto, AUTO),
-                       (target.log_pid, LOG_PID)):
+    for flag, mask in (
+        (target.reset_quantity, RESET_QUANTITY),
+        (target.master_on, MASTER_ON),
+        (target.auto, AUTO),
+        (target.log_pid, LOG_PID),
+    ):
         command |= mask * flag
     if not -FULL_PWM <= target.manual_pwm <= FULL_PWM:
-        raise ValueError(f"rate module: manual_pwm {target.manual_pwm}, allowed is -{FULL_PWM} to {FULL_PWM}")
-    return seal(TARGET, bytes([_address(target.module, target.sensor)])
-                + thousandths("units_per_min", target.units_per_min)
-                + thousandths("pulses_per_unit", target.pulses_per_unit)
-                + bytes([command]) + target.manual_pwm.to_bytes(2, "little", signed=True) + b"\0")
+        raise ValueError(
+            f"rate module: manual_pwm {target.manual_pwm}, allowed is -{FULL_PWM} to {FULL_PWM}"
+        )
+    return seal(
+        TARGET,
+        bytes([_address(target.module, target.sensor)])
+        + thousandths("units_per_min", target.units_per_min)
+        + thousandths("pulses_per_unit", target.pulses_per_unit)
+        + bytes([command])
+        + target.manual_pwm.to_bytes(2, "little", signed=True)
+        + b"\0",
+    )
 
 
 def encode_relays(relays: Relays) -> bytes:
-    return seal(RELAYS, bytes([_address(relays.module, relays.sensor)]) + b"".join(
-        word.to_bytes(2, "little") for word in (relays.relays, relays.power_mask, relays.inverted_mask))
-        + bytes([relays.flow_master]))
+    return seal(
+        RELAYS,
+        bytes([_address(relays.module, relays.sensor)])
+        + b"".join(
+            word.to_bytes(2, "little")
+            for word in (relays.relays, relays.power_mask, relays.inverted_mask)
+        )
+        + bytes([relays.flow_master]),
+    )
 
 
 def encode_status(status: Status) -> bytes:
     flags = HEARS_YOU * status.hears_you | BIN_EMPTY * status.bin_empty
-    return seal(STATUS, bytes([_address(status.module, status.sensor)])
-                + thousandths("units_per_min", status.units_per_min)
-                + (round(status.quantity * 10.0) % U24).to_bytes(3, "little")
-                + status.pwm.to_bytes(2, "little", signed=True) + bytes([flags])
-                + min(round(status.pulse_hz * 10.0), 0xFFFF).to_bytes(2, "little"))
+    return seal(
+        STATUS,
+        bytes([_address(status.module, status.sensor)])
+        + thousandths("units_per_min", status.units_per_min)
+        + (round(status.quantity * 10.0) % U24).to_bytes(3, "little")
+        + status.pwm.to_bytes(2, "little", signed=True)
+        + bytes([flags])
+        + min(round(status.pulse_hz * 10.0), 0xFFFF).to_bytes(2, "little"),
+    )
 
 
 def encode_board(board: BoardStatus) -> bytes:
-    flags = (WORK_SWITCH * board.work_switch | ETHERNET * board.ethernet | PINS_OK * board.pins_ok
-             | CONFIG_REJECTED * board.config_rejected)
-    return seal(BOARD, bytes([board.module]) + board.pressure.to_bytes(2, "little")
-                + round(board.speed * 10.0).to_bytes(2, "little") + (board.wheel_count % U24).to_bytes(3, "little")
-                + bytes([board.board_type]) + board.firmware.to_bytes(2, "little") + bytes([flags]))
+    flags = (
+        WORK_SWITCH * board.work_switch
+        | ETHERNET * board.ethernet
+        | PINS_OK * board.pins_ok
+        | CONFIG_REJECTED * board.config_rejected
+    )
+    return seal(
+        BOARD,
+        bytes([board.module])
+        + board.pressure.to_bytes(2, "little")
+        + round(board.speed * 10.0).to_bytes(2, "little")
+        + (board.wheel_count % U24).to_bytes(3, "little")
+        + bytes([board.board_type])
+        + board.firmware.to_bytes(2, "little")
+        + bytes([flags]),
+    )
 
 
 def encode_label(label: BoardLabel) -> bytes:
     """At most 16 letters of Latin-1."""
-    return seal(LABEL, bytes([label.module]) + label.text.encode("latin-1", "replace")[:16].ljust(16, b"\0"))
+    return seal(
+        LABEL, bytes([label.module]) + label.text.encode("latin-1", "replace")[:16].ljust(16, b"\0")
+    )
 
 
 def encode_trace(trace: Trace) -> bytes:
-    return seal(TRACE, bytes([_address(trace.module, trace.sensor)]) + (trace.millis % (1 << 32)).to_bytes(4, "little")
-                + thousandths("target", trace.target) + thousandths("applied", trace.applied)
-                + round(trace.error * 1000.0).to_bytes(3, "little", signed=True)
-                + b"".join(word.to_bytes(2, "little", signed=True)
-                           for word in (round(trace.integral * 10.0), trace.change, trace.pwm))
-                + bytes([trace.samples]) + trace.firmware.to_bytes(2, "little"))
+    return seal(
+        TRACE,
+        bytes([_address(trace.module, trace.sensor)])
+        + (trace.millis % (1 << 32)).to_bytes(4, "little")
+        + thousandths("target", trace.target)
+        + thousandths("applied", trace.applied)
+        + round(trace.error * 1000.0).to_bytes(3, "little", signed=True)
+        + b"".join(
+            word.to_bytes(2, "little", signed=True)
+            for word in (round(trace.integral * 10.0), trace.change, trace.pwm)
+        )
+        + bytes([trace.samples])
+        + trace.firmware.to_bytes(2, "little"),
+    )
 
 
 def decode_heard(data: bytes) -> Heard:
-    """A datagram from a module. Raises Rejected, Ignored: `unknown_message`, `wrong_length`, `bad_checksum`."""
+    """A datagram from a module. Raises Rejected, Ignored: `unknown_message`, `wrong_length`,
+    `bad_checksum`."""
     message, body = _open(data)
     if message == STATUS:
         flags = body[9]
-        return Status(body[0] >> 4, body[0] & 15, int.from_bytes(body[1:4], "little") / 1000.0,
-                      int.from_bytes(body[4:7], "little") / 10.0, int.from_bytes(body[7:9], "little", signed=True),
-                      bool(flags & HEARS_YOU), bool(flags & BIN_EMPTY), int.from_bytes(body[10:12], "little") / 10.0)
+        return Status(
+            body[0] >> 4,
+            body[0] & 15,
+            int.from_bytes(body[1:4], "little") / 1000.0,
+            int.from_bytes(body[4:7], "little") / 10.0,
+            int.from_bytes(body[7:9], "little", signed=True),
+            bool(flags & HEARS_YOU),
+            bool(flags & BIN_EMPTY),
+            int.from_bytes(body[10:12], "little") / 10.0,
+        )
     if message == BOARD:
         flags = body[11]
-        return BoardStatus(body[0], int.from_bytes(body[1:3], "little"), int.from_bytes(body[3:5], "little") / 10.0,
-                           int.from_bytes(body[5:8], "little"), body[8], int.from_bytes(body[9:11], "little"),
-                           bool(flags & WORK_SWITCH), bool(flags & ETHERNET), bool(flags & PINS_OK),
-                           bool(flags & CONFIG_REJECTED))
+        return BoardStatus(
+            body[0],
+            int.from_bytes(body[1:3], "little"),
+            int.from_bytes(body[3:5], "little") / 10.0,
+            int.from_bytes(body[5:8], "little"),
+            body[8],
+            int.from_bytes(body[9:11], "little"),
+            bool(flags & WORK_SWITCH),
+            bool(flags & ETHERNET),
+            bool(flags & PINS_OK),
+            bool(flags & CONFIG_REJECTED),
+        )
     if message == LABEL:
         return BoardLabel(body[0], body[1:].rstrip(b"\0 ").decode("latin-1"))
     if message == TRACE:
-        signed = [int.from_bytes(body[at:at + 2], "little", signed=True) for at in (14, 16, 18)]
-        return Trace(body[0] >> 4, body[0] & 15, int.from_bytes(body[1:5], "little"),
-                     int.from_bytes(body[5:8], "little") / 1000.0, int.from_bytes(body[8:11], "little") / 1000.0,
-                     int.from_bytes(body[11:14], "little", signed=True) / 1000.0, signed[0] / 10.0, signed[1],
-                     signed[2], body[20], int.from_bytes(body[21:23], "little"))
+        signed = [int.from_bytes(body[at : at + 2], "little", signed=True) for at in (14, 16, 18)]
+        return Trace(
+            body[0] >> 4,
+            body[0] & 15,
+            int.from_bytes(body[1:5], "little"),
+            int.from_bytes(body[5:8], "little") / 1000.0,
+            int.from_bytes(body[8:11], "little") / 1000.0,
+            int.from_bytes(body[11:14], "little", signed=True) / 1000.0,
+            signed[0] / 10.0,
+            signed[1],
+            signed[2],
+            body[20],
+            int.from_bytes(body[21:23], "little"),
+        )
     raise Ignored("unknown_message")
 
 
@@ -199,18 +272,27 @@ def decode_command(data: bytes) -> FlowTarget | Relays:
         command, kind = body[7], body[7] >> 1 & 7
         if kind >= len(CONTROL_TYPES):
             raise Rejected("out_of_range")
-        return FlowTarget(body[0] >> 4, body[0] & 15, int.from_bytes(body[1:4], "little") / 1000.0,
-                          int.from_bytes(body[4:7], "little") / 1000.0, CONTROL_TYPES[kind], bool(command & MASTER_ON),
-                          bool(command & AUTO), bool(command & RESET_QUANTITY),
-                          int.from_bytes(body[8:10], "little", signed=True), bool(command & LOG_PID))
+        return FlowTarget(
+            body[0] >> 4,
+            body[0] & 15,
+            int.from_bytes(body[1:4], "little") / 1000.0,
+            int.from_bytes(body[4:7], "little") / 1000.0,
+            CONTROL_TYPES[kind],
+            bool(command & MASTER_ON),
+            bool(command & AUTO),
+            bool(command & RESET_QUANTITY),
+            int.from_bytes(body[8:10], "little", signed=True),
+            bool(command & LOG_PID),
+        )
     if message == RELAYS:
-        relays, power, inverted = (int.from_bytes(body[at:at + 2], "little") for at in (1, 3, 5))
+        relays, power, inverted = (int.from_bytes(body[at : at + 2], "little") for at in (1, 3, 5))
         return Relays(body[0] >> 4, body[0] & 15, relays, power, inverted, body[7])
     raise Ignored("unknown_message")
 
 
 def thousandths(name: str, value: float) -> bytes:
-    """Three bytes, little-endian. Raises ValueError where the value is not finite or would run over."""
+    """Three bytes, little-endian. Raises ValueError where the value is not finite or would run
+    over."""
     if not math.isfinite(value) or not 0 <= round(value * 1000.0) < U24:
         raise ValueError(f"rate module: {name} {value}, allowed is 0 to 16777.215")
     return round(value * 1000.0).to_bytes(3, "little")

@@ -1,4 +1,5 @@
 """Host side of the slave board: status lines to readings, set-points to command lines."""
+
 from __future__ import annotations
 
 import math
@@ -36,7 +37,8 @@ from drivers.devices.wheel import WheelGeometry, WheelSpeed
 
 DOSE_REPORT = REPORT.encode() + b","
 BOARD_WORD, SHAFT_TURNED = WORD.encode() + b",", TURNED.encode() + b","
-ASKED = 20                  # times in vain, a second at 20 a second: a board that has no word
+# times in vain, a second at 20 a second: a board that has no word
+ASKED = 20
 
 
 class SetPointLimits(NamedTuple):
@@ -74,34 +76,40 @@ class BoardReadings(NamedTuple):
 class SlaveBoard(LineDecoder[BoardReadings]):
     """Bytes of the board to readings, commands to bytes. Opens nothing and reads no clock.
 
-    Counted as rejected: `bad_crc`, `missing_crc`, `unknown_frame` (another name or version), `wrong_length` (number
-    of fields), `not_a_number`, `out_of_range`, `repeated_sequence`, `garbage`, `overlong`. `missed` counts the status
-    lines that the sequence numbers say were sent and never came. `dose`: what became of the doses sent by `give_dose`.
+    Counted as rejected: `bad_crc`, `missing_crc`, `unknown_frame` (another name or version),
+    `wrong_length` (number of fields), `not_a_number`, `out_of_range`, `repeated_sequence`,
+    `garbage`, `overlong`. `missed` counts the status lines that the sequence numbers say were
+    sent and never came. `dose`: what became of the doses sent by `give_dose`.
     """
 
     longest, framed, wrong = 200, True, ValueError
 
-    def __init__(self, limits: SetPointLimits | None = None, wheel: WheelGeometry | None = None) -> None:
+    def __init__(
+        self, limits: SetPointLimits | None = None, wheel: WheelGeometry | None = None
+    ) -> None:
         super().__init__()
         self.missed = 0
         self._limits = limits or SetPointLimits()
         self._wheel = WheelSpeed(wheel or WheelGeometry())
         self._last_seq: int | None = None
         self._next_command = 0
-        self._word: int | None = None           # the board's; None: it has none, or did not tell it yet
-        self._ask = False                       # for the word, until the answer comes
+        # the board's; None: it has none, or did not tell it yet
+        self._word: int | None = None
+        self._ask = False  # for the word, until the answer comes
         self._asked = 0
         self._sent_opening_mm = 0.0
-        self._valves = 0                        # of the newest command
+        self._valves = 0  # of the newest command
         self.dose = PointDose(self._limits.max_shaft_rpm)
-        self.turned: ShaftTurned | None = None      # the newest answer to ASK_TURNED
+        self.turned: ShaftTurned | None = None  # the newest answer to ASK_TURNED
 
     def command(self, command: DriveCommand | None, enabled: bool) -> bytes:
-        """The next command line, heartbeat included; to be sent 10 times a second or more. Before it, where the board
-        has a word under which it has heard nothing yet, the question for it.
+        """The next command line, heartbeat included; to be sent 10 times a second or more.
+        Before it, where the board has a word under which it has heard nothing yet, the question
+        for it.
 
-        Set-points are cut to the drive limits. Not enabled, or no command: the shaft's set-point is 0, the gate's
-        stays where it was, and every valve of a machine that has some is closed.
+        Set-points are cut to the drive limits. Not enabled, or no command: the shaft's
+        set-point is 0, the gate's stays where it was, and every valve of a machine that has
+        some is closed.
 
         Raises
         ------
@@ -111,13 +119,24 @@ class SlaveBoard(LineDecoder[BoardReadings]):
         shaft_rpm, opening_mm = 0.0, self._sent_opening_mm
         if command is not None:
             if not (math.isfinite(command.shaft_rpm) and math.isfinite(command.opening_mm)):
-                raise ValueError(f"board command: shaft_rpm {command.shaft_rpm}, opening_mm {command.opening_mm}: "
-                                 "allowed are finite numbers")
+                raise ValueError(
+                    f"board command: shaft_rpm {command.shaft_rpm}, opening_mm "
+                    f"{command.opening_mm}: "
+                    "allowed are finite numbers"
+                )
             opening_mm = min(max(command.opening_mm, 0.0), self._limits.max_opening_mm)
-            shaft_rpm = min(max(command.shaft_rpm, 0.0), self._limits.max_shaft_rpm) if running else 0.0
+            shaft_rpm = (
+                min(max(command.shaft_rpm, 0.0), self._limits.max_shaft_rpm) if running else 0.0
+            )
             self._valves = len(command.valves)
-        valves = valves_mask(command.valves if running and command is not None else ()) if self._valves else None
-        line = encode_command(CommandFrame(self._next_command, shaft_rpm, opening_mm, running, valves, self._word))
+        valves = (
+            valves_mask(command.valves if running and command is not None else ())
+            if self._valves
+            else None
+        )
+        line = encode_command(
+            CommandFrame(self._next_command, shaft_rpm, opening_mm, running, valves, self._word)
+        )
         self._next_command += 1
         self._sent_opening_mm = opening_mm
         if not self._ask:
@@ -128,11 +147,13 @@ class SlaveBoard(LineDecoder[BoardReadings]):
         return ASK + line
 
     def opened_anew(self) -> None:
-        """Another board may be there now, or one with an older program: ask for its word where there was one."""
+        """Another board may be there now, or one with an older program: ask for its word where
+        there was one."""
         self._ask, self._asked = self._word is not None, 0
 
     def give_dose(self, angle_deg: float, shaft_rpm: float, now_s: float) -> bytes:
-        """The line of one dose of a point applicator. Raises ValueError as `PointDose.give` does."""
+        """The line of one dose of a point applicator. Raises ValueError as `PointDose.give`
+        does."""
         line = self.dose.give(angle_deg, shaft_rpm, self._next_command, now_s, self._word)
         self._next_command += 1
         return line
@@ -173,10 +194,26 @@ class SlaveBoard(LineDecoder[BoardReadings]):
             return None if value is None else Reading(value, time_s)
 
         return BoardReadings(
-            time_s, Reading(status.shaft_rpm, time_s), Reading(status.opening_mm, time_s), reading(speed_mps),
-            reading(status.hopper_kg), reading(status.supply_v), reading(status.pitch_deg), reading(status.roll_deg),
-            status.work_switch, status.pulses, status.echo, bool(status.flags & ENABLED),
-            bool(status.flags & HEARTBEAT_LOST), bool(status.flags & DRIVER_FAULT),
-            bool(status.flags & STEPS_LOST), bool(status.flags & HOMING),
-            None if status.valves_open is None else ValvesSeen(time_s, valves_of(status.valves_open)),
-            bool(status.flags & OLD_ORDER), reading(status.shaft_effort), reading(status.gate_effort))
+            time_s,
+            Reading(status.shaft_rpm, time_s),
+            Reading(status.opening_mm, time_s),
+            reading(speed_mps),
+            reading(status.hopper_kg),
+            reading(status.supply_v),
+            reading(status.pitch_deg),
+            reading(status.roll_deg),
+            status.work_switch,
+            status.pulses,
+            status.echo,
+            bool(status.flags & ENABLED),
+            bool(status.flags & HEARTBEAT_LOST),
+            bool(status.flags & DRIVER_FAULT),
+            bool(status.flags & STEPS_LOST),
+            bool(status.flags & HOMING),
+            None
+            if status.valves_open is None
+            else ValvesSeen(time_s, valves_of(status.valves_open)),
+            bool(status.flags & OLD_ORDER),
+            reading(status.shaft_effort),
+            reading(status.gate_effort),
+        )

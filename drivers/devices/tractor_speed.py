@@ -1,10 +1,13 @@
-"""Speeds that the tractor says it will aim at: one ASCII sentence, of the tractor's own computer or of a gateway to it.
+"""Speeds that the tractor says it will aim at: one ASCII sentence, of the tractor's own
+computer or of a gateway to it.
 
     $PTDSP,0.50,0.0,4.5,1.2,7.0*hh
 
-The first number is the acceleration it drives with, m/s2; then pairs: seconds from now, km/h (backwards negative). The
-first pair is at 0.0: what it aims at now. `hh` is NMEA's sum. Sent at least once a second; after 2 s it says nothing.
+The first number is the acceleration it drives with, m/s2; then pairs: seconds from now, km/h
+(backwards negative). The first pair is at 0.0: what it aims at now. `hh` is NMEA's sum. Sent at
+least once a second; after 2 s it says nothing.
 """
+
 from __future__ import annotations
 
 import re
@@ -19,8 +22,8 @@ _NUMBER = re.compile(rb"-?\d{1,4}(\.\d{1,6})?")
 
 
 class TractorSpeedDecoder(LineDecoder[SpeedPlan]):
-    """Bytes to announced speeds. Rejected: `bad_checksum`, `wrong_fields`, `impossible_value`, `overlong`, `garbage`;
-    ignored: sentences of another name."""
+    """Bytes to announced speeds. Rejected: `bad_checksum`, `wrong_fields`, `impossible_value`,
+    `overlong`, `garbage`; ignored: sentences of another name."""
 
     longest = 1024
 
@@ -33,13 +36,19 @@ class TractorSpeedDecoder(LineDecoder[SpeedPlan]):
             raise Rejected("bad_checksum")
         if not body.startswith(HEAD):
             raise Ignored("other_sentence")
-        fields = body[len(HEAD):].split(b",")
-        if len(fields) % 2 == 0 or not 3 <= len(fields) <= 1 + 2 * MOST_ANNOUNCED or not all(
-                map(_NUMBER.fullmatch, fields)):
+        fields = body[len(HEAD) :].split(b",")
+        if (
+            len(fields) % 2 == 0
+            or not 3 <= len(fields) <= 1 + 2 * MOST_ANNOUNCED
+            or not all(map(_NUMBER.fullmatch, fields))
+        ):
             raise Rejected("wrong_fields")
         values = [float(field) for field in fields]
-        announced = SpeedPlan(time_s, tuple(
-            (in_s, kmh / 3.6) for in_s, kmh in zip(values[1::2], values[2::2], strict=True)), values[0])
+        announced = SpeedPlan(
+            time_s,
+            tuple((in_s, kmh / 3.6) for in_s, kmh in zip(values[1::2], values[2::2], strict=True)),
+            values[0],
+        )
         if not can_be_announced(announced):
             raise Rejected("impossible_value")
         return [announced]

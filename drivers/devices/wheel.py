@@ -1,4 +1,6 @@
-"""Ground speed from wheel pulses and the board's own clock, so that no jitter of the link enters it."""
+"""Ground speed from wheel pulses and the board's own clock, so that no jitter of the link
+enters it."""
+
 from __future__ import annotations
 
 from collections import deque
@@ -6,9 +8,10 @@ from typing import NamedTuple
 
 from drivers.devices.board_frames import COUNTERS
 
-WINDOW_S = 0.5              # the speed is the mean over at least this long: its delay is half of it, 0.25 s
-STANDSTILL_S = 0.8          # no pulse for this long is standstill
-FASTEST_MPS = 30.0          # above this the counts cannot be the wheel's
+# the speed is the mean over at least this long: its delay is half of it, 0.25 s
+WINDOW_S = 0.5
+STANDSTILL_S = 0.8  # no pulse for this long is standstill
+FASTEST_MPS = 30.0  # above this the counts cannot be the wheel's
 
 
 class WheelGeometry(NamedTuple):
@@ -23,20 +26,24 @@ class WheelGeometry(NamedTuple):
 
 
 class WheelSpeed:
-    """Mean speed between two pulses at least `WINDOW_S` apart (the filter `wheel_window`; delay 0.25 s).
+    """Mean speed between two pulses at least `WINDOW_S` apart (the filter `wheel_window`; delay
+    0.25 s).
 
-    Between pulses the speed is at most one pulse's way over the time since the last pulse, so that braking shows
-    before the next pulse comes. Counters that jump back are a restarted board and begin anew.
+    Between pulses the speed is at most one pulse's way over the time since the last pulse, so
+    that braking shows before the next pulse comes. Counters that jump back are a restarted
+    board and begin anew.
     """
 
     def __init__(self, geometry: WheelGeometry) -> None:
         self._way_m = geometry.metres_per_pulse
-        self._pulses: deque[tuple[int, int]] = deque()      # count, micros of that count; newest last
+        # count, micros of that count; newest last
+        self._pulses: deque[tuple[int, int]] = deque()
 
     def update(self, micros: int, pulses: int, pulse_micros: int) -> float | None:
         """Speed in m/s, 0 at standstill; None where it cannot be known (impossible counts).
 
-        `micros`, `pulse_micros`: the board's 32-bit clock now and at the last pulse; `pulses`: 32-bit count.
+        `micros`, `pulse_micros`: the board's 32-bit clock now and at the last pulse; `pulses`:
+        32-bit count.
         """
         since_pulse_us = _forward(micros, pulse_micros)
         if since_pulse_us >= STANDSTILL_S * 1e6 or pulses == 0:

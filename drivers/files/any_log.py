@@ -1,5 +1,6 @@
-"""A log of any program, opened as a run log: its own as it is, another's through the import: by the import file next to
-it, else where nothing is unsure."""
+"""A log of any program, opened as a run log: its own as it is, another's through the import: by
+the import file next to it, else where nothing is unsure."""
+
 from __future__ import annotations
 
 import shlex
@@ -20,7 +21,8 @@ OWN, OF_FOLDER = ".import.yaml", "import.yaml"
 
 
 def import_file(log: Path) -> Path | None:
-    """`LOG.import.yaml` next to LOG.csv, else `import.yaml` in its folder; None where there is neither."""
+    """`LOG.import.yaml` next to LOG.csv, else `import.yaml` in its folder; None where there is
+    neither."""
     for place in (log.with_suffix(OWN), log.with_name(OF_FOLDER)):
         if place.is_file() and place != log:
             return place
@@ -37,8 +39,8 @@ NO_TEXTS = ("zip", "kmz", "excel", "office", "parquet", "gzip")
 
 
 def open_log(path: Path, without: Collection[str] = ()) -> RunLog:
-    """`without`: columns that need not be read. Raises TableError (the open questions too, where the import is not
-    sure of all), OSError."""
+    """`without`: columns that need not be read. Raises TableError (the open questions too,
+    where the import is not sure of all), OSError."""
     if path.is_file() and path.suffix.lower() in TEXTS and (kind := what_is(path)).id in NO_TEXTS:
         raise TableError(path, f"{kind.words} by another name: allowed is its own suffix")
     file = Opened(path)
@@ -47,9 +49,11 @@ def open_log(path: Path, without: Collection[str] = ()) -> RunLog:
             return read_rows(path, without)
         except TableError:
             if is_store(path) or "time_s" in [name.strip().lower() for name in file.names]:
-                raise                       # our own; of another's with names as ours the import knows more
+                # our own; of another's with names as ours the import knows more
+                raise
     raw, mapping, said_by = raw_and_mapping(path)
     from drivers.files.imports.log_file import run_log
+
     imported = _converted(raw, mapping)
     log = run_log(path, imported, mapping, said_by)
     odd = (*(one for part in imported.parts for one in part.findings), *imported.findings)
@@ -57,35 +61,47 @@ def open_log(path: Path, without: Collection[str] = ()) -> RunLog:
 
 
 def imported_columns(path: Path, raw: RawTable, mapping: ImportFile) -> Columns:
-    """The columns that `open_log` would give of lines out of a log, whose sidecar asks for all of it. Raises
-    TableError."""
+    """The columns that `open_log` would give of lines out of a log, whose sidecar asks for all
+    of it. Raises TableError."""
     from drivers.files.imports.log_file import as_read
+
     return log_of(path, as_read(_converted(raw, mapping)), RunMeta()).columns
 
 
 def _converted(raw: RawTable, mapping: ImportFile) -> JoinedFiles:
     from drivers.files.imports.convert import convert
     from drivers.files.imports.join import joined
+
     return joined([convert(raw, mapping)], mapping.join)
 
 
-def raw_and_mapping(path: Path, data: bytes | None = None) -> tuple[RawTable, ImportFile, Path | None]:
-    """What is read, by the import file next to it or, without one, by a guess in which nothing is unsure.
+def raw_and_mapping(
+    path: Path, data: bytes | None = None
+) -> tuple[RawTable, ImportFile, Path | None]:
+    """What is read, by the import file next to it or, without one, by a guess in which nothing
+    is unsure.
 
     data: lines of it, in the place of all. Raises ImportTrouble, ConfigError, OSError.
     """
     from drivers.files.imports.read import read_raw
     from drivers.files.imports.trouble import Unsure
+
     place = import_file(path)
     if place is not None:
         from drivers.files.config import load
         from drivers.files.imports.mapping import IMPORT
+
         mapping = load(place, IMPORT).model
         return read_raw(path, mapping.source, data), mapping, place
     from drivers.files.imports.guess import guess
+
     raw = read_raw(path, None, data)
     found = guess(raw)
     if not found.sure:
-        raise Unsure(path, *found.questions, f"not opened: topdress import {shlex.quote(str(path))} --guess writes "
-                     "an import file in which these lines can be put right")
+        raise Unsure(
+            path,
+            *found.questions,
+            f"not opened: topdress import {shlex.quote(str(path))} --guess writes "
+            "an import file in which these lines can be put right",
+        )
     return raw, found.mapping, None

@@ -1,4 +1,6 @@
-"""The files of a folder or a zip, by their names, without what operating systems put next to them."""
+"""The files of a folder or a zip, by their names, without what operating systems put next to
+them."""
+
 from __future__ import annotations
 
 import os
@@ -10,7 +12,7 @@ from pathlib import Path, PurePosixPath
 from drivers.files.limits import DAMAGED_ZIP, SHAPES, held_to
 from drivers.plain_text import Refused
 
-DEEPEST = 4                     # folders in one another that are looked into
+DEEPEST = 4  # folders in one another that are looked into
 OF_MAPS = (".xml", ".bin", ".shp", ".shx", ".dbf", ".prj", ".cpg", ".cst", ".json", ".txt")
 HIDDEN = ("__macosx", "$recycle.bin", "system volume information")
 
@@ -20,7 +22,7 @@ class Folder:
     """Names are paths with slashes, from the top."""
 
     path: Path
-    deep: bool = True           # False: the folder's own files only
+    deep: bool = True  # False: the folder's own files only
 
     @cached_property
     def names(self) -> list[str]:
@@ -58,7 +60,11 @@ class Zip:
 
     @cached_property
     def names(self) -> list[str]:
-        found = [info.filename for info in self._archive.infolist() if info.filename and not info.is_dir()]
+        found = [
+            info.filename
+            for info in self._archive.infolist()
+            if info.filename and not info.is_dir()
+        ]
         return sorted(name for name in found if _counts(name))
 
     def read(self, name: str) -> bytes:
@@ -93,10 +99,18 @@ def parent(name: str) -> str:
 
 
 def chosen(found: list[str], inside: str) -> list[str]:
-    """Those names that are, or end in, or hold as a folder, what was asked for, letters of either case."""
+    """Those names that are, or end in, or hold as a folder, what was asked for, letters of
+    either case."""
     wanted = inside.casefold().strip("/")
-    return [name for name in found if (plain := name.casefold()) == wanted or plain.endswith(f"/{wanted}")
-            or PurePosixPath(plain).stem == wanted or plain.startswith(f"{wanted}/") or f"/{wanted}/" in f"/{plain}"]
+    return [
+        name
+        for name in found
+        if (plain := name.casefold()) == wanted
+        or plain.endswith(f"/{wanted}")
+        or PurePosixPath(plain).stem == wanted
+        or plain.startswith(f"{wanted}/")
+        or f"/{wanted}/" in f"/{plain}"
+    ]
 
 
 def _counts(name: str) -> bool:
@@ -106,12 +120,16 @@ def _counts(name: str) -> bool:
 
 
 def files_of(path: Path) -> tuple[Path, ...]:
-    """All files that reading what lies at `path` may open: those of its task or of a field of AgOpenGPS, the companions
-    of a shapefile."""
+    """All files that reading what lies at `path` may open: those of its task or of a field of
+    AgOpenGPS, the companions of a shapefile."""
     folder = path if path.is_dir() else path.parent
     if path.is_dir() or path.suffix.lower() == ".xml":
         names = Folder(folder, deep=path.is_dir()).names
         return tuple(folder / name for name in names if Path(name).suffix.lower() in OF_MAPS)
     if path.suffix.lower() == ".shp":
-        return tuple(file for file in folder.glob("*") if file.name.casefold().startswith(path.stem.casefold()))
+        return tuple(
+            file
+            for file in folder.glob("*")
+            if file.name.casefold().startswith(path.stem.casefold())
+        )
     return (path,)

@@ -1,4 +1,6 @@
-"""Files that are either whole or not there: write next to the place, then rename; never take a name that is taken."""
+"""Files that are either whole or not there: write next to the place, then rename; never take a
+name that is taken."""
+
 from __future__ import annotations
 
 import contextlib
@@ -9,10 +11,11 @@ from pathlib import Path
 
 
 def write_atomically(path: Path, content: str | bytes, kept: bool = True) -> None:
-    """Replaces `path` by `content` (text as UTF-8) in one step: after a power loss the old or the new file is there.
+    """Replaces `path` by `content` (text as UTF-8) in one step: after a power loss the old or
+    the new file is there.
 
-    kept: returns when that is so; else `keep` is still to be called. Raises OSError where the folder cannot be
-    written; the old file is then untouched.
+    kept: returns when that is so; else `keep` is still to be called. Raises OSError where the
+    folder cannot be written; the old file is then untouched.
     """
     data = content.encode() if isinstance(content, str) else content
     handle, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=".tmp", dir=path.parent)
@@ -51,12 +54,15 @@ class CutShort(OSError):
 
 
 class NewFile:
-    """A file of its own, unbuffered, as a log writer needs it: bytes are appended, and it knows that they are kept."""
+    """A file of its own, unbuffered, as a log writer needs it: bytes are appended, and it knows
+    that they are kept."""
 
     def __init__(self, path: Path, overwrite: bool = False, go_on_at: int | None = None) -> None:
-        """Creates `path`. Raises FileExistsError where it is there already (unless `overwrite`), else OSError.
+        """Creates `path`. Raises FileExistsError where it is there already (unless
+        `overwrite`), else OSError.
 
-        go_on_at: goes on with the file that is there, after so many of its bytes or its last whole line before.
+        go_on_at: goes on with the file that is there, after so many of its bytes or its last
+        whole line before.
         """
         self.path = path
         self._file = io.FileIO(path, ("w+" if overwrite else "x+") if go_on_at is None else "r+")
@@ -67,21 +73,24 @@ class NewFile:
             self._file.seek(0, os.SEEK_END)
 
     def write(self, data: bytearray) -> int:
-        """Bytes taken, perhaps fewer than given. Raises CutShort (it would stand behind a hole), OSError."""
+        """Bytes taken, perhaps fewer than given. Raises CutShort (it would stand behind a
+        hole), OSError."""
         left = os.fstat(self._file.fileno()).st_size
         if left < self._file.tell():
             raise CutShort(left)
         return self._file.write(data) or 0
 
     def sync(self) -> None:
-        """Returns when everything written survives a power loss. Raises OSError, also where the file was deleted."""
+        """Returns when everything written survives a power loss. Raises OSError, also where the
+        file was deleted."""
         os.fsync(self._file.fileno())
         if not self.stands:
             raise OSError("the file was deleted, or is no longer where it was started")
 
     @property
     def stands(self) -> bool:
-        """Whether what is at `path` is still this file: not deleted, moved, or on a disk that went and came back."""
+        """Whether what is at `path` is still this file: not deleted, moved, or on a disk that
+        went and came back."""
         try:
             return os.path.samestat(os.fstat(self._file.fileno()), os.stat(self.path))
         except OSError:
@@ -97,7 +106,8 @@ class NewFile:
 
 
 def create(path: Path, overwrite: bool = False) -> NewFile:
-    """A new file at `path`, or at NAME-2, NAME-3, ... where that name or its sidecar NAME.yaml is taken.
+    """A new file at `path`, or at NAME-2, NAME-3, ... where that name or its sidecar NAME.yaml
+    is taken.
 
     With `overwrite` the file itself. Missing folders are made. Raises OSError.
     """
@@ -122,13 +132,14 @@ def sidecar(log: Path) -> Path:
 
 
 def _umask() -> int:
-    """Only to be had by setting it, for all threads: what another one creates at that moment is open to everybody."""
+    """Only to be had by setting it, for all threads: what another one creates at that moment is
+    open to everybody."""
     umask = os.umask(0o077)
     os.umask(umask)
     return umask
 
 
-_UMASK = _umask()               # before there are threads
+_UMASK = _umask()  # before there are threads
 
 
 def _sync_folder(folder: Path) -> None:

@@ -1,4 +1,5 @@
 """Bench tables (CSV): lag, catch, weigh, heads, place. The kind is read off the columns."""
+
 from __future__ import annotations
 
 from pathlib import Path
@@ -12,7 +13,8 @@ from drivers.files.table import read_table
 
 __all__ = ["BenchTable", "read_bench_table"]
 
-_NAMES = ("plot", "id", "name", "date", "remark", "note")       # texts that identify a row; nothing is compared by them
+# texts that identify a row; nothing is compared by them
+_NAMES = ("plot", "id", "name", "date", "remark", "note")
 _MOST_LABELS = 6
 _HARMLESS = ("crlf", "no_last_line_end", "separator", "decimal_comma")
 
@@ -20,9 +22,9 @@ _HARMLESS = ("crlf", "no_last_line_end", "separator", "decimal_comma")
 def read_bench_table(path: Path | str, kind: str | None = None) -> BenchTable:
     """Reads a bench table.
 
-    `kind`: one of lag, catch, weigh, heads, place where the columns leave it open. The label column is the first text
-    column with at least two and at most six values. Raises TableError with one line: file, column or row, value, what
-    is allowed.
+    `kind`: one of lag, catch, weigh, heads, place where the columns leave it open. The label
+    column is the first text column with at least two and at most six values. Raises TableError
+    with one line: file, column or row, value, what is allowed.
     """
     path = Path(path)
     if kind is not None and kind not in KINDS:
@@ -51,10 +53,15 @@ def _kind(path: Path, names: tuple[str, ...]) -> str:
         return found
     nearest = max(KINDS, key=lambda k: missing(k, names) is None)
     if missing(nearest, names) is None:
-        raise TableError(path, f"the columns fit several kinds of table: say which with --kind {'|'.join(KINDS)}")
+        raise TableError(
+            path, f"the columns fit several kinds of table: say which with --kind {'|'.join(KINDS)}"
+        )
     lacks = "; ".join(f"{k} lacks {' or '.join(missing(k, names) or ())}" for k in KINDS)
-    raise TableError(path, f"no known kind of bench table: {lacks}; a log of another program is read by topdress "
-                     "import (--guess writes a first import file)")
+    raise TableError(
+        path,
+        f"no known kind of bench table: {lacks}; a log of another program is read by topdress "
+        "import (--guess writes a first import file)",
+    )
 
 
 def _label_column(columns: dict[str, np.ndarray]) -> str:

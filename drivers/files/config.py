@@ -4,6 +4,7 @@
 
 Knows no particular model: see `drivers.files.kinds` for those of topdress.
 """
+
 from __future__ import annotations
 
 import hashlib
@@ -29,12 +30,14 @@ Model = TypeVar("Model", bound=BaseModel, covariant=True)
 
 @dataclass(frozen=True, slots=True)
 class Kind(Generic[Model]):
-    """A kind of configuration file: its `format:` field, the folder under configs/ with those shipped, its model."""
+    """A kind of configuration file: its `format:` field, the folder under configs/ with those
+    shipped, its model."""
 
     format: str
     folder: str
     model: type[Model]
-    of_today: Callable[[dict[str, Any]], dict[str, Any]] = dict     # an older file's data as they are written today
+    # an older file's data as they are written today
+    of_today: Callable[[dict[str, Any]], dict[str, Any]] = dict
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,8 +55,8 @@ Kinds = Mapping[str, Kind[BaseModel]]
 def load(where: str | Path, kind: Kind[M], base: Path | None = None) -> Loaded[M]:
     """Reads one file of a known kind.
 
-    `where` is a path (relative to the folder `base`, else to the working folder) or the name of a shipped one.
-    Raises ConfigError.
+    `where` is a path (relative to the folder `base`, else to the working folder) or the name of
+    a shipped one. Raises ConfigError.
     """
     path = resolve(where, [kind.folder], base)
     data, lines, sha256 = _read(path)
@@ -61,7 +64,8 @@ def load(where: str | Path, kind: Kind[M], base: Path | None = None) -> Loaded[M
 
 
 def load_any(where: str | Path, kinds: Kinds) -> tuple[Kind[BaseModel], Loaded[BaseModel]]:
-    """Reads a file of any registered kind, recognised by its `format:` field. Raises ConfigError."""
+    """Reads a file of any registered kind, recognised by its `format:` field. Raises
+    ConfigError."""
     path = resolve(where, [kind.folder for kind in kinds.values()])
     data, lines, sha256 = _read(path)
     label = str(path)
@@ -70,14 +74,20 @@ def load_any(where: str | Path, kinds: Kinds) -> tuple[Kind[BaseModel], Loaded[B
     if found is None:
         raise ConfigError([f"{label}: key format: missing: allowed {allowed}"])
     if not isinstance(found, str) or found not in kinds:
-        raise ConfigError([f"{label}: key format: value {found}: allowed {allowed}{nearest(str(found), kinds)} "
-                           f"(line {lines[('format',)]})"])
+        raise ConfigError(
+            [
+                f"{label}: key format: value {found}: allowed "
+                f"{allowed}{nearest(str(found), kinds)} "
+                f"(line {lines[('format',)]})"
+            ]
+        )
     kind = kinds[found]
     return kind, Loaded(_valid(data, kind, label, lines), path, sha256)
 
 
 def validated(data: Mapping[str, Any], kind: Kind[M], label: str) -> M:
-    """A model from plain data, e.g. the machine in a run log's sidecar; `label` stands in the place of the file's name.
+    """A model from plain data, e.g. the machine in a run log's sidecar; `label` stands in the
+    place of the file's name.
 
     Raises ConfigError.
     """
@@ -85,7 +95,8 @@ def validated(data: Mapping[str, Any], kind: Kind[M], label: str) -> M:
 
 
 def save(path: Path, model: BaseModel, kind: Kind[Any], comment: str = "") -> None:
-    """Writes a configuration that `load` reads back to an equal model, whole or not at all. Raises OSError."""
+    """Writes a configuration that `load` reads back to an equal model, whole or not at all.
+    Raises OSError."""
     data = {"format": kind.format} | plain(model)
     head = "".join(f"# {line}\n" for line in comment.splitlines())
     write_atomically(path, head + dump_yaml(data))
@@ -95,10 +106,15 @@ def schema(kind: Kind[Any]) -> dict[str, Any]:
     """JSON schema (2020-12) of one kind, for editors; the `format` field is in it."""
     body = schema_of(kind.model)
     properties = {"format": {"const": kind.format}} | {
-        k: v for k, v in body.get("properties", {}).items() if k != "format"}
+        k: v for k, v in body.get("properties", {}).items() if k != "format"
+    }
     required = ["format", *(k for k in body.get("required", []) if k != "format")]
-    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **body,
-            "properties": properties, "required": required}
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        **body,
+        "properties": properties,
+        "required": required,
+    }
 
 
 def sha256_of(path: Path) -> str:
@@ -114,18 +130,34 @@ def shipped(folder: str) -> dict[str, Path]:
 
 
 def resolve(where: str | Path, folders: Iterable[str], base: Path | None = None) -> Path:
-    """The path meant by a path or by a shipped name (no folder and no .yaml in it). Raises ConfigError."""
+    """The path meant by a path or by a shipped name (no folder and no .yaml in it). Raises
+    ConfigError."""
     text = str(where)
-    if isinstance(where, Path) or "/" in text or "\\" in text or text.lower().endswith((".yaml", ".yml")):
+    if (
+        isinstance(where, Path)
+        or "/" in text
+        or "\\" in text
+        or text.lower().endswith((".yaml", ".yml"))
+    ):
         path = Path(where)
         return base / path if base is not None else path
     names = {name: path for folder in folders for name, path in shipped(folder).items()}
     if text not in names and Path(text).exists():
-        raise ConfigError([f"{text}: is there, but no configuration: allowed is a .yaml file (topdress map tells what "
-                           "a prescription holds, topdress import what a log does)"])
+        raise ConfigError(
+            [
+                f"{text}: is there, but no configuration: allowed is a .yaml file (topdress "
+                "map tells what "
+                "a prescription holds, topdress import what a log does)"
+            ]
+        )
     if text not in names:
-        raise ConfigError([f"{text}: no configuration of this name is shipped: allowed {', '.join(names) or 'none'}, "
-                           f"or the path of a .yaml file{nearest(text, names)}"])
+        raise ConfigError(
+            [
+                f"{text}: no configuration of this name is shipped: allowed "
+                f"{', '.join(names) or 'none'}, "
+                f"or the path of a .yaml file{nearest(text, names)}"
+            ]
+        )
     return names[text]
 
 
@@ -166,7 +198,8 @@ def _valid(data: dict[str, Any], kind: Kind[M], label: str, lines: Mapping[KeyPa
     if "format" not in kind.model.model_fields:
         data = {k: v for k, v in data.items() if k != "format"}
     try:
-        # JSON in strict mode: a number is never read from a text or from true, yet lists, dates and choices are.
+        # JSON in strict mode: a number is never read from a text or from true, yet lists, dates
+        # and choices are.
         return kind.model.model_validate_json(json.dumps(data), strict=True)
     except ValidationError as error:
         raise ConfigError(explain(error, kind.model, data, label, lines)) from None

@@ -1,4 +1,6 @@
-"""What is wrong with configuration files, apart from what reads them: whoever only tells it needs no more than this."""
+"""What is wrong with configuration files, apart from what reads them: whoever only tells it
+needs no more than this."""
+
 from __future__ import annotations
 
 from collections.abc import Iterable

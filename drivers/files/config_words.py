@@ -1,4 +1,5 @@
 """pydantic's errors in the words of an operator: file, key, value, what is allowed, line."""
+
 from __future__ import annotations
 
 import difflib
@@ -14,11 +15,17 @@ from drivers.files.yaml_text import KeyPath
 
 _MAX_VALUE_LENGTH = 60
 _MAX_NAMES = 15
-_OWN_WORDS = frozenset({"value_error", "assertion_error", "size_of_effect"})     # raised by the models, in plain words
+# raised by the models, in plain words
+_OWN_WORDS = frozenset({"value_error", "assertion_error", "size_of_effect"})
 
 
-def explain(error: ValidationError, model: type[BaseModel], data: object, label: str,
-            lines: Mapping[KeyPath, int]) -> list[str]:
+def explain(
+    error: ValidationError,
+    model: type[BaseModel],
+    data: object,
+    label: str,
+    lines: Mapping[KeyPath, int],
+) -> list[str]:
     """One line for each key that is wrong, in the order of the file."""
     schema = _schema_of(model)
     found: dict[KeyPath, str] = {}
@@ -26,7 +33,8 @@ def explain(error: ValidationError, model: type[BaseModel], data: object, label:
         path = _path_in(data, detail)
         if path not in found:
             found[path] = _sentence(detail, path, data, schema)
-    # Where one member of a union failed further inside, the file meant that one: what the others say is left out.
+    # Where one member of a union failed further inside, the file meant that one: what the
+    # others say is left out.
     outer = {path[:length] for path in found for length in range(len(path))}
     ordered = sorted(found.keys() - outer, key=lambda path: (_line(path, lines) or 0, str(path)))
     return [f"{label}: {found[path]}{_at(_line(path, lines))}" for path in ordered]
@@ -70,7 +78,9 @@ def _sentence(detail: ErrorDetails, path: KeyPath, data: object, schema: Mapping
     if not isinstance(value, dict | list) and value is not _NOWHERE:
         start += f"value {_show(value)}: "
     if kind in _OWN_WORDS:
-        return start + detail["msg"].removeprefix("Value error, ").removeprefix("Assertion failed, ")
+        return start + detail["msg"].removeprefix("Value error, ").removeprefix(
+            "Assertion failed, "
+        )
     words = allowed(_at_path(schema, path), schema)
     return start + (f"allowed {words}" if words else detail["msg"][:1].lower() + detail["msg"][1:])
 
@@ -78,7 +88,8 @@ def _sentence(detail: ErrorDetails, path: KeyPath, data: object, schema: Mapping
 def _schema_of(model: type[BaseModel]) -> Mapping[str, Any]:
     try:
         return schema_of(model)
-    except Exception:    # a model with parts that no schema describes still gets its lines, without ranges
+    # a model with parts that no schema describes still gets its lines, without ranges
+    except Exception:
         return {}
 
 
@@ -98,7 +109,8 @@ def _value_at(data: object, path: KeyPath) -> object:
 def _path_in(data: object, detail: ErrorDetails) -> KeyPath:
     """pydantic's place without the names of union members, which are no keys of the file."""
     path: list[str | int] = []
-    place = (*detail["loc"], *detail.get("ctx", {}).get("wrong_key", ()))     # a model may say which key is wrong
+    # a model may say which key is wrong
+    place = (*detail["loc"], *detail.get("ctx", {}).get("wrong_key", ()))
     last = len(place) - 1
     for index, step in enumerate(place):
         inner = _value_at(data, (step,))
@@ -213,8 +225,11 @@ def _figure(number: float) -> str:
     return f"{number:.15g}"
 
 
-_DATES = {"date": "a date such as 2025-03-20", "date-time": "a time such as 2025-03-20T06:30:00Z",
-          "time": "a time of day such as 06:30:00"}
+_DATES = {
+    "date": "a date such as 2025-03-20",
+    "date-time": "a time such as 2025-03-20T06:30:00Z",
+    "time": "a time of day such as 06:30:00",
+}
 
 
 def _allowed_text(sub: Mapping[str, Any], _root: Mapping[str, Any]) -> str:
@@ -225,7 +240,10 @@ def _allowed_text(sub: Mapping[str, Any], _root: Mapping[str, Any]) -> str:
     low, high = sub.get("minLength"), sub.get("maxLength")
     if low == 1 and high is None:
         return "a text, not empty"
-    limits = [f"at least {low} characters" if low else "", f"at most {high} characters" if high else ""]
+    limits = [
+        f"at least {low} characters" if low else "",
+        f"at most {high} characters" if high else "",
+    ]
     return ", ".join(["a text", *(limit for limit in limits if limit)])
 
 
@@ -251,6 +269,11 @@ def _allowed_group(sub: Mapping[str, Any], root: Mapping[str, Any]) -> str:
     return f"keys {', '.join(names[:_MAX_NAMES])}" if names else "keys and values"
 
 
-_ALLOWED = {"number": _allowed_number, "integer": _allowed_number, "string": _allowed_text, "array": _allowed_list,
-            "object": _allowed_group}
+_ALLOWED = {
+    "number": _allowed_number,
+    "integer": _allowed_number,
+    "string": _allowed_text,
+    "array": _allowed_list,
+    "object": _allowed_group,
+}
 _WORDS = {"boolean": "true, false", "null": "nothing"}

@@ -1,5 +1,6 @@
-"""The parts of topdress that are installed by themselves (extras of pyproject.toml): which are there, and what to type
-for the others."""
+"""The parts of topdress that are installed by themselves (extras of pyproject.toml): which are
+there, and what to type for the others."""
+
 from __future__ import annotations
 
 import re
@@ -11,14 +12,19 @@ from importlib.util import find_spec
 from pathlib import Path
 
 OWN = "topdress"
-EXTRAS = {                  # of pyproject.toml: what one has of each, and the modules that it is asked for by
-    "diagnosis": ("diagnosis, its live check, logs of other programs, Parquet", ("numba", "polars")),
+# of pyproject.toml: what one has of each, and the modules that it is asked for by
+EXTRAS = {
+    "diagnosis": (
+        "diagnosis, its live check, logs of other programs, Parquet",
+        ("numba", "polars"),
+    ),
     "report": ("reports and notebooks with pictures", ("matplotlib",)),
     "serve": ("the console in a browser", ("textual_serve",)),
     "gis": ("KML, KMZ and GeoPackage written", ("pyogrio",)),
     "raster": ("GeoTIFF read", ("rasterio",)),
     "mqtt": ("what the machine does, to an MQTT broker", ("paho",)),
-    "fleet": ("a season of logs on many computers", ("distributed", "fsspec", "cryptography"))}
+    "fleet": ("a season of logs on many computers", ("distributed", "fsspec", "cryptography")),
+}
 _OF_EXTRA = re.compile(r"""^(?P<what>[^;]+?)\s*;.*\bextra\s*==\s*['"](?P<extra>[\w-]+)['"]""")
 _PROJECT = Path(__file__).parents[2] / "pyproject.toml"
 _NAME = re.compile(r"[A-Za-z0-9._-]+")
@@ -36,19 +42,30 @@ def is_there(extra: str) -> bool:
 def need(what: str, *extras: str) -> None:
     """Raises MissingExtra where one of them is not there. what: was asked for, as its subject."""
     if missing := [extra for extra in extras if not is_there(extra)]:
-        raise MissingExtra(f"{what} needs the extra{'s' * (len(missing) > 1)} {' and '.join(missing)}, not installed: "
-                           f"{extra_line(*missing)}")
+        raise MissingExtra(
+            f"{what} needs the extra{'s' * (len(missing) > 1)} {' and '.join(missing)}, not "
+            "installed: "
+            f"{extra_line(*missing)}"
+        )
 
 
 def extra_of(module: str) -> str | None:
     """The extra that brings a module."""
-    return next((extra for extra, (_, modules) in EXTRAS.items() if module.partition(".")[0] in modules), None)
+    return next(
+        (extra for extra, (_, modules) in EXTRAS.items() if module.partition(".")[0] in modules),
+        None,
+    )
 
 
 def requirements(extra: str) -> tuple[str, ...]:
-    """Of an extra: packages with their lowest versions (`matplotlib>=3.9`); of a clone as it stands now."""
+    """Of an extra: packages with their lowest versions (`matplotlib>=3.9`); of a clone as it
+    stands now."""
     if _PROJECT.is_file():
-        return tuple(tomllib.loads(_PROJECT.read_text(encoding="utf-8"))["project"]["optional-dependencies"][extra])
+        return tuple(
+            tomllib.loads(_PROJECT.read_text(encoding="utf-8"))["project"]["optional-dependencies"][
+                extra
+            ]
+        )
     found = [_OF_EXTRA.match(one) for one in requires(OWN) or ()]
     return tuple(one["what"] for one in found if one and one["extra"] == extra)
 
@@ -68,8 +85,8 @@ def version_of(package: str) -> str | None:
 
 
 def install_line(*packages: str) -> str:
-    """What installs packages next to topdress, whatever installed topdress: pip of a clone, pipx, uv (which has no pip
-    in its environments)."""
+    """What installs packages next to topdress, whatever installed topdress: pip of a clone,
+    pipx, uv (which has no pip in its environments)."""
     what = " ".join(f"'{one}'" for one in packages)
     if find_spec("pip") is None and shutil.which("uv"):
         return f"uv pip install --python {sys.executable} {what}"

@@ -1,4 +1,6 @@
-"""Lines of a farm's books, as `topdress record` keeps them, and what they say of a field's nitrogen in a year."""
+"""Lines of a farm's books, as `topdress record` keeps them, and what they say of a field's
+nitrogen in a year."""
+
 from __future__ import annotations
 
 import csv
@@ -10,14 +12,37 @@ from typing import Any, NamedTuple
 
 from drivers.plain_text import OneLine
 
-COLUMNS = ("date", "begin_utc", "end_utc", "client", "farm", "field", "crop", "operator", "machine", "product",
-           "worked_ha", "covered_ha", "applied_kg", "applied_kg_ha", "target_kg", "nitrogen_kg", "nitrogen_kg_ha",
-           "worked_h", "price_per_kg", "cost", "currency", "simulated", "log")
+COLUMNS = (
+    "date",
+    "begin_utc",
+    "end_utc",
+    "client",
+    "farm",
+    "field",
+    "crop",
+    "operator",
+    "machine",
+    "product",
+    "worked_ha",
+    "covered_ha",
+    "applied_kg",
+    "applied_kg_ha",
+    "target_kg",
+    "nitrogen_kg",
+    "nitrogen_kg_ha",
+    "worked_h",
+    "price_per_kg",
+    "cost",
+    "currency",
+    "simulated",
+    "log",
+)
 BEGINS = ",".join(COLUMNS[:5]).encode()
 
 
 class FarmRecordError(OneLine):
-    """The file is no farm record, or a line of it says no nitrogen; one line that names it and what is allowed."""
+    """The file is no farm record, or a line of it says no nitrogen; one line that names it and
+    what is allowed."""
 
 
 class FieldYear(NamedTuple):
@@ -27,19 +52,30 @@ class FieldYear(NamedTuple):
     passes: int
 
 
-def given_in_year(path: Path, names: Mapping[str, str], begins: dt.date, area_ha: float,
-                  own_logs: Collection[str] = ()) -> FieldYear:
-    """names: client, farm and field as a job says them: lines of this field, and of no other client's or farm's where
-    both say one. begins: lines before it are another year's; a line without a date counts. Simulated passes, and those
-    of `own_logs` (file names), count nothing. Raises FarmRecordError for a file that is no farm record, or a line
-    without its nitrogen; OSError."""
+def given_in_year(
+    path: Path,
+    names: Mapping[str, str],
+    begins: dt.date,
+    area_ha: float,
+    own_logs: Collection[str] = (),
+) -> FieldYear:
+    """names: client, farm and field as a job says them: lines of this field, and of no other
+    client's or farm's where both say one. begins: lines before it are another year's; a line
+    without a date counts. Simulated passes, and those of `own_logs` (file names), count
+    nothing. Raises FarmRecordError for a file that is no farm record, or a line without its
+    nitrogen; OSError."""
     if not path.exists():
-        raise FarmRecordError(f"{path}: is not there: allowed is a farm record (topdress record LOG --out {path.name})")
+        raise FarmRecordError(
+            f"{path}: is not there: allowed is a farm record (topdress record LOG --out "
+            f"{path.name})"
+        )
     kg, passes = 0.0, 0
     for number, cells in enumerate(record_rows(path), start=2):
         row = dict(zip(COLUMNS, cells, strict=True))
-        apart = any((key == "field" or (row[key] and said)) and row[key].casefold() != said.casefold()
-                    for key, said in names.items())
+        apart = any(
+            (key == "field" or (row[key] and said)) and row[key].casefold() != said.casefold()
+            for key, said in names.items()
+        )
         early = bool(row["date"]) and row["date"] < begins.isoformat()
         if apart or early or row["simulated"] or row["log"] in own_logs:
             continue
@@ -48,19 +84,24 @@ def given_in_year(path: Path, names: Mapping[str, str], begins: dt.date, area_ha
         except ValueError:
             n_kg = math.nan
         if not 0.0 <= n_kg < math.inf:
-            raise FarmRecordError(f"{path}: line {number}: nitrogen_kg {row['nitrogen_kg']!r}: allowed is a number "
-                                  "from 0")
+            raise FarmRecordError(
+                f"{path}: line {number}: nitrogen_kg {row['nitrogen_kg']!r}: allowed is a number "
+                "from 0"
+            )
         kg, passes = kg + n_kg, passes + 1
     return FieldYear(kg / area_ha, passes)
 
 
 def record_rows(path: Path) -> list[list[Any]]:
-    """The lines below the head, cells as COLUMNS; none where the file is not there. Raises FarmRecordError, OSError."""
+    """The lines below the head, cells as COLUMNS; none where the file is not there. Raises
+    FarmRecordError, OSError."""
     if not path.exists():
         return []
     with path.open(encoding="utf-8-sig", newline="") as file:
         rows = list(csv.reader(file))
     if not rows or tuple(rows[0]) != COLUMNS or any(len(row) != len(COLUMNS) for row in rows[1:]):
-        raise FarmRecordError(f"{path}: is no farm record of topdress: allowed is another name, or one that begins "
-                          f"{','.join(COLUMNS[:4])},...")
+        raise FarmRecordError(
+            f"{path}: is no farm record of topdress: allowed is another name, or one that begins "
+            f"{','.join(COLUMNS[:4])},..."
+        )
     return rows[1:]

@@ -1,4 +1,6 @@
-"""Logs of other programs: names, times and values that are not as in docs/format-run-log.md are put right or said."""
+"""Logs of other programs: names, times and values that are not as in docs/format-run-log.md are
+put right or said."""
+
 from __future__ import annotations
 
 import datetime as dt
@@ -22,22 +24,28 @@ from drivers.files.imports.words import WHOLE_DATES, WHOLE_NAMES
 from drivers.files.table import Columns
 
 Times = NDArray[np.float64]
-_MOST_NUMBERS = 0.5          # of the cells of times: where more are numbers, the others are no dates
+# of the cells of times: where more are numbers, the others are no dates
+_MOST_NUMBERS = 0.5
 _KMH_COLUMN = "speed_kmh"
 
 
 class _Use(NamedTuple):
     columns: tuple[str, ...]
-    all_needed: bool             # else one of them is enough
+    all_needed: bool  # else one of them is enough
     without: str
 
 
 _USES = (
-    _Use(("lat_deg", "lon_deg"), True, "no map and no place; map and point mode cannot be replayed"),
+    _Use(
+        ("lat_deg", "lon_deg"), True, "no map and no place; map and point mode cannot be replayed"
+    ),
     _Use(SPEEDS, False, "no rates and no lag distance"),
     _Use(("speed_mps", "wheel_speed_mps"), True, "the speed stage cannot be diagnosed"),
-    _Use(("ndvi", "ndvi_1", "ndvi_2", "ndvi_3", "ndvi_4", "ndvi_5", "ndvi_6", "ndre", *NDRE_COLUMNS), False,
-         "canopy mode cannot be replayed and the heads cannot be diagnosed"),
+    _Use(
+        ("ndvi", "ndvi_1", "ndvi_2", "ndvi_3", "ndvi_4", "ndvi_5", "ndvi_6", "ndre", *NDRE_COLUMNS),
+        False,
+        "canopy mode cannot be replayed and the heads cannot be diagnosed",
+    ),
     _Use(("target_rate_kg_ha",), True, "no rate error"),
     _Use(("shaft_rpm_cmd", "shaft_rpm"), True, "the shaft stage cannot be diagnosed"),
     _Use(("opening_mm_cmd", "opening_mm"), True, "the gate stage cannot be diagnosed"),
@@ -49,11 +57,19 @@ _USES = (
 
 
 def our_names(names: tuple[str, ...]) -> Renamed:
-    """The header with the published names, where a column goes by another well-known name, in other letters or with its
-    unit. Of several columns that tell the time one becomes `time_s`, seconds before dates."""
+    """The header with the published names, where a column goes by another well-known name, in
+    other letters or with its unit. Of several columns that tell the time one becomes `time_s`,
+    seconds before dates."""
     plain = [name.strip().lower() for name in names]
-    times = {} if {"time_s", "t_s"} & set(plain) else {
-        name: "time_s" for name in (next((name for name in WHOLE_DATES if name in plain), ""),) if name}
+    times = (
+        {}
+        if {"time_s", "t_s"} & set(plain)
+        else {
+            name: "time_s"
+            for name in (next((name for name in WHOLE_DATES if name in plain), ""),)
+            if name
+        }
+    )
     if times and {"time", "t", "seconds", "elapsed_s"} & set(plain):
         times = {}
     return renamed(names, COLUMNS, WHOLE_NAMES | times)
@@ -94,12 +110,17 @@ def _with_speed_from_kmh(columns: Columns) -> tuple[Columns, list[Finding]]:
 
 
 def _missing(columns: Columns, names: Collection[str]) -> list[Finding]:
-    known = {name for name in {*names, *columns} if name not in columns or not _is_empty(columns, name)}
+    known = {
+        name for name in {*names, *columns} if name not in columns or not _is_empty(columns, name)
+    }
     findings = []
     for use in _USES:
         absent = [name for name in use.columns if name not in known]
         if absent and (use.all_needed or len(absent) == len(use.columns)):
-            text = f"no {' and no '.join(absent) if use.all_needed else ' or '.join(absent)}: {use.without}"
+            text = (
+                f"no {' and no '.join(absent) if use.all_needed else ' or '.join(absent)}: "
+                f"{use.without}"
+            )
             findings.append(Finding("missing", text, absent[0]))
     return findings
 
@@ -109,8 +130,11 @@ def _is_empty(columns: Columns, name: str) -> bool:
     return not np.any(array != "") if array.dtype == object else bool(np.all(np.isnan(array)))
 
 
-def time_column(path: Path, columns: Columns, names: Collection[str], findings: list[Finding]) -> Times:
-    """A log's `time_s` as numbers, NaN where there is none; in order, or in seconds, it need not be.
+def time_column(
+    path: Path, columns: Columns, names: Collection[str], findings: list[Finding]
+) -> Times:
+    """A log's `time_s` as numbers, NaN where there is none; in order, or in seconds, it need
+    not be.
 
     `names`: all columns of the file. `findings` grows by what was done. Raises TableError.
     """
@@ -119,13 +143,18 @@ def time_column(path: Path, columns: Columns, names: Collection[str], findings: 
     if "utc" in columns:
         from_utc = seconds_of(columns["utc"])
         if np.isfinite(from_utc).any() or from_utc.size == 0:
-            findings.append(Finding("time_from_utc", "no column time_s: computed from utc", "time_s"))
+            findings.append(
+                Finding("time_from_utc", "no column time_s: computed from utc", "time_s")
+            )
             return from_utc - np.nanmin(from_utc) if from_utc.size else from_utc
     close = difflib.get_close_matches("time_s", [name.lower() for name in names], n=1, cutoff=0.5)
     hint = f" (is it {close[0]}?)" if close else ""
     listed = ", ".join(list(names)[:8]) + (", ..." if len(names) > 8 else "")
-    raise TableError(path, "no column time_s (seconds since the log began) and no usable utc; "
-                     f"columns found: {listed}{hint}")
+    raise TableError(
+        path,
+        "no column time_s (seconds since the log began) and no usable utc; "
+        f"columns found: {listed}{hint}",
+    )
 
 
 def _dates_or_seconds(values: NDArray[Any], findings: list[Finding]) -> Times:
@@ -137,13 +166,21 @@ def _dates_or_seconds(values: NDArray[Any], findings: list[Finding]) -> Times:
             known = np.isfinite(dates)
             if not known.any():
                 return dates
-            findings.append(Finding("dates", "times are dates: taken as seconds since the first row", "time_s"))
+            findings.append(
+                Finding("dates", "times are dates: taken as seconds since the first row", "time_s")
+            )
             return np.asarray(dates - dates[known][0], dtype=np.float64)
         bad = int((np.isnan(numbers) & (values != "")).sum())
         if bad:
             example = str(values[np.isnan(numbers) & (values != "")][0])[:20]
-            findings.append(Finding("not_a_number", f"column time_s: {many(bad, 'cell')} such as {example!r} emptied: "
-                                    "not a number", "time_s", bad))
+            findings.append(
+                Finding(
+                    "not_a_number",
+                    f"column time_s: {many(bad, 'cell')} such as {example!r} emptied: not a number",
+                    "time_s",
+                    bad,
+                )
+            )
         values = numbers
     return np.asarray(values, dtype=np.float64)
 
@@ -156,8 +193,8 @@ def _float(text: Any) -> float:
 
 
 def seconds_of(utc: NDArray[Any]) -> Times:
-    """Seconds since 1970 of ISO 8601 texts, of any zone that they name (else UTC), or of days as spreadsheets count
-    them; NaN where there is none."""
+    """Seconds since 1970 of ISO 8601 texts, of any zone that they name (else UTC), or of days
+    as spreadsheets count them; NaN where there is none."""
     return np.array([_second(str(text).strip()) for text in utc.tolist()])
 
 

@@ -1,4 +1,5 @@
 """GeoPackage (OGC 12-128r19) by SQLite: read only, its tables and views alone, within a time."""
+
 from __future__ import annotations
 
 import sqlite3
@@ -16,21 +17,33 @@ from drivers.files.limits import GEOPACKAGE, MB, held_to
 from drivers.files.stated_units import StatedUnit, of_markup, of_texts
 from drivers.plain_text import PlaceInFile, Refused
 
-LONGEST_S = 20.0            # of all that SQLite does with a file: one of 256 MB takes 2 s
-STEPS = 20_000              # of its machine between two looks at the clock, a millisecond
-LONGEST_VALUE = 64 * MB     # of a cell
-MOST_HEAP = 256 * MB        # of SQLite: what a view sorts stays in memory, and is given up there
-ROW_BYTES = 200             # that a row of nothing takes here
-ENVELOPES = (0, 32, 48, 48, 64)     # bytes, by their code in a geometry's header (2.1.3)
-ALLOWED = (sqlite3.SQLITE_SELECT, sqlite3.SQLITE_READ, sqlite3.SQLITE_FUNCTION, sqlite3.SQLITE_RECURSIVE)
+# of all that SQLite does with a file: one of 256 MB takes 2 s
+LONGEST_S = 20.0
+# of its machine between two looks at the clock, a millisecond
+STEPS = 20_000
+LONGEST_VALUE = 64 * MB  # of a cell
+# of SQLite: what a view sorts stays in memory, and is given up there
+MOST_HEAP = 256 * MB
+ROW_BYTES = 200  # that a row of nothing takes here
+# bytes, by their code in a geometry's header (2.1.3)
+ENVELOPES = (0, 32, 48, 48, 64)
+ALLOWED = (
+    sqlite3.SQLITE_SELECT,
+    sqlite3.SQLITE_READ,
+    sqlite3.SQLITE_FUNCTION,
+    sqlite3.SQLITE_RECURSIVE,
+)
 
-_LAYERS = """SELECT c.table_name, g.column_name, s.organization, s.organization_coordsys_id, s.definition
+_LAYERS = """SELECT c.table_name, g.column_name, s.organization, s.organization_coordsys_id,
+s.definition
     FROM gpkg_contents c JOIN gpkg_geometry_columns g ON g.table_name = c.table_name
-    LEFT JOIN gpkg_spatial_ref_sys s ON s.srs_id = g.srs_id WHERE c.data_type = 'features' ORDER BY c.rowid"""
+    LEFT JOIN gpkg_spatial_ref_sys s ON s.srs_id = g.srs_id WHERE c.data_type = 'features' ORDER
+    BY c.rowid"""
 
 
 class _LayerTable(NamedTuple):
-    """`crs`: EPSG:number or the like; None: none that is known; `definition`: the same as well-known text."""
+    """`crs`: EPSG:number or the like; None: none that is known; `definition`: the same as
+    well-known text."""
 
     name: str
     shape_column: str
@@ -39,71 +52,113 @@ class _LayerTable(NamedTuple):
 
 
 def read_geopackage(path: Path, longest_s: float = LONGEST_S) -> list[Layer]:
-    """Raises Refused, BeyondLimits, OSError; KeyboardInterrupt at once, however long a view would take."""
+    """Raises Refused, BeyondLimits, OSError; KeyboardInterrupt at once, however long a view
+    would take."""
     with path.open("rb") as file:
         if file.read(16) != b"SQLite format 3\0":
             raise Refused(path, "no GeoPackage: its first bytes are not those of SQLite")
     wal = path.with_name(f"{path.name}-wal")
     if wal.is_file() and wal.stat().st_size:
-        raise Refused(path, "open in another program, which has not yet written all of it: close it there first")
+        raise Refused(
+            path,
+            "open in another program, which has not yet written all of it: close it there first",
+        )
     until_s = time.monotonic() + longest_s
     try:
-        with closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro&immutable=1", uri=True)) as base:
+        with closing(
+            sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro&immutable=1", uri=True)
+        ) as base:
             _fence(base, until_s)
             return [_layer(path, base, table) for table in _tables(base)]
     except (sqlite3.Error, sqlite3.Warning) as error:
         if getattr(error, "sqlite_errorname", "") != "SQLITE_INTERRUPT":
             raise Refused(path, "not readable as GeoPackage: {why}", why=str(error)[:150]) from None
         if time.monotonic() < until_s:
-            raise KeyboardInterrupt from None           # came while SQLite was at work, which ended it
-        raise Refused(path, "a view or a table in it takes longer than {seconds:g} s: allowed are tables of shapes",
-                          seconds=longest_s) from None
+            # came while SQLite was at work, which ended it
+            raise KeyboardInterrupt from None
+        raise Refused(
+            path,
+            "a view or a table in it takes longer than {seconds:g} s: allowed are tables of shapes",
+            seconds=longest_s,
+        ) from None
 
 
 def _fence(base: sqlite3.Connection, until_s: float) -> None:
-    """Nothing is written, attached, loaded or set, whatever the file's own schema says; and it has an end."""
-    for setting in ("trusted_schema=OFF", "cell_size_check=ON", "temp_store=MEMORY", f"hard_heap_limit={MOST_HEAP}"):
+    """Nothing is written, attached, loaded or set, whatever the file's own schema says; and it
+    has an end."""
+    for setting in (
+        "trusted_schema=OFF",
+        "cell_size_check=ON",
+        "temp_store=MEMORY",
+        f"hard_heap_limit={MOST_HEAP}",
+    ):
         base.execute(f"PRAGMA {setting}")
     base.text_factory = lambda data: data.decode("utf-8", "replace")
     base.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, LONGEST_VALUE)
     base.setlimit(sqlite3.SQLITE_LIMIT_ATTACHED, 0)
-    base.set_authorizer(lambda action, one, *_: sqlite3.SQLITE_OK if action in ALLOWED or (
-        action == sqlite3.SQLITE_PRAGMA and one == "table_info") else sqlite3.SQLITE_DENY)
+    base.set_authorizer(
+        lambda action, one, *_: (
+            sqlite3.SQLITE_OK
+            if action in ALLOWED or (action == sqlite3.SQLITE_PRAGMA and one == "table_info")
+            else sqlite3.SQLITE_DENY
+        )
+    )
     base.set_progress_handler(lambda: time.monotonic() > until_s, STEPS)
 
 
 def _tables(base: sqlite3.Connection) -> list[_LayerTable]:
-    return [_LayerTable(str(name), str(column), f"{organization}:{number}".upper() if organization and number and
-                        str(organization).upper() not in ("NONE",) else None, str(definition or ""))
-            for name, column, organization, number, definition in base.execute(_LAYERS)]
+    return [
+        _LayerTable(
+            str(name),
+            str(column),
+            f"{organization}:{number}".upper()
+            if organization and number and str(organization).upper() not in ("NONE",)
+            else None,
+            str(definition or ""),
+        )
+        for name, column, organization, number, definition in base.execute(_LAYERS)
+    ]
 
 
 def _layer(path: Path, base: sqlite3.Connection, table: _LayerTable) -> Layer:
     quoted = '"' + table.name.replace('"', '""') + '"'
-    keys = {row[1] for row in base.execute(f"PRAGMA table_info({quoted})")
-            if row[5] and str(row[2]).upper() == "INTEGER"}
+    keys = {
+        row[1]
+        for row in base.execute(f"PRAGMA table_info({quoted})")
+        if row[5] and str(row[2]).upper() == "INTEGER"
+    }
     found = base.execute(f"SELECT * FROM {quoted}")
     names = [str(column[0]) for column in found.description]
     where = PlaceInFile(str(path)).at("layer {layer}", layer=table.name)
     if table.shape_column not in names:
-        raise Refused(where, "no column {column}, which it names for its shapes", column=table.shape_column)
+        raise Refused(
+            where, "no column {column}, which it names for its shapes", column=table.shape_column
+        )
     at = names.index(table.shape_column)
     rows: list[dict[str, Any]] = []
     geometries: list[bytes | None] = []
     for cells in _within(path, found):
         geometries.append(_wkb(cells[at], where, len(rows) + 1))
-        rows.append({name: cell for name, cell in zip(names, cells, strict=True)
-                     if name not in (table.shape_column, *keys) and not isinstance(cell, bytes)})
+        rows.append(
+            {
+                name: cell
+                for name, cell in zip(names, cells, strict=True)
+                if name not in (table.shape_column, *keys) and not isinstance(cell, bytes)
+            }
+        )
     try:
         shapes = shapely.force_2d(shapely.from_wkb(np.array(geometries, dtype=object)))
     except shapely.errors.GEOSException as error:
-        raise Refused(where, "a shape is damaged: {why}", why=str(error).splitlines()[0][:150]) from None
+        raise Refused(
+            where, "a shape is damaged: {why}", why=str(error).splitlines()[0][:150]
+        ) from None
     shapes, findings = in_degrees(path, table.name, shapes, table.crs, table.definition)
     return Layer(table.name, tuple(rows), shapes, findings, _units(base, table.name, names))
 
 
 def _within(path: Path, rows: sqlite3.Cursor) -> Iterator[tuple[Any, ...]]:
-    """Rows as they come, as long as they are no more than a file of the largest size can hold. Raises BeyondLimits."""
+    """Rows as they come, as long as they are no more than a file of the largest size can hold.
+    Raises BeyondLimits."""
     taken = 0
     for row in rows:
         taken += ROW_BYTES + sum(len(cell) for cell in row if isinstance(cell, str | bytes))
@@ -115,24 +170,36 @@ def _wkb(blob: Any, where: PlaceInFile, row: int) -> bytes | None:
     """A shape without its header (2.1.3). Raises Refused."""
     if blob is None:
         return None
-    envelope = blob[3] >> 1 & 7 if isinstance(blob, bytes) and len(blob) >= 8 and blob[:2] == b"GP" else 7
+    envelope = (
+        blob[3] >> 1 & 7 if isinstance(blob, bytes) and len(blob) >= 8 and blob[:2] == b"GP" else 7
+    )
     if envelope >= len(ENVELOPES):
         raise Refused(where.at("row {row}", row=row), "no shape of a GeoPackage")
-    return bytes(blob[8 + ENVELOPES[envelope]:])
+    return bytes(blob[8 + ENVELOPES[envelope] :])
 
 
 def _units(base: sqlite3.Connection, table: str, names: list[str]) -> dict[str, StatedUnit]:
-    """What the file says of its columns besides their names: titles and descriptions, metadata, QGIS's styles."""
-    there = {str(row[0]) for row in base.execute("SELECT name FROM sqlite_master WHERE type = 'table'")}
+    """What the file says of its columns besides their names: titles and descriptions, metadata,
+    QGIS's styles."""
+    there = {
+        str(row[0]) for row in base.execute("SELECT name FROM sqlite_master WHERE type = 'table'")
+    }
     found: dict[str, StatedUnit] = {}
     if "gpkg_data_columns" in there:
-        for column, *texts in base.execute("SELECT column_name, name, title, description FROM gpkg_data_columns "
-                                           "WHERE table_name = ?", (table,)):
-            found |= of_texts(str(column), [str(text) for text in texts if text], "gpkg_data_columns")
+        for column, *texts in base.execute(
+            "SELECT column_name, name, title, description FROM gpkg_data_columns "
+            "WHERE table_name = ?",
+            (table,),
+        ):
+            found |= of_texts(
+                str(column), [str(text) for text in texts if text], "gpkg_data_columns"
+            )
     if "gpkg_metadata" in there:
         for (text,) in base.execute("SELECT metadata FROM gpkg_metadata"):
             found |= of_markup(str(text), names, "gpkg_metadata")
     if "layer_styles" in there:
-        for (text,) in base.execute("SELECT styleQML FROM layer_styles WHERE f_table_name = ?", (table,)):
+        for (text,) in base.execute(
+            "SELECT styleQML FROM layer_styles WHERE f_table_name = ?", (table,)
+        ):
             found |= of_markup(str(text), names, "layer_styles")
     return found

@@ -1,4 +1,6 @@
-"""Of lines that are not all readable those that are: a log that is being written may hold a damaged one."""
+"""Of lines that are not all readable those that are: a log that is being written may hold a
+damaged one."""
+
 from __future__ import annotations
 
 from collections.abc import Callable
@@ -7,15 +9,20 @@ from drivers.files.imports.trouble import TableError
 from drivers.files.limits import BeyondLimits
 from drivers.files.table import Columns
 
-MOST_SHARE = 0.5                # of lines that may be damaged: with more it is no such log
-TRIED = 100                     # readings, at most: each damaged line costs two for each halving
+# of lines that may be damaged: with more it is no such log
+MOST_SHARE = 0.5
+# readings, at most: each damaged line costs two for each halving
+TRIED = 100
 
 
 class GoodLines:
-    """found: what `read` makes of the lines without the damaged ones; None where too many are. head: lines before the
-    rows, kept in any case. Raises what `read` raises but TableError and BeyondLimits."""
+    """found: what `read` makes of the lines without the damaged ones; None where too many are.
+    head: lines before the rows, kept in any case. Raises what `read` raises but TableError and
+    BeyondLimits."""
 
-    def __init__(self, lines: list[bytes], head: int, read: Callable[[list[bytes]], Columns]) -> None:
+    def __init__(
+        self, lines: list[bytes], head: int, read: Callable[[list[bytes]], Columns]
+    ) -> None:
         self.found: Columns | None = None
         self.damaged = 0
         self._read, self._head, self._tried = read, lines[:head], 0

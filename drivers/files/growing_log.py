@@ -1,10 +1,11 @@
 """A log that another program is still writing: what came since the last look.
 
-Only the new lines are read, whole ones only, of a run log of ours and of a text of another program
-(`ForeignText`); what is no text is brought in anew whenever it has grown, and what is later than the last row
-counts as new. A damaged line is left out and counted. Where another log stands in its place, that one is read from its
-beginning: its times say so.
+Only the new lines are read, whole ones only, of a run log of ours and of a text of another
+program (`ForeignText`); what is no text is brought in anew whenever it has grown, and what is
+later than the last row counts as new. A damaged line is left out and counted. Where another log
+stands in its place, that one is read from its beginning: its times say so.
 """
+
 from __future__ import annotations
 
 from pathlib import Path
@@ -22,23 +23,38 @@ from drivers.files.sheet_text import SUFFIXES
 from drivers.files.table import Columns
 from drivers.files.what_it_is import FOREIGN
 
-# A log of another program that still grows: only its new lines are brought in, by what the whole of it said.
+# A log of another program that still grows: only its new lines are brought in, by what the
+# whole of it said.
 #
-# What the columns mean is asked of the whole file when it is opened, and again whenever it has doubled, so that all
-# looks together read each line a few times. Between, the new lines are brought in behind the file's own first lines up
-# to its first row, with the same import file: the times of both begin at that row.
-FIRST_LINES = 100               # these must say what the columns mean, before others are taken for damaged
-GROWN = 2.0                     # times as large as when it was read as a whole
-ONE_BYTE = ("utf-8", "ascii", "latin", "iso-8859", "iso8859", "cp125", "windows-125", "gbk", "gb2312", "gb18030")
+# What the columns mean is asked of the whole file when it is opened, and again whenever it has
+# doubled, so that all looks together read each line a few times. Between, the new lines are
+# brought in behind the file's own first lines up to its first row, with the same import file:
+# the times of both begin at that row. these must say what the columns mean, before others are
+# taken for damaged
+FIRST_LINES = 100
+GROWN = 2.0  # times as large as when it was read as a whole
+ONE_BYTE = (
+    "utf-8",
+    "ascii",
+    "latin",
+    "iso-8859",
+    "iso8859",
+    "cp125",
+    "windows-125",
+    "gbk",
+    "gb2312",
+    "gb18030",
+)
 
 
 class ForeignText:
-    """`read` gives the rows of the new lines, or of the whole file where they cannot be known without it."""
+    """`read` gives the rows of the new lines, or of the whole file where they cannot be known
+    without it."""
 
     def __init__(self, path: Path) -> None:
         self.path, self.damaged = path, 0
-        self._head = b""                        # lines up to the first row
-        self._offset = 0                        # of the first byte that was not read
+        self._head = b""  # lines up to the first row
+        self._offset = 0  # of the first byte that was not read
         self._whole_size = 0
         self._mapping: ImportFile | None = None
 
@@ -53,18 +69,20 @@ class ForeignText:
 
     def _whole(self) -> Columns | None:
         data = self.path.read_bytes()
-        data = data[:data.rfind(b"\n") + 1] or data
+        data = data[: data.rfind(b"\n") + 1] or data
         self._whole_size = max(len(data), 1)
         if self._mapping is not None:
             try:
                 return self._ask(data)
-            except TableError:               # it was known before: a damaged line hides it
+            except TableError:  # it was known before: a damaged line hides it
                 return self._new()
         try:
             return self._ask(data)
-        except TableError:                   # open questions stay; a damaged line may be left out
+        # open questions stay; a damaged line may be left out
+        except TableError:
             lines = data.splitlines(keepends=True)
-            if len(lines) <= FIRST_LINES:       # nothing but a header, or too few rows to tell: it still grows
+            # nothing but a header, or too few rows to tell: it still grows
+            if len(lines) <= FIRST_LINES:
                 return None
             self._ask(b"".join(lines[:FIRST_LINES]))
             good = GoodLines(lines, FIRST_LINES, lambda some: self._ask(b"".join(some)))
@@ -77,9 +95,11 @@ class ForeignText:
         raw, mapping, _ = raw_and_mapping(self.path, data)
         columns = imported_columns(self.path, raw, mapping)
         lines = data.splitlines(keepends=True)
-        follows = raw.source.kind == "text" and (raw.source.encoding or "").lower().startswith(ONE_BYTE)
+        follows = raw.source.kind == "text" and (raw.source.encoding or "").lower().startswith(
+            ONE_BYTE
+        )
         if follows and mapping.time.counts != "rows":
-            self._head, self._offset = b"".join(lines[:raw.first_row]), len(data)
+            self._head, self._offset = b"".join(lines[: raw.first_row]), len(data)
             self._mapping = mapping.model_copy(update={"source": raw.source})
         return columns
 
@@ -87,7 +107,7 @@ class ForeignText:
         with self.path.open("rb") as file:
             file.seek(self._offset)
             data = file.read()
-        new = data[:data.rfind(b"\n") + 1]
+        new = data[: data.rfind(b"\n") + 1]
         if not new:
             return None
         good = GoodLines(new.splitlines(keepends=True), 0, self._rows)
@@ -97,12 +117,13 @@ class ForeignText:
 
     def _rows(self, lines: list[bytes]) -> Columns:
         from drivers.files.imports.read import read_raw
+
         assert self._mapping is not None
         raw = read_raw(self.path, self._mapping.source, self._head + b"".join(lines))
         return imported_columns(self.path, raw, self._mapping)
 
 
-MOST_BYTES = 64 << 20           # of new lines that are read at a time
+MOST_BYTES = 64 << 20  # of new lines that are read at a time
 
 
 class GrowingLog:
@@ -119,23 +140,25 @@ class GrowingLog:
     def _begin(self) -> None:
         self.last_s = -np.inf
         self.behind = False
-        self._offset = 0                # of the first byte that was not read
+        self._offset = 0  # of the first byte that was not read
         self._header = b""
-        self._size, self._place = -1, (0, 0)        # of the file when it was read last
+        self._size, self._place = -1, (0, 0)  # of the file when it was read last
         self._foreign: bool | None = None
         self._text = ForeignText(self.path)
 
     def more(self) -> Columns | None:
         """The rows since the last call, columns as of `RunLog`; None: there are none.
 
-        Raises TableError (open questions too) and OSError for a file that is there and cannot be read.
+        Raises TableError (open questions too) and OSError for a file that is there and cannot
+        be read.
         """
         try:
             now = self.path.stat()
         except FileNotFoundError:
             return None
         place = (now.st_dev, now.st_ino)
-        if now.st_size < self._offset or (self._offset and place != self._place):   # another file stands there now
+        # another file stands there now
+        if now.st_size < self._offset or (self._offset and place != self._place):
             self._begin()
         if now.st_size == self._size and place == self._place:
             return None
@@ -148,10 +171,14 @@ class GrowingLog:
             try:
                 self._foreign = Opened(self.path).foreign
             except TableError:
-                return None             # no header yet
+                return None  # no header yet
         columns: Columns | None
-        if self._foreign and not self.path.is_dir() and self.path.suffix.lower() not in {*FOREIGN, *SUFFIXES}:
-            if size < self._size:                       # another stands in its place
+        if (
+            self._foreign
+            and not self.path.is_dir()
+            and self.path.suffix.lower() not in {*FOREIGN, *SUFFIXES}
+        ):
+            if size < self._size:  # another stands in its place
                 self._text = ForeignText(self.path)
             before = self._text.damaged
             columns, self._size = self._text.read(size), size
@@ -169,17 +196,18 @@ class GrowingLog:
             file.seek(self._offset)
             data = file.read(self._most_bytes)
         self.behind = len(data) == self._most_bytes
-        whole = data[:data.rfind(b"\n") + 1]
+        whole = data[: data.rfind(b"\n") + 1]
         if not whole:
             return None
-        header = self._header or whole[:whole.find(b"\n") + 1]
+        header = self._header or whole[: whole.find(b"\n") + 1]
         lines = (self._header + whole).splitlines(keepends=True)
         columns = self._good(lines) if len(lines) > 1 else None
         self._header, self._offset = header, self._offset + len(whole)
         return columns
 
     def _good(self, lines: list[bytes]) -> Columns | None:
-        """Without the lines that are damaged; raises as the reader does where nothing of it is a log."""
+        """Without the lines that are damaged; raises as the reader does where nothing of it is
+        a log."""
         good = GoodLines(lines, 1, lambda some: self._parsed(b"".join(some)))
         if good.found is None and self._offset == 0:
             return self._parsed(b"".join(lines))
@@ -192,7 +220,8 @@ class GrowingLog:
     def _newer(self, columns: Columns | None) -> Columns | None:
         if columns is None or not len(columns["time_s"]):
             return None
-        if columns["time_s"][-1] < self.last_s:     # it ends before what was read: it is another log
+        # it ends before what was read: it is another log
+        if columns["time_s"][-1] < self.last_s:
             self.last_s = -np.inf
         new = columns["time_s"] > self.last_s
         if not new.any():

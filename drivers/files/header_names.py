@@ -1,4 +1,6 @@
-"""A header's names as this program has them: any letter case, units in brackets, other words for the same thing."""
+"""A header's names as this program has them: any letter case, units in brackets, other words
+for the same thing."""
+
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
@@ -10,30 +12,40 @@ from drivers.files.imports.units import ENDINGS, ColumnUnit, unit_named, unit_of
 
 
 class Renamed(NamedTuple):
-    """`factors`: by name, what one of the file's numbers is in the column's unit, where that is not 1."""
+    """`factors`: by name, what one of the file's numbers is in the column's unit, where that is
+    not 1."""
 
     names: tuple[str, ...]
     findings: tuple[Finding, ...] = ()
     factors: Mapping[str, float] = {}
-    trouble: str = ""           # one line: a unit that cannot be the column's
+    trouble: str = ""  # one line: a unit that cannot be the column's
 
 
 def our_names(names: tuple[str, ...], known: Collection[str], others: Mapping[str, str]) -> Renamed:
-    """`known`: the published names. `others`: further spellings, in small letters with underscores."""
+    """`known`: the published names. `others`: further spellings, in small letters with
+    underscores."""
     taken, ours, findings, factors = set(names), [], [], {}
     for name in names:
         bare, unit = _split(name, known, others)
         plain = "_".join(bare.lower().split())
         other = plain if plain in known else others.get(plain) or _completed(name, known)
-        if unit is not None and other.endswith("_mps") and f"{other[:-4]}_kmh" in others and unit.name == "km/h":
+        if (
+            unit is not None
+            and other.endswith("_mps")
+            and f"{other[:-4]}_kmh" in others
+            and unit.name == "km/h"
+        ):
             other, unit = f"{other[:-4]}_kmh", None
         if other == name or other in taken:
             ours.append(name)
             continue
         factor = 1.0 if unit is None else _factor(unit, other)
         if factor is None:
-            return Renamed(names, trouble=f"column {name}: unit {unit.name if unit else ''}: allowed "
-                           f"{ours_in.name if (ours_in := unit_of(other)) else 'none'}")
+            return Renamed(
+                names,
+                trouble=f"column {name}: unit {unit.name if unit else ''}: allowed "
+                f"{ours_in.name if (ours_in := unit_of(other)) else 'none'}",
+            )
         if factor != 1.0:
             factors[other] = factor
         taken.add(other)
@@ -44,17 +56,26 @@ def our_names(names: tuple[str, ...], known: Collection[str], others: Mapping[st
 
 
 def _completed(name: str, known: Collection[str]) -> str:
-    """`shaft [r/min]` is shaft_rpm: the known name that the unit completes; else the name as it stands."""
+    """`shaft [r/min]` is shaft_rpm: the known name that the unit completes; else the name as it
+    stands."""
     bare, text = named(name)
     unit = None if text is None else unit_named(text)
     if unit is None or bare == name:
         return name
     plain = "_".join(bare.lower().split())
-    return next((plain + ending for ending, word in ENDINGS.items() if word == unit.name and plain + ending in known),
-                name)
+    return next(
+        (
+            plain + ending
+            for ending, word in ENDINGS.items()
+            if word == unit.name and plain + ending in known
+        ),
+        name,
+    )
 
 
-def _split(name: str, known: Collection[str], others: Mapping[str, str]) -> tuple[str, ColumnUnit | None]:
+def _split(
+    name: str, known: Collection[str], others: Mapping[str, str]
+) -> tuple[str, ColumnUnit | None]:
     """Name and unit, where what is left without the unit is a name that is known."""
     bare, text = named(name)
     plain = "_".join(bare.lower().split())

@@ -1,4 +1,5 @@
 """The kinds of configuration files that topdress knows."""
+
 from __future__ import annotations
 
 from control.agronomy.crop import Crop
@@ -18,4 +19,6 @@ PRODUCT = Kind("topdress-product/1", "products", Product)
 JOB = Kind("topdress-job/1", "jobs", Job)
 CAB = Kind("topdress-cab/1", "cabs", CabConfig)
 
-KINDS: Kinds = {kind.format: kind for kind in (MACHINE, CROP, PRODUCT, JOB, CAB, SETTINGS, THEME, IMPORT)}
+KINDS: Kinds = {
+    kind.format: kind for kind in (MACHINE, CROP, PRODUCT, JOB, CAB, SETTINGS, THEME, IMPORT)
+}

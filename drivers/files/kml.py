@@ -1,4 +1,6 @@
-"""KML (OGC 12-007r2) and KMZ: placemarks with polygons, lines and attributes; nothing that it links to is fetched."""
+"""KML (OGC 12-007r2) and KMZ: placemarks with polygons, lines and attributes; nothing that it
+links to is fetched."""
+
 from __future__ import annotations
 
 import re
@@ -21,7 +23,8 @@ CONTAINERS = ("kml", "Document", "Folder")
 
 
 def read_kml(path: Path) -> list[Layer]:
-    """A layer for each document or folder that has placemarks. Raises Refused, BeyondLimits, OSError."""
+    """A layer for each document or folder that has placemarks. Raises Refused, BeyondLimits,
+    OSError."""
     data = path.read_bytes() if path.suffix.lower() == ".kml" else _of_kmz(path)
     try:
         root = xml_root(data, path)
@@ -29,14 +32,19 @@ def read_kml(path: Path) -> list[Layer]:
         raise Refused(path, "not readable as KML: {why}", why=error) from None
     if local(root) not in CONTAINERS:
         raise Refused(path, "not readable as KML: root element {tag}: allowed kml", tag=local(root))
-    return [_layer(path, root, container, placemarks) for container in root.iter()
-            if local(container) in CONTAINERS and (placemarks := _children(container, "Placemark"))]
+    return [
+        _layer(path, root, container, placemarks)
+        for container in root.iter()
+        if local(container) in CONTAINERS and (placemarks := _children(container, "Placemark"))
+    ]
 
 
 def _of_kmz(path: Path) -> bytes:
     try:
         with zipfile.ZipFile(path) as archive:
-            inside = next((name for name in archive.namelist() if name.lower().endswith(".kml")), None)
+            inside = next(
+                (name for name in archive.namelist() if name.lower().endswith(".kml")), None
+            )
             if inside is not None:
                 return archive.read(inside)
     except DAMAGED_ZIP as error:
@@ -48,15 +56,26 @@ def _layer(path: Path, root: Element, container: Element, placemarks: list[Eleme
     name = _text(container, "name") or path.stem
     rows, shapes, closed = [], [], 0
     for number, placemark in enumerate(placemarks, start=1):
-        where = PlaceInFile(str(path)).at("layer {layer}", layer=name).at("placemark {number}", number=number)
+        where = (
+            PlaceInFile(str(path))
+            .at("layer {layer}", layer=name)
+            .at("placemark {number}", number=number)
+        )
         parts, unclosed = _parts(placemark, where)
         closed += unclosed
         shapes.append(together(parts))
-        rows.append({"Name": _text(placemark, "name"), "description": _text(placemark, "description"),
-                     **dict(_attributes(placemark))})
+        rows.append(
+            {
+                "Name": _text(placemark, "name"),
+                "description": _text(placemark, "description"),
+                **dict(_attributes(placemark)),
+            }
+        )
     degrees, _ = in_degrees(path, name, np.array(shapes, dtype=object), None)
     units = of_element(root, [column for row in rows for column in row], path.name)
-    said = Finding("closed_rings", f"{many(closed, 'ring')} without its closing corner closed", rows=closed)
+    said = Finding(
+        "closed_rings", f"{many(closed, 'ring')} without its closing corner closed", rows=closed
+    )
     return Layer(name, tuple(rows), degrees, (said,) if closed else (), units)
 
 
@@ -75,13 +94,20 @@ def _parts(placemark: Element, where: PlaceInFile) -> tuple[list[shapely.Geometr
     for one in placemark.iter():
         kind = local(one)
         if kind == "Polygon":
-            rings = [places for side in ("outerBoundaryIs", "innerBoundaryIs") for edge in _children(one, side)
-                     for ring in _children(edge, "LinearRing") if len(places := _places(ring, where))]
+            rings = [
+                places
+                for side in ("outerBoundaryIs", "innerBoundaryIs")
+                for edge in _children(one, side)
+                for ring in _children(edge, "LinearRing")
+                if len(places := _places(ring, where))
+            ]
             if rings:
                 unclosed += sum(bool((places[0] != places[-1]).any()) for places in rings)
                 found.append(polygon_of(rings, where))
         elif kind in ("LineString", "Point") and len(places := _places(one, where)):
-            found.append(shapely.LineString(places) if len(places) > 1 else shapely.Point(places[0]))
+            found.append(
+                shapely.LineString(places) if len(places) > 1 else shapely.Point(places[0])
+            )
     return found, unclosed
 
 
@@ -89,11 +115,15 @@ def _places(element: Element, where: PlaceInFile) -> np.ndarray:
     """(n, 2) longitude and latitude. Raises Refused."""
     text = re.sub(r"\s*,\s*", ",", _text(element, "coordinates"))
     try:
-        places = np.array([[float(part) for part in place.split(",")[:2]] for place in text.split()]).reshape(-1, 2)
+        places = np.array(
+            [[float(part) for part in place.split(",")[:2]] for place in text.split()]
+        ).reshape(-1, 2)
     except ValueError:
         places = np.array([[np.nan, np.nan]])
     if not np.isfinite(places).all():
-        raise Refused(where, "coordinates are not pairs of numbers: allowed lon,lat[,height] parted by blanks")
+        raise Refused(
+            where, "coordinates are not pairs of numbers: allowed lon,lat[,height] parted by blanks"
+        )
     return places
 
 

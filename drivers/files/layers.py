@@ -1,9 +1,11 @@
-"""Shapes with attributes out of GeoJSON, shapefiles, GeoPackage, KML and KMZ, in longitude and latitude: the one way by
-which maps, fields and points are read.
+"""Shapes with attributes out of GeoJSON, shapefiles, GeoPackage, KML and KMZ, in longitude and
+latitude: the one way by which maps, fields and points are read.
 
-GeoPackage by SQLite, KML by an XML reader of our own, never by GDAL: that opens what it finds in the bytes, whatever
-the name: a virtual data source under `.gpkg` reads other files and runs SQL.
+GeoPackage by SQLite, KML by an XML reader of our own, never by GDAL: that opens what it finds
+in the bytes, whatever the name: a virtual data source under `.gpkg` reads other files and runs
+SQL.
 """
+
 from __future__ import annotations
 
 import json
@@ -19,24 +21,31 @@ from control.recordings.finding import Finding
 from control.targets.rate_map import Floats
 from drivers.files.extras import install_line
 from drivers.files.limits import check_file, read_json
-from drivers.files.prescriptions.projected import Projection, TransverseMercator, national_grid, projection_of
+from drivers.files.prescriptions.projected import (
+    Projection,
+    TransverseMercator,
+    national_grid,
+    projection_of,
+)
 from drivers.files.prescriptions.words import NotAMap
 from drivers.files.stated_units import NO_UNITS, StatedUnit, of_json
 from drivers.plain_text import PlaceInFile, Refused, one_line
 from drivers.plugins import format_of
 
 KML_KINDS, GEOJSON = (".kml", ".kmz"), (".geojson", ".json")
-DEGREES = ("EPSG:4326", "OGC:CRS84", "EPSG:4258", "EPSG:4490", "EPSG:4269")     # WGS84, and within 2 m of it
-WGS84 = ("crs84", "4326")       # as GeoJSON spells it
-KINDS = ("Point", "LineString", "MultiLineString", "Polygon", "MultiPolygon")       # of GeoJSON
+# WGS84, and within 2 m of it
+DEGREES = ("EPSG:4326", "OGC:CRS84", "EPSG:4258", "EPSG:4490", "EPSG:4269")
+WGS84 = ("crs84", "4326")  # as GeoJSON spells it
+KINDS = ("Point", "LineString", "MultiLineString", "Polygon", "MultiPolygon")  # of GeoJSON
 _UTM = re.compile(r"^EPSG:(326|327|258)(\d\d)$")
 _OF_KML = frozenset({"Name", "description", "Description", "id"})
 
 
 class Layer(NamedTuple):
-    """`rows`: attributes; `shapes`: (n,) shapely geometries in longitude and latitude, None where a row has none;
-    `findings`: what was taken how; `units`: of columns, as the file says besides their names. `kind`: the one type of
-    its shapes, where the file states it. `about`: what GeoJSON says besides its features."""
+    """`rows`: attributes; `shapes`: (n,) shapely geometries in longitude and latitude, None
+    where a row has none; `findings`: what was taken how; `units`: of columns, as the file says
+    besides their names. `kind`: the one type of its shapes, where the file states it. `about`:
+    what GeoJSON says besides its features."""
 
     name: str
     rows: tuple[Mapping[str, Any], ...]
@@ -57,17 +66,20 @@ def read_layers(path: Path) -> list[Layer]:
         return [_by_plugin(path, reader)]
     if suffix in (".shp", ".zip", ""):
         from drivers.files.shape_sets import layer_of, shape_sets
+
         return [layer_of(shapes) for shapes in shape_sets(path)]
     if suffix in KML_KINDS:
         from drivers.files.kml import read_kml
+
         return read_kml(path)
     from drivers.files.geopackage import read_geopackage
+
     return read_geopackage(path)
 
 
 def read_geojson(path: Path, kinds: Collection[str] = KINDS, strict: bool = False) -> Layer:
-    """A FeatureCollection (RFC 7946). kinds: of shapes that are looked at; others are empty ones here. strict: else a
-    feature alone will do too, and features of what has no type.
+    """A FeatureCollection (RFC 7946). kinds: of shapes that are looked at; others are empty
+    ones here. strict: else a feature alone will do too, and features of what has no type.
 
     Raises Refused, NotAMap for what is none, OSError.
     """
@@ -81,9 +93,13 @@ def read_geojson(path: Path, kinds: Collection[str] = KINDS, strict: bool = Fals
 def _by_plugin(path: Path, reader: Callable[[Path], Any]) -> Layer:
     try:
         root = reader(path)
-    except Exception as error:          # another's code
-        raise NotAMap(path, "not readable by the plug-in of {suffix}: {why}", suffix=path.suffix,
-                      why=one_line(str(error))) from None
+    except Exception as error:  # another's code
+        raise NotAMap(
+            path,
+            "not readable by the plug-in of {suffix}: {why}",
+            suffix=path.suffix,
+            why=one_line(str(error)),
+        ) from None
     return _of_features(path, root, KINDS, strict=True)
 
 
@@ -93,8 +109,13 @@ def _of_features(path: Path, root: Any, kinds: Collection[str], strict: bool) ->
     if isinstance(root, dict) and (kind == "FeatureCollection" or not strict):
         found = [root] if kind == "Feature" else root.get("features")
     if not isinstance(found, list):
-        raise NotAMap(path, "type {kind}: allowed FeatureCollection" if strict else
-                      "no features: allowed is a FeatureCollection", kind=kind)
+        raise NotAMap(
+            path,
+            "type {kind}: allowed FeatureCollection"
+            if strict
+            else "no features: allowed is a FeatureCollection",
+            kind=kind,
+        )
     crs = json.dumps(root.get("crs") or "crs84").lower()
     if not any(name in crs for name in WGS84):
         raise Refused(path, "crs {crs}: allowed is WGS84 (longitude, latitude)", crs=crs)
@@ -105,8 +126,11 @@ def _of_features(path: Path, root: Any, kinds: Collection[str], strict: bool) ->
         geometry, stated = feature.get("geometry"), feature.get("properties")
         rows.append(stated if isinstance(stated, dict) else {})
         if isinstance(geometry, dict):
-            shapes[k] = _of_json(geometry, PlaceInFile(str(path)).at("feature {feature}", feature=k + 1)) \
-                if geometry.get("type") in kinds else shapely.Point()
+            shapes[k] = (
+                _of_json(geometry, PlaceInFile(str(path)).at("feature {feature}", feature=k + 1))
+                if geometry.get("type") in kinds
+                else shapely.Point()
+            )
     about = {key: value for key, value in root.items() if key != "features"}
     units = of_json(about, {name for row in rows for name in row}, path.name)
     return Layer(str(root.get("name", "")), tuple(rows), shapes, (), units, "", about)
@@ -120,13 +144,20 @@ def _of_json(geometry: Mapping[str, Any], where: PlaceInFile) -> shapely.Geometr
         if area:
             made = [polygon_of([_places(ring) for ring in part], where) for part in parts]
         else:
-            made = [shapely.Point(*_places(parts)[0])] if kind == "Point" else [shapely.LineString(_places(part))
-                                                                                for part in parts]
+            made = (
+                [shapely.Point(*_places(parts)[0])]
+                if kind == "Point"
+                else [shapely.LineString(_places(part)) for part in parts]
+            )
     except Refused:
         raise
     except (ArithmeticError, TypeError, ValueError, LookupError, shapely.errors.GEOSException):
-        raise Refused(where, "coordinates are not rings of numbers: allowed [[[lon, lat], ...]]" if area
-                      else "coordinates are no two numbers: allowed [lon, lat]") from None
+        raise Refused(
+            where,
+            "coordinates are not rings of numbers: allowed [[[lon, lat], ...]]"
+            if area
+            else "coordinates are no two numbers: allowed [lon, lat]",
+        ) from None
     return together(made)
 
 
@@ -154,31 +185,55 @@ def together(parts: Sequence[shapely.Geometry]) -> shapely.Geometry | None:
         return parts[0] if parts else None
     if kinds == {"Polygon"}:
         return shapely.multipolygons(parts)
-    return shapely.multilinestrings(parts) if kinds == {"LineString"} else shapely.geometrycollections(parts)
+    return (
+        shapely.multilinestrings(parts)
+        if kinds == {"LineString"}
+        else shapely.geometrycollections(parts)
+    )
 
 
-def in_degrees(path: Path, layer: str, shapes: Any, crs: str | None, text: str = "") -> tuple[Any, tuple[Finding, ...]]:
-    """The shapes in degrees, and what was done. crs: `EPSG:...`, None: not known. text: the same as well-known text.
+def in_degrees(
+    path: Path, layer: str, shapes: Any, crs: str | None, text: str = ""
+) -> tuple[Any, tuple[Finding, ...]]:
+    """The shapes in degrees, and what was done. crs: `EPSG:...`, None: not known. text: the
+    same as well-known text.
 
     Raises Refused.
     """
     where = PlaceInFile(str(path)).at("layer {layer}", layer=layer)
     if crs is None or crs in DEGREES:
-        if crs is None and len(shapes) and not np.abs(shapely.get_coordinates(shapes)).max(initial=0.0) <= 180.0:
-            raise Refused(where, "coordinates in no known system: allowed are degrees, or UTM that the file names")
+        if (
+            crs is None
+            and len(shapes)
+            and not np.abs(shapely.get_coordinates(shapes)).max(initial=0.0) <= 180.0
+        ):
+            raise Refused(
+                where,
+                "coordinates in no known system: allowed are degrees, or UTM that the file names",
+            )
         return shapes, ()
     found = _UTM.match(crs)
     if found is None:
         return turned(shapes, projection_in(text, where, shapely.get_coordinates(shapes), crs))
     south = found[1] == "327"
-    return turned(shapes, TransverseMercator(f"UTM zone {int(found[2])}{'S' if south else 'N'}",
-                                             6.0 * int(found[2]) - 183.0, 0.0, 0.9996, 500_000.0,
-                                             1e7 if south else 0.0))
+    return turned(
+        shapes,
+        TransverseMercator(
+            f"UTM zone {int(found[2])}{'S' if south else 'N'}",
+            6.0 * int(found[2]) - 183.0,
+            0.0,
+            0.9996,
+            500_000.0,
+            1e7 if south else 0.0,
+        ),
+    )
 
 
-def projection_in(text: str, where: PlaceInFile | Path | str, places: Floats, crs: str = "") -> Projection | None:
-    """What well-known text says of coordinates; None: degrees. places: (n, 2) in them. crs: what must be more than
-    degrees. Raises Refused."""
+def projection_in(
+    text: str, where: PlaceInFile | Path | str, places: Floats, crs: str = ""
+) -> Projection | None:
+    """What well-known text says of coordinates; None: degrees. places: (n, 2) in them. crs:
+    what must be more than degrees. Raises Refused."""
     try:
         found = projection_of(text)
         if found is not None or not crs:
@@ -187,18 +242,24 @@ def projection_in(text: str, where: PlaceInFile | Path | str, places: Floats, cr
         crs = crs or str(error)
     if (grid := national_grid(text, places)) is not None:
         return grid
-    raise Refused(where, "coordinates in {system}: allowed are degrees on WGS84, or UTM",
-                  f": export it again in WGS84 (EPSG:4326), or {install_line('pyproj')}",
-                  system=crs[:120])
+    raise Refused(
+        where,
+        "coordinates in {system}: allowed are degrees on WGS84, or UTM",
+        f": export it again in WGS84 (EPSG:4326), or {install_line('pyproj')}",
+        system=crs[:120],
+    )
 
 
 def turned(shapes: Any, projection: Projection | None) -> tuple[Any, tuple[Finding, ...]]:
     """Shapes in longitude and latitude, and what was done."""
     if projection is None:
         return shapes, ()
-    said = Finding("projected", f"coordinates in {projection.name} taken to degrees{projection.how}")
-    return shapely.transform(shapes, lambda places: np.column_stack(
-        projection.to_deg(places[:, 0], places[:, 1])[::-1])), (said,)
+    said = Finding(
+        "projected", f"coordinates in {projection.name} taken to degrees{projection.how}"
+    )
+    return shapely.transform(
+        shapes, lambda places: np.column_stack(projection.to_deg(places[:, 0], places[:, 1])[::-1])
+    ), (said,)
 
 
 def stated(row: Mapping[str, Any]) -> dict[str, Any]:

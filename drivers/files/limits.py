@@ -1,8 +1,11 @@
-"""How much is read of any file: the one table of limits, and what holds a file against it before a reader opens it.
+"""How much is read of any file: the one table of limits, and what holds a file against it
+before a reader opens it.
 
-docs/limits.md shows the table; a test holds the page against it. A file beyond a limit is refused in one line that
-names it, its size and what is allowed; nothing of it is unpacked first.
+docs/limits.md shows the table; a test holds the page against it. A file beyond a limit is
+refused in one line that names it, its size and what is allowed; nothing of it is unpacked
+first.
 """
+
 from __future__ import annotations
 
 import json
@@ -28,19 +31,29 @@ class Limit(NamedTuple):
 
 
 CONFIG = Limit("configuration, settings, weather (YAML, CSV)", 2_000_000, "bytes")
-TEXT = Limit("run log, table, bench table, plant list as text (CSV and its relatives)", 1024 * MB, "bytes")
+TEXT = Limit(
+    "run log, table, bench table, plant list as text (CSV and its relatives)", 1024 * MB, "bytes"
+)
 COLUMNS = Limit("columns of a table", 2_000, "columns")
 LINE = Limit("line of a text table", 128 << 10, "bytes")
 JSON = Limit("GeoJSON", 256 * MB, "bytes")
 DIGITS = Limit("whole number in JSON", 300, "digits")
-XML = Limit("task file of ISO 11783 (TASKDATA.XML and all that it names); all those of a zip", 64 * MB, "bytes")
+XML = Limit(
+    "task file of ISO 11783 (TASKDATA.XML and all that it names); all those of a zip",
+    64 * MB,
+    "bytes",
+)
 KML = Limit("KML, in a KMZ too", 64 * MB, "bytes")
 TAGS = Limit("XML of any kind", 2_000_000, "tags")
 GEOPACKAGE = Limit("GeoPackage; what one of its layers gives", 256 * MB, "bytes")
 RASTER = Limit("GeoTIFF", 256 * MB, "bytes")
-RASTER_CELLS = Limit("cells of a GeoTIFF in all its bands, those without a value included", 10_000_000, "cells")
+RASTER_CELLS = Limit(
+    "cells of a GeoTIFF in all its bands, those without a value included", 10_000_000, "cells"
+)
 CROSSINGS = Limit("places where outlines of a map cross themselves", 1_000, "crossings")
-NEAR_EDGES = Limit("pairs of edges of a map's large outlines whose extents meet", 2_000_000, "pairs")
+NEAR_EDGES = Limit(
+    "pairs of edges of a map's large outlines whose extents meet", 2_000_000, "pairs"
+)
 OVERLAPS = Limit("pairs of zones of a map that overlap", 5_000, "pairs")
 PARQUET_CELLS = Limit("cells of a Parquet file", 50_000_000, "cells")
 PARQUET_BYTES = Limit("Parquet, unpacked", 1024 * MB, "bytes")
@@ -55,23 +68,71 @@ CELLS = Limit("cells of a sheet, empty ones between others included", 16_777_216
 RESUME = Limit("what is kept of a job next to its log (.resume.json)", 128 * MB, "bytes")
 OTHER = Limit("any other file (Parquet, recordings of devices, ...)", 1024 * MB, "bytes")
 
-LIMITS = (CONFIG, TEXT, COLUMNS, LINE, JSON, DIGITS, XML, KML, TAGS, GEOPACKAGE, RASTER, RASTER_CELLS,
-          CROSSINGS, NEAR_EDGES, OVERLAPS, PARQUET_CELLS, PARQUET_BYTES, NODES, REFERENCES,
-          SHAPES, SIDE, ENTRIES, UNPACKED, WORKBOOK, CELLS, RESUME, OTHER)
+LIMITS = (
+    CONFIG,
+    TEXT,
+    COLUMNS,
+    LINE,
+    JSON,
+    DIGITS,
+    XML,
+    KML,
+    TAGS,
+    GEOPACKAGE,
+    RASTER,
+    RASTER_CELLS,
+    CROSSINGS,
+    NEAR_EDGES,
+    OVERLAPS,
+    PARQUET_CELLS,
+    PARQUET_BYTES,
+    NODES,
+    REFERENCES,
+    SHAPES,
+    SIDE,
+    ENTRIES,
+    UNPACKED,
+    WORKBOOK,
+    CELLS,
+    RESUME,
+    OTHER,
+)
 
 _OF_SUFFIX = {
-    ".csv": TEXT, ".txt": TEXT, ".tsv": TEXT, ".geojson": JSON, ".json": JSON, ".xml": XML, ".kml": KML,
-    ".gpkg": GEOPACKAGE, ".tif": RASTER, ".tiff": RASTER, ".yaml": CONFIG, ".yml": CONFIG,
-    ".shp": SHAPES, ".shx": SHAPES, ".dbf": SHAPES, ".prj": SIDE, ".cpg": SIDE, ".qpj": SIDE,
-    ".xlsx": WORKBOOK, ".xlsm": WORKBOOK, ".xls": WORKBOOK, ".xlsb": WORKBOOK, ".ods": WORKBOOK}
+    ".csv": TEXT,
+    ".txt": TEXT,
+    ".tsv": TEXT,
+    ".geojson": JSON,
+    ".json": JSON,
+    ".xml": XML,
+    ".kml": KML,
+    ".gpkg": GEOPACKAGE,
+    ".tif": RASTER,
+    ".tiff": RASTER,
+    ".yaml": CONFIG,
+    ".yml": CONFIG,
+    ".shp": SHAPES,
+    ".shx": SHAPES,
+    ".dbf": SHAPES,
+    ".prj": SIDE,
+    ".cpg": SIDE,
+    ".qpj": SIDE,
+    ".xlsx": WORKBOOK,
+    ".xlsm": WORKBOOK,
+    ".xls": WORKBOOK,
+    ".xlsb": WORKBOOK,
+    ".ods": WORKBOOK,
+}
 _SIDES = (".shx", ".dbf", ".prj", ".cpg")
 _ZIPPED = (".zip", ".kmz", ".xlsx", ".xlsm", ".xlsb", ".ods")
 _METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 _ENCRYPTED = 0x1
-_QUOTED = re.compile(rb'"[^"]*"')                   # a cell of a text: what stands in it parts no columns
+# a cell of a text: what stands in it parts no columns
+_QUOTED = re.compile(rb'"[^"]*"')
 
 
-# What reading a damaged, odd or locked zip raises (RuntimeError: a password, a version, a compression).
+# What reading a damaged, odd or locked zip raises (RuntimeError: a password, a version, a
+# compression).
 DAMAGED_ZIP = (zipfile.BadZipFile, zlib.error, struct.error, RuntimeError, EOFError)
 
 
@@ -82,13 +143,17 @@ class BeyondLimits(Refused):
 def held_to(limit: Limit, found: int, label: PlaceInFile | Path | str) -> None:
     """Raises BeyondLimits where more was found than is allowed."""
     if found > limit.most:
-        raise BeyondLimits(label, "{found}: allowed up to {most}", found=_amount(found, limit.unit),
-                           most=_amount(limit.most, limit.unit))
+        raise BeyondLimits(
+            label,
+            "{found}: allowed up to {most}",
+            found=_amount(found, limit.unit),
+            most=_amount(limit.most, limit.unit),
+        )
 
 
 def check_file(path: Path) -> None:
-    """Hold a file, a folder of a task or a zip against the table, the files next to it that a reader opens too
-    included.
+    """Hold a file, a folder of a task or a zip against the table, the files next to it that a
+    reader opens too included.
 
     Raises BeyondLimits, OSError. What is not there is the reader's to say.
     """
@@ -99,7 +164,8 @@ def check_file(path: Path) -> None:
         return
     if not path.is_file():
         if path.exists():
-            raise BeyondLimits(path, "a pipe or a device: allowed is a file")       # reading may never end
+            # reading may never end
+            raise BeyondLimits(path, "a pipe or a device: allowed is a file")
         return
     if path.suffix.lower() in _ZIPPED and zipfile.is_zipfile(path):
         _check_zip(path)
@@ -113,7 +179,8 @@ def check_file(path: Path) -> None:
 
 
 def check_text(data: bytes, label: str) -> None:
-    """A text table's bytes: no endless line at its beginning, no endless header. Raises BeyondLimits."""
+    """A text table's bytes: no endless line at its beginning, no endless header. Raises
+    BeyondLimits."""
     held_to(TEXT, len(data), label)
     lines = data[:MB].replace(b"\r", b"\n").split(b"\n")
     held_to(LINE, max(map(len, lines)), PlaceInFile(label).at("one of its first lines"))
@@ -123,15 +190,19 @@ def check_text(data: bytes, label: str) -> None:
 
 
 def read_json(path: Path) -> Any:
-    """A JSON file, with or without a byte order mark. Raises ValueError in words without the path, OSError.
+    """A JSON file, with or without a byte order mark. Raises ValueError in words without the
+    path, OSError.
 
-    Deep nesting and whole numbers of any length are refused as no JSON, not with an error of their own.
+    Deep nesting and whole numbers of any length are refused as no JSON, not with an error of
+    their own.
     """
     if path.exists() and not (path.is_file() or path.is_dir()):
         raise ValueError("a pipe or a device: allowed is a file")
     size = path.stat().st_size
     if size > JSON.most:
-        raise ValueError(f"{_amount(size, JSON.unit)}: allowed up to {_amount(JSON.most, JSON.unit)}")
+        raise ValueError(
+            f"{_amount(size, JSON.unit)}: allowed up to {_amount(JSON.most, JSON.unit)}"
+        )
     try:
         return json.loads(path.read_bytes().decode("utf-8-sig"), parse_int=_whole)
     except RecursionError:
@@ -145,11 +216,16 @@ def _check_zip(path: Path) -> None:
         with zipfile.ZipFile(path) as archive:
             entries = archive.infolist()
     except (*DAMAGED_ZIP, ValueError):
-        return                                  # no zip: the reader says so
+        return  # no zip: the reader says so
     held_to(ENTRIES, len(entries), str(path))
     held_to(whole, sum(entry.file_size for entry in entries), PlaceInFile(str(path)).at("unpacked"))
-    held_to(XML, sum(entry.file_size for entry in entries if entry.filename.lower().endswith(".xml"))
-            if whole is UNPACKED else 0, PlaceInFile(str(path)).at("task files"))
+    held_to(
+        XML,
+        sum(entry.file_size for entry in entries if entry.filename.lower().endswith(".xml"))
+        if whole is UNPACKED
+        else 0,
+        PlaceInFile(str(path)).at("task files"),
+    )
     seen: set[str] = set()
     for entry in entries:
         label = f"{path}/{entry.filename}"
@@ -159,8 +235,11 @@ def _check_zip(path: Path) -> None:
         if entry.flag_bits & _ENCRYPTED:
             raise BeyondLimits(label, "encrypted: allowed is a zip without a password")
         if entry.compress_type not in _METHODS:
-            raise BeyondLimits(label, "compression {number}: allowed are stored and deflated",
-                               number=entry.compress_type)
+            raise BeyondLimits(
+                label,
+                "compression {number}: allowed are stored and deflated",
+                number=entry.compress_type,
+            )
         if whole is UNPACKED:
             _check_size(Path(entry.filename).suffix, entry.file_size, label)
 

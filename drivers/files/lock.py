@@ -1,4 +1,6 @@
-"""A lock that one process holds: the system gives it back when that process ends, however it ends."""
+"""A lock that one process holds: the system gives it back when that process ends, however it
+ends."""
+
 from __future__ import annotations
 
 import io
@@ -22,15 +24,15 @@ else:
 def take_lock(path: Path, take: Callable[[int], None] = _take) -> io.FileIO | None:
     """The open file that holds the lock until it is closed; None where somebody else holds it.
 
-    The file is made where needed and never removed: another process may be about to lock it. Where somebody else
-    removes it, what is locked then is not the file of that name any more: `stands` says so. Raises OSError where the
-    folder is not there or its disk knows no locks.
+    The file is made where needed and never removed: another process may be about to lock it.
+    Where somebody else removes it, what is locked then is not the file of that name any more:
+    `stands` says so. Raises OSError where the folder is not there or its disk knows no locks.
     """
     while True:
         lock = _taken(path, take)
         if lock is None or stands(lock, path):
             return lock
-        lock.close()                # removed between its opening and its locking
+        lock.close()  # removed between its opening and its locking
 
 
 def stands(lock: io.FileIO, path: Path) -> bool:
@@ -47,7 +49,7 @@ def _taken(path: Path, take: Callable[[int], None]) -> io.FileIO | None:
     file = io.FileIO(os.open(path, os.O_RDWR | os.O_CREAT, 0o600), "r+")
     try:
         take(file.fileno())
-    except (BlockingIOError, PermissionError):        # POSIX, Windows: held
+    except (BlockingIOError, PermissionError):  # POSIX, Windows: held
         file.close()
         return None
     except OSError:

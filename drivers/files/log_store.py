@@ -1,7 +1,10 @@
-"""A run log as Parquet: one file that holds the columns, the sidecar and what the reader of the text had to say.
+"""A run log as Parquet: one file that holds the columns, the sidecar and what the reader of the
+text had to say.
 
-For seasons of logs: fewer bytes than the text, and read at once (docs/format-run-log.md, "Parquet").
+For seasons of logs: fewer bytes than the text, and read at once (docs/format-run-log.md,
+"Parquet").
 """
+
 from __future__ import annotations
 
 import contextlib
@@ -30,7 +33,7 @@ if TYPE_CHECKING:
 FORMAT = "topdress-log-store/1"
 SUFFIXES = frozenset({".parquet", ".pq"})
 _KEY, _MAGIC = "topdress", b"PAR1"
-_MOST_FOOTER = 64 << 20         # bytes
+_MOST_FOOTER = 64 << 20  # bytes
 
 
 class Stored(NamedTuple):
@@ -42,14 +45,21 @@ class Stored(NamedTuple):
 
 
 def is_store(path: Path) -> bool:
-    """Whether this is a Parquet file that topdress wrote (of any version), and not another program's."""
+    """Whether this is a Parquet file that topdress wrote (of any version), and not another
+    program's."""
     return path.suffix.lower() in SUFFIXES and _KEY.encode() in _footer(path)
 
 
-def write_store(path: Path, columns: Columns, meta: RunMeta | None, findings: Sequence[Finding] = ()) -> None:
-    """Whole or not at all. columns: arrays of length n, float64 (NaN: not known) or object (texts). Raises OSError."""
-    about = {"format": FORMAT, "meta": None if meta is None else meta_to_yaml(meta),
-             "findings": [list(finding) for finding in findings]}
+def write_store(
+    path: Path, columns: Columns, meta: RunMeta | None, findings: Sequence[Finding] = ()
+) -> None:
+    """Whole or not at all. columns: arrays of length n, float64 (NaN: not known) or object
+    (texts). Raises OSError."""
+    about = {
+        "format": FORMAT,
+        "meta": None if meta is None else meta_to_yaml(meta),
+        "findings": [list(finding) for finding in findings],
+    }
     data = io.BytesIO()
     _frame(columns).write_parquet(data, metadata={_KEY: json.dumps(about, ensure_ascii=False)})
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -57,13 +67,20 @@ def write_store(path: Path, columns: Columns, meta: RunMeta | None, findings: Se
 
 
 def write_text(path: Path, columns: Columns, meta: RunMeta | None) -> None:
-    """The same as a run log of text with its sidecar, each whole or not at all; every number reads back the same, and a
-    log that topdress wrote is the same to the byte. Raises OSError."""
+    """The same as a run log of text with its sidecar, each whole or not at all; every number
+    reads back the same, and a log that topdress wrote is the same to the byte. Raises OSError."""
     import polars as pl
+
     data = io.BytesIO()
-    texts = {name: [text or None for text in array.tolist()] if array.dtype == object
-             else texts_of(name, array.tolist()) for name, array in columns.items()}
-    pl.DataFrame([pl.Series(name, column, pl.String) for name, column in texts.items()]).write_csv(data)
+    texts = {
+        name: [text or None for text in array.tolist()]
+        if array.dtype == object
+        else texts_of(name, array.tolist())
+        for name, array in columns.items()
+    }
+    pl.DataFrame([pl.Series(name, column, pl.String) for name, column in texts.items()]).write_csv(
+        data
+    )
     path.parent.mkdir(parents=True, exist_ok=True)
     if meta is not None:
         write_atomically(sidecar(path), meta_to_yaml(meta))
@@ -74,10 +91,15 @@ def read_store(path: Path, only: Collection[str] | None = None) -> Stored:
     """`only`: names of the columns wanted (None: all); `time_s` comes always. Raises TableError."""
     need("Parquet", "diagnosis")
     import polars as pl
+
     try:
         check_file(path)
         about = stored_about(path)
-        names = [name for name in pl.read_parquet_schema(path) if only is None or name in only or name == "time_s"]
+        names = [
+            name
+            for name in pl.read_parquet_schema(path)
+            if only is None or name in only or name == "time_s"
+        ]
         frame = pl.read_parquet(path, columns=names)
     except (pl.exceptions.PolarsError, OSError) as error:
         raise TableError(path, f"not readable as Parquet: {_first_line(error)}") from None
@@ -88,9 +110,11 @@ def read_store(path: Path, only: Collection[str] | None = None) -> Stored:
 
 
 def stored_about(path: Path) -> tuple[RunMeta | None, tuple[Finding, ...]]:
-    """What a store says of its log along with the columns, which are not read. Raises TableError, OSError."""
+    """What a store says of its log along with the columns, which are not read. Raises
+    TableError, OSError."""
     need("Parquet", "diagnosis")
     import polars as pl
+
     try:
         stated = json.loads(pl.read_parquet_metadata(path)[_KEY])
         if stated["format"] != FORMAT:
@@ -102,7 +126,9 @@ def stored_about(path: Path) -> tuple[RunMeta | None, tuple[Finding, ...]]:
     except TableError:
         raise
     except (KeyError, TypeError, ValueError) as error:
-        raise TableError(path, f"what it says of its log is not readable: {_first_line(error)}") from None
+        raise TableError(
+            path, f"what it says of its log is not readable: {_first_line(error)}"
+        ) from None
 
 
 def _first_line(error: Exception) -> str:
@@ -110,7 +136,8 @@ def _first_line(error: Exception) -> str:
 
 
 def _footer(path: Path) -> bytes:
-    """The part of a Parquet file that describes it; nothing where there is none. Needs no polars."""
+    """The part of a Parquet file that describes it; nothing where there is none. Needs no
+    polars."""
     with contextlib.suppress(OSError), path.open("rb") as file:
         size = file.seek(0, io.SEEK_END)
         if size < 12:
@@ -126,13 +153,20 @@ def _footer(path: Path) -> bytes:
 def _frame(columns: Columns) -> pl.DataFrame:
     """Not known is null, so that every other reader of Parquet sees it as such."""
     import polars as pl
-    return pl.DataFrame([
-        pl.Series(name, [text or None for text in array.tolist()], pl.String) if array.dtype == object
-        else pl.Series(name, array, pl.Float64).fill_nan(None) for name, array in columns.items()])
+
+    return pl.DataFrame(
+        [
+            pl.Series(name, [text or None for text in array.tolist()], pl.String)
+            if array.dtype == object
+            else pl.Series(name, array, pl.Float64).fill_nan(None)
+            for name, array in columns.items()
+        ]
+    )
 
 
 def _column(series: pl.Series) -> NDArray[Any]:
     import polars as pl
+
     if series.dtype == pl.String or series.name in TEXT_COLUMNS:
         return texts_array(series.cast(pl.String).to_list())
     return np.array(series.cast(pl.Float64).fill_null(float("nan")).to_numpy(), np.float64)

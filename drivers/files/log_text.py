@@ -1,4 +1,6 @@
-"""A log row as one line of text: the number of digits of every column, and nothing that breaks a line."""
+"""A log row as one line of text: the number of digits of every column, and nothing that breaks
+a line."""
+
 from __future__ import annotations
 
 import math
@@ -17,12 +19,15 @@ from control.log_row import (
 
 HEADER = ",".join(COLUMNS) + "\n"
 
-LONGEST_ROW = 32_768         # bytes of a line as written: half of what is looked through for the last line's beginning
-LONGEST_CELL = 1_000         # characters that the texts of a longer line keep: all of them together fit then
-MOST_BYTES = 4               # of a character
-CUT = "..."                  # ends a text that was cut
-_CLOSE_TIME_DECIMALS = 6     # of time_s where two rows fall into the same millisecond
-_EMPTY = "%.0s"              # takes its value and prints nothing
+# bytes of a line as written: half of what is looked through for the last line's beginning
+LONGEST_ROW = 32_768
+# characters that the texts of a longer line keep: all of them together fit then
+LONGEST_CELL = 1_000
+MOST_BYTES = 4  # of a character
+CUT = "..."  # ends a text that was cut
+# of time_s where two rows fall into the same millisecond
+_CLOSE_TIME_DECIMALS = 6
+_EMPTY = "%.0s"  # takes its value and prints nothing
 
 
 def _form(column: str) -> str:
@@ -32,16 +37,19 @@ def _form(column: str) -> str:
 
 
 def texts_of(column: str, values: Sequence[float]) -> list[str | None]:
-    """Every value of a column, (n,), as a log's row has it; None where it is not known. A value that has more digits
-    than its column has the shortest text that reads back as the same number."""
+    """Every value of a column, (n,), as a log's row has it; None where it is not known. A value
+    that has more digits than its column has the shortest text that reads back as the same
+    number."""
     numbers = list(filter(math.isfinite, values))
     texts = list(map(repr, numbers))
     if column in ALL_COLUMNS and column not in EXACT_COLUMNS | TEXT_COLUMNS:
         close = (f"%.{_CLOSE_TIME_DECIMALS}f",) if column == "time_s" else ()
         for form in (*close, _form(column)):
             made = ((form + "\n") * len(numbers) % tuple(numbers)).split("\n")[:-1]
-            texts = [new if float(new) == number else old
-                     for new, old, number in zip(made, texts, numbers, strict=True)]
+            texts = [
+                new if float(new) == number else old
+                for new, old, number in zip(made, texts, numbers, strict=True)
+            ]
     found = iter(texts)
     return [next(found) if math.isfinite(one) else None for one in values]
 
@@ -50,7 +58,8 @@ def columns_of(machine: Mapping[str, Any] | None) -> tuple[str, ...]:
     """Columns of the logs of a machine, as resolved; the first of `ALL_COLUMNS`."""
     sections = (machine or {}).get("sections")
     valved = isinstance(sections, list | tuple) and any(
-        isinstance(section, Mapping) and section.get("valve") is not None for section in sections)
+        isinstance(section, Mapping) and section.get("valve") is not None for section in sections
+    )
     return ALL_COLUMNS if valved else COLUMNS
 
 
@@ -59,7 +68,8 @@ def header_of(columns: tuple[str, ...]) -> str:
 
 
 class RowText:
-    """Turns rows into lines; remembers the last time written and one template for each set of unknown columns.
+    """Turns rows into lines; remembers the last time written and one template for each set of
+    unknown columns.
 
     columns: the first of `ALL_COLUMNS`; what a row has beyond is left out.
     """
@@ -70,14 +80,18 @@ class RowText:
         self._last_time = ""
 
     def line(self, row: LogRow) -> str:
-        """One line with its line end. Numbers that are not finite are unknown; line breaks in texts become spaces. A
-        line that no reader would take is made of texts cut to `LONGEST_CELL`.
+        """One line with its line end. Numbers that are not finite are unknown; line breaks in
+        texts become spaces. A line that no reader would take is made of texts cut to
+        `LONGEST_CELL`.
 
         Raises TypeError where a number's column holds a text.
         """
-        line = self._line(row[:len(self._forms)])
-        if len(line) > LONGEST_ROW // MOST_BYTES and len(line.encode(errors="replace")) > LONGEST_ROW:
-            line = self._line(tuple([_short(value) for value in row[:len(self._forms)]]))
+        line = self._line(row[: len(self._forms)])
+        if (
+            len(line) > LONGEST_ROW // MOST_BYTES
+            and len(line.encode(errors="replace")) > LONGEST_ROW
+        ):
+            line = self._line(tuple([_short(value) for value in row[: len(self._forms)]]))
         time, comma, rest = line.partition(",")
         if time == self._last_time:
             return f"{row.time_s:.{_CLOSE_TIME_DECIMALS}f}{comma}{rest}"
@@ -88,23 +102,40 @@ class RowText:
         unknown = tuple([value is None for value in cells])
         template = self._templates.get(unknown)
         if template is None:
-            template = ",".join(_EMPTY if u else form for u, form in zip(unknown, self._forms, strict=True)) + "\n"
+            template = (
+                ",".join(
+                    _EMPTY if u else form for u, form in zip(unknown, self._forms, strict=True)
+                )
+                + "\n"
+            )
             self._templates[unknown] = template
         line = template % cells
         if not _is_plain(line, len(self._forms)):
-            line = ",".join([_cell(value, form) for value, form in zip(cells, self._forms, strict=True)]) + "\n"
+            line = (
+                ",".join(
+                    [_cell(value, form) for value, form in zip(cells, self._forms, strict=True)]
+                )
+                + "\n"
+            )
         return line
 
 
 def _short(value: float | str | None) -> float | str | None:
     if isinstance(value, str) and len(value) > LONGEST_CELL:
-        return value[:LONGEST_CELL - len(CUT)] + CUT
+        return value[: LONGEST_CELL - len(CUT)] + CUT
     return value
 
 
 def _is_plain(line: str, columns: int) -> bool:
-    return (line.count(",") == columns - 1 and line.count("\n") == 1 and "nan" not in line and "inf" not in line
-            and '"' not in line and "\r" not in line and "\0" not in line)
+    return (
+        line.count(",") == columns - 1
+        and line.count("\n") == 1
+        and "nan" not in line
+        and "inf" not in line
+        and '"' not in line
+        and "\r" not in line
+        and "\0" not in line
+    )
 
 
 def _cell(value: float | str | None, form: str) -> str:

@@ -1,4 +1,6 @@
-"""Shapes with attributes to formats that GDAL writes (KML, KMZ, GeoPackage), through pyogrio: extra gis."""
+"""Shapes with attributes to formats that GDAL writes (KML, KMZ, GeoPackage), through pyogrio:
+extra gis."""
+
 from __future__ import annotations
 
 import tempfile
@@ -16,9 +18,15 @@ from drivers.plain_text import Refused
 FORMATS = {".gpkg": "GPKG", ".kml": "KML", ".kmz": "KML"}
 
 
-def write_layer(path: Path, layer: str, shapes: Sequence[shapely.Geometry], columns: Mapping[str, Sequence[Any]],
-                append: bool = False) -> None:
-    """Shapes in longitude and latitude with their attributes as GeoPackage, KML or KMZ, whole or not at all.
+def write_layer(
+    path: Path,
+    layer: str,
+    shapes: Sequence[shapely.Geometry],
+    columns: Mapping[str, Sequence[Any]],
+    append: bool = False,
+) -> None:
+    """Shapes in longitude and latitude with their attributes as GeoPackage, KML or KMZ, whole
+    or not at all.
 
     Raises Refused, OSError.
     """
@@ -30,10 +38,19 @@ def write_layer(path: Path, layer: str, shapes: Sequence[shapely.Geometry], colu
             place.write_bytes(path.read_bytes())
         fields = [_array(values) for values in columns.values()]
         kinds = {shape.geom_type for shape in shapes}
-        pyogrio.raw.write(place, shapely.to_wkb(np.asarray(shapes, dtype=object)), fields, list(columns), layer=layer,
-                          driver=FORMATS[suffix], geometry_type=kinds.pop() if len(kinds) == 1 else "Unknown",
-                          crs="EPSG:4326", append=append)
+        pyogrio.raw.write(
+            place,
+            shapely.to_wkb(np.asarray(shapes, dtype=object)),
+            fields,
+            list(columns),
+            layer=layer,
+            driver=FORMATS[suffix],
+            geometry_type=kinds.pop() if len(kinds) == 1 else "Unknown",
+            crs="EPSG:4326",
+            append=append,
+        )
         from drivers.files.atomic import write_atomically
+
         if suffix == ".kmz":
             packed = Path(folder) / "out.kmz"
             with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
@@ -53,6 +70,10 @@ def _pyogrio(path: Path) -> Any:
         import pyogrio
         import pyogrio.raw
     except ImportError:
-        raise Refused(path, "{kind} needs the extra gis", f": {extra_line('gis')}",
-                          kind=path.suffix[1:].upper()) from None
+        raise Refused(
+            path,
+            "{kind} needs the extra gis",
+            f": {extra_line('gis')}",
+            kind=path.suffix[1:].upper(),
+        ) from None
     return pyogrio

@@ -1,4 +1,5 @@
 """What a file holds, asked in one place by every door: a log, a bench table, a map or a field."""
+
 from __future__ import annotations
 
 from functools import cached_property
@@ -18,7 +19,8 @@ from drivers.files.table import NoHeader, header_of
 from drivers.files.what_it_is import FOREIGN, holds_points, what_is
 from drivers.plugins import format_of
 
-KNOWN_SHARE = 0.5               # of the columns; fewer are another program's log, which the import reads better
+# of the columns; fewer are another program's log, which the import reads better
+KNOWN_SHARE = 0.5
 _LOGGED = frozenset({"shaft_rpm_cmd", "opening_mm_cmd", "target_rate_kg_ha", "lat_deg", *SPEEDS})
 _AREAS = frozenset({".gpkg", ".kml", ".kmz", ".tif", ".tiff"})
 
@@ -42,7 +44,8 @@ class Opened:
 
     @cached_property
     def names(self) -> tuple[str, ...]:
-        """Of a table's columns, as they stand; none where its first line holds numbers only. Raises TableError."""
+        """Of a table's columns, as they stand; none where its first line holds numbers only.
+        Raises TableError."""
         try:
             return header_of(self.path)
         except NoHeader:
@@ -50,28 +53,32 @@ class Opened:
 
     @property
     def bench(self) -> str | None:
-        """The kind of bench table that the columns make; None: none, or several. Raises TableError."""
+        """The kind of bench table that the columns make; None: none, or several. Raises
+        TableError."""
         return recognise(renamed(self.names, KNOWN, {}).names)
 
     @property
     def foreign(self) -> bool:
-        """Whether the import reads this rather than `read_log`: a log of ours is never guessed. Raises TableError,
-        OSError."""
+        """Whether the import reads this rather than `read_log`: a log of ours is never guessed.
+        Raises TableError, OSError."""
         if is_store(self.path):
             return False
-        if not self.is_table or not self.names:     # the import asks what its columns are
+        if not self.is_table or not self.names:  # the import asks what its columns are
             return True
         plain, ours = _plain(self.names), our_names(self.names).names
         known = sum(name in COLUMNS for name in ours)
         if "time_s" in plain:
-            return known == 1 and any(          # another's `commanded_rpm` next to its readings
-                says(folded(name), COMMAND) for name in plain if not name.startswith("x_"))
-        return not ({"time_s", "utc"} & set(ours) and known >= KNOWN_SHARE * len(ours) and known > 1)
+            return known == 1 and any(  # another's `commanded_rpm` next to its readings
+                says(folded(name), COMMAND) for name in plain if not name.startswith("x_")
+            )
+        return not (
+            {"time_s", "utc"} & set(ours) and known >= KNOWN_SHARE * len(ours) and known > 1
+        )
 
     @cached_property
     def holds(self) -> Held:
-        """Empty: a table whose columns do not say. A file of areas is a map, whoever takes their outlines for a field.
-        Raises BeyondLimits, OSError."""
+        """Empty: a table whose columns do not say. A file of areas is a map, whoever takes
+        their outlines for a field. Raises BeyondLimits, OSError."""
         check_file(self.path)
         if self.is_table:
             return self._by_columns()
@@ -85,6 +92,7 @@ class Opened:
 
     def _by_columns(self) -> Held:
         from drivers.files.prescriptions.csv_zones import holds_polygons
+
         if holds_polygons(self.path):
             return "map"
         try:
@@ -93,11 +101,12 @@ class Opened:
             if self.bench is not None:
                 return "table"
         except TableError:
-            return ""                   # the reader says what is wrong with it
+            return ""  # the reader says what is wrong with it
         return "log" if tells_time(self.names) else "map" if places_without_time(self.names) else ""
 
     def _points_of_map(self) -> bool:
         from drivers.files.imports.read import read_raw
+
         try:
             return places_without_time(read_raw(self.path).names)
         except TableError:

@@ -1,7 +1,10 @@
-"""How much of a map's outlines lies over itself, counted before it is put right, which takes minutes of a few bytes.
+"""How much of a map's outlines lies over itself, counted before it is put right, which takes
+minutes of a few bytes.
 
-Counted in pieces and given up at the limit; pairs of edges are found by their extents first (an STR tree).
+Counted in pieces and given up at the limit; pairs of edges are found by their extents first (an
+STR tree).
 """
+
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -14,26 +17,29 @@ from control.targets.rate_map import Floats, polygons, polygons_as_drawn
 from drivers.files.limits import CROSSINGS, NEAR_EDGES, OVERLAPS, held_to
 from drivers.plain_text import PlaceInFile
 
-MANY = 500                  # corners of an outline; the edges of a smaller one make no more pairs than are allowed
+# corners of an outline; the edges of a smaller one make no more pairs than are allowed
+MANY = 500
 HOWS = ("overlaps", "contains", "within")
-SLIVER = 1e-3               # of the smaller of two zones: corners rounded to 1 cm, in cells of 10 m; no overlap
-MOST_STEP, PAIRS_AT_ONCE = 64, 100_000      # zones held against all others at once
-AT_ONCE, LEAST_STEP = 500_000, 16           # pairs of extents, 8 MB; or so many shapes, against 400 000 others 100 MB
+# of the smaller of two zones: corners rounded to 1 cm, in cells of 10 m; no overlap
+SLIVER = 1e-3
+MOST_STEP, PAIRS_AT_ONCE = 64, 100_000  # zones held against all others at once
+# pairs of extents, 8 MB; or so many shapes, against 400 000 others 100 MB
+AT_ONCE, LEAST_STEP = 500_000, 16
 
 
 def check_zones(zones: Sequence[Sequence[Floats]], label: PlaceInFile | Path | str) -> int:
-    """Outlines that cross themselves, and zones that overlap. Zones as an outline and its holes, (k, 2) each. Returns
-    how many cross themselves. Raises BeyondLimits."""
+    """Outlines that cross themselves, and zones that overlap. Zones as an outline and its
+    holes, (k, 2) each. Returns how many cross themselves. Raises BeyondLimits."""
     crossed = check_outlines(zones, label)
     shapes = polygons(zones)
     low, high = np.split(shapely.bounds(shapes), 2, axis=1)
     less = 0.5 * SLIVER * (high - low)
     if _meeting(shapely.box(*(low + less).T, *(high - less).T), OVERLAPS.most) <= OVERLAPS.most:
-        return crossed                                          # as cells do that lie next to one another
+        return crossed  # as cells do that lie next to one another
     areas, tree, found = shapely.area(shapes), shapely.STRtree(shapes), 0
     step = max(1, min(MOST_STEP, PAIRS_AT_ONCE // len(shapes)))
     for begin in range(0, len(shapes), step):
-        asked = shapes[begin:begin + step]
+        asked = shapes[begin : begin + step]
         later, earlier = np.concatenate([tree.query(asked, predicate=how) for how in HOWS], axis=1)
         later += begin
         later, earlier = later[later > earlier], earlier[later > earlier]
@@ -58,19 +64,20 @@ def check_outlines(zones: Sequence[Sequence[Floats]], label: PlaceInFile | Path 
 
 
 def _pairs(zone: Sequence[Floats], most: int, crossing: bool = False) -> int:
-    """Pairs of a zone's edges whose extents meet, or that cross, but for those that follow one another; not many more
-    than `most`."""
+    """Pairs of a zone's edges whose extents meet, or that cross, but for those that follow one
+    another; not many more than `most`."""
     ends = np.concatenate([np.stack((ring, np.roll(ring, -1, axis=0)), axis=1) for ring in zone])
     edges = shapely.linestrings(ends)
     return _meeting(edges, most, "intersects" if crossing else None, followers=2)
 
 
 def _meeting(shapes: np.ndarray, most: int, how: str | None = None, followers: int = 0) -> int:
-    """Pairs whose extents meet, or that do as `how` says; of each shape, itself and so many others are left out."""
+    """Pairs whose extents meet, or that do as `how` says; of each shape, itself and so many
+    others are left out."""
     tree, found = shapely.STRtree(shapes), 0
     step = max(LEAST_STEP, AT_ONCE // len(shapes))
     for begin in range(0, len(shapes), step):
-        asked = shapes[begin:begin + step]
+        asked = shapes[begin : begin + step]
         found += len(tree.query(asked, predicate=how)[0]) - (1 + followers) * len(asked)
         if found > 2 * most:
             break

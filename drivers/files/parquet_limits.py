@@ -1,8 +1,11 @@
-"""How much a Parquet file holds, by its footer and the headers of its pages, before its reader makes room for it.
+"""How much a Parquet file holds, by its footer and the headers of its pages, before its reader
+makes room for it.
 
-The reader (polars) asks for as much memory as the file says, and ends the whole program where there is none. Both are
-in Thrift's compact protocol (parquet.thrift of parquet-format 2.10; thrift-compact-protocol.md).
+The reader (polars) asks for as much memory as the file says, and ends the whole program where
+there is none. Both are in Thrift's compact protocol (parquet.thrift of parquet-format 2.10;
+thrift-compact-protocol.md).
 """
+
 from __future__ import annotations
 
 from pathlib import Path
@@ -15,11 +18,13 @@ LONGEST_FOOTER, LONGEST_HEADER = 16 * MB, 64 << 10
 DEEPEST = 20
 # ids of fields
 ROW_GROUPS, COLUMNS, META, VALUES, PACKED, DATA_PAGE, DICTIONARY_PAGE = 4, 1, 3, 5, 7, 9, 11
-PAGE_UNPACKED, PAGE_PACKED, PAGE_KINDS = 2, 3, (5, 7, 8)        # of a header; each kind has its values in field 1
+# of a header; each kind has its values in field 1
+PAGE_UNPACKED, PAGE_PACKED, PAGE_KINDS = 2, 3, (5, 7, 8)
 
 
 def check_parquet(path: Path) -> None:
-    """Raises BeyondLimits; OSError. What is no Parquet, or damaged, is refused too: its reader may end the program."""
+    """Raises BeyondLimits; OSError. What is no Parquet, or damaged, is refused too: its reader
+    may end the program."""
     try:
         with path.open("rb") as file:
             size = file.seek(0, 2)
@@ -29,8 +34,11 @@ def check_parquet(path: Path) -> None:
             if tail[4:] != MAGIC or not 0 < length <= min(size - 12, LONGEST_FOOTER):
                 raise ValueError
             file.seek(size - 8 - length)
-            chunks = [chunk[META] for group in _Thrift(file.read(length)).struct().get(ROW_GROUPS, [])
-                      for chunk in group.get(COLUMNS, [])]
+            chunks = [
+                chunk[META]
+                for group in _Thrift(file.read(length)).struct().get(ROW_GROUPS, [])
+                for chunk in group.get(COLUMNS, [])
+            ]
             held_to(PARQUET_CELLS, sum(chunk[VALUES] for chunk in chunks), path)
             values = unpacked = 0
             for chunk in chunks:
@@ -40,7 +48,9 @@ def check_parquet(path: Path) -> None:
                     file.seek(at)
                     thrift = _Thrift(file.read(LONGEST_HEADER))
                     page = thrift.struct()
-                    values += max((page[kind].get(1, 0) for kind in PAGE_KINDS if kind in page), default=0)
+                    values += max(
+                        (page[kind].get(1, 0) for kind in PAGE_KINDS if kind in page), default=0
+                    )
                     unpacked += page[PAGE_UNPACKED]
                     held_to(PARQUET_CELLS, values, path)
                     held_to(PARQUET_BYTES, unpacked, path)
@@ -82,10 +92,13 @@ class _Thrift:
         if kind in (9, 10):
             head = self._byte()
             count = head >> 4 if head >> 4 < 15 else self._varying()
-            return [self._byte() if head & 15 in (1, 2) else self._value(head & 15, depth) for _ in self._each(count)]
+            return [
+                self._byte() if head & 15 in (1, 2) else self._value(head & 15, depth)
+                for _ in self._each(count)
+            ]
         if kind == 12:
             return self.struct(depth + 1)
-        raise ValueError(f"type {kind}")            # maps do not occur
+        raise ValueError(f"type {kind}")  # maps do not occur
 
     def _each(self, count: int) -> range:
         if count > len(self.data) - self.at:

@@ -1,4 +1,6 @@
-"""Models as plain data and back, and as JSON schema; NamedTuples by name (pydantic alone: as lists)."""
+"""Models as plain data and back, and as JSON schema; NamedTuples by name (pydantic alone: as
+lists)."""
+
 from __future__ import annotations
 
 import datetime as dt
@@ -15,10 +17,13 @@ from pydantic_core import core_schema
 
 
 def plain(value: Any) -> Any:
-    """Models, NamedTuples, data classes, arrays, enums, dates and paths as mappings, lists, texts, numbers; else
-    TypeError."""
+    """Models, NamedTuples, data classes, arrays, enums, dates and paths as mappings, lists,
+    texts, numbers; else TypeError."""
     if isinstance(value, BaseModel):
-        return {info.alias or name: plain(getattr(value, name)) for name, info in type(value).model_fields.items()}
+        return {
+            info.alias or name: plain(getattr(value, name))
+            for name, info in type(value).model_fields.items()
+        }
     if isinstance(value, tuple) and hasattr(value, "_asdict"):
         return {name: plain(part) for name, part in value._asdict().items()}
     if is_dataclass(value) and not isinstance(value, type):
@@ -42,8 +47,9 @@ T = TypeVar("T")
 
 
 def typed(kind: type[T], data: Any) -> T:
-    """A data class or NamedTuple, and those in it, of what JSON makes of it. Unknown keys are passed over, so that an
-    older program reads what a newer one wrote. Raises ValueError, one line, where a value has no place in it."""
+    """A data class or NamedTuple, and those in it, of what JSON makes of it. Unknown keys are
+    passed over, so that an older program reads what a newer one wrote. Raises ValueError, one
+    line, where a value has no place in it."""
     hashable: Any = kind
     try:
         made: T = _adapter(hashable).validate_python(data)
@@ -52,7 +58,9 @@ def typed(kind: type[T], data: Any) -> T:
         unknown = [one["loc"] for one in error.errors() if one["type"] == "extra_forbidden"]
         if not unknown:
             first = error.errors()[0]
-            raise ValueError(f"{'.'.join(map(str, first['loc'])) or kind.__name__}: {first['msg']}") from None
+            raise ValueError(
+                f"{'.'.join(map(str, first['loc'])) or kind.__name__}: {first['msg']}"
+            ) from None
     return typed(kind, _without(data, unknown))
 
 
@@ -60,9 +68,13 @@ def _without(data: Any, unknown: list[tuple[int | str, ...]]) -> Any:
     """A copy that lacks the keys at these places."""
     here = {place[0] for place in unknown if len(place) == 1}
     items = data.items() if isinstance(data, Mapping) else enumerate(data)
-    kept = {name: _without(part, deeper) if (deeper := [place[1:] for place in unknown if place[0] == name
-                                                        and len(place) > 1]) else part
-            for name, part in items if name not in here}
+    kept = {
+        name: _without(part, deeper)
+        if (deeper := [place[1:] for place in unknown if place[0] == name and len(place) > 1])
+        else part
+        for name, part in items
+        if name not in here
+    }
     return kept if isinstance(data, Mapping) else list(kept.values())
 
 
@@ -77,8 +89,10 @@ class _ByName(GenerateJsonSchema):
     def named_tuple_schema(self, schema: Any) -> JsonSchemaValue:
         fields = {field["name"]: field["schema"] for field in schema["fields"]}
         json_schema: JsonSchemaValue = {
-            "type": "object", "properties": {name: self.generate_inner(inner) for name, inner in fields.items()},
-            "additionalProperties": False}
+            "type": "object",
+            "properties": {name: self.generate_inner(inner) for name, inner in fields.items()},
+            "additionalProperties": False,
+        }
         required = [name for name, inner in fields.items() if inner["type"] != "default"]
         return json_schema | {"required": required} if required else json_schema
 

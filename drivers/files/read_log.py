@@ -1,4 +1,6 @@
-"""Reading run logs: our own up to their last whole row, other programs' with everything odd put right or said."""
+"""Reading run logs: our own up to their last whole row, other programs' with everything odd put
+right or said."""
+
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator
@@ -24,17 +26,19 @@ from drivers.files.table import columns_of as columns_of_cells
 if TYPE_CHECKING:
     import polars as pl
 
-SLOW_STEP_S = 2.0           # rows farther apart may be milliseconds, which another column shows: all are read
-_NUMBERS = frozenset(COLUMNS) - TEXT_COLUMNS - {"time_s"}        # times may be dates
+# rows farther apart may be milliseconds, which another column shows: all are read
+SLOW_STEP_S = 2.0
+_NUMBERS = frozenset(COLUMNS) - TEXT_COLUMNS - {"time_s"}  # times may be dates
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RunLog:
     """A log in memory.
 
-    `columns`: those of the file, ours under their published names, unknown ones kept; arrays of length n, float64
-    (NaN: not known) or object (texts, "": not known). `time_s` is always there and strictly increasing.
-    `meta` is None where no sidecar stands next to the log. `findings`: what was odd, and what was done about it.
+    `columns`: those of the file, ours under their published names, unknown ones kept; arrays of
+    length n, float64 (NaN: not known) or object (texts, "": not known). `time_s` is always
+    there and strictly increasing. `meta` is None where no sidecar stands next to the log.
+    `findings`: what was odd, and what was done about it.
     """
 
     path: Path
@@ -63,10 +67,15 @@ class RunLog:
         array = self.columns.get(column)
         if array is None:
             return False
-        return bool(np.any(array != "")) if array.dtype == object else not bool(np.all(np.isnan(array)))
+        return (
+            bool(np.any(array != ""))
+            if array.dtype == object
+            else not bool(np.all(np.isnan(array)))
+        )
 
     def numbers(self, column: str) -> NDArray[np.float64]:
-        """Float64 of length n, all NaN for a column that is not there. Raises KeyError for a column of texts."""
+        """Float64 of length n, all NaN for a column that is not there. Raises KeyError for a
+        column of texts."""
         array = self.columns.get(column)
         if array is None:
             return np.full(len(self), np.nan)
@@ -96,13 +105,17 @@ class RunLog:
         return [None if value != value else value for value in array.tolist()]
 
 
-def read_log(path: str | Path, only: Collection[str] | None = None, without: Collection[str] = (),
-             data: bytes | None = None) -> RunLog:
+def read_log(
+    path: str | Path,
+    only: Collection[str] | None = None,
+    without: Collection[str] = (),
+    data: bytes | None = None,
+) -> RunLog:
     """Opens a run log of any program, cut anywhere by a power loss; or its store (`log_store`).
 
-    `only`: names of the columns wanted (None: all); `time_s` comes always. `without`: names of columns not wanted: a
-    million texts that nobody looks at take 0.2 GB. `data`: header and lines of a text, in the place of all of it and
-    apart from its sidecar. Raises TableError.
+    `only`: names of the columns wanted (None: all); `time_s` comes always. `without`: names of
+    columns not wanted: a million texts that nobody looks at take 0.2 GB. `data`: header and
+    lines of a text, in the place of all of it and apart from its sidecar. Raises TableError.
     """
     path = Path(path)
     if without:
@@ -112,31 +125,53 @@ def read_log(path: str | Path, only: Collection[str] | None = None, without: Col
     return _read_log(path, only, (), data)
 
 
-def _read_log(path: Path, only: Collection[str] | None, without: Collection[str] = (),
-              data: bytes | None = None) -> RunLog:
+def _read_log(
+    path: Path,
+    only: Collection[str] | None,
+    without: Collection[str] = (),
+    data: bytes | None = None,
+) -> RunLog:
     if data is None and is_store(path):
         return RunLog(path, *read_store(path, only))
     meta, meta_findings = _sidecar_of(path) if data is None else (None, ())
     if data is None and _is_cut_in_header(path, meta):
         found = Finding("cut_header", "the log was cut off before its first row")
-        columns = {name: np.array([], object if name in TEXT_COLUMNS else np.float64)
-                   for name in _own_columns(meta) if only is None or name in only or name == "time_s"}
+        columns = {
+            name: np.array([], object if name in TEXT_COLUMNS else np.float64)
+            for name in _own_columns(meta)
+            if only is None or name in only or name == "time_s"
+        }
         return RunLog(path, columns, meta, (*meta_findings, found))
-    table = read_table(path, _NUMBERS, TEXT_COLUMNS, rename=our_names, own_header=_own_columns(meta), data=data,
-                       choose=None if only is None and not without else lambda names: needed(
-                           names, [name for name in names if name not in without] if only is None else only))
+    table = read_table(
+        path,
+        _NUMBERS,
+        TEXT_COLUMNS,
+        rename=our_names,
+        own_header=_own_columns(meta),
+        data=data,
+        choose=None
+        if only is None and not without
+        else lambda names: needed(
+            names, [name for name in names if name not in without] if only is None else only
+        ),
+    )
     columns, findings = examined(path, table.columns, table.names)
     if only is not None:
-        columns = {name: array for name, array in columns.items() if name in only or name == "time_s"}
+        columns = {
+            name: array for name, array in columns.items() if name in only or name == "time_s"
+        }
     return RunLog(path, columns, meta, (*meta_findings, *table.findings, *findings))
 
 
 def log_of(path: Path, frame: pl.DataFrame, meta: RunMeta) -> RunLog:
-    """A frame with a run log's columns, as written, as the log that would be read of it: it is examined alike. Raises
-    TableError where nothing can be worked on."""
+    """A frame with a run log's columns, as written, as the log that would be read of it: it is
+    examined alike. Raises TableError where nothing can be worked on."""
     names = tuple(frame.columns)
-    columns, findings = examined(path, columns_of_cells(dict(zip(names, frame, strict=True)), _NUMBERS | {"time_s"},
-                                                        TEXT_COLUMNS), names)
+    columns, findings = examined(
+        path,
+        columns_of_cells(dict(zip(names, frame, strict=True)), _NUMBERS | {"time_s"}, TEXT_COLUMNS),
+        names,
+    )
     log = RunLog(path, columns, meta, tuple(findings))
     if not len(log):
         raise TableError(path, "no whole row below the header")
@@ -144,8 +179,8 @@ def log_of(path: Path, frame: pl.DataFrame, meta: RunMeta) -> RunLog:
 
 
 def read_rows(path: str | Path, without: Collection[str] = ()) -> RunLog:
-    """A run log of which there is something to work on, `without` as of `read_log`. Raises TableError also where it has
-    no whole row."""
+    """A run log of which there is something to work on, `without` as of `read_log`. Raises
+    TableError also where it has no whole row."""
     log = read_log(path, without=without)
     if len(log) == 0:
         raise TableError(log.path, "no whole row below the header")
@@ -153,7 +188,8 @@ def read_rows(path: str | Path, without: Collection[str] = ()) -> RunLog:
 
 
 def meta_of(path: Path) -> RunMeta | None:
-    """What is given of a run log along with its rows, which are not read; None: nothing that can be used."""
+    """What is given of a run log along with its rows, which are not read; None: nothing that
+    can be used."""
     if not is_store(path):
         return _sidecar_of(path)[0]
     try:
@@ -163,14 +199,19 @@ def meta_of(path: Path) -> RunMeta | None:
 
 
 def _is_cut_in_header(path: Path, meta: RunMeta | None) -> bool:
-    """Whether the file is no more than a beginning of our header line (nothing at all: only next to our sidecar)."""
+    """Whether the file is no more than a beginning of our header line (nothing at all: only
+    next to our sidecar)."""
     header = header_of(_own_columns(meta)).encode()
     try:
         with path.open("rb") as file:
             start = file.read(len(header) + 1).rstrip(b"\0")
     except OSError:
         return False
-    return header.startswith(start) and not start.endswith(b"\n") and (start != b"" or meta is not None)
+    return (
+        header.startswith(start)
+        and not start.endswith(b"\n")
+        and (start != b"" or meta is not None)
+    )
 
 
 def _own_columns(meta: RunMeta | None) -> tuple[str, ...]:

@@ -2,13 +2,16 @@
 
 A log row holds values, not the times at which they were sampled. These are found again as follows:
 
-- A value that differs from the row before was sampled at this row; for GNSS a new `utc` says so, where the log has it.
-- A value that repeats is taken as sampled again every period of its sensor (the tenth part of the intervals between
-  changes is shorter than this; never more than half the time for which the loop holds a value): a sensor that had
-  fallen silent would have an empty cell.
-- Where cells become empty, the loop had held the last value for `HOLDS_S`: it was sampled that long before, or at its
-  last change if that was later. From then on it stays the newest known one and grows old.
+- A value that differs from the row before was sampled at this row; for GNSS a new `utc` says
+  so, where the log has it.
+- A value that repeats is taken as sampled again every period of its sensor (the tenth part of
+  the intervals between changes is shorter than this; never more than half the time for which
+  the loop holds a value): a sensor that had fallen silent would have an empty cell.
+- Where cells become empty, the loop had held the last value for `HOLDS_S`: it was sampled that
+  long before, or at its last change if that was later. From then on it stays the newest known
+  one and grows old.
 """
+
 from __future__ import annotations
 
 from collections.abc import Iterator
@@ -25,21 +28,32 @@ from drivers.files.read_log import RunLog
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-SENSORS = ("wheel_speed_mps", "shaft_rpm", "opening_mm", "hopper_kg", "supply_v", "pitch_deg", "roll_deg",
-           "shaft_effort", "gate_effort")
+SENSORS = (
+    "wheel_speed_mps",
+    "shaft_rpm",
+    "opening_mm",
+    "hopper_kg",
+    "supply_v",
+    "pitch_deg",
+    "roll_deg",
+    "shaft_effort",
+    "gate_effort",
+)
 
 _GNSS = ("fix_quality", "satellites", "hdop", "speed_mps", "heading_deg")
 
 
 class _HeldRows(NamedTuple):
-    """For every row the newest reading: the row that it stands in (-1: none yet) and when it was sampled."""
+    """For every row the newest reading: the row that it stands in (-1: none yet) and when it
+    was sampled."""
 
     row: NDArray[np.intp]
     time_s: Floats
 
 
 def measurements(log: RunLog) -> Iterator[Measurements]:
-    """What the loop was given at each row: values are the newest accepted, however old (see their time).
+    """What the loop was given at each row: values are the newest accepted, however old (see
+    their time).
 
     A log with ground speed but neither places nor wheel speed gives its speed as the wheel's.
     """
@@ -49,23 +63,56 @@ def measurements(log: RunLog) -> Iterator[Measurements]:
     fixes = _fixes(log)
     index = "ndre" if any(log.has(name) for name in (*NDRE_COLUMNS, "ndre")) else "ndvi"
     single = NDRE_COLUMNS if index == "ndre" else HEAD_COLUMNS
-    heads = [_readings(log, name, name) for name in single if log.has(name)] or [_readings(log, index, "ndvi_1")]
-    stands_for_wheel = log.has("speed_mps") and not log.has("lat_deg") and not log.has("wheel_speed_mps")
+    heads = [_readings(log, name, name) for name in single if log.has(name)] or [
+        _readings(log, index, "ndvi_1")
+    ]
+    stands_for_wheel = (
+        log.has("speed_mps") and not log.has("lat_deg") and not log.has("wheel_speed_mps")
+    )
     wheel = "speed_mps" if stands_for_wheel else "wheel_speed_mps"
-    sensors = [_readings(log, wheel if name == "wheel_speed_mps" else name, name) for name in SENSORS]
-    switch = [None if value != value else value != 0.0 for value in log.numbers("work_switch").tolist()]
+    sensors = [
+        _readings(log, wheel if name == "wheel_speed_mps" else name, name) for name in SENSORS
+    ]
+    switch = [
+        None if value != value else value != 0.0 for value in log.numbers("work_switch").tolist()
+    ]
     announced: SpeedPlan | None = None
     nudged = 1.0 + np.nan_to_num(log.numbers("nudge_percent")) / 100.0
     targets = (log.numbers("target_rate_kg_ha") / nudged).tolist()
     for at_s, fix, ndvi, held, work, text, source, target in zip(
-            time_s, fixes, zip(*heads, strict=True), zip(*sensors, strict=True), switch,
-            log.texts("speed_told").tolist(), log.texts("target_source").tolist(), targets, strict=True):
+        time_s,
+        fixes,
+        zip(*heads, strict=True),
+        zip(*sensors, strict=True),
+        switch,
+        log.texts("speed_told").tolist(),
+        log.texts("target_source").tolist(),
+        targets,
+        strict=True,
+    ):
         wheel_mps, shaft, opening, hopper, supply, pitch, roll, *efforts = held
         announced = (announced_of(text, at_s) if text else None) or announced
-        asked = Reading(target, at_s) if source == TargetSource.EXTERNAL and target == target else None
-        yield Measurements(at_s, fix, wheel_mps, ndvi, shaft, opening, hopper, supply, pitch, roll, work,
-                           speed_told=announced, canopy_index=index, shaft_effort=efforts[0], gate_effort=efforts[1],
-                           rate_asked=asked)
+        asked = (
+            Reading(target, at_s) if source == TargetSource.EXTERNAL and target == target else None
+        )
+        yield Measurements(
+            at_s,
+            fix,
+            wheel_mps,
+            ndvi,
+            shaft,
+            opening,
+            hopper,
+            supply,
+            pitch,
+            roll,
+            work,
+            speed_told=announced,
+            canopy_index=index,
+            shaft_effort=efforts[0],
+            gate_effort=efforts[1],
+            rate_asked=asked,
+        )
 
 
 def _readings(log: RunLog, column: str, sensor: str) -> list[Reading | None]:
@@ -96,27 +143,43 @@ def _fixes(log: RunLog) -> list[GnssFix | None]:
             fixes.append(None)
             continue
         quality, satellites, hdop, speed_mps, heading_deg = [
-            value if value == value else None for value in (column[row] for column in columns)]
-        fixes.append(GnssFix(time_s, lats[row], lons[row], 1 if quality is None else int(quality),
-                             None if satellites is None else int(satellites), hdop, speed_mps, heading_deg,
-                             utcs[row] or None))
+            value if value == value else None for value in (column[row] for column in columns)
+        ]
+        fixes.append(
+            GnssFix(
+                time_s,
+                lats[row],
+                lons[row],
+                1 if quality is None else int(quality),
+                None if satellites is None else int(satellites),
+                hdop,
+                speed_mps,
+                heading_deg,
+                utcs[row] or None,
+            )
+        )
     return fixes
 
 
 def _changes(values: Floats) -> Flags:
-    """Whether a value differs from the row before; the first one does, unknown after unknown does not."""
+    """Whether a value differs from the row before; the first one does, unknown after unknown
+    does not."""
     differs = (values[1:] != values[:-1]) & ~(np.isnan(values[1:]) & np.isnan(values[:-1]))
     return np.concatenate((np.ones(min(1, values.size), bool), differs))
 
 
 def _period_s(time_s: Floats, fresh: Flags) -> float:
-    """The sensor's period, judged by the shortest usual interval between fresh values; 0 where there is none."""
+    """The sensor's period, judged by the shortest usual interval between fresh values; 0 where
+    there is none."""
     intervals_s = np.diff(time_s[fresh])
     return float(np.quantile(intervals_s, 0.1)) if intervals_s.size else 0.0
 
 
-def _held(time_s: Floats, known: Flags, fresh: Flags, hold_s: float, repeats: bool = True) -> _HeldRows:
-    """The newest reading at every row (module docstring); `repeats`: a repeated value may have been sampled again."""
+def _held(
+    time_s: Floats, known: Flags, fresh: Flags, hold_s: float, repeats: bool = True
+) -> _HeldRows:
+    """The newest reading at every row (module docstring); `repeats`: a repeated value may have
+    been sampled again."""
     rows = np.arange(time_s.size)
     after_gap = known & np.concatenate(([True], ~known[:-1]))
     new = known & (fresh | after_gap)
@@ -126,14 +189,19 @@ def _held(time_s: Floats, known: Flags, fresh: Flags, hold_s: float, repeats: bo
     if repeats:
         period_s = min(_period_s(time_s, new), hold_s / 2.0)
         since_s = time_s - changed_s
-        again_s = time_s if period_s <= 0.0 else changed_s + np.floor(since_s / period_s + 1e-6) * period_s
+        again_s = (
+            time_s
+            if period_s <= 0.0
+            else changed_s + np.floor(since_s / period_s + 1e-6) * period_s
+        )
         latest_s = np.maximum(changed_s, _last_known_before_a_gap_s(time_s, known) - hold_s)
         sampled_s = np.minimum(np.minimum(again_s, latest_s), time_s)
     return _HeldRows(row, np.where(row >= 0, sampled_s[np.maximum(row, 0)], np.nan))
 
 
 def _last_known_before_a_gap_s(time_s: Floats, known: Flags) -> Floats:
-    """For every row the time of the last known row before the cells become empty; infinite where they do not."""
+    """For every row the time of the last known row before the cells become empty; infinite
+    where they do not."""
     ends = known & np.concatenate((~known[1:], [False]))
     gap_s = np.where(ends, time_s, np.inf)
     return np.minimum.accumulate(gap_s[::-1])[::-1]

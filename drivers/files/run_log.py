@@ -1,7 +1,10 @@
-"""Writing run logs (docs/format-run-log.md): in a thread of its own for live work, plainly for simulation.
+"""Writing run logs (docs/format-run-log.md): in a thread of its own for live work, plainly for
+simulation.
 
-Not one row is ever half written into the middle of a log: what the disk did not take is kept and tried again.
+Not one row is ever half written into the middle of a log: what the disk did not take is kept
+and tried again.
 """
+
 from __future__ import annotations
 
 import contextlib
@@ -18,21 +21,25 @@ from drivers.files.atomic import CutShort, NewFile, create, keep, sidecar, write
 from drivers.files.log_text import RowText, columns_of, header_of
 from drivers.files.run_meta import RunMeta, meta_to_yaml
 
-FLUSH_S = 0.1             # rows reach the operating system at least this often: what a kill of the worker can cost
-SYNC_S = 1.0              # and the disk itself about this often
-SLOW_S = 20.0             # rows wait in memory while a disk is slow; longer than this is a trouble
-MAX_WAITING_ROWS = 72_000     # an hour at 20 Hz; what comes after is lost, and counted
+# rows reach the operating system at least this often: what a kill of the worker can cost
+FLUSH_S = 0.1
+SYNC_S = 1.0  # and the disk itself about this often
+# rows wait in memory while a disk is slow; longer than this is a trouble
+SLOW_S = 20.0
+# an hour at 20 Hz; what comes after is lost, and counted
+MAX_WAITING_ROWS = 72_000
 _BLOCK_BYTES = 1 << 20
 
 Create = Callable[[Path, bool], NewFile]
 
 
-def begin_log(path: Path, meta: RunMeta, overwrite: bool = False, create: Create = create,
-              kept: bool = True) -> NewFile:
+def begin_log(
+    path: Path, meta: RunMeta, overwrite: bool = False, create: Create = create, kept: bool = True
+) -> NewFile:
     """A new log with its sidecar and its header. Raises OSError.
 
-    kept: on the disk when it returns; a disk may take a second for that. An existing log or sidecar is left alone and
-    NAME-2, NAME-3, ... taken, unless `overwrite`.
+    kept: on the disk when it returns; a disk may take a second for that. An existing log or
+    sidecar is left alone and NAME-2, NAME-3, ... taken, unless `overwrite`.
     """
     file = create(path, overwrite)
     try:
@@ -78,8 +85,12 @@ class PlainLogWriter:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None,
-                 trace: TracebackType | None) -> None:
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
         self.close()
 
 
@@ -94,30 +105,46 @@ def write_log(path: Path, meta: RunMeta, rows: Iterable[LogRow], overwrite: bool
 class RunLogWriter:
     """The log of a live run. `append` only hands over; a thread formats, writes and syncs.
 
-    Trouble (disk full, card pulled out, folder not writable) never raises: it is shown by `ok` and `trouble`, the
-    rows wait, and are written as soon as that is possible again.
+    Trouble (disk full, card pulled out, folder not writable) never raises: it is shown by `ok`
+    and `trouble`, the rows wait, and are written as soon as that is possible again.
     """
 
-    def __init__(self, path: Path, meta: RunMeta, *, overwrite: bool = False,
-                 clock: Callable[[], float] = time.monotonic, create: Create = create, flush_s: float = FLUSH_S,
-                 sync_s: float = SYNC_S, max_waiting_rows: int = MAX_WAITING_ROWS) -> None:
-        """Creates the files here, on the caller's thread: before the loop starts. That they are kept is the other
-        thread's first work: a slow disk delays no start. Never raises OSError.
+    def __init__(
+        self,
+        path: Path,
+        meta: RunMeta,
+        *,
+        overwrite: bool = False,
+        clock: Callable[[], float] = time.monotonic,
+        create: Create = create,
+        flush_s: float = FLUSH_S,
+        sync_s: float = SYNC_S,
+        max_waiting_rows: int = MAX_WAITING_ROWS,
+    ) -> None:
+        """Creates the files here, on the caller's thread: before the loop starts. That they are
+        kept is the other thread's first work: a slow disk delays no start. Never raises
+        OSError.
 
-        `after_writing` may be set later: it is called on the log's thread after each turn of writing, with whether
-        it was the last one, and must not raise.
+        `after_writing` may be set later: it is called on the log's thread after each turn of
+        writing, with whether it was the last one, and must not raise.
         """
         self.after_writing: Callable[[bool], None] | None = None
-        self.cut_short: Path | None = None      # the log before this one, where another program took rows out of it
+        # the log before this one, where another program took rows out of it
+        self.cut_short: Path | None = None
         self._wanted = Path(path)
         self._meta, self._overwrite, self._create = meta, overwrite, create
-        self._clock, self._flush_s, self._sync_s, self._max_waiting = clock, flush_s, sync_s, max_waiting_rows
+        self._clock, self._flush_s, self._sync_s, self._max_waiting = (
+            clock,
+            flush_s,
+            sync_s,
+            max_waiting_rows,
+        )
         self._rows: SimpleQueue[LogRow] = SimpleQueue()
         self._text = RowText(columns_of(meta.machine))
         self._header = _header(meta)
-        self._formatted = bytearray()       # written by the thread only
+        self._formatted = bytearray()  # written by the thread only
         self._formatted_rows = 0
-        self._unsynced = bytearray()        # written and perhaps not kept
+        self._unsynced = bytearray()  # written and perhaps not kept
         self._synced_bytes = len(self._header)
         self._file: NewFile | None = None
         self._trouble = ""
@@ -156,10 +183,16 @@ class RunLogWriter:
             self._rows.put(row)
 
     def close(self, timeout_s: float = 5.0) -> bool:
-        """Writes what waits and ends; True if every row is on the disk. Gives up after `timeout_s`."""
+        """Writes what waits and ends; True if every row is on the disk. Gives up after
+        `timeout_s`."""
         self._closing.set()
         self._thread.join(timeout_s)
-        return not self._thread.is_alive() and self._file is not None and not self._trouble and self._lost == 0
+        return (
+            not self._thread.is_alive()
+            and self._file is not None
+            and not self._trouble
+            and self._lost == 0
+        )
 
     def _run(self) -> None:
         closing = False
@@ -193,7 +226,8 @@ class RunLogWriter:
         now_s = self._clock()
         try:
             if not self._started_kept:
-                with contextlib.suppress(FileNotFoundError):        # somebody took it away: the log goes on
+                # somebody took it away: the log goes on
+                with contextlib.suppress(FileNotFoundError):
                     keep(sidecar(self._file.path))
                 self._file.sync()
                 self._started_kept = True
@@ -220,10 +254,11 @@ class RunLogWriter:
         try:
             _write_all(file, self._formatted)
         finally:
-            self._unsynced += waiting[:len(waiting) - len(self._formatted)]
+            self._unsynced += waiting[: len(waiting) - len(self._formatted)]
 
     def _anew_after(self, before: NewFile, left: int) -> NewFile:
-        """A new log with what is still known of the rows that were cut off, and all after them. Raises OSError."""
+        """A new log with what is still known of the rows that were cut off, and all after them.
+        Raises OSError."""
         file = begin_log(before.path, self._meta, False, self._create)
         whole = self._unsynced.rfind(b"\n", 0, max(0, left - self._synced_bytes)) + 1
         self._formatted[:0] = self._unsynced[whole:]
@@ -234,10 +269,11 @@ class RunLogWriter:
         return file
 
     def _gone_on_with(self, before: NewFile) -> NewFile:
-        """The log's file anew, after it was deleted, or its folder or disk went and came back. Raises OSError.
+        """The log's file anew, after it was deleted, or its folder or disk went and came back.
+        Raises OSError.
 
-        What is there is gone on with after the last row that was surely kept; where nothing is, what was written
-        before is written again, as far as it can still be read.
+        What is there is gone on with after the last row that was surely kept; where nothing is,
+        what was written before is written again, as far as it can still be read.
         """
         path = before.path
         if not path.parent.is_dir():
@@ -248,7 +284,7 @@ class RunLogWriter:
         else:
             text = _read_again(before, self._header) or self._header + self._unsynced
             file = begin_log(path, self._meta, not path.exists(), self._create)
-            self._formatted[:0] = text[len(self._header):]
+            self._formatted[:0] = text[len(self._header) :]
             self._synced_bytes = len(self._header)
         self._unsynced.clear()
         with contextlib.suppress(OSError):
@@ -278,7 +314,7 @@ def _read_again(file: NewFile, header: bytes) -> bytes:
         text = file.all()
     except OSError:
         return b""
-    return text[:text.rfind(b"\n") + 1] if text.startswith(header) else b""
+    return text[: text.rfind(b"\n") + 1] if text.startswith(header) else b""
 
 
 def _write_all(file: NewFile, data: bytearray) -> None:

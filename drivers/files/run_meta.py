@@ -1,4 +1,6 @@
-"""What stands next to a run log in NAME.yaml: with which software, machine, crop, job and files the run was made."""
+"""What stands next to a run log in NAME.yaml: with which software, machine, crop, job and files
+the run was made."""
+
 from __future__ import annotations
 
 from collections.abc import Mapping
@@ -21,26 +23,42 @@ Resolved = Mapping[str, Any]
 
 @dataclass(frozen=True, slots=True)
 class RunMeta:
-    """Description of one run; what is not known is None or empty. `machine`, `crop`, `job`: as resolved, plain data."""
+    """Description of one run; what is not known is None or empty. `machine`, `crop`, `job`: as
+    resolved, plain data."""
 
     software: str = ""
     machine: Resolved | None = None
     crop: Resolved | None = None
     job: Resolved | None = None
-    seed: int | None = None                                      # None: not simulated
-    sha256: Mapping[str, str] = field(default_factory=dict)      # configuration file -> checksum
-    started_utc: str | None = None                               # ISO 8601, Z
-    extra: Mapping[str, Any] = field(default_factory=dict)       # anything else that the writer had to say
+    seed: int | None = None  # None: not simulated
+    # configuration file -> checksum
+    sha256: Mapping[str, str] = field(default_factory=dict)
+    started_utc: str | None = None  # ISO 8601, Z
+    # anything else that the writer had to say
+    extra: Mapping[str, Any] = field(default_factory=dict)
 
 
-def run_meta(machine: BaseModel | Resolved | None = None, crop: BaseModel | Resolved | None = None,
-             job: BaseModel | Resolved | None = None, *, seed: int | None = None,
-             sha256: Mapping[str, str] | None = None, started_utc: str | None = None,
-             extra: Mapping[str, Any] | None = None) -> RunMeta:
+def run_meta(
+    machine: BaseModel | Resolved | None = None,
+    crop: BaseModel | Resolved | None = None,
+    job: BaseModel | Resolved | None = None,
+    *,
+    seed: int | None = None,
+    sha256: Mapping[str, str] | None = None,
+    started_utc: str | None = None,
+    extra: Mapping[str, Any] | None = None,
+) -> RunMeta:
     """A `RunMeta` of this software, from configuration models or plain data."""
-    return RunMeta(software=f"topdress {software_version()}", machine=_plain(machine), crop=_plain(crop),
-                   job=_plain(job), seed=seed, sha256=dict(sha256 or {}), started_utc=started_utc,
-                   extra=dict(extra or {}))
+    return RunMeta(
+        software=f"topdress {software_version()}",
+        machine=_plain(machine),
+        crop=_plain(crop),
+        job=_plain(job),
+        seed=seed,
+        sha256=dict(sha256 or {}),
+        started_utc=started_utc,
+        extra=dict(extra or {}),
+    )
 
 
 def software_version() -> str:
@@ -51,9 +69,19 @@ def software_version() -> str:
 
 
 def meta_to_yaml(meta: RunMeta) -> str:
-    return dump_yaml({
-        "format": FORMAT, "software": meta.software, "started_utc": meta.started_utc, "seed": meta.seed,
-        "sha256": dict(meta.sha256), "machine": meta.machine, "crop": meta.crop, "job": meta.job, **meta.extra})
+    return dump_yaml(
+        {
+            "format": FORMAT,
+            "software": meta.software,
+            "started_utc": meta.started_utc,
+            "seed": meta.seed,
+            "sha256": dict(meta.sha256),
+            "machine": meta.machine,
+            "crop": meta.crop,
+            "job": meta.job,
+            **meta.extra,
+        }
+    )
 
 
 def meta_from_yaml(text: str) -> RunMeta:
@@ -68,12 +96,17 @@ def meta_from_yaml(text: str) -> RunMeta:
     seed, checksums = data.get("seed"), data.get("sha256")
     known = {"format", "software", "machine", "crop", "job", "seed", "sha256", "started_utc"}
     return RunMeta(
-        software=str(data.get("software") or ""), machine=_mapping(data.get("machine")),
-        crop=_mapping(data.get("crop")), job=_mapping(data.get("job")),
+        software=str(data.get("software") or ""),
+        machine=_mapping(data.get("machine")),
+        crop=_mapping(data.get("crop")),
+        job=_mapping(data.get("job")),
         seed=seed if isinstance(seed, int) else None,
-        sha256={str(k): str(v) for k, v in checksums.items()} if isinstance(checksums, dict) else {},
+        sha256={str(k): str(v) for k, v in checksums.items()}
+        if isinstance(checksums, dict)
+        else {},
         started_utc=str(data["started_utc"]) if data.get("started_utc") else None,
-        extra={k: v for k, v in data.items() if k not in known})
+        extra={k: v for k, v in data.items() if k not in known},
+    )
 
 
 def sidecar_meta(log: str | Path) -> RunMeta | None:

@@ -1,4 +1,6 @@
-"""The console's settings: what one user wants, in one file. A broken file is reported and left as it is."""
+"""The console's settings: what one user wants, in one file. A broken file is reported and left
+as it is."""
+
 from __future__ import annotations
 
 from pathlib import Path
@@ -12,7 +14,10 @@ from drivers.files.config import ConfigError, Kind, load, save
 
 MOST_RATE_KG_HA = 2000.0
 
-Keys = Annotated[str, Field(min_length=1, max_length=80, description="keys, with commas between them")]
+Keys = Annotated[
+    str, Field(min_length=1, max_length=80, description="keys, with commas between them")
+]
+
 
 class ManualRate(FrozenModel):
     """What may be typed as a manual rate; never beyond the crop's own limit."""
@@ -23,13 +28,15 @@ class ManualRate(FrozenModel):
     @model_validator(mode="after")
     def _in_order(self) -> ManualRate:
         if self.low_kg_ha >= self.high_kg_ha:
-            raise ValueError(f"low_kg_ha {self.low_kg_ha:g}: allowed is below high_kg_ha {self.high_kg_ha:g}")
+            raise ValueError(
+                f"low_kg_ha {self.low_kg_ha:g}: allowed is below high_kg_ha {self.high_kg_ha:g}"
+            )
         return self
 
 
 class Presets(FrozenModel):
-    """Rates on keys of their own. Defaults: a light, a middle and a full top dressing of urea for winter wheat, of the
-    order of the grades in the decision paper's table (0 to 300 kg/ha)."""
+    """Rates on keys of their own. Defaults: a light, a middle and a full top dressing of urea
+    for winter wheat, of the order of the grades in the decision paper's table (0 to 300 kg/ha)."""
 
     first_kg_ha: Annotated[float, Field(ge=0.0, le=MOST_RATE_KG_HA)] = 100.0
     second_kg_ha: Annotated[float, Field(ge=0.0, le=MOST_RATE_KG_HA)] = 150.0
@@ -44,14 +51,16 @@ class Rates(FrozenModel):
     maps_hz: Annotated[float, Field(ge=0.1, le=1.0)] = 1.0
 
 
-Command = Annotated[str, Field(max_length=500, description="command that plays it; empty: the terminal's bell")]
+Command = Annotated[
+    str, Field(max_length=500, description="command that plays it; empty: the terminal's bell")
+]
 
 
 class Sounds(FrozenModel):
     """What is heard in place of the terminal's bell, where `sound` is on."""
 
-    alarm: Command = ""         # flow is stopped or about to be
-    caution: Command = ""       # work goes on
+    alarm: Command = ""  # flow is stopped or about to be
+    caution: Command = ""  # work goes on
 
 
 class Settings(FrozenModel):
@@ -65,11 +74,14 @@ class Settings(FrozenModel):
     manual_rate: ManualRate = ManualRate()
     presets: Presets = Presets()
     console: Rates = Rates()
-    keymap: dict[str, Keys] = Field(default={}, description="action -> keys, where other than the built-in ones")
+    keymap: dict[str, Keys] = Field(
+        default={}, description="action -> keys, where other than the built-in ones"
+    )
 
 
 class Read(NamedTuple):
-    """Settings to use, and why they are not the file's; empty where they are, or where there is no file."""
+    """Settings to use, and why they are not the file's; empty where they are, or where there is
+    no file."""
 
     settings: Settings
     trouble: str = ""
@@ -84,7 +96,8 @@ def settings_path() -> Path:
 
 
 def read_settings(path: Path) -> Read:
-    """The file's settings; the defaults where there is none, and where it is broken. Never raises, never writes."""
+    """The file's settings; the defaults where there is none, and where it is broken. Never
+    raises, never writes."""
     if not path.exists():
         return Read(Settings())
     try:
@@ -97,4 +110,9 @@ def read_settings(path: Path) -> Read:
 def write_settings(path: Path, settings: Settings) -> None:
     """Whole or not at all. Raises OSError."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    save(path, settings, SETTINGS, "Settings of the topdress console; the console's Settings page writes this file.")
+    save(
+        path,
+        settings,
+        SETTINGS,
+        "Settings of the topdress console; the console's Settings page writes this file.",
+    )

@@ -1,4 +1,6 @@
-"""A theme of the user's own: a built-in one with some colours other. NAME.yaml in the folder `themes`."""
+"""A theme of the user's own: a built-in one with some colours other. NAME.yaml in the folder
+`themes`."""
+
 from __future__ import annotations
 
 from pathlib import Path
@@ -11,8 +13,23 @@ from drivers.files.config import ConfigError, Kind, load
 
 Colour = Annotated[str, Field(pattern=r"^#[0-9a-fA-F]{6}$", description="a colour such as #00518f")]
 
-COLOURS = ("background", "surface", "panel", "foreground", "primary", "stale", "muted", "target", "red", "on-red",
-           "amber", "on-amber", "keybar", "on-keybar", "keybar-key")
+COLOURS = (
+    "background",
+    "surface",
+    "panel",
+    "foreground",
+    "primary",
+    "stale",
+    "muted",
+    "target",
+    "red",
+    "on-red",
+    "amber",
+    "on-amber",
+    "keybar",
+    "on-keybar",
+    "keybar-key",
+)
 
 
 class ThemeData(FrozenModel):
@@ -20,7 +37,7 @@ class ThemeData(FrozenModel):
 
     name: Annotated[str, Field(pattern=r"^[a-z][a-z0-9_-]{0,30}$")]
     like: Literal["day", "night", "contrast"]
-    dark: bool | None = None                    # None: as the one that it is like
+    dark: bool | None = None  # None: as the one that it is like
     colours: dict[str, Colour] = {}
 
     @model_validator(mode="after")

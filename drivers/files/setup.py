@@ -1,4 +1,6 @@
-"""What a run needs of its configuration files: machine, crop, job, resolved and checked against each other."""
+"""What a run needs of its configuration files: machine, crop, job, resolved and checked against
+each other."""
+
 from __future__ import annotations
 
 import datetime as dt
@@ -24,10 +26,13 @@ from drivers.files.kinds import CROP, JOB, KINDS, MACHINE, PRODUCT
 from drivers.files.prescriptions.for_job import files_of_job
 from drivers.files.weather import WeatherError, growing_days
 
-MODULE_VALVES = 15          # relays of a rate module along with the drive's own
-SAME_SHARE = 1e-4           # two figures for one wheel that differ by less are the same
+# relays of a rate module along with the drive's own
+MODULE_VALVES = 15
+# two figures for one wheel that differ by less are the same
+SAME_SHARE = 1e-4
 
-OwnLogs = Callable[[Job], Collection[str]]      # names of the logs of work on this field that is gone on with
+# names of the logs of work on this field that is gone on with
+OwnLogs = Callable[[Job], Collection[str]]
 
 
 def no_logs(job: Job) -> Collection[str]:
@@ -40,11 +45,15 @@ class Setup:
     crop: Crop
     rule: Rule
     job: Job
-    sha256: dict[str, str]      # configuration file -> checksum; the job's map and plant list too
-    folder: Path                # of the job file: what the job names lies next to it
-    weather: Path | None        # from which the growing days were counted
-    product: Product | None = None      # whose N share and flow crop and machine have; None: their own
-    n_year: YearN | None = None         # under whose ceiling the crop is; None: the job has none
+    # configuration file -> checksum; the job's map and plant list too
+    sha256: dict[str, str]
+    # of the job file: what the job names lies next to it
+    folder: Path
+    weather: Path | None  # from which the growing days were counted
+    # whose N share and flow crop and machine have; None: their own
+    product: Product | None = None
+    # under whose ceiling the crop is; None: the job has none
+    n_year: YearN | None = None
 
     @property
     def growth(self) -> Growth | None:
@@ -54,9 +63,16 @@ class Setup:
     @property
     def files(self) -> tuple[Path, ...]:
         """All files that were read for it, or will be when its job is worked."""
-        return (*map(Path, self.sha256), *files_of_job(self.job, self.folder),
-                *(() if self.weather is None else (self.weather,)),
-                *(() if self.job.nitrogen.record is None else (self.folder / self.job.nitrogen.record,)))
+        return (
+            *map(Path, self.sha256),
+            *files_of_job(self.job, self.folder),
+            *(() if self.weather is None else (self.weather,)),
+            *(
+                ()
+                if self.job.nitrogen.record is None
+                else (self.folder / self.job.nitrogen.record,)
+            ),
+        )
 
 
 def by_kind(files: Iterable[str]) -> dict[str, Loaded[BaseModel]]:
@@ -67,28 +83,37 @@ def by_kind(files: Iterable[str]) -> dict[str, Loaded[BaseModel]]:
         if kind is CROP:
             raise ConfigError([f"{file}: a crop file: name it in the job file (key crop)"])
         if kind is PRODUCT:
-            raise ConfigError([f"{file}: a product file: name it in the job file (key product_file)"])
+            raise ConfigError(
+                [f"{file}: a product file: name it in the job file (key product_file)"]
+            )
         if kind.folder in ("settings", "themes"):
-            raise ConfigError([f"{file}: {kind.format} is the console's: allowed are job, machine and cab files"])
+            raise ConfigError(
+                [f"{file}: {kind.format} is the console's: allowed are job, machine and cab files"]
+            )
         if kind.format in found:
             raise ConfigError([f"{file}: a second file with format {kind.format}: allowed is one"])
         found[kind.format] = loaded
     return found
 
 
-def setup_of(found: Mapping[str, Loaded[BaseModel]], today: dt.date,
-             own_logs: OwnLogs = no_logs) -> Setup:
-    """The setup of these files; what is not among them is the shipped nominal one. own_logs: as `load_setup` has it.
-    Raises ConfigError."""
-    machine, job = (found[kind.format].path if kind.format in found else shipped
-                    for kind, shipped in ((MACHINE, "huanghai"), (JOB, "demo")))
+def setup_of(
+    found: Mapping[str, Loaded[BaseModel]], today: dt.date, own_logs: OwnLogs = no_logs
+) -> Setup:
+    """The setup of these files; what is not among them is the shipped nominal one. own_logs: as
+    `load_setup` has it. Raises ConfigError."""
+    machine, job = (
+        found[kind.format].path if kind.format in found else shipped
+        for kind, shipped in ((MACHINE, "huanghai"), (JOB, "demo"))
+    )
     return load_setup(machine, job, today, own_logs)
 
 
-def load_setup(machine: str | Path, job: str | Path, today: dt.date,
-               own_logs: OwnLogs = no_logs) -> Setup:
-    """Read a job, the crop and the product it names, and a machine. `today` is the day of sensing where the crop gives
-    none. own_logs: names of the logs of the job that is gone on with, whose ground is done and gets no more.
+def load_setup(
+    machine: str | Path, job: str | Path, today: dt.date, own_logs: OwnLogs = no_logs
+) -> Setup:
+    """Read a job, the crop and the product it names, and a machine. `today` is the day of
+    sensing where the crop gives none. own_logs: names of the logs of the job that is gone on
+    with, whose ground is done and gets no more.
 
     Raises ConfigError, one line for each thing that is wrong.
     """
@@ -100,21 +125,35 @@ def load_setup(machine: str | Path, job: str | Path, today: dt.date,
     crop, spreader = got_crop.model, got_machine.model
     try:
         if product is not None:
-            crop = crop.model_copy(update={"product": product.name, "product_n_fraction": product.n_fraction})
+            crop = crop.model_copy(
+                update={"product": product.name, "product_n_fraction": product.n_fraction}
+            )
             spreader = with_product(spreader, product)
-        days = got_job.model.days or growing_days(_dated(crop, got_job.model), got_crop.path.parent, today)
+        days = got_job.model.days or growing_days(
+            _dated(crop, got_job.model), got_crop.path.parent, today
+        )
         n_year = year_n(got_job, crop, today, own_logs)
         crop = crop if n_year is None else crop.at_most(n_year.most_kg_ha)
         rule = rule_of(crop, got_job.model, days)
     except (WeatherError, ValueError, OSError) as error:
         raise ConfigError([str(error)]) from error
     folder = got_job.path.parent
-    sums = {str(got.path): got.sha256 for got in (got_machine, got_job, got_crop, got_product) if got is not None}
+    sums = {
+        str(got.path): got.sha256
+        for got in (got_machine, got_job, got_crop, got_product)
+        if got is not None
+    }
     # What is not there, or is a folder, is said when it is read.
-    named = {str(path): sha256_of(path) for name in got_job.model.named_files if (path := folder / name).is_file()}
+    named = {
+        str(path): sha256_of(path)
+        for name in got_job.model.named_files
+        if (path := folder / name).is_file()
+    }
     stated = None if crop.days is None else crop.days.weather
     weather = None if stated is None else got_crop.path.parent / stated
-    return Setup(spreader, crop, rule, got_job.model, sums | named, folder, weather, product, n_year)
+    return Setup(
+        spreader, crop, rule, got_job.model, sums | named, folder, weather, product, n_year
+    )
 
 
 class YearN(NamedTuple):
@@ -137,37 +176,54 @@ class YearN(NamedTuple):
 
     @property
     def text(self) -> str:
-        return (f"nitrogen.year_max_kg_ha {self.ceiling_kg_ha:g}: {self.given_kg_ha:g} given, "
-                f"{self.earlier_kg_ha:.1f} by {self.passes} recorded passes: {self.left_kg_ha:.1f} kg N/ha left, "
-                f"at most {self.most_kg_ha:.1f} kg/ha of product")
+        return (
+            f"nitrogen.year_max_kg_ha {self.ceiling_kg_ha:g}: {self.given_kg_ha:g} given, "
+            f"{self.earlier_kg_ha:.1f} by {self.passes} recorded passes: "
+            f"{self.left_kg_ha:.1f} kg N/ha left, "
+            f"at most {self.most_kg_ha:.1f} kg/ha of product"
+        )
 
 
-def year_n(job: Loaded[Job], crop: Crop, today: dt.date, own_logs: OwnLogs = no_logs) -> YearN | None:
-    """What the job's ceiling of nitrogen leaves; None where it has none. Raises ValueError where it leaves nothing, or
-    the farm record cannot be held against the field."""
+def year_n(
+    job: Loaded[Job], crop: Crop, today: dt.date, own_logs: OwnLogs = no_logs
+) -> YearN | None:
+    """What the job's ceiling of nitrogen leaves; None where it has none. Raises ValueError
+    where it leaves nothing, or the farm record cannot be held against the field."""
     wanted, ground = job.model.nitrogen, job.model.field
     if wanted.year_max_kg_ha is None:
         return None
     earlier_kg_ha, passes = 0.0, 0
     if wanted.record is not None:
         from drivers.files.farm_lines import given_in_year
+
         boundary = ground.boundary()
         if boundary is None or not ground.title:
-            raise ValueError(f"{job.path}: key nitrogen.record: needs field.title and field.boundary_m: which "
-                             "lines of it are this field's, and over how many hectares")
+            raise ValueError(
+                f"{job.path}: key nitrogen.record: needs field.title and field.boundary_m: which "
+                "lines of it are this field's, and over how many hectares"
+            )
         begins = wanted.year_from or dt.date(today.year, 1, 1)
         names = {"client": job.model.client, "farm": job.model.farm, "field": ground.title}
-        earlier_kg_ha, passes = given_in_year(job.path.parent / wanted.record, names, begins, boundary.area_ha,
-                                              own_logs(job.model))
-    found = YearN(wanted.year_max_kg_ha, wanted.given_kg_ha, earlier_kg_ha, passes, crop.product_n_fraction)
+        earlier_kg_ha, passes = given_in_year(
+            job.path.parent / wanted.record, names, begins, boundary.area_ha, own_logs(job.model)
+        )
+    found = YearN(
+        wanted.year_max_kg_ha, wanted.given_kg_ha, earlier_kg_ha, passes, crop.product_n_fraction
+    )
     if found.left_kg_ha <= 0.0:
-        raise ValueError(f"{job.path}: key {found.text}: nothing may be given any more in this year")
+        raise ValueError(
+            f"{job.path}: key {found.text}: nothing may be given any more in this year"
+        )
     return found
 
 
 def _dated(crop: Crop, job: Job) -> Crop:
     """The crop with the job's dates of sowing and sensing, where it counts days from dates."""
-    dates = {name: date for name, date in (("sown", job.sown), ("sensed", job.sensed)) if date is not None}
+    dates = {
+        name: date
+        for name, date in (("sown", job.sown), ("sensed", job.sensed))
+        if date is not None
+    }
     if crop.days is None or crop.days.count is not None or not dates:
         return crop
     return crop.model_copy(update={"days": crop.days.model_copy(update=dates)})
@@ -184,7 +240,8 @@ def growth_note(growth: Growth | None) -> str:
 
 
 def product_of(job: Job, folder: Path) -> Loaded[Product] | None:
-    """The product file that a job names, a path next to it or a shipped one; None where it names none.
+    """The product file that a job names, a path next to it or a shipped one; None where it
+    names none.
 
     Raises ConfigError.
     """
@@ -195,47 +252,75 @@ def product_note(product: Product, machine: Machine) -> str:
     """What is to be known of a product on a machine; empty where a catch test says it all."""
     if product.newest_test(machine.id) is not None:
         return ""
-    return (f"product {product.id}: no catch test with machine {machine.id}: its own file's "
-            f"{machine.flow.grams_per_rev_mm:g} g per turn and mm counts")
+    return (
+        f"product {product.id}: no catch test with machine {machine.id}: its own file's "
+        f"{machine.flow.grams_per_rev_mm:g} g per turn and mm counts"
+    )
 
 
 def disagreements(cab: Loaded[BaseModel], machine: Machine, machine_path: str) -> list[str]:
-    """What a cab file and a machine file do not agree on, a line each: the wheel, by which pulses are counted in the
-    one and all else is judged in the other; valves of sections that no device of the cab drives."""
+    """What a cab file and a machine file do not agree on, a line each: the wheel, by which
+    pulses are counted in the one and all else is judged in the other; valves of sections that
+    no device of the cab drives."""
     config = cab.model if isinstance(cab.model, CabConfig) else None
     if config is None:
         return []
     module, board = config.rate_module, config.board
     lines = []
-    if machine.switched and module is not None and module.valves and len(machine.switched) > MODULE_VALVES:
-        lines.append(f"{cab.path}: key rate_module.valves: value true: allowed for at most {MODULE_VALVES} sections; "
-                     f"{machine_path} has {len(machine.switched)}")
+    if (
+        machine.switched
+        and module is not None
+        and module.valves
+        and len(machine.switched) > MODULE_VALVES
+    ):
+        lines.append(
+            f"{cab.path}: key rate_module.valves: value true: allowed for at most "
+            f"{MODULE_VALVES} sections; "
+            f"{machine_path} has {len(machine.switched)}"
+        )
     elif machine.switched and board is None and not (module is not None and module.valves):
-        lines.append(f"{cab.path}: key board: missing: allowed a board, or a rate module with valves: true, for the "
-                     f"sections' valves of {machine_path}")
+        lines.append(
+            f"{cab.path}: key board: missing: allowed a board, or a rate module with "
+            "valves: true, for the "
+            f"sections' valves of {machine_path}"
+        )
     return lines + ([] if board is None else _wheels(cab, board, machine, machine_path))
 
 
-def _wheels(cab: Loaded[BaseModel], board: BoardConfig, machine: Machine, machine_path: str) -> list[str]:
-    pairs = (("wheel_circumference_m", board.wheel_circumference_m, machine.speed.wheel_circumference_m),
-             ("wheel_pulses_per_turn", board.wheel_pulses_per_turn, machine.speed.pulses_per_turn))
-    return [f"{cab.path}: key board.{key}: value {ours:g}: allowed {theirs:g}, as {machine_path} has it (key "
-            f"speed.{key.removeprefix('wheel_') if 'pulses' in key else key})"
-            for key, ours, theirs in pairs if abs(ours / theirs - 1.0) > SAME_SHARE]
+def _wheels(
+    cab: Loaded[BaseModel], board: BoardConfig, machine: Machine, machine_path: str
+) -> list[str]:
+    pairs = (
+        ("wheel_circumference_m", board.wheel_circumference_m, machine.speed.wheel_circumference_m),
+        ("wheel_pulses_per_turn", board.wheel_pulses_per_turn, machine.speed.pulses_per_turn),
+    )
+    return [
+        f"{cab.path}: key board.{key}: value {ours:g}: allowed {theirs:g}, as "
+        f"{machine_path} has it (key "
+        f"speed.{key.removeprefix('wheel_') if 'pulses' in key else key})"
+        for key, ours, theirs in pairs
+        if abs(ours / theirs - 1.0) > SAME_SHARE
+    ]
 
 
 def index_disagreements(cab: Loaded[BaseModel] | None, crop: Crop, job: Job) -> list[str]:
-    """A rule over one index fed with another one is refused: one line. cab None: the heads are simulated. A job that
-    does not go by the canopy needs none."""
+    """A rule over one index fed with another one is refused: one line. cab None: the heads are
+    simulated. A job that does not go by the canopy needs none."""
     if job.target.source not in BY_CANOPY:
         return []
     if cab is None:
         if job.simulated.heads_index == crop.index:
             return []
-        return [f"job {job.id}: key simulated.heads_index: value {job.simulated.heads_index}: allowed {crop.index}, "
-                f"over which the rule of crop {crop.id} is written"]
+        return [
+            f"job {job.id}: key simulated.heads_index: value {job.simulated.heads_index}: "
+            f"allowed {crop.index}, "
+            f"over which the rule of crop {crop.id} is written"
+        ]
     heads = cab.model.heads if isinstance(cab.model, CabConfig) else None
     if heads is None or heads.index == crop.index:
         return []
-    return [f"{cab.path}: key heads.index: value {heads.index}: allowed {crop.index}, over which the rule of crop "
-            f"{crop.id} is written"]
+    return [
+        f"{cab.path}: key heads.index: value {heads.index}: allowed {crop.index}, over "
+        "which the rule of crop "
+        f"{crop.id} is written"
+    ]

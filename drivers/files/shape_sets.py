@@ -1,4 +1,6 @@
-"""The files that make a shapefile, wherever they lie: which belong together, how texts are written, units."""
+"""The files that make a shapefile, wherever they lie: which belong together, how texts are
+written, units."""
+
 from __future__ import annotations
 
 import io
@@ -25,14 +27,48 @@ from drivers.files.stated_units import StatedUnit, side_units
 from drivers.plain_text import OneLine, PlaceInFile, Refused
 
 # Byte 29 of a .dbf: the language driver, as dBase, FoxPro and Esri number them.
-DRIVERS = {0x01: "cp437", 0x02: "cp850", 0x03: "cp1252", 0x57: "cp1252", 0x58: "cp1252", 0x59: "cp1252",
-           0x4D: "gb18030", 0x7A: "gb18030", 0x4E: "cp949", 0x79: "cp949", 0x4F: "cp950", 0x78: "cp950",
-           0x13: "cp932", 0x7B: "cp932", 0x64: "cp852", 0x65: "cp866", 0xC8: "cp1250", 0xC9: "cp1251", 0xCA: "cp1254",
-           0xCB: "cp1253"}
-SPELLED = {"utf8": "utf-8", "65001": "utf-8", "gbk": "gb18030", "gb2312": "gb18030", "936": "gb18030",
-           "54936": "gb18030", "big5": "cp950", "950": "cp950", "latin1": "cp1252", "88591": "cp1252",
-           "iso88591": "cp1252", "1252": "cp1252", "ansi1252": "cp1252", "1250": "cp1250", "1251": "cp1251",
-           "932": "cp932", "sjis": "cp932", "949": "cp949"}
+DRIVERS = {
+    0x01: "cp437",
+    0x02: "cp850",
+    0x03: "cp1252",
+    0x57: "cp1252",
+    0x58: "cp1252",
+    0x59: "cp1252",
+    0x4D: "gb18030",
+    0x7A: "gb18030",
+    0x4E: "cp949",
+    0x79: "cp949",
+    0x4F: "cp950",
+    0x78: "cp950",
+    0x13: "cp932",
+    0x7B: "cp932",
+    0x64: "cp852",
+    0x65: "cp866",
+    0xC8: "cp1250",
+    0xC9: "cp1251",
+    0xCA: "cp1254",
+    0xCB: "cp1253",
+}
+SPELLED = {
+    "utf8": "utf-8",
+    "65001": "utf-8",
+    "gbk": "gb18030",
+    "gb2312": "gb18030",
+    "936": "gb18030",
+    "54936": "gb18030",
+    "big5": "cp950",
+    "950": "cp950",
+    "latin1": "cp1252",
+    "88591": "cp1252",
+    "iso88591": "cp1252",
+    "1252": "cp1252",
+    "ansi1252": "cp1252",
+    "1250": "cp1250",
+    "1251": "cp1251",
+    "932": "cp932",
+    "sjis": "cp932",
+    "949": "cp949",
+}
 
 
 @dataclass(frozen=True)
@@ -49,7 +85,7 @@ class ShapeSet:
 
     def part(self, ending: str) -> bytes | None:
         """The file of this set with that ending, either case. Raises Refused, OSError."""
-        wanted = self.name[:-len(".shp")].casefold() + ending
+        wanted = self.name[: -len(".shp")].casefold() + ending
         for name in self.files.names:
             if name.casefold() == wanted:
                 return self.files.read(name)
@@ -58,31 +94,43 @@ class ShapeSet:
     @contextmanager
     def reader(self, encoding: str | None = None) -> Iterator[Any]:
         """A pyshp reader. Raises what it raises, Refused, OSError."""
-        parts = {key: io.BytesIO(data) for key in ("shp", "shx", "dbf")
-                 if (data := self.part(f".{key}")) is not None}
+        parts = {
+            key: io.BytesIO(data)
+            for key in ("shp", "shx", "dbf")
+            if (data := self.part(f".{key}")) is not None
+        }
         if "dbf" not in parts:
             raise shapefile.ShapefileException("its .dbf is not there")
-        with (warnings.catch_warnings(action="ignore"),
-              shapefile.Reader(**parts, encoding=encoding or self.encoding(parts["dbf"].getvalue()),
-                               encodingErrors="replace") as reader):
+        with (
+            warnings.catch_warnings(action="ignore"),
+            shapefile.Reader(
+                **parts,
+                encoding=encoding or self.encoding(parts["dbf"].getvalue()),
+                encodingErrors="replace",
+            ) as reader,
+        ):
             yield reader
 
     def encoding(self, dbf: bytes) -> str:
-        """By the bytes where they are UTF-8, else by the .cpg or the language driver unless the texts rule it out, else
-        by the bytes."""
+        """By the bytes where they are UTF-8, else by the .cpg or the language driver unless the
+        texts rule it out, else by the bytes."""
         stated = self.part(".cpg") or self.part(".cst") or b""
         spelled = re.sub(r"[^a-z0-9]", "", stated.decode("ascii", "ignore").lower())
         bare = spelled.removeprefix("cp").removeprefix("ansi").removeprefix("ms")
-        names = (SPELLED.get(spelled) or SPELLED.get(bare),
-                 DRIVERS.get(dbf[29]) if len(dbf) > 29 else None)
+        names = (
+            SPELLED.get(spelled) or SPELLED.get(bare),
+            DRIVERS.get(dbf[29]) if len(dbf) > 29 else None,
+        )
         texts = _texts_of(dbf)
-        for name in ("utf-8", *names):              # texts of other encodings hardly ever read as UTF-8
+        # texts of other encodings hardly ever read as UTF-8
+        for name in ("utf-8", *names):
             if name is not None and _reads(texts, name):
                 return name
         return encoding_of(b" ".join(texts))
 
     def units(self, columns: Collection[str]) -> dict[str, StatedUnit]:
-        """Column in small letters -> its unit, as the files of makers and programs next to it say."""
+        """Column in small letters -> its unit, as the files of makers and programs next to it
+        say."""
         return side_units(self.files, self.name, columns)
 
 
@@ -97,7 +145,9 @@ def damage_said(label: str) -> Iterator[None]:
         said = (str(trouble).splitlines() or [type(trouble).__name__])[0]
         raise Refused(label, "not readable as a shapefile: {why}", why=said) from None
     except KeyError as trouble:
-        raise Refused(label, "not a shapefile: no type of shapes is {number}", number=trouble) from None
+        raise Refused(
+            label, "not a shapefile: no type of shapes is {number}", number=trouble
+        ) from None
     except (ValueError, IndexError, OverflowError, MemoryError) as trouble:
         raise Refused(label, "damaged shapefile ({kind})", kind=type(trouble).__name__) from None
 
@@ -107,11 +157,16 @@ def shape_sets(path: Path) -> list[ShapeSet]:
     if path.suffix.lower() == ".shp" and not path.is_dir():
         return [ShapeSet(Folder(path.parent, deep=False), path.name, str(path))]
     files = files_at(path)
-    return [ShapeSet(files, name, files.label(name)) for name in files.names if name.lower().endswith(".shp")]
+    return [
+        ShapeSet(files, name, files.label(name))
+        for name in files.names
+        if name.lower().endswith(".shp")
+    ]
 
 
 def layer_of(shapes: ShapeSet, encoding: str | None = None) -> Layer:
-    """All shapes of a set with their attributes: points, lines and polygons. Raises Refused, OSError."""
+    """All shapes of a set with their attributes: points, lines and polygons. Raises Refused,
+    OSError."""
     where = PlaceInFile(shapes.label)
     with damage_said(shapes.label):
         text = shapes.part(".prj")
@@ -119,12 +174,19 @@ def layer_of(shapes: ShapeSet, encoding: str | None = None) -> Layer:
             names, kind = column_names(reader), reader.shapeTypeName
             found = np.empty(len(reader), dtype=object)
             rows = []
-            for k, (shape, record) in enumerate(zip(reader.iterShapes(), reader.iterRecords(), strict=True)):
+            for k, (shape, record) in enumerate(
+                zip(reader.iterShapes(), reader.iterRecords(), strict=True)
+            ):
                 found[k] = _shape(shape, kind, where.at("row {row}", row=k + 1))
                 rows.append(dict(zip(names, record, strict=True)))
         units = shapes.units(names)
-        projection = None if text is None else projection_in(text.decode("utf-8", "replace"), where,
-                                                             shapely.get_coordinates(found))
+        projection = (
+            None
+            if text is None
+            else projection_in(
+                text.decode("utf-8", "replace"), where, shapely.get_coordinates(found)
+            )
+        )
     degrees, findings = turned(found, projection)
     return Layer(shapes.stem, tuple(rows), degrees, findings, units, kind)
 
@@ -141,8 +203,17 @@ def _shape(shape: Any, kind: str, where: PlaceInFile) -> shapely.Geometry | None
         return together([shapely.LineString(part) for part in parts if len(part) > 1])
     clockwise = [_clockwise(open_ring(part)) for part in parts]
     outlines = [part for part, is_one in zip(parts, clockwise, strict=True) if is_one] or parts
-    holes = [part for part, is_one in zip(parts, clockwise, strict=True) if not is_one] if len(parts) > 1 else []
-    return together([polygon_of(rings, where) for rings in sorted_rings(outlines, holes if any(clockwise) else [])])
+    holes = (
+        [part for part, is_one in zip(parts, clockwise, strict=True) if not is_one]
+        if len(parts) > 1
+        else []
+    )
+    return together(
+        [
+            polygon_of(rings, where)
+            for rings in sorted_rings(outlines, holes if any(clockwise) else [])
+        ]
+    )
 
 
 def _clockwise(corners: Floats) -> bool:
@@ -166,7 +237,8 @@ def sorted_rings(outlines: Sequence[Floats], holes: Sequence[Floats]) -> list[tu
 
 
 def column_names(reader: Any) -> list[str]:
-    """Of a reader's table, each once; a letter that the ten bytes of a name have cut is left out."""
+    """Of a reader's table, each once; a letter that the ten bytes of a name have cut is left
+    out."""
     names: list[str] = []
     for field in reader.fields:
         if field[0] == "DeletionFlag":
@@ -180,7 +252,8 @@ def column_names(reader: Any) -> list[str]:
 
 
 def _reads(texts: list[bytes], encoding: str) -> bool:
-    """Whether these are such texts; the last letter of one may be cut by its length, but not of each that has any."""
+    """Whether these are such texts; the last letter of one may be cut by its length, but not of
+    each that has any."""
     whole = cut = 0
     for text in texts:
         try:
@@ -189,7 +262,7 @@ def _reads(texts: list[bytes], encoding: str) -> bool:
         except UnicodeDecodeError as error:
             if error.end < len(text) or error.start < len(text) - 3:
                 return False
-            whole += not text[:error.start].isascii()
+            whole += not text[: error.start].isascii()
             cut += 1
     return whole > 0 or cut == 0
 
@@ -202,7 +275,7 @@ def _texts_of(dbf: bytes) -> list[bytes]:
     fields: list[tuple[int, int]] = []
     texts, at = [], 1
     for place in range(32, min(header, len(dbf)) - 31, 32):
-        descriptor = dbf[place:place + 32]
+        descriptor = dbf[place : place + 32]
         if descriptor[:1] == b"\r" or len(descriptor) < 32:
             break
         texts.append(descriptor[:11].partition(b"\0")[0])
@@ -211,5 +284,7 @@ def _texts_of(dbf: bytes) -> list[bytes]:
         at += descriptor[16]
     for row in range(min(rows, 2000)):
         begin = header + row * width
-        texts += [dbf[begin + start:begin + start + length].rstrip(b" \0") for start, length in fields]
+        texts += [
+            dbf[begin + start : begin + start + length].rstrip(b" \0") for start, length in fields
+        ]
     return [text for text in texts if text]

@@ -1,4 +1,6 @@
-"""Workbooks: the cells of their sheets, and the one table of one as comma-separated text for what reads texts."""
+"""Workbooks: the cells of their sheets, and the one table of one as comma-separated text for
+what reads texts."""
+
 from __future__ import annotations
 
 import copy
@@ -21,22 +23,26 @@ import io
 from drivers.files.imports.trouble import TableError, listed
 from drivers.files.limits import DAMAGED_ZIP
 
-# What the sheets of a workbook span, found out before its reader makes all their cells, empty ones too.
+# What the sheets of a workbook span, found out before its reader makes all their cells, empty
+# ones too.
 #
-# The reader (calamine) makes every cell between the first and the last one, and ends the whole program where it cannot.
-# Everything is looked through as a stream and given up as soon as it is beyond the limit.
+# The reader (calamine) makes every cell between the first and the last one, and ends the whole
+# program where it cannot. Everything is looked through as a stream and given up as soon as it
+# is beyond the limit.
 CHUNK = 4 * MB
-# `(?<=...)` behind the literal: the search then runs at the speed of memory over what holds no reference
+# `(?<=...)` behind the literal: the search then runs at the speed of memory over what holds no
+# reference
 _COLUMN = re.compile(rb'r="(?<=\sr=")([A-Z]{1,9})\d')
 _ROW = re.compile(rb'row[^>]{0,200}?\sr="(\d{1,9})"')
 _FAR_DOWN = re.compile(rb'r="(?<=\sr=")[A-Z]{1,9}(\d{6,12})"')
 
 
 def check_sheets(path: Path) -> None:
-    """Hold every sheet's cells against the limit, and every entry of the zip against the size that its directory says.
+    """Hold every sheet's cells against the limit, and every entry of the zip against the size
+    that its directory says.
 
-    Raises BeyondLimits, OSError, and what zipfile raises of a damaged zip. Of .xls nothing is looked at: it has 65 536
-    rows of 256 columns at most.
+    Raises BeyondLimits, OSError, and what zipfile raises of a damaged zip. Of .xls nothing is
+    looked at: it has 65 536 rows of 256 columns at most.
     """
     if not zipfile.is_zipfile(path):
         return
@@ -47,13 +53,15 @@ def check_sheets(path: Path) -> None:
             if path.suffix.lower() == ".ods":
                 spans = _of_document(chunks) if info.filename == "content.xml" else iter(())
             elif path.suffix.lower() == ".xlsb" and info.filename.lower().endswith(".bin"):
-                spans = _of_records(chunks)         # in .xlsx such a file holds a printer's settings
+                # in .xlsx such a file holds a printer's settings
+                spans = _of_records(chunks)
             else:
                 spans = _of_markup(chunks)
             for cells in spans:
                 held_to(CELLS, cells, label)
             for _ in chunks:
-                pass                            # to its end: what the directory says is held against what is there
+                # to its end: what the directory says is held against what is there
+                pass
 
 
 def cells_of(sheet: CalamineSheet, label: str) -> list[list[Any]]:
@@ -63,7 +71,8 @@ def cells_of(sheet: CalamineSheet, label: str) -> list[list[Any]]:
 
 
 def _unpacked(archive: zipfile.ZipFile, info: zipfile.ZipInfo, label: str) -> Iterator[bytes]:
-    """An entry's bytes, and at its end whether they are as many as the directory says: calamine takes all there are."""
+    """An entry's bytes, and at its end whether they are as many as the directory says: calamine
+    takes all there are."""
     stated = info.file_size
     longer = copy.copy(info)
     longer.file_size += 1
@@ -72,15 +81,20 @@ def _unpacked(archive: zipfile.ZipFile, info: zipfile.ZipInfo, label: str) -> It
         for chunk in iter(lambda: entry.read(CHUNK), b""):
             found += len(chunk)
             if found > stated:
-                raise BeyondLimits(label, "unpacks to more than the {stated} bytes that its directory says",
-                                   stated=stated)
+                raise BeyondLimits(
+                    label,
+                    "unpacks to more than the {stated} bytes that its directory says",
+                    stated=stated,
+                )
             yield chunk
 
 
 def _of_markup(chunks: Iterator[bytes]) -> Iterator[int]:
-    """Of a sheet of .xlsx, whatever its name, and of its strings: the cells so far, a little more than there are.
+    """Of a sheet of .xlsx, whatever its name, and of its strings: the cells so far, a little
+    more than there are.
 
-    Rows times columns by the references of rows and cells; where cells have none, by the longest row.
+    Rows times columns by the references of rows and cells; where cells have none, by the
+    longest row.
     """
     columns: set[bytes] = set()
     last_row = rows = cells = strings = widest = in_row = 0
@@ -92,13 +106,17 @@ def _of_markup(chunks: Iterator[bytes]) -> Iterator[int]:
         stated = [*_ROW.findall(text), *_FAR_DOWN.findall(text)]
         last_row = max(last_row, max(map(int, stated), default=0))
         here = _tags(text, b"c")
-        if here > len(references):              # some name no column
+        if here > len(references):  # some name no column
             first, *others = text.replace(b":row", b"<row").split(b"<row")
             in_row += _tags(first, b"c")
             for row in others:
                 widest, in_row = max(widest, in_row), _tags(row, b"c")
             widest = max(widest, in_row)
-        cells, rows, strings = cells + here, rows + _tags(text, b"row"), strings + _tags(text, b"si")
+        cells, rows, strings = (
+            cells + here,
+            rows + _tags(text, b"row"),
+            strings + _tags(text, b"si"),
+        )
         width = max(widest, max((_number(name) for name in columns), default=0))
         yield max(cells, strings, max(last_row, rows) * width)
         rest = text[-300:]
@@ -117,7 +135,8 @@ def _number(column: bytes) -> int:
 
 
 def _of_document(chunks: Iterator[bytes]) -> Iterator[int]:
-    """Of .ods: a row and a cell may stand for many; those at the end that hold nothing do not count."""
+    """Of .ods: a row and a cell may stand for many; those at the end that hold nothing do not
+    count."""
     total = in_row = filled = repeated = 0
 
     def begin(name: str, attributes: dict[str, str]) -> None:
@@ -127,7 +146,9 @@ def _of_document(chunks: Iterator[bytes]) -> Iterator[int]:
             in_row, filled, repeated = 0, 0, _times(attributes, "rows")
         elif kind in ("table-cell", "covered-table-cell"):
             in_row += _times(attributes, "columns")
-            filled = in_row if any("value" in key or "formula" in key for key in attributes) else filled
+            filled = (
+                in_row if any("value" in key or "formula" in key for key in attributes) else filled
+            )
         elif kind == "p":
             filled = in_row
 
@@ -142,17 +163,20 @@ def _of_document(chunks: Iterator[bytes]) -> Iterator[int]:
         try:
             parser.Parse(chunk, False)
         except expat.ExpatError:
-            return                              # no document: the reader says so
+            return  # no document: the reader says so
         yield total
 
 
 def _times(attributes: dict[str, str], what: str) -> int:
-    text = next((value for key, value in attributes.items() if key.endswith(f"number-{what}-repeated")), "1")
+    text = next(
+        (value for key, value in attributes.items() if key.endswith(f"number-{what}-repeated")), "1"
+    )
     return int(text) if text.isdecimal() and len(text) < 10 else 1
 
 
 def _of_records(chunks: Iterator[bytes]) -> Iterator[int]:
-    """Of a sheet of .xlsb ([MS-XLSB] 2.1.4): record 0 begins a row and says its number, 1 to 11 are cells."""
+    """Of a sheet of .xlsb ([MS-XLSB] 2.1.4): record 0 begins a row and says its number, 1 to 11
+    are cells."""
     last_row = last_column = -1
     rest = b""
     for chunk in chunks:
@@ -160,9 +184,9 @@ def _of_records(chunks: Iterator[bytes]) -> Iterator[int]:
         while (record := _record(data, at)) is not None:
             kind, begin, at = record
             if kind == 0 and at - begin >= 4:
-                last_row = max(last_row, int.from_bytes(data[begin:begin + 4], "little"))
+                last_row = max(last_row, int.from_bytes(data[begin : begin + 4], "little"))
             elif kind <= 11 and at - begin >= 4:
-                last_column = max(last_column, int.from_bytes(data[begin:begin + 4], "little"))
+                last_column = max(last_column, int.from_bytes(data[begin : begin + 4], "little"))
         rest = data[at:]
         yield (last_row + 1) * (last_column + 1)
 
@@ -192,27 +216,39 @@ SUFFIXES = (".xlsx", ".xlsm", ".xls", ".xlsb", ".ods")
 def sheets_of(path: Path, only: str | None = None) -> dict[str, list[list[Any]]]:
     """The rows of each sheet, or of the one of this name. Raises TableError, OSError."""
     from python_calamine import CalamineError, CalamineWorkbook
+
     try:
         check_sheets(path)
         with CalamineWorkbook.from_path(str(path)) as book:
             if only and only not in book.sheet_names:
                 raise TableError(path, f"source.sheet {only}: allowed {listed(book.sheet_names)}")
-            return {name: cells_of(book.get_sheet_by_name(name), f"sheet {name}")
-                    for name in ([only] if only else book.sheet_names)}
+            return {
+                name: cells_of(book.get_sheet_by_name(name), f"sheet {name}")
+                for name in ([only] if only else book.sheet_names)
+            }
     except (CalamineError, BeyondLimits, *DAMAGED_ZIP) as error:
         raise TableError(path, f"not readable as a workbook: {error}") from None
 
 
 def sheet_text(path: Path) -> bytes:
     """The sheet that holds a table, dates as ISO 8601. Raises TableError, OSError."""
-    filled = {name: rows for name, rows in sheets_of(path).items() if any(cell != "" for row in rows for cell in row)}
+    filled = {
+        name: rows
+        for name, rows in sheets_of(path).items()
+        if any(cell != "" for row in rows for cell in row)
+    }
     if len(filled) != 1:
         names = ", ".join(filled) or "none"
-        raise TableError(path, f"{len(filled)} sheets hold something ({names}): allowed is one; topdress import takes "
-                         "one of several")
+        raise TableError(
+            path,
+            f"{len(filled)} sheets hold something ({names}): allowed is one; topdress import takes "
+            "one of several",
+        )
     [rows] = filled.values()
     text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerows([cell_text(cell) for cell in row] for row in rows)
+    csv.writer(text, lineterminator="\n").writerows(
+        [cell_text(cell) for cell in row] for row in rows
+    )
     return text.getvalue().encode()
 
 

@@ -1,9 +1,12 @@
-"""Units that a file states elsewhere than in a column's name or its cells: metadata of makers and programs.
+"""Units that a file states elsewhere than in a column's name or its cells: metadata of makers
+and programs.
 
-Which keys and tags name a unit is the same for all of them (`unit`, `UnitType`, `attrunit`, `rate_unit`, ...). Of a
-column that is named any text counts: what is not known is asked. Of nothing in particular only units of a rate do:
-other metadata have the metres of their coordinates.
+Which keys and tags name a unit is the same for all of them (`unit`, `UnitType`, `attrunit`,
+`rate_unit`, ...). Of a column that is named any text counts: what is not known is asked. Of
+nothing in particular only units of a rate do: other metadata have the metres of their
+coordinates.
 """
+
 from __future__ import annotations
 
 import json
@@ -21,11 +24,15 @@ from drivers.files.limits import SIDE
 from drivers.files.xml_text import XmlError, local, xml_root
 from drivers.plain_text import Refused
 
-ANY = ""                    # of the rate, whichever column that is
-SIDES = ("-deere-metadata.json", "-metadata.json", ".xml", ".aux.xml", ".qml", ".qmd")      # behind the stem
-LEVELS = 3                  # below what names a column, that its unit may stand: Esri's attr/attrdomv/rdom/attrunit
-UNIT_WORDS = frozenset("""unit units uom einheit einheiten masseinheit mengeneinheit unite unites unidad unidades unita
-    eenheid eenheden jednostka 单位 单位名称 计量单位 единица""".split())
+ANY = ""  # of the rate, whichever column that is
+# behind the stem
+SIDES = ("-deere-metadata.json", "-metadata.json", ".xml", ".aux.xml", ".qml", ".qmd")
+# below what names a column, that its unit may stand: Esri's attr/attrdomv/rdom/attrunit
+LEVELS = 3
+UNIT_WORDS = frozenset(
+    """unit units uom einheit einheiten masseinheit mengeneinheit unite unites unidad unidades unita
+    eenheid eenheden jednostka 单位 单位名称 计量单位 единица""".split()
+)
 _SAID = re.compile(r"^\s*#?\s*(?P<key>[^:=]{1,40})[:=]\s*(?P<unit>\S.{0,30}?)\s*$")
 
 
@@ -40,7 +47,8 @@ NO_UNITS: Mapping[str, StatedUnit] = {}
 
 
 class Stated(dict[str, StatedUnit]):
-    """By column in small letters, or ANY. Two that differ are kept as what they are: none that is known."""
+    """By column in small letters, or ANY. Two that differ are kept as what they are: none that
+    is known."""
 
     def add(self, column: str, text: str, source: str, sure: bool = False) -> None:
         """sure: it stands in the table itself, so that it is of the rate, known or not."""
@@ -82,8 +90,12 @@ def side_units(files: Files, name: str, columns: Collection[str]) -> dict[str, S
         if there.casefold() in {start + ending for start in (stem, plain) for ending in SIDES}:
             data = files.read(there)
             if len(data) > SIDE.most:
-                raise Refused(files.label(there), "{found} bytes: allowed up to {most}", found=len(data),
-                                   most=SIDE.most)
+                raise Refused(
+                    files.label(there),
+                    "{found} bytes: allowed up to {most}",
+                    found=len(data),
+                    most=SIDE.most,
+                )
             found |= of_markup(data, columns, PurePosixPath(there).name)
     return found
 
@@ -124,14 +136,22 @@ def of_json(root: Any, columns: Collection[str], source: str) -> dict[str, State
 
 
 def of_element(root: Element, columns: Collection[str], source: str) -> dict[str, StatedUnit]:
-    """An element that names a column, in an attribute or a child's text: the unit in it, or in another name of it."""
+    """An element that names a column, in an attribute or a child's text: the unit in it, or in
+    another name of it."""
     found = Stated()
     for element in root.iter():
-        texts = [*element.attrib.values(), *(child.text for child in element if not len(child) and child.text)]
+        texts = [
+            *element.attrib.values(),
+            *(child.text for child in element if not len(child) and child.text),
+        ]
         column = next(filter(None, (_column(text, columns) for text in texts)), ANY)
         if column:
             for text in texts:
-                if (unit := named(text)[1]) is not None and of_a_rate(unit) and not _column(text, columns):
+                if (
+                    (unit := named(text)[1]) is not None
+                    and of_a_rate(unit)
+                    and not _column(text, columns)
+                ):
                     found.add(column, unit, source)
         for inner in _below(element, LEVELS) if column else (element,):
             if names_unit(local(inner)) or any(map(names_unit, inner.attrib.values())):
@@ -143,8 +163,8 @@ def of_element(root: Element, columns: Collection[str], source: str) -> dict[str
 
 
 def of_texts(column: str, texts: Iterable[str], source: str) -> dict[str, StatedUnit]:
-    """Lines and cells in words: `unit: l/ha`, `Target rate (l/ha)`. column: ANY where they are of nothing in
-    particular."""
+    """Lines and cells in words: `unit: l/ha`, `Target rate (l/ha)`. column: ANY where they are
+    of nothing in particular."""
     found = Stated()
     for text in texts:
         said = _SAID.match(text)
@@ -157,8 +177,19 @@ def of_texts(column: str, texts: Iterable[str], source: str) -> dict[str, Stated
 def _column(text: str, columns: Collection[str]) -> str:
     """The column that a text names, in small letters; a shapefile has cut it. Empty: none."""
     plain = text.strip().casefold()
-    return next((name for column in columns if (name := column.casefold()) == plain
-                 or (len(name) == SHAPEFILE_NAME and plain.startswith(name))), "") if plain else ""
+    return (
+        next(
+            (
+                name
+                for column in columns
+                if (name := column.casefold()) == plain
+                or (len(name) == SHAPEFILE_NAME and plain.startswith(name))
+            ),
+            "",
+        )
+        if plain
+        else ""
+    )
 
 
 def _below(element: Element, levels: int) -> Iterator[Element]:

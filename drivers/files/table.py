@@ -1,4 +1,6 @@
-"""Tables of any origin (CSV and its relatives, the one sheet of a workbook) as columns by name: logs, bench tables."""
+"""Tables of any origin (CSV and its relatives, the one sheet of a workbook) as columns by name:
+logs, bench tables."""
+
 from __future__ import annotations
 
 import csv
@@ -27,8 +29,9 @@ Rename = Callable[[tuple[str, ...]], Renamed]
 
 _SEPARATORS = ",;\t|"
 _SEPARATOR_NAMES = {";": "semicolons", "\t": "tabs", "|": "bars"}
-_LOOKED_AT = 1000           # cells, before a column of whatever kind is taken for numbers as a whole
-HEAD = 1 << 20              # bytes in which a header is looked for
+# cells, before a column of whatever kind is taken for numbers as a whole
+_LOOKED_AT = 1000
+HEAD = 1 << 20  # bytes in which a header is looked for
 
 
 class NoHeader(TableError):
@@ -37,8 +40,8 @@ class NoHeader(TableError):
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """`names`: all columns of the file. `columns`: those read; arrays of length n, float64 (unknown = NaN) or object
-    (texts, unknown = "")."""
+    """`names`: all columns of the file. `columns`: those read; arrays of length n, float64
+    (unknown = NaN) or object (texts, unknown = "")."""
 
     path: Path
     names: tuple[str, ...]
@@ -54,24 +57,34 @@ class _TableLayout(NamedTuple):
     names: tuple[str, ...]
     separator: str
     decimal_comma: bool
-    skip_lines: int              # header and what stands before it
-    body: int                    # byte where the rows begin
+    skip_lines: int  # header and what stands before it
+    body: int  # byte where the rows begin
 
 
-def read_table(path: Path, numbers: Collection[str] = (), texts: Collection[str] = (), *,
-               rename: Rename | None = None, choose: Callable[[tuple[str, ...]], Collection[str]] | None = None,
-               own_header: tuple[str, ...] = (), data: bytes | None = None) -> Table:
-    """Reads a table with one header row: text, or the one sheet of a workbook. Title rows above the header and a row of
-    units below it are passed over, and said.
+def read_table(
+    path: Path,
+    numbers: Collection[str] = (),
+    texts: Collection[str] = (),
+    *,
+    rename: Rename | None = None,
+    choose: Callable[[tuple[str, ...]], Collection[str]] | None = None,
+    own_header: tuple[str, ...] = (),
+    data: bytes | None = None,
+) -> Table:
+    """Reads a table with one header row: text, or the one sheet of a workbook. Title rows above
+    the header and a row of units below it are passed over, and said.
 
-    `numbers`, `texts`: columns whose type is known; any other is numeric if all its cells are. `rename`: the names by
-    which the header's columns go from here on. `choose`: of these names those to be read (None: all). `own_header`: the
-    columns of a writer that ends every row with a line end, so that a last line without one was cut off; from other
-    writers such a line is used if it has all its fields. `data`: a text in the place of the file's. Raises TableError.
+    `numbers`, `texts`: columns whose type is known; any other is numeric if all its cells are.
+    `rename`: the names by which the header's columns go from here on. `choose`: of these names
+    those to be read (None: all). `own_header`: the columns of a writer that ends every row with
+    a line end, so that a last line without one was cut off; from other writers such a line is
+    used if it has all its fields. `data`: a text in the place of the file's. Raises TableError.
     """
     data, findings = _text(path, data=data)
     layout = _layout(path, data, findings)
-    data, cut = without_cut_row(data, layout.body, layout.separator, len(layout.names), layout.names == own_header)
+    data, cut = without_cut_row(
+        data, layout.body, layout.separator, len(layout.names), layout.names == own_header
+    )
     findings += cut
     factors: Mapping[str, float] = {}
     if rename is not None:
@@ -86,8 +99,17 @@ def read_table(path: Path, numbers: Collection[str] = (), texts: Collection[str]
     if data.count(b"\n", layout.body) == 0:
         columns = {name: np.array([], object if name in texts else np.float64) for name in wanted}
     else:
-        cells, odd = cells_of(path, data, layout.body, layout.separator, layout.names, above=layout.skip_lines,
-                              wanted=wanted, numbers=numbers, decimal_comma=layout.decimal_comma)
+        cells, odd = cells_of(
+            path,
+            data,
+            layout.body,
+            layout.separator,
+            layout.names,
+            above=layout.skip_lines,
+            wanted=wanted,
+            numbers=numbers,
+            decimal_comma=layout.decimal_comma,
+        )
         del data
         findings += odd
         columns = columns_of(cells, numbers, texts, findings)
@@ -98,7 +120,8 @@ def read_table(path: Path, numbers: Collection[str] = (), texts: Collection[str]
 
 
 def header_of(path: Path) -> tuple[str, ...]:
-    """The names in a table's header, as they stand; of a text only its beginning is read. Raises TableError."""
+    """The names in a table's header, as they stand; of a text only its beginning is read.
+    Raises TableError."""
     data, findings = _text(path, HEAD)
     return _layout(path, data, findings).names
 
@@ -121,7 +144,7 @@ def _bytes(path: Path, most: int) -> bytes:
         return sheet_text(path)
     with path.open("rb") as file:
         data = file.read(most)
-    return data[:data.rfind(b"\n") + 1] or data if len(data) == most else data
+    return data[: data.rfind(b"\n") + 1] or data if len(data) == most else data
 
 
 def _layout(path: Path, data: bytes, findings: list[Finding]) -> _TableLayout:
@@ -131,22 +154,31 @@ def _layout(path: Path, data: bytes, findings: list[Finding]) -> _TableLayout:
     separator = separator or max(_SEPARATORS, key=line.count)
     names = _names(path, line, separator)
     if separator in _SEPARATOR_NAMES:
-        findings.append(Finding("separator", f"columns are separated by {_SEPARATOR_NAMES[separator]}, read as such"))
+        findings.append(
+            Finding(
+                "separator", f"columns are separated by {_SEPARATOR_NAMES[separator]}, read as such"
+            )
+        )
     body = min(start, len(data))
     below = _below_units(data, body, separator)
     if below is not None:
-        findings.append(Finding("unit_row", "a row of units below the header was passed over", rows=1))
+        findings.append(
+            Finding("unit_row", "a row of units below the header was passed over", rows=1)
+        )
         body, lines = below, lines + 1
-    comma = separator != "," and _has_decimal_comma(data[body:body + 20_000], separator)
+    comma = separator != "," and _has_decimal_comma(data[body : body + 20_000], separator)
     if comma:
-        findings.append(Finding("decimal_comma", "numbers are written with a decimal comma, read as such"))
+        findings.append(
+            Finding("decimal_comma", "numbers are written with a decimal comma, read as such")
+        )
     if data.find(b"\r\n", 0, body + 1) >= 0:
         findings.append(Finding("crlf", "lines end as on Windows, read as such"))
     return _TableLayout(names, separator, comma, lines, body)
 
 
 def _header_line(path: Path, data: bytes) -> tuple[str, str, int, int]:
-    """The header line, the separator that a line before it names ("": none does), its number, the byte behind it."""
+    """The header line, the separator that a line before it names ("": none does), its number,
+    the byte behind it."""
     start = lines = 0
     separator = ""
     while True:
@@ -164,13 +196,22 @@ def _header_line(path: Path, data: bytes) -> tuple[str, str, int, int]:
 
 
 def _is_title(line: str, data: bytes, start: int) -> bool:
-    """A line of words above a header: one cell above rows of several, or words above words above numbers."""
+    """A line of words above a header: one cell above rows of several, or words above words
+    above numbers."""
     if any(is_value(cell) for cell in _cells(line)):
         return False
-    below = [row for row in data[start:start + 8000].decode(errors="replace").splitlines()[:8] if row.strip(" ,;\t|")]
+    below = [
+        row
+        for row in data[start : start + 8000].decode(errors="replace").splitlines()[:8]
+        if row.strip(" ,;\t|")
+    ]
     rows = [cells for row in below if not is_unit_row(cells := _cells(row))]
     if len(rows) < 2 or len(rows[0]) < 2 or any(is_value(cell) for cell in rows[0]):
-        return len(_cells(line)) == 1 and len(rows) > 2 and _is_title(below[0], data, start + len(below[0]))
+        return (
+            len(_cells(line)) == 1
+            and len(rows) > 2
+            and _is_title(below[0], data, start + len(below[0]))
+        )
     return any(is_value(cell) for cell in rows[1])
 
 
@@ -193,8 +234,11 @@ def _names(path: Path, line: str, separator: str) -> tuple[str, ...]:
     except csv.Error as error:
         raise TableError(path, f"no header row: {error}") from None
     if all(is_value(name) or name.lower() in NOTHING for name in names):
-        raise NoHeader(path, f"no header row: the first line is {line[:40].strip()}; the first line must name the "
-                       "columns")
+        raise NoHeader(
+            path,
+            f"no header row: the first line is {line[:40].strip()}; the first line must name the "
+            "columns",
+        )
     while names and not names[-1]:
         names = names[:-1]
     return names
@@ -203,8 +247,11 @@ def _names(path: Path, line: str, separator: str) -> tuple[str, ...]:
 def _refuse_twins(path: Path, names: tuple[str, ...]) -> None:
     for name in names:
         if names.count(name) > 1:
-            raise TableError(path, f"column {name or '(no name)'} stands {names.count(name)} times in the header: "
-                             "allowed once")
+            raise TableError(
+                path,
+                f"column {name or '(no name)'} stands {names.count(name)} times in the header: "
+                "allowed once",
+            )
 
 
 def _has_decimal_comma(sample: bytes, separator: str) -> bool:
@@ -213,24 +260,39 @@ def _has_decimal_comma(sample: bytes, separator: str) -> bool:
     return bool(with_comma) and all(map(is_value, with_comma))
 
 
-def columns_of(cells: dict[str, pl.Series | list[str]], numbers: Collection[str], texts: Collection[str],
-               findings: list[Finding] | None = None) -> Columns:
-    """Cells by column as a table's columns; `findings` grows by what was no number. They are taken out one by one, so
-    as not to be in memory twice."""
+def columns_of(
+    cells: dict[str, pl.Series | list[str]],
+    numbers: Collection[str],
+    texts: Collection[str],
+    findings: list[Finding] | None = None,
+) -> Columns:
+    """Cells by column as a table's columns; `findings` grows by what was no number. They are
+    taken out one by one, so as not to be in memory twice."""
     columns: Columns = {}
     for name in list(cells):
         column = cells.pop(name)
         if not isinstance(column, list):
             if column.dtype.is_numeric():
                 values = column.to_numpy().astype(np.float64, copy=False)
-                columns[name] = np.where(np.isinf(values), np.nan, values) if np.isinf(values).any() else values
+                columns[name] = (
+                    np.where(np.isinf(values), np.nan, values) if np.isinf(values).any() else values
+                )
                 continue
             column = column.to_list()
-        if name not in texts and (name in numbers or None not in map(number_of, column[:_LOOKED_AT])):
+        if name not in texts and (
+            name in numbers or None not in map(number_of, column[:_LOOKED_AT])
+        ):
             values, bad = _numbers(column)
             if bad and name in numbers and findings is not None:
-                findings.append(Finding("not_a_number", f"column {name}: {many(len(bad), 'cell')} such as "
-                                        f"{column[bad[0]][:20]!r} emptied: not a number", name, len(bad)))
+                findings.append(
+                    Finding(
+                        "not_a_number",
+                        f"column {name}: {many(len(bad), 'cell')} such as "
+                        f"{column[bad[0]][:20]!r} emptied: not a number",
+                        name,
+                        len(bad),
+                    )
+                )
             if name in numbers or not bad:
                 columns[name] = values
                 continue
@@ -241,7 +303,8 @@ def columns_of(cells: dict[str, pl.Series | list[str]], numbers: Collection[str]
 def _numbers(cells: Sequence[str | None]) -> tuple[NDArray[np.float64], list[int]]:
     """Cells as numbers (n,), NaN: not known; and which of them are none."""
     try:
-        if "_" not in "".join(filter(None, cells)):         # Python groups digits by it, nobody else does
+        # Python groups digits by it, nobody else does
+        if "_" not in "".join(filter(None, cells)):
             values = np.array([float(cell) if cell else np.nan for cell in cells], np.float64)
             values[np.isinf(values)] = np.nan
             return values, []
@@ -252,8 +315,11 @@ def _numbers(cells: Sequence[str | None]) -> tuple[NDArray[np.float64], list[int
 
 
 def texts_array(values: Sequence[str | None]) -> NDArray[Any]:
-    """Texts without blanks around; equal ones share one object: a million states cost a million references only."""
+    """Texts without blanks around; equal ones share one object: a million states cost a million
+    references only."""
     shared: dict[str, str] = {}
     array = np.empty(len(values), object)
-    array[:] = [shared.setdefault(text, text) if (text := (value or "").strip()) else "" for value in values]
+    array[:] = [
+        shared.setdefault(text, text) if (text := (value or "").strip()) else "" for value in values
+    ]
     return array

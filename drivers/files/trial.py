@@ -1,4 +1,5 @@
 """Plots of a trial, what a log did and read in each, and what was weighed and harvested there."""
+
 from __future__ import annotations
 
 from collections.abc import Mapping
@@ -22,12 +23,14 @@ from drivers.files.read_log import RunLog
 from drivers.files.table import read_table
 from drivers.plain_text import OneLine
 
-FINE_S = 0.2                # of the stretches that are counted to a plot by their middle: 0.25 m at 4.5 km/h
+# of the stretches that are counted to a plot by their middle: 0.25 m at 4.5 km/h
+FINE_S = 0.2
 NUMBERS = ("applied_kg", "sample_kg", "sample_m2")
 
 
 class TrialError(OneLine):
-    """Plots, weights or a log that are no trial; one line that names file, row and what is allowed."""
+    """Plots, weights or a log that are no trial; one line that names file, row and what is
+    allowed."""
 
 
 class Weights(NamedTuple):
@@ -39,17 +42,30 @@ class Weights(NamedTuple):
 
 
 def read_plots(path: Path) -> dict[str, Any]:
-    """Name -> polygon in longitude and latitude; any format of a field. Raises TrialError, Refused, OSError."""
+    """Name -> polygon in longitude and latitude; any format of a field. Raises TrialError,
+    Refused, OSError."""
     found: dict[str, Any] = {}
     for name, shape in named_shapes(path):
-        parts = [part for part in shapely.get_parts(shape) if part.geom_type == "Polygon" and not part.is_empty]
+        parts = [
+            part
+            for part in shapely.get_parts(shape)
+            if part.geom_type == "Polygon" and not part.is_empty
+        ]
         if not parts:
             continue
         if not name or name in found:
-            raise TrialError(f"{path}: plot {name or len(found) + 1}: allowed is a name of its own for each (attribute "
-                             "name)")
-        check_outlines([[shapely.get_coordinates(ring)[:-1] for ring in (one.exterior, *one.interiors)]
-                        for one in parts], path)
+            raise TrialError(
+                f"{path}: plot {name or len(found) + 1}: allowed is a name of its own for "
+                "each (attribute "
+                "name)"
+            )
+        check_outlines(
+            [
+                [shapely.get_coordinates(ring)[:-1] for ring in (one.exterior, *one.interiors)]
+                for one in parts
+            ],
+            path,
+        )
         found[name] = shapely.make_valid(shapely.MultiPolygon(parts))
     if not found:
         raise TrialError(f"{path}: no polygon in it: allowed is an outline for each plot")
@@ -57,43 +73,68 @@ def read_plots(path: Path) -> dict[str, Any]:
 
 
 def read_weights(path: Path, plots: Mapping[str, Any]) -> dict[str, Weights]:
-    """A row for each thing that was weighed: `plot`, and applied_kg (hopper before less after), or sample_kg of
-    sample_m2 harvested; `treatment` if need be. Amounts of one plot add up, samples are replicates. Raises TrialError,
-    TableError."""
+    """A row for each thing that was weighed: `plot`, and applied_kg (hopper before less after),
+    or sample_kg of sample_m2 harvested; `treatment` if need be. Amounts of one plot add up,
+    samples are replicates. Raises TrialError, TableError."""
     table = read_table(path, numbers=NUMBERS, texts=("plot", "treatment"))
     if "plot" not in table.columns:
-        raise TrialError(f"{path}: column plot missing: allowed are plot, treatment, {', '.join(NUMBERS)}")
+        raise TrialError(
+            f"{path}: column plot missing: allowed are plot, treatment, {', '.join(NUMBERS)}"
+        )
     if not any(name in table.columns for name in NUMBERS[:2]):
-        raise TrialError(f"{path}: neither applied_kg nor sample_kg: allowed is what was spread, or harvested, by plot")
+        raise TrialError(
+            f"{path}: neither applied_kg nor sample_kg: allowed is what was spread, or "
+            "harvested, by plot"
+        )
     found: dict[str, Weights] = {}
     for row in range(table.rows):
         cells = {name: column[row] for name, column in table.columns.items()}
         name = str(cells["plot"]).strip()
         if name not in plots:
-            raise TrialError(f"{path}: row {row + 1}: plot {name!r}: allowed is one of {', '.join(plots)}")
-        found[name] = _with_row(found.get(name, Weights("", None, ())), cells, f"{path}: row {row + 1}")
+            raise TrialError(
+                f"{path}: row {row + 1}: plot {name!r}: allowed is one of {', '.join(plots)}"
+            )
+        found[name] = _with_row(
+            found.get(name, Weights("", None, ())), cells, f"{path}: row {row + 1}"
+        )
     return found
 
 
 def _with_row(before: Weights, cells: Mapping[str, Any], where: str) -> Weights:
     """Raises TrialError."""
     applied, sample, area = (float(cells.get(key, np.nan)) for key in NUMBERS)
-    for key, value, least in (("applied_kg", applied, 0.0), ("sample_kg", sample, 0.0), ("sample_m2", area, 0.01)):
+    for key, value, least in (
+        ("applied_kg", applied, 0.0),
+        ("sample_kg", sample, 0.0),
+        ("sample_m2", area, 0.01),
+    ):
         if not np.isnan(value) and not least <= value < 1e6:
             raise TrialError(f"{where}: {key} {value:g}: allowed is {least:g} or more")
     if not np.isnan(sample) and np.isnan(area):
         raise TrialError(f"{where}: sample_m2 missing: the area that sample_kg was harvested from")
     treatment = str(cells.get("treatment", "")).strip()
     if before.treatment and treatment and before.treatment != treatment:
-        raise TrialError(f"{where}: treatment {treatment!r}: allowed is {before.treatment!r}, as above")
-    return Weights(before.treatment or treatment,
-                   before.applied_kg if np.isnan(applied) else (before.applied_kg or 0.0) + applied,
-                   before.samples_kg_ha if np.isnan(sample) else (*before.samples_kg_ha, sample * 10_000.0 / area))
+        raise TrialError(
+            f"{where}: treatment {treatment!r}: allowed is {before.treatment!r}, as above"
+        )
+    return Weights(
+        before.treatment or treatment,
+        before.applied_kg if np.isnan(applied) else (before.applied_kg or 0.0) + applied,
+        before.samples_kg_ha
+        if np.isnan(sample)
+        else (*before.samples_kg_ha, sample * 10_000.0 / area),
+    )
 
 
-def read_trial(plots: Path, log: Path, weights: Path | None, after: Path | None = None,
-               machine: Machine | None = None) -> Trial:
-    """machine: of logs that name none. Raises TrialError, ExportError, TableError, Refused in one line, OSError."""
+def read_trial(
+    plots: Path,
+    log: Path,
+    weights: Path | None,
+    after: Path | None = None,
+    machine: Machine | None = None,
+) -> Trial:
+    """machine: of logs that name none. Raises TrialError, ExportError, TableError, Refused in
+    one line, OSError."""
     outlines = read_plots(plots)
     weighed = {} if weights is None else read_weights(weights, outlines)
     run = open_log(log)
@@ -111,13 +152,23 @@ def read_trial(plots: Path, log: Path, weights: Path | None, after: Path | None 
         shapely.prepare(outline)
         inside = shapely.contains_xy(outline, at[:, 0], at[:, 1])
         there = weighed.get(name, Weights("", None, ()))
-        found.append(Plot(
-            name, there.treatment or name.rpartition("-")[0] or name, _area_m2(outline), readings.within(outline),
-            np.zeros(0) if later is None else later.within(outline),
-            float(s.target_kg[inside].sum()) if inside.any() else None,
-            float(s.applied_kg[inside].sum()) if inside.any() else None, there.applied_kg, there.samples_kg_ha))
+        found.append(
+            Plot(
+                name,
+                there.treatment or name.rpartition("-")[0] or name,
+                _area_m2(outline),
+                readings.within(outline),
+                np.zeros(0) if later is None else later.within(outline),
+                float(s.target_kg[inside].sum()) if inside.any() else None,
+                float(s.applied_kg[inside].sum()) if inside.any() else None,
+                there.applied_kg,
+                there.samples_kg_ha,
+            )
+        )
     if not any(len(plot.before) or plot.logged_kg is not None for plot in found):
-        raise TrialError(f"{log}: lies in none of the plots of {plots}: allowed is a log of this field")
+        raise TrialError(
+            f"{log}: lies in none of the plots of {plots}: allowed is a log of this field"
+        )
     grain_n, share = 23.9, applied.product.n_fraction
     if run.meta is not None and run.meta.crop is not None:
         grain_n = Crop.model_validate(run.meta.crop).grain_n_kg_t
@@ -135,13 +186,16 @@ class _Readings(NamedTuple):
 
 
 def _readings(log: RunLog, machine: Machine) -> tuple[_Readings, float]:
-    """Each new reading of the heads once, their mean, at the place that they look at; and how often they come, 1/s.
-    Raises TrialError."""
+    """Each new reading of the heads once, their mean, at the place that they look at; and how
+    often they come, 1/s. Raises TrialError."""
     columns = [name for names in (HEAD_COLUMNS, NDRE_COLUMNS) for name in names if log.has(name)]
     if not columns:
         columns = [name for name in ("ndvi", "ndre") if log.has(name)]
     if not columns:
-        raise TrialError(f"{log.path}: no canopy readings (ndvi_1 to ndvi_6, or ndvi): allowed is a log that has some")
+        raise TrialError(
+            f"{log.path}: no canopy readings (ndvi_1 to ndvi_6, or ndvi): allowed is a log "
+            "that has some"
+        )
     heads = np.column_stack([log.numbers(name) for name in columns])
     some = np.isfinite(heads).any(axis=1)
     new = some & np.concatenate(([True], np.any(heads[1:] != heads[:-1], axis=1)))

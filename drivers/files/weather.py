@@ -1,8 +1,10 @@
 """Daily weather from a CSV file, and a crop's growing days counted from it.
 
-Columns: `date` (2013-11-01) and either `mean_temp_c`, or `min_temp_c` and `max_temp_c` (mean = half their sum, the
-rule behind the published yield curves). Other columns are left alone; an empty temperature is a day not known.
+Columns: `date` (2013-11-01) and either `mean_temp_c`, or `min_temp_c` and `max_temp_c` (mean =
+half their sum, the rule behind the published yield curves). Other columns are left alone; an
+empty temperature is a day not known.
 """
+
 from __future__ import annotations
 
 import csv
@@ -27,15 +29,18 @@ class WeatherError(OneLine):
 
 
 class Weather(NamedTuple):
-    dates: npt.NDArray[np.datetime64]          # (n,) days, as they stand in the file
-    mean_temp_c: npt.NDArray[np.float64]       # (n,) degC, NaN where not known
+    dates: npt.NDArray[np.datetime64]  # (n,) days, as they stand in the file
+    mean_temp_c: npt.NDArray[np.float64]  # (n,) degC, NaN where not known
 
 
 def read_weather(path: Path) -> Weather:
-    """Reads a weather file (UTF-8, with or without a byte order mark). Raises WeatherError in one line."""
+    """Reads a weather file (UTF-8, with or without a byte order mark). Raises WeatherError in
+    one line."""
     try:
         if path.stat().st_size > CONFIG.most:
-            raise WeatherError(f"{path}: {path.stat().st_size} bytes: allowed up to {CONFIG.most} bytes")
+            raise WeatherError(
+                f"{path}: {path.stat().st_size} bytes: allowed up to {CONFIG.most} bytes"
+            )
         lines = list(csv.reader(path.read_text(encoding="utf-8-sig").splitlines()))
     except OSError as error:
         raise WeatherError(f"{path}: cannot be read ({error.strerror or error})") from error
@@ -56,7 +61,9 @@ def read_weather(path: Path) -> Weather:
         dates.append(_date(where, cells[header.index("date")]))
         values = [_temperature(where, name, cells[header.index(name)]) for name in wanted]
         if len(values) == 2 and values[0] > values[1]:
-            raise WeatherError(f"{where}: min_temp_c {values[0]:g} is above max_temp_c {values[1]:g}")
+            raise WeatherError(
+                f"{where}: min_temp_c {values[0]:g} is above max_temp_c {values[1]:g}"
+            )
         temps.append(sum(values) / len(values))
     if not dates:
         raise WeatherError(f"{path}: no rows below the header")
@@ -64,11 +71,12 @@ def read_weather(path: Path) -> Weather:
 
 
 def growing_days(crop: Crop, folder: Path, today: dt.date) -> int | None:
-    """D of paper A, eq 4, for a crop: as written in its file, or counted by its own day rule: from its weather file, or
-    every day since sowing. None for a crop whose rule counts no days.
+    """D of paper A, eq 4, for a crop: as written in its file, or counted by its own day rule:
+    from its weather file, or every day since sowing. None for a crop whose rule counts no days.
 
-    folder: where the crop file lies; the weather file is found from there. today: the day of work, taken as the day of
-    sensing where the crop gives none. Raises WeatherError in one line.
+    folder: where the crop file lies; the weather file is found from there. today: the day of
+    work, taken as the day of sensing where the crop gives none. Raises WeatherError in one
+    line.
     """
     days, curve = crop.days, crop.yield_potential
     if days is None or curve is None:
@@ -80,14 +88,18 @@ def growing_days(crop: Crop, folder: Path, today: dt.date) -> int | None:
     sensed = days.sensed if days.sensed is not None else today
     if curve.base_temp_c == "every_day":
         if sensed <= days.sown:
-            raise WeatherError(f"crop {crop.id}: days: sensed {sensed} is not after sown {days.sown}")
+            raise WeatherError(
+                f"crop {crop.id}: days: sensed {sensed} is not after sown {days.sown}"
+            )
         return (sensed - days.sown).days
     if days.weather is None:
         raise WeatherError(f"crop {crop.id}: days: neither a count nor weather with sown")
     path = folder / days.weather
     weather = read_weather(path)
     try:
-        return days_above_base(weather.dates, weather.mean_temp_c, days.sown, sensed, curve.base_temp_c)
+        return days_above_base(
+            weather.dates, weather.mean_temp_c, days.sown, sensed, curve.base_temp_c
+        )
     except ValueError as error:
         raise WeatherError(f"{path}: {error}") from error
 
@@ -99,14 +111,18 @@ def _temperature_columns(path: Path, header: list[str]) -> list[str]:
         return ["mean_temp_c"]
     if "min_temp_c" in header and "max_temp_c" in header:
         return ["min_temp_c", "max_temp_c"]
-    raise WeatherError(f"{path}: no column mean_temp_c, nor min_temp_c and max_temp_c; found {', '.join(header)}")
+    raise WeatherError(
+        f"{path}: no column mean_temp_c, nor min_temp_c and max_temp_c; found {', '.join(header)}"
+    )
 
 
 def _date(where: str, text: str) -> dt.date:
     try:
         return dt.date.fromisoformat(text.strip())
     except ValueError:
-        raise WeatherError(f"{where}: date {text.strip()!r}: allowed is year-month-day, e.g. 2013-11-01") from None
+        raise WeatherError(
+            f"{where}: date {text.strip()!r}: allowed is year-month-day, e.g. 2013-11-01"
+        ) from None
 
 
 def _temperature(where: str, name: str, text: str) -> float:
@@ -117,6 +133,8 @@ def _temperature(where: str, name: str, text: str) -> float:
     except ValueError:
         value = math.nan
     if not COLDEST_C <= value <= HOTTEST_C:
-        raise WeatherError(f"{where}: {name} {text.strip()!r}: allowed is {COLDEST_C:g} to {HOTTEST_C:g} degC, "
-                           "or nothing")
+        raise WeatherError(
+            f"{where}: {name} {text.strip()!r}: allowed is {COLDEST_C:g} to {HOTTEST_C:g} degC, "
+            "or nothing"
+        )
     return value

@@ -1,4 +1,6 @@
-"""What kind of file a file is, by its first bytes and its name, and what would be read of it: for refusals."""
+"""What kind of file a file is, by its first bytes and its name, and what would be read of it:
+for refusals."""
+
 from __future__ import annotations
 
 import re
@@ -13,7 +15,7 @@ from drivers.files.sheet_text import SUFFIXES as SHEETS
 from drivers.plain_text import OneLine
 
 LOOKED_BYTES = 4096
-TEXTS = 0.95                # of the bytes that text may hold
+TEXTS = 0.95  # of the bytes that text may hold
 
 
 class WrongKind(OneLine):
@@ -21,7 +23,8 @@ class WrongKind(OneLine):
 
 
 class FileKind(NamedTuple):
-    """`id`: by which commands say what they take. `words`: what it is. `instead`: what reads it, or what to do."""
+    """`id`: by which commands say what they take. `words`: what it is. `instead`: what reads
+    it, or what to do."""
 
     id: str
     words: str
@@ -30,49 +33,89 @@ class FileKind(NamedTuple):
 
 _SAVE = "save it as CSV, GeoJSON or shapefile in the program that it comes from"
 _UNPACK = "unpack it first"
-KINDS = {kind.id: kind for kind in (
-    FileKind("geotiff", "a TIFF picture or GeoTIFF raster", "topdress map reads a GeoTIFF (extra raster)"),
-    FileKind("picture", "a picture", "no command reads pictures"),
-    FileKind("pdf", "a PDF document", f"no command reads PDF; {_SAVE}"),
-    FileKind("html", "a web page", "no command reads web pages; was a download refused?"),
-    FileKind("gpkg", "a GeoPackage", "topdress map and topdress field read it"),
-    FileKind("sqlite", "an SQLite database", f"no command reads it; {_SAVE}"),
-    FileKind("kml", "a KML file", "topdress map and topdress field read it"),
-    FileKind("kmz", "a KMZ file", "topdress map and topdress field read it"),
-    FileKind("gpx", "a GPX track", f"no command reads it; {_SAVE}"),
-    FileKind("task", "an ISOXML task file", "topdress map, import and check read it"),
-    FileKind("xml", "an XML file that is no task file", "of XML, ISOXML task files (TASKDATA.XML) and KML are read"),
-    FileKind("fgb", "a FlatGeobuf file", _SAVE),
-    FileKind("las", "a LAS point cloud", "no command reads point clouds"),
-    FileKind("parquet", "a Parquet file", "topdress import, diagnose and replay read it"),
-    FileKind("gzip", "a gzip file", _UNPACK), FileKind("7z", "a 7z archive", _UNPACK),
-    FileKind("rar", "a RAR archive", _UNPACK),
-    FileKind("excel", "a workbook", "topdress import and diagnose read it"),
-    FileKind("office", "a text document", f"no command reads it; {_SAVE}"),
-    FileKind("zip", "a zip", "topdress map, import and field read zips that hold task files or shapefiles"),
-    FileKind("shp", "a shapefile", "topdress map, import and field read it"),
-    FileKind("shp part", "a part of a shapefile", "give the .shp next to it"),
-    FileKind("json", "a JSON file", "topdress map, import and field read GeoJSON"),
-    FileKind("nmea", "a receiver's capture (NMEA)", "topdress decode gnss reads it"),
-    FileKind("capture", "a capture of the console", "topdress decode reads it"),
-    FileKind("config", "a configuration file of topdress", "topdress check says what is in it"),
-    FileKind("aog", "a field of AgOpenGPS", "topdress field reads it"),
-    FileKind("folder", "a folder", "topdress map, import, field and check read folders with a task file or shapefiles"),
-    FileKind("empty", "an empty file", "nothing is in it"),
-    FileKind("binary", "no text and no known format", "known are CSV, Excel, GeoJSON, shapefile, ISOXML, Parquet, KML, "
-             "GeoPackage and GeoTIFF"),
-    FileKind("text", "a text", ""),
-)}
+KINDS = {
+    kind.id: kind
+    for kind in (
+        FileKind(
+            "geotiff",
+            "a TIFF picture or GeoTIFF raster",
+            "topdress map reads a GeoTIFF (extra raster)",
+        ),
+        FileKind("picture", "a picture", "no command reads pictures"),
+        FileKind("pdf", "a PDF document", f"no command reads PDF; {_SAVE}"),
+        FileKind("html", "a web page", "no command reads web pages; was a download refused?"),
+        FileKind("gpkg", "a GeoPackage", "topdress map and topdress field read it"),
+        FileKind("sqlite", "an SQLite database", f"no command reads it; {_SAVE}"),
+        FileKind("kml", "a KML file", "topdress map and topdress field read it"),
+        FileKind("kmz", "a KMZ file", "topdress map and topdress field read it"),
+        FileKind("gpx", "a GPX track", f"no command reads it; {_SAVE}"),
+        FileKind("task", "an ISOXML task file", "topdress map, import and check read it"),
+        FileKind(
+            "xml",
+            "an XML file that is no task file",
+            "of XML, ISOXML task files (TASKDATA.XML) and KML are read",
+        ),
+        FileKind("fgb", "a FlatGeobuf file", _SAVE),
+        FileKind("las", "a LAS point cloud", "no command reads point clouds"),
+        FileKind("parquet", "a Parquet file", "topdress import, diagnose and replay read it"),
+        FileKind("gzip", "a gzip file", _UNPACK),
+        FileKind("7z", "a 7z archive", _UNPACK),
+        FileKind("rar", "a RAR archive", _UNPACK),
+        FileKind("excel", "a workbook", "topdress import and diagnose read it"),
+        FileKind("office", "a text document", f"no command reads it; {_SAVE}"),
+        FileKind(
+            "zip",
+            "a zip",
+            "topdress map, import and field read zips that hold task files or shapefiles",
+        ),
+        FileKind("shp", "a shapefile", "topdress map, import and field read it"),
+        FileKind("shp part", "a part of a shapefile", "give the .shp next to it"),
+        FileKind("json", "a JSON file", "topdress map, import and field read GeoJSON"),
+        FileKind("nmea", "a receiver's capture (NMEA)", "topdress decode gnss reads it"),
+        FileKind("capture", "a capture of the console", "topdress decode reads it"),
+        FileKind("config", "a configuration file of topdress", "topdress check says what is in it"),
+        FileKind("aog", "a field of AgOpenGPS", "topdress field reads it"),
+        FileKind(
+            "folder",
+            "a folder",
+            "topdress map, import, field and check read folders with a task file or shapefiles",
+        ),
+        FileKind("empty", "an empty file", "nothing is in it"),
+        FileKind(
+            "binary",
+            "no text and no known format",
+            "known are CSV, Excel, GeoJSON, shapefile, ISOXML, Parquet, KML, "
+            "GeoPackage and GeoTIFF",
+        ),
+        FileKind("text", "a text", ""),
+    )
+}
 OF_TABLES = ("text", "excel", "parquet", "json", "shp", "zip", "task", "folder")
 TABLES = frozenset({".csv", ".tsv", ".txt", ".log", ".dat", *SHEETS})
-FOREIGN = frozenset({".geojson", ".json", ".shp", ".zip", ".xml", ".parquet", ".pq"})   # logs of others, and our stores
-POINTS = (1, 11, 21)            # types of shapes: point, with height, with measure
+# logs of others, and our stores
+FOREIGN = frozenset({".geojson", ".json", ".shp", ".zip", ".xml", ".parquet", ".pq"})
+# types of shapes: point, with height, with measure
+POINTS = (1, 11, 21)
 
 _MAGIC = (
-    (b"II*\0", "geotiff"), (b"MM\0*", "geotiff"), (b"II+\0", "geotiff"), (b"MM\0+", "geotiff"),
-    (b"\x89PNG", "picture"), (b"\xff\xd8\xff", "picture"), (b"GIF8", "picture"), (b"BM6", "picture"), (b"%PDF", "pdf"),
-    (b"fgb\x03", "fgb"), (b"LASF", "las"), (b"PAR1", "parquet"), (b"\x1f\x8b", "gzip"), (b"7z\xbc\xaf", "7z"),
-    (b"Rar!", "rar"), (b"\xd0\xcf\x11\xe0", "excel"), (b"\0\0\x27\x0a", "shp"))
+    (b"II*\0", "geotiff"),
+    (b"MM\0*", "geotiff"),
+    (b"II+\0", "geotiff"),
+    (b"MM\0+", "geotiff"),
+    (b"\x89PNG", "picture"),
+    (b"\xff\xd8\xff", "picture"),
+    (b"GIF8", "picture"),
+    (b"BM6", "picture"),
+    (b"%PDF", "pdf"),
+    (b"fgb\x03", "fgb"),
+    (b"LASF", "las"),
+    (b"PAR1", "parquet"),
+    (b"\x1f\x8b", "gzip"),
+    (b"7z\xbc\xaf", "7z"),
+    (b"Rar!", "rar"),
+    (b"\xd0\xcf\x11\xe0", "excel"),
+    (b"\0\0\x27\x0a", "shp"),
+)
 _PARTS = (".shx", ".dbf", ".prj", ".cpg", ".sbn", ".sbx", ".qix")
 _ROOT = re.compile(rb"<(?:\w+:)?([A-Za-z_][\w.-]*)[\s>/]")
 _ROOTS = {"kml": "kml", "gpx": "gpx", "iso11783_taskdata": "task", "html": "html"}
@@ -85,7 +128,11 @@ def what_is(path: Path) -> FileKind:
     """Raises OSError."""
     if path.is_dir():
         names = {one.name.lower() for one in path.iterdir()}
-        return KINDS["aog" if {"field.txt", "boundary.txt"} & names and "taskdata.xml" not in names else "folder"]
+        return KINDS[
+            "aog"
+            if {"field.txt", "boundary.txt"} & names and "taskdata.xml" not in names
+            else "folder"
+        ]
     with path.open("rb") as file:
         head = file.read(LOOKED_BYTES)
     return KINDS[_of_bytes(path, head)]
@@ -113,7 +160,9 @@ def _of_zip(path: Path) -> str:
             names = [name.lower() for name in archive.namelist()]
     except DAMAGED_ZIP:
         return "zip"
-    if any(name.startswith("xl/") for name in names) or any(name == "content.xml" for name in names):
+    if any(name.startswith("xl/") for name in names) or any(
+        name == "content.xml" for name in names
+    ):
         return "excel"
     if any(name.startswith(("word/", "ppt/")) for name in names):
         return "office"
@@ -124,7 +173,7 @@ def _of_zip(path: Path) -> str:
 def _of_text(head: bytes) -> str:
     begin = head.lstrip(b"\xef\xbb\xbf \r\n\t")
     if head[:2] in (b"\xff\xfe", b"\xfe\xff") or head[1:8:2] == b"\0\0\0\0":
-        return "text"                       # UTF-16
+        return "text"  # UTF-16
     if begin.startswith(b"<"):
         if _HTML.match(begin):
             return "html"
@@ -150,7 +199,8 @@ def refuse_kind(path: Path, takes: Collection[str], reads: str) -> None:
     if not path.exists():
         raise WrongKind(f"{path}: no such file")
     if not (path.is_file() or path.is_dir()):
-        return                      # to open a pipe waits for its writer, and takes the bytes from its reader
+        # to open a pipe waits for its writer, and takes the bytes from its reader
+        return
     kind = what_is(path)
     if kind.id not in takes:
         instead = f" ({kind.instead})" if kind.instead else ""
@@ -158,7 +208,8 @@ def refuse_kind(path: Path, takes: Collection[str], reads: str) -> None:
 
 
 def holds_points(path: Path) -> bool:
-    """Whether a file that might be a map of areas holds places that were worked instead. Raises OSError."""
+    """Whether a file that might be a map of areas holds places that were worked instead. Raises
+    OSError."""
     is_json = path.suffix.lower() in (".geojson", ".json") and not path.is_dir()
     try:
         return _points_of_geojson(path) if is_json else _points_of_files(path)
@@ -169,7 +220,11 @@ def holds_points(path: Path) -> bool:
 def _points_of_geojson(path: Path) -> bool:
     root = read_json(path)
     features = root.get("features") if isinstance(root, dict) else None
-    shapes = [one.get("geometry") for one in features if isinstance(one, dict)] if isinstance(features, list) else []
+    shapes = (
+        [one.get("geometry") for one in features if isinstance(one, dict)]
+        if isinstance(features, list)
+        else []
+    )
     kinds = {str(shape.get("type")) for shape in shapes if isinstance(shape, dict)}
     return "Point" in kinds and not kinds & {"Polygon", "MultiPolygon"}
 
@@ -178,11 +233,13 @@ def _points_of_files(path: Path) -> bool:
     """A task that was worked and prescribes nothing; or shapefiles of which none has areas."""
     from drivers.files.prescriptions.task_files import task_sets, task_tree
     from drivers.files.shape_sets import shape_sets
+
     tasks = task_sets(path)
     if tasks:
         roots = [task_tree(one) for one in tasks]
         return any(root.find("TSK/TLG") is not None for root in roots) and not any(
-            root.find("TSK/TZN") is not None for root in roots)
+            root.find("TSK/TZN") is not None for root in roots
+        )
     heads = [one.part(".shp") or b"" for one in shape_sets(path)]
     kinds = [int.from_bytes(head[32:36], "little") for head in heads]
     return bool(kinds) and all(kind in POINTS for kind in kinds)

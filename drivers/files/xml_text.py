@@ -1,4 +1,6 @@
-"""XML as topdress reads it: elements and their texts, no entities of its own, no more of them than memory holds."""
+"""XML as topdress reads it: elements and their texts, no entities of its own, no more of them
+than memory holds."""
+
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -16,7 +18,8 @@ class XmlError(OneLine):
 
 @dataclass
 class Total:
-    """Of several files that are joined to one: their bytes and tags so far. label: of the one that names them."""
+    """Of several files that are joined to one: their bytes and tags so far. label: of the one
+    that names them."""
 
     label: PlaceInFile | Path | str
     bytes: int = 0
@@ -24,16 +27,19 @@ class Total:
 
 
 def xml_root(data: bytes, label: PlaceInFile | Path | str, total: Total | None = None) -> Element:
-    """The root of all elements. total: of the files that this one is joined to. Raises XmlError, BeyondLimits."""
-    plain = data.replace(b"\0", b"") if b"\0" in data[:200] else data        # UTF-16
+    """The root of all elements. total: of the files that this one is joined to. Raises
+    XmlError, BeyondLimits."""
+    plain = data.replace(b"\0", b"") if b"\0" in data[:200] else data  # UTF-16
     total = total or Total(label)
     total.tags += plain.count(b"<")
     held_to(TAGS, total.tags, label)
-    if b"<!ENTITY" in plain:                            # a few bytes that stand for as many as somebody likes
+    # a few bytes that stand for as many as somebody likes
+    if b"<!ENTITY" in plain:
         raise XmlError("entities of its own: allowed is XML without them")
     try:
         return ElementTree.fromstring(data)
-    except (ElementTree.ParseError, LookupError, ValueError) as error:      # LookupError: of an unknown encoding
+    # LookupError: of an unknown encoding
+    except (ElementTree.ParseError, LookupError, ValueError) as error:
         raise XmlError(str(error)) from None
 
 

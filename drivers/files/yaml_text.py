@@ -1,7 +1,10 @@
-"""YAML as topdress reads and writes it: YAML 1.2 scalars, no duplicate keys, no bombs, the line of every key known.
+"""YAML as topdress reads and writes it: YAML 1.2 scalars, no duplicate keys, no bombs, the line
+of every key known.
 
-PyYAML's own rules are those of YAML 1.1, where `off` is false, `12:30` is 750, `010` is 8 and `1e3` is a text.
+PyYAML's own rules are those of YAML 1.1, where `off` is false, `12:30` is 750, `010` is 8 and
+`1e3` is a text.
 """
+
 from __future__ import annotations
 
 import re
@@ -27,7 +30,8 @@ class YamlProblem(OneLine):
 
 
 class _Loader(yaml.SafeLoader):
-    """Counts nodes as they come: a text of 2 MB makes 900 000, which take 600 MB before anybody could count them."""
+    """Counts nodes as they come: a text of 2 MB makes 900 000, which take 600 MB before anybody
+    could count them."""
 
     nodes = 0
 
@@ -42,10 +46,15 @@ class _Loader(yaml.SafeLoader):
 
 _FLOAT = re.compile(r"^[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?$")
 
-_Loader.add_implicit_resolver("tag:yaml.org,2002:bool", re.compile(r"^(true|True|TRUE|false|False|FALSE)$"),
-                              list("tTfF"))
-_Loader.add_implicit_resolver("tag:yaml.org,2002:null", re.compile(r"^(~|null|Null|NULL|)$"), ["~", "n", "N", ""])
-_Loader.add_implicit_resolver("tag:yaml.org,2002:int", re.compile(r"^[-+]?[0-9]+$"), list("-+0123456789"))
+_Loader.add_implicit_resolver(
+    "tag:yaml.org,2002:bool", re.compile(r"^(true|True|TRUE|false|False|FALSE)$"), list("tTfF")
+)
+_Loader.add_implicit_resolver(
+    "tag:yaml.org,2002:null", re.compile(r"^(~|null|Null|NULL|)$"), ["~", "n", "N", ""]
+)
+_Loader.add_implicit_resolver(
+    "tag:yaml.org,2002:int", re.compile(r"^[-+]?[0-9]+$"), list("-+0123456789")
+)
 _Loader.add_implicit_resolver("tag:yaml.org,2002:float", _FLOAT, list("-+0123456789."))
 _Loader.add_implicit_resolver("tag:yaml.org,2002:merge", re.compile(r"^<<$"), ["<"])
 
@@ -60,7 +69,8 @@ _Loader.add_constructor("tag:yaml.org,2002:int", _decimal_int)
 def parse_yaml(text: str) -> tuple[Any, dict[KeyPath, int]]:
     """The data, and for every path of keys and indexes the line (from 1) where it stands.
 
-    Raises YamlProblem: syntax, duplicate keys, other tags than plain data, too many or too deep nodes.
+    Raises YamlProblem: syntax, duplicate keys, other tags than plain data, too many or too deep
+    nodes.
     """
     try:
         loader = _Loader(text)
@@ -87,8 +97,10 @@ def _visit(node: yaml.Node, path: KeyPath, lines: dict[KeyPath, int], count: int
     """Records lines and refuses duplicates and bombs; returns the number of nodes seen so far."""
     count += 1
     if node.tag not in _TAGS:
-        raise YamlProblem(f"line {node.start_mark.line + 1}: not YAML as read here: tag {node.tag}: "
-                          "allowed is plain data without tags")
+        raise YamlProblem(
+            f"line {node.start_mark.line + 1}: not YAML as read here: tag {node.tag}: "
+            "allowed is plain data without tags"
+        )
     if count > NODES.most or len(path) > MAX_DEPTH:
         raise YamlProblem(f"line {node.start_mark.line + 1}: nested too deeply or too large")
     lines.setdefault(path, node.start_mark.line + 1)
@@ -103,7 +115,10 @@ def _visit(node: yaml.Node, path: KeyPath, lines: dict[KeyPath, int], count: int
                 raise YamlProblem(f"line {line}: a key must be a name")
             if key.value in seen:
                 where = ".".join(str(p) for p in (*path, key.value))
-                raise YamlProblem(f"key {where}: stands twice, in lines {seen[key.value]} and {line}: allowed once")
+                raise YamlProblem(
+                    f"key {where}: stands twice, in lines {seen[key.value]} and {line}: "
+                    "allowed once"
+                )
             seen[key.value] = line
             inside = path if key.tag == "tag:yaml.org,2002:merge" else (*path, key.value)
             if inside != path:
@@ -126,13 +141,24 @@ class _Dumper(yaml.SafeDumper):
 
 
 # A list of numbers in one line; a text with escapes where it needs them.
-_Dumper.add_representer(list, lambda dumper, data: dumper.represent_sequence(
-    "tag:yaml.org,2002:seq", data, flow_style=all(isinstance(item, int | float) for item in data)))
-_Dumper.add_representer(str, lambda dumper, data: dumper.represent_scalar(
-    "tag:yaml.org,2002:str", data, style=None if data.isprintable() else '"'))
+_Dumper.add_representer(
+    list,
+    lambda dumper, data: dumper.represent_sequence(
+        "tag:yaml.org,2002:seq",
+        data,
+        flow_style=all(isinstance(item, int | float) for item in data),
+    ),
+)
+_Dumper.add_representer(
+    str,
+    lambda dumper, data: dumper.represent_scalar(
+        "tag:yaml.org,2002:str", data, style=None if data.isprintable() else '"'
+    ),
+)
 _Dumper.add_implicit_resolver("tag:yaml.org,2002:float", _FLOAT, list("-+0123456789."))
 
 
 def dump_yaml(data: Any) -> str:
-    """Plain data as YAML that reads back as the same data under the rules of YAML 1.1 and 1.2 alike."""
+    """Plain data as YAML that reads back as the same data under the rules of YAML 1.1 and 1.2
+    alike."""
     return yaml.dump(data, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=110)

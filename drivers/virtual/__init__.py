@@ -1,1 +1,2 @@
-"""The virtual machine: the plant of `control.simulation` behind the same bytes that the real devices speak."""
+"""The virtual machine: the plant of `control.simulation` behind the same bytes that the real
+devices speak."""

@@ -1,4 +1,6 @@
-"""The slave board as the virtual machine has it: the board's own program, the plant in the place of its pins."""
+"""The slave board as the virtual machine has it: the board's own program, the plant in the
+place of its pins."""
+
 from __future__ import annotations
 
 import secrets
@@ -18,13 +20,24 @@ from drivers.devices.board_frames import (
 )
 from drivers.devices.lines import Counts
 
-SENSED = ("hopper_kg", "supply_v", "pitch_deg", "roll_deg", "work_switch", "shaft_effort", "gate_effort", "opening_mm")
+SENSED = (
+    "hopper_kg",
+    "supply_v",
+    "pitch_deg",
+    "roll_deg",
+    "work_switch",
+    "shaft_effort",
+    "gate_effort",
+    "opening_mm",
+)
 
-TRUE_COUNTS_PER_TURN = 2000.0       # of the shaft's encoder; the board believes what its settings say
+# of the shaft's encoder; the board believes what its settings say
+TRUE_COUNTS_PER_TURN = 2000.0
 
 
 class _Plant(Pins):
-    """`sensed`: what the plant read last; `inbox` from the host, `said` to it; `turns` of the shaft."""
+    """`sensed`: what the plant read last; `inbox` from the host, `said` to it; `turns` of the
+    shaft."""
 
     sensed: SensorReadings
     turns = 0.0
@@ -32,8 +45,11 @@ class _Plant(Pins):
     def __init__(self, chance: Callable[[], int | None], driver_fault: Callable[[], bool]) -> None:
         self.inbox = self.said = b""
         self._pulses, self._pulse_s = 0, 0.0
-        for name, tells in (("chance", chance), ("driver_fault", driver_fault), *(
-                (name, lambda name=name: getattr(self.sensed, name)) for name in SENSED)):
+        for name, tells in (
+            ("chance", chance),
+            ("driver_fault", driver_fault),
+            *((name, lambda name=name: getattr(self.sensed, name)) for name in SENSED),
+        ):
             setattr(self, name, tells)
 
     def read(self) -> bytes:
@@ -70,7 +86,7 @@ class _PlantsDose(Doser):
     """The plant turns it: one `DoseOrder` in the place of steps."""
 
     turned_deg = 0.0
-    order: DoseOrder | None = None      # not yet at the plant
+    order: DoseOrder | None = None  # not yet at the plant
     takes_us = 0
 
     def start(self, angle_deg: float, shaft_rpm: float) -> None:
@@ -79,18 +95,25 @@ class _PlantsDose(Doser):
 
 
 class VirtualBoard(Slave):
-    """One board. Standing still: the shaft stops, the gate keeps the set-point that it had; at power-on that is where
-    it stands, `opening_mm`. `chance`: of its words, as the board's own program has it; None: an older board, which
-    knows none. Set-points are taken as they come: the host's limits hold.
+    """One board. Standing still: the shaft stops, the gate keeps the set-point that it had; at
+    power-on that is where it stands, `opening_mm`. `chance`: of its words, as the board's own
+    program has it; None: an older board, which knows none. Set-points are taken as they come:
+    the host's limits hold.
     """
 
-    def __init__(self, opening_mm: float = 0.0,
-                 chance: Callable[[], int | None] = lambda: secrets.randbits(32)) -> None:
+    def __init__(
+        self,
+        opening_mm: float = 0.0,
+        chance: Callable[[], int | None] = lambda: secrets.randbits(32),
+    ) -> None:
         self.counts = Counts()
-        self.driver_fault = False           # set by tests and by fault injection
+        self.driver_fault = False  # set by tests and by fault injection
         self._plant = _Plant(chance, lambda: self.driver_fault)
         settings = BoardSettings()
-        settings.max_shaft_rpm, settings.max_opening_mm = COMMAND_SHAFT_RPM[1], COMMAND_OPENING_MM[1]
+        settings.max_shaft_rpm, settings.max_opening_mm = (
+            COMMAND_SHAFT_RPM[1],
+            COMMAND_OPENING_MM[1],
+        )
         settings.valves = MOST_VALVES
         super().__init__(self._plant, settings)
         self.receiver = _Counted(self.counts)
@@ -105,8 +128,8 @@ class VirtualBoard(Slave):
         return self._newest.word
 
     def feed(self, data: bytes, now_s: float) -> None:
-        """Commands received at `now_s`; wrong ones are counted by kind and change nothing, but for an old one, which
-        stops the board."""
+        """Commands received at `now_s`; wrong ones are counted by kind and change nothing, but
+        for an old one, which stops the board."""
         self._plant.inbox += data
         self.hear(_us(now_s))
 
@@ -116,10 +139,13 @@ class VirtualBoard(Slave):
         if self.enabled:
             self._opening_mm = self._commanded_mm
         valves = valves_of(self._wanted_valves if self.enabled else 0) if self._valved else ()
-        return DriveCommand(self._wanted_rpm if self.enabled else 0.0, self._opening_mm, valves=valves), self.enabled
+        return DriveCommand(
+            self._wanted_rpm if self.enabled else 0.0, self._opening_mm, valves=valves
+        ), self.enabled
 
     def dose(self, now_s: float) -> DoseOrder | None:
-        """The dose that the plant begins in this step; to be asked once a step. A stop ends the one under way."""
+        """The dose that the plant begins in this step; to be asked once a step. A stop ends the
+        one under way."""
         now_us, dose = _us(now_s), self._doser
         self.hear(now_us)
         end_us = self._dose_begin_us + dose.takes_us

@@ -1,4 +1,6 @@
-"""What else a virtual machine may be plugged into: programs and modules along with receiver, heads and board."""
+"""What else a virtual machine may be plugged into: programs and modules along with receiver,
+heads and board."""
+
 from __future__ import annotations
 
 import struct
@@ -33,7 +35,9 @@ SILENT_CONSOLE_S = 4.0
 class Extra:
     """Asked before and informed after every step of the plant."""
 
-    def before(self, begin_s: float, command: DriveCommand, enabled: bool) -> tuple[DriveCommand, bool]:
+    def before(
+        self, begin_s: float, command: DriveCommand, enabled: bool
+    ) -> tuple[DriveCommand, bool]:
         """What the drives shall follow: the command as it stands, or changed."""
         return command, enabled
 
@@ -66,15 +70,22 @@ def _agopengps(name: int, body: bytes) -> bytes:
 
 
 class VirtualRateModule(Extra):
-    """A rate module: it turns the shaft at the units a minute it is commanded, and says what it counts.
+    """A rate module: it turns the shaft at the units a minute it is commanded, and says what it
+    counts.
 
     pulses_per_turn : of its true encoder; a console that tells another number gets another speed.
     listens : False is a module set to another comm mode: it reports, and ignores what UDP tells it.
     label : what its board calls itself.
     """
 
-    def __init__(self, port: Datagrams, pulses_per_turn: float, module: int = 0, sensor: int = 0,
-                 label: str = "topdress virtual") -> None:
+    def __init__(
+        self,
+        port: Datagrams,
+        pulses_per_turn: float,
+        module: int = 0,
+        sensor: int = 0,
+        label: str = "topdress virtual",
+    ) -> None:
         self.listens = True
         self.refused = 0
         self._port = port
@@ -89,11 +100,15 @@ class VirtualRateModule(Extra):
         self._next_status_s = self._next_label_s = 0.0
         self._label = BoardLabel(module, label)
 
-    def before(self, begin_s: float, command: DriveCommand, enabled: bool) -> tuple[DriveCommand, bool]:
+    def before(
+        self, begin_s: float, command: DriveCommand, enabled: bool
+    ) -> tuple[DriveCommand, bool]:
         for data in self._port.read_each():
             self._hear(data, begin_s)
         valves = self.valves(begin_s)
-        return command._replace(shaft_rpm=self.shaft_rpm(begin_s), valves=valves or command.valves), True
+        return command._replace(
+            shaft_rpm=self.shaft_rpm(begin_s), valves=valves or command.valves
+        ), True
 
     def valves(self, now_s: float) -> tuple[bool, ...]:
         """What hangs on its relays from the second on; empty where none was ever set."""
@@ -122,23 +137,60 @@ class VirtualRateModule(Extra):
         if begin_s < self._next_status_s:
             return
         self._next_status_s = begin_s + STATUS_EVERY_S - 1e-6
-        effort = getattr(sensed, "shaft_effort", None)       # of a plant whose drive tells how hard it works, in %
+        # of a plant whose drive tells how hard it works, in %
+        effort = getattr(sensed, "shaft_effort", None)
         pwm = 2.5 * self.shaft_rpm(begin_s) if effort is None else FULL_PWM * effort / 100.0
         if begin_s >= self._next_label_s:
             self._next_label_s = begin_s + LABEL_EVERY_S - 1e-6
             self._port.write(encode_label(self._label))
-        self._port.write(encode_status(Status(
-            self._module, self._sensor, min(units_per_min, 16777.0), self._quantity,
-            min(FULL_PWM, round(pwm)), self._hears(begin_s), False, min(pulse_hz, 6553.0))))
-        self._port.write(encode_board(BoardStatus(self._module, 0, 0.0, sensed.wheel_pulses, 1, FIRMWARE,
-                                                  bool(sensed.work_switch), True, True, False)))
+        self._port.write(
+            encode_status(
+                Status(
+                    self._module,
+                    self._sensor,
+                    min(units_per_min, 16777.0),
+                    self._quantity,
+                    min(FULL_PWM, round(pwm)),
+                    self._hears(begin_s),
+                    False,
+                    min(pulse_hz, 6553.0),
+                )
+            )
+        )
+        self._port.write(
+            encode_board(
+                BoardStatus(
+                    self._module,
+                    0,
+                    0.0,
+                    sensed.wheel_pulses,
+                    1,
+                    FIRMWARE,
+                    bool(sensed.work_switch),
+                    True,
+                    True,
+                    False,
+                )
+            )
+        )
 
     def _traced(self, target: FlowTarget, units_per_min: float, now_s: float) -> Trace:
         wanted = target.units_per_min if target.master_on else 0.0
         applied = min(units_per_min, 16777.0)
         error = min(8388.0, max(-8388.0, wanted - applied))
-        return Trace(self._module, self._sensor, round(1000.0 * now_s), wanted, applied, error, 0.0, 0,
-                     min(255, round(2.5 * self.shaft_rpm(now_s))), 1, FIRMWARE)
+        return Trace(
+            self._module,
+            self._sensor,
+            round(1000.0 * now_s),
+            wanted,
+            applied,
+            error,
+            0.0,
+            0,
+            min(255, round(2.5 * self.shaft_rpm(now_s))),
+            1,
+            FIRMWARE,
+        )
 
     def _hears(self, now_s: float) -> bool:
         return self._target is not None and now_s - self._target_s < SILENT_CONSOLE_S

@@ -1,5 +1,6 @@
-"""A line with something wrong with it: what happens to cables, plugs and cheap adapters. Drives that do not do what
-they are commanded. Both on a time line: `KIND:DEVICE@FROM_S[+FOR_S]`."""
+"""A line with something wrong with it: what happens to cables, plugs and cheap adapters. Drives
+that do not do what they are commanded. Both on a time line: `KIND:DEVICE@FROM_S[+FOR_S]`."""
+
 from __future__ import annotations
 
 import math
@@ -13,20 +14,23 @@ from control.readings import DriveCommand
 from drivers.ports import Clock, Port, PortState
 from drivers.virtual.extras import Extra
 
-WRONG_BAUD_RATIO = 2.0              # sent at twice the rate at which it is read
+WRONG_BAUD_RATIO = 2.0  # sent at twice the rate at which it is read
 
 
 class PortFaults(NamedTuple):
-    """What is wrong with the line towards the reader. All neutral: nothing. Shares are per line, 0 to 1."""
+    """What is wrong with the line towards the reader. All neutral: nothing. Shares are per
+    line, 0 to 1."""
 
-    unplugged: bool = False             # nothing in, nothing out, not connected
-    frozen: bool = False                # the line goes on, but repeats what it said before
-    delay_s: float = 0.0                # everything arrives this much later
-    garbage_share: float = 0.0          # random bytes in front of a line
-    half_share: float = 0.0             # a line loses its second half, its line end included
-    duplicate_share: float = 0.0        # a line comes twice
-    bit_flip_share: float = 0.0         # one bit of a line is turned over
-    wrong_baud: bool = False            # read at half the rate at which it is sent
+    unplugged: bool = False  # nothing in, nothing out, not connected
+    # the line goes on, but repeats what it said before
+    frozen: bool = False
+    delay_s: float = 0.0  # everything arrives this much later
+    garbage_share: float = 0.0  # random bytes in front of a line
+    # a line loses its second half, its line end included
+    half_share: float = 0.0
+    duplicate_share: float = 0.0  # a line comes twice
+    bit_flip_share: float = 0.0  # one bit of a line is turned over
+    wrong_baud: bool = False  # read at half the rate at which it is sent
 
 
 class Spoiler:
@@ -72,9 +76,13 @@ class Spoiler:
         self._last_line = line
         if chance() < faults.bit_flip_share:
             place = self._random.randrange(len(line))
-            line = line[:place] + bytes([line[place] ^ 1 << self._random.randrange(8)]) + line[place + 1:]
+            line = (
+                line[:place]
+                + bytes([line[place] ^ 1 << self._random.randrange(8)])
+                + line[place + 1 :]
+            )
         if chance() < faults.half_share:
-            line = line[:len(line) // 2]
+            line = line[: len(line) // 2]
         if chance() < faults.duplicate_share:
             line += line
         if chance() < faults.garbage_share:
@@ -83,20 +91,24 @@ class Spoiler:
 
 
 def at_wrong_baud(data: bytes, ratio: float = WRONG_BAUD_RATIO) -> bytes:
-    """What a receiver reads that samples `ratio` times more slowly than the sender sends (8N1, least bit first)."""
+    """What a receiver reads that samples `ratio` times more slowly than the sender sends (8N1,
+    least bit first)."""
     bits = [bit for byte in data for bit in (0, *(byte >> place & 1 for place in range(8)), 1)]
     found = bytearray()
     at = 0.0
-    while (start := next((place for place in range(int(at), len(bits)) if bits[place] == 0), None)) is not None:
+    while (
+        start := next((place for place in range(int(at), len(bits)) if bits[place] == 0), None)
+    ) is not None:
         samples = [start + (place + 0.5) * ratio for place in range(1, 10)]
         read = [bits[int(sample)] if sample < len(bits) else 1 for sample in samples]
         found.append(sum(bit << place for place, bit in enumerate(read[:8])))
-        at = samples[-1] + (0.5 * ratio if read[8] else 1.0)        # a missing stop bit: looks for the next start
+        # a missing stop bit: looks for the next start
+        at = samples[-1] + (0.5 * ratio if read[8] else 1.0)
     return bytes(found)
 
 
-RUNAWAY_RPM = 70.0          # the nominal machine's set-point
-RUNAWAY_MM = 60.0           # wide open
+RUNAWAY_RPM = 70.0  # the nominal machine's set-point
+RUNAWAY_MM = 60.0  # wide open
 
 
 class Runaway(NamedTuple):
@@ -107,13 +119,16 @@ class Runaway(NamedTuple):
 
 
 class VirtualRunaway(Extra):
-    """Has the last word on shaft and gate while `at` says so; asked with the time since `start_s` of every step."""
+    """Has the last word on shaft and gate while `at` says so; asked with the time since
+    `start_s` of every step."""
 
     def __init__(self, at: Callable[[float], Runaway], start_s: float) -> None:
         self._at = at
         self._start_s = start_s
 
-    def before(self, begin_s: float, command: DriveCommand, enabled: bool) -> tuple[DriveCommand, bool]:
+    def before(
+        self, begin_s: float, command: DriveCommand, enabled: bool
+    ) -> tuple[DriveCommand, bool]:
         now = self._at(begin_s - self._start_s)
         if now.opening_mm is not None:
             command = command._replace(opening_mm=now.opening_mm)
@@ -132,16 +147,18 @@ KINDS: dict[str, PortFaults] = {
     "bit_flips": PortFaults(bit_flip_share=0.3),
     "wrong_baud": PortFaults(wrong_baud=True),
 }
-DRIVES: dict[str, Runaway] = {          # of the board's drives, not of its line
+DRIVES: dict[str, Runaway] = {  # of the board's drives, not of its line
     "shaft_turns": Runaway(shaft_rpm=RUNAWAY_RPM),
     "gate_opens": Runaway(opening_mm=RUNAWAY_MM),
 }
-_GRAMMAR = re.compile(r"(?P<kind>[a-z_]+):(?P<device>[a-z_0-9]+)@(?P<begin>[\d.]+)(\+(?P<lasts>[\d.]+))?")
+_GRAMMAR = re.compile(
+    r"(?P<kind>[a-z_]+):(?P<device>[a-z_0-9]+)@(?P<begin>[\d.]+)(\+(?P<lasts>[\d.]+))?"
+)
 
 
 class TimedFault(NamedTuple):
     kind: str
-    device: str                 # a device's name, or `heads` for all heads
+    device: str  # a device's name, or `heads` for all heads
     begin_s: float
     end_s: float = math.inf
 
@@ -150,15 +167,25 @@ def parse_fault(text: str, devices: Sequence[str]) -> TimedFault:
     """One `--fault`. Raises ValueError with one plain line."""
     match = _GRAMMAR.fullmatch(text.strip())
     if match is None:
-        raise ValueError(f"fault {text!r}: not understood: allowed KIND:DEVICE@FROM_S[+FOR_S], e.g. unplug:gnss@60+10")
+        raise ValueError(
+            f"fault {text!r}: not understood: allowed KIND:DEVICE@FROM_S[+FOR_S], e.g. "
+            "unplug:gnss@60+10"
+        )
     kinds = [*KINDS, *DRIVES]
     if match["kind"] not in kinds:
-        raise ValueError(f"fault {text!r}: unknown kind {match['kind']}: allowed {', '.join(kinds)}")
+        raise ValueError(
+            f"fault {text!r}: unknown kind {match['kind']}: allowed {', '.join(kinds)}"
+        )
     if match["kind"] in DRIVES and match["device"] != "board":
-        raise ValueError(f"fault {text!r}: {match['kind']} is one of the board's drives: allowed {match['kind']}:board")
+        raise ValueError(
+            f"fault {text!r}: {match['kind']} is one of the board's drives: allowed "
+            f"{match['kind']}:board"
+        )
     known = [*devices, "heads"] if any(map(_is_head, devices)) else list(devices)
     if match["device"] not in known:
-        raise ValueError(f"fault {text!r}: unknown device {match['device']}: allowed {', '.join(known)}")
+        raise ValueError(
+            f"fault {text!r}: unknown device {match['device']}: allowed {', '.join(known)}"
+        )
     try:
         begin_s = float(match["begin"])
         lasts_s = float(match["lasts"]) if match["lasts"] else math.inf
@@ -168,12 +195,16 @@ def parse_fault(text: str, devices: Sequence[str]) -> TimedFault:
 
 
 def faults_at(timeline: Iterable[TimedFault], device: str, at_s: float) -> PortFaults:
-    """All that is wrong with one device's line at `at_s`; of faults of one kind the worst counts."""
+    """All that is wrong with one device's line at `at_s`; of faults of one kind the worst
+    counts."""
     found = PortFaults()
     for fault in timeline:
         names = (device, "heads" if _is_head(device) else device)
         if fault.kind in KINDS and fault.begin_s <= at_s < fault.end_s and fault.device in names:
-            worse = {name: max(value, getattr(found, name)) for name, value in KINDS[fault.kind]._asdict().items()}
+            worse = {
+                name: max(value, getattr(found, name))
+                for name, value in KINDS[fault.kind]._asdict().items()
+            }
             found = PortFaults(**worse)
     return found
 
@@ -183,8 +214,13 @@ def runaway_at(timeline: Iterable[TimedFault], at_s: float) -> Runaway:
     found = Runaway()
     for fault in timeline:
         if fault.kind in DRIVES and fault.begin_s <= at_s < fault.end_s:
-            found = found._replace(**{name: value for name, value in DRIVES[fault.kind]._asdict().items()
-                                      if value is not None})
+            found = found._replace(
+                **{
+                    name: value
+                    for name, value in DRIVES[fault.kind]._asdict().items()
+                    if value is not None
+                }
+            )
     return found
 
 
@@ -193,8 +229,8 @@ def _is_head(device: str) -> bool:
 
 
 class ServedLine:
-    """One device's byte line as the virtual machine serves it, on all its ends: what it says goes, spoilt, to each;
-    what any of them says is heard."""
+    """One device's byte line as the virtual machine serves it, on all its ends: what it says
+    goes, spoilt, to each; what any of them says is heard."""
 
     def __init__(self, ends: Sequence[Port], clock: Clock, seed: int) -> None:
         self._ends = tuple(ends)

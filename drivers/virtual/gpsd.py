@@ -1,4 +1,6 @@
-"""gpsd as the virtual machine plays it: greets each client, answers its questions, reports to those that watch."""
+"""gpsd as the virtual machine plays it: greets each client, answers its questions, reports to
+those that watch."""
+
 from __future__ import annotations
 
 import contextlib
@@ -15,10 +17,10 @@ from drivers.virtual.faults import PortFaults, ServedLine, Spoiler
 
 RELEASE = {"class": "VERSION", "release": "3.25", "proto_major": 3, "proto_minor": 15}
 DEVICE = "/dev/virtual"
-MODE_OF = {2: 2, 4: 3, 5: 4}        # GGA's quality in gpsd's status
+MODE_OF = {2: 2, 4: 3, 5: 4}  # GGA's quality in gpsd's status
 LONGEST_QUESTION = 4096
 MOST_CLIENTS = 16
-MOST_UNSENT = 262_144               # bytes; a client that reads no more is let go
+MOST_UNSENT = 262_144  # bytes; a client that reads no more is let go
 
 
 class ClientLine(Protocol):
@@ -38,7 +40,8 @@ class Clients(Protocol):
 
 
 class VirtualGpsd(Extra):
-    """Every client has a watch of its own. Known are ?VERSION, ?DEVICES, ?WATCH, ?POLL; all else is an ERROR.
+    """Every client has a watch of its own. Known are ?VERSION, ?DEVICES, ?WATCH, ?POLL; all
+    else is an ERROR.
 
     line : the one client there can be, or all of those that there are.
     """
@@ -47,8 +50,12 @@ class VirtualGpsd(Extra):
         self._line = line
         self._sessions: dict[int, _Session] = {}
 
-    def before(self, begin_s: float, command: DriveCommand, enabled: bool) -> tuple[DriveCommand, bool]:
-        lines: Sequence[ClientLine] = self._line.clients() if hasattr(self._line, "clients") else (self._line,)
+    def before(
+        self, begin_s: float, command: DriveCommand, enabled: bool
+    ) -> tuple[DriveCommand, bool]:
+        lines: Sequence[ClientLine] = (
+            self._line.clients() if hasattr(self._line, "clients") else (self._line,)
+        )
         sessions = {id(line): self._sessions.get(id(line)) or _Session(line) for line in lines}
         self._sessions = sessions
         for session in sessions.values():
@@ -85,9 +92,17 @@ class _Session:
 
     def tell(self, fix: GnssFix) -> None:
         self._sky = {"class": "SKY", "device": DEVICE, "uSat": fix.satellites, "hdop": fix.hdop}
-        self._fix = {"class": "TPV", "device": DEVICE, "mode": 3 if fix.fix_quality else 1,
-                     "status": MODE_OF.get(fix.fix_quality, 1), "time": fix.utc, "lat": fix.lat_deg,
-                     "lon": fix.lon_deg, "track": fix.heading_deg, "speed": fix.speed_mps}
+        self._fix = {
+            "class": "TPV",
+            "device": DEVICE,
+            "mode": 3 if fix.fix_quality else 1,
+            "status": MODE_OF.get(fix.fix_quality, 1),
+            "time": fix.utc,
+            "lat": fix.lat_deg,
+            "lon": fix.lon_deg,
+            "track": fix.heading_deg,
+            "speed": fix.speed_mps,
+        }
         if self._watched:
             self._say(self._sky)
             self._say(self._fix)
@@ -95,7 +110,9 @@ class _Session:
     def _answer(self, question: str) -> None:
         name, _, given = question.partition("=")
         devices: dict[str, object] = {
-            "class": "DEVICES", "devices": [{"class": "DEVICE", "path": DEVICE, "driver": "virtual"}]}
+            "class": "DEVICES",
+            "devices": [{"class": "DEVICE", "path": DEVICE, "driver": "virtual"}],
+        }
         if name == "?VERSION":
             self._say(RELEASE)
         elif name == "?DEVICES":
@@ -103,8 +120,10 @@ class _Session:
         elif name == "?WATCH":
             self._watch(given, devices)
         elif name == "?POLL":
-            reports = {"tpv": [] if self._fix is None else [_known(self._fix)],
-                       "sky": [] if self._sky is None else [_known(self._sky)]}
+            reports = {
+                "tpv": [] if self._fix is None else [_known(self._fix)],
+                "sky": [] if self._sky is None else [_known(self._sky)],
+            }
             time = None if self._fix is None else self._fix["time"]
             self._say({"class": "POLL", "time": time, "active": len(reports["tpv"]), **reports})
         else:
@@ -133,12 +152,16 @@ def _known(said: dict[str, Any]) -> dict[str, Any]:
 
 
 class GpsdServer:
-    """A TCP port on which several clients at once may connect; each has its own line, spoilt as the faults say.
+    """A TCP port on which several clients at once may connect; each has its own line, spoilt as
+    the faults say.
 
-    Called from one thread; nothing blocks. Raises OSError where the address cannot be listened on.
+    Called from one thread; nothing blocks. Raises OSError where the address cannot be listened
+    on.
     """
 
-    def __init__(self, host: str, number: int, clock: Clock, seed: int, terminal: Port | None = None) -> None:
+    def __init__(
+        self, host: str, number: int, clock: Clock, seed: int, terminal: Port | None = None
+    ) -> None:
         self._clock, self._seed = clock, seed
         self._server: socket.socket | None = _listening(host, number)
         self.number: int = self._server.getsockname()[1]
@@ -195,10 +218,11 @@ class GpsdServer:
         while self._server is not None and len(self._clients) < MOST_CLIENTS:
             try:
                 connection, _ = self._server.accept()
-            except OSError:                         # nobody waits
+            except OSError:  # nobody waits
                 return
             connection.setblocking(False)
-            connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)    # a report waits for no other
+            # a report waits for no other
+            connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
             self._connects += 1
             self._clients.append(_GpsdClient(connection, self._clock, self._seed, self._connects))
             self._clients[-1].fault(self._faults)
@@ -245,7 +269,7 @@ class _GpsdClient:
         if not self._unsent or not self.open:
             return
         try:
-            self._unsent = self._unsent[self._connection.send(self._unsent):]
+            self._unsent = self._unsent[self._connection.send(self._unsent) :]
         except BlockingIOError:
             pass
         except OSError:

@@ -1,4 +1,6 @@
-"""A virtual lag rig: the board's own program, with the plant's shaft for an encoder and its granules on the plate."""
+"""A virtual lag rig: the board's own program, with the plant's shaft for an encoder and its
+granules on the plate."""
+
 from __future__ import annotations
 
 import heapq
@@ -9,11 +11,11 @@ from drivers.board.lag_rig import RigPins, RigProgram, RigSettings
 from drivers.ports import Port
 from drivers.virtual.extras import Extra
 
-ROUNDS = 10                     # of the rig's program, a step of the plant
+ROUNDS = 10  # of the rig's program, a step of the plant
 PLATE_AT_REST = 500
 GRANULE = 80
 LEAST_FLOW_KG_S = 1e-4
-LEAST_STEP_S = 1e-6             # a drop time of nothing
+LEAST_STEP_S = 1e-6  # a drop time of nothing
 
 
 class _Pins(RigPins):
@@ -37,15 +39,17 @@ class _Pins(RigPins):
 
 
 class VirtualLagRig(Extra):
-    """An extra of the virtual machine. `truth` gives what the plant really did in the newest step."""
+    """An extra of the virtual machine. `truth` gives what the plant really did in the newest
+    step."""
 
     def __init__(self, port: Port, truth: Callable[[], Truth | None]) -> None:
         self._pins = _Pins(port)
         self._settings = RigSettings()
         self._program = RigProgram(self._pins, self._settings)
         self._truth = truth
-        self._falling: list[list[float]] = []       # way that a granule has gone, its own pace, more time it takes
-        self._landing: list[float] = []             # when granules land, plant time; a heap
+        # way that a granule has gone, its own pace, more time it takes
+        self._falling: list[list[float]] = []
+        self._landing: list[float] = []  # when granules land, plant time; a heap
         self._rounds = 0
         self._last_s = 0.0
         self._rpm = 0.0
@@ -61,7 +65,11 @@ class VirtualLagRig(Extra):
         step_s, from_rpm = truth.time_s - self._last_s, self._rpm
         for part in range(1, ROUNDS + 1):
             share = part / ROUNDS
-            self._round(self._last_s + share * step_s, from_rpm + share * (truth.shaft_rpm - from_rpm), step_s / ROUNDS)
+            self._round(
+                self._last_s + share * step_s,
+                from_rpm + share * (truth.shaft_rpm - from_rpm),
+                step_s / ROUNDS,
+            )
         self._last_s, self._rpm = truth.time_s, truth.shaft_rpm
 
     def _carry(self, truth: Truth) -> None:

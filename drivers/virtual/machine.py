@@ -1,5 +1,7 @@
-"""The virtual machine: a plant whose sensors and drives are reached through ports and bytes only, as the real devices
-would write them: a fix as NMEA, a canopy sample as the heads' lines, the drives as status lines."""
+"""The virtual machine: a plant whose sensors and drives are reached through ports and bytes
+only, as the real devices would write them: a fix as NMEA, a canopy sample as the heads' lines,
+the drives as status lines."""
+
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -16,16 +18,20 @@ from drivers.virtual.board import VirtualBoard
 from drivers.virtual.extras import Extra
 
 MODE_OF_QUALITY = {1: "A", 2: "D", 3: "P", 4: "R", 5: "F", 6: "E", 7: "M", 8: "S"}
-FIRST_MOMENT = datetime(2026, 4, 1, 6, 0, 0, tzinfo=UTC)    # where a fix carries no UTC of its own
+# where a fix carries no UTC of its own
+FIRST_MOMENT = datetime(2026, 4, 1, 6, 0, 0, tzinfo=UTC)
 
 
 def gnss_sentences(fix: GnssFix, talker: str = "GN") -> bytes:
     """One epoch as GGA, RMC and VTG. Positions to 1e-7 minutes (0.2 mm), speeds to 0.001 knots.
 
-    Without `fix.utc` the time is `FIRST_MOMENT` plus `fix.time_s`. Quality 0: no position is written, status V.
+    Without `fix.utc` the time is `FIRST_MOMENT` plus `fix.time_s`. Quality 0: no position is
+    written, status V.
     """
-    at = datetime.fromisoformat(fix.utc) if fix.utc else FIRST_MOMENT + timedelta(seconds=fix.time_s)
-    at = (at + timedelta(microseconds=500)).astimezone(UTC)     # cut to milliseconds below
+    at = (
+        datetime.fromisoformat(fix.utc) if fix.utc else FIRST_MOMENT + timedelta(seconds=fix.time_s)
+    )
+    at = (at + timedelta(microseconds=500)).astimezone(UTC)  # cut to milliseconds below
     clock = f"{at:%H%M%S}.{at.microsecond // 1000:03d}"
     valid = fix.fix_quality > 0
     place = f"{_minutes(fix.lat_deg, 2, 'NS')},{_minutes(fix.lon_deg, 3, 'EW')}" if valid else ",,,"
@@ -35,13 +41,19 @@ def gnss_sentences(fix: GnssFix, talker: str = "GN") -> bytes:
     knots = "" if fix.speed_mps is None else f"{fix.speed_mps / MPS_PER_KNOT:.3f}"
     kmh = "" if fix.speed_mps is None else f"{fix.speed_mps * 3.6:.3f}"
     course = "" if fix.heading_deg is None else f"{fix.heading_deg % 360.0:.3f}"
-    return (seal(f"{talker}GGA,{clock},{place},{fix.fix_quality},{satellites},{hdop},0.0,M,0.0,M,,")
-            + seal(f"{talker}RMC,{clock},{'A' if valid else 'V'},{place},{knots},{course},{at:%d%m%y},,,{mode}")
-            + seal(f"{talker}VTG,{course},T,,M,{knots},N,{kmh},K,{mode}"))
+    return (
+        seal(f"{talker}GGA,{clock},{place},{fix.fix_quality},{satellites},{hdop},0.0,M,0.0,M,,")
+        + seal(
+            f"{talker}RMC,{clock},{'A' if valid else 'V'},{place},{knots},{course},"
+            f"{at:%d%m%y},,,{mode}"
+        )
+        + seal(f"{talker}VTG,{course},T,,M,{knots},N,{kmh},K,{mode}")
+    )
 
 
 def head_line(ndvi: float, layout: HeadFields, head: int | None = None) -> bytes:
-    """One sample of one head in the given layout; `head` writes the multiplexed line's `H<n>,` in front.
+    """One sample of one head in the given layout; `head` writes the multiplexed line's `H<n>,`
+    in front.
 
     The second index repeats the NDVI; fields that the driver does not read are 0.
     """
@@ -54,35 +66,46 @@ def head_line(ndvi: float, layout: HeadFields, head: int | None = None) -> bytes
 
 
 def _minutes(degrees: float, width: int, letters: str) -> str:
-    """`4807.0380000,N`: whole degrees, then minutes, rounded together so that 60 minutes never appear."""
+    """`4807.0380000,N`: whole degrees, then minutes, rounded together so that 60 minutes never
+    appear."""
     ten_millionths = round(abs(degrees) * 60e7)
     whole, minutes = divmod(ten_millionths, 600_000_000)
-    return f"{whole:0{width}d}{minutes // 10_000_000:02d}.{minutes % 10_000_000:07d},{letters[degrees < 0.0]}"
+    return (
+        f"{whole:0{width}d}{minutes // 10_000_000:02d}.{minutes % 10_000_000:07d},"
+        f"{letters[degrees < 0.0]}"
+    )
 
 
-OPENING_MM = 25.0               # where the gate stands at power-on, as the nominal machine has it
-LONGEST_CATCH_UP_S = 5.0        # after a longer pause (a suspended computer) the rest of it is left out
+# where the gate stands at power-on, as the nominal machine has it
+OPENING_MM = 25.0
+# after a longer pause (a suspended computer) the rest of it is left out
+LONGEST_CATCH_UP_S = 5.0
 
 
 class VirtualMachine:
     """Steps a plant up to the time it is given and exchanges bytes on its ends of the ports.
 
-    Parameters
-    ----------
-    plant : stepped `plant.dt_s` at a time; its time 0 is `start_s`.
-    gnss, board : the machine's ends of those two lines.
-    heads : one end a head, or one end for all of them where the line is multiplexed.
-    layout : how a head writes its line.
-    opening_mm : where the plant's gate stands at its start.
-    multiplexed : all heads on the one port in `heads`, each line preceded by its head.
-    start_s : on the same clock as `advance`.
-    extras : what else is plugged in; those that steer the drives have the last word, in their order.
+    Parameters ---------- plant : stepped `plant.dt_s` at a time; its time 0 is `start_s`. gnss,
+    board : the machine's ends of those two lines. heads : one end a head, or one end for all of
+    them where the line is multiplexed. layout : how a head writes its line. opening_mm : where
+    the plant's gate stands at its start. multiplexed : all heads on the one port in `heads`,
+    each line preceded by its head. start_s : on the same clock as `advance`. extras : what else
+    is plugged in; those that steer the drives have the last word, in their order.
     """
 
-    def __init__(self, plant: Plant, gnss: Port, heads: Sequence[Port], board: Port, start_s: float,
-                 *,
-                 layout: HeadFields = PROTOCOLS["greenseeker"], multiplexed: bool = False,
-                 opening_mm: float = OPENING_MM, extras: Sequence[Extra] = ()) -> None:
+    def __init__(
+        self,
+        plant: Plant,
+        gnss: Port,
+        heads: Sequence[Port],
+        board: Port,
+        start_s: float,
+        *,
+        layout: HeadFields = PROTOCOLS["greenseeker"],
+        multiplexed: bool = False,
+        opening_mm: float = OPENING_MM,
+        extras: Sequence[Extra] = (),
+    ) -> None:
         self.board = VirtualBoard(opening_mm)
         self._extras = tuple(extras)
         self._plant = plant
@@ -95,8 +118,8 @@ class VirtualMachine:
     def advance(self, now_s: float) -> int:
         """Step the plant up to `now_s`; returns how many steps that were.
 
-        Commands that have arrived act from the first of these steps on; what the sensors say after a step is on its
-        line at once.
+        Commands that have arrived act from the first of these steps on; what the sensors say
+        after a step is on its line at once.
         """
         behind_s = now_s - self._start_s - self._steps * self._plant.dt_s
         if behind_s > LONGEST_CATCH_UP_S:
@@ -133,38 +156,60 @@ class VirtualMachine:
     def _write_heads(self, ndvi: tuple[float, ...]) -> None:
         if self._multiplexed:
             self._head_ports[0].write(
-                b"".join(head_line(value, self._layout, head) for head, value in enumerate(ndvi, start=1)))
+                b"".join(
+                    head_line(value, self._layout, head) for head, value in enumerate(ndvi, start=1)
+                )
+            )
             return
         for port, value in zip(self._head_ports, ndvi, strict=True):
             port.write(head_line(value, self._layout))
 
 
-def virtual_cab(plant: Plant, clock: Clock, heads: int = 6, *, protocol: str = "greenseeker",
-                multiplexed: bool = False,
-                board: BoardConfig | None = None, opening_mm: float = OPENING_MM,
-                index: Literal["ndvi", "ndre"] = "ndvi", extras: Sequence[Extra] = ()) -> tuple[Cab, VirtualMachine]:
+def virtual_cab(
+    plant: Plant,
+    clock: Clock,
+    heads: int = 6,
+    *,
+    protocol: str = "greenseeker",
+    multiplexed: bool = False,
+    board: BoardConfig | None = None,
+    opening_mm: float = OPENING_MM,
+    index: Literal["ndvi", "ndre"] = "ndvi",
+    extras: Sequence[Extra] = (),
+) -> tuple[Cab, VirtualMachine]:
     """A cab and the virtual machine that it is plugged into, joined by ports in memory.
 
     The caller calls `machine.advance(now_s)` before `cab.measure(now_s)`, every tick.
 
-    Parameters
-    ----------
-    heads : how many canopy heads the plant has.
-    protocol : how they write, one of `canopy_heads.PROTOCOLS`.
-    opening_mm : where the plant's gate stands at its start.
-    index : which of the heads' indices counts.
-    extras : what else is plugged in, as `VirtualMachine` has them.
-    board : drive limits and wheel, where they differ from the nominal machine's; its port name is not used.
+    Parameters ---------- heads : how many canopy heads the plant has. protocol : how they
+    write, one of `canopy_heads.PROTOCOLS`. opening_mm : where the plant's gate stands at its
+    start. index : which of the heads' indices counts. extras : what else is plugged in, as
+    `VirtualMachine` has them. board : drive limits and wheel, where they differ from the
+    nominal machine's; its port name is not used.
     """
-    head_names = ("memory:heads",) if multiplexed else tuple(f"memory:head_{n}" for n in range(1, heads + 1))
+    head_names = (
+        ("memory:heads",) if multiplexed else tuple(f"memory:head_{n}" for n in range(1, heads + 1))
+    )
     names = ("memory:gnss", *head_names, "memory:board")
-    pairs: dict[str, tuple[MemoryPort, MemoryPort]] = {name: memory_pair(name, clock) for name in names}
+    pairs: dict[str, tuple[MemoryPort, MemoryPort]] = {
+        name: memory_pair(name, clock) for name in names
+    }
     config = CabConfig(
         gnss=GnssConfig(port="memory:gnss"),
-        heads=HeadsConfig(protocol=protocol, ports=head_names, multiplexed=multiplexed, heads=heads,
-                          index=index),
-        board=(board or BoardConfig(port="")).model_copy(update={"port": "memory:board"}))
-    machine = VirtualMachine(plant, pairs["memory:gnss"][1], [pairs[name][1] for name in head_names],
-                             pairs["memory:board"][1], clock(), layout=PROTOCOLS[protocol], multiplexed=multiplexed,
-                             opening_mm=opening_mm, extras=extras)
+        heads=HeadsConfig(
+            protocol=protocol, ports=head_names, multiplexed=multiplexed, heads=heads, index=index
+        ),
+        board=(board or BoardConfig(port="")).model_copy(update={"port": "memory:board"}),
+    )
+    machine = VirtualMachine(
+        plant,
+        pairs["memory:gnss"][1],
+        [pairs[name][1] for name in head_names],
+        pairs["memory:board"][1],
+        clock(),
+        layout=PROTOCOLS[protocol],
+        multiplexed=multiplexed,
+        opening_mm=opening_mm,
+        extras=extras,
+    )
     return Cab(config, clock, lambda url, _baud, _clock: pairs[url][0]), machine

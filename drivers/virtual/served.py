@@ -1,4 +1,6 @@
-"""The virtual machine served to other programs: TCP ports, pseudo-terminals and UDP, with faults on a time line."""
+"""The virtual machine served to other programs: TCP ports, pseudo-terminals and UDP, with
+faults on a time line."""
+
 from __future__ import annotations
 
 import contextlib
@@ -32,9 +34,11 @@ from drivers.virtual.lag_rig import VirtualLagRig
 from drivers.virtual.machine import OPENING_MM, VirtualMachine
 
 
-# A pseudo-terminal as the virtual machine's end of a serial line, under a name that stays. POSIX systems only.
+# A pseudo-terminal as the virtual machine's end of a serial line, under a name that stays.
+# POSIX systems only.
 class TerminalPort(ThreadedPort):
-    """The device's end; a program opens the name `link` as it would a serial port. Connected while one has it open.
+    """The device's end; a program opens the name `link` as it would a serial port. Connected
+    while one has it open.
 
     Raises
     ------
@@ -45,7 +49,13 @@ class TerminalPort(ThreadedPort):
         self._link = link
         self._master = -1
         self._make()
-        super().__init__(str(link), self._wait_for_a_program, clock, first_back_off_s=0.01, longest_back_off_s=0.01)
+        super().__init__(
+            str(link),
+            self._wait_for_a_program,
+            clock,
+            first_back_off_s=0.01,
+            longest_back_off_s=0.01,
+        )
 
     def let_go(self) -> None:
         """Unplugged: the terminal and its name are gone, as when a USB plug is pulled."""
@@ -72,6 +82,7 @@ class TerminalPort(ThreadedPort):
         if sys.platform == "win32":
             raise OSError("this system has no pseudo-terminals")
         import tty
+
         self._master, slave = os.openpty()
         tty.setraw(slave)
         name = os.ttyname(slave)
@@ -83,7 +94,8 @@ class TerminalPort(ThreadedPort):
 
 
 class _MasterStream:
-    """Reading ends with OSError when the program closes its end; what it does not take in time is lost."""
+    """Reading ends with OSError when the program closes its end; what it does not take in time
+    is lost."""
 
     def __init__(self, master: int) -> None:
         self._master = master
@@ -103,7 +115,8 @@ class _MasterStream:
 
 # A port that waits for one TCP client at a time: the virtual machine's end of a `socket://` line.
 class ListeningPort(ThreadedPort):
-    """Listens at once; connected while a client is there; a next client is taken when the one before has gone.
+    """Listens at once; connected while a client is there; a next client is taken when the one
+    before has gone.
 
     Raises
     ------
@@ -115,8 +128,13 @@ class ListeningPort(ThreadedPort):
         self._server.settimeout(READ_TIMEOUT_S)
         self.number: int = self._server.getsockname()[1]
         self._address = host, self.number
-        super().__init__(f"socket://{host}:{self.number}", self._accept, clock,
-                         first_back_off_s=0.01, longest_back_off_s=0.01)
+        super().__init__(
+            f"socket://{host}:{self.number}",
+            self._accept,
+            clock,
+            first_back_off_s=0.01,
+            longest_back_off_s=0.01,
+        )
 
     def let_go(self) -> None:
         """Unplugged: nobody can connect."""
@@ -130,7 +148,8 @@ class ListeningPort(ThreadedPort):
         self.let_go()
 
     def _accept(self) -> SocketStream:
-        """On the reader's thread, the only one that touches the listening socket while the port is open."""
+        """On the reader's thread, the only one that touches the listening socket while the port
+        is open."""
         if self._server is None:
             self._server = socket.create_server(self._address)
             self._server.settimeout(READ_TIMEOUT_S)
@@ -142,28 +161,33 @@ class ListeningPort(ThreadedPort):
 
 
 FIRST_PORT = 4100
-TRUE_PULSES_PER_TURN = 360.0        # of the virtual rate module's encoder
+TRUE_PULSES_PER_TURN = 360.0  # of the virtual rate module's encoder
 
 
 @dataclass(frozen=True, slots=True)
 class Serve:
-    """What is served and where. `first_port` 0: any free ports. Rate module and AgOpenGPS: (host, port), or None."""
+    """What is served and where. `first_port` 0: any free ports. Rate module and AgOpenGPS:
+    (host, port), or None."""
 
     host: str = "127.0.0.1"
     first_port: int = FIRST_PORT
     heads: int = 6
     protocol: str = "greenseeker"
     opening_mm: float = OPENING_MM
-    terminals: Path | None = None                       # folder for the pseudo-terminals' names
-    rate_module: tuple[str, int] | None = None          # where the virtual module listens ...
-    console: tuple[str, int] = ("127.0.0.1", 29999)     # ... and where it answers
-    agopengps: tuple[str, int] | None = None            # where positions are sent to
+    terminals: Path | None = None  # folder for the pseudo-terminals' names
+    rate_module: tuple[str, int] | None = None  # where the virtual module listens ...
+    console: tuple[str, int] = ("127.0.0.1", 29999)  # ... and where it answers
+    agopengps: tuple[str, int] | None = None  # where positions are sent to
     faults: Sequence[TimedFault] = field(default=())
 
     @property
     def devices(self) -> tuple[str, ...]:
         heads = tuple(f"head_{n}" for n in range(1, self.heads + 1))
-        more = [name for name, there in (("rate_module", self.rate_module), ("agopengps", self.agopengps)) if there]
+        more = [
+            name
+            for name, there in (("rate_module", self.rate_module), ("agopengps", self.agopengps))
+            if there
+        ]
         return ("gnss", *heads, "board", "gpsd", "lag_rig", *more)
 
     def with_faults(self, faults: Sequence[TimedFault]) -> Serve:
@@ -241,12 +265,19 @@ class ServedMachine:
     @property
     def addresses(self) -> tuple[Address, ...]:
         """Where each device is to be found."""
-        protocols = {"gnss": "nmea0183", "board": "slave-board/1", "gpsd": "gpsd", "lag_rig": "lag-rig/1",
-                     "rate_module": "rate-module/udp", "agopengps": "agopengps"}
+        protocols = {
+            "gnss": "nmea0183",
+            "board": "slave-board/1",
+            "gpsd": "gpsd",
+            "lag_rig": "lag-rig/1",
+            "rate_module": "rate-module/udp",
+            "agopengps": "agopengps",
+        }
         return tuple(
             Address(device, protocols.get(device, self._serve.protocol), url)
             for device, line in self._lines.items()
-            for url in ((line.name,) if isinstance(line, ServedDatagrams) else line.names))
+            for url in ((line.name,) if isinstance(line, ServedDatagrams) else line.names)
+        )
 
     def advance(self) -> list[str]:
         """Bring the plant up to the clock; what changed on the time line of faults, in words."""
@@ -275,23 +306,45 @@ class ServedMachine:
         for place, device in enumerate(("gnss", *heads, "board", "gpsd", "lag_rig")):
             if device == "gpsd":
                 number = serve.first_port + place if serve.first_port else 0
-                terminal = TerminalPort(serve.terminals / device, self._clock) if serve.terminals is not None else None
-                gpsd = self._lines[device] = GpsdServer(serve.host, number, self._clock, place, terminal)
+                terminal = (
+                    TerminalPort(serve.terminals / device, self._clock)
+                    if serve.terminals is not None
+                    else None
+                )
+                gpsd = self._lines[device] = GpsdServer(
+                    serve.host, number, self._clock, place, terminal
+                )
             else:
                 lines[device] = self._lines[device] = self._line(device, serve, place)
-        extras: list[Extra] = [VirtualGpsd(gpsd),
-                               VirtualLagRig(lines["lag_rig"], lambda: getattr(plant, "truth", None))]
+        extras: list[Extra] = [
+            VirtualGpsd(gpsd),
+            VirtualLagRig(lines["lag_rig"], lambda: getattr(plant, "truth", None)),
+        ]
         if serve.rate_module is not None:
             host, number = serve.rate_module
-            module = self._datagrams("rate_module", f"udp://{host}:{number}?to={serve.console[0]}:{serve.console[1]}")
+            module = self._datagrams(
+                "rate_module", f"udp://{host}:{number}?to={serve.console[0]}:{serve.console[1]}"
+            )
             extras.append(VirtualRateModule(module, TRUE_PULSES_PER_TURN))
         if serve.agopengps is not None:
             host, number = serve.agopengps
-            extras.append(VirtualAgOpenGps(self._datagrams("agopengps", f"udp://{host}:0?to={host}:{number}")))
+            extras.append(
+                VirtualAgOpenGps(self._datagrams("agopengps", f"udp://{host}:0?to={host}:{number}"))
+            )
         if any(fault.kind in DRIVES for fault in serve.faults):
-            extras.append(VirtualRunaway(lambda at_s: runaway_at(serve.faults, at_s), self._start_s))
-        return VirtualMachine(plant, lines["gnss"], [lines[name] for name in heads], lines["board"], self._start_s,
-                              layout=PROTOCOLS[serve.protocol], opening_mm=serve.opening_mm, extras=extras)
+            extras.append(
+                VirtualRunaway(lambda at_s: runaway_at(serve.faults, at_s), self._start_s)
+            )
+        return VirtualMachine(
+            plant,
+            lines["gnss"],
+            [lines[name] for name in heads],
+            lines["board"],
+            self._start_s,
+            layout=PROTOCOLS[serve.protocol],
+            opening_mm=serve.opening_mm,
+            extras=extras,
+        )
 
     def _line(self, device: str, serve: Serve, place: int) -> ServedLine:
         number = serve.first_port + place if serve.first_port else 0
@@ -311,8 +364,11 @@ class ServedMachine:
 
 
 def _words_of_drives(runs_away: Runaway) -> str:
-    wrong = [f"{name} {value:g} whatever the command" for name, value in runs_away._asdict().items()
-             if value is not None]
+    wrong = [
+        f"{name} {value:g} whatever the command"
+        for name, value in runs_away._asdict().items()
+        if value is not None
+    ]
     return ", ".join(wrong) or "its drives obey"
 
 

@@ -37,4 +37,5 @@ def paper_table() -> Callable[[str], list[dict[str, str]]]:
     def rows(name: str) -> list[dict[str, str]]:
         with (PAPERS / name).open(encoding="utf-8", newline="") as lines:
             return list(csv.DictReader(lines))
+
     return rows

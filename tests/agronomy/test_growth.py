@@ -1,4 +1,6 @@
-"""The stage for which a crop's rule was made: warned of at check, at START and in the report; never a stop."""
+"""The stage for which a crop's rule was made: warned of at check, at START and in the report;
+never a stop."""
+
 from __future__ import annotations
 
 import datetime as dt
@@ -29,17 +31,33 @@ FEEKES = GrowthWindow(scale="feekes", first=4, last=6)
 def test_in_the_crop_files_own_terms():
     def stage(scale: str, at: float) -> GrowthStage:
         return GrowthStage(scale=scale, stage=at)
+
     assert growth_of(None, stage("feekes", 5), 90) is None
-    assert [growth_of(FEEKES, stage("feekes", at), 90).is_outside for at in (3.9, 4, 5, 6, 6.1)] == [
-        True, False, False, False, True]
-    assert growth_of(FEEKES, stage("bbch", 31), 90) == growth_of(FEEKES, None, 90) == Growth("feekes", 4, 6, None)
+    assert [
+        growth_of(FEEKES, stage("feekes", at), 90).is_outside for at in (3.9, 4, 5, 6, 6.1)
+    ] == [True, False, False, False, True]
+    assert (
+        growth_of(FEEKES, stage("bbch", 31), 90)
+        == growth_of(FEEKES, None, 90)
+        == Growth("feekes", 4, 6, None)
+    )
     days = GrowthWindow(scale="days", first=87, last=112)
-    assert [growth_of(days, None, count).is_outside for count in (86, 87, 112, 113)] == [True, False, False, True]
+    assert [growth_of(days, None, count).is_outside for count in (86, 87, 112, 113)] == [
+        True,
+        False,
+        False,
+        True,
+    ]
 
 
-@pytest.mark.parametrize("wrong", [
-    {"scale": "feekes", "first": 6, "last": 4}, {"scale": "bbch", "first": 20, "last": 120},
-    {"scale": "weeks", "first": 1, "last": 2}])
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"scale": "feekes", "first": 6, "last": 4},
+        {"scale": "bbch", "first": 20, "last": 120},
+        {"scale": "weeks", "first": 1, "last": 2},
+    ],
+)
 def test_windows_that_are_none(wrong):
     with pytest.raises(ValidationError):
         GrowthWindow.model_validate(wrong)
@@ -48,7 +66,9 @@ def test_windows_that_are_none(wrong):
 def ticks(growth: GrowthStage | None):
     crop = SETUP.crop.model_copy(update={"growth_window": FEEKES})
     closed = Closed(sim={"begin_m": 30.0}, known={"crop": crop}, growth=growth)
-    return [step.tick for step in closed.through(25.0, [(0.2, Order(Do.READY)), (3.0, Order(Do.START))])]
+    return [
+        step.tick for step in closed.through(25.0, [(0.2, Order(Do.READY)), (3.0, Order(Do.START))])
+    ]
 
 
 def test_a_start_beyond_the_window_is_said_and_works():
@@ -59,15 +79,25 @@ def test_a_start_beyond_the_window_is_said_and_works():
     assert 2.9 < noted[0] < 3.2 and 17.0 < noted[-1] < 18.5
     assert seen[-1].row.state == "working" and seen[-1].command.shaft_rpm > 5.0, "never a stop"
     for stage in (None, GrowthStage(scale="feekes", stage=5)):
-        assert not [tick for tick in ticks(stage) if "growth" in (tick.row.events or "") or tick.notes == (
-            "growth_stage_outside",)]
+        assert not [
+            tick
+            for tick in ticks(stage)
+            if "growth" in (tick.row.events or "") or tick.notes == ("growth_stage_outside",)
+        ]
 
 
 def test_the_report_says_it():
     class Log:
         def rows(self):
-            return iter([LogRow(0.0, state="ready"),
-                         LogRow(1.0, state="working", events="growth_stage_outside feekes 8 (4 to 6);start")])
+            return iter(
+                [
+                    LogRow(0.0, state="ready"),
+                    LogRow(
+                        1.0, state="working", events="growth_stage_outside feekes 8 (4 to 6);start"
+                    ),
+                ]
+            )
+
     told = happened(Log())
     assert told.growth == "feekes 8 (4 to 6)"
     assert "rule: feekes 8 (4 to 6)" in named(About(happened=told), "urea")
@@ -76,38 +106,61 @@ def test_the_report_says_it():
 
 def test_check_says_it(tmp_path):
     demo = load("demo", JOB).model.model_copy(update={"crop": "osu_winter_wheat_2007"})
-    for growth, said in ((None, "growth stage not said"), (GrowthStage(scale="feekes", stage=8), "feekes 8 is outside"),
-                         (GrowthStage(scale="feekes", stage=5), "")):
+    for growth, said in (
+        (None, "growth stage not said"),
+        (GrowthStage(scale="feekes", stage=8), "feekes 8 is outside"),
+        (GrowthStage(scale="feekes", stage=5), ""),
+    ):
         save(tmp_path / "job.yaml", demo.model_copy(update={"growth": growth}), JOB)
         result = topdress("check", tmp_path / "job.yaml")
-        assert result.exit_code == 0 and ("growth stage" in result.output) == bool(said) and said in result.output
-    save(tmp_path / "job.yaml", demo.model_copy(update={"ndvi_nrich": 0.5, "ndvi_check": 0.55}), JOB)
+        assert (
+            result.exit_code == 0
+            and ("growth stage" in result.output) == bool(said)
+            and said in result.output
+        )
+    save(
+        tmp_path / "job.yaml", demo.model_copy(update={"ndvi_nrich": 0.5, "ndvi_check": 0.55}), JOB
+    )
     assert "response index 0.91: no response" in topdress("check", tmp_path / "job.yaml").output
 
 
 def test_the_list_before_work_says_it():
     for stage, level in ((None, LOOK), (8.0, LOOK), (5.0, OK)):
         seen = None if stage is None else GrowthStage(scale="feekes", stage=stage)
-        facts = facts_of({"growth_window": GrowthWindow(scale="feekes", first=4, last=6)}, {"growth": seen})
-        line = next(one for one in checks(None, 0.0, facts, "", None, METRIC) if one.label == "growth stage")
+        facts = facts_of(
+            {"growth_window": GrowthWindow(scale="feekes", first=4, last=6)}, {"growth": seen}
+        )
+        line = next(
+            one for one in checks(None, 0.0, facts, "", None, METRIC) if one.label == "growth stage"
+        )
         assert line.level == level and "Feekes" in line.text
 
 
 def test_the_jobs_dates_count_with_the_crops_weather(tmp_path):
     crop = load_setup("huanghai", "demo", dt.date(2014, 3, 7)).crop
     from drivers.files.kinds import CROP
+
     rows = "".join(f"{dt.date(2025, 11, 1) + dt.timedelta(days=k)},8.0\n" for k in range(150))
     (tmp_path / "w.csv").write_text("date,mean_temp_c\n" + rows)
-    days = crop.days.model_copy(update={
-        "count": None, "above_c": None, "weather": "w.csv", "sown": dt.date(2025, 11, 1)})
+    days = crop.days.model_copy(
+        update={"count": None, "above_c": None, "weather": "w.csv", "sown": dt.date(2025, 11, 1)}
+    )
     save(tmp_path / "crop.yaml", crop.model_copy(update={"days": days}), CROP)
     demo = load("demo", JOB).model.model_copy(update={"crop": "crop.yaml"})
-    for dates, count in (({}, 100), ({"sown": dt.date(2025, 11, 11)}, 90), ({"sensed": dt.date(2026, 1, 30)}, 90)):
+    for dates, count in (
+        ({}, 100),
+        ({"sown": dt.date(2025, 11, 11)}, 90),
+        ({"sensed": dt.date(2026, 1, 30)}, 90),
+    ):
         save(tmp_path / "job.yaml", demo.model_copy(update=dates), JOB)
-        assert load_setup("huanghai", str(tmp_path / "job.yaml"), dt.date(2026, 2, 9)).rule.days == count
+        assert (
+            load_setup("huanghai", str(tmp_path / "job.yaml"), dt.date(2026, 2, 9)).rule.days
+            == count
+        )
 
 
-# --- Growing days: the count, and what is refused rather than guessed ------------------------------------------------
+# --- Growing days: the count, and what is refused rather than guessed
+# ------------------------------------------------
 
 SOWN, SENSED = dt.date(2013, 11, 1), dt.date(2014, 3, 7)
 
@@ -139,11 +192,21 @@ def test_order_does_not_matter():
     assert days_above_base(dates[shuffled], temps[shuffled], SOWN, dt.date(2013, 11, 5), 0.0) == 2
 
 
-@pytest.mark.parametrize(("temps", "part"), [
-    ([5.0, 5.0], "no mean temperature for 2 of the 4 days from 2013-11-01 to 2013-11-05, the first is 2013-11-03"),
-    ([5.0, float("nan"), 5.0, 5.0], "for 1 of the 4 days from 2013-11-01 to 2013-11-05, the first is 2013-11-02"),
-    ([-5.0] * 4, "no day .* above 0 degC"),
-])
+@pytest.mark.parametrize(
+    ("temps", "part"),
+    [
+        (
+            [5.0, 5.0],
+            "no mean temperature for 2 of the 4 days from 2013-11-01 to 2013-11-05, the "
+            "first is 2013-11-03",
+        ),
+        (
+            [5.0, float("nan"), 5.0, 5.0],
+            "for 1 of the 4 days from 2013-11-01 to 2013-11-05, the first is 2013-11-02",
+        ),
+        ([-5.0] * 4, "no day .* above 0 degC"),
+    ],
+)
 def test_what_is_not_known_is_not_guessed(temps, part):
     dates, values = season(temps)
     with pytest.raises(ValueError, match=part):
@@ -161,7 +224,8 @@ def test_doubled_date_and_backward_span_are_refused():
         days_above_base(dates, temps[:3], SOWN, SENSED, 0.0)
 
 
-# --- Weather files: what is read, and the one line said about what is not --------------------------------------------
+# --- Weather files: what is read, and the one line said about what is not
+# --------------------------------------------
 
 TODAY = dt.date(2026, 3, 1)
 
@@ -172,11 +236,14 @@ def file(tmp_path):
         path = tmp_path / "weather.csv"
         path.write_bytes(text.encode(encoding))
         return path
+
     return write
 
 
 def test_mean_temperatures(file):
-    weather = read_weather(file("date,rain_mm,mean_temp_c\n2013-11-01,0,12.5\n2013-11-02,3,\n\n2013-11-03,1,-2\n"))
+    weather = read_weather(
+        file("date,rain_mm,mean_temp_c\n2013-11-01,0,12.5\n2013-11-02,3,\n\n2013-11-03,1,-2\n")
+    )
     assert [str(day) for day in weather.dates] == ["2013-11-01", "2013-11-02", "2013-11-03"]
     assert weather.mean_temp_c.tolist()[::2] == [12.5, -2.0]
     assert weather.mean_temp_c[1] != weather.mean_temp_c[1]
@@ -189,18 +256,27 @@ def test_lowest_and_highest_with_a_byte_order_mark_and_crlf(file):
     assert weather.mean_temp_c[1] != weather.mean_temp_c[1]
 
 
-@pytest.mark.parametrize(("text", "part"), [
-    ("", "is empty"),
-    ("date,mean_temp_c\n", "no rows"),
-    ("day,mean_temp_c\n2013-11-01,5\n", "no column date; found day, mean_temp_c"),
-    ("date,temp\n2013-11-01,5\n", "no column mean_temp_c"),
-    ("date,mean_temp_c\n01.11.2013,5\n", r"row 2: date '01\.11\.2013': allowed is year-month-day"),
-    ("date,mean_temp_c\n2013-11-01,5\n2013-11-02,warm\n", "row 3: mean_temp_c 'warm': allowed is -90 to 60"),
-    ("date,mean_temp_c\n2013-11-01,-999\n", "row 2: mean_temp_c '-999'"),
-    ("date,mean_temp_c\n2013-11-01,nan\n", "row 2"),
-    ("date,mean_temp_c\n2013-11-01\n", "row 2: 1 cells, the header has 2"),
-    ("date,min_temp_c,max_temp_c\n2013-11-01,9,3\n", "min_temp_c 9 is above max_temp_c 3"),
-])
+@pytest.mark.parametrize(
+    ("text", "part"),
+    [
+        ("", "is empty"),
+        ("date,mean_temp_c\n", "no rows"),
+        ("day,mean_temp_c\n2013-11-01,5\n", "no column date; found day, mean_temp_c"),
+        ("date,temp\n2013-11-01,5\n", "no column mean_temp_c"),
+        (
+            "date,mean_temp_c\n01.11.2013,5\n",
+            r"row 2: date '01\.11\.2013': allowed is year-month-day",
+        ),
+        (
+            "date,mean_temp_c\n2013-11-01,5\n2013-11-02,warm\n",
+            "row 3: mean_temp_c 'warm': allowed is -90 to 60",
+        ),
+        ("date,mean_temp_c\n2013-11-01,-999\n", "row 2: mean_temp_c '-999'"),
+        ("date,mean_temp_c\n2013-11-01,nan\n", "row 2"),
+        ("date,mean_temp_c\n2013-11-01\n", "row 2: 1 cells, the header has 2"),
+        ("date,min_temp_c,max_temp_c\n2013-11-01,9,3\n", "min_temp_c 9 is above max_temp_c 3"),
+    ],
+)
 def test_refusals_name_file_and_row(file, text, part):
     path = file(text)
     with pytest.raises(WeatherError, match=part) as caught:
@@ -216,14 +292,21 @@ def test_no_file_and_no_text(tmp_path, file):
 
 
 def test_a_crop_counts_by_its_own_day_rule(file, crop_data):
-    folder = file("date,mean_temp_c\n" + "".join(
-        f"2013-11-{day:02d},{temp}\n" for day, temp in enumerate([5, 3, 4.4, 4.5, -1, 9], start=1))).parent
+    folder = file(
+        "date,mean_temp_c\n"
+        + "".join(
+            f"2013-11-{day:02d},{temp}\n"
+            for day, temp in enumerate([5, 3, 4.4, 4.5, -1, 9], start=1)
+        )
+    ).parent
     when = {"weather": "weather.csv", "sown": "2013-11-01", "sensed": "2013-11-07"}
     oklahoma = Crop.model_validate(crop_data("osu_winter_wheat_2004") | {"days": when})
     huanghai = Crop.model_validate(crop_data("huanghai_wheat") | {"days": when})
     assert growing_days(oklahoma, folder, TODAY) == 3
     assert growing_days(huanghai, folder, TODAY) == 5
-    until_today = Crop.model_validate(crop_data("huanghai_wheat") | {"days": when | {"sensed": None}})
+    until_today = Crop.model_validate(
+        crop_data("huanghai_wheat") | {"days": when | {"sensed": None}}
+    )
     assert growing_days(until_today, folder, dt.date(2013, 11, 3)) == 2
     with pytest.raises(WeatherError, match=r"weather\.csv: no mean temperature for .* days"):
         growing_days(until_today, folder, dt.date(2013, 12, 1))

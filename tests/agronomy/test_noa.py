@@ -1,4 +1,5 @@
 """The nitrogen optimisation against paper A's own figures, and within its bounds everywhere."""
+
 from __future__ import annotations
 
 import math
@@ -68,8 +69,9 @@ def test_cut_offs(huanghai):
     rule, graded = prepare(smooth(huanghai)), prepare(huanghai)
     assert rule.decide(0.2499).why == graded.decide(0.2499).why == "below_cutoff"
     assert rule.decide(0.7501).why == graded.decide(0.7501).why == "above_cutoff"
-    assert rule.decide(0.25).rate_kg_ha > 500.0 - 1e-9        # the print: zero below 0.25 only ...
-    assert graded.decide(0.25).rate_kg_ha == 0.0              # ... but the first grade is (0.25, 0.3]
+    # the print: zero below 0.25 only ...
+    assert rule.decide(0.25).rate_kg_ha > 500.0 - 1e-9
+    assert graded.decide(0.25).rate_kg_ha == 0.0  # ... but the first grade is (0.25, 0.3]
     assert graded.decide(0.2501).rate_kg_ha == pytest.approx(491.6, abs=0.05)
 
 
@@ -86,7 +88,8 @@ def test_eleven_grades_each_at_its_upper_edge(huanghai):
     assert grades == set(range(11))
     for grade, edge in enumerate(edges, start=1):
         assert graded_ndvi(edge).grade == grade
-        assert graded_ndvi(edge + 1e-12).grade == grade       # a median of floats may sit this close
+        # a median of floats may sit this close
+        assert graded_ndvi(edge + 1e-12).grade == grade
         assert graded_ndvi(edge - 0.049).grade == grade
         assert graded_ndvi(edge).ndvi == pytest.approx(edge)
     assert prepare(huanghai).decide(0.511).rate_kg_ha == rate_kg_ha(smooth(huanghai), 0.55)
@@ -127,7 +130,8 @@ def test_y_max_tames_the_exponential(oklahoma):
     assert 0.359 * math.exp(324.4 * 0.45 / 30) > 40.0
     assert decision.yield_with_t_ha == crop.y_max_t_ha
     assert decision.rate_kg_ha == 0.0
-    assert decision.yield_without_t_ha == crop.y_max_t_ha      # what is shown is no 46 t/ha either
+    # what is shown is no 46 t/ha either
+    assert decision.yield_without_t_ha == crop.y_max_t_ha
     partly = prepare(crop, days=60, ndvi_nrich=0.75).decide(0.5)
     assert partly.yield_with_t_ha == crop.y_max_t_ha
     assert partly.rate_kg_ha == pytest.approx(23.9 * (7.0 - partly.yield_without_t_ha) / 0.27)
@@ -139,11 +143,14 @@ def test_the_strip_decides_where_both_are_given(huanghai):
 
 
 def test_what_cannot_be_prepared_says_why(crop_data, oklahoma):
-    without = Crop.model_validate(crop_data("osu_winter_wheat_2004") | {"ndvi_nrich": None, "response_index": "paper"})
+    without = Crop.model_validate(
+        crop_data("osu_winter_wheat_2004") | {"ndvi_nrich": None, "response_index": "paper"}
+    )
     with pytest.raises(ValueError, match="ndvi_nrich and fixed_yield_t_ha both missing"):
         prepare(without)
     by_weather = Crop.model_validate(
-        crop_data("osu_winter_wheat_2004") | {"days": {"weather": "w.csv", "sown": "2013-11-01"}})
+        crop_data("osu_winter_wheat_2004") | {"days": {"weather": "w.csv", "sown": "2013-11-01"}}
+    )
     with pytest.raises(ValueError, match=r"to be counted from w\.csv"):
         prepare(by_weather)
     assert prepare(by_weather, days=90).days == 90
@@ -163,15 +170,32 @@ def test_limit_of_the_product_holds(huanghai):
 
 
 def _crop(grades: bool, eta: float) -> Crop:
-    return Crop.model_validate({
-        "format": "topdress-crop/1", "id": "any_wheat", "name": "any", "yield_potential": {"set": "osu_durum_2006"},
-        "days": {"count": 100, "above_c": 4.4}, "y_max_t_ha": 9.0, "fixed_yield_t_ha": 6.0, "efficiency": eta,
-        "grades": grades, "ndvi_max": 0.75, "fallback_rate_kg_ha": 50.0, "max_rate_kg_ha": 300.0})
+    return Crop.model_validate(
+        {
+            "format": "topdress-crop/1",
+            "id": "any_wheat",
+            "name": "any",
+            "yield_potential": {"set": "osu_durum_2006"},
+            "days": {"count": 100, "above_c": 4.4},
+            "y_max_t_ha": 9.0,
+            "fixed_yield_t_ha": 6.0,
+            "efficiency": eta,
+            "grades": grades,
+            "ndvi_max": 0.75,
+            "fallback_rate_kg_ha": 50.0,
+            "max_rate_kg_ha": 300.0,
+        }
+    )
 
 
 @settings(deadline=None)
-@given(ndvi=st.floats(allow_nan=True, allow_infinity=True), days=st.integers(1, 400),
-       nrich=st.none() | st.floats(0.01, 0.95), grades=st.booleans(), eta=st.floats(0.5, 0.7))
+@given(
+    ndvi=st.floats(allow_nan=True, allow_infinity=True),
+    days=st.integers(1, 400),
+    nrich=st.none() | st.floats(0.01, 0.95),
+    grades=st.booleans(),
+    eta=st.floats(0.5, 0.7),
+)
 def test_never_negative_never_above_the_limit(ndvi, days, nrich, grades, eta):
     crop = _crop(grades, eta)
     rate = rate_kg_ha(crop, ndvi, days, nrich)
@@ -188,7 +212,9 @@ def test_fixed_yield_form_falls_with_ndvi(ndvi, more):
     assert n_requirement_kg_ha(6.73, without[0]) >= n_requirement_kg_ha(6.73, without[1])
 
 
-# --- Evenness of a canopy, and the paper's choice of 1 Hz from its own table -----------------------------------------
+# --- Evenness of a canopy, and the paper's choice of 1 Hz from its own table
+# -----------------------------------------
+
 
 def test_by_hand():
     values = [0.4, 0.5, 0.6]
@@ -234,7 +260,8 @@ def test_the_paper_chooses_1_hz(paper_table):
     plots: dict[str, dict[float, Evenness]] = {}
     for row in paper_table("decision_table1_sampling.csv"):
         plots.setdefault(row["plot"], {})[float(row["frequency_hz"])] = Evenness(
-            0, math.nan, float(row["cv_percent"]), float(row["cuc_percent"]))
+            0, math.nan, float(row["cv_percent"]), float(row["cuc_percent"])
+        )
     assert len(plots) == 12
     choice = best_frequency(list(plots.values()))
     assert choice.frequency_hz == 1.0
@@ -255,13 +282,19 @@ def test_a_table_of_our_own_where_the_slowest_is_as_good():
         best_frequency([])
 
 
-# --- Table 2 of paper A: which of its columns the abstract's 28 kg N/ha comes from -----------------------------------
+# --- Table 2 of paper A: which of its columns the abstract's 28 kg N/ha comes from
+# -----------------------------------
+
 
 def test_28_kg_more_nitrogen_is_of_the_applied_amounts(paper_table):
     rows = paper_table("decision_table2_applied.csv")
-    extra = {column: extra_nitrogen_kg_ha(
-        [rate_from_weighing_kg_ha(float(row[column]), float(row["area_m2"])) for row in rows], 300.0)
-        for column in ("applied_kg", "target_kg")}
+    extra = {
+        column: extra_nitrogen_kg_ha(
+            [rate_from_weighing_kg_ha(float(row[column]), float(row["area_m2"])) for row in rows],
+            300.0,
+        )
+        for column in ("applied_kg", "target_kg")
+    }
     assert extra["applied_kg"] == pytest.approx(28.75)
     assert extra["target_kg"] == pytest.approx(17.75)
 
@@ -275,11 +308,15 @@ def test_by_hand_and_refused():
         extra_nitrogen_kg_ha([], 300.0)
 
 
-# --- Fusion of the heads: one bad head never reaches the decision, and is named --------------------------------------
+# --- Fusion of the heads: one bad head never reaches the decision, and is named
+# --------------------------------------
+
 
 def fuse(state, values, time_s):
     """One step with values that were all read now."""
-    return fuse_readings(state, tuple(None if v is None else Reading(v, time_s) for v in values), time_s)
+    return fuse_readings(
+        state, tuple(None if v is None else Reading(v, time_s) for v in values), time_s
+    )
 
 
 def run(rows, period_s=0.5, state=None, from_s=0.0):
@@ -297,13 +334,16 @@ def test_median_of_six():
 
 
 GOOD, BAD = [0.5] * 6, [0.5, 0.51, 0.75, 0.49, 0.5, 0.52]
-DROPPED = {                 # rows of the heads, two a second, and who is dropped after each
+# rows of the heads, two a second, and who is dropped after each
+DROPPED = {
     "one wild reading": ([GOOD, [0.5, 0.5, 0.9, 0.5, 0.5, 0.5], GOOD, GOOD], [()] * 4),
-    "after two seconds": ([BAD] * 8, [()] * 4 + [(3,)] * 4), "begun anew": ([BAD, BAD, BAD, GOOD] * 2, [()] * 8),
+    "after two seconds": ([BAD] * 8, [()] * 4 + [(3,)] * 4),
+    "begun anew": ([BAD, BAD, BAD, GOOD] * 2, [()] * 8),
     "two at once": ([[0.5, 0.51, 0.75, 0.49, 0.2, 0.52]] * 8, [()] * 4 + [(3, 5)] * 4),
     # three heads over bare soil, three over wheat: neither side outvotes the other
     "an edge of the field": ([[0.2, 0.21, 0.19, 0.6, 0.61, 0.62]] * 20, [()] * 20),
-    "a slope across the machine": ([[0.3, 0.36, 0.42, 0.48, 0.54, 0.60]] * 20, [()] * 20)}
+    "a slope across the machine": ([[0.3, 0.36, 0.42, 0.48, 0.54, 0.60]] * 20, [()] * 20),
+}
 
 
 @pytest.mark.parametrize("case", DROPPED)
@@ -313,12 +353,21 @@ def test_who_disagrees_is_dropped_and_named(case):
     assert [fused.dropped for fused in results] == dropped
     assert all(fused.disagreeing == fused.dropped and fused.silent == () for fused in results)
     assert all(fused.valid == 6 - len(fused.dropped) and not fused.degraded for fused in results)
-    assert "edge" in case or "slope" in case or all(fused.ndvi == pytest.approx(0.5, abs=0.006) for fused in results)
+    assert (
+        "edge" in case
+        or "slope" in case
+        or all(fused.ndvi == pytest.approx(0.5, abs=0.006) for fused in results)
+    )
 
 
-@pytest.mark.parametrize(("row", "degraded", "ndvi"), [
-    ([0.5, 0.5, 0.5, None, None, None], True, 0.5), ([0.5, 0.5, 0.5, 0.5, None, None], False, 0.5),
-    ([None] * 6, True, None)])
+@pytest.mark.parametrize(
+    ("row", "degraded", "ndvi"),
+    [
+        ([0.5, 0.5, 0.5, None, None, None], True, 0.5),
+        ([0.5, 0.5, 0.5, 0.5, None, None], False, 0.5),
+        ([None] * 6, True, None),
+    ],
+)
 def test_fewer_than_four_is_degraded_and_none_is_none(row, degraded, ndvi):
     _, (fused,) = run([row])
     assert (fused.degraded, fused.ndvi) == (degraded, ndvi) and fused.valid == 6 - row.count(None)
@@ -328,7 +377,8 @@ def test_fewer_than_four_is_degraded_and_none_is_none(row, degraded, ndvi):
 def test_a_dropped_head_comes_back_only_after_five_close_seconds():
     bad, near, good = ([0.5, 0.5, v, 0.5, 0.5, 0.5] for v in (0.75, 0.56, 0.51))
     state, _ = run([bad] * 6)
-    state, results = run([near] * 20, state=state, from_s=3.0)      # within 0.08, not within half of it
+    # within 0.08, not within half of it
+    state, results = run([near] * 20, state=state, from_s=3.0)
     assert all(fused.dropped == (3,) for fused in results)
     _, results = run([good] * 13, state=state, from_s=13.0)
     assert [fused.dropped for fused in results] == [(3,)] * 10 + [()] * 3
@@ -357,7 +407,8 @@ def test_a_value_that_is_no_ndvi_is_no_reading(nonsense):
 
 
 def test_held_readings_at_the_loops_rate_are_the_same_as_their_own_times():
-    """At 20 Hz the same 2 Hz readings are seen ten times; nothing may come sooner or later for it."""
+    """At 20 Hz the same 2 Hz readings are seen ten times; nothing may come sooner or later for
+    it."""
     state, dropped_at = start(6), None
     for tick in range(100):
         now = 0.05 * tick
@@ -380,8 +431,10 @@ def test_noise_drops_nobody_in_an_hour():
 
 
 @settings(deadline=None)
-@given(st.lists(st.lists(st.none() | st.floats(allow_nan=True), min_size=6, max_size=6), max_size=30),
-       st.floats(0.01, 3.0))
+@given(
+    st.lists(st.lists(st.none() | st.floats(allow_nan=True), min_size=6, max_size=6), max_size=30),
+    st.floats(0.01, 3.0),
+)
 def test_whatever_is_said_the_answer_is_sound(rows, period_s):
     limits = FusionLimits()
     state = FusionState()

@@ -1,4 +1,6 @@
-"""A still app for every test: seeded frames, a clock that stands, English, no colour or theme from outside."""
+"""A still app for every test: seeded frames, a clock that stands, English, no colour or theme
+from outside."""
+
 from __future__ import annotations
 
 import asyncio
@@ -6,7 +8,7 @@ import os
 from contextlib import asynccontextmanager
 from time import monotonic, process_time
 
-for _name in ("NO_COLOR", "TEXTUAL_THEME"):          # textual reads them when it is imported
+for _name in ("NO_COLOR", "TEXTUAL_THEME"):  # textual reads them when it is imported
     os.environ.pop(_name, None)
 
 import pytest  # noqa: E402
@@ -25,8 +27,10 @@ from tests.app import harness  # noqa: E402
 from tests.app.gallery import Picture, StillClock, StillSource, still_app  # noqa: E402
 from tests.app.made_up import run as sample  # noqa: E402
 
-LOOK_S = 0.02               # as Textual's own wait: what falls due sooner is waited for,
-IDLE_S = 0.001              # and so little is done meanwhile by a thread that only waits
+# as Textual's own wait: what falls due sooner is waited for,
+LOOK_S = 0.02
+# and so little is done meanwhile by a thread that only waits
+IDLE_S = 0.001
 try:
     SCHEDULED = os.open("/proc/self/schedstat", os.O_RDONLY)
 except OSError:
@@ -34,7 +38,8 @@ except OSError:
 
 
 def _queued_s() -> float:
-    """How long the thread that draws stood in the queue for a processor; 0 where the system does not say."""
+    """How long the thread that draws stood in the queue for a processor; 0 where the system
+    does not say."""
     return int(os.pread(SCHEDULED, 64, 0).split()[1]) * 1e-9 if SCHEDULED >= 0 else 0.0
 
 
@@ -50,10 +55,11 @@ def _threads_work(loop) -> bool:
 
 
 async def come_to_rest(_min_sleep: float = 0.0, max_sleep: float = 1.0) -> None:
-    """Textual's `wait_for_idle` by what the program does: its loop has nothing to do, and no thread computes for it.
+    """Textual's `wait_for_idle` by what the program does: its loop has nothing to do, and no
+    thread computes for it.
 
-    Textual waits 20 ms at least, and a second at most, which a program that shares its processor with many is not
-    given: here the second is one in which it could run.
+    Textual waits 20 ms at least, and a second at most, which a program that shares its
+    processor with many is not given: here the second is one in which it could run.
     """
     loop = asyncio.get_running_loop()
     start_s = monotonic() - _queued_s()
@@ -62,7 +68,8 @@ async def come_to_rest(_min_sleep: float = 0.0, max_sleep: float = 1.0) -> None:
         wait_s = LOOK_S if _threads_work(loop) else min(_next_s(loop), LOOK_S)
         await asyncio.sleep(wait_s)
         computes = _threads_work(loop) and (wait_s < LOOK_S or process_time() - before_s > IDLE_S)
-        still = wait_s >= LOOK_S and process_time() - before_s < IDLE_S      # something that repeats, and does little
+        # something that repeats, and does little
+        still = wait_s >= LOOK_S and process_time() - before_s < IDLE_S
         if still or (not computes and _next_s(loop) >= LOOK_S):
             return
 
@@ -90,18 +97,27 @@ def _rest(monkeypatch):
 
 @pytest.fixture(autouse=True, scope="session")
 def _styles_read_once():
-    """Each app reads some fifty style sheets, twice: a quarter of what its start costs. They are the same in all."""
+    """Each app reads some fifty style sheets, twice: a quarter of what its start costs. They
+    are the same in all."""
     parse, known = Stylesheet._parse_rules, {}
 
     def parsed(sheet: Stylesheet, css, read_from, is_default_rules=False, tie_breaker=0, scope=""):
-        key = (css, read_from, is_default_rules, tie_breaker, scope, tuple(sorted(sheet._variables.items())))
+        key = (
+            css,
+            read_from,
+            is_default_rules,
+            tie_breaker,
+            scope,
+            tuple(sorted(sheet._variables.items())),
+        )
         if key not in known:
             known[key] = parse(sheet, css, read_from, is_default_rules, tie_breaker, scope)
         return known[key]
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(Stylesheet, "_parse_rules", parsed)
-        patch.setattr(RuleSet, "__hash__", object.__hash__)     # the same, without a call for each rule and widget
+        # the same, without a call for each rule and widget
+        patch.setattr(RuleSet, "__hash__", object.__hash__)
         yield
 
 
@@ -137,15 +153,22 @@ def app(source, clock):
 @pytest.fixture
 def full(source, clock):
     """The app with services: every page can do its work."""
-    return TopdressApp(source, clock, live=False, utc_offset_s=0.0, services=sample.sample_services())
+    return TopdressApp(
+        source, clock, live=False, utc_offset_s=0.0, services=sample.sample_services()
+    )
 
 
 @pytest.fixture
 async def pilot(request):
-    """Drives the app that the test asks for, `full` or `app`, on a terminal of its `size`, else of its file's SIZE."""
+    """Drives the app that the test asks for, `full` or `app`, on a terminal of its `size`, else
+    of its file's SIZE."""
     asked = request.fixturenames
     app = request.getfixturevalue("full" if "full" in asked else "app")
-    size = request.getfixturevalue("size") if "size" in asked else getattr(request.module, "SIZE", (120, 40))
+    size = (
+        request.getfixturevalue("size")
+        if "size" in asked
+        else getattr(request.module, "SIZE", (120, 40))
+    )
     async with app.run_test(size=size) as pilot:
         yield pilot
 

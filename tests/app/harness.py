@@ -1,4 +1,6 @@
-"""What the tests of the app do alike: tell of another frame, turn to a page, wait until all is shown, read it."""
+"""What the tests of the app do alike: tell of another frame, turn to a page, wait until all is
+shown, read it."""
+
 from __future__ import annotations
 
 from contextlib import suppress
@@ -73,22 +75,29 @@ async def until(pilot, true, seconds=10.0) -> None:
 
 
 def dots(cells) -> set[tuple[int, int]]:
-    """Places (x, y) of all dots of braille cells, by the code chart: bits 0-2 and 6 left, 3-5 and 7 right."""
+    """Places (x, y) of all dots of braille cells, by the code chart: bits 0-2 and 6 left, 3-5
+    and 7 right."""
     bits = {(0, 0): 0, (0, 1): 1, (0, 2): 2, (0, 3): 6, (1, 0): 3, (1, 1): 4, (1, 2): 5, (1, 3): 7}
-    return {(2 * column + x, 4 * row + y) for (column, row), value in cells.items()
-            for (x, y), bit in bits.items() if value >> bit & 1}
+    return {
+        (2 * column + x, 4 * row + y)
+        for (column, row), value in cells.items()
+        for (x, y), bit in bits.items()
+        if value >> bit & 1
+    }
 
 
 def linear(text) -> list[float]:
     """Linear RGB of #rrggbb."""
-    channels = [int(text[i:i + 2], 16) / 255 for i in (1, 3, 5)]
+    channels = [int(text[i : i + 2], 16) / 255 for i in (1, 3, 5)]
     return [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in channels]
 
 
 def lab(rgb) -> tuple[float, float, float]:
     """CIE L*a*b* of linear RGB, D65."""
     matrix = ((0.4124, 0.3576, 0.1805), (0.2126, 0.7152, 0.0722), (0.0193, 0.1192, 0.9505))
-    xyz = [sum(w * c for w, c in zip(row, rgb, strict=True)) / white
-           for row, white in zip(matrix, (0.9505, 1.0, 1.089), strict=True)]
+    xyz = [
+        sum(w * c for w, c in zip(row, rgb, strict=True)) / white
+        for row, white in zip(matrix, (0.9505, 1.0, 1.089), strict=True)
+    ]
     f = [x ** (1 / 3) if x > 0.008856 else 7.787 * x + 16 / 116 for x in xyz]
     return 116 * f[1] - 16, 500 * (f[0] - f[1]), 200 * (f[1] - f[2])

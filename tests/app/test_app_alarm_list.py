@@ -1,4 +1,5 @@
 """When the bell rings, and the list of alarms."""
+
 from __future__ import annotations
 
 import sys
@@ -24,14 +25,31 @@ SIZE = (120, 40)
 
 RINGS = {
     "red at once and again until it is acknowledged": (
-        100.0, lambda t: (RED._replace(acknowledged=t >= 70.0),), [0.0, AGAIN_S, 2 * AGAIN_S]),
+        100.0,
+        lambda t: (RED._replace(acknowledged=t >= 70.0),),
+        [0.0, AGAIN_S, 2 * AGAIN_S],
+    ),
     "amber once": (200.0, lambda t: (AMBER,), [0.0]),
     "one ring for what comes within five seconds": (
-        20.0, lambda t: (AMBER,) if t < 1.0 else (AMBER, RED) if t < 2.0 else (AMBER, RED, OTHER),
-        [0.0, LEAST_APART_S]),
-    "one that flutters is not heard each time": (30.0, lambda t: (AMBER,) if int(t) % 2 == 0 else (), [0.0]),
-    "one that was away for long is": (30.0, lambda t: (AMBER,) if t < 1.0 or t > 15.0 else (), [0.0, 15.2]),
-    "nothing is owed for what is gone": (20.0, lambda t: (AMBER,) if t < 1.0 else (RED,) if t < 2.0 else (), [0.0]),
+        20.0,
+        lambda t: (AMBER,) if t < 1.0 else (AMBER, RED) if t < 2.0 else (AMBER, RED, OTHER),
+        [0.0, LEAST_APART_S],
+    ),
+    "one that flutters is not heard each time": (
+        30.0,
+        lambda t: (AMBER,) if int(t) % 2 == 0 else (),
+        [0.0],
+    ),
+    "one that was away for long is": (
+        30.0,
+        lambda t: (AMBER,) if t < 1.0 or t > 15.0 else (),
+        [0.0, 15.2],
+    ),
+    "nothing is owed for what is gone": (
+        20.0,
+        lambda t: (AMBER,) if t < 1.0 else (RED,) if t < 2.0 else (),
+        [0.0],
+    ),
 }
 
 
@@ -58,12 +76,18 @@ def test_an_entry_says_when_how_often_and_what_to_do():
     book.see(2.0, "2026-03-18T06:12:02Z", ())
     book.see(9.0, "2026-03-18T06:12:09Z", (RED._replace(acknowledged=True),))
     (entry,) = entries(book.records, METRIC, 8 * 3600.0)
-    assert entry.when == "first 14:12:01  last 14:12:09  2 times  acknowledged 14:12:09" and entry.stands
+    assert (
+        entry.when == "first 14:12:01  last 14:12:09  2 times  acknowledged 14:12:09"
+        and entry.stands
+    )
     assert entry.todo == "Stop. Check power and cable of the drive board."
     book = AlarmBook()
     book.see(3.0, None, (RED, AMBER))
     red, amber = entries(book.records, METRIC, 0.0)
-    assert red.when == "first 3 s  last 3 s  once  not acknowledged" and amber.when == "first 3 s  last 3 s  once"
+    assert (
+        red.when == "first 3 s  last 3 s  once  not acknowledged"
+        and amber.when == "first 3 s  last 3 s  once"
+    )
 
 
 async def test_the_list_shows_what_was(app, source, shown, pilot):
@@ -72,13 +96,19 @@ async def test_the_list_shows_what_was(app, source, shown, pilot):
     await pilot.press("exclamation_mark")
     assert isinstance(app.screen, AlarmList)
     text = "\n".join(shown(app))
-    assert "The metering shaft does not answer." in text and "not acknowledged" in text and "Stop. Check" in text
+    assert (
+        "The metering shaft does not answer." in text
+        and "not acknowledged" in text
+        and "Stop. Check" in text
+    )
     await pilot.press("escape")
     assert not isinstance(app.screen, AlarmList)
 
 
 async def test_on_replay_it_is_the_logs(replay_app, replay_source, frames, shown):
-    marked = [replace(frame, alarms=(RED,)) if 50 <= k < 60 else frame for k, frame in enumerate(frames)]
+    marked = [
+        replace(frame, alarms=(RED,)) if 50 <= k < 60 else frame for k, frame in enumerate(frames)
+    ]
     replay_source.replace(marked)
     app = replay_app
     async with app.run_test(size=SIZE) as pilot:
@@ -97,11 +127,13 @@ def test_an_alarm_strikes_three_times_and_a_caution_once():
     assert both.due(0.0, (AMBER, RED)) == 3, "the worst of what is new"
 
 
-async def test_a_sound_of_ones_own_takes_the_bells_place_and_never_holds_the_console(app, source, clock):
+async def test_a_sound_of_ones_own_takes_the_bells_place_and_never_holds_the_console(
+    app, source, clock
+):
     heard, played, waited = [], [], threading.Event()
 
     def play(command):
-        waited.wait(20.0)                       # a sound server that does not answer
+        waited.wait(20.0)  # a sound server that does not answer
         played.append(command)
         return "no such player" if len(played) > 1 else ""
 
@@ -119,7 +151,9 @@ async def test_a_sound_of_ones_own_takes_the_bells_place_and_never_holds_the_con
         clock.now_s += 40.0
         feed(app, [{}], alarms=(RED,))
         await pilot.pause(0.1)
-        assert heard and "no sound: no such player" in app.notice_text, "the bell rings where nothing can be played"
+        assert heard and "no sound: no such player" in app.notice_text, (
+            "the bell rings where nothing can be played"
+        )
 
 
 def test_a_player_begins_a_command_and_does_not_wait(tmp_path):
@@ -136,7 +170,8 @@ def test_a_player_begins_a_command_and_does_not_wait(tmp_path):
 
 
 async def test_what_is_shown_is_copied_by_the_terminals_clipboard(app, source, pilot):
-    """The alarms, a dialog's text, what the mouse has selected in one, and elsewhere the path of the log."""
+    """The alarms, a dialog's text, what the mouse has selected in one, and elsewhere the path
+    of the log."""
     feed(app, [{}], alarms=(RED,))
     await pilot.press("ctrl+y")
     assert app.clipboard == app.arrival.frame.log_path != ""

@@ -1,4 +1,6 @@
-"""Latched, gone, acknowledged: told apart wherever an alarm is shown; a fault written out; sizes for a seat's eyes."""
+"""Latched, gone, acknowledged: told apart wherever an alarm is shown; a fault written out;
+sizes for a seat's eyes."""
+
 from __future__ import annotations
 
 import json
@@ -22,7 +24,13 @@ from tests.app.made_up.run import sample_alarms
 def frame_with(frame, *, acknowledged=False, gone=False, state="working", why=""):
     red, amber = sample_alarms(frame.at_s)
     red = red._replace(acknowledged=acknowledged, gone_s=frame.at_s - 10.0 if gone else None)
-    return replace(frame, seq=frame.seq + 1, alarms=(red, amber), row=frame.row._replace(state=state), why_state=why)
+    return replace(
+        frame,
+        seq=frame.seq + 1,
+        alarms=(red, amber),
+        row=frame.row._replace(state=state),
+        why_state=why,
+    )
 
 
 def first_rows(frame):
@@ -35,12 +43,18 @@ def test_the_four_kinds_of_a_red_alarm_all_differ(frames):
     seen = {}
     for acknowledged in (False, True):
         for gone in (False, True):
-            head, todo, styles = first_rows(frame_with(frames[-1], acknowledged=acknowledged, gone=gone))
+            head, todo, styles = first_rows(
+                frame_with(frames[-1], acknowledged=acknowledged, gone=gone)
+            )
             assert ("cause gone at" in head) == gone
-            assert ("A: acknowledge" in todo) is not acknowledged and (" acknowledged " in todo) is acknowledged
+            assert ("A: acknowledge" in todo) is not acknowledged and (
+                " acknowledged " in todo
+            ) is acknowledged
             seen[acknowledged, gone] = styles
     assert "$alarm-red" in seen[False, False][1], "nobody has looked: the whole row"
-    assert "$alarm-red" in seen[True, False][0] and "$alarm-red" not in seen[True, False][1], "its cause still stands"
+    assert "$alarm-red" in seen[True, False][0] and "$alarm-red" not in seen[True, False][1], (
+        "its cause still stands"
+    )
     assert not any("$alarm-red" in style for gone in (True,) for style in seen[False, gone])
 
 
@@ -58,7 +72,9 @@ def test_the_book_and_the_list_keep_it_and_forget_it(frames):
     book.see(2.0, "2026-03-18T06:00:02Z", [red._replace(gone_s=1.5)])
     book.see(3.0, "2026-03-18T06:00:03Z", [red._replace(gone_s=1.5)])
     entry = entries(book.records, METRIC, 0.0)[0]
-    assert entry.gone and "cause gone at 06:00:02" in entry.when and "not acknowledged" in entry.when
+    assert (
+        entry.gone and "cause gone at 06:00:02" in entry.when and "not acknowledged" in entry.when
+    )
     book.see(4.0, "2026-03-18T06:00:04Z", [red])
     assert not entries(book.records, METRIC, 0.0)[0].gone, "it came back"
 
@@ -71,8 +87,14 @@ async def test_a_fault_takes_half_the_screen_with_its_remedy(app, source, shown,
         bar = app.page.query_one("#alarms", AlarmBar)
         assert abs(bar.size.height - size[1] / 2) <= 1
         text = " ".join(" ".join(shown(app)).split())
-        for wanted in ("FAULT", "The metering shaft does not answer.", "Stop. Check power and cable",
-                       "A: acknowledge the alarm.", "R: make the machine ready", "The cause is still there."):
+        for wanted in (
+            "FAULT",
+            "The metering shaft does not answer.",
+            "Stop. Check power and cable",
+            "A: acknowledge the alarm.",
+            "R: make the machine ready",
+            "The cause is still there.",
+        ):
             assert wanted in text, wanted
         assert "STOP" in shown(app)[-1]
 
@@ -93,17 +115,25 @@ async def test_a_fault_leaves_the_device_that_is_at_fault_in_sight(app, source, 
 @pytest.mark.parametrize("theme", themes.THEMES, ids=lambda theme: theme.name)
 def test_no_two_of_work_caution_choice_stop_and_alarm_look_the_same(theme):
     v = theme.variables
-    looks = {name: lab(linear(v[name])) for name in ("state-working", "alarm-amber", "select", "stop", "alarm-red")}
-    near = {(a, b): round(dist(looks[a], looks[b])) for a in looks for b in looks if a < b
-            and dist(looks[a], looks[b]) < 25.0}
+    looks = {
+        name: lab(linear(v[name]))
+        for name in ("state-working", "alarm-amber", "select", "stop", "alarm-red")
+    }
+    near = {
+        (a, b): round(dist(looks[a], looks[b]))
+        for a in looks
+        for b in looks
+        if a < b and dist(looks[a], looks[b]) < 25.0
+    }
     assert near == {}
 
 
-@pytest.mark.parametrize(("size", "rows"), [((160, 50), 10), ((120, 40), 5), ((80, 24), 5), ((60, 20), 5),
-                                           ((40, 10), 3)])
+@pytest.mark.parametrize(
+    ("size", "rows"), [((160, 50), 10), ((120, 40), 5), ((80, 24), 5), ((60, 20), 5), ((40, 10), 3)]
+)
 async def test_the_rates_are_drawn_as_large_as_there_is_room(app, shown, size, rows, pilot):
     await later(app, pilot)
-    heads = [row[:12].strip() for row in shown(app)[3:max(8, size[1] * 2 // 3)]]
+    heads = [row[:12].strip() for row in shown(app)[3 : max(8, size[1] * 2 // 3)]]
     drawn = [head for head in heads if head and set(head) <= set("█▀▄ ")]
     assert len(drawn) >= rows
 

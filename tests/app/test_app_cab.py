@@ -1,4 +1,6 @@
-"""In the cab: presets, a full hopper, a refill that was none, a boundary driven, an A-B line, a map by its path."""
+"""In the cab: presets, a full hopper, a refill that was none, a boundary driven, an A-B line, a
+map by its path."""
+
 from __future__ import annotations
 
 from dataclasses import replace
@@ -27,12 +29,18 @@ async def field_known(app, pilot):
     assert app.fields.of(app.source.newest) is not None
 
 
-# --- presets ----------------------------------------------------------------------------------------------------------
+# --- presets
+# --------------------------------------------------------------------------------------------------
+
 
 async def test_a_preset_is_two_keys_and_can_be_taken_back(full, source, pilot):
     before = source.newest.row.target_source
     await pilot.press("full_stop")
-    assert isinstance(full.screen, Confirm) and "150 kg/ha" in full.screen.heading and source.orders == []
+    assert (
+        isinstance(full.screen, Confirm)
+        and "150 kg/ha" in full.screen.heading
+        and source.orders == []
+    )
     await pilot.press("enter")
     assert source.orders == [Order(Do.MANUAL_RATE, 150.0), Order(Do.SOURCE, "manual")]
     await pilot.press("ctrl+z", "enter")
@@ -46,7 +54,9 @@ async def test_a_preset_beyond_the_limits_is_refused_with_both(full, source, pil
     assert "200 kg/ha" in full.notice_text and "120 kg/ha" in full.notice_text
 
 
-# --- refills ----------------------------------------------------------------------------------------------------------
+# --- refills
+# --------------------------------------------------------------------------------------------------
+
 
 async def test_hopper_full_is_what_is_missing_and_a_refill_can_be_taken_back(full, source):
     full.hopper_kg = 300.0
@@ -57,19 +67,24 @@ async def test_hopper_full_is_what_is_missing_and_a_refill_can_be_taken_back(ful
         await pilot.press("enter")
         assert source.orders == [Order(Do.REFILL, 250.5)]
         await pilot.press("ctrl+z")
-        assert isinstance(full.screen, Confirm) and "without the refill of 250.5 kg" in full.screen.text
+        assert (
+            isinstance(full.screen, Confirm)
+            and "without the refill of 250.5 kg" in full.screen.text
+        )
         await pilot.press("enter")
         assert source.orders[-1] == Order(Do.REFILL_BACK, 250.5)
 
 
 def test_what_was_taken_back_is_no_refill_anywhere():
     from console.worker.resume import without_last
+
     noted = (("a", 250.0), ("b", 100.0), ("c", 250.0))
     assert without_last(noted, 250.0) == noted[:2]
     assert without_last(noted, 99.0) == noted
 
 
 # --- limits, miles, colours ---
+
 
 async def test_limits_are_the_same_in_settings_and_dialog(full, source, shown, turned):
     full.crop_limits_kg_ha = 0.0, 500.0
@@ -98,7 +113,8 @@ def test_a_colour_means_one_rate_from_the_first_metre_to_the_last():
         ends.add((scale.low, scale.high))
     assert ends == {(0.0, 500.0)}
     assert scale_of(MapLayer.APPLIED, _of(ground, 180.0, 190.0), None, METRIC) != scale_of(
-        MapLayer.APPLIED, _of(ground, 20.0, 480.0), None, METRIC), "a log's scale goes by the log"
+        MapLayer.APPLIED, _of(ground, 20.0, 480.0), None, METRIC
+    ), "a log's scale goes by the log"
 
 
 def _of(ground, low, high):
@@ -110,12 +126,15 @@ def _of(ground, low, high):
 
 # --- the A-B line ---
 
+
 def test_off_the_nearest_track_and_the_sides_change_with_the_way():
     guide = GuideLine()
     guide.begin((0.0, 0.0), 3.0)
     assert not guide.end((0.0, 5.0)) and guide.end((0.0, 100.0))
     assert guide.off((0.4, 50.0), 0.0) == pytest.approx((0.4, 0))
-    assert guide.off((0.4, 50.0), 180.0) == pytest.approx((-0.4, 0)), "driven back, it is to the left"
+    assert guide.off((0.4, 50.0), 180.0) == pytest.approx((-0.4, 0)), (
+        "driven back, it is to the left"
+    )
     assert guide.off((6.2, 10.0), 2.0) == pytest.approx((0.2, 2))
     assert guide.off((-2.9, 10.0), 0.0) == pytest.approx((0.1, -1))
 
@@ -126,20 +145,32 @@ def test_lights_stand_on_the_side_of_the_machine(frames):
     guide.end((0.0, 100.0))
 
     def seen(east_m):
-        frame = replace(frames[-1], place_m=(east_m, 20.0), row=frames[-1].row._replace(heading_deg=0.0))
+        frame = replace(
+            frames[-1], place_m=(east_m, 20.0), row=frames[-1].row._replace(heading_deg=0.0)
+        )
         view = light_view(guide, frame, False, METRIC)
         return view, LightBar(view).lines(view, 80, 1)[0].plain
 
     view, text = seen(0.31)
-    assert view.lights == 3 and "0.31 m right of the line" in text and text.rindex("█") > text.index("┃")
+    assert (
+        view.lights == 3
+        and "0.31 m right of the line" in text
+        and text.rindex("█") > text.index("┃")
+    )
     view, text = seen(-1.2)
-    assert view.lights == -LIGHTS and "1.20 m left of the line" in text and text.index("█") < text.index("┃")
+    assert (
+        view.lights == -LIGHTS
+        and "1.20 m left of the line" in text
+        and text.index("█") < text.index("┃")
+    )
     view, text = seen(0.02)
     assert view.lights == 0 and "◆" in text and "█" not in text
 
 
 @pytest.mark.parametrize("size", [(120, 40), (100, 30), (80, 24)])
-async def test_a_line_is_set_by_key_and_the_run_page_shows_how_far_off(full, source, shown, size, turned, pilot):
+async def test_a_line_is_set_by_key_and_the_run_page_shows_how_far_off(
+    full, source, shown, size, turned, pilot
+):
     await field_known(full, pilot)
     await turned(full, pilot, "map")
     feed(full, [{"heading_deg": 0.0}], place_m=(10.0, 0.0))
@@ -160,27 +191,37 @@ async def test_a_line_is_set_by_key_and_the_run_page_shows_how_far_off(full, sou
 
 # --- a boundary by driving ---
 
+
 def driven(right_m=1.5, side_m=100.0):
     """Clockwise round a square, the antenna `right_m` inside of its edge."""
     from control.log_row import LogRow
+
     plane, drive = TangentPlane(34.28, 119.88), BoundaryDrive(-right_m)
     inner, time_s = side_m, 0.0
     ways = ((0.0, 0.0, 90.0), (inner, 0.0, 0.0), (inner, inner, 270.0), (0.0, inner, 180.0))
-    for east, north, heading in ways:           # anticlockwise: the edge is to the right; the sign says which
+    # anticlockwise: the edge is to the right; the sign says which
+    for east, north, heading in ways:
         for step in range(int(inner)):
-            at = {90.0: (east + step, north), 0.0: (east, north + step), 270.0: (east - step, north),
-                  180.0: (east, north - step)}[heading]
+            at = {
+                90.0: (east + step, north),
+                0.0: (east, north + step),
+                270.0: (east - step, north),
+                180.0: (east, north - step),
+            }[heading]
             lat, lon = plane.to_deg(*at)
             time_s += 0.5
-            drive.add(LogRow(time_s=time_s, lat_deg=lat, lon_deg=lon, heading_deg=heading, fix_quality=4))
+            drive.add(
+                LogRow(time_s=time_s, lat_deg=lat, lon_deg=lon, heading_deg=heading, fix_quality=4)
+            )
     return drive
 
 
 def test_the_edge_lies_beside_the_way_and_keeps_its_area():
     from console.services.driven_field import driven_field
     from control.field.job import Ground
+
     for right_m, side in ((0.0, 100.0), (-1.5, 97.0), (1.5, 103.0)):
-        drive = driven(-right_m)                # anticlockwise: to the right is outside
+        drive = driven(-right_m)  # anticlockwise: to the right is outside
         assert drive.enough and drive.open_m < 3.0
         field, area_ha = driven_field(Ground(), drive.ring_deg())
         assert area_ha == pytest.approx(side * side / 1e4, rel=0.01)
@@ -190,6 +231,7 @@ def test_the_edge_lies_beside_the_way_and_keeps_its_area():
 def test_a_way_that_encloses_nothing_is_refused():
     from console.services.driven_field import driven_field
     from control.field.job import Ground
+
     with pytest.raises(ValueError, match="allowed is"):
         driven_field(Ground(), ((34.28, 119.88), (34.281, 119.88)))
 
@@ -203,12 +245,18 @@ async def test_a_boundary_is_driven_and_kept_by_key(full, source, shown, turned,
     assert isinstance(full.screen, Confirm), "nothing is driven yet"
     await pilot.press("escape")
     for corner in driven(0.0).corners:
-        feed(full, [corner._asdict() | {"fix_quality": 4}],
-             place_m=TangentPlane(34.28, 119.88).to_m(corner.lat_deg, corner.lon_deg))
+        feed(
+            full,
+            [corner._asdict() | {"fix_quality": 4}],
+            place_m=TangentPlane(34.28, 119.88).to_m(corner.lat_deg, corner.lon_deg),
+        )
     await pilot.pause()
     assert any("BOUNDARY" in row for row in shown(full))
     await pilot.press("b")
-    assert isinstance(full.screen, ChoiceDialog) and "stop the machine first" in full.screen.choices[0].why
+    assert (
+        isinstance(full.screen, ChoiceDialog)
+        and "stop the machine first" in full.screen.choices[0].why
+    )
     await pilot.press("1", "enter", "escape")
     assert full.page.drive is not None, "what was driven waits for the machine to stop"
     feed(full, [{"state": "off"}])
@@ -221,13 +269,14 @@ async def test_a_boundary_is_driven_and_kept_by_key(full, source, shown, turned,
 
 # --- a map by its path ---
 
+
 async def test_a_map_by_its_path_and_through_folders(full, source, turned):
     desk = full.services.job
     async with full.run_test(size=SIZE) as pilot:
         await turned(full, pilot, "job")
         await _settled(full, pilot, "p")
         assert isinstance(full.screen, ChoiceDialog)
-        await pilot.press("up", "enter")                # the last line: a path
+        await pilot.press("up", "enter")  # the last line: a path
         assert isinstance(full.screen, NameDialog)
         await pilot.press(*"/maps/n.csv".replace("/", "~").replace(".", "^"))
         full.screen.query_one("#name-input").value = "/maps/n.csv"
@@ -236,7 +285,7 @@ async def test_a_map_by_its_path_and_through_folders(full, source, turned):
         await pilot.press("escape")
         await _settled(full, pilot, "p")
         await pilot.press("up", "up")
-        await _settled(full, pilot, "enter")            # look in folders
+        await _settled(full, pilot, "enter")  # look in folders
         assert isinstance(full.screen, ChoiceDialog) and full.screen.choices[0].label == "STICK/"
         await _settled(full, pilot, "enter")
         assert full.screen.choices[0].label == ".."

@@ -1,4 +1,6 @@
-"""The Calibrate screen: what is ordered while a key is held, what is asked, what is computed and saved."""
+"""The Calibrate screen: what is ordered while a key is held, what is asked, what is computed
+and saved."""
+
 from __future__ import annotations
 
 from dataclasses import replace
@@ -17,7 +19,13 @@ from console.link import WorkerGone
 from control.orders import Answer, Do, Order
 from control.safety import BenchRun
 from tests.app.harness import feed, later, looked, settled, tell
-from tests.app.made_up.calibrate import POINTS, lag_under_way, many_devices, sample_calibrate_job, standing
+from tests.app.made_up.calibrate import (
+    POINTS,
+    lag_under_way,
+    many_devices,
+    sample_calibrate_job,
+    standing,
+)
 
 SIZE = (100, 30)
 BEGIN = [Order(Do.CALIBRATE), Order(Do.CALIBRATE_OPENING, 25.0), Order(Do.CALIBRATE_SHAFT, 70.0)]
@@ -31,7 +39,9 @@ def job():
 @pytest.fixture
 def app(source, frames, clock, job):
     source.newest = standing(frames[-1])
-    return TopdressApp(source, clock, live=False, utc_offset_s=0.0, services=Services(calibrate=job))
+    return TopdressApp(
+        source, clock, live=False, utc_offset_s=0.0, services=Services(calibrate=job)
+    )
 
 
 @pytest.fixture
@@ -68,7 +78,9 @@ async def test_one_press_of_the_key_turns_nothing(source, clock, pilot, page):
     assert "Keep it pressed" in page.runner.said
 
 
-async def test_a_held_key_runs_and_half_a_second_after_the_last_repeat_it_is_released(source, clock, pilot, page):
+async def test_a_held_key_runs_and_half_a_second_after_the_last_repeat_it_is_released(
+    source, clock, pilot, page
+):
     await pilot.press("i")
     clock.now_s += 0.5
     for _repeat in range(10):
@@ -122,7 +134,9 @@ async def test_what_takes_the_screen_away_stops(app, source, clock, how, pilot, 
     assert len(source.orders) == count
 
 
-async def test_a_refusal_is_said_in_words_and_not_asked_again_by_the_same_press(app, source, clock, opened, shown):
+async def test_a_refusal_is_said_in_words_and_not_asked_again_by_the_same_press(
+    app, source, clock, opened, shown
+):
     source.answer = Answer(False, "calibrate_moving;speed_mps=0.1")
     async with app.run_test(size=SIZE) as pilot:
         page = await opened(pilot)
@@ -156,8 +170,27 @@ async def test_locked_nothing_of_the_page_works(app, source, pilot, page):
     await pilot.press("f8")
     chips = page.query_one("#cal-chips", Chips).view
     assert not any(chip.on or chip.lead for chip in chips), "drawn as if they worked"
-    await pilot.press("i", "i", "i", "r", "q", "1", "enter", "q", "2", "enter", "q", "3", "enter", "b", "q", "5",
-                      "enter", "e", "right")
+    await pilot.press(
+        "i",
+        "i",
+        "i",
+        "r",
+        "q",
+        "1",
+        "enter",
+        "q",
+        "2",
+        "enter",
+        "q",
+        "3",
+        "enter",
+        "b",
+        "q",
+        "5",
+        "enter",
+        "e",
+        "right",
+    )
     app.notice_text = ""
     await hold_mouse(pilot, page, "cal_run")
     await pilot.pause()
@@ -167,7 +200,9 @@ async def test_locked_nothing_of_the_page_works(app, source, pilot, page):
     assert source.orders == [Order(Do.HOLD), Order(Do.STOP)]
 
 
-async def test_settings_are_typed_within_the_machine_s_range_and_sent_at_the_next_run(app, source, pilot, page):
+async def test_settings_are_typed_within_the_machine_s_range_and_sent_at_the_next_run(
+    app, source, pilot, page
+):
     await pilot.press("q", "1", "enter", "1", "0", "1", "enter")
     assert isinstance(app.screen, NumberDialog), "101 r/min is more than the machine has"
     await pilot.press("delete", "9", "0", "enter", "q", "2", "enter", "4", "0", "enter")
@@ -183,10 +218,20 @@ async def caught(app, source, clock, pilot, *, frame, rpm, mm, seconds):
     for index in range(int((seconds + 2.0) / 0.2)):
         time_s, seq = time_s + 0.2, seq + 1
         running = index * 0.2 < seconds
-        row = frame.row._replace(time_s=time_s, state="calibrating" if running else "ready", opening_mm=mm,
-                                 shaft_rpm=rpm if running else 0.0)
-        source.newest = replace(frame, seq=seq, at_s=time_s, row=row, why_no_flow=(),
-                                bench=BenchRun(rpm, mm, 0.2 * index, 100.0) if running else None)
+        row = frame.row._replace(
+            time_s=time_s,
+            state="calibrating" if running else "ready",
+            opening_mm=mm,
+            shaft_rpm=rpm if running else 0.0,
+        )
+        source.newest = replace(
+            frame,
+            seq=seq,
+            at_s=time_s,
+            row=row,
+            why_no_flow=(),
+            bench=BenchRun(rpm, mm, 0.2 * index, 100.0) if running else None,
+        )
         clock.now_s += 0.2
         if index % 5 == 0:
             app.tick()
@@ -195,9 +240,12 @@ async def caught(app, source, clock, pilot, *, frame, rpm, mm, seconds):
     await later(app, pilot)
 
 
-async def test_a_catch_test_from_settling_to_the_new_machine_file(app, source, clock, frames, opened, shown):
+async def test_a_catch_test_from_settling_to_the_new_machine_file(
+    app, source, clock, frames, opened, shown
+):
     frame = standing(frames[-1])
-    frame = replace(frame, row=frame.row._replace(hopper_kg=None))       # a scale that stood still would be asked about
+    # a scale that stood still would be asked about
+    frame = replace(frame, row=frame.row._replace(hopper_kg=None))
     async with app.run_test(size=SIZE) as pilot:
         page = await opened(pilot)
         for rpm, mm, mass in ((70.0, 20.0, "3.87"), (70.0, 35.0, "6.7"), (90.0, 50.0, "12.4")):
@@ -208,12 +256,21 @@ async def test_a_catch_test_from_settling_to_the_new_machine_file(app, source, c
             await caught(app, source, clock, pilot, frame=frame, rpm=rpm, mm=mm, seconds=5.4)
             assert page.calibration.test.phase == "weigh"
             await caught(app, source, clock, pilot, frame=frame, rpm=rpm, mm=mm, seconds=30.0)
-            bar = next(row for row in page.query_one("#cal-sheet", Sheet).view
-                       if isinstance(row, Bar) and row.label == "catch")
+            bar = next(
+                row
+                for row in page.query_one("#cal-sheet", Sheet).view
+                if isinstance(row, Bar) and row.label == "catch"
+            )
             assert bar.share == 1.0
-            await pilot.press("q", "3", "enter", *("full_stop" if c == "." else c for c in mass), "enter")
+            await pilot.press(
+                "q", "3", "enter", *("full_stop" if c == "." else c for c in mass), "enter"
+            )
         points = page.calibration.test.points
-        assert [(round(one.shaft_rpm), round(one.opening_mm)) for one in points] == [(70, 20), (70, 35), (90, 50)]
+        assert [(round(one.shaft_rpm), round(one.opening_mm)) for one in points] == [
+            (70, 20),
+            (70, 35),
+            (90, 50),
+        ]
         assert points[1].mass_kg == 6.7
         await pilot.press("q", "5", "enter")
         await settled(app, pilot)
@@ -231,18 +288,34 @@ async def test_a_catch_test_from_settling_to_the_new_machine_file(app, source, c
 
 async def test_what_the_shaft_turns_at_work_is_no_catch(app, source, clock, frames, page):
     frame = standing(frames[-1])
-    feed(app, ({"time_s": frame.row.time_s + 0.2 * step, "shaft_rpm": 70.0 if step < 50 else 0.0,
-                "state": "working" if step < 50 else "held"} for step in range(60)), step_s=0.2)
-    assert page.calibration.test.turned.revolutions == 0.0 and page.calibration.test.phase == "settle"
+    feed(
+        app,
+        (
+            {
+                "time_s": frame.row.time_s + 0.2 * step,
+                "shaft_rpm": 70.0 if step < 50 else 0.0,
+                "state": "working" if step < 50 else "held",
+            }
+            for step in range(60)
+        ),
+        step_s=0.2,
+    )
+    assert (
+        page.calibration.test.turned.revolutions == 0.0 and page.calibration.test.phase == "settle"
+    )
 
 
-async def test_a_name_that_is_taken_is_said_in_one_line_and_nothing_counts_as_saved(app, shown, pilot, page):
+async def test_a_name_that_is_taken_is_said_in_one_line_and_nothing_counts_as_saved(
+    app, shown, pilot, page
+):
     page.calibration.test.points = list(POINTS)
     page.calibration.take(page.service.fit_catch(POINTS))
     await pilot.press("e")
     app.screen.query_one("#name-input").value = "a/b"
     await pilot.press("enter")
-    assert isinstance(app.screen, NameDialog) and any("letters, digits" in row for row in shown(app))
+    assert isinstance(app.screen, NameDialog) and any(
+        "letters, digits" in row for row in shown(app)
+    )
     app.screen.query_one("#name-input").value = "taken"
     await pilot.press("enter")
     await settled(app, pilot)
@@ -251,6 +324,7 @@ async def test_a_name_that_is_taken_is_said_in_one_line_and_nothing_counts_as_sa
 
 async def test_escape_forgets_a_computation(app, opened):
     import threading
+
     gate = threading.Event()
     async with app.run_test(size=SIZE) as pilot:
         page = await opened(pilot)
@@ -300,7 +374,9 @@ async def test_the_lag_rig_is_begun_held_and_ended(app, source, frames, clock, o
         app.tick()
         await pilot.press("q", "5", "enter")
         await settled(app, pilot)
-        assert page.calibration.fitted.source == ("logs/run.lag.1.csv", None), "what was measured stays"
+        assert page.calibration.fitted.source == ("logs/run.lag.1.csv", None), (
+            "what was measured stays"
+        )
 
 
 async def test_without_a_rig_a_bench_table_is_fitted(app, source, opened, shown, pilot):
@@ -315,31 +391,53 @@ async def test_without_a_rig_a_bench_table_is_fitted(app, source, opened, shown,
     await settled(app, pilot)
     assert page.calibration.label == "field"
     text = "\n".join(shown(app))
-    assert "slope -0.00830 s per r/min" in text and "holds from 10 to 70 r/min" in text and "lag_both.csv" in text
+    assert (
+        "slope -0.00830 s per r/min" in text
+        and "holds from 10 to 70 r/min" in text
+        and "lag_both.csv" in text
+    )
 
 
-async def test_a_fouled_head_is_named_after_thirty_seconds(app, source, clock, frames, opened, shown):
+async def test_a_fouled_head_is_named_after_thirty_seconds(
+    app, source, clock, frames, opened, shown
+):
     frame = frames[-1]
     async with app.run_test(size=SIZE) as pilot:
         await opened(pilot, right=2)
         await pilot.press("b")
         source.newest = frame
         for index in range(160):
-            heads = tuple(0.5 + 0.004 * ((index + k) % 3) - (0.06 if k == 4 else 0.0) for k in range(6))
+            heads = tuple(
+                0.5 + 0.004 * ((index + k) % 3) - (0.06 if k == 4 else 0.0) for k in range(6)
+            )
             feed(app, [{"time_s": frame.row.time_s + 0.2 * index}], step_s=0.2, head_ndvi=heads)
         await pilot.pause()
         text = "\n".join(shown(app))
         assert "head 5: clean it" in text and text.count("good") == 5 and "FOULED" in text
 
 
-async def test_the_wheel_is_measured_also_while_another_page_is_looked_at(app, source, clock, frames, opened, shown):
+async def test_the_wheel_is_measured_also_while_another_page_is_looked_at(
+    app, source, clock, frames, opened, shown
+):
     frame = frames[-1]
     async with app.run_test(size=SIZE) as pilot:
         page = await opened(pilot, right=3)
         await pilot.press("b", "f2")
         source.newest = frame
-        feed(app, ({"time_s": frame.row.time_s + 0.2 * index, "wheel_speed_mps": 2.02, "fix_quality": 4,
-                    "lat_deg": 34.8 + index * 0.4 / 110_940.0, "lon_deg": 113.6} for index in range(300)), step_s=0.2)
+        feed(
+            app,
+            (
+                {
+                    "time_s": frame.row.time_s + 0.2 * index,
+                    "wheel_speed_mps": 2.02,
+                    "fix_quality": 4,
+                    "lat_deg": 34.8 + index * 0.4 / 110_940.0,
+                    "lon_deg": 113.6,
+                }
+                for index in range(300)
+            ),
+            step_s=0.2,
+        )
         await pilot.press("f6")
         await later(app, pilot)
         assert page.at == 3 and "Enough" in "\n".join(shown(app))
@@ -347,12 +445,18 @@ async def test_the_wheel_is_measured_also_while_another_page_is_looked_at(app, s
         await settled(app, pilot)
         samples = page.calibration.fitted.source
         assert len(samples) > 250 and {sample.wheel_speed_mps for sample in samples} == {2.02}
-        assert "circumference 2.4868 m (90 %: 2.4849 to 2.4887)" in " ".join("\n".join(shown(app)).split())
+        assert "circumference 2.4868 m (90 %: 2.4849 to 2.4887)" in " ".join(
+            "\n".join(shown(app)).split()
+        )
 
 
 @pytest.mark.exam
-async def test_a_reference_of_effort_is_fitted_to_the_log_of_this_run_and_saved(app, source, frames, opened, shown):
-    source.newest = replace(frames[-1], row=frames[-1].row._replace(shaft_effort=58.25), log_path="")
+async def test_a_reference_of_effort_is_fitted_to_the_log_of_this_run_and_saved(
+    app, source, frames, opened, shown
+):
+    source.newest = replace(
+        frames[-1], row=frames[-1].row._replace(shaft_effort=58.25), log_path=""
+    )
     async with app.run_test(size=SIZE) as pilot:
         page = await opened(pilot, right=4)
         await later(app, pilot)
@@ -365,7 +469,8 @@ async def test_a_reference_of_effort_is_fitted_to_the_log_of_this_run_and_saved(
         await settled(app, pilot)
         assert page.calibration.fitted.source == ("/logs/sound.csv",)
         assert "shaft, with its speed 0.5980 % for each r/min (90 %: 0.5900 to 0.6060)" in " ".join(
-            "\n".join(shown(app)).split())
+            "\n".join(shown(app)).split()
+        )
         assert chip_of(page, "cal_save")[0].lead
 
 
@@ -380,7 +485,10 @@ async def test_every_chip_stands_whole_on_the_screen(app, opened):
                 await later(app, pilot)
                 chips = page.query_one("#cal-chips", Chips)
                 for chip, row, start, cells in placed(chips.view, chips.size.width):
-                    assert row < chips.size.height and start + cells <= chips.size.width, (size, chip.action)
+                    assert row < chips.size.height and start + cells <= chips.size.width, (
+                        size,
+                        chip.action,
+                    )
                 assert page.query_one("#cal-guide", Guide).region.area > 0
 
 

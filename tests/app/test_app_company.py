@@ -1,4 +1,5 @@
 """What a screen says of others at the same machine."""
+
 from __future__ import annotations
 
 from dataclasses import replace
@@ -33,8 +34,16 @@ def several(source):
     """The source of a console that has company; `ordered` 63 s before the newest row."""
     source.name = OWN.name
     time_s = source.newest.row.time_s - 63.0
-    now(source, state="working", attached=(OWN, LAB, TABLET, OFFICE), consoles=2,
-        ordered=(Ordered("start", "", OWN.name, time_s - 9.0), Ordered("nudge", "5.0", TABLET.name, time_s)))
+    now(
+        source,
+        state="working",
+        attached=(OWN, LAB, TABLET, OFFICE),
+        consoles=2,
+        ordered=(
+            Ordered("start", "", OWN.name, time_s - 9.0),
+            Ordered("nudge", "5.0", TABLET.name, time_s),
+        ),
+    )
     return source
 
 
@@ -52,26 +61,41 @@ async def test_a_console_alone_has_no_row_more(app, source):
     async with app.run_test(size=(120, 40)) as pilot:
         await looked(app, pilot)
         assert "at this machine" not in text_of(app)
-        now(source, ordered=(Ordered("hold", "", "lab@cab pts/4", 2.0),))      # who ordered and left stays named
+        # who ordered and left stays named
+        now(source, ordered=(Ordered("hold", "", "lab@cab pts/4", 2.0),))
         await looked(app, pilot)
         assert "HOLD by lab@cab pts/4" in text_of(app)
 
 
-@pytest.mark.parametrize(("changes", "said"), [
-    ({"attached": (OWN, LAB, TABLET)}, "tablet office has left"),
-    ({"attached": (OWN, LAB, TABLET, OFFICE, Attached("new", False, True, True))},
-     "new has joined (console, keeps the machine working)"),
-    ({"attached": (OWN, TABLET, OFFICE)},
-     "lab@cab pts/4 has left: the machine goes on, ann@cab pts/3 keeps it working"),
-    ({"attached": (OWN._replace(keeps=False), TABLET, OFFICE)},
-     "lab@cab pts/4 has left: no console is left, the machine is held after 2 s"),
-    ({"attached": (OWN, LAB._replace(keeps=False), TABLET, OFFICE)},
-     "lab@cab pts/4 is silent: the machine goes on, ann@cab pts/3 keeps it working"),
-    ({"attached": (OWN, TABLET, OFFICE), "state": "held"}, "lab@cab pts/4 has left"),
-    ({"ordered": (Ordered("hold", "", LAB.name, 500.0),)}, "lab@cab pts/4: HOLD"),
-    ({"ordered": (Ordered("strategy", "speed_first", TABLET.name, 500.0),)}, "tablet Ann: strategy speed first"),
-    ({"ordered": (Ordered("hold", "", OWN.name, 500.0),)}, ""),
-])
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"attached": (OWN, LAB, TABLET)}, "tablet office has left"),
+        (
+            {"attached": (OWN, LAB, TABLET, OFFICE, Attached("new", False, True, True))},
+            "new has joined (console, keeps the machine working)",
+        ),
+        (
+            {"attached": (OWN, TABLET, OFFICE)},
+            "lab@cab pts/4 has left: the machine goes on, ann@cab pts/3 keeps it working",
+        ),
+        (
+            {"attached": (OWN._replace(keeps=False), TABLET, OFFICE)},
+            "lab@cab pts/4 has left: no console is left, the machine is held after 2 s",
+        ),
+        (
+            {"attached": (OWN, LAB._replace(keeps=False), TABLET, OFFICE)},
+            "lab@cab pts/4 is silent: the machine goes on, ann@cab pts/3 keeps it working",
+        ),
+        ({"attached": (OWN, TABLET, OFFICE), "state": "held"}, "lab@cab pts/4 has left"),
+        ({"ordered": (Ordered("hold", "", LAB.name, 500.0),)}, "lab@cab pts/4: HOLD"),
+        (
+            {"ordered": (Ordered("strategy", "speed_first", TABLET.name, 500.0),)},
+            "tablet Ann: strategy speed first",
+        ),
+        ({"ordered": (Ordered("hold", "", OWN.name, 500.0),)}, ""),
+    ],
+)
 async def test_what_the_others_do_is_said_when_it_happens(app, several, changes, said, pilot):
     app.tick()
     app.notice("")
@@ -81,13 +105,22 @@ async def test_what_the_others_do_is_said_when_it_happens(app, several, changes,
 
 
 async def test_who_joins_a_machine_at_work_reads_whom_it_found(several, clock):
-    app = TopdressApp(several, clock, live=False, utc_offset_s=0.0, services=Services(job=SampleJobService()),
-                      joined=Joined("2026-11-23T07:12:00+00:00", "/logs/run.csv"))
+    app = TopdressApp(
+        several,
+        clock,
+        live=False,
+        utc_offset_s=0.0,
+        services=Services(job=SampleJobService()),
+        joined=Joined("2026-11-23T07:12:00+00:00", "/logs/run.csv"),
+    )
     async with app.run_test(size=(120, 40)) as pilot:
         await looked(app, pilot)
         assert isinstance(app.screen, TextDialog) and "joined it" in app.screen.heading
-        for one in ("lab@cab pts/4 (console, keeps the machine working)", "tablet office (tablet, looks only)",
-                    "Latest order: nudge +5 % by tablet Ann"):
+        for one in (
+            "lab@cab pts/4 (console, keeps the machine working)",
+            "tablet office (tablet, looks only)",
+            "Latest order: nudge +5 % by tablet Ann",
+        ):
             assert one in app.screen.text
 
 
@@ -99,22 +132,40 @@ async def test_a_click_on_the_row_lists_everybody_and_the_latest_orders(app, sev
     lines = app.screen.text.splitlines()
     assert lines[0] == "ann@cab pts/3 (this one):  console, keeps the machine working"
     assert lines[2] == "tablet Ann:  tablet, orders, does not keep the machine working"
-    assert [line.partition(",")[0] for line in lines[-2:]] == ["nudge +5 % by tablet Ann", "START by this console"]
+    assert [line.partition(",")[0] for line in lines[-2:]] == [
+        "nudge +5 % by tablet Ann",
+        "START by this console",
+    ]
 
 
-@pytest.mark.parametrize(("attached", "said"), [
-    ((OWN,), "The machine works: it is held after 2 s without console."),
-    ((OWN, LAB), "The machine works, and goes on: lab@cab pts/4 keeps it working."),
-    ((OWN, LAB._replace(keeps=False)), "The machine works: it is held after 2 s without console. None of those that "
-                                       "stay keeps it working: lab@cab pts/4."),
-    ((OWN, TABLET, OFFICE), "The machine works: it is held after 2 s without console. None of those that stay keeps it "
-                            "working: tablet Ann, tablet office (looks only)."),
-    ((OWN._replace(keeps=False), LAB), "The machine works, and goes on: lab@cab pts/4 keeps it working."),
-])
+@pytest.mark.parametrize(
+    ("attached", "said"),
+    [
+        ((OWN,), "The machine works: it is held after 2 s without console."),
+        ((OWN, LAB), "The machine works, and goes on: lab@cab pts/4 keeps it working."),
+        (
+            (OWN, LAB._replace(keeps=False)),
+            "The machine works: it is held after 2 s without console. None of those that "
+            "stay keeps it working: lab@cab pts/4.",
+        ),
+        (
+            (OWN, TABLET, OFFICE),
+            "The machine works: it is held after 2 s without console. None of those that "
+            "stay keeps it "
+            "working: tablet Ann, tablet office (looks only).",
+        ),
+        (
+            (OWN._replace(keeps=False), LAB),
+            "The machine works, and goes on: lab@cab pts/4 keeps it working.",
+        ),
+    ],
+)
 def test_leaving_says_what_becomes_of_the_machine_with_these_others(source, attached, said):
     frame = replace(source.newest, attached=attached, consoles=sum(one.keeps for one in attached))
     assert leave_words(frame, OWN.name, True) == said
 
 
 def test_every_order_has_a_word():
-    assert set(ORDERS) == set(Do) - {Do.ACKNOWLEDGE}, "that one is no event of the log: the alarm says it"
+    assert set(ORDERS) == set(Do) - {Do.ACKNOWLEDGE}, (
+        "that one is no event of the log: the alarm says it"
+    )

@@ -1,4 +1,6 @@
-"""The Devices screen: what each line shows, what is picked, what is ordered of a device and what is asked first."""
+"""The Devices screen: what each line shows, what is picked, what is ordered of a device and
+what is asked first."""
+
 from __future__ import annotations
 
 from dataclasses import replace
@@ -47,23 +49,44 @@ async def test_every_line_says_in_symbol_and_word_how_it_is(app, shown, page):
     assert said["lag_rig"] == ("!", "SILENT", "amber")
     rows = shown(app)
     board = next(row for row in rows if "slave-board/1" in row and "19950" in row)
-    assert "50.0" in board and "/dev/ttyACM0" in board and board.split().index("19950") < board.split().index("4")
+    assert (
+        "50.0" in board
+        and "/dev/ttyACM0" in board
+        and board.split().index("19950") < board.split().index("4")
+    )
     assert any("head_4" in row and "35.2 s" in row for row in rows)
 
 
-@pytest.mark.parametrize(("effort", "said", "level"), [
-    (EffortSays(), None, ""), (EffortSays(unit="A"), "stands: not judged", "stale"),
-    (EffortSays(mean=50.0, should=60.0, low=40.0, high=80.0, unit="%"),
-     "████████┃█░░│░░░┃░░░ 50 %, expected 60, alarm outside 40 to 80", ""),
-    (EffortSays(harder_percent=25.0, mean=1.6, should=1.0, low=0.0, high=1.2, unit="N m"),
-     "┃█████████│█┃███░░░░ 1.6 N m, expected 1, alarm outside 0 to 1.2", "amber")],
-    ids=["no numbers", "stands", "calm", "harder"])
-async def test_a_bar_says_how_hard_the_metering_drive_works(app, shown, source, pilot, page, effort, said, level):
+@pytest.mark.parametrize(
+    ("effort", "said", "level"),
+    [
+        (EffortSays(), None, ""),
+        (EffortSays(unit="A"), "stands: not judged", "stale"),
+        (
+            EffortSays(mean=50.0, should=60.0, low=40.0, high=80.0, unit="%"),
+            "████████┃█░░│░░░┃░░░ 50 %, expected 60, alarm outside 40 to 80",
+            "",
+        ),
+        (
+            EffortSays(harder_percent=25.0, mean=1.6, should=1.0, low=0.0, high=1.2, unit="N m"),
+            "┃█████████│█┃███░░░░ 1.6 N m, expected 1, alarm outside 0 to 1.2",
+            "amber",
+        ),
+    ],
+    ids=["no numbers", "stands", "calm", "harder"],
+)
+async def test_a_bar_says_how_hard_the_metering_drive_works(
+    app, shown, source, pilot, page, effort, said, level
+):
     tell(source, effort=effort)
     await looked(app, pilot)
     rows = page.query_one("#device-effort").view.rows
     assert [(row.text, row.level) for row in rows] == ([] if said is None else [(said, level)])
-    assert any(said in row for row in shown(app)) if said else not any("effort" in row for row in shown(app))
+    assert (
+        any(said in row for row in shown(app))
+        if said
+        else not any("effort" in row for row in shown(app))
+    )
 
 
 async def test_arrows_and_clicks_pick_and_the_details_follow(app, shown, pilot, page):
@@ -89,8 +112,11 @@ async def test_the_picked_line_is_in_sight_where_rows_are_few(app, shown):
 async def test_test_and_capture_are_ordered_of_the_picked_device(app, source, pilot):
     await opened(app, pilot)
     await pilot.press("enter", "e", "down", "e")
-    assert source.device_orders == [("gnss", DeviceDo.TEST), ("gnss", DeviceDo.END_CAPTURE),
-                                    ("head_1", DeviceDo.CAPTURE)]
+    assert source.device_orders == [
+        ("gnss", DeviceDo.TEST),
+        ("gnss", DeviceDo.END_CAPTURE),
+        ("head_1", DeviceDo.CAPTURE),
+    ]
     assert source.orders == []
 
 
@@ -107,7 +133,9 @@ async def test_letting_go_of_a_line_is_asked_once_and_taking_it_is_not(app, sour
 async def test_everything_can_be_clicked(source, pilot, page):
     chips = page.query_one("#device-chips", Chips)
     for action in ("dev_down", "dev_test", "dev_capture", "dev_up"):
-        _chip, row, start, _cells = next(one for one in placed(chips.view, chips.size.width) if one[0].action == action)
+        _chip, row, start, _cells = next(
+            one for one in placed(chips.view, chips.size.width) if one[0].action == action
+        )
         await pilot.click("#device-chips", offset=(start + 1, row))
     assert source.device_orders == [("head_1", DeviceDo.TEST), ("head_1", DeviceDo.CAPTURE)]
     assert page.device.name == "gnss"
@@ -128,7 +156,9 @@ async def test_what_is_old_is_grey(app, clock, page):
     assert all(line.stale for line in table(page).view.lines)
 
 
-async def test_last_lines_are_kept_while_another_page_is_looked_at(app, source, clock, shown, pilot):
+async def test_last_lines_are_kept_while_another_page_is_looked_at(
+    app, source, clock, shown, pilot
+):
     for number in range(3):
         first, *rest = source.newest.devices
         feed(app, [{}], step_s=0.2, devices=(replace(first, last_raw=f"$LINE,{number}"), *rest))
@@ -143,11 +173,14 @@ def test_what_a_test_heard_in_words(frames):
     rows = {row.label: row.text for row in device_view.details(heard, 0.0).rows}
     assert rows["test"] == "nmea0183 is heard; at 38400 Bd; 12 understood, 1 rejected; $GNGGA"
     nothing = replace(device, test=DeviceTest(False, said="silent"))
-    assert device_view.details(nothing, 0.0).rows[5].text.startswith("no known device is heard here")
+    assert (
+        device_view.details(nothing, 0.0).rows[5].text.startswith("no known device is heard here")
+    )
 
 
 async def test_without_a_machine_nothing_breaks(clock, shown):
     from console.app.app import TopdressApp
+
     app = TopdressApp(None, clock, live=False)
     async with app.run_test(size=SIZE) as pilot:
         await opened(app, pilot)

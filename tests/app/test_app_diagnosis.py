@@ -1,4 +1,5 @@
 """The Diagnosis page: what is asked of its service, what is shown, what it refuses."""
+
 from __future__ import annotations
 
 import threading
@@ -17,7 +18,12 @@ from console.app.pages.diagnosis import shown as diagnosis_shown
 from console.app.pages.diagnosis import words as diagnosis_words
 from console.app.pages.diagnosis.causes import Causes, interval_bar
 from console.app.pages.diagnosis.page import Expected, SourceList, SourcesView, expected_s
-from console.app.pages.diagnosis.residual_plot import PlotView, ResidualPlot, dots_between, nice_ends
+from console.app.pages.diagnosis.residual_plot import (
+    PlotView,
+    ResidualPlot,
+    dots_between,
+    nice_ends,
+)
 from console.app.pages.diagnosis.service import DiagnosisView, ResidualCurve, WorkStopped
 from console.app.services import Services
 from console.app.units import IMPERIAL, METRIC
@@ -37,7 +43,9 @@ def service():
 
 @pytest.fixture
 def app(source, clock, service):
-    return TopdressApp(source, clock, live=False, utc_offset_s=0.0, services=Services(diagnosis=service))
+    return TopdressApp(
+        source, clock, live=False, utc_offset_s=0.0, services=Services(diagnosis=service)
+    )
 
 
 async def opened(app, pilot):
@@ -76,7 +84,9 @@ async def answered(app, pilot):
     return await found_shown(app, pilot)
 
 
-async def test_newest_files_are_listed_and_the_chosen_one_is_diagnosed(app, service, shown, pilot, page):
+async def test_newest_files_are_listed_and_the_chosen_one_is_diagnosed(
+    app, service, shown, pilot, page
+):
     text = "\n".join(shown(app))
     assert all(source.name in text for source in SOURCES) and "< now" in text
     await pilot.press("down", "down", "up", "enter")
@@ -100,13 +110,27 @@ async def test_narrow_screens_go_through_all_views_and_wide_ones_show_them_besid
         page = await found_shown(app, pilot)
         seen = []
         for _view in range(6):
-            visible = [widget.id for widget in page.query("#dia-left > *, #dia-right > *") if widget.region.area]
+            visible = [
+                widget.id
+                for widget in page.query("#dia-left > *, #dia-right > *")
+                if widget.region.area
+            ]
             seen.append((page.see, visible))
             await pilot.press("v")
-        assert seen == [("causes", ["dia-causes"]), ("channels", ["dia-channels"]), ("over", ["dia-over"]),
-                        ("time", ["dia-time"]), ("run", ["dia-run"]), ("causes", ["dia-causes"])]
+        assert seen == [
+            ("causes", ["dia-causes"]),
+            ("channels", ["dia-channels"]),
+            ("over", ["dia-over"]),
+            ("time", ["dia-time"]),
+            ("run", ["dia-run"]),
+            ("causes", ["dia-causes"]),
+        ]
         await pilot.resize_terminal(120, 40)
-        visible = {widget.id for widget in page.query("#dia-left > *, #dia-right > *") if widget.region.area}
+        visible = {
+            widget.id
+            for widget in page.query("#dia-left > *, #dia-right > *")
+            if widget.region.area
+        }
         assert visible == {"dia-causes", "dia-channels", "dia-over", "dia-time"}
 
 
@@ -123,9 +147,12 @@ async def test_the_plots_follow_the_chosen_cause(app, pilot, answered):
 
 @pytest.mark.parametrize("size", [(120, 40), (80, 24)])
 async def test_nothing_of_an_undecided_group_is_adopted_by_enter_alone(app, service, shown, size):
-    """The page says to drive the next test first: K and Enter do just that, whatever is likeliest."""
-    service.found = having(service.found._replace(adoptable=("flow.fill_falloff",), offers=service.found.offers[1:]),
-                           causes=service.found.found.causes[:1])
+    """The page says to drive the next test first: K and Enter do just that, whatever is
+    likeliest."""
+    service.found = having(
+        service.found._replace(adoptable=("flow.fill_falloff",), offers=service.found.offers[1:]),
+        causes=service.found.found.causes[:1],
+    )
     async with app.run_test(size=size) as pilot:
         await found_shown(app, pilot)
         await pilot.press("q", "1", "enter")
@@ -134,12 +161,22 @@ async def test_nothing_of_an_undecided_group_is_adopted_by_enter_alone(app, serv
         assert "Undecided: this data cannot tell these apart." in text
         assert "> 1 none of these: the next test is driven first" in text
         await pilot.press("enter")
-        assert service.asked[1:] == [] and app.notice_text == "nothing is adopted: the next test decides"
+        assert (
+            service.asked[1:] == []
+            and app.notice_text == "nothing is adopted: the next test decides"
+        )
 
 
-async def test_one_is_picked_by_its_name_with_a_reason_and_the_undo_is_said(app, service, shown, pilot, answered):
+async def test_one_is_picked_by_its_name_with_a_reason_and_the_undo_is_said(
+    app, service, shown, pilot, answered
+):
     await pilot.press("q", "1", "enter")
-    assert ["size is not known" in choice.why for choice in app.screen.choices] == [False, False, True, True]
+    assert ["size is not known" in choice.why for choice in app.screen.choices] == [
+        False,
+        False,
+        True,
+        True,
+    ]
     await pilot.press("3", "enter")
     assert isinstance(app.screen, ChoiceDialog), "a cause without a size cannot be taken up"
     await pilot.press("2", "enter")
@@ -150,7 +187,10 @@ async def test_one_is_picked_by_its_name_with_a_reason_and_the_undo_is_said(app,
     assert isinstance(app.screen, Confirm) and service.asked[1:] == []
     text = app.screen.text
     assert "Adopted: Flutes fill less at high shaft speed, Shaft loses speed" in text
-    assert "flow.fill_falloff: 0 -> 12.4 %" in text and "The running job keeps its machine file" in text
+    assert (
+        "flow.fill_falloff: 0 -> 12.4 %" in text
+        and "The running job keeps its machine file" in text
+    )
     await pilot.press("enter")
     assert service.asked[1:] == ["adopt flow.fill_falloff, shaft.voltage_sag: flutes worn"]
     said = "\n".join(shown(app))
@@ -175,7 +215,10 @@ async def test_escape_after_adopting_stays_on_the_page(full, turned, pilot):
     await pilot.pause()
     await pilot.press("enter")
     await pilot.pause()
-    assert full.page.where == "job" and ("take", "machine", "/data/machines/new.yaml") in full.services.job.asked
+    assert (
+        full.page.where == "job"
+        and ("take", "machine", "/data/machines/new.yaml") in full.services.job.asked
+    )
 
 
 async def test_undo_stands_on_the_page_after_adopting_and_takes_that_file_back(app, service, shown):
@@ -209,7 +252,10 @@ async def test_tied_causes_are_equals_and_the_next_test_leads(app, shown, answer
     head = next(row for row in rows if "Test next: Shaft staircase" in row)
     assert rows.index(head) < 8
     text = " ".join(" ".join(rows).split())
-    assert "It tells apart: Flutes fill less at high shaft speed; Kilograms per revolution off by a factor" in text
+    assert (
+        "It tells apart: Flutes fill less at high shaft speed; Kilograms per revolution off "
+        "by a factor" in text
+    )
     assert "one of these 3, this data cannot tell which" in text
     marked = [row for row in rows if row.strip().startswith("o ")]
     assert [row.split("%")[0].split()[-1] for row in marked] == ["58", "27", "15"]
@@ -228,7 +274,9 @@ async def test_the_list_is_read_anew_when_another_job_is_at_work(app, source, pi
 def test_the_bar_moves_from_the_start_and_never_back_and_its_time_is_honest():
     work = Expected(expected_s(20.0))
     seen = [work.at(t, 0.0) for t in (0.0, 1.0, 3.0, 8.0)]
-    assert [share for share, _left in seen] == sorted({share for share, _left in seen}) and seen[1][0] > 0.05
+    assert [share for share, _left in seen] == sorted({share for share, _left in seen}) and seen[1][
+        0
+    ] > 0.05
     assert seen[0][1] == pytest.approx(15.0) and seen[3][1] == pytest.approx(7.0)
     assert work.at(9.0, 0.3)[0] >= seen[3][0], "never back"
     slow = Expected(5.0)
@@ -241,7 +289,7 @@ def test_the_bar_moves_from_the_start_and_never_back_and_its_time_is_honest():
 @pytest.mark.exam
 async def test_the_last_change_is_taken_back_after_a_question(app, service, shown, pilot, answered):
     await pilot.press("delete")
-    assert not isinstance(app.screen, Confirm)         # the shipped file has no history
+    assert not isinstance(app.screen, Confirm)  # the shipped file has no history
     answered.machine = "bench"
     await pilot.press("delete")
     assert isinstance(app.screen, Confirm) and "flow.gain: 0 -> 3 %" in "\n".join(shown(app))
@@ -252,7 +300,8 @@ async def test_the_last_change_is_taken_back_after_a_question(app, service, show
 
 async def test_what_cannot_be_adopted_is_refused_with_its_reason(app, service, shown):
     service.found = sample_found("named")._replace(
-        adoptable=(), offers=(), refused=("flow.gain: holds in the rows of before.csv only",))
+        adoptable=(), offers=(), refused=("flow.gain: holds in the rows of before.csv only",)
+    )
     async with app.run_test(size=(120, 40)) as pilot:
         await found_shown(app, pilot)
         await pilot.press("q", "1", "enter")
@@ -262,8 +311,9 @@ async def test_what_cannot_be_adopted_is_refused_with_its_reason(app, service, s
         assert not any(asked.startswith("adopt") for asked in service.asked)
 
 
-async def test_the_separating_run_is_written_driven_and_both_verdicts_stand_beside(app, service, source, shown,
-                                                                                   pilot, answered):
+async def test_the_separating_run_is_written_driven_and_both_verdicts_stand_beside(
+    app, service, source, shown, pilot, answered
+):
     await pilot.press("q", "7", "enter")
     await pilot.press("escape", "q", "5", "enter")
     assert isinstance(app.screen, Confirm) and service.asked[1:] == ["write_run"]
@@ -275,7 +325,7 @@ async def test_the_separating_run_is_written_driven_and_both_verdicts_stand_besi
     assert "NOT TOLD APART" in text and "CAUSE NAMED" in text
     await pilot.press("right")
     assert answered.which == 0
-    assert source.orders == []                       # nothing of all this orders the machine
+    assert source.orders == []  # nothing of all this orders the machine
 
 
 async def test_report_data_and_type_a_path(app, service, shown, pilot, page):
@@ -291,8 +341,12 @@ async def test_report_data_and_type_a_path(app, service, shown, pilot, page):
 
 
 async def test_a_file_of_another_machine_asks_what_it_does_not_say(source, clock, shown):
-    service = MadeUpDiagnosis(unsure=("/data/planter.xlsx: columns.opening_mm: what is 100 % in mm?",))
-    app = TopdressApp(source, clock, live=False, utc_offset_s=0.0, services=Services(diagnosis=service))
+    service = MadeUpDiagnosis(
+        unsure=("/data/planter.xlsx: columns.opening_mm: what is 100 % in mm?",)
+    )
+    app = TopdressApp(
+        source, clock, live=False, utc_offset_s=0.0, services=Services(diagnosis=service)
+    )
     async with app.run_test(size=(120, 40)) as pilot:
         page = await opened(app, pilot)
         await pilot.press("q", "2", "enter")
@@ -304,7 +358,7 @@ async def test_a_file_of_another_machine_asks_what_it_does_not_say(source, clock
         await pilot.press("escape")
         await settled(app, pilot)
         assert page.said == "not brought in: the import file has open questions"
-        assert page.sources == SOURCES                  # read anew: the import file is there now
+        assert page.sources == SOURCES  # read anew: the import file is there now
         service.unsure = ()
         await pilot.press("q", "2", "enter")
         await pilot.press(*"planter.xlsx", "enter")
@@ -336,7 +390,9 @@ class Slow(MadeUpDiagnosis):
 
 async def test_work_shows_stage_share_and_time_left_and_escape_cancels_it(source, clock, shown):
     service = Slow()
-    app = TopdressApp(source, clock, live=False, utc_offset_s=0.0, services=Services(diagnosis=service))
+    app = TopdressApp(
+        source, clock, live=False, utc_offset_s=0.0, services=Services(diagnosis=service)
+    )
     async with app.run_test(size=(80, 24)) as pilot:
         page = await opened(app, pilot)
         await pilot.press("enter")
@@ -350,7 +406,7 @@ async def test_work_shows_stage_share_and_time_left_and_escape_cancels_it(source
         await pilot.pause()
         text = "\n".join(shown(app))
         assert "25 %" in text and "shaft, gate, flow, scale" in text and "00:30 left" in text
-        await pilot.press("e", "space")                 # all else waits, hold does not
+        await pilot.press("e", "space")  # all else waits, hold does not
         assert [order.do for order in source.orders] == [Do.HOLD]
         await pilot.press("escape")
         assert service.ended.wait(30.0) and not page.busy and page.shown is None
@@ -413,7 +469,9 @@ async def test_every_action_is_in_the_palette(app):
         assert len(wanted) == 15 and wanted <= titles
 
 
-# --- words and views -------------------------------------------------------------------------------------------------
+# --- words and views
+# -------------------------------------------------------------------------------------------------
+
 
 def test_a_view_goes_through_json_and_comes_back():
     found = sample_found()._replace(left_curve=sample_found().drawn[0].over, refused=("x: y",))
@@ -429,18 +487,28 @@ def test_verdicts_in_one_line():
     assert diagnosis_words.todo(named) == "Work at a larger opening and a lower shaft speed."
     one = replace(named.found.causes[0], rivals=sample_found().found.causes[0].rivals[:1])
     two = replace(named.found, verdict="ambiguous", causes=(one,))
-    assert sentence(two) == ("Flutes fill less at high shaft speed, or: Kilograms per revolution off by a factor. This "
-                             "data cannot tell.")
-    left = replace(sample_found("none").found, verdict="unexplained", unexplained=(
-        Unexplained("flow", "supply_v", 0.4),))
-    assert sentence(left) == ("flow changes with supply; none of the known causes fits: "
-                              "that is 40 % of the error not yet explained.")
+    assert sentence(two) == (
+        "Flutes fill less at high shaft speed, or: Kilograms per revolution off by a factor. This "
+        "data cannot tell."
+    )
+    left = replace(
+        sample_found("none").found,
+        verdict="unexplained",
+        unexplained=(Unexplained("flow", "supply_v", 0.4),),
+    )
+    assert sentence(left) == (
+        "flow changes with supply; none of the known causes fits: "
+        "that is 40 % of the error not yet explained."
+    )
 
 
 def test_cost_in_both_units_and_where_nothing_is_known():
     for percent, place_m, units, said in (
-            (-6.1, 0.5, METRIC, "-6.1 % = -20 kg/ha   +0.50 m"), (-6.1, 0.5, IMPERIAL, "-6.1 % = -18 lb/ac   +1.64 ft"),
-            (None, None, METRIC, "not known"), (0.0, None, METRIC, "no effect on rate or place")):
+        (-6.1, 0.5, METRIC, "-6.1 % = -20 kg/ha   +0.50 m"),
+        (-6.1, 0.5, IMPERIAL, "-6.1 % = -18 lb/ac   +1.64 ft"),
+        (None, None, METRIC, "not known"),
+        (0.0, None, METRIC, "no effect on rate or place"),
+    ):
         cause = replace(sample_found().found.causes[0], field_cost=FieldCost(percent, place_m))
         assert diagnosis_words.cost(cause, 324.6, units) == said
 
@@ -448,23 +516,38 @@ def test_cost_in_both_units_and_where_nothing_is_known():
 def test_the_steps_of_a_plan_are_a_field_and_its_words_are_not_cut():
     tests = ("stop the shaft in gear 2. weigh; then 3. go on (5 min)", "wait.")
     found = sample_found()
-    found = having(found._replace(drives=""), next_run=replace(
-        found.found.next_run, plan=f"1. {tests[0]}; then 2. {tests[1]}", tests=tests))
-    assert diagnosis_shown.plan(found).steps == ("Stop the shaft in gear 2. weigh; then 3. go on (5 min)", "Wait")
+    found = having(
+        found._replace(drives=""),
+        next_run=replace(
+            found.found.next_run, plan=f"1. {tests[0]}; then 2. {tests[1]}", tests=tests
+        ),
+    )
+    assert diagnosis_shown.plan(found).steps == (
+        "Stop the shaft in gear 2. weigh; then 3. go on (5 min)",
+        "Wait",
+    )
 
 
 def test_a_channel_is_marked_only_where_the_error_is_beyond_noise():
     lines = {one.name: one for one in diagnosis_shown.channels(sample_found()).channels}
-    assert lines["shaft"].wrong and lines["shaft"].beyond == "98 %" and lines["scale"].beyond == ">99 %"
+    assert (
+        lines["shaft"].wrong
+        and lines["shaft"].beyond == "98 %"
+        and lines["scale"].beyond == ">99 %"
+    )
     assert not lines["gate"].wrong and lines["gate"].beyond == "-" and lines["flow"].after == ""
 
 
 def test_only_the_gain_of_the_causes_is_told():
     found = sample_found()
     gain = found.found.gain[0]
-    found = having(found, gain=(gain, replace(gain, metric="rmse, r/min, x", of="placebo", after=9.0)))
+    found = having(
+        found, gain=(gain, replace(gain, metric="rmse, r/min, x", of="placebo", after=9.0))
+    )
     assert diagnosis_shown.channels(found).gains == (
-        "checked on a part of the log kept aside: shaft off by 1.91 before, 0.288 with it (rmse, r/min)",)
+        "checked on a part of the log kept aside: shaft off by 1.91 before, 0.288 with it "
+        "(rmse, r/min)",
+    )
 
 
 def test_the_interval_bar_has_zero_in_its_middle():
@@ -482,29 +565,44 @@ def test_plot_ends_hold_zero_and_lines_have_no_gaps():
 
 
 async def test_before_and_after_differ_by_shape_and_the_onset_is_marked(app, shown):
-    curve = ResidualCurve("shaft", "r/min", "time_s", (0.0, 5.0, 10.0), (0.0, -4.0, -4.0), (0.0, 0.1, 0.0), (),
-                          onset=5.0)
+    curve = ResidualCurve(
+        "shaft",
+        "r/min",
+        "time_s",
+        (0.0, 5.0, 10.0),
+        (0.0, -4.0, -4.0),
+        (0.0, 0.1, 0.0),
+        (),
+        onset=5.0,
+    )
     plot = ResidualPlot(PlotView("error", "time, min", curve, False, "en"))
     async with app.run_test(size=(80, 24)) as pilot:
         await app.screen.mount(plot)
         plot.styles.height = 10
         await pilot.pause()
         strips = [strip.text for strip in plot.lines(plot.view, 60, 10)]
-        assert sum(row.count("o") for row in strips[1:-2]) == 3 - 1      # the first two marks share a cell
+        # the first two marks share a cell
+        assert sum(row.count("o") for row in strips[1:-2]) == 3 - 1
         assert sum(row.count("+") for row in strips[1:-2]) == 3
         assert any(":" in row for row in strips[1:-2]) and "begins here" in strips[-2]
 
 
 def test_long_lists_keep_the_chosen_row_in_sight():
     many = tuple(SOURCES[0]._replace(name=f"{k}.csv") for k in range(50))
-    rows = SourceList(SourcesView((), 0, False, "en")).lines(SourcesView(many, 40, False, "en"), 80, 12)
-    assert len(rows) == 12 and any("40.csv" in row.plain and row.plain.startswith(">") for row in rows)
+    rows = SourceList(SourcesView((), 0, False, "en")).lines(
+        SourcesView(many, 40, False, "en"), 80, 12
+    )
+    assert len(rows) == 12 and any(
+        "40.csv" in row.plain and row.plain.startswith(">") for row in rows
+    )
 
 
 @pytest.mark.parametrize(("files", "rows"), [(0, 0), (3, 3), (10, 10), (11, 10), (50, 10)])
 def test_letters_stand_at_files_that_are_shown(monkeypatch, files, rows):
     monkeypatch.setattr(SourceList, "content_size", Size(80, 12))
-    view = SourcesView(tuple(SOURCES[0]._replace(name=f"{k}.csv") for k in range(files)), 0, False, "en")
+    view = SourcesView(
+        tuple(SOURCES[0]._replace(name=f"{k}.csv") for k in range(files)), 0, False, "en"
+    )
     places = SourceList(view).places()
     assert places == tuple((0, 2 + row) for row in range(rows))
     drawn = SourceList(view).lines(view, 80, 12)
@@ -515,7 +613,12 @@ def test_every_effect_of_the_catalogue_is_known_in_chinese():
     known = catalogue("zh").texts
     assert known.get(title_of(UNKNOWN))
     for entry in CATALOGUE.values():
-        for text in (entry.effect.title, entry.effect.advice, entry.effect.separate, *entry.effect.says):
+        for text in (
+            entry.effect.title,
+            entry.effect.advice,
+            entry.effect.separate,
+            *entry.effect.says,
+        ):
             assert known.get(text), text
         for text in entry.effect.says:
             assert text.count("{size}") <= 1 and known[text].count("{size}") == text.count("{size}")
@@ -525,30 +628,43 @@ def test_the_plans_of_all_manoeuvres_are_known():
     from control.experiments.manoeuvres import manoeuvres
     from drivers.files.config import load
     from drivers.files.kinds import MACHINE
+
     plans = {one.id: one.plan for one in manoeuvres(load("huanghai", MACHINE).model)}
-    assert all(map(catalogue("zh").texts.get, plans.values())) and sample_found().found.next_run.plan == plans["stairs"]
+    assert (
+        all(map(catalogue("zh").texts.get, plans.values()))
+        and sample_found().found.next_run.plan == plans["stairs"]
+    )
 
 
 @pytest.mark.exam
 async def test_a_chinese_page_has_no_english_sentence(source, clock, service, shown):
-    app = TopdressApp(source, clock, live=False, language="zh", services=Services(diagnosis=service))
+    app = TopdressApp(
+        source, clock, live=False, language="zh", services=Services(diagnosis=service)
+    )
     async with app.run_test(size=(120, 40)) as pilot:
         await found_shown(app, pilot)
         text = "\n".join(shown(app))
         assert "无法区分" in text and "转速高时槽轮充满度下降" in text
-        assert not [word for word in ("causes", "channel", "before", "advice", "Flutes", "noise") if word in text]
+        assert not [
+            word
+            for word in ("causes", "channel", "before", "advice", "Flutes", "noise")
+            if word in text
+        ]
     use("en")
 
 
 def test_a_curve_with_names_is_drawn_by_places():
-    curve = ResidualCurve("heads", "NDVI", "head", (0.0, 1.0), (0.1, 0.2), (0.0, 0.0), (0.01, 0.01), ("1", "2"))
+    curve = ResidualCurve(
+        "heads", "NDVI", "head", (0.0, 1.0), (0.1, 0.2), (0.0, 0.0), (0.01, 0.01), ("1", "2")
+    )
     found = sample_found()
     found = found._replace(drawn=(found.drawn[0]._replace(over=curve),))
     assert diagnosis_shown.over(found, 0).curve.names == ("1", "2")
 
 
 async def test_what_was_adopted_is_compared_on_another_log(app, service, shown):
-    """C after K: the logs offered are none that the file was made from; errors before and after stand in words."""
+    """C after K: the logs offered are none that the file was made from; errors before and after
+    stand in words."""
     service.found = sample_found("named")
     async with app.run_test(size=(120, 40)) as pilot:
         await found_shown(app, pilot)
@@ -562,10 +678,15 @@ async def test_what_was_adopted_is_compared_on_another_log(app, service, shown):
         assert "Q4 compare" in " ".join(" ".join(shown(app)).split())
         await pilot.press("q", "4", "enter")
         offered = [choice.value for choice in app.screen.choices]
-        assert offered == [SOURCES[2].path, "typed"], "not the run of now, not the log it was made from, no table"
+        assert offered == [SOURCES[2].path, "typed"], (
+            "not the run of now, not the log it was made from, no table"
+        )
         await pilot.press("enter")
         await settled(app, pilot)
-        assert service.asked[-1] == f"compare /data/machines/huanghai-2026-03-18.yaml {SOURCES[2].name}"
+        assert (
+            service.asked[-1]
+            == f"compare /data/machines/huanghai-2026-03-18.yaml {SOURCES[2].name}"
+        )
         text = app.screen.text
         assert "shaft: 1.92 -> 0.290 r/min   better: 85 % less error" in text
         assert "no difference beyond chance" in text and "worse: 25 % more error" in text

@@ -1,4 +1,5 @@
 """Numerals, scales, lines, map frames, units, ages: the pure parts."""
+
 from __future__ import annotations
 
 from dataclasses import replace
@@ -57,7 +58,9 @@ def test_a_row_keeps_its_end_when_the_left_is_too_long():
 
 def lightness(rgb):
     """CIE L* of an sRGB colour, computed apart from the scale's own space."""
-    linear = [c / 255 / 12.92 if c / 255 <= 0.04045 else ((c / 255 + 0.055) / 1.055) ** 2.4 for c in rgb]
+    linear = [
+        c / 255 / 12.92 if c / 255 <= 0.04045 else ((c / 255 + 0.055) / 1.055) ** 2.4 for c in rgb
+    ]
     y = 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
     return 116 * y ** (1 / 3) - 16
 
@@ -70,13 +73,20 @@ def test_the_scale_s_lightness_rises_evenly():
     assert steps[-1] - steps[0] > 45
 
 
-@pytest.mark.parametrize("matrix", [
-    ((0.152, 1.053, -0.205), (0.115, 0.786, 0.099), (-0.004, -0.048, 1.052)),        # protanopia (Machado 2009)
-    ((0.367, 0.861, -0.228), (0.280, 0.673, 0.047), (-0.012, 0.043, 0.969)),         # deuteranopia
-])
+@pytest.mark.parametrize(
+    "matrix",
+    [
+        # protanopia (Machado 2009)
+        ((0.152, 1.053, -0.205), (0.115, 0.786, 0.099), (-0.004, -0.048, 1.052)),
+        ((0.367, 0.861, -0.228), (0.280, 0.673, 0.047), (-0.012, 0.043, 0.969)),  # deuteranopia
+    ],
+)
 def test_colour_blind_eyes_keep_the_ends_apart(matrix):
     def seen(rgb):
-        return [sum(weight * channel for weight, channel in zip(row, rgb, strict=True)) for row in matrix]
+        return [
+            sum(weight * channel for weight, channel in zip(row, rgb, strict=True))
+            for row in matrix
+        ]
 
     places = [seen(colour(share / 4)) for share in range(5)]
     for a, b in pairwise(places):
@@ -99,7 +109,16 @@ def test_no_value_lies_outside_the_scale(values):
 
 def test_a_trace_is_a_step_where_the_value_steps():
     seen = dots(trace([(0.0, 0.0), (0.5, 1.0), (1.0, 1.0)], columns=4, rows=2))
-    assert seen == {(0, 7), (1, 7), (2, 7), (3, 7), *((4, y) for y in range(8)), (5, 0), (6, 0), (7, 0)}
+    assert seen == {
+        (0, 7),
+        (1, 7),
+        (2, 7),
+        (3, 7),
+        *((4, y) for y in range(8)),
+        (5, 0),
+        (6, 0),
+        (7, 0),
+    }
 
 
 def test_an_unknown_value_breaks_the_trace():
@@ -108,11 +127,16 @@ def test_an_unknown_value_breaks_the_trace():
 
 
 @settings(max_examples=100, deadline=None)
-@given(st.lists(st.tuples(st.floats(-3000, 3000), st.floats(-3000, 3000)), min_size=1, max_size=10),
-       st.integers(16, 60), st.integers(6, 60))
+@given(
+    st.lists(st.tuples(st.floats(-3000, 3000), st.floats(-3000, 3000)), min_size=1, max_size=10),
+    st.integers(16, 60),
+    st.integers(6, 60),
+)
 def test_every_place_lies_on_the_map(places, columns, rows):
     easts, norths = zip(*places, strict=True)
-    pixels = camera.fit(Box(min(easts), min(norths), max(easts), max(norths)), columns, rows).pixels(columns, rows)
+    pixels = camera.fit(
+        Box(min(easts), min(norths), max(easts), max(norths)), columns, rows
+    ).pixels(columns, rows)
     for place in places:
         x, y = pixels.at(*place)
         assert 0 <= x < columns and 0 <= y < rows
@@ -130,10 +154,20 @@ def test_a_head_s_bar():
     assert bar(1.7, 4) == ("▄▄▄▄", "") and bar(-1.0, 2) == ("", "▁▁")
 
 
-@pytest.mark.parametrize(("unit", "si", "text"), [
-    (METRIC.speed, 1.25, "4.5"), (METRIC.rate, 336.7, "337"), (METRIC.speed, -0.004, "0.0"), (METRIC.rate, None, "--"),
-    (IMPERIAL.speed, 4.4704, "10.0"), (IMPERIAL.rate, 112.085, "100"), (IMPERIAL.area, 4.0468564224, "10.00"),
-    (IMPERIAL.mass, 45.359237, "100"), (IMPERIAL.distance, 30.48, "100")])
+@pytest.mark.parametrize(
+    ("unit", "si", "text"),
+    [
+        (METRIC.speed, 1.25, "4.5"),
+        (METRIC.rate, 336.7, "337"),
+        (METRIC.speed, -0.004, "0.0"),
+        (METRIC.rate, None, "--"),
+        (IMPERIAL.speed, 4.4704, "10.0"),
+        (IMPERIAL.rate, 112.085, "100"),
+        (IMPERIAL.area, 4.0468564224, "10.00"),
+        (IMPERIAL.mass, 45.359237, "100"),
+        (IMPERIAL.distance, 30.48, "100"),
+    ],
+)
 def test_units_at_the_edge(unit, si, text):
     assert unit.text(si) == text
 
@@ -150,8 +184,10 @@ def test_the_rate_error_is_relative_to_50_kg_ha_at_least():
     assert view.rate_error(None, 20.0) is None
 
 
-@pytest.mark.parametrize(("applied", "level", "text"), [
-    (300.0, "", "0 %"), (331.0, "amber", "+10 %"), (329.0, "", "+10 %"), (239.0, "red", "-20 %")])
+@pytest.mark.parametrize(
+    ("applied", "level", "text"),
+    [(300.0, "", "0 %"), (331.0, "amber", "+10 %"), (329.0, "", "+10 %"), (239.0, "red", "-20 %")],
+)
 def test_levels_of_the_rate_error(applied, level, text):
     frame = run_frames(seconds=1.0)[-1]
     row = frame.row._replace(target_rate_kg_ha=300.0, applied_rate_kg_ha=applied)
@@ -175,8 +211,14 @@ def test_times():
 
 
 def test_an_empty_frame_row_shows_dashes_not_numbers():
-    frame = replace(run_frames(seconds=1.0)[0], row=LogRow(0.0), metres_left_m=None, place_m=None, gnss_age_s=None,
-                    gnss_hz=None)
+    frame = replace(
+        run_frames(seconds=1.0)[0],
+        row=LogRow(0.0),
+        metres_left_m=None,
+        place_m=None,
+        gnss_age_s=None,
+        gnss_hz=None,
+    )
     seen = view.look(frame, 0.0, METRIC)
     assert seen.rates.target.text == seen.rates.applied.text == seen.rates.error.text == "--"
     assert {tile.value.text for tile in seen.tiles} == {"--"}
@@ -211,30 +253,41 @@ def test_hold_and_stop_come_first_and_are_never_locked():
 
 @pytest.mark.parametrize("slope", [1.0, -1.0])
 def test_points_and_their_line_stand_where_their_axes_say(monkeypatch, slope):
-    """What grows to the right goes up, from edge to edge; the line runs through the points, the band around it."""
+    """What grows to the right goes up, from edge to edge; the line runs through the points, the
+    band around it."""
     monkeypatch.setattr(Curve, "style", lambda self, name: Style())
     monkeypatch.setattr(Curve, "rich_style", Style())
     ends = ((10.0, 5.0 - 4.0 * slope), (50.0, 5.0), (90.0, 5.0 + 4.0 * slope))
     alone = CurveView("rpm", "kg", ends)
     fitted = CurveView("rpm", "kg", (), tuple((x, y, y - 0.5, y + 0.5) for x, y in ends))
-    rows, lined = ([strip.text for strip in Curve(one).lines(one, 70, 20)] for one in (alone, fitted))
+    rows, lined = (
+        [strip.text for strip in Curve(one).lines(one, 70, 20)] for one in (alone, fitted)
+    )
     body = [row[8:] for row in rows[1:-1]]
     marks = sorted((row.index("o"), k) for k, row in enumerate(body) if "o" in row)
     assert len(marks) == 3 and marks[0][0] <= 6 and marks[2][0] >= 52, "from edge to edge"
     down = [k for _, k in marks]
-    assert down == sorted(down, reverse=slope > 0.0) and min(down) <= 4 and max(down) >= len(body) - 5
+    assert (
+        down == sorted(down, reverse=slope > 0.0) and min(down) <= 4 and max(down) >= len(body) - 5
+    )
     assert float(rows[1].split()[0]) > float(rows[-2].split()[0]), "the axis counts upwards"
-    drawn = [[k for k, row in enumerate(lined[1:-1]) if "\u2800" < row[8 + column] <= "\u28ff"] for column, _ in marks]
+    drawn = [
+        [k for k, row in enumerate(lined[1:-1]) if "\u2800" < row[8 + column] <= "\u28ff"]
+        for column, _ in marks
+    ]
     assert all(min(seen) - 1 <= row <= max(seen) + 1 for seen, row in zip(drawn, down, strict=True))
 
 
 @pytest.mark.parametrize("columns", range(8, 80))
 @pytest.mark.parametrize("text", ["89", "7", "330", "12.5"])
 def test_two_numbers_stand_farther_apart_than_the_numerals_of_one(columns, text):
-    """At 60 x 20 the numerals of 89 and 89 were 4 columns apart and the numbers 2: read as 8 98 9."""
+    """At 60 x 20 the numerals of 89 and 89 were 4 columns apart and the numbers 2: read as 8 98
+    9."""
     scale = largest((text, text), columns, 20)
     numerals = {1: 1, 2: 2, 3: 4}[scale]
     free = columns - len(draw(text, scale)[0])
     assert scale == 1 or free >= 2 * numerals
-    assert scale == 3 or len(draw(text, scale + 1)[0]) + 2 * {2: 2, 3: 4}[scale + 1] > columns, "as large as it can be"
+    assert scale == 3 or len(draw(text, scale + 1)[0]) + 2 * {2: 2, 3: 4}[scale + 1] > columns, (
+        "as large as it can be"
+    )
     assert ROWS[scale] <= 20

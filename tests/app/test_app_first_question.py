@@ -1,4 +1,6 @@
-"""Which field and job, asked at the start: recent first, one key leaves all as it is, nothing waits for an answer."""
+"""Which field and job, asked at the start: recent first, one key leaves all as it is, nothing
+waits for an answer."""
+
 from __future__ import annotations
 
 import datetime as dt
@@ -45,10 +47,16 @@ async def test_one_key_takes_the_newest_and_one_leaves_all_as_it_is(full, source
         await asked(full, pilot)
         assert isinstance(full.screen, ChoiceDialog)
         text = "\n".join(shown(full))
-        assert "Which field and job?" in text and "2026-03-17 13:05  North 40" in text and "0.86 ha done" in text
+        assert (
+            "Which field and job?" in text
+            and "2026-03-17 13:05  North 40" in text
+            and "0.86 ha done" in text
+        )
         assert any(0x2800 < ord(character) < 0x2900 for character in text), "a small picture"
         marked = full.screen.query_one(ChoiceList).render().split("\n")[0]
-        assert not any(str(span.style).startswith("#") for span in marked.spans), "the picture is seen on the mark too"
+        assert not any(str(span.style).startswith("#") for span in marked.spans), (
+            "the picture is seen on the mark too"
+        )
         await pilot.press("end")
         assert "not worked yet" in "\n".join(shown(full))
         await pilot.press("home")
@@ -58,14 +66,23 @@ async def test_one_key_takes_the_newest_and_one_leaves_all_as_it_is(full, source
         await settled(full, pilot)
         await pilot.press("enter")
         await settled(full, pilot)
-        assert ("recent", "jobs/north-40.yaml", "machines/spreader.yaml", "cabs/red.yaml") in desk.asked
+        assert (
+            "recent",
+            "jobs/north-40.yaml",
+            "machines/spreader.yaml",
+            "cabs/red.yaml",
+        ) in desk.asked
 
 
-@pytest.mark.parametrize(("keys", "how"), [(("enter",), "restart"), (("2", "enter"), "restart anew"),
-                                           (("escape",), "drop")])
+@pytest.mark.parametrize(
+    ("keys", "how"),
+    [(("enter",), "restart"), (("2", "enter"), "restart anew"), (("escape",), "drop")],
+)
 async def test_a_job_that_was_left_on_that_field_is_asked_about(full, keys, how):
     desk = full.services.job
-    desk.cut_off = Offer("a.resume.json", "2026-03-18T14:18:00+00:00", "2026-03-18T15:02:00+00:00", "North 40", 1.2)
+    desk.cut_off = Offer(
+        "a.resume.json", "2026-03-18T14:18:00+00:00", "2026-03-18T15:02:00+00:00", "North 40", 1.2
+    )
     async with full.run_test(size=(120, 40)) as pilot:
         await asked(full, pilot)
         await pilot.press("enter")
@@ -77,7 +94,9 @@ async def test_a_job_that_was_left_on_that_field_is_asked_about(full, keys, how)
         assert desk.asked[-1] == (how,)
 
 
-async def test_hold_and_stop_work_under_it_and_a_machine_that_was_started_is_left_alone(full, source):
+async def test_hold_and_stop_work_under_it_and_a_machine_that_was_started_is_left_alone(
+    full, source
+):
     desk = full.services.job
     async with full.run_test(size=(120, 40)) as pilot:
         await asked(full, pilot)
@@ -99,11 +118,18 @@ async def test_nothing_to_choose_from_is_no_question(full):
         assert full.screen is full.page
 
 
-def worked(logs: Path, name: str, at: int, *files: Path, job: str = "A job", field: str = "A field") -> None:
+def worked(
+    logs: Path, name: str, at: int, *files: Path, job: str = "A job", field: str = "A field"
+) -> None:
     """The sidecar of a log, so many seconds after some moment."""
     logs.mkdir(parents=True, exist_ok=True)
-    meta = run_meta({"title": "A machine"}, None, {"title": job, "field": {"title": field}},
-                    sha256={str(one): "x" for one in files}, started_utc=f"2026-03-1{at}T08:00:00Z")
+    meta = run_meta(
+        {"title": "A machine"},
+        None,
+        {"title": job, "field": {"title": field}},
+        sha256={str(one): "x" for one in files},
+        started_utc=f"2026-03-1{at}T08:00:00Z",
+    )
     PlainLogWriter(logs / f"{name}.csv", meta).close()
     os.utime(logs / f"{name}.yaml", (1e9 + at, 1e9 + at))
 
@@ -119,14 +145,19 @@ def test_recent_jobs_are_sets_of_files_the_newest_first(tmp_path):
     worked(logs, "a", 1, jobs["north"], machine, job="north")
     worked(logs, "b", 2, jobs["south"], machine, job="south", field="By the river")
     worked(logs, "c", 3, jobs["north"], machine, job="north")
-    worked(logs, "d", 4, shipped("jobs")["demo"], machine)                  # nothing of the user's own
+    worked(logs, "d", 4, shipped("jobs")["demo"], machine)  # nothing of the user's own
     worked(logs, "e", 5, jobs["gone"], machine)
     jobs["gone"].unlink()
     (logs / "broken.yaml").write_text("format: [")
-    save(own / "jobs" / "new.yaml", load("demo", JOB).model.model_copy(update={"title": "new"}), JOB)
+    save(
+        own / "jobs" / "new.yaml", load("demo", JOB).model.model_copy(update={"title": "new"}), JOB
+    )
     found = recent(logs, own)
-    assert [(one.job, one.began_utc[:10]) for one in found] == [("north", "2026-03-13"), ("south", "2026-03-12"),
-                                                                ("new", "")]
+    assert [(one.job, one.began_utc[:10]) for one in found] == [
+        ("north", "2026-03-13"),
+        ("south", "2026-03-12"),
+        ("new", ""),
+    ]
     assert found[1].field == "By the river" and found[0].files == (str(jobs["north"]), str(machine))
     launcher = Launcher((), (), 1, 20.0, None, tmp_path / "trouble.log")
     desk = JobFiles(launcher, own)

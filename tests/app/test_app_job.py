@@ -1,4 +1,6 @@
-"""The Job screen: the list before work, the N-rich strip, refills, other files, export, and going on after a cut."""
+"""The Job screen: the list before work, the N-rich strip, refills, other files, export, and
+going on after a cut."""
+
 from __future__ import annotations
 
 import asyncio
@@ -30,7 +32,9 @@ from tests.app.harness import feed, looked, settled
 from tests.app.made_up.job import FACTS, SampleJobService, facts_of
 
 SIZE = (120, 40)
-OFFER = Offer("a.resume.json", "2026-03-18T14:18:00+00:00", "2026-03-18T15:02:00+00:00", "division 2", 1.2)
+OFFER = Offer(
+    "a.resume.json", "2026-03-18T14:18:00+00:00", "2026-03-18T15:02:00+00:00", "division 2", 1.2
+)
 
 
 @pytest.fixture
@@ -49,35 +53,66 @@ async def on_job(app, pilot):
 
 
 def levels(frame, facts=FACTS, free=10**11, age_s=0.0, trouble=""):
-    return {check.label: check.level for check in checks(frame, age_s, facts, trouble, free, METRIC)}
+    return {
+        check.label: check.level for check in checks(frame, age_s, facts, trouble, free, METRIC)
+    }
 
 
 def test_what_is_to_be_looked_at_before_work(frames):
     frame = frames[-1]
-    assert levels(frame) == {"devices": OK, "crop": LOOK, "N-rich strip": OK, "limits": OK, "field": OK, "machine": OK,
-                             "hopper": OK, "log": OK}
+    assert levels(frame) == {
+        "devices": OK,
+        "crop": LOOK,
+        "N-rich strip": OK,
+        "limits": OK,
+        "field": OK,
+        "machine": OK,
+        "hopper": OK,
+        "log": OK,
+    }
     assert worst(checks(frame, 0.0, facts_of({"examples": ()}), "", 10**11, METRIC)) == OK
-    silent = replace(frame, devices=tuple(replace(one, age_s=5.0) if one.name == "gnss" else one
-                                          for one in frame.devices))
+    silent = replace(
+        frame,
+        devices=tuple(
+            replace(one, age_s=5.0) if one.name == "gnss" else one for one in frame.devices
+        ),
+    )
     assert levels(silent)["devices"] == LOOK
-    board = replace(frame, devices=tuple(replace(one, connected=False) if one.name == "board" else one
-                                         for one in frame.devices))
+    board = replace(
+        frame,
+        devices=tuple(
+            replace(one, connected=False) if one.name == "board" else one for one in frame.devices
+        ),
+    )
     assert levels(board)["devices"] == STOP
     assert levels(frame, age_s=2.0)["devices"] == STOP and levels(None)["devices"] == STOP
-    assert levels(frame, facts_of({"ndvi_nrich": 0.7}, {"ndvi_nrich": None}))["N-rich strip"] == LOOK
+    assert (
+        levels(frame, facts_of({"ndvi_nrich": 0.7}, {"ndvi_nrich": None}))["N-rich strip"] == LOOK
+    )
     fixed, none = {"fixed_yield_t_ha": 6.0}, {"ndvi_nrich": None}
     assert levels(frame, facts_of(fixed, none))["N-rich strip"] == LOOK
-    assert levels(frame, facts_of(fixed, none | {"target": Wanted(source="map", map="a.csv")}))["N-rich strip"] == OK
+    assert (
+        levels(frame, facts_of(fixed, none | {"target": Wanted(source="map", map="a.csv")}))[
+            "N-rich strip"
+        ]
+        == OK
+    )
     assert levels(frame, replace(FACTS, field_ha=None))["field"] == LOOK
     assert levels(frame, facts_of(machine={"adopted": ()}, shipped_machine=True))["machine"] == LOOK
-    assert [levels(frame, free=free)["log"] for free in (10**8, 10**9, 10**10, None)] == [STOP, LOOK, OK, LOOK]
+    assert [levels(frame, free=free)["log"] for free in (10**8, 10**9, 10**10, None)] == [
+        STOP,
+        LOOK,
+        OK,
+        LOOK,
+    ]
     assert levels(replace(frame, log_path=""))["log"] == STOP
     assert levels(replace(frame, tally=Tally(trouble="a.resume.json: disk full")))["log"] == LOOK
     assert levels(frame, None, trouble="job.yaml: no such file")["job"] == STOP
 
 
 def test_what_is_well_gives_way_where_not_all_have_room():
-    """The log's STOP stands last on the list: it must not be cut off by eight lines that are well."""
+    """The log's STOP stands last on the list: it must not be cut off by eight lines that are
+    well."""
     some = tuple(Check(str(k), level, "") for k, level in enumerate((OK, LOOK, OK, OK, OK, STOP)))
     assert with_room(some, 6) == some
     assert [check.label for check in with_room(some, 5)] == ["0", "1", "2", "5"]
@@ -87,7 +122,10 @@ def test_what_is_well_gives_way_where_not_all_have_room():
 @pytest.mark.parametrize("height", range(4, 14))
 def test_the_list_fills_its_rows_and_no_more(height):
     """What is to be looked at is said in further rows, as far as there are any."""
-    some = tuple(Check(str(k), level, "short", ("one", "two")) for k, level in enumerate((OK, LOOK, OK, OK, STOP)))
+    some = tuple(
+        Check(str(k), level, "short", ("one", "two"))
+        for k, level in enumerate((OK, LOOK, OK, OK, STOP))
+    )
     rows = CheckList(some).lines(some, 60, height)
     assert len(rows) == min(height, 1 + len(some) + 4)
     assert any("more" in row.plain for row in rows) == (height < 1 + len(some))
@@ -95,7 +133,9 @@ def test_the_list_fills_its_rows_and_no_more(height):
 
 def test_every_warning_of_the_crop_stands_in_full(frames):
     facts = facts_of({"flag": "first", "examples": ("second",)})
-    crop = next(check for check in checks(frames[-1], 0.0, facts, "", None, METRIC) if check.label == "crop")
+    crop = next(
+        check for check in checks(frames[-1], 0.0, facts, "", None, METRIC) if check.label == "crop"
+    )
     assert {"first", "example values, not of this field: second"} <= set(crop.full)
 
 
@@ -104,7 +144,9 @@ def test_totals_in_words(frames):
     shown = {item.label: item.value.text for item in totals(frame, 0.0, METRIC)}
     worked_s = frame.totals.worked_s
     assert shown["held"] == "02:10" and shown["filled in"] == "275 kg"
-    assert shown["gate moves"] == ("--" if worked_s < 60.0 else f"{60 * 3600 / worked_s:.0f} an hour")
+    assert shown["gate moves"] == (
+        "--" if worked_s < 60.0 else f"{60 * 3600 / worked_s:.0f} an hour"
+    )
     assert shown["mean rate"].endswith("kg/ha") and shown["evenness"].count("%") == 2
     assert shown["covered"].startswith(f"{0.97 * frame.area_ha:.2f} ha  twice")
     assert all(item.value.stale for item in totals(frame, 3.0, METRIC))
@@ -112,10 +154,15 @@ def test_totals_in_words(frames):
 
 def test_ground_covered_and_doses_in_words(frames):
     sums = frames[-1].totals._replace(covered_ha=1.184, overlap_ha=0.023, doses=412, doses_missed=3)
-    by_rate = {item.label: item.value.text for item in totals(replace(frames[-1], totals=sums), 0.0, METRIC)}
+    by_rate = {
+        item.label: item.value.text
+        for item in totals(replace(frames[-1], totals=sums), 0.0, METRIC)
+    }
     assert by_rate["covered"] == "1.18 ha  twice 0.02 ha" and "doses" not in by_rate
-    by_plant = {item.label: item.value.text for item in totals(
-        replace(frames[-1], totals=sums, threshold_m=-0.083), 0.0, METRIC)}
+    by_plant = {
+        item.label: item.value.text
+        for item in totals(replace(frames[-1], totals=sums, threshold_m=-0.083), 0.0, METRIC)
+    }
     assert (by_plant["doses"], by_plant["threshold"]) == ("412  missed 3", "-0.08 m")
     assert "evenness" not in by_plant and len(by_plant) == len(by_rate)
 
@@ -126,7 +173,9 @@ async def test_the_screen_says_what_is_wrong_and_shows_it_in_full(app, desk, sho
         await on_job(app, pilot)
         rows = shown(app)
         assert any("crop" in row and "! look" in row for row in rows)
-        assert any("forgotten" in row and "... V" in row for row in rows), "the rest of it is a key away"
+        assert any("forgotten" in row and "... V" in row for row in rows), (
+            "the rest of it is a key away"
+        )
         await pilot.click(CheckList, offset=(5, 3))
         assert sum("forgotten" in row for row in shown(app)) >= 3
 
@@ -138,7 +187,8 @@ async def test_files_that_are_broken_are_a_line(app, desk, shown):
         assert any("STOP" in row and "job.yaml: key crop: missing" in row for row in shown(app))
 
 
-# --- N-rich strip -----------------------------------------------------------------------------------------------------
+# --- N-rich strip
+# --------------------------------------------------------------------------------------------------
 
 
 def test_a_strip_is_the_mean_by_way_not_by_time():
@@ -158,19 +208,31 @@ def test_gaps_and_silent_heads_add_nothing():
     run = StripRun()
     for time_s, ndvi in ((0.0, 0.7), (10.0, 0.7), (10.2, None), (10.4, 0.7)):
         run.add(LogRow(time_s, ndvi=ndvi, speed_used_mps=2.0))
-    assert run.strip.length_m == pytest.approx(0.4) and not run.strip.enough and StripRun().strip.ndvi is None
+    assert (
+        run.strip.length_m == pytest.approx(0.4)
+        and not run.strip.enough
+        and StripRun().strip.ndvi is None
+    )
 
 
 async def test_a_strip_is_driven_counts_at_once_and_is_kept(app, desk, source, clock, pilot):
-    """An order to the worker that runs, and a job file for the next start; nothing is started again."""
+    """An order to the worker that runs, and a job file for the next start; nothing is started
+    again."""
     await on_job(app, pilot)
     feed(app, [{"state": "ready"}])
     await pilot.press("b")
     start_s = source.newest.row.time_s
-    feed(app, [{"time_s": start_s + 0.2 * k, "ndvi": 0.70 + 0.02 * (k % 2), "speed_used_mps": 2.0}
-                       for k in range(1, 30)])
+    feed(
+        app,
+        [
+            {"time_s": start_s + 0.2 * k, "ndvi": 0.70 + 0.02 * (k % 2), "speed_used_mps": 2.0}
+            for k in range(1, 30)
+        ],
+    )
     await pilot.press("b")
-    assert isinstance(app.screen, Confirm) and "Cancel the strip" in app.screen.heading, "11 m are too few"
+    assert isinstance(app.screen, Confirm) and "Cancel the strip" in app.screen.heading, (
+        "11 m are too few"
+    )
     await pilot.press("escape")
     feed(app, [{"time_s": start_s + 0.2 * k, "ndvi": 0.70 + 0.02 * (k % 2)} for k in range(30, 90)])
     await pilot.press("b")
@@ -180,7 +242,9 @@ async def test_a_strip_is_driven_counts_at_once_and_is_kept(app, desk, source, c
     await settled(app, pilot)
     assert desk.asked == [("strip", "nrich", "0.710")] and not isinstance(app.screen, Confirm)
     given = [order for order in source.orders if order.do is Do.STRIP]
-    assert [read_strip(order.value)[:2] for order in given] == [("nrich", pytest.approx(0.71, abs=1e-3))]
+    assert [read_strip(order.value)[:2] for order in given] == [
+        ("nrich", pytest.approx(0.71, abs=1e-3))
+    ]
 
 
 async def test_by_the_fields_index_the_strip_is_chosen_and_the_index_judged(app, desk, source):
@@ -191,7 +255,13 @@ async def test_by_the_fields_index_the_strip_is_chosen_and_the_index_judged(app,
         assert isinstance(app.screen, ChoiceDialog) and len(app.screen.choices) == 2
         await pilot.press("2", "enter")
         start_s = source.newest.row.time_s
-        feed(app, [{"time_s": start_s + 0.2 * k, "ndvi": 0.65, "speed_used_mps": 2.0} for k in range(1, 90)])
+        feed(
+            app,
+            [
+                {"time_s": start_s + 0.2 * k, "ndvi": 0.65, "speed_used_mps": 2.0}
+                for k in range(1, 90)
+            ],
+        )
         await pilot.press("b")
         assert app.screen.heading == "NDVI 0.650 as the farmer check of this job?"
         assert "RI 0.92: the N-rich strip is no greener" in app.screen.text
@@ -202,15 +272,23 @@ async def test_by_the_fields_index_the_strip_is_chosen_and_the_index_judged(app,
 
 def test_strips_and_index_on_the_list(frames):
     frame, facts = frames[-1], facts_of(job={"response_index": "field"})
-    texts = {check.label: (check.level, check.text) for check in checks(frame, 0.0, facts, "", 10**11, METRIC)}
+    texts = {
+        check.label: (check.level, check.text)
+        for check in checks(frame, 0.0, facts, "", 10**11, METRIC)
+    }
     assert texts["response index"] == (LOOK, "farmer check missing: drive one with B")
     live = replace(frame, strips=Strips(0.66, 0.55))
-    texts = {check.label: (check.level, check.text) for check in checks(live, 0.0, facts, "", 10**11, METRIC)}
+    texts = {
+        check.label: (check.level, check.text)
+        for check in checks(live, 0.0, facts, "", 10**11, METRIC)
+    }
     assert texts["response index"] == (OK, "RI 1.20: N-rich 0.660 over check 0.550")
     assert texts["N-rich strip"] == (OK, "NDVI 0.660  measured on the way")
     for strips, said in ((Strips(0.5, 0.55), "no greener"), (Strips(0.9, 0.29), "above 3")):
-        level, text = {check.label: (check.level, check.text) for check in checks(
-            replace(frame, strips=strips), 0.0, facts, "", 10**11, METRIC)}["response index"]
+        level, text = {
+            check.label: (check.level, check.text)
+            for check in checks(replace(frame, strips=strips), 0.0, facts, "", 10**11, METRIC)
+        }["response index"]
         assert level == LOOK and said in text
 
 
@@ -223,7 +301,8 @@ def test_a_strip_is_measured_by_whatever_source_the_machine_works():
 
 
 def test_samples_that_are_alike_count_for_less():
-    """White noise: s over the root of n. A slow wave of the same spread: neighbours tell the same twice."""
+    """White noise: s over the root of n. A slow wave of the same spread: neighbours tell the
+    same twice."""
     rng = np.random.default_rng(1)
     white = (0.7 + 0.02 * rng.standard_normal(400)).tolist()
     assert standard_error(white) == pytest.approx(0.02 / 20.0, rel=0.15)
@@ -250,10 +329,15 @@ async def test_a_working_machine_is_not_started_again(app, desk, source, shown, 
     assert desk.asked[-1] == ("drop",) and app.page.pending == "" and ("restart",) not in desk.asked
 
 
-@pytest.mark.parametrize(("keys", "how"), [(("enter",), ["restart"]), (("2", "enter"), ["restart anew"]),
-                                           (("escape",), [])])
-async def test_what_would_be_spread_twice_is_asked_first(app, desk, source, frames, shown, keys, how):
-    """A map, a job, a machine taken in the middle of a field: what was done there was forgotten without a word."""
+@pytest.mark.parametrize(
+    ("keys", "how"),
+    [(("enter",), ["restart"]), (("2", "enter"), ["restart anew"]), (("escape",), [])],
+)
+async def test_what_would_be_spread_twice_is_asked_first(
+    app, desk, source, frames, shown, keys, how
+):
+    """A map, a job, a machine taken in the middle of a field: what was done there was forgotten
+    without a word."""
     desk.cut_off, desk.next = OFFER, StillSource(frames[-1])
     async with app.run_test(size=SIZE) as pilot:
         await on_job(app, pilot)
@@ -261,8 +345,14 @@ async def test_what_would_be_spread_twice_is_asked_first(app, desk, source, fram
         await pilot.press("q", "2", "enter", "2", "enter")
         await settled(app, pilot)
         text = " ".join(" ".join(shown(app)).split())
-        assert isinstance(app.screen, ChoiceDialog) and "resume the job of 14:18 (1.20 ha done)" in text
-        assert "gets nothing a second time" in app.screen.text and "gets material again" in app.screen.text
+        assert (
+            isinstance(app.screen, ChoiceDialog)
+            and "resume the job of 14:18 (1.20 ha done)" in text
+        )
+        assert (
+            "gets nothing a second time" in app.screen.text
+            and "gets material again" in app.screen.text
+        )
         await pilot.press(*keys)
         await settled(app, pilot)
         assert [one[0] for one in desk.asked if one[0].startswith("restart")] == how
@@ -270,7 +360,8 @@ async def test_what_would_be_spread_twice_is_asked_first(app, desk, source, fram
 
 
 async def test_what_was_said_of_one_run_is_not_said_of_the_next(app, desk, source, shown, pilot):
-    """Taken after all, the map ran under "not taken"; and what the hopper held in the run before was no refill."""
+    """Taken after all, the map ran under "not taken"; and what the hopper held in the run
+    before was no refill."""
     await on_job(app, pilot)
     app.page.say("written: report.html in reports")
     await pilot.press("q", "2", "enter", "2", "enter")
@@ -281,7 +372,9 @@ async def test_what_was_said_of_one_run_is_not_said_of_the_next(app, desk, sourc
     app.tick()
     await settled(app, pilot)
     text = "\n".join(shown(app))
-    assert "not taken" not in text and "the scale saw" not in text and "written: report.html" in text
+    assert (
+        "not taken" not in text and "the scale saw" not in text and "written: report.html" in text
+    )
 
 
 async def test_a_file_that_is_refused_is_a_line(app, desk, source, shown, pilot):
@@ -301,11 +394,15 @@ def test_the_numbers_of_the_pictures_add_up(frames):
     assert last.mean_rate_kg_ha == pytest.approx(last.applied_kg / last.area_ha, rel=0.01)
 
 
-# --- refills ----------------------------------------------------------------------------------------------------------
+# --- refills
+# --------------------------------------------------------------------------------------------------
 
 
 def rows(masses, state="held", from_s=0.0, speed=0.0):
-    return [LogRow(from_s + 0.2 * k, hopper_kg=kg, state=state, speed_used_mps=speed) for k, kg in enumerate(masses)]
+    return [
+        LogRow(from_s + 0.2 * k, hopper_kg=kg, state=state, speed_used_mps=speed)
+        for k, kg in enumerate(masses)
+    ]
 
 
 def seen(*parts) -> float | None:
@@ -345,9 +442,22 @@ def test_two_bags_add_up_and_what_was_recorded_does_not_come_again():
 
 async def test_a_refill_is_offered_on_every_page_and_recorded_by_enter(app, source, pilot):
     start_s = source.newest.row.time_s
-    feed(app, [{"time_s": start_s + 0.2 * k, "hopper_kg": 40.0 if k < 30 else 290.0, "state": "held",
-                        "speed_used_mps": 0.0} for k in range(1, 60)])
-    assert app.notice_text == "the scale saw 250 kg filled in: F10, F records it" and source.orders == []
+    feed(
+        app,
+        [
+            {
+                "time_s": start_s + 0.2 * k,
+                "hopper_kg": 40.0 if k < 30 else 290.0,
+                "state": "held",
+                "speed_used_mps": 0.0,
+            }
+            for k in range(1, 60)
+        ],
+    )
+    assert (
+        app.notice_text == "the scale saw 250 kg filled in: F10, F records it"
+        and source.orders == []
+    )
     await on_job(app, pilot)
     await pilot.press("f")
     assert isinstance(app.screen, NumberDialog) and app.screen.typed == "250.0"
@@ -355,10 +465,13 @@ async def test_a_refill_is_offered_on_every_page_and_recorded_by_enter(app, sour
     assert source.orders == [Order(Do.REFILL, 250.0)] and app.page.refill.seen_kg is None
 
 
-# --- export and end ---------------------------------------------------------------------------------------------------
+# --- export and end
+# --------------------------------------------------------------------------------------------------
 
 
-async def test_the_end_of_the_job_is_asked_marked_exported_and_reported(app, desk, source, shown, pilot):
+async def test_the_end_of_the_job_is_asked_marked_exported_and_reported(
+    app, desk, source, shown, pilot
+):
     await on_job(app, pilot)
     await pilot.press("q", "5", "enter")
     assert "the machine works" in "\n".join(shown(app)) and desk.asked == []
@@ -405,7 +518,8 @@ async def test_an_export_that_fails_is_a_line_and_escape_cancels(app, desk, show
     assert "cancelled" in text and "never.html" not in text
 
 
-# --- power cuts -------------------------------------------------------------------------------------------------------
+# --- power cuts
+# --------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(("keys", "asked"), [(("enter",), "resume"), (("2", "enter"), "anew")])
@@ -414,7 +528,10 @@ async def test_a_job_that_was_cut_off_is_offered_at_the_start(frames, clock, key
     desk.next = StillSource(frames[-1])
     app = TopdressApp(None, clock, live=False, utc_offset_s=0.0, services=Services(job=desk))
     async with app.run_test(size=SIZE) as pilot:
-        assert isinstance(app.screen, ChoiceDialog) and app.screen.heading == "A job was left at 15:02: division 2"
+        assert (
+            isinstance(app.screen, ChoiceDialog)
+            and app.screen.heading == "A job was left at 15:02: division 2"
+        )
         labels = [choice.label for choice in app.screen.choices]
         assert labels == ["resume the job of 14:18 (1.20 ha done)", "begin anew"]
         await pilot.press(*keys)
@@ -458,10 +575,26 @@ async def test_a_worker_that_died_is_offered_to_go_on(app, desk, source, frames)
 
 
 async def test_what_was_before_this_console_is_learned(source, clock):
-    before = Earlier((AlarmRecord("shaft_silent", Severity.RED, 1.0, 2.0, 3, "2026-03-18T06:00:00Z",
-                                  "2026-03-18T06:01:00Z"),),
-                     tuple((500.0 + k, 500.0, 90.0, 300.0) for k in range(20)))
-    app = TopdressApp(source, clock, live=False, services=Services(job=SampleJobService(), earlier=lambda _: before))
+    before = Earlier(
+        (
+            AlarmRecord(
+                "shaft_silent",
+                Severity.RED,
+                1.0,
+                2.0,
+                3,
+                "2026-03-18T06:00:00Z",
+                "2026-03-18T06:01:00Z",
+            ),
+        ),
+        tuple((500.0 + k, 500.0, 90.0, 300.0) for k in range(20)),
+    )
+    app = TopdressApp(
+        source,
+        clock,
+        live=False,
+        services=Services(job=SampleJobService(), earlier=lambda _: before),
+    )
     async with app.run_test(size=SIZE) as pilot:
         await settled(app, pilot)
         assert [record.times for record in app.alarm_book.records] == [3]

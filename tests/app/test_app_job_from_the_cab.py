@@ -1,4 +1,6 @@
-"""A job from the cab: a map from a stick, looked at before it is taken; whose job it is; what it still takes."""
+"""A job from the cab: a map from a stick, looked at before it is taken; whose job it is; what
+it still takes."""
+
 from __future__ import annotations
 
 from dataclasses import replace
@@ -31,7 +33,9 @@ def desk():
 
 @pytest.fixture
 def full(source, clock, desk):
-    return TopdressApp(source, clock, live=False, utc_offset_s=0.0, services=replace(sample_services(), job=desk))
+    return TopdressApp(
+        source, clock, live=False, utc_offset_s=0.0, services=replace(sample_services(), job=desk)
+    )
 
 
 async def opened(app, pilot):
@@ -48,8 +52,12 @@ async def test_a_map_from_a_stick_is_shown_and_then_taken(full, desk, shown, pil
     await settled(full, pilot)
     assert isinstance(full.screen, MapDialog)
     text = " ".join(" ".join(shown(full)).split())
-    for said in ("1.20 ha, 312 kg in all", "column rate, read as kg/ha", "above the crop's limit",
-                 "200 ████████████████ 350 kg/ha"):
+    for said in (
+        "1.20 ha, 312 kg in all",
+        "column rate, read as kg/ha",
+        "above the crop's limit",
+        "200 ████████████████ 350 kg/ha",
+    ):
         assert said in text, said
     assert not any(asked[0] == "map" for asked in desk.asked), "looking changes nothing"
     await pilot.press("enter")
@@ -65,7 +73,9 @@ async def test_column_and_unit_are_chosen_on_the_screen(full, desk, shown, pilot
     await pilot.press("2", "enter")
     await settled(full, pilot)
     assert "rate column not chosen" in "\n".join(shown(full))
-    assert "take it" not in [one.label for one in full.screen.choices], "a question must be answered first"
+    assert "take it" not in [one.label for one in full.screen.choices], (
+        "a question must be answered first"
+    )
     await pilot.press("enter")
     await pilot.press("1", "enter")
     await settled(full, pilot)
@@ -106,7 +116,9 @@ async def test_whose_job_it_is(full, desk, shown, pilot):
 @pytest.mark.exam
 async def test_a_product_of_the_library_is_chosen_by_its_name(full, desk):
     """With its file, from which flow and N share come; a typed name has none."""
-    desk.known = replace(FACTS, products=(File("products/mine.yaml", "mine"), File("products/can_27.yaml", "can_27")))
+    desk.known = replace(
+        FACTS, products=(File("products/mine.yaml", "mine"), File("products/can_27.yaml", "can_27"))
+    )
     async with full.run_test(size=SIZE) as pilot:
         await opened(full, pilot)
         for keys in (("2", "enter"), ("3", "enter", *"lime", "enter")):
@@ -118,18 +130,25 @@ async def test_a_product_of_the_library_is_chosen_by_its_name(full, desk):
             await settled(full, pilot)
             await pilot.press("escape")
         assert [asked[4:] for asked in desk.asked if asked[0] == "who"] == [
-            ("can_27", "", "products/can_27.yaml"), ("lime", "", "")]
+            ("can_27", "", "products/can_27.yaml"),
+            ("lime", "", ""),
+        ]
 
 
 async def test_the_list_of_jobs_draws_their_fields(full, shown, pilot):
     await opened(full, pilot)
     await pilot.press("j")
     text = "\n".join(shown(full))
-    assert all(part in text for part in ("division 2  winter_wheat", "map north.geojson", "1.18 ha done, 2026-03-18"))
+    assert all(
+        part in text
+        for part in ("division 2  winter_wheat", "map north.geojson", "1.18 ha done, 2026-03-18")
+    )
     assert any(0x2800 < ord(letter) < 0x2900 for letter in text)
 
 
-async def test_after_a_calibration_or_an_adoption_it_is_asked_whether_to_use_it_now(full, desk, source, pilot):
+async def test_after_a_calibration_or_an_adoption_it_is_asked_whether_to_use_it_now(
+    full, desk, source, pilot
+):
     await opened(full, pilot)
     full.page.ask_use("machines/new.yaml")
     await pilot.pause()
@@ -148,7 +167,9 @@ def test_what_a_job_still_takes(frames):
     picture = FieldPicture("", (), 2.0, 2.4)
     left = remaining_work(frame, picture)
     done = frame.area_ha
-    assert left.area_ha == pytest.approx(2.0 - done) and left.way_m == pytest.approx((2.0 - done) * 10_000 / 2.4)
+    assert left.area_ha == pytest.approx(2.0 - done) and left.way_m == pytest.approx(
+        (2.0 - done) * 10_000 / 2.4
+    )
     assert left.product_kg == pytest.approx((2.0 - done) * frame.applied_kg / done)
     spent_s = frame.totals.worked_s + frame.tally.held_s
     assert left.time_s == pytest.approx((2.0 - done) * spent_s / done)
@@ -161,14 +182,25 @@ def test_what_a_job_still_takes(frames):
 async def test_a_small_map_is_the_large_one_s_drawing(full, pilot):
     ring = ((0.0, 0.0), (40.0, 0.0), (40.0, 40.0), (0.0, 40.0))
     drawn = small_map(full.page, FieldPicture("", (ring,)), 8, 4)
-    assert len(drawn) == 4 and {len(row) for row in drawn} == {8} and small_map(full.page, None, 8, 4) == []
+    assert (
+        len(drawn) == 4
+        and {len(row) for row in drawn} == {8}
+        and small_map(full.page, None, 8, 4) == []
+    )
     for row in (drawn[0], drawn[-1]):
         assert all(0x2800 < ord(text) < 0x2900 for text, _style in row), "a line all along"
     rates = np.array([[100.0, np.nan], [200.0, 300.0]], np.float32)
-    planned = [cell for row in small_map(full.page, FieldPicture("", planned=Planned(0.0, 0.0, 10.0, rates)), 8, 4)
-               for cell in row]
+    planned = [
+        cell
+        for row in small_map(
+            full.page, FieldPicture("", planned=Planned(0.0, 0.0, 10.0, rates)), 8, 4
+        )
+        for cell in row
+    ]
     low, high = ("#{:02x}{:02x}{:02x}".format(*colour(share)) for share in (0.0, 1.0))
-    assert any(low in style for _text, style in planned) and any(high in style for _text, style in planned)
+    assert any(low in style for _text, style in planned) and any(
+        high in style for _text, style in planned
+    )
 
 
 async def test_the_job_page_tells_what_is_left(full, shown, pilot):

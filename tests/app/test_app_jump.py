@@ -1,4 +1,6 @@
-"""One key puts letters over what can be clicked; typing them clicks it. Hold and STOP work meanwhile."""
+"""One key puts letters over what can be clicked; typing them clicks it. Hold and STOP work
+meanwhile."""
+
 from __future__ import annotations
 
 import string
@@ -33,9 +35,13 @@ def label_of(app, wanted):
 def test_no_label_has_a_letter_that_acts_on_the_machine():
     bound = {where: actions.bound_at(where, {}) for where in {one.where for one in actions.ACTIONS}}
     assert not set(letters(bound)) & (bound["run"] | bound["calibrate"] | bound["devices"])
-    assert len(letters(bound)) >= 6, "enough for labels of two: every letter of these pages has an action, no digit has"
+    assert len(letters(bound)) >= 6, (
+        "enough for labels of two: every letter of these pages has an action, no digit has"
+    )
     other = {**bound, "run": bound["run"] | {"7"}}
-    assert "7" in letters(bound) and "7" not in letters(other), "nor one that the user's keymap gave such an action"
+    assert "7" in letters(bound) and "7" not in letters(other), (
+        "nor one that the user's keymap gave such an action"
+    )
     every = frozenset(string.ascii_lowercase + string.digits)
     assert letters({where: every for where in bound}) == "" and labels(5, "") == ()
 
@@ -51,16 +57,24 @@ def test_no_label_begins_another():
 async def test_every_page_has_letters_and_stop_stays_stop(full, source, where, turned, pilot):
     await turned(full, pilot, where)
     bar = full.page.query_one(KeyBar)
-    stop = [(x, bar.region.y) for x in range(bar.size.width) if bar.action_at(x) in ("stop", "hold")]
+    stop = [
+        (x, bar.region.y) for x in range(bar.size.width) if bar.action_at(x) in ("stop", "hold")
+    ]
     found = await shown_letters(full, pilot)
     assert len(found) > 8, "the tabs of the pages alone are nine"
-    covered = {(place.seen.x + cell, place.seen.y) for label, place in found.items() for cell in range(len(label))}
+    covered = {
+        (place.seen.x + cell, place.seen.y)
+        for label, place in found.items()
+        for cell in range(len(label))
+    }
     assert stop and not covered & set(stop)
     before = len(source.orders)
     await pilot.press("x")
     assert [order.do for order in source.orders[before:]] == [Do.STOP]
     await pilot.press("s")
-    assert full.screen is full.page and len(source.orders) == before + 1, "another letter ends it and does nothing"
+    assert full.screen is full.page and len(source.orders) == before + 1, (
+        "another letter ends it and does nothing"
+    )
 
 
 async def test_typing_a_label_clicks(full, pilot):
@@ -86,7 +100,9 @@ async def test_buttons_of_a_dialog_have_letters_too(full, pilot):
     dialog = full.screen
     assert len(places_of(dialog)) == len(dialog.query(Button)) + len(dialog.choices)
     await shown_letters(full, pilot)
-    await pilot.press(*label_of(full, lambda place: place.widget.id == "choices" and place.at.y == 1))
+    await pilot.press(
+        *label_of(full, lambda place: place.widget.id == "choices" and place.at.y == 1)
+    )
     assert full.screen is dialog and dialog.at == 1
     await shown_letters(full, pilot)
     await pilot.press(*label_of(full, lambda place: place.widget.id == "cancel"))
@@ -96,12 +112,16 @@ async def test_buttons_of_a_dialog_have_letters_too(full, pilot):
 @pytest.mark.parametrize("size", [(80, 24), (60, 20), (160, 50)])
 async def test_letters_stand_only_where_something_is_in_sight(full, size, pilot):
     found = await shown_letters(full, pilot)
-    assert found and all(0 <= one.seen.x < size[0] and 0 <= one.seen.y < size[1] for one in found.values())
+    assert found and all(
+        0 <= one.seen.x < size[0] and 0 <= one.seen.y < size[1] for one in found.values()
+    )
     await pilot.press("escape")
     assert full.screen is full.page
 
 
-# --- The help page is searched by a word -----------------------------------------------------------------------------
+# --- The help page is searched by a word
+# -----------------------------------------------------------------------------
+
 
 async def test_a_word_leaves_the_lines_that_hold_it(app, source, shown, pilot):
     await pilot.press("f1")

@@ -1,5 +1,6 @@
-"""What is printed as a key is pressed as it stands there; a letter that means nothing here says where it does; a
-refusal names the key that comes first."""
+"""What is printed as a key is pressed as it stands there; a letter that means nothing here says
+where it does; a refusal names the key that comes first."""
+
 from __future__ import annotations
 
 from dataclasses import replace
@@ -35,8 +36,14 @@ async def test_the_map_is_moved_by_the_signs_as_by_the_arrows(full, turned, pilo
     assert seen[0] == seen[2] > 0.0 > seen[1] == seen[3]
 
 
-async def test_every_letter_of_the_run_page_does_on_every_page_what_it_does_there_or_says_where(full, source, turned):
-    run = [one for one in actions.ACTIONS if one.where == "run" and len(one.keys) == 1 and one.keys.isalpha()]
+async def test_every_letter_of_the_run_page_does_on_every_page_what_it_does_there_or_says_where(
+    full, source, turned
+):
+    run = [
+        one
+        for one in actions.ACTIONS
+        if one.where == "run" and len(one.keys) == 1 and one.keys.isalpha()
+    ]
     assert {"start", "ready", "strategy", "manual_rate", "refill"} <= {one.id for one in run}
     full.use_keymap({})
     async with full.run_test(size=SIZE) as pilot:
@@ -58,7 +65,10 @@ async def test_letters_of_other_pages_say_where_on_the_run_page(full):
     full.use_keymap({})
     async with full.run_test(size=SIZE) as pilot:
         await pilot.press("b")
-        assert "B: begin / end on calibrate (F6), boundary on map (F3), N strip on job (F10)" in full.notice_text
+        assert (
+            "B: begin / end on calibrate (F6), boundary on map (F3), N strip on job (F10)"
+            in full.notice_text
+        )
 
 
 @pytest.mark.parametrize("state", ["off", "fault"])
@@ -86,7 +96,10 @@ async def test_a_source_that_the_job_has_not_is_marked_as_a_map_is(full, source)
     async with full.run_test(size=SIZE) as pilot:
         await pilot.press("o")
         why = {one.value: one.why for one in full.screen.choices}
-        assert why["point"] == "this job has no plants" and "no map" in why["map"] == why["map_and_canopy"]
+        assert (
+            why["point"] == "this job has no plants"
+            and "no map" in why["map"] == why["map_and_canopy"]
+        )
         assert not why["canopy"] and not why["manual"] and not why["fallback"]
 
 

@@ -1,4 +1,6 @@
-"""A key means one thing: digits are values, a refused question swallows its answer, what cannot be done says why."""
+"""A key means one thing: digits are values, a refused question swallows its answer, what cannot
+be done says why."""
+
 from __future__ import annotations
 
 from dataclasses import replace
@@ -31,7 +33,8 @@ async def test_no_digit_does_anything_on_any_page(full, source, turned, pilot):
 
 
 async def test_a_refused_question_lets_nothing_of_its_answer_through(full, source, clock):
-    """Locked: the question for a rate is not asked; what is typed for it opens no page and gives no order."""
+    """Locked: the question for a rate is not asked; what is typed for it opens no page and
+    gives no order."""
     full.locked = True
     async with full.run_test(size=SIZE) as pilot:
         await pilot.press("m")
@@ -40,7 +43,9 @@ async def test_a_refused_question_lets_nothing_of_its_answer_through(full, sourc
         await pilot.press("1", "8", "full_stop", "5", "plus", "minus", "enter")
         assert full.screen is full.page and source.orders == []
         await pilot.press("space", "x")
-        assert [order.do for order in source.orders] == [Do.HOLD, Do.STOP], "these are never swallowed"
+        assert [order.do for order in source.orders] == [Do.HOLD, Do.STOP], (
+            "these are never swallowed"
+        )
         clock.now_s += 3.0
         await pilot.press("plus")
         assert full.screen is not full.page, "after a pause a key is a key again"
@@ -60,7 +65,9 @@ async def test_a_refused_name_swallows_its_letters(full, source, turned, pilot):
 def test_stray_typing_ends_with_another_key_or_a_pause():
     stray = StrayTyping()
     stray.refused("number", 0.0)
-    assert stray.swallows("5", 1.0) and stray.swallows("enter", 2.5), "each key begins the pause anew"
+    assert stray.swallows("5", 1.0) and stray.swallows("enter", 2.5), (
+        "each key begins the pause anew"
+    )
     assert not stray.swallows("s", 2.6) and not stray.swallows("5", 2.7), "something else is meant"
     stray.refused("number", 10.0)
     assert not stray.swallows("5", 12.0)
@@ -71,12 +78,16 @@ def test_stray_typing_ends_with_another_key_or_a_pause():
 def test_a_held_enter_answers_one_question():
     held = HeldEnter()
     assert not held.repeats("rate", 0.0)
-    assert held.repeats("use it now?", 0.5) and held.repeats("use it now?", 0.53), "the key's own repeats"
+    assert held.repeats("use it now?", 0.5) and held.repeats("use it now?", 0.53), (
+        "the key's own repeats"
+    )
     assert not held.repeats("use it now?", 1.3)
     assert not held.repeats("use it now?", 1.35), "the same question again is its own affair"
 
 
-async def test_enter_held_down_does_not_confirm_the_question_that_follows(full, source, clock, pilot):
+async def test_enter_held_down_does_not_confirm_the_question_that_follows(
+    full, source, clock, pilot
+):
     full.live = True
     await pilot.press("m", "1", "8", "0", "enter", "enter", "enter")
     assert source.orders == [Order(Do.MANUAL_RATE, 180.0)] and isinstance(full.screen, Confirm)
@@ -107,13 +118,17 @@ async def test_a_space_is_a_space_in_text(full, source, pilot):
     assert [order.do for order in source.orders] == [Do.HOLD, Do.STOP]
 
 
-@pytest.mark.parametrize(("state", "off"), [("working", {"start", "ready"}), ("off", {"start"}), ("held", set())])
+@pytest.mark.parametrize(
+    ("state", "off"), [("working", {"start", "ready"}), ("off", {"start"}), ("held", set())]
+)
 async def test_what_cannot_be_done_is_in_brackets_and_says_why(full, source, shown, state, off):
     in_state(source, state)
     async with full.run_test(size=SIZE):
         assert {"start", "ready"} & full.page.query_one("#keys", KeyBar).view.off == off
         last = shown(full)[-1]
-        assert ("(S start)" in last) == ("start" in off) and ("(R ready)" in last) == ("ready" in off)
+        assert ("(S start)" in last) == ("start" in off) and ("(R ready)" in last) == (
+            "ready" in off
+        )
         help_of = {one.title: one.help for one in full.get_system_commands(full.screen)}
         assert ("not now: the machine is" in help_of["start"]) == ("start" in off)
 
@@ -155,8 +170,12 @@ async def test_undo_takes_the_last_change_back_and_asks(full, source, pilot):
     await pilot.press("t", "2", "enter", "plus", "enter", "ctrl+z")
     assert isinstance(full.screen, Confirm) and "nudge +0 %" in full.screen.text
     await pilot.press("enter", "ctrl+z", "enter")
-    assert source.orders == [Order(Do.STRATEGY, "speed_first"), Order(Do.NUDGE, 5.0), Order(Do.NUDGE, 0.0),
-                             Order(Do.STRATEGY, "opening_first")]
+    assert source.orders == [
+        Order(Do.STRATEGY, "speed_first"),
+        Order(Do.NUDGE, 5.0),
+        Order(Do.NUDGE, 0.0),
+        Order(Do.STRATEGY, "opening_first"),
+    ]
     assert full.undo.newest is None
 
 
@@ -170,17 +189,25 @@ async def test_a_setting_is_taken_back_too(full, turned):
         assert store.settings == before
 
 
-@pytest.mark.parametrize("size", [
-    (60, 20), *(pytest.param(size, marks=pytest.mark.exam) for size in ((120, 40), (80, 24)))])
+@pytest.mark.parametrize(
+    "size",
+    [(60, 20), *(pytest.param(size, marks=pytest.mark.exam) for size in ((120, 40), (80, 24)))],
+)
 async def test_every_page_is_reached_without_f_keys_at_every_size(full, size, pilot):
     for digit, where in enumerate((one.id.removesuffix("_screen") for one in full.page_actions), 1):
         bar = full.page.query_one("#keys", KeyBar)
-        place = next(one for one in laid_out(bar.view.actions, bar.size.width) if one[0].id == "pages")
-        await pilot.click("#keys", offset=(place[1] + 1, 0)) if digit == 3 else await pilot.press("tab")
+        place = next(
+            one for one in laid_out(bar.view.actions, bar.size.width) if one[0].id == "pages"
+        )
+        await pilot.click("#keys", offset=(place[1] + 1, 0)) if digit == 3 else await pilot.press(
+            "tab"
+        )
         await pilot.press(str(digit), "enter")
         assert full.page.where == where and full.screen is full.page
 
 
 async def test_a_number_out_of_range_stays_and_reaches_no_page(full, source, pilot):
     await pilot.press("m", "9", "9", "9", "enter", "5", "0", "enter", "enter")
-    assert isinstance(full.screen, NumberDialog) and source.orders == [] and full.page.where == "run"
+    assert (
+        isinstance(full.screen, NumberDialog) and source.orders == [] and full.page.where == "run"
+    )

@@ -1,4 +1,5 @@
 """The A-B line and a boundary that is being driven outlive the console on which they were begun."""
+
 from __future__ import annotations
 
 from dataclasses import replace
@@ -24,8 +25,12 @@ CORNERS = [Corner(34.8 + 0.0001 * k, 113.6, 0.0) for k in range(4)]
 
 def test_what_was_said_last_holds_and_half_a_line_counts_for_nothing():
     guide, drive = GuideLine((0.0, 0.0), (3.0, 100.0), 2.4), BoundaryDrive(-1.2)
-    said = [guide_record(GuideLine((9.0, 9.0), None, 2.4)), guide_record(guide), drive_record(drive, 5.0),
-            *(corner_record(one, (0.0, 10.0 * k), 5.0 + k) for k, one in enumerate(CORNERS))]
+    said = [
+        guide_record(GuideLine((9.0, 9.0), None, 2.4)),
+        guide_record(guide),
+        drive_record(drive, 5.0),
+        *(corner_record(one, (0.0, 10.0 * k), 5.0 + k) for k, one in enumerate(CORNERS)),
+    ]
     kept = kept_lines([*said, '{"corner": [34.9, 113'])
     assert kept.guide == guide and kept.drive.right_m == -1.2 and kept.until_s == 8.0
     assert kept.drive.corners == CORNERS and kept.way[-1] == (0.0, 30.0)
@@ -36,7 +41,9 @@ def test_what_was_said_last_holds_and_half_a_line_counts_for_nothing():
 
 def _app(frame, files):
     services = replace(sample_services(), lines=files)
-    return TopdressApp(StillSource(frame), StillClock(), live=False, utc_offset_s=0.0, services=services)
+    return TopdressApp(
+        StillSource(frame), StillClock(), live=False, utc_offset_s=0.0, services=services
+    )
 
 
 async def test_the_next_console_goes_on_with_both(frames, tmp_path):
@@ -51,7 +58,9 @@ async def test_the_next_console_goes_on_with_both(frames, tmp_path):
         await turned(first, pilot, "map")
         await pilot.press("b", "1", "enter")
         for k in range(4):
-            row = frame.row._replace(lat_deg=34.8 + 0.0001 * k, time_s=100.0 + k, fix_quality=4, heading_deg=0.0)
+            row = frame.row._replace(
+                lat_deg=34.8 + 0.0001 * k, time_s=100.0 + k, fix_quality=4, heading_deg=0.0
+            )
             first.map_page.gather(replace(frame, row=row))
         way_m = first.map_page.drive.way_m
         assert way_m > 30.0
@@ -61,7 +70,11 @@ async def test_the_next_console_goes_on_with_both(frames, tmp_path):
         await settled(second, pilot)
         assert second.guide.set and second.guide.b == (0.0, 50.0)
         drive = second.map_page.drive
-        assert drive is not None and drive.way_m == pytest.approx(way_m) and "boundary goes on" in second.notice_text
+        assert (
+            drive is not None
+            and drive.way_m == pytest.approx(way_m)
+            and "boundary goes on" in second.notice_text
+        )
         await turned(second, pilot, "map")
         await pilot.press("delete")
         assert not second.guide.set
@@ -73,24 +86,41 @@ def test_the_way_driven_while_no_console_looked_comes_from_the_log(tmp_path):
     log, files = tmp_path / "run.csv", KeptLineFiles()
     writer = PlainLogWriter(log, run_meta())
     for k in range(9):
-        writer.append(LogRow(time_s=float(k), utc=f"2026-03-18T08:00:0{k}.000Z", lat_deg=34.8 + 0.0001 * k,
-                             lon_deg=113.6, heading_deg=0.0, fix_quality=4))
+        writer.append(
+            LogRow(
+                time_s=float(k),
+                utc=f"2026-03-18T08:00:0{k}.000Z",
+                lat_deg=34.8 + 0.0001 * k,
+                lon_deg=113.6,
+                heading_deg=0.0,
+                fix_quality=4,
+            )
+        )
     writer.close()
     files.append(str(log), drive_record(BoundaryDrive(1.2), 0.0))
     for k, one in enumerate(CORNERS):
         files.append(str(log), corner_record(one, (0.0, 10.0 * k), float(k)))
     files.close()
     kept = files.read(str(log))
-    assert [corner.lat_deg for corner in kept.drive.corners] == pytest.approx([34.8 + 0.0001 * k for k in range(9)])
+    assert [corner.lat_deg for corner in kept.drive.corners] == pytest.approx(
+        [34.8 + 0.0001 * k for k in range(9)]
+    )
 
 
-FIELD = {"origin_lat_deg": 34.8, "origin_lon_deg": 113.6, "boundary_m": [[0, 0], [90, 0], [90, 90], [0, 90]]}
+FIELD = {
+    "origin_lat_deg": 34.8,
+    "origin_lon_deg": 113.6,
+    "boundary_m": [[0, 0], [90, 0], [90, 90], [0, 90]],
+}
 
 
 def _worked(folder, name, field, *records):
     """A job's log by its sidecar, and what was kept beside it."""
     log = folder / f"{name}.csv"
-    meta = run_meta(job={"title": name, "field": field}, started_utc=f"{name[:4]}-{name[4:6]}-{name[6:8]}T08:00:00Z")
+    meta = run_meta(
+        job={"title": name, "field": field},
+        started_utc=f"{name[:4]}-{name[4:6]}-{name[6:8]}T08:00:00Z",
+    )
     log.with_suffix(".yaml").write_text(meta_to_yaml(meta), encoding="utf-8")
     files = KeptLineFiles()
     for record in records:
@@ -109,7 +139,9 @@ def test_the_line_of_a_field_is_there_the_next_day(tmp_path):
     today = _worked(tmp_path, "20260320-080000", FIELD | {"title": "another name"})
     kept = KeptLineFiles().read(str(today))
     assert kept.guide == LINE and kept.of_day.startswith("2026-03-18") and kept.drive is None
-    elsewhere = _worked(tmp_path, "20260321-080000", FIELD | {"boundary_m": [[0, 0], [50, 0], [50, 50]]})
+    elsewhere = _worked(
+        tmp_path, "20260321-080000", FIELD | {"boundary_m": [[0, 0], [50, 0], [50, 50]]}
+    )
     assert KeptLineFiles().read(str(elsewhere)).guide.a is None
     nowhere = _worked(tmp_path, "20260322-080000", FIELD | {"boundary_m": []})
     assert KeptLineFiles().read(str(nowhere)).guide.a is None
@@ -129,7 +161,10 @@ async def test_the_console_says_whose_line_it_is_and_keeps_it_for_this_job(frame
     app = _app(replace(frames[-1], log_path=str(today)), KeptLineFiles())
     async with app.run_test(size=SIZE) as pilot:
         await settled(app, pilot)
-        assert app.guide == LINE and "of 2026-03-18 is here again; Del on the Map page" in app.notice_text
+        assert (
+            app.guide == LINE
+            and "of 2026-03-18 is here again; Del on the Map page" in app.notice_text
+        )
         app.services.lines.close()
     kept = KeptLineFiles().read(str(today))
     assert kept.guide == LINE and kept.of_day == ""
@@ -137,4 +172,8 @@ async def test_the_console_says_whose_line_it_is_and_keeps_it_for_this_job(frame
 
 def test_without_such_a_file_there_is_nothing(tmp_path):
     kept = KeptLineFiles().read(str(tmp_path / "run.csv"))
-    assert kept.guide.a is None and kept.drive is None and not Path(lines_path(tmp_path / "run.csv")).exists()
+    assert (
+        kept.guide.a is None
+        and kept.drive is None
+        and not Path(lines_path(tmp_path / "run.csv")).exists()
+    )

@@ -1,4 +1,6 @@
-"""Lists of every dialog: digits mark and Enter takes, two digits are one number, and a long list scrolls."""
+"""Lists of every dialog: digits mark and Enter takes, two digits are one number, and a long
+list scrolls."""
+
 from __future__ import annotations
 
 from dataclasses import replace
@@ -32,12 +34,23 @@ async def asked(app, pilot, choices, now=""):
     return dialog, answers
 
 
-@pytest.mark.parametrize("keys, taken", [
-    ("13", "value 13"), ("3", "value 3"), ("10", "value 10"), ("03", "value 3"), ("133", None), ("14", None),
-    ("99", None), ("0", "value 1"), ("143", "value 3")])
+@pytest.mark.parametrize(
+    "keys, taken",
+    [
+        ("13", "value 13"),
+        ("3", "value 3"),
+        ("10", "value 10"),
+        ("03", "value 3"),
+        ("133", None),
+        ("14", None),
+        ("99", None),
+        ("0", "value 1"),
+        ("143", "value 3"),
+    ],
+)
 async def test_two_digits_are_one_number_and_one_that_is_not_there_takes_nothing(full, keys, taken):
-    """`13` took line 3, another crop; now a number without a line says so, and Enter takes nothing until one is
-    marked again."""
+    """`13` took line 3, another crop; now a number without a line says so, and Enter takes
+    nothing until one is marked again."""
     async with full.run_test(size=(100, 30)) as pilot:
         dialog, answers = await asked(full, pilot, names(13))
         await pilot.press(*keys, "enter")
@@ -57,12 +70,16 @@ async def test_after_a_pause_a_digit_begins_a_new_number(full, clock):
 
 
 @pytest.mark.parametrize("size", SIZES)
-async def test_every_line_of_a_long_list_is_reached_and_seen_with_a_bar_and_a_count(full, shown, size, pilot):
+async def test_every_line_of_a_long_list_is_reached_and_seen_with_a_bar_and_a_count(
+    full, shown, size, pilot
+):
     await asked(full, pilot, names(60))
     for k in range(1, 61):
         rows = shown(full)
         assert any(f"> {k:>2}  line {k} " in row for row in rows), k
-        assert any(f"{k} of 60" in row for row in rows) and any("█" in row or "│" in row for row in rows)
+        assert any(f"{k} of 60" in row for row in rows) and any(
+            "█" in row or "│" in row for row in rows
+        )
         assert any("Enter" in row for row in rows), "the keys stay in sight"
         await pilot.press("down")
 
@@ -79,8 +96,21 @@ async def test_a_click_marks_what_is_seen_there_and_the_wheel_moves_on(full):
         assert answers == [f"value {dialog.at + 1}"]
 
 
-@pytest.mark.parametrize("keys", [("f2", "t"), ("f2", "o"), ("f2", "h"), ("f2", "tab"), ("f10", "q"), ("f4", "v"),
-                                  ("f10", "j"), ("f10", "p"), ("f9", "q"), ("f3", "b")])
+@pytest.mark.parametrize(
+    "keys",
+    [
+        ("f2", "t"),
+        ("f2", "o"),
+        ("f2", "h"),
+        ("f2", "tab"),
+        ("f10", "q"),
+        ("f4", "v"),
+        ("f10", "j"),
+        ("f10", "p"),
+        ("f9", "q"),
+        ("f3", "b"),
+    ],
+)
 async def test_a_digit_alone_takes_nothing_in_any_list(full, source, keys):
     """In the menu it did, and the Enter that followed answered the next question."""
     async with full.run_test(size=(100, 30)) as pilot:
@@ -89,7 +119,9 @@ async def test_a_digit_alone_takes_nothing_in_any_list(full, source, keys):
         assert isinstance(full.screen, ChoiceDialog), keys
         dialog, page = full.screen, full.page
         await pilot.press("2")
-        assert full.screen is dialog and full.page is page and dialog.at == 1 and source.orders == []
+        assert (
+            full.screen is dialog and full.page is page and dialog.at == 1 and source.orders == []
+        )
 
 
 async def test_the_menu_and_enter_ask_one_question_only(full, source):
@@ -104,21 +136,32 @@ def test_no_other_list_reads_digits():
     """The rule is in one place."""
     for path in Path(console.app.__file__).parent.rglob("*.py"):
         text = path.read_text(encoding="utf-8")
-        if path.name not in ("dialogs.py", "number_dialog.py", "typed_number.py", "pressed.py", "stray.py"):
+        if path.name not in (
+            "dialogs.py",
+            "number_dialog.py",
+            "typed_number.py",
+            "pressed.py",
+            "stray.py",
+        ):
             assert "isdigit()" not in text and "isdecimal()" not in text, path
             assert "OptionList" not in text, path
 
 
 def test_all_crops_of_the_house_are_listed(tmp_path):
     """Two of thirteen could not be reached at any size."""
-    facts = JobFiles(Launcher((), (), 1, 20.0, str(tmp_path / "run.csv"), tmp_path / "worker.log"), tmp_path).facts()
+    facts = JobFiles(
+        Launcher((), (), 1, 20.0, str(tmp_path / "run.csv"), tmp_path / "worker.log"), tmp_path
+    ).facts()
     shipped = {path.stem for path in Path("configs/crops").glob("*.yaml")}
     assert {one.label for one in facts.crops} == shipped
     (tmp_path / "jobs").mkdir()
     for k in range(20):
-        (tmp_path / "jobs" / f"own-{k}.yaml").write_text((Path("configs/jobs/demo.yaml")).read_text(encoding="utf-8"),
-                                                         encoding="utf-8")
-    facts = JobFiles(Launcher((), (), 1, 20.0, str(tmp_path / "run.csv"), tmp_path / "worker.log"), tmp_path).facts()
+        (tmp_path / "jobs" / f"own-{k}.yaml").write_text(
+            (Path("configs/jobs/demo.yaml")).read_text(encoding="utf-8"), encoding="utf-8"
+        )
+    facts = JobFiles(
+        Launcher((), (), 1, 20.0, str(tmp_path / "run.csv"), tmp_path / "worker.log"), tmp_path
+    ).facts()
     assert len(facts.jobs) == 20 + len(list(Path("configs/jobs").glob("*.yaml")))
 
 
@@ -128,8 +171,9 @@ async def test_a_dialog_offers_its_keys_where_the_list_is_short(full):
         assert dialog.at == 1 and {one.id for one in dialog.query(Button)} == {"yes", "cancel"}
 
 
-@pytest.mark.parametrize("key, kind", [(("j",), "job"), (("q", "1", "enter"), "crop"),
-                                       (("q", "2", "enter"), "machine")])
+@pytest.mark.parametrize(
+    "key, kind", [(("j",), "job"), (("q", "1", "enter"), "crop"), (("q", "2", "enter"), "machine")]
+)
 async def test_a_job_s_files_are_walked_to_or_typed_as_a_map_is(full, source, key, kind):
     """Only those of two folders could be taken."""
     desk = full.services.job
@@ -138,10 +182,13 @@ async def test_a_job_s_files_are_walked_to_or_typed_as_a_map_is(full, source, ke
         await settled(full, pilot)
         await pilot.press(*key)
         await settled(full, pilot)
-        assert [one.label for one in full.screen.choices][-2:] == ["look in folders ...", "type or paste a path ..."]
+        assert [one.label for one in full.screen.choices][-2:] == [
+            "look in folders ...",
+            "type or paste a path ...",
+        ]
         await pilot.press("end", "up", "enter")
         await settled(full, pilot)
-        await pilot.press("enter")                          # the stick
+        await pilot.press("enter")  # the stick
         await settled(full, pilot)
         assert [one.label for one in full.screen.choices] == ["..", "2026-03-18  north.yaml"]
         await pilot.press("2", "enter")
@@ -157,9 +204,17 @@ async def test_a_job_s_files_are_walked_to_or_typed_as_a_map_is(full, source, ke
 
 def test_a_folder_lists_files_of_the_kind_that_is_wanted(tmp_path):
     for kind in ("job", "crop", "machine"):
-        (tmp_path / f"a-{kind}.yaml").write_text(f"# own\nformat: topdress-{kind}/1\n", encoding="utf-8")
-    (tmp_path / "zones.geojson").write_text('{"type": "FeatureCollection", "features": []}', encoding="utf-8")
+        (tmp_path / f"a-{kind}.yaml").write_text(
+            f"# own\nformat: topdress-{kind}/1\n", encoding="utf-8"
+        )
+    (tmp_path / "zones.geojson").write_text(
+        '{"type": "FeatureCollection", "features": []}', encoding="utf-8"
+    )
     (tmp_path / "sub").mkdir()
-    for kind, name in (("job", "a-job.yaml"), ("crop", "a-crop.yaml"), ("machine", "a-machine.yaml"),
-                       ("map", "zones.geojson")):
+    for kind, name in (
+        ("job", "a-job.yaml"),
+        ("crop", "a-crop.yaml"),
+        ("machine", "a-machine.yaml"),
+        ("map", "zones.geojson"),
+    ):
         assert [one.name for one in entries(tmp_path, kind)] == ["..", "sub/", name]

@@ -1,4 +1,6 @@
-"""The Map screen: what keys and mouse do to it, what it says of a place, and how little it draws again."""
+"""The Map screen: what keys and mouse do to it, what it says of a place, and how little it
+draws again."""
+
 from __future__ import annotations
 
 from dataclasses import replace
@@ -29,7 +31,9 @@ ON_MAP = Picture("map", SIZE, screen="map")
 @pytest.fixture
 def app(frames, clock):
     """A minute of a run on its field."""
-    app = TopdressApp(StillSource(frames[-1]), clock, live=False, utc_offset_s=0.0, services=sample_services())
+    app = TopdressApp(
+        StillSource(frames[-1]), clock, live=False, utc_offset_s=0.0, services=sample_services()
+    )
     for frame in frames[:-1]:
         app.history.add(frame)
     return app
@@ -59,8 +63,13 @@ async def test_colours_by_key_and_by_click(app, pilot, pane):
     for _press in MapLayer:
         seen.append((pane.view.scale.layer, legend.view.scale.unit))
         await pilot.press("v")
-    assert seen == [(MapLayer.APPLIED, "kg/ha"), (MapLayer.TARGET, "kg/ha"), (MapLayer.ERROR, "%"), (MapLayer.NDVI, ""),
-                    (MapLayer.PASSES, "x")]
+    assert seen == [
+        (MapLayer.APPLIED, "kg/ha"),
+        (MapLayer.TARGET, "kg/ha"),
+        (MapLayer.ERROR, "%"),
+        (MapLayer.NDVI, ""),
+        (MapLayer.PASSES, "x"),
+    ]
     assert pane.view.scale.layer is MapLayer.APPLIED
     await pilot.click("#map-bar", offset=(22, 0))
     assert pane.view.scale.layer is MapLayer.ERROR
@@ -145,7 +154,7 @@ async def test_a_file_is_laid_on_the_map_by_its_key_and_taken_off_again(app, sho
     await settled(app, pilot)
     assert legend.display and pane.view.laid is not None
     assert any("file autumn.geojson: applied " in row and "kg/ha" in row for row in shown(app))
-    column, row = pane.pixels().at(54.0, 30.0)                  # not worked yet, and there in autumn
+    column, row = pane.pixels().at(54.0, 30.0)  # not worked yet, and there in autumn
     await pilot.hover("#map-pane", offset=(column, row // 2))
     east, north = pane.pixels().place(column, 2 * (row // 2) + 0.5)
     told = float(reading(app)["file"].removesuffix(" kg/ha"))
@@ -186,7 +195,9 @@ async def test_the_work_lies_over_a_laid_file_and_the_plan_under_it(app, pilot, 
     bare = image(view.worked, view.picture, view.scale, pane.pixels(), True)
     done = (bare >= DONE) & (bare < PLAN) | (bare == PASSAGE)
     assert (seen[done] == bare[done]).all()
-    assert (seen[~done] >= LAID).sum() > 100 and ((seen[~done] >= PLAN) & (seen[~done] < LAID)).any()
+    assert (seen[~done] >= LAID).sum() > 100 and (
+        (seen[~done] >= PLAN) & (seen[~done] < LAID)
+    ).any()
 
 
 @pytest.mark.exam
@@ -244,12 +255,17 @@ async def test_a_map_drawn_row_by_row_looks_as_one_drawn_at_once(clock):
             app.tick()
         await later(app, pilot, 1.0)
         grown = [pane.render_line(row).text for row in range(pane.content_size.height)]
-        styles = [[segment.style for segment in pane.render_line(row)] for row in range(pane.content_size.height)]
+        styles = [
+            [segment.style for segment in pane.render_line(row)]
+            for row in range(pane.content_size.height)
+        ]
         pane.refresh()
         await pilot.pause()
         assert [pane.render_line(row).text for row in range(pane.content_size.height)] == grown
-        assert [[segment.style for segment in pane.render_line(row)]
-                for row in range(pane.content_size.height)] == styles
+        assert [
+            [segment.style for segment in pane.render_line(row)]
+            for row in range(pane.content_size.height)
+        ] == styles
 
 
 async def test_locked_nothing_moves(app, pilot, pane):
@@ -280,7 +296,9 @@ async def test_a_field_that_cannot_be_read_is_said_in_one_line(clock, shown):
     def load(frame):
         raise ValueError("map_demo.geojson: no features")
 
-    app = TopdressApp(StillSource(run_frames(seconds=1.0)[-1]), clock, live=False, services=Services(field=load))
+    app = TopdressApp(
+        StillSource(run_frames(seconds=1.0)[-1]), clock, live=False, services=Services(field=load)
+    )
     async with app.run_test(size=SIZE) as pilot:
         await opened(app, pilot)
         assert "map_demo.geojson: no features" in shown(app)[-1]
@@ -292,8 +310,13 @@ async def test_a_field_is_loaded_once_for_each_job(clock):
 
     def load(frame):
         asked.append(frame.job)
-        return FieldPicture("f", (((0.0, 0.0), (10.0, 0.0), (0.0, 10.0)),), 0.01, 3.0,
-                            Planned(0.0, 0.0, 5.0, np.full((2, 2), 100.0, dtype=np.float32)))
+        return FieldPicture(
+            "f",
+            (((0.0, 0.0), (10.0, 0.0), (0.0, 10.0)),),
+            0.01,
+            3.0,
+            Planned(0.0, 0.0, 5.0, np.full((2, 2), 100.0, dtype=np.float32)),
+        )
 
     frame = run_frames(seconds=1.0)[-1]
     source = StillSource(frame)
@@ -359,13 +382,16 @@ async def test_in_a_replay_alone_the_map_is_the_log_s_and_space_plays(frames, cl
         log.seek(5.0)
         clock.now_s += 1.0
         app.tick()
-        assert pane.view.worked.box.north_m == pytest.approx(11.3, abs=1.0), "back in the log, the ground goes back"
+        assert pane.view.worked.box.north_m == pytest.approx(11.3, abs=1.0), (
+            "back in the log, the ground goes back"
+        )
         await pilot.press("q", "1", "enter")
         assert "no machine is connected" in "\n".join(shown(app))
 
 
-@pytest.mark.parametrize(("size", "language"), [((80, 24), "en"), ((80, 24), "zh"), ((100, 30), "en"),
-                                                ((200, 50), "en")])
+@pytest.mark.parametrize(
+    ("size", "language"), [((80, 24), "en"), ((80, 24), "zh"), ((100, 30), "en"), ((200, 50), "en")]
+)
 async def test_at_every_size_the_map_its_legend_and_its_reading_are_there(shown, size, language):
     picture = Picture("map", size, screen="map", language=language, alarms=True)
     app, _clock = still_app(picture)

@@ -1,4 +1,6 @@
-"""The model check's line on the Run page: there when something departs, empty in a turn, with an offer at hold."""
+"""The model check's line on the Run page: there when something departs, empty in a turn, with
+an offer at hold."""
+
 from __future__ import annotations
 
 from dataclasses import replace
@@ -19,19 +21,35 @@ def with_row(frame, **changes):
 
 
 def test_the_line_says_what_since_when_and_why(frames):
-    frame = with_row(frames[-1], state="working", time_s=900.0, utc="2026-03-20T08:15:00.000Z", work_switch=1,
-                     target_rate_kg_ha=300.0)
+    frame = with_row(
+        frames[-1],
+        state="working",
+        time_s=900.0,
+        utc="2026-03-20T08:15:00.000Z",
+        work_switch=1,
+        target_rate_kg_ha=300.0,
+    )
     said = model_check_texts(FOUND, frame, 0.0)[0]
-    assert said.startswith("check: 4 % too little flows since 08:10. Probably: ") and said.endswith("; F9")
-    unsure = model_check_texts(FOUND._replace(certain=False, since_s=None, percent=None), frame, 0.0)[0]
+    assert said.startswith("check: 4 % too little flows since 08:10. Probably: ") and said.endswith(
+        "; F9"
+    )
+    unsure = model_check_texts(
+        FOUND._replace(certain=False, since_s=None, percent=None), frame, 0.0
+    )[0]
     assert "flow is not as it should be. Perhaps: " in unsure
-    assert departure_line(Departure("gate", "", 3.0, None), "") == "3 % too much spread, by the gate"
+    assert (
+        departure_line(Departure("gate", "", 3.0, None), "") == "3 % too much spread, by the gate"
+    )
 
 
 def test_nothing_while_turning_and_an_offer_at_hold(frames):
-    frame = with_row(frames[-1], state="working", time_s=900.0, work_switch=1, target_rate_kg_ha=0.0)
+    frame = with_row(
+        frames[-1], state="working", time_s=900.0, work_switch=1, target_rate_kg_ha=0.0
+    )
     assert model_check_texts(FOUND, frame, 0.0) == ()
-    assert model_check_texts(FOUND, with_row(frame, target_rate_kg_ha=300.0, work_switch=0), 0.0) == ()
+    assert (
+        model_check_texts(FOUND, with_row(frame, target_rate_kg_ha=300.0, work_switch=0), 0.0) == ()
+    )
     held = with_row(frame, state="held")
     assert "adopt" in model_check_texts(FOUND, held, 0.0)[0]
     tell = FOUND._replace(adoptable=False, next_run="two speeds")
@@ -43,22 +61,35 @@ def seen(texts: tuple[str, ...], width: int) -> str:
 
 
 def test_on_a_narrow_screen_the_offer_stays(frames):
-    unsure = FOUND._replace(cause="flow.hopper_head", certain=False, adoptable=False,
-                            next_run="A refill half-way: the head jumps back, time does not.")
+    unsure = FOUND._replace(
+        cause="flow.hopper_head",
+        certain=False,
+        adoptable=False,
+        next_run="A refill half-way: the head jumps back, time does not.",
+    )
     held = with_row(frames[-1], state="held", time_s=900.0, utc="2026-03-20T08:15:00.000Z")
     adopt, tell = (seen(model_check_texts(one, held, 0.0), 80) for one in (FOUND, unsure))
     assert adopt == "check: 4 % too little flows since 08:10; F9: adopt it into the machine file"
     assert tell == "check: 4 % too little flows since 08:10; F9: the run that tells which"
     works = with_row(held, state="working", work_switch=1, target_rate_kg_ha=300.0)
-    assert seen(model_check_texts(unsure, works, 0.0), 80).endswith("Perhaps: Flows less as the hopper empties; F9")
+    assert seen(model_check_texts(unsure, works, 0.0), 80).endswith(
+        "Perhaps: Flows less as the hopper empties; F9"
+    )
 
 
 def test_the_plan_of_a_run_is_said_in_chinese_too(frames):
-    unsure = FOUND._replace(cause="flow.hopper_head", certain=False, adoptable=False,
-                            next_run="Two ground speeds: 3 and 6 km/h in turn, two minutes each.")
+    unsure = FOUND._replace(
+        cause="flow.hopper_head",
+        certain=False,
+        adoptable=False,
+        next_run="Two ground speeds: 3 and 6 km/h in turn, two minutes each.",
+    )
     use("zh")
     try:
-        assert "ground speeds" not in model_check_texts(unsure, with_row(frames[-1], state="held"), 0.0)[0]
+        assert (
+            "ground speeds"
+            not in model_check_texts(unsure, with_row(frames[-1], state="held"), 0.0)[0]
+        )
     finally:
         use("en")
 
@@ -79,8 +110,13 @@ async def test_the_row_is_there_only_while_something_departs(clock, frames, show
     def latest(log: str) -> Departure | None:
         asked.append(log)
         return said[0]
-    app = TopdressApp(StillSource(with_row(frames[-1], state="working", work_switch=1, target_rate_kg_ha=300.0)), clock,
-                      live=False, services=Services(model_check=latest))
+
+    app = TopdressApp(
+        StillSource(with_row(frames[-1], state="working", work_switch=1, target_rate_kg_ha=300.0)),
+        clock,
+        live=False,
+        services=Services(model_check=latest),
+    )
     async with app.run_test(size=(120, 40)) as pilot:
         assert asked and not app.page.query_one("#model-check").display
         said[0] = FOUND

@@ -1,4 +1,6 @@
-"""No question leaves a screen that waits for what never comes; no note keeps a key from its page."""
+"""No question leaves a screen that waits for what never comes; no note keeps a key from its
+page."""
+
 from __future__ import annotations
 
 from dataclasses import replace
@@ -22,14 +24,23 @@ from tests.app.harness import looked, settled
 from tests.app.made_up.job import SampleJobService
 
 SIZES = ((120, 40), (80, 24), (60, 20))
-OFFER = Offer("/logs/a.resume.json", "2026-03-18T06:18:00Z", "2026-03-18T07:02:00Z", "division 2", 1.2)
-JOINED = Joined("2026-11-23T07:12:00+00:00", "/logs/run.csv", ("/jobs/north.yaml",), ("/jobs/south.yaml",),
-                named=("/jobs/south.yaml",))
+OFFER = Offer(
+    "/logs/a.resume.json", "2026-03-18T06:18:00Z", "2026-03-18T07:02:00Z", "division 2", 1.2
+)
+JOINED = Joined(
+    "2026-11-23T07:12:00+00:00",
+    "/logs/run.csv",
+    ("/jobs/north.yaml",),
+    ("/jobs/south.yaml",),
+    named=("/jobs/south.yaml",),
+)
 
 
 @pytest.mark.parametrize("size", SIZES)
-async def test_escape_at_the_resume_question_says_what_connects_for_as_long_as_nothing_does(clock, shown, size):
-    """"Waiting for the first values", for ever."""
+async def test_escape_at_the_resume_question_says_what_connects_for_as_long_as_nothing_does(
+    clock, shown, size
+):
+    """ "Waiting for the first values", for ever."""
     desk = SampleJobService(cut_off=OFFER)
     app = TopdressApp(None, clock, live=False, services=Services(job=desk), start=desk.restart)
     async with app.run_test(size=size) as pilot:
@@ -47,8 +58,12 @@ async def test_escape_at_the_resume_question_says_what_connects_for_as_long_as_n
         assert isinstance(app.screen, GoneScreen)
 
 
-@pytest.mark.parametrize(("keys", "asked"), [(("enter",), None), (("escape",), None), (("2", "enter"), "south")])
-async def test_files_on_the_command_line_may_take_the_place_of_a_machine_that_runs(source, frames, clock, keys, asked):
+@pytest.mark.parametrize(
+    ("keys", "asked"), [(("enter",), None), (("escape",), None), (("2", "enter"), "south")]
+)
+async def test_files_on_the_command_line_may_take_the_place_of_a_machine_that_runs(
+    source, frames, clock, keys, asked
+):
     """They were only said not to be used."""
     desk = SampleJobService()
     desk.next = StillSource(frames[-1])
@@ -68,14 +83,21 @@ async def test_a_machine_at_work_is_not_ended_for_other_files(source, clock):
     app = TopdressApp(source, clock, live=False, services=Services(job=desk), joined=JOINED)
     async with app.run_test(size=(80, 24)) as pilot:
         await pilot.press("2", "enter")
-        assert isinstance(app.screen, ChoiceDialog) and "hold or stop it first" in app.screen.choices[1].why
+        assert (
+            isinstance(app.screen, ChoiceDialog)
+            and "hold or stop it first" in app.screen.choices[1].why
+        )
         assert not any(one[0] == "recent" for one in desk.asked)
 
 
-async def test_a_machine_that_ends_by_itself_is_started_anew_with_the_files_of_the_command_line(source, frames, clock):
+async def test_a_machine_that_ends_by_itself_is_started_anew_with_the_files_of_the_command_line(
+    source, frames, clock
+):
     desk = SampleJobService()
     desk.next = StillSource(frames[-1])
-    app = TopdressApp(source, clock, live=False, services=Services(job=desk), joined=JOINED, start=desk.restart)
+    app = TopdressApp(
+        source, clock, live=False, services=Services(job=desk), joined=JOINED, start=desk.restart
+    )
     async with app.run_test(size=(80, 24)) as pilot:
         await pilot.press("escape")
         source.end.set_exception(WorkerGone("gone"))
@@ -87,8 +109,10 @@ async def test_a_machine_that_ends_by_itself_is_started_anew_with_the_files_of_t
         assert ("recent", "/jobs/south.yaml") in desk.asked and app.source is desk.next
 
 
-@pytest.mark.parametrize("note", [lambda: TextDialog("Read", "this"), lambda: HelpScreen(()),
-                                  lambda: AlarmList("Alarms", ())])
+@pytest.mark.parametrize(
+    "note",
+    [lambda: TextDialog("Read", "this"), lambda: HelpScreen(()), lambda: AlarmList("Alarms", ())],
+)
 async def test_a_note_closes_by_any_page_key_which_does_what_it_says(full, note):
     async with full.run_test(size=(100, 30)) as pilot:
         for action in full.page_actions:
@@ -97,7 +121,9 @@ async def test_a_note_closes_by_any_page_key_which_does_what_it_says(full, note)
             await pilot.pause()
             await pilot.press(action.keys)
             await pilot.pause()
-            assert full.screen is full.page and full.page.where == action.id.removesuffix("_screen"), action.id
+            assert full.screen is full.page and full.page.where == action.id.removesuffix(
+                "_screen"
+            ), action.id
             assert answers == [None], "who asked for the note hears that it is closed"
 
 

@@ -1,4 +1,6 @@
-"""Nothing that carries meaning is cut, at any size of terminal that is allowed for, in any language."""
+"""Nothing that carries meaning is cut, at any size of terminal that is allowed for, in any
+language."""
+
 from __future__ import annotations
 
 from collections.abc import Iterator
@@ -36,7 +38,13 @@ from tests.app.made_up.job import facts_of
 
 SIZES = ((120, 40), (100, 30), (80, 24), (60, 20), (65, 43))
 WIDTHS = tuple(width for width, _rows in SIZES)
-VALUES = {"hopper_kg": 118.5, "metres_left": 12640.0, "device": "rate_module", "speed_mps": 1.81, "file": "run.csv"}
+VALUES = {
+    "hopper_kg": 118.5,
+    "metres_left": 12640.0,
+    "device": "rate_module",
+    "speed_mps": 1.81,
+    "file": "run.csv",
+}
 SCREENS = sorted({one.screen for one in PICTURES})
 
 
@@ -69,8 +77,12 @@ def cut_on(app: TopdressApp) -> list[str]:
     found = []
     for screen in dict.fromkeys((app.page, app.screen)):
         for one in (*screen.query(Panel), *screen.query(Canvas)):
-            if one.is_mounted and one.visible and one.display and all(a.display for a in one.ancestors
-                                                                      if isinstance(a, Widget)):
+            if (
+                one.is_mounted
+                and one.visible
+                and one.display
+                and all(a.display for a in one.ancestors if isinstance(a, Widget))
+            ):
                 found += [f"{type(one).__name__}: {what}" for what in _cut_in(one)]
                 if one.region.right > app.size.width:
                     found.append(f"{type(one).__name__} runs out of the screen: {one.region}")
@@ -80,8 +92,8 @@ def cut_on(app: TopdressApp) -> list[str]:
 
 
 def _buttons_cut(screen) -> list[str]:
-    """Words of a button, or of a row of them, that have no room: also where the row runs out to the right of what can
-    be scrolled down only."""
+    """Words of a button, or of a row of them, that have no room: also where the row runs out to
+    the right of what can be scrolled down only."""
     found = []
     for one in screen.query(Button):
         inside = one.parent.content_region
@@ -102,8 +114,13 @@ def _cut_in(one: Panel | Canvas) -> list[str]:
         rows = one.lines(one.view, width, height)
     if isinstance(one, Canvas):
         return found
-    found += [f"{row.plain.rstrip()!r} in {width}" for row in rows if cell_len(row.plain.rstrip()) > width]
-    return [*found, *(f"no row for {row.plain.strip()!r}" for row in rows[height:] if row.plain.strip())]
+    found += [
+        f"{row.plain.rstrip()!r} in {width}" for row in rows if cell_len(row.plain.rstrip()) > width
+    ]
+    return [
+        *found,
+        *(f"no row for {row.plain.strip()!r}" for row in rows[height:] if row.plain.strip()),
+    ]
 
 
 def _beyond(dialog: Dialog) -> list[str]:
@@ -116,10 +133,12 @@ def _beyond(dialog: Dialog) -> list[str]:
         for child in box.query("*"):
             region = child.region
             if any(type(one).__name__ == "VerticalScroll" for one in child.ancestors):
-                continue                # it is scrolled to
+                continue  # it is scrolled to
             if region.area and not inside.contains_region(region):
-                found.append(f"{type(dialog).__name__}: {type(child).__name__} "
-                             f"{str(getattr(child, 'label', getattr(child, 'content', '')))[:40]!r} outside")
+                found.append(
+                    f"{type(dialog).__name__}: {type(child).__name__} "
+                    f"{str(getattr(child, 'label', getattr(child, 'content', '')))[:40]!r} outside"
+                )
     return found
 
 
@@ -127,16 +146,25 @@ def drawn_in(one, view, width, height):
     """The rows of a view on a panel of this size, and what of it is cut."""
     with watched() as found:
         rows = one.lines(view, width, height)
-    return [row.plain for row in rows], found + [row.plain for row in rows if cell_len(row.plain.rstrip()) > width] + [
-        row.plain for row in rows[height:] if row.plain.strip()]
+    return [row.plain for row in rows], found + [
+        row.plain for row in rows if cell_len(row.plain.rstrip()) > width
+    ] + [row.plain for row in rows[height:] if row.plain.strip()]
 
 
 def test_the_finder_finds():
     """A text that is too long, a row that is too long, a row too many."""
     view = AlarmsView((), "a calm line that is much too long for so few cells", "", True)
     assert drawn_in(AlarmBar(view), view, 20, 1)[1] == []
-    note = RatesView(Shown("1"), Shown("1"), "kg/ha", "", Shown("--"), None, "",
-                     ("a note of more cells than there are",))
+    note = RatesView(
+        Shown("1"),
+        Shown("1"),
+        "kg/ha",
+        "",
+        Shown("--"),
+        None,
+        "",
+        ("a note of more cells than there are",),
+    )
     assert drawn_in(Rates(note), note, 24, 7)[1]
 
 
@@ -160,14 +188,22 @@ async def test_the_finder_finds_a_row_of_buttons_that_runs_out(picture, columns,
 
 
 @pytest.mark.parametrize("language", languages())
-@pytest.mark.parametrize("width", [60, 120, *(pytest.param(width, marks=pytest.mark.exam) for width in (100, 80))])
+@pytest.mark.parametrize(
+    "width", [60, 120, *(pytest.param(width, marks=pytest.mark.exam) for width in (100, 80))]
+)
 def test_every_alarm_is_read_to_its_end(frames, language, width):
     use(language)
     frame = frames[-1]
-    found, drawn = {}, set()            # most alarms tell nothing that has another unit: drawn once
-    for (name, kind), gone_s, seen, units in product(ALARMS.items(), (None, 12.0), (False, True), (METRIC, IMPERIAL)):
+    # most alarms tell nothing that has another unit: drawn once
+    found, drawn = {}, set()
+    for (name, kind), gone_s, seen, units in product(
+        ALARMS.items(), (None, 12.0), (False, True), (METRIC, IMPERIAL)
+    ):
         one = Alarm(name, kind.severity, 1.0, seen, tuple(VALUES.items()), gone_s)
-        others = [Alarm(other, Severity.AMBER, 2.0, False, tuple(VALUES.items())) for other in list(ALARMS)[:3]]
+        others = [
+            Alarm(other, Severity.AMBER, 2.0, False, tuple(VALUES.items()))
+            for other in list(ALARMS)[:3]
+        ]
         for standing in ([one], [one, *others]):
             shown = alarms(replace(frame, alarms=tuple(standing)), 0.0, units)
             if shown in drawn:
@@ -188,10 +224,14 @@ def test_every_reason_for_another_rate_is_read_to_its_end(language, width, heigh
     use(language)
     for some in [*((one,) for one in words.NOTES), *combinations(words.NOTES, 2)]:
         note = tuple(words.note_word(one) for one in some)
-        view = RatesView(Shown("1234"), Shown("1234"), "kg/ha", "+30 %", Shown("-100 %"), -1.0, "red", note)
+        view = RatesView(
+            Shown("1234"), Shown("1234"), "kg/ha", "+30 %", Shown("-100 %"), -1.0, "red", note
+        )
         lines, cut = drawn_in(Rates(view), view, width, height)
         assert cut == []
-        assert words.note_word(some[0]) in " ".join(lines), "the first reason always; the others are counted"
+        assert words.note_word(some[0]) in " ".join(lines), (
+            "the first reason always; the others are counted"
+        )
 
 
 @pytest.mark.parametrize("language", languages())
@@ -212,8 +252,18 @@ def test_state_and_marks_stand_whole_and_words_go_whole(language, width):
     use(language)
     bar = StatusLine(StatusView("", "", "", "", "", "", (), "", "", ""))
     for state, source, silent in product(words.STATES, words.SOURCES, ("", "NO DATA 12 s")):
-        view = StatusView(state, words.STATE_SYMBOLS[state], words.state_word(state), words.strategy_word("balanced"),
-                          words.source_word(source), "", ("SIMULATED", "LOCKED"), silent, "12:34:56", "1:23:45")
+        view = StatusView(
+            state,
+            words.STATE_SYMBOLS[state],
+            words.state_word(state),
+            words.strategy_word("balanced"),
+            words.source_word(source),
+            "",
+            ("SIMULATED", "LOCKED"),
+            silent,
+            "12:34:56",
+            "1:23:45",
+        )
         (text, *_), cut = drawn_in(bar, view, width, 1)
         assert cut == []
         assert words.state_word(state) in text and "SIMULATED" in text and silent in text
@@ -247,26 +297,55 @@ def late(app):
     """The end of a long day on a large field: every number has its most digits."""
     frame, picture = app.source.newest, app.fields.of(app.source.newest)
     assert picture is not None
-    row = frame.row._replace(time_s=frame.row.time_s + 40_000.0, hopper_kg=1234.5, target_rate_kg_ha=412.3,
-                             applied_rate_kg_ha=398.7)
-    totals = frame.totals._replace(area_ha=138.61, worked_s=38_000.0, applied_kg=45_678.9, covered_ha=137.2,
-                                   overlap_ha=12.34, applied_n_kg=21_012.5)
-    app.source.newest = replace(frame, row=row, area_ha=138.61, applied_kg=45_678.9, totals=totals,
-                                metres_left_m=12_345.0, seq=frame.seq + 1)
+    row = frame.row._replace(
+        time_s=frame.row.time_s + 40_000.0,
+        hopper_kg=1234.5,
+        target_rate_kg_ha=412.3,
+        applied_rate_kg_ha=398.7,
+    )
+    totals = frame.totals._replace(
+        area_ha=138.61,
+        worked_s=38_000.0,
+        applied_kg=45_678.9,
+        covered_ha=137.2,
+        overlap_ha=12.34,
+        applied_n_kg=21_012.5,
+    )
+    app.source.newest = replace(
+        frame,
+        row=row,
+        area_ha=138.61,
+        applied_kg=45_678.9,
+        totals=totals,
+        metres_left_m=12_345.0,
+        seq=frame.seq + 1,
+    )
     app.fields.of = lambda _frame: replace(picture, area_ha=412.75, planned=None)
 
 
 def full_job(app):
     """A job with everything that a check list, totals and notes can hold."""
     frame = app.source.newest
-    app.source.newest = replace(frame, totals=frame.totals._replace(stopped_kg=1.3), tally=frame.tally._replace(
-        refills=frame.tally.refills * 9, log_before="run-0.csv", after_cut_kg=0.4), seq=frame.seq + 1)
+    app.source.newest = replace(
+        frame,
+        totals=frame.totals._replace(stopped_kg=1.3),
+        tally=frame.tally._replace(
+            refills=frame.tally.refills * 9, log_before="run-0.csv", after_cut_kg=0.4
+        ),
+        seq=frame.seq + 1,
+    )
     app.job_page.facts = facts_of(
         {"flag": "rates of the source are for durum, not for winter wheat; look at the limits"},
-        {"client": "Li", "farm": "Huanghai", "operator": "Wang", "response_index": "field"}, {"adopted": ()},
-        shipped_machine=True, map_file="maps/north.geojson",
-        map_check=MapCheck(1.2, 1.2, 0.1, 0.0, 0.0, 0.0, 300.0, 0.3, 6.0, 320.0))
-    app.job_page.said[:] = ["written: run-applied.geojson, run-report.html in /home/wang/topdress/logs", "taken: north"]
+        {"client": "Li", "farm": "Huanghai", "operator": "Wang", "response_index": "field"},
+        {"adopted": ()},
+        shipped_machine=True,
+        map_file="maps/north.geojson",
+        map_check=MapCheck(1.2, 1.2, 0.1, 0.0, 0.0, 0.0, 300.0, 0.3, 6.0, 320.0),
+    )
+    app.job_page.said[:] = [
+        "written: run-applied.geojson, run-report.html in /home/wang/topdress/logs",
+        "taken: north",
+    ]
 
 
 async def test_nothing_is_cut_of_a_full_job():
@@ -286,8 +365,14 @@ async def test_nothing_is_cut_on_any_picture(screen, language):
     assert await on_every_size(Picture("cut", SIZES[0], language=language, screen=screen)) == []
 
 
-@pytest.mark.parametrize("size", [(80, 24), (60, 20), *(
-    pytest.param(size, marks=pytest.mark.exam) for size in ((120, 40), (100, 30)))])
+@pytest.mark.parametrize(
+    "size",
+    [
+        (80, 24),
+        (60, 20),
+        *(pytest.param(size, marks=pytest.mark.exam) for size in ((120, 40), (100, 30))),
+    ],
+)
 async def test_nothing_of_a_question_lies_outside(picture, size):
     app = picture(size=size)
     async with app.run_test(size=size) as pilot:

@@ -1,4 +1,6 @@
-"""Numbers as operators type them: comma and point alike, the rest refused in words, nothing dropped without a word."""
+"""Numbers as operators type them: comma and point alike, the rest refused in words, nothing
+dropped without a word."""
+
 from __future__ import annotations
 
 import ast
@@ -27,16 +29,49 @@ from tests.app.made_up.calibrate import sample_calibrate_job
 SIZE = (120, 40)
 
 TAKEN = {
-    "12,5": 12.5, "12.5": 12.5, "1,25": 1.25, "0,250": 0.25, " 180 ": 180.0, "１２，５": 12.5, "１２．５": 12.5,
-    "12。5": 12.5, "12｡5": 12.5, "١٢٫٥": 12.5, "007": 7.0, "-5": -5.0, "−5": -5.0, "－５": -5.0, "1,250": 1.25,
+    "12,5": 12.5,
+    "12.5": 12.5,
+    "1,25": 1.25,
+    "0,250": 0.25,
+    " 180 ": 180.0,
+    "１２，５": 12.5,
+    "１２．５": 12.5,
+    "12。5": 12.5,
+    "12｡5": 12.5,
+    "١٢٫٥": 12.5,
+    "007": 7.0,
+    "-5": -5.0,
+    "−5": -5.0,
+    "－５": -5.0,
+    "1,250": 1.25,
 }
 REFUSED = {
-    "": "Type a number.", "12,": "half", ",5": "half", ".": "half", "-": "half", "1.234,5": "two ways",
-    "1,234.5": "two ways", "1.2.5": "one decimal sign", "1,2,5": "one decimal sign", "1 250": "blank",
+    "": "Type a number.",
+    "12,": "half",
+    ",5": "half",
+    ".": "half",
+    "-": "half",
+    "1.234,5": "two ways",
+    "1,234.5": "two ways",
+    "1.2.5": "one decimal sign",
+    "1,2,5": "one decimal sign",
+    "1 250": "blank",
     "1\u00a0250": "blank",
-    "1e3": "\"e\"", "1E3": "\"E\"", "nan": "\"n\"", "inf": "\"i\"", "12,5kg": "\"k\"", "1-2": "\"-\"", "+5": "\"+\"",
-    "1、5": "\"、\"", "12'5": "\"'\"", "0x10": "\"x\"", "1_000": "\"_\"", "½": "\"½\"", "2²": "\"²\"",
-    "一": "\"一\"", "1" * 30: "too long",
+    "1e3": '"e"',
+    "1E3": '"E"',
+    "nan": '"n"',
+    "inf": '"i"',
+    "12,5kg": '"k"',
+    "1-2": '"-"',
+    "+5": '"+"',
+    "1、5": '"、"',
+    "12'5": '"\'"',
+    "0x10": '"x"',
+    "1_000": '"_"',
+    "½": '"½"',
+    "2²": '"²"',
+    "一": '"一"',
+    "1" * 30: "too long",
 }
 
 
@@ -58,11 +93,14 @@ def test_a_refusal_in_chinese_too(text):
     assert reading.value is not None or any("\u4e00" <= one <= "\u9fff" for one in reading.why)
 
 
-@pytest.mark.parametrize(("text", "said"), [
-    ("601", "601 kg/ha is too much: 0 to 600 kg/ha is allowed."),
-    ("-5", "-5 kg/ha is too little: 0 to 600 kg/ha is allowed."),
-    ("999999999999999999999", "is too much: 0 to 600 kg/ha"),
-])
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("601", "601 kg/ha is too much: 0 to 600 kg/ha is allowed."),
+        ("-5", "-5 kg/ha is too little: 0 to 600 kg/ha is allowed."),
+        ("999999999999999999999", "is too much: 0 to 600 kg/ha"),
+    ],
+)
 def test_out_of_range_is_said_with_the_range(text, said):
     reading = read_between(text, 0, 600, "kg/ha")
     assert reading.value is None and said in reading.why
@@ -81,24 +119,36 @@ def test_what_may_part_thousands_is_asked_where_both_are_allowed():
 @pytest.mark.parametrize("high", [250.0, 300.0, 400.0, 600.0, 0.3])
 def test_what_the_range_shows_is_allowed_inside(units, high):
     low_shown, high_shown = inside(units.rate, 0.1, high, 1)
-    assert units.rate.to_si(high_shown) <= high * (1 + 1e-8) and units.rate.to_si(low_shown) >= 0.1 * (1 - 1e-8)
+    assert units.rate.to_si(high_shown) <= high * (1 + 1e-8) and units.rate.to_si(
+        low_shown
+    ) >= 0.1 * (1 - 1e-8)
     assert inside(METRIC.rate, 0.0, 600.0, 0) == (0.0, 600.0)
 
 
 def test_a_number_is_repeated_without_a_power_of_ten():
     assert [plain_number(one) for one in (12.5, 1e6, 0.001, 300.0, 1e20)] == [
-        "12.5", "1000000", "0.001", "300", "100000000000000000000"]
+        "12.5",
+        "1000000",
+        "0.001",
+        "300",
+        "100000000000000000000",
+    ]
 
 
 def test_numbers_are_taken_by_one_field_only():
     """No other text field is made into one for numbers."""
     for path in Path(console.app.__file__).parent.rglob("*.py"):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "Input":
+            if (
+                isinstance(node, ast.Call)
+                and isinstance(node.func, ast.Name)
+                and node.func.id == "Input"
+            ):
                 assert not {"type", "restrict"} & {one.arg for one in node.keywords}, path
 
 
-# --- the dialog -------------------------------------------------------------------------------------------------------
+# --- the dialog
+# --------------------------------------------------------------------------------------------------
 
 
 async def typed(app, pilot, text):
@@ -128,13 +178,31 @@ async def test_a_refill_with_a_comma_is_that_refill(app, source, shown):
             await pilot.press("f")
             await typed(app, pilot, text)
             await pilot.pause()
-            assert "Enter  take 12.5 kg" in "\n".join(shown(app)), f"{text}: seen whole, not only said"
+            assert "Enter  take 12.5 kg" in "\n".join(shown(app)), (
+                f"{text}: seen whole, not only said"
+            )
             await pilot.press("enter")
-            assert source.orders == [Order(Do.REFILL, 12.5)] and app.notice_text == "filled in: 12.5 kg", text
+            assert (
+                source.orders == [Order(Do.REFILL, 12.5)]
+                and app.notice_text == "filled in: 12.5 kg"
+            ), text
 
 
 async def test_nothing_is_dropped_from_what_is_no_number(app, source, pilot):
-    for text in ("1e3", "1.2.5", "1.234,5", "nan", "inf", "12,", "1-2", "12345678901", "301", "0", "-5", "1" * 40):
+    for text in (
+        "1e3",
+        "1.2.5",
+        "1.234,5",
+        "nan",
+        "inf",
+        "12,",
+        "1-2",
+        "12345678901",
+        "301",
+        "0",
+        "-5",
+        "1" * 40,
+    ):
         await pilot.press("f")
         await typed(app, pilot, text)
         await pilot.press("enter")
@@ -197,7 +265,8 @@ async def test_a_typed_number_is_no_nudge(app, source):
         assert app.screen.percent == 0.0
 
 
-# --- what differs grossly ---------------------------------------------------------------------------------------------
+# --- what differs grossly
+# ---------------------------------------------------------------------------------------------
 
 
 async def test_a_refill_that_the_scale_does_not_bear_out_is_asked_again(app, source, shown):
@@ -209,7 +278,11 @@ async def test_a_refill_that_the_scale_does_not_bear_out_is_asked_again(app, sou
         await typed(app, pilot, "25")
         await pilot.press("enter")
         text = "\n".join(shown(app))
-        assert source.orders == [] and "25 kg: is that right?" in text and "The scale saw 250 kg filled in." in text
+        assert (
+            source.orders == []
+            and "25 kg: is that right?" in text
+            and "The scale saw 250 kg filled in." in text
+        )
         await pilot.press("escape")
         assert isinstance(app.screen, NumberDialog)
         await pilot.press("enter")
@@ -217,18 +290,45 @@ async def test_a_refill_that_the_scale_does_not_bear_out_is_asked_again(app, sou
         assert source.orders == [Order(Do.REFILL, 25.0)]
 
 
-@pytest.mark.parametrize(("hopper_kg", "typed_kg", "watched", "says"), [
-    pytest.param(100.0, "250", False, "The scale says 100 kg are in the hopper now, which holds 300 kg",
-                 id="neither_before_nor_after"),
-    pytest.param(200.0, "180", True, "The scale says 200 kg are in the hopper: 100 kg more fit.", id="more_than_fits"),
-    pytest.param(200.0, "180", False, "", id="it_may_be_in_already"),
-    pytest.param(200.0, "100", True, "", id="what_fits")])
-async def test_a_refill_that_would_run_over_is_asked_again(app, source, hopper_kg, typed_kg, watched, says):
+@pytest.mark.parametrize(
+    ("hopper_kg", "typed_kg", "watched", "says"),
+    [
+        pytest.param(
+            100.0,
+            "250",
+            False,
+            "The scale says 100 kg are in the hopper now, which holds 300 kg",
+            id="neither_before_nor_after",
+        ),
+        pytest.param(
+            200.0,
+            "180",
+            True,
+            "The scale says 200 kg are in the hopper: 100 kg more fit.",
+            id="more_than_fits",
+        ),
+        pytest.param(200.0, "180", False, "", id="it_may_be_in_already"),
+        pytest.param(200.0, "100", True, "", id="what_fits"),
+    ],
+)
+async def test_a_refill_that_would_run_over_is_asked_again(
+    app, source, hopper_kg, typed_kg, watched, says
+):
     """watched: the console saw the machine work, and nothing filled in since."""
     async with app.run_test(size=SIZE) as pilot:
         at_s = source.newest.row.time_s
-        feed(app, [{"time_s": at_s + 0.2 * k, "hopper_kg": hopper_kg, "speed_used_mps": 0.0,
-                    "state": "working" if watched and k < 10 else "held"} for k in range(1, 60)])
+        feed(
+            app,
+            [
+                {
+                    "time_s": at_s + 0.2 * k,
+                    "hopper_kg": hopper_kg,
+                    "speed_used_mps": 0.0,
+                    "state": "working" if watched and k < 10 else "held",
+                }
+                for k in range(1, 60)
+            ],
+        )
         if not watched:
             app.job_page.refill = RefillWatch()
         await pilot.press("f", *typed_kg, "enter")
@@ -238,33 +338,61 @@ async def test_a_refill_that_would_run_over_is_asked_again(app, source, hopper_k
             assert says in app.screen.text
 
 
-@pytest.mark.parametrize(("before_kg", "text", "asked"), [
-    (281.25, "125", "The hopper scale lost about 1.25 kg."), (281.25, "1,25", ""), (281.25, "1,5", ""),
-    (None, "125", "By the machine file it would be about 4.95 kg."), (None, "4,1", ""), (None, "0,41", "machine file"),
-])
-async def test_a_catch_that_differs_grossly_is_asked_again(source, clock, shown, before_kg, text, asked):
-    app = TopdressApp(source, clock, live=False, utc_offset_s=0.0, services=Services(calibrate=sample_calibrate_job()))
+@pytest.mark.parametrize(
+    ("before_kg", "text", "asked"),
+    [
+        (281.25, "125", "The hopper scale lost about 1.25 kg."),
+        (281.25, "1,25", ""),
+        (281.25, "1,5", ""),
+        (None, "125", "By the machine file it would be about 4.95 kg."),
+        (None, "4,1", ""),
+        (None, "0,41", "machine file"),
+    ],
+)
+async def test_a_catch_that_differs_grossly_is_asked_again(
+    source, clock, shown, before_kg, text, asked
+):
+    app = TopdressApp(
+        source,
+        clock,
+        live=False,
+        utc_offset_s=0.0,
+        services=Services(calibrate=sample_calibrate_job()),
+    )
     async with app.run_test(size=SIZE) as pilot:
         app.turn_to("calibrate")
         await pilot.pause()
         page = app.page
         assert isinstance(page, CalibrateScreen) and isinstance(page.calibration, CatchCalibration)
         test = page.calibration.test
-        test.phase, test.turned, test._before_kg = "weigh", Turned(30.0, 30.0, 30.0 * 60.0, 30.0 * 30.0), before_kg
+        test.phase, test.turned, test._before_kg = (
+            "weigh",
+            Turned(30.0, 30.0, 30.0 * 60.0, 30.0 * 30.0),
+            before_kg,
+        )
         test._resting_kg.extend([280.0] * 10)
         await pilot.press("q", "3", "enter")
         await typed(app, pilot, text)
         await pilot.press("enter")
         if asked:
-            assert isinstance(app.screen, Confirm) and not test.points and asked in "\n".join(shown(app))
+            assert (
+                isinstance(app.screen, Confirm)
+                and not test.points
+                and asked in "\n".join(shown(app))
+            )
             await pilot.press("enter")
         assert [one.mass_kg for one in test.points] == [read(text).value]
 
 
-@pytest.mark.parametrize(("keys", "typed"), [
-    ("m" * 30 + "180", "180"), ("MMM7", "7"), ("1m", "1m"), ("vm1", "vm1"), ("m", "")])
-async def test_the_key_that_asked_for_the_number_stays_down_and_is_no_part_of_it(full, keys, typed, pilot):
-    """Only while nothing else is typed: a letter within a number is refused in words, never dropped."""
+@pytest.mark.parametrize(
+    ("keys", "typed"),
+    [("m" * 30 + "180", "180"), ("MMM7", "7"), ("1m", "1m"), ("vm1", "vm1"), ("m", "")],
+)
+async def test_the_key_that_asked_for_the_number_stays_down_and_is_no_part_of_it(
+    full, keys, typed, pilot
+):
+    """Only while nothing else is typed: a letter within a number is refused in words, never
+    dropped."""
     await pilot.press("m")
     await pilot.press(*keys)
     assert isinstance(full.screen, NumberDialog) and full.screen.typed == typed

@@ -1,4 +1,6 @@
-"""One letter, one meaning, over all pages and questions; what has no letter stands in the page's menu."""
+"""One letter, one meaning, over all pages and questions; what has no letter stands in the
+page's menu."""
+
 from __future__ import annotations
 
 import re
@@ -6,15 +8,22 @@ import re
 from console.app import actions
 from tests.app.harness import looked, turned
 
-# The letters that stand for one thing done to several: what they do, and the words of the pages for it. Ten letters are
-# left where the Run page and the keys of every page have theirs; what is not of such a kind stands in the page's menu.
+# The letters that stand for one thing done to several: what they do, and the words of the pages
+# for it. Ten letters are left where the Run page and the keys of every page have theirs; what
+# is not of such a kind stands in the page's menu.
 KINDS = {
-    "b": ("begins what is measured by driving; again: ends it", {"boundary", "N strip", "begin / end"}),
+    "b": (
+        "begins what is measured by driving; again: ends it",
+        {"boundary", "N strip", "begin / end"},
+    ),
     "c": ("connects", {"connect", "connect / disconnect"}),
     "e": ("writes a new file", {"export", "report", "write raw", "save as new"}),
     "j": ("takes a file", {"job", "open", "other data", "file", "bench table"}),
     "p": ("the map of planned rates", {"prescription", "plan"}),
-    "v": ("what is shown: the next of it, another, all of it", {"colours", "channels", "next view", "details"}),
+    "v": (
+        "what is shown: the next of it, another, all of it",
+        {"colours", "channels", "next view", "details"},
+    ),
     "y": ("moves on, or stands still", {"play / pause", "freeze", "follow"}),
     "z": ("the whole", {"whole field", "whole run"}),
 }
@@ -27,8 +36,15 @@ STATES = (("off", ">R make ready"), ("ready", ">S start to work"), ("working", "
 
 def printed(action):
     """Keys that a finger can strike by mistake for a word: letters, signs, and Space."""
-    return {key for key in actions.keys_of(action, {}) if re.fullmatch("[a-z]|space|comma|full_stop|slash|semicolon|"
-            "left_square_bracket|right_square_bracket|apostrophe|exclamation_mark", key)}
+    return {
+        key
+        for key in actions.keys_of(action, {})
+        if re.fullmatch(
+            "[a-z]|space|comma|full_stop|slash|semicolon|"
+            "left_square_bracket|right_square_bracket|apostrophe|exclamation_mark",
+            key,
+        )
+    }
 
 
 def labels_by_key():
@@ -40,19 +56,26 @@ def labels_by_key():
 
 
 def test_a_letter_means_one_thing_on_all_pages():
-    two = {key: sorted(labels) for key, labels in labels_by_key().items()
-           if len(labels) > 1 and not labels <= KINDS.get(key, ("", set()))[1]}
+    two = {
+        key: sorted(labels)
+        for key, labels in labels_by_key().items()
+        if len(labels) > 1 and not labels <= KINDS.get(key, ("", set()))[1]
+    }
     assert two == {}
 
 
 def test_nothing_stands_in_the_list_of_kinds_that_no_page_has():
     labels = labels_by_key()
-    assert {key: words - labels[key] for key, (_what, words) in KINDS.items() if words - labels[key]} == {}
+    assert {
+        key: words - labels[key] for key, (_what, words) in KINDS.items() if words - labels[key]
+    } == {}
 
 
 def test_the_signs_with_two_meanings_are_these():
     for sign, key in (("+", "plus"), ("-", "minus")):
-        assert {one.label for one in actions.ACTIONS if key in actions.keys_of(one, {})} == TWO[sign]
+        assert {one.label for one in actions.ACTIONS if key in actions.keys_of(one, {})} == TWO[
+            sign
+        ]
 
 
 def test_the_keys_of_safety_mean_the_same_or_nothing():
@@ -69,6 +92,7 @@ def test_no_question_has_a_letter_of_its_own():
 
     import console.app
     from console.app.pages.page import Page
+
     for module in pkgutil.walk_packages(console.app.__path__, "console.app."):
         importlib.import_module(module.name)
     kinds, found = [Screen], {}
@@ -85,20 +109,35 @@ def test_no_question_has_a_letter_of_its_own():
 
 def test_a_menu_counts_from_one_and_has_no_more_lines_than_digits():
     for where in {one.where for one in actions.ACTIONS}:
-        assert [one.keys for one in actions.menu(where)] == [f"q_{at + 1}" for at in range(len(actions.menu(where)))]
+        assert [one.keys for one in actions.menu(where)] == [
+            f"q_{at + 1}" for at in range(len(actions.menu(where)))
+        ]
         assert len(actions.menu(where)) <= 9
         assert not [one.id for one in actions.menu(where) if one.bar], "the bar has the menu itself"
 
 
 TOKEN = re.compile(r"(?<![A-Za-z0-9^'+./_{-])([A-Z]|Q\d|Del)(?![A-Za-z0-9'+_}/-])")
-NO_KEY = (r"\bA [a-z]", r"sets B\b", r"Sets A, then B", "A is here", "B is too near to A", "% N", "share of N",
-          "N strip", "N used", "per V", "supply, V")       # an article, ends of a line, nitrogen, volts
+NO_KEY = (
+    r"\bA [a-z]",
+    r"sets B\b",
+    r"Sets A, then B",
+    "A is here",
+    "B is too near to A",
+    "% N",
+    "share of N",
+    # an article, ends of a line, nitrogen, volts
+    "N strip",
+    "N used",
+    "per V",
+    "supply, V",
+)
 
 
 def catalogue():
     from pathlib import Path
 
     from console.locale import po
+
     for path in sorted((Path(po.__file__).parent / "zh").glob("*.po")):
         yield from po.read_po(path.read_text(encoding="utf-8"), path.name).items()
 
@@ -110,8 +149,11 @@ def keys_named(text):
 
 
 def test_both_languages_name_the_same_keys():
-    other = {english: chinese for english, chinese in catalogue() if keys_named(english) and
-             not set(keys_named(english)) <= set(TOKEN.findall(chinese))}
+    other = {
+        english: chinese
+        for english, chinese in catalogue()
+        if keys_named(english) and not set(keys_named(english)) <= set(TOKEN.findall(chinese))
+    }
     assert other == {}
 
 
@@ -127,11 +169,13 @@ async def test_the_menu_lists_what_has_no_letter(picture, shown):
             await pilot.pause()
             await turned(app, pilot, "job")
             assert size[0] < 80 or "Q menu" in shown(app)[-1], (size, shown(app)[-1])
-            await pilot.press("Q")                      # Caps Lock
+            await pilot.press("Q")  # Caps Lock
             await pilot.pause()
             rows = "\n".join(shown(app))
-            assert all(f"{number}  {word}" in rows for number, word in
-                       enumerate(("crop", "machine", "whose", "report"), 1)), (size, rows)
+            assert all(
+                f"{number}  {word}" in rows
+                for number, word in enumerate(("crop", "machine", "whose", "report"), 1)
+            ), (size, rows)
             await pilot.press("1", "enter")
             await pilot.pause(0.2)
             assert "Crop" in "\n".join(shown(app)), size
@@ -142,8 +186,11 @@ def test_what_a_chip_shows_is_the_key_that_does_it():
     from pathlib import Path
 
     import console.app
+
     for path in Path(console.app.__file__).parent.rglob("*.py"):
-        for name, shown in re.findall(r'Chip\("(\w+)", "([^"]+)"', path.read_text(encoding="utf-8")):
+        for name, shown in re.findall(
+            r'Chip\("(\w+)", "([^"]+)"', path.read_text(encoding="utf-8")
+        ):
             assert actions.shown_key(actions.BY_ID[name]) == shown, (path.name, name)
 
 
@@ -152,21 +199,28 @@ async def test_ready_and_start_stand_on_the_job_page_where_the_list_ends(picture
 
     from console.app.dialogs import Confirm
     from control.orders import Do
+
     for size in ((120, 40), (80, 24)):
         app = picture(size=size, screen="job")
         async with app.run_test(size=size) as pilot:
             await turned(app, pilot, "job")
             for state, row in STATES:
                 frame = app.source.newest
-                app.source.newest = replace(frame, seq=frame.seq + 1, row=frame.row._replace(state=state))
+                app.source.newest = replace(
+                    frame, seq=frame.seq + 1, row=frame.row._replace(state=state)
+                )
                 await looked(app, pilot)
                 assert any(row in one for one in shown(app)), (size, state)
             frame = app.source.newest
-            app.source.newest = replace(frame, seq=frame.seq + 1, row=frame.row._replace(state="off"))
+            app.source.newest = replace(
+                frame, seq=frame.seq + 1, row=frame.row._replace(state="off")
+            )
             app.tick()
             await pilot.press("r")
             assert [one.do for one in app.source.orders] == [Do.READY]
-            app.source.newest = replace(app.source.newest, seq=frame.seq + 2, row=frame.row._replace(state="ready"))
+            app.source.newest = replace(
+                app.source.newest, seq=frame.seq + 2, row=frame.row._replace(state="ready")
+            )
             app.tick()
             await pilot.press("s")
             assert isinstance(app.screen, Confirm)

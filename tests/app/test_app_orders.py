@@ -1,4 +1,5 @@
 """Keys become orders: what is sent, what is asked first, what a lock lets through."""
+
 from __future__ import annotations
 
 from dataclasses import replace
@@ -23,8 +24,14 @@ async def press(app, *keys):
 
 
 async def test_one_key_one_order(app):
-    wanted = {"space": Order(Do.HOLD), "x": Order(Do.STOP), "f12": Order(Do.STOP), "s": Order(Do.START),
-              "r": Order(Do.READY), "k": Order(Do.MARK, "mark")}
+    wanted = {
+        "space": Order(Do.HOLD),
+        "x": Order(Do.STOP),
+        "f12": Order(Do.STOP),
+        "s": Order(Do.START),
+        "r": Order(Do.READY),
+        "k": Order(Do.MARK, "mark"),
+    }
     assert await press(app, *wanted) == list(wanted.values())
 
 
@@ -165,7 +172,9 @@ async def test_the_lock_is_said_on_the_screen(app, shown, pilot):
 
 async def test_keys_are_clickable(app, pilot):
     bar = app.page.query_one("#keys", KeyBar)
-    stop = next(place for place in laid_out(bar.view.actions, bar.size.width) if place[0].id == "stop")
+    stop = next(
+        place for place in laid_out(bar.view.actions, bar.size.width) if place[0].id == "stop"
+    )
     await pilot.click("#keys", offset=(stop[1] + 1, 0))
     assert app.source.orders == [Order(Do.STOP)]
 
@@ -188,12 +197,14 @@ async def test_a_refusal_is_said_in_words_and_goes_after_a_while(app, source, cl
 
 async def test_acknowledge_names_each_red_alarm_that_stands(app, source):
     from tests.app.made_up.run import sample_alarms
+
     source.newest = replace(source.newest, alarms=sample_alarms(source.newest.at_s))
     assert await press(app, "a") == [Order(Do.ACKNOWLEDGE, "shaft_silent")]
 
 
 async def test_a_click_on_the_alarms_acknowledges(app, source):
     from tests.app.made_up.run import sample_alarms
+
     source.newest = replace(source.newest, alarms=sample_alarms(source.newest.at_s))
     async with app.run_test(size=SIZE) as pilot:
         await pilot.click(AlarmBar)
@@ -202,6 +213,7 @@ async def test_a_click_on_the_alarms_acknowledges(app, source):
 
 async def test_a_keymap_moves_keys(source, clock):
     from console.app.app import TopdressApp
+
     app = TopdressApp(source, clock, live=False, keymap={"start": "f9"})
     assert await press(app, "s", "f9") == [Order(Do.START)]
 
@@ -219,4 +231,9 @@ async def test_a_start_key_that_stays_down_is_told_as_held(app):
         for step_s in (0.0, 0.4, 0.1, 3.0):
             now[0] += step_s
             await pilot.press("s")
-        assert app.source.orders == [Order(Do.START), Order(Do.START, True), Order(Do.START, True), Order(Do.START)]
+        assert app.source.orders == [
+            Order(Do.START),
+            Order(Do.START, True),
+            Order(Do.START, True),
+            Order(Do.START),
+        ]

@@ -1,8 +1,11 @@
-"""Opening a page or a question reads no file and no module in the thread that draws: a slow disk must not stop STOP.
+"""Opening a page or a question reads no file and no module in the thread that draws: a slow
+disk must not stop STOP.
 
-Python tells of each file, folder and module that is looked at (`sys.addaudithook`), and in which thread: no time is
-measured here. The files are real ones, by the same services as in the cab.
+Python tells of each file, folder and module that is looked at (`sys.addaudithook`), and in
+which thread: no time is measured here. The files are real ones, by the same services as in the
+cab.
 """
+
 from __future__ import annotations
 
 import asyncio
@@ -26,24 +29,39 @@ from console.services.launcher import Launcher
 from console.services.settings import settings_store
 from drivers.files.setup import by_kind, setup_of
 
-WATCHED = {"open", "import", "os.listdir", "os.scandir", "os.mkdir", "os.rename", "subprocess.Popen"}
+WATCHED = {
+    "open",
+    "import",
+    "os.listdir",
+    "os.scandir",
+    "os.mkdir",
+    "os.rename",
+    "subprocess.Popen",
+}
 PAGES = ("run", "map", "trends", "devices", "calibrate", "replay", "diagnosis", "job", "settings")
-NOT_TRIED = {"job_ready", "job_start", "dia_begin"}         # orders; a diagnosis is a process of its own
-NOT_OURS = ("/proc/self/", str(Path(textual.__file__).parent))     # how tests wait; what Textual says of an error
+# orders; a diagnosis is a process of its own
+NOT_TRIED = {"job_ready", "job_start", "dia_begin"}
+# how tests wait; what Textual says of an error
+NOT_OURS = ("/proc/self/", str(Path(textual.__file__).parent))
 SIZE = (120, 40)
 
 
 class Looks:
-    """What was looked at in the thread that draws, while `on`. A hook cannot be taken away again, and each `id()` costs
-    its process a call from then on: one for all tests, when the first of them begins."""
+    """What was looked at in the thread that draws, while `on`. A hook cannot be taken away
+    again, and each `id()` costs its process a call from then on: one for all tests, when the
+    first of them begins."""
 
     def __init__(self) -> None:
         self.on, self.thread, self.hooked = False, 0, False
         self.seen: list[str] = []
 
     def _heard(self, event: str, what: tuple[object, ...]) -> None:
-        if (self.on and event in WATCHED and threading.get_ident() == self.thread
-                and not str(what[0]).startswith(NOT_OURS)):
+        if (
+            self.on
+            and event in WATCHED
+            and threading.get_ident() == self.thread
+            and not str(what[0]).startswith(NOT_OURS)
+        ):
             self.seen.append(f"{event} {what[0]}")
 
     def begin(self) -> None:
@@ -72,13 +90,16 @@ def app(source, clock, tmp_path, monkeypatch):
     launcher = Launcher((), (), 1, 20.0, None, tmp_path / "trouble.log")
     found = by_kind(())
     setup = setup_of(found, dt.date(2026, 3, 18))
-    services = replace(run_services(lambda: (setup, found)), job=JobFiles(launcher), settings=settings_store())
+    services = replace(
+        run_services(lambda: (setup, found)), job=JobFiles(launcher), settings=settings_store()
+    )
     source.newest = replace(source.newest, log_path=str(log))
     return TopdressApp(source, clock, live=False, utc_offset_s=0.0, services=services)
 
 
 async def ready(app, pilot, *wanted):
-    """As some seconds after the start: the modules of all pages are read, the pages are made. wanted: were seen."""
+    """As some seconds after the start: the modules of all pages are read, the pages are made.
+    wanted: were seen."""
     await pilot.pause()
     app.services.make()
     for where in app.pages:
@@ -88,7 +109,8 @@ async def ready(app, pilot, *wanted):
     for module in LATE_MODULES:
         import_module(module)
     cell_len(WIDE)
-    for where in wanted:                                    # what a page reads in threads of its own is there
+    # what a page reads in threads of its own is there
+    for where in wanted:
         app.turn_to(where)
         await settled(app, pilot)
     app.turn_to("run")
@@ -116,8 +138,15 @@ async def looked_at(app, pilot, key):
     return seen
 
 
-@pytest.mark.parametrize("where", [where if where in ("run", "map", "diagnosis", "job", "settings") else
-                                   pytest.param(where, marks=pytest.mark.exam) for where in PAGES])
+@pytest.mark.parametrize(
+    "where",
+    [
+        where
+        if where in ("run", "map", "diagnosis", "job", "settings")
+        else pytest.param(where, marks=pytest.mark.exam)
+        for where in PAGES
+    ],
+)
 async def test_a_page_and_its_questions_look_at_no_file_in_the_thread_that_draws(app, where):
     async with app.run_test(size=SIZE) as pilot:
         await ready(app, pilot, where)
@@ -127,7 +156,9 @@ async def test_a_page_and_its_questions_look_at_no_file_in_the_thread_that_draws
         await settled(app, pilot)
         found["turned to"] = LOOKS.end()
         app.turn_to(where)
-        for action in [one for one in app.offered(where) if one.where == where and one.id not in NOT_TRIED]:
+        for action in [
+            one for one in app.offered(where) if one.where == where and one.id not in NOT_TRIED
+        ]:
             app.turn_to(where)
             found[action.id] = await looked_at(app, pilot, action.keys.split(",")[0])
     assert {name: seen for name, seen in found.items() if seen} == {}
@@ -136,8 +167,10 @@ async def test_a_page_and_its_questions_look_at_no_file_in_the_thread_that_draws
 async def test_what_lies_over_any_page_looks_at_no_file_in_the_thread_that_draws(app):
     async with app.run_test(size=SIZE) as pilot:
         await ready(app, pilot)
-        found = {key: await looked_at(app, pilot, key) for key in (
-            "f1", "exclamation_mark", "ctrl+p", "tab", "apostrophe", "u", "d")}
+        found = {
+            key: await looked_at(app, pilot, key)
+            for key in ("f1", "exclamation_mark", "ctrl+p", "tab", "apostrophe", "u", "d")
+        }
     assert {key: seen for key, seen in found.items() if seen} == {}
 
 
@@ -177,7 +210,9 @@ async def test_settings_that_cannot_be_kept_are_those_of_the_file_again(app):
         page.take(kept.model_copy(update={"units": "imperial"}))
         page.take(store.settings.model_copy(update={"theme": "night"}))
         await settled(app, pilot)
-        assert store.settings == kept and app.units.id == "metric" and "No space left" in store.trouble
+        assert (
+            store.settings == kept and app.units.id == "metric" and "No space left" in store.trouble
+        )
 
 
 def test_all_pages_are_tried():

@@ -1,4 +1,5 @@
 """The Replay screen and its source: where it stands, how fast it runs, what it refuses, what-if."""
+
 from __future__ import annotations
 
 import asyncio
@@ -31,7 +32,9 @@ def test_it_plays_at_the_log_s_own_pace(replay_source, clock):
     clock.now_s += 1.0
     assert replay_source.newest.row.time_s == pytest.approx(1.0)
     clock.now_s += 0.19
-    assert replay_source.newest.row.time_s == pytest.approx(1.0), "the row in force, not the next one"
+    assert replay_source.newest.row.time_s == pytest.approx(1.0), (
+        "the row in force, not the next one"
+    )
     assert replay_source.age_s == pytest.approx(0.19)
 
 
@@ -86,8 +89,15 @@ def test_it_stops_at_the_end_and_plays_again_from_the_start(replay_source, clock
 
 
 @settings(max_examples=60, deadline=None)
-@given(st.lists(st.tuples(st.sampled_from(["play", "pause", "seek", "step", "faster", "slower", "wait"]),
-                          st.floats(-200, 200)), max_size=20))
+@given(
+    st.lists(
+        st.tuples(
+            st.sampled_from(["play", "pause", "seek", "step", "faster", "slower", "wait"]),
+            st.floats(-200, 200),
+        ),
+        max_size=20,
+    )
+)
 def test_whatever_is_pressed_it_stays_inside_the_log(moves):
     clock = StillClock()
     source = ReplaySource(_SHORT, clock)
@@ -124,7 +134,9 @@ def test_a_gap_in_the_log_makes_its_values_old(frames, clock):
 
 def test_next_alarm_finds_the_row_on_which_it_begins(frames, clock):
     alarm = Alarm("hopper_low", Severity.AMBER, 8.0)
-    source = ReplaySource([replace(f, alarms=(alarm,)) if 40 <= i < 60 else f for i, f in enumerate(frames)], clock)
+    source = ReplaySource(
+        [replace(f, alarms=(alarm,)) if 40 <= i < 60 else f for i, f in enumerate(frames)], clock
+    )
     assert source.next_alarm() and source.index == 40
     assert not source.next_alarm() and source.index == 40
 
@@ -177,15 +189,21 @@ async def test_findings_are_counted_and_can_be_read(replay_app, shown):
         assert any("3 rows had no time" in row for row in shown(replay_app))
 
 
-async def test_what_if_shows_the_recomputed_frames_at_the_same_place_and_back(frames, replay_source, clock, shown):
+async def test_what_if_shows_the_recomputed_frames_at_the_same_place_and_back(
+    frames, replay_source, clock, shown
+):
     asked = []
 
     def what_if(options, cancelled, tell):
         asked.append(options)
         return [replace(f, row=f.row._replace(target_rate_kg_ha=123.0)) for f in frames]
 
-    app = TopdressApp(None, clock, live=False,
-                      replay=ReplayJob(replay_source, "run.csv", what_if=what_if, crops=("durum",)))
+    app = TopdressApp(
+        None,
+        clock,
+        live=False,
+        replay=ReplayJob(replay_source, "run.csv", what_if=what_if, crops=("durum",)),
+    )
     async with app.run_test(size=SIZE) as pilot:
         replay_source.seek(12.0)
         await pilot.press("q", "1", "enter", "2", "enter")
@@ -195,8 +213,11 @@ async def test_what_if_shows_the_recomputed_frames_at_the_same_place_and_back(fr
         assert replay_source.at_s == pytest.approx(12.0)
         assert app.page.query_one("#rates", Rates).view.target.text == "123"
         assert any("what if: speed first" in row for row in shown(app))
-        assert any("off the target by" in row and f"instead of {METRIC.mass.full(frames[-1].applied_kg)}" in row
-                   for row in shown(app)), "what it would have changed"
+        assert any(
+            "off the target by" in row
+            and f"instead of {METRIC.mass.full(frames[-1].applied_kg)}" in row
+            for row in shown(app)
+        ), "what it would have changed"
         await pilot.press("q", "1", "enter", "3", "enter")
         await until(pilot, lambda: len(asked) == 2 and app.replay_page.computing is None)
         assert asked[1] == WhatIf(strategy="speed_first", crop="durum"), "changes add up"
@@ -210,7 +231,9 @@ async def test_a_what_if_that_fails_says_why_in_one_line(replay_source, clock, s
     def what_if(options, cancelled, tell):
         raise ValueError("crop durum: no day count in this log")
 
-    app = TopdressApp(None, clock, live=False, replay=ReplayJob(replay_source, "run.csv", what_if=what_if))
+    app = TopdressApp(
+        None, clock, live=False, replay=ReplayJob(replay_source, "run.csv", what_if=what_if)
+    )
     async with app.run_test(size=SIZE) as pilot:
         await pilot.press("q", "1", "enter", "1", "enter")
         await until(pilot, lambda: app.notice_text)
@@ -232,7 +255,9 @@ async def test_a_what_if_is_cancelled_and_its_thread_ends(frames, replay_source,
         ended.set()
         return frames
 
-    app = TopdressApp(None, clock, live=False, replay=ReplayJob(replay_source, "run.csv", ("a finding",), what_if))
+    app = TopdressApp(
+        None, clock, live=False, replay=ReplayJob(replay_source, "run.csv", ("a finding",), what_if)
+    )
     async with app.run_test(size=SIZE) as pilot:
         await pilot.press("q", "1", "enter", "2", "enter")
         await until(pilot, begun.is_set)
@@ -251,7 +276,9 @@ async def test_a_what_if_is_cancelled_and_its_thread_ends(frames, replay_source,
         assert not any("computing" in row for row in shown(app))
 
 
-async def test_a_machine_at_work_keeps_hold_stop_and_alarms_on_the_replay_screen(frames, clock, replay_source, shown):
+async def test_a_machine_at_work_keeps_hold_stop_and_alarms_on_the_replay_screen(
+    frames, clock, replay_source, shown
+):
     source = StillSource(replace(frames[-1], alarms=(Alarm("shaft_silent", Severity.RED, 0.0),)))
     app = TopdressApp(source, clock, live=False, replay=ReplayJob(replay_source, "run.csv"))
     async with app.run_test(size=SIZE) as pilot:
@@ -274,14 +301,18 @@ async def test_without_a_log_the_screen_says_how_to_open_one(app, shown, pilot):
     assert app.page is app.pages["run"]
 
 
-# --- The Replay page opens a log from a list; what cannot be read is said and the log before stays -------------------
+# --- The Replay page opens a log from a list; what cannot be read is said and the log before
+# stays -------------------
+
 
 class Shelf:
     def __init__(self, job, names=("new.csv", "broken.csv")):
         self.job, self.names = job, names
 
     def logs(self):
-        return tuple(LogFile(f"/logs/{name}", name, "2026-03-18 14:02", "1.2 MB") for name in self.names)
+        return tuple(
+            LogFile(f"/logs/{name}", name, "2026-03-18 14:02", "1.2 MB") for name in self.names
+        )
 
     def open(self, path):
         if "broken" in path:
@@ -293,7 +324,10 @@ class Shelf:
 def app_with(source, clock, replay_source):
     def make(names=("new.csv", "broken.csv")):
         shelf = Shelf(ReplayJob(replay_source, "new.csv"), names)
-        return TopdressApp(source, clock, live=False, utc_offset_s=0.0, services=Services(logs=shelf))
+        return TopdressApp(
+            source, clock, live=False, utc_offset_s=0.0, services=Services(logs=shelf)
+        )
+
     return make
 
 

@@ -1,4 +1,5 @@
 """What the Run screen shows: freshness, a worker that is gone, sizes, how often it draws."""
+
 from __future__ import annotations
 
 from dataclasses import replace
@@ -35,7 +36,9 @@ async def test_before_the_first_frame_nothing_is_claimed(clock, shown):
         assert "NO DATA" in text and "WORKING" not in text
 
 
-async def test_values_older_than_a_second_are_grey_and_said(app, source, clock, frames, shown, pilot):
+async def test_values_older_than_a_second_are_grey_and_said(
+    app, source, clock, frames, shown, pilot
+):
     rates = app.page.query_one("#rates", Rates)
     assert not rates.view.target.stale
     clock.now_s += STALE_S - 0.05
@@ -47,7 +50,9 @@ async def test_values_older_than_a_second_are_grey_and_said(app, source, clock, 
     grey = app.get_css_variables()["stale"]
     assert grey == app.theme_variables["stale"]
     strip = rates.render_line(1)
-    colours = {segment.style.color.name for segment in strip if segment.style and "█" in segment.text}
+    colours = {
+        segment.style.color.name for segment in strip if segment.style and "█" in segment.text
+    }
     assert colours == {grey}
     source.newest = replace(frames[-1], seq=frames[-1].seq + 1, at_s=frames[-1].at_s + 1)
     await later(app, pilot, 0.2)
@@ -56,33 +61,41 @@ async def test_values_older_than_a_second_are_grey_and_said(app, source, clock, 
 
 
 async def test_between_two_frames_nothing_is_looked_at_but_what_was_asked_for(
-        app, source, clock, frames, pilot, monkeypatch):
+    app, source, clock, frames, pilot, monkeypatch
+):
     looked = []
     show = app.page.show_numbers
-    monkeypatch.setattr(app.page, "show_numbers", lambda view: (
-        looked.append(round(clock.now_s - start_s, 1)), show(view)))
+    monkeypatch.setattr(
+        app.page,
+        "show_numbers",
+        lambda view: (looked.append(round(clock.now_s - start_s, 1)), show(view)),
+    )
     source.newest, start_s = replace(frames[-1], seq=frames[-1].seq + 1), clock.now_s
     for _tick in range(5):
         clock.now_s += 0.2
         app.tick()
-    assert looked == [0.2, 0.8]         # at once, then twice a second
+    assert looked == [0.2, 0.8]  # at once, then twice a second
     app.page.hurry()
     clock.now_s += 0.1
     app.tick()
     assert looked[-1] == 1.1
 
 
-@pytest.mark.parametrize(("gnss_from", "looked_at"), [(0, [0]), (3, [0, 1, 2, 3]), (9, [0, 1, 2, 3, 4, 5])],
-                         ids=["with its first frame", "with its fourth", "after half a second"])
+@pytest.mark.parametrize(
+    ("gnss_from", "looked_at"),
+    [(0, [0]), (3, [0, 1, 2, 3]), (9, [0, 1, 2, 3, 4, 5])],
+    ids=["with its first frame", "with its fourth", "after half a second"],
+)
 async def test_first_frames_are_shown_as_they_come_until_the_receiver_speaks(
-        app, source, clock, frames, pilot, monkeypatch, gnss_from, looked_at):
+    app, source, clock, frames, pilot, monkeypatch, gnss_from, looked_at
+):
     looked, stopped = [], []
     monkeypatch.setattr(app.page, "show_numbers", lambda view: looked.append(number))
     app._until_first = SimpleNamespace(stop=lambda: stopped.append(True))
     for number in range(8):
         age_s = 0.1 if number >= gnss_from else None
         source.newest = replace(frames[-1], seq=frames[-1].seq + 1 + number, gnss_age_s=age_s)
-        for _look in range(2):              # twice between two frames
+        for _look in range(2):  # twice between two frames
             if not stopped:
                 app._first()
         clock.now_s += 0.1
@@ -106,7 +119,9 @@ async def test_an_old_fix_or_silent_heads_are_grey_alone(app, source, frames):
         assert not app.page.query_one("#tiles").view[1].value.stale
 
 
-async def test_a_widget_is_touched_only_when_what_it_shows_changes(app, clock, source, frames, pilot):
+async def test_a_widget_is_touched_only_when_what_it_shows_changes(
+    app, clock, source, frames, pilot
+):
     app.tick()
     before = {panel.id: panel.redraws for panel in panels(app)}
     for _tick in range(4):
@@ -121,12 +136,16 @@ async def test_a_widget_is_touched_only_when_what_it_shows_changes(app, clock, s
     assert changed == {"tiles"}
 
 
-async def test_of_a_panel_those_rows_alone_are_drawn_that_look_other(app, source, frames, monkeypatch):
+async def test_of_a_panel_those_rows_alone_are_drawn_that_look_other(
+    app, source, frames, monkeypatch
+):
     source.newest = frames[-1]
     async with app.run_test(size=SIZE):
         app.tick()
         heads, rows = app.page.query_one("#heads"), []
-        monkeypatch.setattr(heads, "refresh", lambda *regions, **_: rows.append([region.y for region in regions]))
+        monkeypatch.setattr(
+            heads, "refresh", lambda *regions, **_: rows.append([region.y for region in regions])
+        )
         first, *rest = heads.view.heads
         heads.show(heads.view._replace(heads=(first._replace(share=first.share + 1e-9), *rest)))
         assert rows == [], "another view that looks the same"
@@ -139,7 +158,7 @@ async def test_numbers_5_plots_2_maps_1_a_second(source, clock, frames):
     app = TopdressApp(source, clock, live=False)
     async with app.run_test(size=SIZE):
         start = {panel.id: panel.redraws for panel in panels(app)}
-        for step in range(1, 201):                       # 10 s of ticks at 20 Hz, a new frame with each
+        for step in range(1, 201):  # 10 s of ticks at 20 Hz, a new frame with each
             clock.now_s += 0.05
             source.newest = replace(frames[step], seq=step)
             app.tick()
@@ -151,9 +170,18 @@ async def test_numbers_5_plots_2_maps_1_a_second(source, clock, frames):
 
 async def test_alarms_say_word_symbol_place_time_and_what_to_do(app, source, frames, shown):
     at_s = frames[-1].at_s
-    source.newest = replace(frames[-1], alarms=(
-        Alarm("hopper_low", Severity.AMBER, at_s - 70, details=(("hopper_kg", 18.5), ("metres_left", 640.0))),
-        Alarm("shaft_silent", Severity.RED, at_s - 35)))
+    source.newest = replace(
+        frames[-1],
+        alarms=(
+            Alarm(
+                "hopper_low",
+                Severity.AMBER,
+                at_s - 70,
+                details=(("hopper_kg", 18.5), ("metres_left", 640.0)),
+            ),
+            Alarm("shaft_silent", Severity.RED, at_s - 35),
+        ),
+    )
     async with app.run_test(size=SIZE):
         first, todo, second = shown(app)[1:4]
         assert "✖ ALARM" in first and "drive board: The metering shaft does not answer." in first
@@ -163,13 +191,33 @@ async def test_alarms_say_word_symbol_place_time_and_what_to_do(app, source, fra
         assert "(01:10)" in second
 
 
-@pytest.mark.parametrize(("alarms", "row", "said"), [
-    ([Alarm(name, Severity.RED, 0.0) for name in ("shaft_silent", "gate_silent", "log_failed", "rate_off")], 3,
-     ["+2 more"]),
-    ([Alarm("hopper_low", Severity.AMBER, 0.0, details=(("hopper_kg", 18.5), ("metres_left", 640.0)))], 1,
-     ["enough for 640 m.", "06:12:00"]),
-    ([Alarm("from_a_newer_worker", Severity.RED, 0.0)], 1, ["from_a_newer_worker"])],
-    ids=["counted where they do not fit", "whole at 80 columns", "unknown, by its id"])
+@pytest.mark.parametrize(
+    ("alarms", "row", "said"),
+    [
+        (
+            [
+                Alarm(name, Severity.RED, 0.0)
+                for name in ("shaft_silent", "gate_silent", "log_failed", "rate_off")
+            ],
+            3,
+            ["+2 more"],
+        ),
+        (
+            [
+                Alarm(
+                    "hopper_low",
+                    Severity.AMBER,
+                    0.0,
+                    details=(("hopper_kg", 18.5), ("metres_left", 640.0)),
+                )
+            ],
+            1,
+            ["enough for 640 m.", "06:12:00"],
+        ),
+        ([Alarm("from_a_newer_worker", Severity.RED, 0.0)], 1, ["from_a_newer_worker"]),
+    ],
+    ids=["counted where they do not fit", "whole at 80 columns", "unknown, by its id"],
+)
 async def test_alarms_of_a_small_terminal(app, source, frames, shown, alarms, row, said):
     source.newest = replace(frames[-1], alarms=tuple(alarms))
     async with app.run_test(size=(80, 24)):
@@ -177,8 +225,10 @@ async def test_alarms_of_a_small_terminal(app, source, frames, shown, alarms, ro
 
 
 async def test_speeds_in_alarms_are_shown_in_the_units_in_use(app, source, frames, shown):
-    source.newest = replace(frames[-1], alarms=(Alarm("lead_short", Severity.AMBER, 0.0,
-                                                      details=(("usable_speed_mps", 2.0),)),))
+    source.newest = replace(
+        frames[-1],
+        alarms=(Alarm("lead_short", Severity.AMBER, 0.0, details=(("usable_speed_mps", 2.0),)),),
+    )
     async with app.run_test(size=SIZE) as pilot:
         assert "at most 7.2 km/h" in shown(app)[1]
         await pilot.press("u", "enter")
@@ -188,7 +238,9 @@ async def test_speeds_in_alarms_are_shown_in_the_units_in_use(app, source, frame
 async def test_an_alarm_is_seen_while_a_dialog_is_open(app, source, clock, frames, shown):
     async with app.run_test(size=(80, 24)) as pilot:
         await pilot.press("m")
-        source.newest = replace(frames[-1], seq=9999, alarms=(Alarm("shaft_silent", Severity.RED, 0.0),))
+        source.newest = replace(
+            frames[-1], seq=9999, alarms=(Alarm("shaft_silent", Severity.RED, 0.0),)
+        )
         await later(app, pilot, 0.2)
         rows = shown(app)
         assert "ALARM" in rows[1]
@@ -211,9 +263,15 @@ async def test_a_gone_worker_is_said_at_once_and_can_be_started_again(source, cl
         await pilot.pause()
         assert isinstance(app.screen, GoneScreen)
         text = "\n".join(shown(app))
-        assert "NO CONNECTION TO THE MACHINE" in text and "broke off" in text and "hard-wired stop" in text
+        assert (
+            "NO CONNECTION TO THE MACHINE" in text
+            and "broke off" in text
+            and "hard-wired stop" in text
+        )
         assert "attach" not in text, "only what can be done is offered"
-        assert app.page.query_one("#rates", Rates).view.target.stale, "old at once, not after a second"
+        assert app.page.query_one("#rates", Rates).view.target.stale, (
+            "old at once, not after a second"
+        )
         await pilot.press("enter")
         assert asked == [], "what is done must be chosen"
         await pilot.press("1", "enter")
@@ -254,12 +312,20 @@ async def test_any_other_failure_of_the_link_is_as_a_worker_gone(source, clock):
 
 async def test_trends_go_first_then_the_map_and_never_numbers_and_alarms(app, shown, pilot):
     page = app.page
-    for *size, trend, map_, body in ((120, 40, True, True, True), (100, 30, False, True, True),
-                                     (80, 24, False, False, True), (80, 40, True, False, True),
-                                     (79, 24, False, False, False), (80, 23, False, False, False)):
+    for *size, trend, map_, body in (
+        (120, 40, True, True, True),
+        (100, 30, False, True, True),
+        (80, 24, False, False, True),
+        (80, 40, True, False, True),
+        (79, 24, False, False, False),
+        (80, 23, False, False, False),
+    ):
         await pilot.resize_terminal(*size)
         await later(app, pilot)
-        seen = {name: page.query_one(name).region.area > 0 for name in ("#trend", "#map", "#rates", "#tiles", "#heads")}
+        seen = {
+            name: page.query_one(name).region.area > 0
+            for name in ("#trend", "#map", "#rates", "#tiles", "#heads")
+        }
         assert seen["#map"] is map_, size
         assert seen["#rates"] is seen["#tiles"] is seen["#heads"] is body, size
         assert seen["#trend"] is (trend and body), size
@@ -295,19 +361,28 @@ def state_of(frame, state, **more):
     return replace(frame, row=frame.row._replace(state=state, target_rate_kg_ha=0.0), **more)
 
 
-@pytest.mark.parametrize(("state", "seen", "says"), [
-    ("working", {"why_no_flow": ("low_speed",), "notes": ("limited_zero",)}, ("too slow",)),
-    ("working", {"why_no_flow": ("outside_field", "reversing")}, ("lands outside field", "reversing")),
-    ("working", {"notes": ("already_spread",)}, ("already spread",)),
-    ("working", {"notes": ("on_headland", "lag_out_of_range")}, ("headland",)),
-    ("working", {}, ("rate here is zero",)),
-    ("held", {"why_no_flow": ("not_working",), "notes": ("already_spread",)}, ()),
-])
+@pytest.mark.parametrize(
+    ("state", "seen", "says"),
+    [
+        ("working", {"why_no_flow": ("low_speed",), "notes": ("limited_zero",)}, ("too slow",)),
+        (
+            "working",
+            {"why_no_flow": ("outside_field", "reversing")},
+            ("lands outside field", "reversing"),
+        ),
+        ("working", {"notes": ("already_spread",)}, ("already spread",)),
+        ("working", {"notes": ("on_headland", "lag_out_of_range")}, ("headland",)),
+        ("working", {}, ("rate here is zero",)),
+        ("held", {"why_no_flow": ("not_working",), "notes": ("already_spread",)}, ()),
+    ],
+)
 def test_why_nothing_flows_in_words(frames, state, seen, says):
     assert why_other_rate(state_of(frames[-1], state, **seen)) == says
 
 
-async def test_what_is_allowed_stands_in_the_status_line_and_in_the_dialog(app, source, frames, shown):
+async def test_what_is_allowed_stands_in_the_status_line_and_in_the_dialog(
+    app, source, frames, shown
+):
     source.newest = replace(frames[-1], allow=Allowances(outside=True), no_double=False)
     async with app.run_test(size=(120, 40)) as pilot:
         assert "OUTSIDE OK" in shown(app)[0] and "REVERSE OK" not in shown(app)[0]
@@ -319,8 +394,12 @@ async def test_what_is_allowed_stands_in_the_status_line_and_in_the_dialog(app, 
         assert source.orders == [Order(Do.NO_DOUBLE, True)]
 
 
-async def test_a_machine_that_is_recorded_only_says_so_in_place_of_a_state(app, source, frames, shown):
-    source.newest = replace(frames[-1], row=frames[-1].row._replace(state=None), why_state="record_only")
+async def test_a_machine_that_is_recorded_only_says_so_in_place_of_a_state(
+    app, source, frames, shown
+):
+    source.newest = replace(
+        frames[-1], row=frames[-1].row._replace(state=None), why_state="record_only"
+    )
     async with app.run_test(size=(120, 40)):
         assert "RECORDS ONLY" in shown(app)[0]
         assert "recorded only: its drives are somebody else's" in why_not_ready(app)
@@ -363,7 +442,9 @@ async def test_a_worker_that_never_came_up_ends_the_console_with_its_line():
 
 async def test_a_page_that_a_small_terminal_cannot_show_says_that_it_is_open(app, shown):
     async with app.run_test(size=(60, 20)) as pilot:
-        assert not any("shows the whole page" in row for row in shown(app)[:6]), "the numbers are the Run page's own"
+        assert not any("shows the whole page" in row for row in shown(app)[:6]), (
+            "the numbers are the Run page's own"
+        )
         for where, name in (("map", "map"), ("settings", "settings")):
             await turned(app, pilot, where)
             assert any(f" {name}: 80 x 24 shows the whole page" in row for row in shown(app))

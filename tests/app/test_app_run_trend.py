@@ -1,4 +1,6 @@
-"""The trend of the Run page is read off at a time, by keys and by a tap; small graphs stand under the tiles."""
+"""The trend of the Run page is read off at a time, by keys and by a tap; small graphs stand
+under the tiles."""
+
 from __future__ import annotations
 
 from dataclasses import replace
@@ -48,7 +50,9 @@ async def test_keys_read_the_trend_and_escape_ends_it(app, frames, shown, pilot)
     assert f"target {near.target_kg_ha:.0f}" in said and f"applied {near.applied_kg_ha:.0f}" in said
     at_s = page.cursor_s
     await pilot.press("shift+left")
-    assert page.cursor_s == pytest.approx(at_s - 10 * (frames[-1].row.time_s - at_s), abs=0.2), "ten steps"
+    assert page.cursor_s == pytest.approx(at_s - 10 * (frames[-1].row.time_s - at_s), abs=0.2), (
+        "ten steps"
+    )
     far = next(point for point in reversed(page.points()) if point.time_s <= page.cursor_s)
     assert f"target {far.target_kg_ha:.0f}" in title_of(app, shown)
     assert any("│" in row for row in shown(app))
@@ -67,15 +71,19 @@ async def test_a_tap_on_the_trend_reads_it_and_one_on_its_title_ends_it(app, sho
     assert app.page.cursor_s is None
 
 
-async def test_the_cursor_stays_at_its_time_and_goes_when_the_trend_has_run_past_it(app, frames, pilot):
+async def test_the_cursor_stays_at_its_time_and_goes_when_the_trend_has_run_past_it(
+    app, frames, pilot
+):
     app.drive()
     await pilot.press("shift+left")
     page, last = app.page, frames[-1]
     at_s = page.cursor_s
     for later_s in (30.0, 200.0):
         row = last.row._replace(time_s=last.row.time_s + later_s)
-        app.source.newest = type(last)(**{name: getattr(last, name) for name in last.__dataclass_fields__}
-                                       | {"seq": last.seq + int(later_s), "row": row, "at_s": last.at_s + later_s})
+        app.source.newest = type(last)(
+            **{name: getattr(last, name) for name in last.__dataclass_fields__}
+            | {"seq": last.seq + int(later_s), "row": row, "at_s": last.at_s + later_s}
+        )
         app.look()
         assert page.cursor_s == (at_s if later_s < 100.0 else None)
 
@@ -100,12 +108,20 @@ async def test_graphs_stand_under_the_tiles_of_a_large_terminal(app, shown):
         graphs = app.page.query_one(TileGraphs)
         assert graphs.display and len(graphs.view.graphs) == 4 and all(graphs.view.graphs)
         first = graphs.region.y
-        assert any("\u2801" <= letter <= "\u28ff" for row in shown(app)[first:first + 2] for letter in row[:100])
+        assert any(
+            "\u2801" <= letter <= "\u28ff"
+            for row in shown(app)[first : first + 2]
+            for letter in row[:100]
+        )
 
 
 def test_a_graph_breaks_where_nothing_is_known_and_noise_is_no_mountain():
     nan = float("nan")
-    assert graph((0.0, 60.0, 120.0), (1.0, nan, 3.0), 0.0, 120.0) == ((0.0, 0.0), (0.5, None), (1.0, 1.0))
+    assert graph((0.0, 60.0, 120.0), (1.0, nan, 3.0), 0.0, 120.0) == (
+        (0.0, 0.0),
+        (0.5, None),
+        (1.0, 1.0),
+    )
     level = graph((0.0, 60.0), (100.0, 100.1), 0.0, 120.0)
     assert all(0.4 < share < 0.6 for _at, share in level)
     assert graph((), (), 0.0, 120.0) == ()
@@ -119,15 +135,26 @@ async def test_held_the_target_is_no_dots_and_the_applied_rate_is(app, size):
         app.page.query_one("#trend", Trend).show(TrendView(points, app.units.rate))
         drawn = app.page.query_one("#trend", Trend).lines(TrendView(points, app.units.rate), 80, 12)
     rows = [strip.text[6:] for strip in drawn[1:-1]]
-    dotted = [row for row in rows if any(0x2800 < ord(one) <= 0x28ff for one in row)]
+    dotted = [row for row in rows if any(0x2800 < ord(one) <= 0x28FF for one in row)]
     solid = [row for row in rows if set(row) & set("▀▄█")]
     assert dotted == [rows[-1]] and solid and rows[-1] not in solid, rows
-    assert "▄▄▄ target" in drawn[0].text and "⠤⠤⠤ applied" in drawn[0].text, "the legend is drawn as the lines are"
+    assert "▄▄▄ target" in drawn[0].text and "⠤⠤⠤ applied" in drawn[0].text, (
+        "the legend is drawn as the lines are"
+    )
 
 
-@pytest.mark.parametrize(("state", "rpm", "kg_ha"), [("held", 1.4, 0.0), ("off", 0.3, 0.0), ("held", 6.0, 4.2),
-                                                     ("working", 1.4, 4.2), (None, 0.0, 4.2), ("held", None, 4.2),
-                                                     ("held", -6.0, 4.2)])
+@pytest.mark.parametrize(
+    ("state", "rpm", "kg_ha"),
+    [
+        ("held", 1.4, 0.0),
+        ("off", 0.3, 0.0),
+        ("held", 6.0, 4.2),
+        ("working", 1.4, 4.2),
+        (None, 0.0, 4.2),
+        ("held", None, 4.2),
+        ("held", -6.0, 4.2),
+    ],
+)
 def test_the_noise_of_a_standing_shaft_is_no_rate_but_a_turning_one_is(frames, state, rpm, kg_ha):
     row = frames[-1].row._replace(state=state, shaft_rpm=rpm, applied_rate_kg_ha=4.2)
     assert applied_kg_ha(row) == kg_ha == point_of(replace(frames[-1], row=row)).applied_kg_ha

@@ -1,4 +1,6 @@
-"""Sections on the Run page and the map: the row, closing one by hand, strips of their own; nothing without valves."""
+"""Sections on the Run page and the map: the row, closing one by hand, strips of their own;
+nothing without valves."""
+
 from __future__ import annotations
 
 from dataclasses import replace
@@ -35,14 +37,19 @@ def test_neighbours_that_are_alike_stand_together():
 def test_sections_come_through_the_wire():
     frame = Frame(3, 1.5, LogRow(1.5, sections_cmd="1;1;0;0"), sections=STATES)
     import json
+
     assert from_json(json.loads(to_json(frame))) == frame
     assert from_json(json.loads(to_json(Frame(3, 1.5, LogRow(1.5))))).sections == ()
 
 
 @pytest.mark.parametrize("size", [(80, 24), (100, 30), (120, 40)])
-async def test_the_row_stands_on_the_run_page_of_a_machine_with_valves_alone(clock, frames, shown, size):
+async def test_the_row_stands_on_the_run_page_of_a_machine_with_valves_alone(
+    clock, frames, shown, size
+):
     for sections in (STATES, ()):
-        app = TopdressApp(StillSource(replace(frames[-1], sections=sections)), clock, live=False, utc_offset_s=0.0)
+        app = TopdressApp(
+            StillSource(replace(frames[-1], sections=sections)), clock, live=False, utc_offset_s=0.0
+        )
         async with app.run_test(size=size):
             rows = [row for row in shown(app) if "3 outside" in row]
             assert len(rows) == (1 if sections else 0)
@@ -54,7 +61,8 @@ async def test_a_section_is_closed_by_hand_and_taken_back(clock, frames):
     app = TopdressApp(source, clock, live=False, utc_offset_s=0.0)
     async with app.run_test(size=(120, 40)) as pilot:
         await pilot.click("#section-bar")
-        await pilot.press(str(len(allow_choices(source.newest))), "enter")        # the last that may be allowed
+        # the last that may be allowed
+        await pilot.press(str(len(allow_choices(source.newest))), "enter")
         await pilot.press("2", "enter")
         assert source.orders[-1] == Order(Do.SECTION, "2 off")
 
@@ -63,13 +71,24 @@ def test_only_machines_with_valves_are_asked(frames):
     assert "sections" not in [one.value for one in allow_choices(frames[-1])]
     frame = replace(frames[-1], sections=STATES)
     assert allow_choices(frame)[-1].value == "sections"
-    assert [one.value for one in section_choices(frame)] == ["1 off", "2 off", "3 off", "4 auto", "all auto"]
+    assert [one.value for one in section_choices(frame)] == [
+        "1 off",
+        "2 off",
+        "3 off",
+        "4 auto",
+        "all auto",
+    ]
 
 
 def test_the_map_keeps_strips_of_what_was_open(frames):
     worked = Worked(3.0)
     worked.sections = (1.0 / 3.0, 2.0 / 3.0, 1.0)
-    worked.add([Spot(1.5, north, 0.0, 300.0, 300.0, 0.5, 0b101) for north in np.arange(0.5, 9.6, 0.5).tolist()])
+    worked.add(
+        [
+            Spot(1.5, north, 0.0, 300.0, 300.0, 0.5, 0b101)
+            for north in np.arange(0.5, 9.6, 0.5).tolist()
+        ]
+    )
     planes = worked.window(1.0, 0, 0, 3, 10)
     assert planes[KINDS, 2:8].astype(bool).tolist() == [[True, False, True]] * 6
     row = frames[-1].row._replace(sections_cmd="1;0;1")

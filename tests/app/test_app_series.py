@@ -1,4 +1,6 @@
-"""Lowest, highest and mean over spans: the pyramid against the rows themselves, bounded for 8 hours, and of a log."""
+"""Lowest, highest and mean over spans: the pyramid against the rows themselves, bounded for 8
+hours, and of a log."""
+
 from __future__ import annotations
 
 from dataclasses import replace
@@ -22,8 +24,18 @@ def frame(time_s: float, ndvi: float | None) -> Frame:
 
 
 def test_every_number_of_a_log_row_can_be_plotted():
-    assert {channel.id for channel in CHANNELS} - {ERROR} == set(COLUMNS) - TEXT_COLUMNS - {"time_s", *NDRE_COLUMNS}
-    row = LogRow(1.0, ndvi=0.4, target_rate_kg_ha=300.0, applied_rate_kg_ha=330.0, state="working", satellites=9)
+    assert {channel.id for channel in CHANNELS} - {ERROR} == set(COLUMNS) - TEXT_COLUMNS - {
+        "time_s",
+        *NDRE_COLUMNS,
+    }
+    row = LogRow(
+        1.0,
+        ndvi=0.4,
+        target_rate_kg_ha=300.0,
+        applied_rate_kg_ha=330.0,
+        state="working",
+        satellites=9,
+    )
     assert (value_of(row, "ndvi"), value_of(row, "satellites")) == (0.4, 9.0)
     assert value_of(row, ERROR) == pytest.approx(10.0)
     assert isnan(value_of(row._replace(state="held"), ERROR)) and isnan(value_of(row, "hopper_kg"))
@@ -31,7 +43,10 @@ def test_every_number_of_a_log_row_can_be_plotted():
 
 
 @settings(max_examples=40, deadline=None)
-@given(st.lists(st.one_of(st.none(), st.floats(-5, 5)), min_size=1, max_size=200), st.sampled_from([0.05, 0.2, 0.7]))
+@given(
+    st.lists(st.one_of(st.none(), st.floats(-5, 5)), min_size=1, max_size=200),
+    st.sampled_from([0.05, 0.2, 0.7]),
+)
 def test_sums_over_the_whole_run_are_those_of_its_rows(values, step_s):
     pyramid = Pyramid()
     frames = [frame(k * step_s, value) for k, value in enumerate(values)]
@@ -67,10 +82,19 @@ def test_eight_hours_and_more_are_held_in_the_same_memory():
         pyramid.add(frame(2.0 * k, 0.5))
     assert pyramid.bytes == before < 25e6
     assert pyramid.start_s == 0.0 and pyramid.end_s == pytest.approx(12 * 3600 - 2.0)
-    for span_s, least in ((10.0, 10), (400.0, 300), (2_000.0, 300), (8_000.0, 300), (12 * 3600.0, 300)):
+    for span_s, least in (
+        (10.0, 10),
+        (400.0, 300),
+        (2_000.0, 300),
+        (8_000.0, 300),
+        (12 * 3600.0, 300),
+    ):
         seen = pyramid.stretch("ndvi", pyramid.end_s - span_s, pyramid.end_s, 300)
         assert len(seen.time_s) >= min(least, span_s / 2.0 - 1)
-        assert seen.time_s[0] <= pyramid.end_s - span_s + 64.0 and seen.time_s[-1] > pyramid.end_s - 64.0
+        assert (
+            seen.time_s[0] <= pyramid.end_s - span_s + 64.0
+            and seen.time_s[-1] > pyramid.end_s - 64.0
+        )
         assert len(seen.time_s) <= 2 * KEPT
 
 
@@ -96,7 +120,10 @@ def test_gaps_are_left_out():
     pyramid = Pyramid()
     for k in [*range(10), *range(100, 110)]:
         pyramid.add(frame(float(k), 0.5))
-    assert pyramid.stretch("ndvi", 0.0, 120.0, 400).time_s.tolist() == [*range(10), *range(100, 110)]
+    assert pyramid.stretch("ndvi", 0.0, 120.0, 400).time_s.tolist() == [
+        *range(10),
+        *range(100, 110),
+    ]
 
 
 def test_a_log_is_read_at_its_own_rows():
@@ -116,6 +143,7 @@ def test_nothing_is_known_before_the_first_row():
 
 def test_time_that_runs_back_begins_anew():
     from console.app.history import History
+
     history = History()
     for one in run_frames(seconds=10.0):
         history.add(one)
@@ -129,7 +157,7 @@ def test_axes_are_round_and_hold_the_values(low, span, decimals):
     begin, end = round_ends(low, low + span, decimals)
     slack = 1e-6 * max(1.0, span, abs(low))
     assert begin <= low + slack and end >= low + span - slack
-    assert end > begin and end - begin <= max(3.0 * span, 30.0 * 10.0 ** -decimals)
+    assert end > begin and end - begin <= max(3.0 * span, 30.0 * 10.0**-decimals)
 
 
 def test_axes_of_examples():

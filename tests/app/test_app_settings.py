@@ -1,4 +1,6 @@
-"""The Settings screen: what is changed takes effect at once and is kept; what cannot be is refused in one line."""
+"""The Settings screen: what is changed takes effect at once and is kept; what cannot be is
+refused in one line."""
+
 from __future__ import annotations
 
 from pathlib import Path
@@ -33,7 +35,9 @@ def kept(tmp_path):
 
 @pytest.fixture
 def app(source, clock, kept):
-    return TopdressApp(source, clock, live=False, utc_offset_s=0.0, services=Services(settings=kept))
+    return TopdressApp(
+        source, clock, live=False, utc_offset_s=0.0, services=Services(settings=kept)
+    )
 
 
 async def on_settings(app, pilot, *labels):
@@ -149,13 +153,18 @@ async def test_what_cannot_be_written_is_said_and_not_used(source, clock):
         assert app.notice_text == "not kept: settings.yaml: No space left on device"
 
 
-async def test_a_broken_file_is_told_at_the_start_and_stays_untouched(tmp_path, source, clock, shown):
+async def test_a_broken_file_is_told_at_the_start_and_stays_untouched(
+    tmp_path, source, clock, shown
+):
     path = tmp_path / "settings.yaml"
     path.write_text("format: topdress-settings/1\nunits: furlong\n")
     read = read_settings(path)
-    assert read.settings == Settings() and read.trouble.endswith("key units: value furlong: allowed metric, imperial "
-                                                                 "(line 2)")
-    store = SettingsStore(read.settings, lambda settings: write_settings(path, settings), str(path), read.trouble)
+    assert read.settings == Settings() and read.trouble.endswith(
+        "key units: value furlong: allowed metric, imperial (line 2)"
+    )
+    store = SettingsStore(
+        read.settings, lambda settings: write_settings(path, settings), str(path), read.trouble
+    )
     app = TopdressApp(source, clock, live=False, services=Services(settings=store))
     async with app.run_test(size=SIZE) as pilot:
         assert "value furlong" in app.notice_text and app.units.id == "metric"
@@ -167,14 +176,18 @@ async def test_a_broken_file_is_told_at_the_start_and_stays_untouched(tmp_path, 
 
 
 def test_a_keymap_that_cannot_be_used_is_said_in_one_line(source, clock):
-    for keymap, said in (({"strat": "q"}, "key keymap.strat: no such action"),
-                         ({"start": "enter"}, "key keymap.start: value enter: not a key that can be used"),
-                         ({"start": "r"}, "key r: both start and ready")):
+    for keymap, said in (
+        ({"strat": "q"}, "key keymap.strat: no such action"),
+        ({"start": "enter"}, "key keymap.start: value enter: not a key that can be used"),
+        ({"start": "r"}, "key r: both start and ready"),
+    ):
         assert keymap_problem(keymap) == said
         store = SettingsStore(Settings(keymap=keymap), lambda settings: None)
         app = TopdressApp(source, clock, live=False, services=Services(settings=store))
         assert store.trouble == said
-        assert "shown" not in vars(app) and actions.at("run")[0].shown == "S", "the built-in keys are used"
+        assert "shown" not in vars(app) and actions.at("run")[0].shown == "S", (
+            "the built-in keys are used"
+        )
 
 
 def test_no_two_built_in_actions_of_a_screen_share_a_key():
@@ -183,7 +196,9 @@ def test_no_two_built_in_actions_of_a_screen_share_a_key():
 
 def test_settings_of_every_shape_survive_their_file(tmp_path):
     path = tmp_path / "deep" / "settings.yaml"
-    settings = Settings(units="imperial", language="zh", theme="dusk", sound=False, keymap={"hold": "space,h"})
+    settings = Settings(
+        units="imperial", language="zh", theme="dusk", sound=False, keymap={"hold": "space,h"}
+    )
     write_settings(path, settings)
     assert read_settings(path) == (settings, "")
     assert read_settings(tmp_path / "none.yaml") == (Settings(), "")
@@ -196,7 +211,9 @@ def test_every_language_can_be_chosen():
 async def test_a_theme_of_the_users_own(source, clock):
     data = ThemeData(name="dusk", like="night", colours={"background": "#120e0a", "red": "#ff0000"})
     theme = theme_of(data)
-    assert theme.dark and theme.background == "#120e0a" and theme.variables["alarm-red"] == "#ff0000"
+    assert (
+        theme.dark and theme.background == "#120e0a" and theme.variables["alarm-red"] == "#ff0000"
+    )
     store = SettingsStore(Settings(theme="dusk"), lambda settings: None, themes=(data,))
     app = TopdressApp(source, clock, live=False, services=Services(settings=store))
     assert app.theme == "dusk" and store.trouble == ""

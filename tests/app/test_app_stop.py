@@ -1,5 +1,6 @@
-"""STOP is had with any form of its key, on every page and under every dialog; so is every letter; no STOP that stops
-nothing is shown."""
+"""STOP is had with any form of its key, on every page and under every dialog; so is every
+letter; no STOP that stops nothing is shown."""
+
 from __future__ import annotations
 
 import pytest
@@ -35,11 +36,45 @@ from tests.app.made_up.run import sample_services
 SIZE = (120, 40)
 STOP, HOLD = Order(Do.STOP), Order(Do.HOLD)
 
-# What terminals send for X and F12: plain, Shift, Caps Lock, Ctrl, Alt, the kitty protocol, older ones.
-SENT_FOR_F12 = ("\x1b[24~", "\x1b[24;2~", "\x1b[24;5~", "\x1b[24;6~", "\x1b[24;3~", "\x1b[24;65~", "\x1b[24;66~",
-                "\x1b[24$", "\x1b[24^")
-SENT_FOR_X = ("x", "X", "\x1b[120;2u", "\x1b[120;65u", "\x1b[88;2u", "\x1b[120;2;88u", "\x1b[27;2;88~", "\x1b[120;6u",
-              "\x18", "\x1bx", "\x1bX", "ｘ", "Ｘ", "ч", "Ч", "\x1b[1095;2u", "χ", "Χ", "х", "Х", "џ", "ס", "ㅌ", "さ")
+# What terminals send for X and F12: plain, Shift, Caps Lock, Ctrl, Alt, the kitty protocol,
+# older ones.
+SENT_FOR_F12 = (
+    "\x1b[24~",
+    "\x1b[24;2~",
+    "\x1b[24;5~",
+    "\x1b[24;6~",
+    "\x1b[24;3~",
+    "\x1b[24;65~",
+    "\x1b[24;66~",
+    "\x1b[24$",
+    "\x1b[24^",
+)
+SENT_FOR_X = (
+    "x",
+    "X",
+    "\x1b[120;2u",
+    "\x1b[120;65u",
+    "\x1b[88;2u",
+    "\x1b[120;2;88u",
+    "\x1b[27;2;88~",
+    "\x1b[120;6u",
+    "\x18",
+    "\x1bx",
+    "\x1bX",
+    "ｘ",
+    "Ｘ",
+    "ч",
+    "Ч",
+    "\x1b[1095;2u",
+    "χ",
+    "Χ",
+    "х",
+    "Х",
+    "џ",
+    "ס",
+    "ㅌ",
+    "さ",
+)
 SENT_FOR_SPACE = (" ", "\x1b[32;2u", "\x1b[32;2;32u", "\x1b[32;5u", "\x00", "\u3000", "\u00a0")
 
 DIALOGS = {
@@ -55,8 +90,9 @@ DIALOGS = {
     AlarmList: lambda: AlarmList("Alarms", ()),
     HelpScreen: lambda: HelpScreen(actions.at("run")),
     JumpScreen: lambda: JumpScreen((), ()),
-    settings_page.ThemeDialog: lambda: settings_page.ThemeDialog("Theme", [Choice("day", "Day"), Choice("night", "N")],
-                                                                 "day"),
+    settings_page.ThemeDialog: lambda: settings_page.ThemeDialog(
+        "Theme", [Choice("day", "Day"), Choice("night", "N")], "day"
+    ),
     settings_page.KeyChoice: lambda: settings_page.KeyChoice("start", "S"),
     KeyDialog: lambda: KeyDialog("Key", "", Key("k", lambda: 0.0)),
     CommandPalette: CommandPalette,
@@ -66,7 +102,9 @@ DIALOGS = {
 def sent(text: str) -> list[InputEvent]:
     """The keys and mouse events that Textual makes of what a terminal sends."""
     parser = XTermParser()
-    return [event for event in (*parser.feed(text), *parser.feed("")) if isinstance(event, InputEvent)]
+    return [
+        event for event in (*parser.feed(text), *parser.feed("")) if isinstance(event, InputEvent)
+    ]
 
 
 async def send(app, pilot, *texts):
@@ -118,9 +156,17 @@ def test_every_kind_of_dialog_is_tried_below():
 QUICK = (Confirm, NumberDialog, NameDialog, GoneScreen, CommandPalette)
 
 
-@pytest.mark.parametrize("kind", [
-    pytest.param(kind, id=f"{kind.__module__.rpartition('.')[2]}.{kind.__name__}",
-                 marks=() if kind in QUICK else pytest.mark.exam) for kind in DIALOGS])
+@pytest.mark.parametrize(
+    "kind",
+    [
+        pytest.param(
+            kind,
+            id=f"{kind.__module__.rpartition('.')[2]}.{kind.__name__}",
+            marks=() if kind in QUICK else pytest.mark.exam,
+        )
+        for kind in DIALOGS
+    ],
+)
 async def test_stop_and_hold_reach_the_worker_under_every_dialog(full, source, kind, pilot):
     full.push_screen(DIALOGS[kind]())
     await pilot.pause(0.05)
@@ -141,17 +187,21 @@ async def test_stop_and_hold_reach_the_worker_under_every_dialog(full, source, k
     for name, order in (("stop", STOP), ("hold", HOLD)):
         place = next(one for one in laid_out(bar.view.actions, bar.size.width) if one[0].id == name)
         await click(full, pilot, bar.region.x + place[1] + 1, bar.region.y)
-        assert source.orders == [order] and full.screen is dialog, f"a click on {name}, which is in sight"
+        assert source.orders == [order] and full.screen is dialog, (
+            f"a click on {name}, which is in sight"
+        )
         source.orders.clear()
 
 
 async def test_a_dialog_over_the_key_bar_hides_it_from_clicks(full, source):
-    """Where a dialog lies over them, hold and STOP are not in sight, and a click is the dialog's."""
+    """Where a dialog lies over them, hold and STOP are not in sight, and a click is the
+    dialog's."""
     async with full.run_test(size=(40, 10)) as pilot:
         full.push_screen(NumberDialog("How much?", "kg", 0, 100))
         await pilot.pause()
         dialog = full.screen.query_one(".dialog")
-        dialog.styles.margin, dialog.styles.min_height = 0, 10      # it leaves both in sight by itself
+        # it leaves both in sight by itself
+        dialog.styles.margin, dialog.styles.min_height = 0, 10
         await pilot.pause()
         assert dialog.region.contains(16, 9)
         await click(full, pilot, 16, 9)
@@ -165,13 +215,20 @@ async def test_in_a_text_field_a_letter_is_a_letter(full, source, pilot):
     assert full.screen.query_one(Input).value == "xXЧｘ aS" and source.orders == []
 
 
-# --- every letter, on every page -------------------------------------------------------------------------------------
+# --- every letter, on every page
+# -------------------------------------------------------------------------------------
+
 
 def forms(letter: str) -> tuple[str, ...]:
     """Caps Lock or Shift, kitty's two ways to say Shift, and a full-width input method."""
     wide = chr(ord(letter) + 0xFEE0)
-    return (letter.upper(), f"\x1b[{ord(letter)};2u", f"\x1b[{ord(letter.upper())};2u", wide,
-            chr(ord(letter.upper()) + 0xFEE0))
+    return (
+        letter.upper(),
+        f"\x1b[{ord(letter)};2u",
+        f"\x1b[{ord(letter.upper())};2u",
+        wide,
+        chr(ord(letter.upper()) + 0xFEE0),
+    )
 
 
 async def done_by(app, pilot, text) -> list[str]:
@@ -201,8 +258,11 @@ async def test_every_letter_does_the_same_with_shift_caps_lock_and_full_width(fu
                         for text in (key, *forms(key)):
                             assert await done_by(full, pilot, text) == [action.id], (where, text)
                         tried.add(action.id)
-        letters = {action.id for action in actions.ACTIONS if any(len(key) == 1 and key.isalpha()
-                                                                 for key in actions.keys_of(action, keymap))}
+        letters = {
+            action.id
+            for action in actions.ACTIONS
+            if any(len(key) == 1 and key.isalpha() for key in actions.keys_of(action, keymap))
+        }
         assert tried == letters and len(letters) > 40
         assert await done_by(full, pilot, "\x1b[112;6u") == ["palette"], "Ctrl+Shift+P"
 
@@ -211,7 +271,11 @@ def test_no_built_in_binding_is_a_capital():
     """Else folding would hide it."""
     own = {key for action in actions.ACTIONS for key in actions.keys_of(action, {})}
     for kind in kinds():
-        own |= {key.strip() for binding in kind.__dict__.get("BINDINGS", ()) for key in binding.key.split(",")}
+        own |= {
+            key.strip()
+            for binding in kind.__dict__.get("BINDINGS", ())
+            for key in binding.key.split(",")
+        }
     assert not [key for key in own if key.rpartition("+")[2] != key.rpartition("+")[2].lower()]
 
 
@@ -228,16 +292,27 @@ async def test_digits_of_dialogs_work_full_width(full, pilot):
 
 
 async def test_a_remapped_key_works_with_caps_lock_too(source, clock):
-    app = TopdressApp(source, clock, live=False, keymap={"start": "z", "stop": "p,ctrl+g", "hold": "v"})
+    app = TopdressApp(
+        source, clock, live=False, keymap={"start": "z", "stop": "p,ctrl+g", "hold": "v"}
+    )
     async with app.run_test(size=SIZE) as pilot:
-        for text, order in (("Z", Order(Do.START)), ("P", STOP), ("\x1b[112;2u", STOP), ("V", HOLD), ("v", HOLD),
-                            ("\x1b[24;5~", STOP), ("\x07", STOP)):
+        for text, order in (
+            ("Z", Order(Do.START)),
+            ("P", STOP),
+            ("\x1b[112;2u", STOP),
+            ("V", HOLD),
+            ("v", HOLD),
+            ("\x1b[24;5~", STOP),
+            ("\x07", STOP),
+        ):
             source.orders.clear()
             await send(app, pilot, text)
             assert source.orders == [order], text
         source.orders.clear()
         await send(app, pilot, "\x10")
-        assert isinstance(app.screen, CommandPalette) and source.orders == [], "Ctrl+P is bound, and is not STOP"
+        assert isinstance(app.screen, CommandPalette) and source.orders == [], (
+            "Ctrl+P is bound, and is not STOP"
+        )
 
 
 async def test_a_capital_that_the_user_bound_is_the_user_s(source, clock):
@@ -246,43 +321,67 @@ async def test_a_capital_that_the_user_bound_is_the_user_s(source, clock):
     async with app.run_test(size=SIZE) as pilot:
         await send(app, pilot, "s", "S", "\x1b[115;2u", "R")
         mark = Order(Do.MARK, "mark")
-        assert source.orders == [Order(Do.START), mark, mark, Order(Do.READY)], "R is the user's on the map alone"
+        assert source.orders == [Order(Do.START), mark, mark, Order(Do.READY)], (
+            "R is the user's on the map alone"
+        )
 
 
 def test_f12_cannot_be_taken_from_stop():
     for key in ("f12", "shift+f12"):
         assert "F12 is STOP" in keymap_problem({"start": key, "stop": "p"})
-    assert keymap_problem({"stop": "z,f12"}) == "key z: both whole field and STOP", "no complaint about F12"
+    assert keymap_problem({"stop": "z,f12"}) == "key z: both whole field and STOP", (
+        "no complaint about F12"
+    )
 
 
 def test_a_letter_alone_is_folded_and_nothing_else():
     kept = ("escape", "shift+left", "ctrl+c", "alt+shift+left", "plus", "shift+tab", "ß", "é", "f2")
-    assert [pressed.meant(key, frozenset(), frozenset({"x", "space"})) for key in kept] == list(kept)
+    assert [pressed.meant(key, frozenset(), frozenset({"x", "space"})) for key in kept] == list(
+        kept
+    )
 
 
-# --- no STOP that stops nothing --------------------------------------------------------------------------------------
+# --- no STOP that stops nothing
+# --------------------------------------------------------------------------------------
+
 
 async def test_stop_is_in_its_place_beside_a_notice(app, source, shown):
     source.answer = Answer(False, "not_from_state;state=working")
     async with app.run_test(size=SIZE) as pilot:
         bar = app.page.query_one("#keys", KeyBar)
-        place = next(one for one in laid_out(bar.view.actions, bar.size.width) if one[0].id == "stop")
+        place = next(
+            one for one in laid_out(bar.view.actions, bar.size.width) if one[0].id == "stop"
+        )
         await pilot.press("s")
         last = shown(app)[-1]
-        assert "Not possible" in last and last[place[1]:].startswith(" X STOP ")
+        assert "Not possible" in last and last[place[1] :].startswith(" X STOP ")
         await pilot.click("#keys", offset=(place[1] + 1, 0))
         assert source.orders == [Order(Do.START), STOP]
 
 
-@pytest.mark.parametrize(("key", "size"), [
-    (None, (80, 24)), *(pytest.param(key, size, marks=pytest.mark.exam) for key, size in (
-        (None, (120, 40)), ("abcd2345", (120, 40)), ("abcd2345", (80, 24))))])
+@pytest.mark.parametrize(
+    ("key", "size"),
+    [
+        (None, (80, 24)),
+        *(
+            pytest.param(key, size, marks=pytest.mark.exam)
+            for key, size in ((None, (120, 40)), ("abcd2345", (120, 40)), ("abcd2345", (80, 24)))
+        ),
+    ],
+)
 async def test_a_tab_that_only_looks_shows_no_stop_and_says_why(source, clock, shown, key, size):
     async def link_to(operating: bool) -> StillSource:
         return source
 
-    app = TabletApp(source, link_to, Key(key, clock), clock=clock, live=False, utc_offset_s=0.0,
-                    services=sample_services())
+    app = TabletApp(
+        source,
+        link_to,
+        Key(key, clock),
+        clock=clock,
+        live=False,
+        utc_offset_s=0.0,
+        services=sample_services(),
+    )
     async with app.run_test(size=size) as pilot:
         for where in ("run", "map", "trends", "devices", "replay", "job"):
             await turned(app, pilot, where)

@@ -1,4 +1,5 @@
 """A browser's tab: it looks until the key is typed, and the worker refuses what slips through."""
+
 from __future__ import annotations
 
 from dataclasses import replace
@@ -34,8 +35,15 @@ def tab(source, clock):
             links.append(operating)
             return source
 
-        app = TabletApp(start, link_to, Key(key, clock), clock=clock, live=False, utc_offset_s=0.0,
-                        services=Services(diagnosis=MadeUpDiagnosis()))
+        app = TabletApp(
+            start,
+            link_to,
+            Key(key, clock),
+            clock=clock,
+            live=False,
+            utc_offset_s=0.0,
+            services=Services(diagnosis=MadeUpDiagnosis()),
+        )
         app.links = links
         return app
 
@@ -79,9 +87,19 @@ async def test_pages_that_write_files_are_closed(tab):
 async def test_what_only_looks_is_allowed(tab):
     app = tab(None)
     allowed = {action.id for action in actions.ACTIONS if app.may(action)}
-    everywhere = {action.id for action in actions.ACTIONS if action.where == ANYWHERE and action.id in allowed}
+    everywhere = {
+        action.id for action in actions.ACTIONS if action.where == ANYWHERE and action.id in allowed
+    }
     assert not {"hold", "stop", "acknowledge", "lock", "tour"} & everywhere
-    assert {"help", "theme", "units", "language", "run_screen", "devices_screen", "replay_screen"} <= everywhere
+    assert {
+        "help",
+        "theme",
+        "units",
+        "language",
+        "run_screen",
+        "devices_screen",
+        "replay_screen",
+    } <= everywhere
     assert not [name for name in allowed if actions.BY_ID[name].where == RUN and name != "connect"]
 
 
@@ -117,7 +135,11 @@ async def test_keys_are_three_rows_high_under_a_finger(tab, source, row):
         app.page.hurry()
         app.tick()
         bar = app.page.query_one(KeyBar)
-        (at,) = [x for x in range(bar.size.width) if bar.action_at(x) == "stop" and bar.action_at(x - 1) != "stop"]
+        (at,) = [
+            x
+            for x in range(bar.size.width)
+            if bar.action_at(x) == "stop" and bar.action_at(x - 1) != "stop"
+        ]
         assert bar.region.height == 3
         await pilot.click(KeyBar, offset=(at, row))
         assert [order.do for order in source.orders] == [Do.STOP]
@@ -127,8 +149,9 @@ async def test_keys_are_three_rows_high_under_a_finger(tab, source, row):
 
 
 @pytest.mark.parametrize("looking", [True, False])
-@pytest.mark.parametrize(("page", "under", "rows"), [
-    (RUN, FieldMap, 18), (MAP, FieldMap, 23), (JOB, "#job-totals", 12)])
+@pytest.mark.parametrize(
+    ("page", "under", "rows"), [(RUN, FieldMap, 18), (MAP, FieldMap, 23), (JOB, "#job-totals", 12)]
+)
 async def test_a_tablet_on_end_uses_its_height_and_cuts_nothing(tab, page, under, rows, looking):
     app = tab()
     async with app.run_test(size=(65, 43)) as pilot:
@@ -180,19 +203,30 @@ def test_wrong_keys_make_one_wait_longer_each_time(clock):
     assert key.wrong("abcd2345").startswith("The last key was wrong")
     clock.now_s += 0.5
     assert key.wrong(" abcd2345\n") == ""
-    assert Key(None, clock).wrong("") == "There is no key: this server was started for viewing only."
+    assert (
+        Key(None, clock).wrong("") == "There is no key: this server was started for viewing only."
+    )
 
 
 async def test_a_tab_that_comes_late_shows_the_ground_and_the_line_of_before(frames, tmp_path):
-    """The machine had worked for hours when the tablet was switched on; what the tab sets is its own alone."""
+    """The machine had worked for hours when the tablet was switched on; what the tab sets is
+    its own alone."""
     log = tmp_path / "run.csv"
     frame = replace(frames[-1], log_path=str(log))
     files = KeptLineFiles()
     files.append(str(log), guide_record(GuideLine((0.0, 0.0), (0.0, 50.0), 2.4)))
     files.close()
     before = Earlier((), tuple((500.0, float(k), 0.0, 300.0) for k in range(40)))
-    app = TabletApp(StillSource(frame), None, Key(None, StillClock()), clock=StillClock(), live=False,
-                    services=Services(earlier=lambda path: before if path == str(log) else None, lines=LinesSeen()))
+    app = TabletApp(
+        StillSource(frame),
+        None,
+        Key(None, StillClock()),
+        clock=StillClock(),
+        live=False,
+        services=Services(
+            earlier=lambda path: before if path == str(log) else None, lines=LinesSeen()
+        ),
+    )
     async with app.run_test(size=(120, 40)) as pilot:
         await settled(app, pilot)
         assert app.history.worked.box.east_m > 400.0 and app.guide.b == (0.0, 50.0)

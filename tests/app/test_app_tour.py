@@ -1,4 +1,6 @@
-"""The guided tour goes on when a step is done by the operator, never by itself, and gives no order."""
+"""The guided tour goes on when a step is done by the operator, never by itself, and gives no
+order."""
+
 from __future__ import annotations
 
 from dataclasses import replace
@@ -15,18 +17,26 @@ SIZE = (120, 40)
 @pytest.fixture
 def frame_of(frames):
     def make(state="off", strategy="opening_first", applied_kg_ha=0.0):
-        row = frames[-1].row._replace(state=state, strategy=strategy, applied_rate_kg_ha=applied_kg_ha)
+        row = frames[-1].row._replace(
+            state=state, strategy=strategy, applied_rate_kg_ha=applied_kg_ha
+        )
         return replace(frames[-1], row=row, simulated=True)
+
     return make
 
 
 def test_every_step_waits_for_its_deed_and_the_last_ends_it(frame_of):
     tour = Tour()
-    deeds = [({"state": "ready"}, "run", 1.0), ({"state": "working", "applied_kg_ha": 300.0}, "run", 1.0),
-             ({"state": "working"}, "run", READ_S + 1.0),
-             ({"state": "working", "strategy": "speed_first"}, "run", 1.0),
-             ({"state": "working", "strategy": "speed_first"}, "map", 1.0), ({"state": "held"}, "map", 1.0),
-             ({"state": "working"}, "run", 1.0), ({"state": "off"}, "run", 1.0)]
+    deeds = [
+        ({"state": "ready"}, "run", 1.0),
+        ({"state": "working", "applied_kg_ha": 300.0}, "run", 1.0),
+        ({"state": "working"}, "run", READ_S + 1.0),
+        ({"state": "working", "strategy": "speed_first"}, "run", 1.0),
+        ({"state": "working", "strategy": "speed_first"}, "map", 1.0),
+        ({"state": "held"}, "map", 1.0),
+        ({"state": "working"}, "run", 1.0),
+        ({"state": "off"}, "run", 1.0),
+    ]
     assert len(deeds) == len(STEPS)
     before, where, now_s = {"state": "off"}, "run", 0.0
     for number, (deed, page, lasts_s) in enumerate(deeds):
@@ -77,7 +87,7 @@ async def test_a_click_ends_it(frame_of, source, clock):
 
 @pytest.mark.parametrize("size", [(160, 50), (80, 24), (60, 20)])
 async def test_every_step_is_read_to_its_end_at_any_size(app, source, shown, size):
-    source.newest = None                        # no step is done by itself
+    source.newest = None  # no step is done by itself
     async with app.run_test(size=size) as pilot:
         app.tour = Tour()
         for step in app.tour.steps:
@@ -85,6 +95,6 @@ async def test_every_step_is_read_to_its_end_at_any_size(app, source, shown, siz
             await pilot.pause()
             await pilot.pause()
             bar = app.page.query_one(TourBar)
-            rows = shown(app)[bar.region.y:bar.region.bottom]
+            rows = shown(app)[bar.region.y : bar.region.bottom]
             assert " ".join(" ".join(rows[:-1]).split()) == step.text and "end the tour" in rows[-1]
             app.tour.next()

@@ -1,4 +1,6 @@
-"""The Trends screen: channels, spans, freezing, reading at a time, fixed scales; live and of a log."""
+"""The Trends screen: channels, spans, freezing, reading at a time, fixed scales; live and of a
+log."""
+
 from __future__ import annotations
 
 from dataclasses import replace
@@ -46,13 +48,18 @@ async def plots(app, pilot):
 
 
 async def test_three_channels_at_first_with_their_sums(plots):
-    assert [plot.label for plot in plots.view.plots] == ["target rate", "applied rate", "speed used"]
+    assert [plot.label for plot in plots.view.plots] == [
+        "target rate",
+        "applied rate",
+        "speed used",
+    ]
     shown = [frame.row for frame in FRAMES if frame.row.time_s >= FRAMES[-1].row.time_s - 120.0]
     applied = [row.applied_rate_kg_ha for row in shown]
     target, second, speed = plots.view.plots
     assert target.value == f"{FRAMES[-1].row.target_rate_kg_ha:.0f}" and target.unit == "kg/ha"
-    assert second.sums == (f"min {min(applied):.0f}   mean {sum(applied) / len(applied):.0f}   "
-                           f"max {max(applied):.0f}")
+    assert second.sums == (
+        f"min {min(applied):.0f}   mean {sum(applied) / len(applied):.0f}   max {max(applied):.0f}"
+    )
     assert (target.low, target.high) == (second.low, second.high), "rates share their scale"
     assert speed.unit == "km/h" and plots.view.end == "06:14:09"
 
@@ -79,9 +86,13 @@ async def test_spans_by_key_and_by_wheel(app, pilot, plots):
 async def go_on(app, seconds):
     last = app.source.newest
     for step in range(1, int(seconds / 0.2) + 1):
-        utc = datetime.fromisoformat(last.row.utc.replace("Z", "+00:00")) + timedelta(seconds=0.2 * step)
-        row = last.row._replace(time_s=round(last.row.time_s + 0.2 * step, 3),
-                                utc=utc.isoformat().replace("+00:00", "Z"))
+        utc = datetime.fromisoformat(last.row.utc.replace("Z", "+00:00")) + timedelta(
+            seconds=0.2 * step
+        )
+        row = last.row._replace(
+            time_s=round(last.row.time_s + 0.2 * step, 3),
+            utc=utc.isoformat().replace("+00:00", "Z"),
+        )
         app.source.newest = replace(last, seq=last.seq + step, row=row, at_s=row.time_s)
         app.clock.now_s += 0.2
         app.tick()
@@ -96,7 +107,9 @@ async def test_frozen_plots_stand_while_the_run_goes_on(app, pilot, plots):
     await pilot.press("pageup")
     assert app.page.window().to_s == pytest.approx(FRAMES[-1].row.time_s - 60.0)
     await pilot.press("pagedown", "pagedown")
-    assert app.page.window().to_s == pytest.approx(app.history.series.end_s), "not beyond the newest"
+    assert app.page.window().to_s == pytest.approx(app.history.series.end_s), (
+        "not beyond the newest"
+    )
     await pilot.press("y")
     await go_on(app, 1.0)
     assert bar(app).states == ("running",)
@@ -236,9 +249,16 @@ async def test_of_a_log_it_is_what_was_played_or_the_whole_log(frames, clock, sh
 async def test_the_cursor_reads_a_row_not_the_mean_of_a_wide_span(clock):
     """A rate that turns every second, on a span whose columns hold several seconds."""
     made = run_frames(seconds=400.0)
-    turned = [replace(frame, row=frame.row._replace(target_rate_kg_ha=100.0 if int(frame.row.time_s) % 2 else 300.0))
-              for frame in made]
-    app = TopdressApp(None, clock, live=False, replay=ReplayJob(ReplaySource(turned, clock), "run.csv"))
+    turned = [
+        replace(
+            frame,
+            row=frame.row._replace(target_rate_kg_ha=100.0 if int(frame.row.time_s) % 2 else 300.0),
+        )
+        for frame in made
+    ]
+    app = TopdressApp(
+        None, clock, live=False, replay=ReplayJob(ReplaySource(turned, clock), "run.csv")
+    )
     async with app.run_test(size=SIZE) as pilot:
         plots = await opened(app, pilot)
         await pilot.press("z", "left", "left", "left")
@@ -261,7 +281,9 @@ async def test_machine_or_log(frames, clock):
         assert "log" not in bar(app).states
 
 
-@pytest.mark.parametrize(("size", "language"), [((80, 24), "en"), ((80, 24), "zh"), ((120, 40), "en")])
+@pytest.mark.parametrize(
+    ("size", "language"), [((80, 24), "en"), ((80, 24), "zh"), ((120, 40), "en")]
+)
 async def test_at_every_size_three_plots_and_the_time_axis_are_there(shown, size, language):
     picture = Picture("trends", size, screen="trends", language=language, alarms=True)
     app, _clock = still_app(picture)
@@ -270,11 +292,15 @@ async def test_at_every_size_three_plots_and_the_time_axis_are_there(shown, size
         plots = app.page.query_one("#plots", Plots)
         assert min(plots.rows_of(plots.content_size.height)) >= 5
         rows = shown(app)
-        assert sum("kg/ha" in row for row in rows) == 2 and any("14:18:39" in row and "14:16:39" in row for row in rows)
+        assert sum("kg/ha" in row for row in rows) == 2 and any(
+            "14:18:39" in row and "14:16:39" in row for row in rows
+        )
         assert any(0x2800 < ord(character) < 0x2900 for row in rows for character in row)
 
 
-# --- drawing -------------------------------------------------------------------------------------------------------
+# --- drawing
+# --------------------------------------------------------------------------------------------------
+
 
 def test_a_piece_goes_from_its_lowest_to_its_highest_and_joins_the_next():
     seen = dots(traced((Piece(0.0, 0.0, 0.0, False), Piece(1.0, 1.0, 1.0, True)), 2, 1))
@@ -283,5 +309,11 @@ def test_a_piece_goes_from_its_lowest_to_its_highest_and_joins_the_next():
 
 
 def test_a_gap_and_what_lies_outside_are_not_drawn():
-    seen = dots(traced((Piece(-0.4, 0.5, 0.5, False), Piece(0.0, 0.0, 0.0, True), Piece(1.0, 0.0, 0.0, False)), 3, 1))
+    seen = dots(
+        traced(
+            (Piece(-0.4, 0.5, 0.5, False), Piece(0.0, 0.0, 0.0, True), Piece(1.0, 0.0, 0.0, False)),
+            3,
+            1,
+        )
+    )
     assert {x for x, _y in seen} == {0, 5}

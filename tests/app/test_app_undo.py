@@ -1,5 +1,6 @@
-"""Every order is taken back by the one place that knows how, or is named there as one that is not; the newest change is
-the one that is offered."""
+"""Every order is taken back by the one place that knows how, or is named there as one that is
+not; the newest change is the one that is offered."""
+
 from __future__ import annotations
 
 import datetime as dt
@@ -27,9 +28,20 @@ from tests.control_loop.closed import Closed
 
 SIZE = (120, 40)
 CHANGES = {
-    Do.STRATEGY: "speed_first", Do.SOURCE: "manual", Do.NUDGE: 10.0, Do.MANUAL_RATE: 123.0, Do.REFILL: 40.0,
-    Do.ALLOW_REVERSE: True, Do.ALLOW_OUTSIDE: True, Do.ALLOW_MAP_ELSEWHERE: True, Do.GO_ON_UNLOGGED: True,
-    Do.ALLOW_NO_WHEEL: True, Do.FLOW_TRIM: False, Do.LOOK_AHEAD: False, Do.NO_DOUBLE: False, Do.SECTION: "2 off",
+    Do.STRATEGY: "speed_first",
+    Do.SOURCE: "manual",
+    Do.NUDGE: 10.0,
+    Do.MANUAL_RATE: 123.0,
+    Do.REFILL: 40.0,
+    Do.ALLOW_REVERSE: True,
+    Do.ALLOW_OUTSIDE: True,
+    Do.ALLOW_MAP_ELSEWHERE: True,
+    Do.GO_ON_UNLOGGED: True,
+    Do.ALLOW_NO_WHEEL: True,
+    Do.FLOW_TRIM: False,
+    Do.LOOK_AHEAD: False,
+    Do.NO_DOUBLE: False,
+    Do.SECTION: "2 off",
     Do.STRIP: "nrich 0.7120 0.0041 38",
 }
 
@@ -53,9 +65,18 @@ class Bench:
 
 
 def chosen(frame: Frame) -> tuple[object, ...]:
-    return (frame.row.strategy, frame.ordered_source, frame.manual_rate_kg_ha, frame.row.nudge_percent, frame.allow,
-            frame.flow_trim_on, frame.look_ahead, frame.no_double, [one.why == "hand" for one in frame.sections],
-            frame.strips)
+    return (
+        frame.row.strategy,
+        frame.ordered_source,
+        frame.manual_rate_kg_ha,
+        frame.row.nudge_percent,
+        frame.allow,
+        frame.flow_trim_on,
+        frame.look_ahead,
+        frame.no_double,
+        [one.why == "hand" for one in frame.sections],
+        frame.strips,
+    )
 
 
 @pytest.mark.parametrize("do", CHANGES)
@@ -66,7 +87,7 @@ def test_what_takes_an_order_back_leaves_all_as_it_was(do):
     order = Order(do, CHANGES[do])
     back = orders_back([order], before)
     assert back and back_words(back, METRIC)
-    if do is Do.GO_ON_UNLOGGED:                 # refused while the log works, taken back or not
+    if do is Do.GO_ON_UNLOGGED:  # refused while the log works, taken back or not
         assert back == (Order(do, False),)
         return
     assert bench.loop.order(order).accepted
@@ -90,11 +111,17 @@ def test_all_sections_given_back_are_closed_again_one_by_one():
 
 
 def test_what_stands_in_for_a_silent_source_is_not_the_one_that_was_ordered(frames):
-    """While the heads are silent a row tells the fallback rate: taken back, that had become the target for good."""
+    """While the heads are silent a row tells the fallback rate: taken back, that had become the
+    target for good."""
     row = frames[-1].row._replace(target_source=TargetSource.FALLBACK)
     frame = replace(frames[-1], row=row, ordered_source="canopy")
     assert orders_back([Order(Do.SOURCE, "manual")], frame) == (Order(Do.SOURCE, "canopy"),)
-    assert ordered_source(replace(frame, ordered_source="", row=row._replace(target_source="index_map"))) == "canopy"
+    assert (
+        ordered_source(
+            replace(frame, ordered_source="", row=row._replace(target_source="index_map"))
+        )
+        == "canopy"
+    )
 
 
 async def test_a_manual_rate_is_taken_back_and_no_older_change(full, source):
@@ -125,27 +152,40 @@ async def test_what_was_refused_is_no_change(full, source):
     source.answer = Answer(False, "rate_out_of_range")
     async with full.run_test(size=SIZE) as pilot:
         await pilot.press("full_stop", "enter")
-        assert source.orders == [Order(Do.MANUAL_RATE, 150.0)], "the source stays where the rate was refused"
+        assert source.orders == [Order(Do.MANUAL_RATE, 150.0)], (
+            "the source stays where the rate was refused"
+        )
         await pilot.press("ctrl+z")
         assert full.screen is full.page and full.undo.newest is None
 
 
 async def test_no_page_gives_an_order_past_the_one_place():
-    """`source.order` is called where changes are noted, and by the calibration's runs, which order no change."""
+    """`source.order` is called where changes are noted, and by the calibration's runs, which
+    order no change."""
     root = Path(console.app.__file__).parent
-    texts = {str(path.relative_to(root)): path.read_text(encoding="utf-8") for path in root.rglob("*.py")}
+    texts = {
+        str(path.relative_to(root)): path.read_text(encoding="utf-8") for path in root.rglob("*.py")
+    }
     callers = {name for name, text in texts.items() if ".order(" in text}
     assert callers == {"app.py", "pages/calibrate/page.py", "pages/devices/keys.py"}
     adders = {name for name, text in texts.items() if "undo.add(" in text}
     assert adders == {"app.py", "pages/settings/page.py"}
 
 
-# --- a strip says what becomes of the field ---------------------------------------------------------------------------
+# --- a strip says what becomes of the field
+# ---------------------------------------------------------------------------
+
 
 def drive(app, metres, **values):
     """At 1 m/s, five rows a second."""
     time_s = app.source.newest.row.time_s
-    feed(app, ({"time_s": time_s + 0.2 * step, "speed_used_mps": 1.0, **values} for step in range(1, 5 * metres + 1)))
+    feed(
+        app,
+        (
+            {"time_s": time_s + 0.2 * step, "speed_used_mps": 1.0, **values}
+            for step in range(1, 5 * metres + 1)
+        ),
+    )
 
 
 @pytest.fixture
@@ -156,8 +196,12 @@ def strip_desk(full):
     return desk
 
 
-async def test_a_strip_says_the_target_before_and_after_and_can_be_taken_back(full, source, strip_desk):
-    source.newest = replace(source.newest, strips=Strips(0.75), row=source.newest.row._replace(state="ready"))
+async def test_a_strip_says_the_target_before_and_after_and_can_be_taken_back(
+    full, source, strip_desk
+):
+    source.newest = replace(
+        source.newest, strips=Strips(0.75), row=source.newest.row._replace(state="ready")
+    )
     rule = strip_desk.known.setup.rule
     async with full.run_test(size=SIZE) as pilot:
         await pilot.press("f10")
@@ -170,11 +214,18 @@ async def test_a_strip_says_the_target_before_and_after_and_can_be_taken_back(fu
         now = round(replace(rule, ndvi_nrich=0.75).decide(0.5).rate_kg_ha)
         assert now > low > 0
         text = full.screen.text
-        assert f"Target from canopy in this field, NDVI 0.500: {now} kg/ha now, {low} kg/ha with it." in text
+        assert (
+            f"Target from canopy in this field, NDVI 0.500: {now} kg/ha now, {low} kg/ha with it."
+            in text
+        )
         assert "hardly richer" not in text
         await pilot.press("enter")
         await settled(full, pilot)
-        assert source.orders[-1].do is Do.STRIP and strip_desk.asked[-1] == ("strip", "nrich", "0.700")
+        assert source.orders[-1].do is Do.STRIP and strip_desk.asked[-1] == (
+            "strip",
+            "nrich",
+            "0.700",
+        )
         await pilot.press("ctrl+z")
         assert "N-rich strip NDVI 0.750" in full.screen.text
         await pilot.press("enter")
@@ -184,8 +235,11 @@ async def test_a_strip_says_the_target_before_and_after_and_can_be_taken_back(fu
 
 
 async def test_a_strip_as_poor_as_the_field_is_warned_of(full, source, strip_desk):
-    """B, twenty metres of the field itself and B: one Enter took it from its rate to none, in silence."""
-    source.newest = replace(source.newest, strips=Strips(0.75), row=source.newest.row._replace(state="ready"))
+    """B, twenty metres of the field itself and B: one Enter took it from its rate to none, in
+    silence."""
+    source.newest = replace(
+        source.newest, strips=Strips(0.75), row=source.newest.row._replace(state="ready")
+    )
     async with full.run_test(size=(60, 20)) as pilot:
         await pilot.press("f10")
         await settled(full, pilot)
@@ -208,5 +262,6 @@ def test_the_field_is_what_is_no_strip_and_keeps_no_samples(full):
 async def test_where_there_was_no_strip_none_counts_again(full, source, strip_desk):
     source.newest = replace(source.newest, strips=Strips(), allow=Allowances())
     assert orders_back([Order(Do.STRIP, "nrich 0.7")], source.newest) == (
-        Order(Do.STRIP, StripValue("nrich", None).text),)
+        Order(Do.STRIP, StripValue("nrich", None).text),
+    )
     assert back_words((Order(Do.STRIP, "nrich none"),), METRIC) == "no N-rich strip"

@@ -1,4 +1,6 @@
-"""Every shown text has its Chinese, every format keeps its values, and nothing of ambiguous width stands in a row."""
+"""Every shown text has its Chinese, every format keeps its values, and nothing of ambiguous
+width stands in a row."""
+
 from __future__ import annotations
 
 import ast
@@ -25,33 +27,67 @@ APP = Path(console.app.__file__).parent
 
 
 def marked() -> dict[str, str]:
-    """Every text in `_()` or `N_()` of the app and of the words that it shares with reports, with its file."""
+    """Every text in `_()` or `N_()` of the app and of the words that it shares with reports,
+    with its file."""
     texts = {}
     for path in sorted([*APP.rglob("*.py"), *(APP.parent / "reports").rglob("*.py")]):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in ("_", "N_"):
+            if (
+                isinstance(node, ast.Call)
+                and isinstance(node.func, ast.Name)
+                and node.func.id in ("_", "N_")
+            ):
                 argument = node.args[0]
                 if isinstance(argument, ast.Constant):
                     texts[argument.value] = path.name
     return texts
 
 
-REFUSALS_BY = {"Reason": 0, "at": 0, "NoLattice": 0, "Refused": 1, "BeyondLimits": 1, "ArchiveError": 1,
-               "ShapesError": 1, "PrescriptionError": 1, "NotAMap": 1, "NoPolygons": 1, "RateQuestion": 1, "_asked": 1}
+REFUSALS_BY = {
+    "Reason": 0,
+    "at": 0,
+    "NoLattice": 0,
+    "Refused": 1,
+    "BeyondLimits": 1,
+    "ArchiveError": 1,
+    "ShapesError": 1,
+    "PrescriptionError": 1,
+    "NotAMap": 1,
+    "NoPolygons": 1,
+    "RateQuestion": 1,
+    "_asked": 1,
+}
 
 
 def refused() -> dict[str, str]:
-    """Every text with which a reader of files refuses a prescription, with its file: the call's first text."""
+    """Every text with which a reader of files refuses a prescription, with its file: the call's
+    first text."""
     texts = {}
     for path in sorted((APP.parents[1] / "drivers" / "files").rglob("*.py")):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             if isinstance(node, ast.Call):
-                made = {one.id if isinstance(one, ast.Name) else getattr(one, "attr", "")
-                        for one in ast.walk(node.func) if isinstance(one, ast.Name | ast.Attribute)}
-                for argument in (node.args[REFUSALS_BY[name]:][:1] for name in made & set(REFUSALS_BY)):
-                    texts |= dict.fromkeys((one.value for part in argument for one in ast.walk(part)
-                                            if isinstance(one, ast.Constant) and isinstance(one.value, str)), path.name)
-    return {text: where for text, where in texts.items() if re.search("[a-z]", re.sub(r"{[^}]*}", "", text))}
+                made = {
+                    one.id if isinstance(one, ast.Name) else getattr(one, "attr", "")
+                    for one in ast.walk(node.func)
+                    if isinstance(one, ast.Name | ast.Attribute)
+                }
+                for argument in (
+                    node.args[REFUSALS_BY[name] :][:1] for name in made & set(REFUSALS_BY)
+                ):
+                    texts |= dict.fromkeys(
+                        (
+                            one.value
+                            for part in argument
+                            for one in ast.walk(part)
+                            if isinstance(one, ast.Constant) and isinstance(one.value, str)
+                        ),
+                        path.name,
+                    )
+    return {
+        text: where
+        for text, where in texts.items()
+        if re.search("[a-z]", re.sub(r"{[^}]*}", "", text))
+    }
 
 
 def all_texts() -> dict[str, str]:
@@ -60,13 +96,21 @@ def all_texts() -> dict[str, str]:
         texts |= dict.fromkeys((kind.text, kind.todo, kind.place), "alarms")
     for form in FORMS.values():
         texts |= dict.fromkeys(form.sentences, "forms")
-    return texts | dict.fromkeys(REFUSALS.values(), "refusals") | dict.fromkeys(crop_notes(), "crop notes")
+    return (
+        texts
+        | dict.fromkeys(REFUSALS.values(), "refusals")
+        | dict.fromkeys(crop_notes(), "crop notes")
+    )
 
 
 def crop_notes() -> set[str]:
     """What the shipped crops note about themselves, the names of keys left out."""
-    notes = {note for place in shipped(CROP.folder).values() for note in load(place, CROP).model.warnings}
-    return {note.partition(": ")[0] if note.startswith("example values") else note for note in notes}
+    notes = {
+        note for place in shipped(CROP.folder).values() for note in load(place, CROP).model.warnings
+    }
+    return {
+        note.partition(": ")[0] if note.startswith("example values") else note for note in notes
+    }
 
 
 def fields(text: str) -> set[str]:
@@ -83,8 +127,19 @@ def test_every_text_is_translated_and_keeps_its_values(language):
 
 def test_the_refusals_of_a_prescription_are_found():
     """Of each reader at least one: a new way of refusing may not slip by the test above."""
-    assert {"words.py", "features.py", "csv_zones.py", "lattice.py", "raster.py", "layers.py", "isoxml_read.py",
-            "task_files.py", "shapes.py", "limits.py", "archives.py"} <= set(refused().values())
+    assert {
+        "words.py",
+        "features.py",
+        "csv_zones.py",
+        "lattice.py",
+        "raster.py",
+        "layers.py",
+        "isoxml_read.py",
+        "task_files.py",
+        "shapes.py",
+        "limits.py",
+        "archives.py",
+    } <= set(refused().values())
 
 
 def test_every_word_of_the_shared_vocabulary_is_known():
@@ -96,24 +151,32 @@ def test_every_word_of_the_shared_vocabulary_is_known():
 
 
 LATIN_ALLOWED = re.compile(
-    r"kg/ha|km/h|r/min|mm|kg|ha|km|GNSS|NDVI|RTK|Hz|m|s|x|run\.csv|huanghai|winter wheat|demonstration|Space|Home|End"
-    r"|PgUp|PgDn|Esc|Tab|F\d+|[A-Z]")
+    r"kg/ha|km/h|r/min|mm|kg|ha|km|GNSS|NDVI|RTK|Hz|m|s|x|run\.csv|huanghai|winter "
+    r"wheat|demonstration|Space|Home|End"
+    r"|PgUp|PgDn|Esc|Tab|F\d+|[A-Z]"
+)
 
 
-@pytest.mark.parametrize(("screen", "alarms"), [("run", True), ("replay", False), ("gone", False),
-                                               ("map", True), ("trends-read", False)])
+@pytest.mark.parametrize(
+    ("screen", "alarms"),
+    [("run", True), ("replay", False), ("gone", False), ("map", True), ("trends-read", False)],
+)
 async def test_no_english_word_is_left_on_a_chinese_screen(shown, screen, alarms):
     picture = Picture("zh", (120, 40), language="zh", screen=screen, alarms=alarms)
     app, _clock = still_app(picture)
     async with app.run_test(size=picture.size) as pilot:
         await settle(app, picture, pilot.pause)
         text = "\n".join(shown(app)).replace("the connection to the machine broke off", "")
-        text = re.sub(r"(?<=[┃┛┓])\w+", "", text)            # a word that the dialog's edge cuts
-        left = [word for word in re.findall(r"[A-Za-z/.]*[A-Za-z][A-Za-z/.]*", LATIN_ALLOWED.sub(" ", text))]
+        text = re.sub(r"(?<=[┃┛┓])\w+", "", text)  # a word that the dialog's edge cuts
+        left = [
+            word
+            for word in re.findall(r"[A-Za-z/.]*[A-Za-z][A-Za-z/.]*", LATIN_ALLOWED.sub(" ", text))
+        ]
         assert left == []
 
 
-DRAWN = range(0x2500, 0x25A0)          # box drawing and blocks: bars, numerals, map; never beside text in a column
+# box drawing and blocks: bars, numerals, map; never beside text in a column
+DRAWN = range(0x2500, 0x25A0)
 
 
 @pytest.mark.parametrize("screen", ["run", "replay", "help", "map", "trends-read"])
@@ -123,7 +186,9 @@ async def test_no_text_holds_a_character_of_ambiguous_width(shown, screen):
     async with app.run_test(size=picture.size) as pilot:
         await settle(app, picture, pilot.pause)
         text = "".join(shown(app))
-        assert {c for c in text if unicodedata.east_asian_width(c) == "A" and ord(c) not in DRAWN} == set()
+        assert {
+            c for c in text if unicodedata.east_asian_width(c) == "A" and ord(c) not in DRAWN
+        } == set()
 
 
 def test_no_symbol_or_text_of_the_tables_is_of_ambiguous_width():
@@ -140,20 +205,28 @@ def test_languages_are_used_and_refused_in_one_line():
     assert in_use() == "zh"
 
 
-@pytest.mark.parametrize(("environment", "code"), [
-    ({"LANG": "zh_CN.UTF-8"}, "zh"), ({"LANG": "C.UTF-8"}, "en"), ({}, "en"),
-    ({"LC_ALL": "en_GB.UTF-8", "LANG": "zh_CN.UTF-8"}, "en")])
+@pytest.mark.parametrize(
+    ("environment", "code"),
+    [
+        ({"LANG": "zh_CN.UTF-8"}, "zh"),
+        ({"LANG": "C.UTF-8"}, "en"),
+        ({}, "en"),
+        ({"LC_ALL": "en_GB.UTF-8", "LANG": "zh_CN.UTF-8"}, "en"),
+    ],
+)
 def test_the_environment_chooses_the_language(environment, code):
     assert preferred(environment) == code
 
 
 def test_po_continued_lines_comments_and_fuzzy_entries():
-    text = ('# note\nmsgid ""\nmsgstr "Language: zh\\n"\n\nmsgid "a"\n"b"\nmsgstr "x"\n"y"\n'
-            '#, fuzzy\nmsgid "c"\nmsgstr "z"\n')
+    text = (
+        '# note\nmsgid ""\nmsgstr "Language: zh\\n"\n\nmsgid "a"\n"b"\nmsgstr "x"\n"y"\n'
+        '#, fuzzy\nmsgid "c"\nmsgstr "z"\n'
+    )
     assert read_po(text) == {"ab": "xy"}
 
 
-@pytest.mark.parametrize("line", ['msgctxt "menu"', 'msgid unquoted', 'nonsense'])
+@pytest.mark.parametrize("line", ['msgctxt "menu"', "msgid unquoted", "nonsense"])
 def test_a_po_line_that_cannot_be_read_is_named(line):
     with pytest.raises(ValueError, match=r"zh\.po, line 1: "):
         read_po(line, "zh.po")
@@ -161,19 +234,25 @@ def test_a_po_line_that_cannot_be_read_is_named(line):
 
 def test_a_refusal_names_the_alarm_in_words():
     assert words.answer_words("acknowledge_first;alarm=shaft_silent") == (
-        "Acknowledge the alarm The metering shaft does not answer first.")
+        "Acknowledge the alarm The metering shaft does not answer first."
+    )
     assert words.answer_words("") == "not accepted"
     assert words.answer_words("internal_error: x") == "internal_error: x"
 
 
 def test_a_missing_detail_leaves_its_braces():
-    assert words.alarm_words(Alarm("hopper_empty", Severity.RED, 0.0)).text == "The hopper is empty (-- kg)."
+    assert (
+        words.alarm_words(Alarm("hopper_empty", Severity.RED, 0.0)).text
+        == "The hopper is empty (-- kg)."
+    )
 
 
 def test_notes_of_crops_are_told_in_the_language_in_use():
     use("zh")
     try:
-        assert crop_note("example values, not of this field: days, ndvi_nrich").endswith(": days, ndvi_nrich")
+        assert crop_note("example values, not of this field: days, ndvi_nrich").endswith(
+            ": days, ndvi_nrich"
+        )
         assert not any(note in crop_note(note) for note in crop_notes())
         assert crop_note("written by a grower: sandy soil") == "written by a grower: sandy soil"
     finally:

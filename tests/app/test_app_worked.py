@@ -1,4 +1,6 @@
-"""The raster of the worked ground: where what lies, what a pixel says, bounded memory, and the image made of it."""
+"""The raster of the worked ground: where what lies, what a pixel says, bounded memory, and the
+image made of it."""
+
 from __future__ import annotations
 
 from dataclasses import replace
@@ -33,9 +35,14 @@ from console.scale import STEPS
 from tests.app.made_up.run import run_frames
 
 
-def straight(length_m: float, step_m: float = 0.8, applied: float = 300.0, east_m: float = 0.5) -> list[Spot]:
+def straight(
+    length_m: float, step_m: float = 0.8, applied: float = 300.0, east_m: float = 0.5
+) -> list[Spot]:
     """A way due north from 0."""
-    return [Spot(east_m, north, 0.0, applied, 320.0, 0.5) for north in np.arange(0.0, length_m, step_m).tolist()]
+    return [
+        Spot(east_m, north, 0.0, applied, 320.0, 0.5)
+        for north in np.arange(0.0, length_m, step_m).tolist()
+    ]
 
 
 def test_a_swath_is_as_wide_as_the_outlets_and_nothing_beside_it():
@@ -51,15 +58,22 @@ def test_a_swath_is_as_wide_as_the_outlets_and_nothing_beside_it():
 
 def test_heading_east_the_swath_lies_north_and_south():
     worked = Worked(width_m=3.0)
-    worked.add([Spot(east, 5.5, 90.0, 300.0, 320.0, 0.5) for east in np.arange(0.0, 10.0, 0.8).tolist()])
+    worked.add(
+        [Spot(east, 5.5, 90.0, 300.0, 320.0, 0.5) for east in np.arange(0.0, 10.0, 0.8).tolist()]
+    )
     seen = Ground(worked, Pixels(10, 10, 1.0, 0.0, 10.0))
     assert np.flatnonzero(~np.isnan(seen.layer(MapLayer.APPLIED)[:, 4])).tolist() == [3, 4, 5]
 
 
 def test_a_gap_between_frames_is_filled_but_a_jump_is_not():
     worked = Worked(width_m=1.0)
-    worked.add([Spot(0.5, 0.5, 0.0, 300.0, 300.0, 0.5), Spot(0.5, 8.5, 0.0, 300.0, 300.0, 0.5),
-                Spot(0.5, 40.5, 0.0, 300.0, 300.0, 0.5)])
+    worked.add(
+        [
+            Spot(0.5, 0.5, 0.0, 300.0, 300.0, 0.5),
+            Spot(0.5, 8.5, 0.0, 300.0, 300.0, 0.5),
+            Spot(0.5, 40.5, 0.0, 300.0, 300.0, 0.5),
+        ]
+    )
     seen = Ground(worked, Pixels(1, 45, 1.0, 0.0, 45.0)).layer(MapLayer.APPLIED)[::-1, 0]
     assert np.flatnonzero(~np.isnan(seen)).tolist() == [*range(9), 40]
 
@@ -94,18 +108,36 @@ def test_at_every_scale_nothing_is_lost_and_the_mean_is_kept(metres):
     """The sums over all pixels are those over all finest cells, however coarse the pixels are."""
     worked = Worked()
     rng = np.random.default_rng(5)
-    spots = [Spot(2.4 * (k // 80), float(k % 80), 0.0 if k // 80 % 2 == 0 else 180.0, float(rng.uniform(200, 400)),
-                  300.0, 0.5) for k in range(800)]
+    spots = [
+        Spot(
+            2.4 * (k // 80),
+            float(k % 80),
+            0.0 if k // 80 % 2 == 0 else 180.0,
+            float(rng.uniform(200, 400)),
+            300.0,
+            0.5,
+        )
+        for k in range(800)
+    ]
     worked.add(spots)
     size = int(130 / metres) + 2
     pixels = Pixels(size, size, metres, -20.0 // metres * metres, 105.0 // metres * metres + metres)
     if metres < CELLS_M[0]:
         seen = Ground(worked, pixels)
-        assert set(np.unique(seen.layer(MapLayer.APPLIED)[~np.isnan(seen.layer(MapLayer.APPLIED))])) == {
-            value for value in np.unique(Ground(worked, Pixels(260, 260, 0.5, -20.0, 106.0)).layer(MapLayer.APPLIED))
-            if value == value}
+        assert set(
+            np.unique(seen.layer(MapLayer.APPLIED)[~np.isnan(seen.layer(MapLayer.APPLIED))])
+        ) == {
+            value
+            for value in np.unique(
+                Ground(worked, Pixels(260, 260, 0.5, -20.0, 106.0)).layer(MapLayer.APPLIED)
+            )
+            if value == value
+        }
         return
-    planes, finest = Ground(worked, pixels).planes(*range(PLANES)), worked.window(0.5, -40, -48, 260, 260)
+    planes, finest = (
+        Ground(worked, pixels).planes(*range(PLANES)),
+        worked.window(0.5, -40, -48, 260, 260),
+    )
     assert planes.sum(axis=(1, 2)) == pytest.approx(finest.sum(axis=(1, 2)), rel=1e-5)
     assert planes[KINDS].sum() > 0
 
@@ -113,14 +145,16 @@ def test_at_every_scale_nothing_is_lost_and_the_mean_is_kept(metres):
 @pytest.mark.parametrize("metres", [0.25, 1.0, 1.5, 2.0, 3.0, 7.5])
 @pytest.mark.parametrize("north", [0.5, 1.5, 2.5, 4.5, 11.5])
 def test_a_cell_is_seen_in_the_pixel_that_its_middle_lies_in(metres, north):
-    """All cells of the size that a scale is drawn from; the middle of the one that holds 0.5 m east."""
+    """All cells of the size that a scale is drawn from; the middle of the one that holds 0.5 m
+    east."""
     worked = Worked(width_m=0.3)
     worked.add([Spot(0.5, north, 0.0, 300.0, 300.0, 0.5)])
     cell_m = worked.cell_for(CELL_SHARE * metres)
     middle = tuple((place // cell_m + 0.5) * cell_m for place in (0.5, north))
     pixels = MapCamera(0.0, 6.0, metres).pixels(20, 80)
     lit = np.argwhere(~np.isnan(Ground(worked, pixels).layer(MapLayer.APPLIED)))
-    column, row = pixels.at(middle[0] + 0.01, middle[1] + 0.01)       # on an edge the north-eastern one
+    # on an edge the north-eastern one
+    column, row = pixels.at(middle[0] + 0.01, middle[1] + 0.01)
     assert [row, column] in lit.tolist()
     assert len(lit) == max(1.0, cell_m / metres) ** 2
 
@@ -128,12 +162,19 @@ def test_a_cell_is_seen_in_the_pixel_that_its_middle_lies_in(metres, north):
 def test_the_memory_is_bounded_however_far_is_driven():
     worked = Worked(most_tiles=20)
     for k in range(400):
-        worked.add([Spot(40.0 * k, 0.0, 90.0, 300.0, 300.0, 0.5), Spot(40.0 * k + 5.0, 0.0, 90.0, 300.0, 300.0, 0.5)])
+        worked.add(
+            [
+                Spot(40.0 * k, 0.0, 90.0, 300.0, 300.0, 0.5),
+                Spot(40.0 * k + 5.0, 0.0, 90.0, 300.0, 300.0, 0.5),
+            ]
+        )
     assert worked.cells_m[0] > 1.0, "the finest cells were given up"
     assert worked.tiles <= 20 * len(worked.cells_m)
     assert (worked.box.west_m, worked.box.east_m) == (0.0, 40.0 * 399 + 5.0)
     far = Ground(worked, Pixels(1, 1, 32.0, 8000.0, 32.0))
-    assert far.layer(MapLayer.APPLIED)[0, 0] == pytest.approx(300.0), "what was entered first is still there"
+    assert far.layer(MapLayer.APPLIED)[0, 0] == pytest.approx(300.0), (
+        "what was entered first is still there"
+    )
 
 
 def test_added_one_by_one_or_all_at_once_is_the_same():
@@ -143,13 +184,18 @@ def test_added_one_by_one_or_all_at_once_is_the_same():
     for spot in spots:
         one.add([spot])
     for cell in (1.0, 4.0, 16.0):
-        assert one.window(cell, -5, -5, 40, 90) == pytest.approx(other.window(cell, -5, -5, 40, 90), abs=1e-2)
+        assert one.window(cell, -5, -5, 40, 90) == pytest.approx(
+            other.window(cell, -5, -5, 40, 90), abs=1e-2
+        )
 
 
-# --- the image -----------------------------------------------------------------------------------------------------
+# --- the image
+# --------------------------------------------------------------------------------------------------
 
 PLANNED = Planned(0.0, 0.0, 5.0, np.array([[100.0, 200.0], [300.0, np.nan]], dtype=np.float32))
-PICTURE = FieldPicture("f", (((0.0, 0.0), (10.0, 0.0), (10.0, 10.0), (0.0, 10.0)),), 0.01, 1.0, PLANNED)
+PICTURE = FieldPicture(
+    "f", (((0.0, 0.0), (10.0, 0.0), (10.0, 10.0), (0.0, 10.0)),), 0.01, 1.0, PLANNED
+)
 
 
 def test_planned_rates_lie_under_the_work_and_the_outline_over_it():
@@ -163,40 +209,60 @@ def test_planned_rates_lie_under_the_work_and_the_outline_over_it():
     assert seen[11 - 2, 7 + 2] == PLAN + round(0.5 * (STEPS - 1))
     assert seen[11 - 7, 7 + 2] == EMPTY, "the plan says nothing there"
     assert seen[11 - 2, 0 + 2] >= PLAN, "the line hides no ground"
-    dots = line_dots(((*ring, ring[0]) for ring in PICTURE.rings_m), Pixels(14, 14, 1.0, -2.0, 12.0))
-    assert dots.shape == (7, 14) and dots[6, 5 + 2] and dots[(11 - 5) // 2, 0 + 2] and not dots[3, 5]
+    dots = line_dots(
+        ((*ring, ring[0]) for ring in PICTURE.rings_m), Pixels(14, 14, 1.0, -2.0, 12.0)
+    )
+    assert (
+        dots.shape == (7, 14) and dots[6, 5 + 2] and dots[(11 - 5) // 2, 0 + 2] and not dots[3, 5]
+    )
     assert all(int(bits).bit_count() <= 4 for bits in dots[2:5].ravel()), "a dot wide"
     assert image(worked, PICTURE, scale, Pixels(14, 14, 1.0, -2.0, 12.0), plan=False)[9, 3] == EMPTY
-    error = image(worked, PICTURE, scale_of(MapLayer.ERROR, worked, PICTURE, METRIC), Pixels(14, 14, 1.0, -2.0, 12.0))
+    error = image(
+        worked,
+        PICTURE,
+        scale_of(MapLayer.ERROR, worked, PICTURE, METRIC),
+        Pixels(14, 14, 1.0, -2.0, 12.0),
+    )
     assert error[9, 4] == DONE + round(0.5 * (STEPS - 1)) and error[9, 3] == EMPTY
 
 
 def test_the_pass_behind_the_machine_glows_and_the_next_one_is_where_nothing_was_spread():
     worked = Worked(width_m=2.0)
     worked.add([Spot(3.0, float(north), 0.0, 300.0, 300.0, 0.5) for north in range(40)])
-    assert len(next_passes(worked, Pixels(20, 60, 1.0, -5.0, 50.0))) == 2, "nothing lies on either side"
+    assert len(next_passes(worked, Pixels(20, 60, 1.0, -5.0, 50.0))) == 2, (
+        "nothing lies on either side"
+    )
     worked.add([Spot(500.0, 500.0, 0.0, nan, nan, nan)])
     worked.add([Spot(1.0, float(north), 180.0, 300.0, 300.0, 0.5) for north in range(70, -1, -1)])
     pixels = Pixels(20, 60, 1.0, -5.0, 50.0)
-    line, = next_passes(worked, pixels)
+    (line,) = next_passes(worked, pixels)
     assert [east for east, _north in line] == pytest.approx([-1.0, -1.0])
     seen = image(worked, None, scale_of(MapLayer.APPLIED, worked, None, METRIC), pixels)
     bare = seen.copy()
     glow(seen, worked, pixels)
-    assert (seen[49 - 5, 5:7] == bare[49 - 5, 5:7] + GLOW - DONE).all() and (seen[:, 7:] == bare[:, 7:]).all()
+    assert (seen[49 - 5, 5:7] == bare[49 - 5, 5:7] + GLOW - DONE).all() and (
+        seen[:, 7:] == bare[:, 7:]
+    ).all()
     near = pixels._replace(columns=40, rows=120, metres=0.5)
     seen = image(worked, None, scale_of(MapLayer.APPLIED, worked, None, METRIC), near)
     glow(seen, worked, near)
-    assert (seen[2 * 30:2 * 49, 2 * 5:2 * 7] >= GLOW).all(), "without gaps between the frames"
+    assert (seen[2 * 30 : 2 * 49, 2 * 5 : 2 * 7] >= GLOW).all(), "without gaps between the frames"
     worked.add([Spot(1.0, 0.0, 90.0, 300.0, 300.0, 0.5), Spot(2.0, 0.0, 90.0, 300.0, 300.0, 0.5)])
     assert next_passes(worked, pixels) == (), "a turn has none"
 
 
 @pytest.mark.parametrize("heading_deg", [0.0, 20.0, 30.0, 45.0, 137.0, 270.0])
 def test_no_hole_is_in_a_pass_whatever_its_heading(heading_deg):
-    worked, (east, north) = Worked(2.4), (np.sin(np.radians(heading_deg)), np.cos(np.radians(heading_deg)))
-    worked.add([Spot(way_m * east + 0.13, way_m * north + 0.29, heading_deg, 300.0, 300.0, nan)
-                for way_m in np.arange(0.0, 33.0, 0.83).tolist()])
+    worked, (east, north) = (
+        Worked(2.4),
+        (np.sin(np.radians(heading_deg)), np.cos(np.radians(heading_deg))),
+    )
+    worked.add(
+        [
+            Spot(way_m * east + 0.13, way_m * north + 0.29, heading_deg, 300.0, 300.0, nan)
+            for way_m in np.arange(0.0, 33.0, 0.83).tolist()
+        ]
+    )
     pixels = Pixels(160, 160, 0.5, -40.0, 40.0)
     eastward, northward = np.meshgrid(*pixels.middles())
     along = (eastward - 0.13) * east + (northward - 0.29) * north
@@ -222,8 +288,14 @@ def test_ground_that_was_spread_on_twice_is_overlap_and_a_seam_is_none(apart_m, 
     """Two passes of 2.4 m, at 50 places across the raster; `twice`: of what they cover together."""
     shares = []
     for shift in np.arange(0.003, 0.5, 0.01).tolist():
-        ways = (straight(20.0, east_m=10.0 + shift), FAR, straight(20.0, east_m=10.0 + shift + apart_m))
-        times = Ground(passes_of(*ways, all_at_once=all_at_once), Pixels(60, 60, 0.5, 0.0, 35.0)).layer(MapLayer.PASSES)
+        ways = (
+            straight(20.0, east_m=10.0 + shift),
+            FAR,
+            straight(20.0, east_m=10.0 + shift + apart_m),
+        )
+        times = Ground(
+            passes_of(*ways, all_at_once=all_at_once), Pixels(60, 60, 0.5, 0.0, 35.0)
+        ).layer(MapLayer.PASSES)
         known = times[np.isfinite(times)]
         assert set(known.tolist()) <= {1.0, 2.0}
         shares.append(float((known == 2.0).mean()))
@@ -231,11 +303,21 @@ def test_ground_that_was_spread_on_twice_is_overlap_and_a_seam_is_none(apart_m, 
 
 
 def test_a_tight_turn_and_a_machine_that_is_held_are_no_overlap():
-    turn = [Spot(10.0 + 1.5 * np.sin(t), 10.0 + 1.5 * np.cos(t), float(np.degrees(t) + 90.0), 300.0, 300.0, nan)
-            for t in np.arange(0.0, np.pi, 0.3).tolist()]
+    turn = [
+        Spot(
+            10.0 + 1.5 * np.sin(t),
+            10.0 + 1.5 * np.cos(t),
+            float(np.degrees(t) + 90.0),
+            300.0,
+            300.0,
+            nan,
+        )
+        for t in np.arange(0.0, np.pi, 0.3).tolist()
+    ]
     held = [spot._replace(applied_kg_ha=nan) for spot in straight(30.0, east_m=20.5)]
-    times = Ground(passes_of(turn, FAR, straight(30.0, east_m=20.5), FAR, held), Pixels(40, 40, 1.0, 0.0, 40.0)).layer(
-        MapLayer.PASSES)
+    times = Ground(
+        passes_of(turn, FAR, straight(30.0, east_m=20.5), FAR, held), Pixels(40, 40, 1.0, 0.0, 40.0)
+    ).layer(MapLayer.PASSES)
     assert np.nanmax(times) == 1.0
 
 
@@ -250,13 +332,25 @@ def test_overlap_stays_where_the_finest_cells_are_given_up():
     assert times[0, 0] == pytest.approx(3.0, rel=0.05)
 
 
-@pytest.mark.parametrize(("quarters", "shown"), [
-    ([[5, 5], [5, 5]], ("█", 5, 5)), ([[5, 9], [5, 5]], ("▝", 9, 5)), ([[9, 9], [5, 9]], ("▜", 9, 5)),
-    ([[0, 7], [7, 0]], ("▞", 7, 0)), ([[3, 4], [40, 41]], ("▄", 41, 3)), ([[3, 4], [5, 60]], ("▗", 60, 4)),
-    ([[0, 50], [52, 53]], ("▟", 52, 0))])
+@pytest.mark.parametrize(
+    ("quarters", "shown"),
+    [
+        ([[5, 5], [5, 5]], ("█", 5, 5)),
+        ([[5, 9], [5, 5]], ("▝", 9, 5)),
+        ([[9, 9], [5, 9]], ("▜", 9, 5)),
+        ([[0, 7], [7, 0]], ("▞", 7, 0)),
+        ([[3, 4], [40, 41]], ("▄", 41, 3)),
+        ([[3, 4], [5, 60]], ("▗", 60, 4)),
+        ([[0, 50], [52, 53]], ("▟", 52, 0)),
+    ],
+)
 def test_a_cell_shows_its_quarters_in_the_two_colours_that_differ_most(quarters, shown):
     code = int(halves(np.array(quarters, np.uint8)).codes[0, 0])
-    assert (" ▘▝▀▖▌▞▛▗▚▐▜▄▙▟█"[code >> 16] if code >> 16 else "█", code >> 8 & 255, code & 255) == shown
+    assert (
+        " ▘▝▀▖▌▞▛▗▚▐▜▄▙▟█"[code >> 16] if code >> 16 else "█",
+        code >> 8 & 255,
+        code & 255,
+    ) == shown
 
 
 def test_error_goes_from_too_little_to_too_much_against_50_at_least():
@@ -278,9 +372,15 @@ def test_where_nothing_was_spread_only_the_passage_is_seen():
 def test_scales_are_round_in_the_shown_unit():
     worked = Worked()
     worked.add([Spot(0.0, 0.0, 0.0, 260.0, 390.0, 0.41), Spot(0.0, 2.0, 0.0, 300.0, 300.0, 0.63)])
-    metric, imperial = (scale_of(MapLayer.TARGET, worked, None, units) for units in (METRIC, IMPERIAL))
+    metric, imperial = (
+        scale_of(MapLayer.TARGET, worked, None, units) for units in (METRIC, IMPERIAL)
+    )
     assert (metric.text(metric.low), metric.text(metric.high)) == ("250", "400")
-    assert (imperial.text(imperial.low), imperial.text(imperial.high), imperial.unit) == ("200", "350", "lb/ac")
+    assert (imperial.text(imperial.low), imperial.text(imperial.high), imperial.unit) == (
+        "200",
+        "350",
+        "lb/ac",
+    )
     ndvi = scale_of(MapLayer.NDVI, worked, None, METRIC)
     assert (ndvi.text(ndvi.low), ndvi.text(ndvi.high)) == ("0.40", "0.65")
 
@@ -288,15 +388,28 @@ def test_scales_are_round_in_the_shown_unit():
 def test_the_plan_s_mass_and_the_rate_at_a_place():
     assert PLANNED.mass_kg == pytest.approx(600.0 * 25.0 / 10_000.0)
     assert PLANNED.at(6.0, 1.0) == 200.0 and PLANNED.at(1.0, 6.0) == 300.0
-    assert PLANNED.at(6.0, 6.0) is None and PLANNED.at(-0.1, 1.0) is None and PLANNED.at(10.1, 1.0) is None
+    assert (
+        PLANNED.at(6.0, 6.0) is None
+        and PLANNED.at(-0.1, 1.0) is None
+        and PLANNED.at(10.1, 1.0) is None
+    )
 
 
-# --- cameras -------------------------------------------------------------------------------------------------------
+# --- cameras
+# --------------------------------------------------------------------------------------------------
+
 
 @settings(max_examples=80, deadline=None)
-@given(st.floats(-2000, 2000), st.floats(-2000, 2000), st.integers(20, 240), st.integers(12, 120), st.integers(0, 16))
+@given(
+    st.floats(-2000, 2000),
+    st.floats(-2000, 2000),
+    st.integers(20, 240),
+    st.integers(12, 120),
+    st.integers(0, 16),
+)
 def test_a_place_and_its_pixel_are_inverse(east, north, columns, rows, scale):
     from console.app.camera import SCALES_M
+
     pixels = MapCamera(east, north, SCALES_M[scale]).pixels(columns, rows)
     column, row = pixels.at(east, north)
     assert 0 <= column < columns and 0 <= row < rows
@@ -310,8 +423,14 @@ def test_following_stands_while_the_machine_is_well_inside():
 
 
 def test_zoom_goes_along_round_scales_and_stops_at_the_ends():
-    assert MapCamera(0, 0, 1.0).zoomed(1).metres == 0.5 and MapCamera(0, 0, 1.0).zoomed(-1).metres == 1.5
-    assert MapCamera(0, 0, 0.25).zoomed(3).metres == 0.25 and MapCamera(0, 0, 200.0).zoomed(-3).metres == 200.0
+    assert (
+        MapCamera(0, 0, 1.0).zoomed(1).metres == 0.5
+        and MapCamera(0, 0, 1.0).zoomed(-1).metres == 1.5
+    )
+    assert (
+        MapCamera(0, 0, 0.25).zoomed(3).metres == 0.25
+        and MapCamera(0, 0, 200.0).zoomed(-3).metres == 200.0
+    )
 
 
 def test_a_field_is_seen_whole():
@@ -321,7 +440,9 @@ def test_a_field_is_seen_whole():
         assert 0 <= column < 100 and 0 <= row < 60
 
 
-# --- history -------------------------------------------------------------------------------------------------------
+# --- history
+# --------------------------------------------------------------------------------------------------
+
 
 def test_a_log_s_ground_grows_in_slices_and_goes_back():
     frames = run_frames(seconds=60.0)
@@ -336,14 +457,19 @@ def test_a_log_s_ground_grows_in_slices_and_goes_back():
     assert history.worked.box == box
     west, south = int(box.west_m) - 3, int(box.south_m) - 3
     assert history.worked.window(2.0, west, south, 60, 60) == pytest.approx(
-        live.worked.window(2.0, west, south, 60, 60), abs=1e-2)
-    assert history.work_up_to(20) and history.worked.box.north_m == pytest.approx(frames[20].place_m[1], abs=0.4)
+        live.worked.window(2.0, west, south, 60, 60), abs=1e-2
+    )
+    assert history.work_up_to(20) and history.worked.box.north_m == pytest.approx(
+        frames[20].place_m[1], abs=0.4
+    )
 
 
 def test_ground_from_before_is_entered_without_a_way_to_it():
     """The machine drives on at 40 m north; what it did before lies at 30 m to 36 m."""
     history = History()
-    here = [replace(frame, place_m=(0.5, 40.0 + frame.row.time_s)) for frame in run_frames(seconds=5.0)]
+    here = [
+        replace(frame, place_m=(0.5, 40.0 + frame.row.time_s)) for frame in run_frames(seconds=5.0)
+    ]
     for frame in here[:15]:
         history.add(frame)
     history.add_before([(0.5, 30.0, 0.0, 250.0), (0.5, 33.0, 0.0, 250.0), (0.5, 36.0, 0.0, 250.0)])

@@ -1,4 +1,6 @@
-"""What the calibrations gather: a held key, revolutions of a catch, heads against their median, wheel against GNSS."""
+"""What the calibrations gather: a held key, revolutions of a catch, heads against their median,
+wheel against GNSS."""
+
 from __future__ import annotations
 
 from math import cos, radians
@@ -66,7 +68,9 @@ def exact_revolutions(seconds, rpm):
     return rpm * seconds / 60.0
 
 
-@pytest.mark.parametrize(("rpm", "seconds"), [(20.0, 30.0), (70.0, 30.0), (100.0, 12.3), (45.0, 61.7)])
+@pytest.mark.parametrize(
+    ("rpm", "seconds"), [(20.0, 30.0), (70.0, 30.0), (100.0, 12.3), (45.0, 61.7)]
+)
 def test_revolutions_are_counted_to_a_fiftieth(rpm, seconds):
     test = CatchRun(rpm, 30.0)
     end_s = turn(test, 0.0, 6.0, rpm)
@@ -121,7 +125,10 @@ def checked(offsets, spread=0.01, silent=()):
     check = HeadsCheck()
     check.start(0.0)
     for index in range(int(CHECK_S / 0.2) + 1):
-        heads = [0.5 + offset + spread * (1 if (index + k) % 2 else -1) for k, offset in enumerate(offsets)]
+        heads = [
+            0.5 + offset + spread * (1 if (index + k) % 2 else -1)
+            for k, offset in enumerate(offsets)
+        ]
         check.see(0.2 * index, [None if k in silent else value for k, value in enumerate(heads)])
     return check
 
@@ -137,7 +144,14 @@ def test_an_unsteady_and_a_silent_head_are_named():
     check.start(0.0)
     for index in range(int(CHECK_S / 0.2) + 1):
         check.see(0.2 * index, [0.5, 0.5, 0.5 + (0.1 if index % 2 else -0.1), None, 0.5, 0.5])
-    assert [one.verdict for one in check.found()] == ["good", "good", "unsteady", "silent", "good", "good"]
+    assert [one.verdict for one in check.found()] == [
+        "good",
+        "good",
+        "unsteady",
+        "silent",
+        "good",
+        "good",
+    ]
 
 
 def test_nothing_is_judged_before_the_time_is_over():
@@ -156,18 +170,26 @@ def straight(length_m, wheel_factor=1.0, bend_m=0.0, fix=4, speed_mps=2.0):
         along = index * 0.2 * speed_mps
         aside = bend_m * 4.0 * (along / length_m) * (1.0 - along / length_m)
         lon_deg = 113.6 + aside / (111_320.0 * cos(radians(34.8)))
-        run.see(WheelSample(index * 0.2, 34.8 + along / 110_940.0, lon_deg, fix, speed_mps * wheel_factor))
+        run.see(
+            WheelSample(
+                index * 0.2, 34.8 + along / 110_940.0, lon_deg, fix, speed_mps * wheel_factor
+            )
+        )
     return run
 
 
 def test_both_ways_are_measured():
     drive = straight(150.0, 1.01).drive
-    assert drive.gnss_m == pytest.approx(150.0, rel=5e-4) and drive.wheel_m == pytest.approx(151.5, rel=1e-3)
+    assert drive.gnss_m == pytest.approx(150.0, rel=5e-4) and drive.wheel_m == pytest.approx(
+        151.5, rel=1e-3
+    )
     assert straight(150.0).enough
 
 
-@pytest.mark.parametrize(("run", "trouble"), [
-    (lambda: straight(150.0, bend_m=4.0), "bent"), (lambda: straight(LEAST_M - 5.0), "")])
+@pytest.mark.parametrize(
+    ("run", "trouble"),
+    [(lambda: straight(150.0, bend_m=4.0), "bent"), (lambda: straight(LEAST_M - 5.0), "")],
+)
 def test_a_bent_or_short_drive_is_not_enough(run, trouble):
     got = run()
     assert not got.enough and got.drive.trouble == trouble

@@ -1,4 +1,5 @@
 """What lives is set apart from sweeps, a bounded number of times."""
+
 from __future__ import annotations
 
 import gc
@@ -7,7 +8,7 @@ import pytest
 
 from console.sweeps import TIMES, Sweeps
 
-LIVES = 4000                # more than pytest itself makes meanwhile
+LIVES = 4000  # more than pytest itself makes meanwhile
 
 
 class Living:
@@ -15,14 +16,15 @@ class Living:
         self.me = [self]
 
 
-@pytest.fixture(scope="module", autouse=True)           # a sweep through all of a session takes seconds
+# a sweep through all of a session takes seconds
+@pytest.fixture(scope="module", autouse=True)
 def thawed():
     gc.collect()
     gc.freeze()
     yield
     gc.unfreeze()
     gc.collect()
-    gc.freeze()                                          # as tests/conftest.py left it
+    gc.freeze()  # as tests/conftest.py left it
 
 
 def test_what_lives_is_not_swept_again():

@@ -1,5 +1,6 @@
-"""Scenarios for the boards' programs with a pin layer that is a small machine. Run by CPython and by MicroPython: only
-what both have is used. Each gives plain lists and numbers."""
+"""Scenarios for the boards' programs with a pin layer that is a small machine. Run by CPython
+and by MicroPython: only what both have is used. Each gives plain lists and numbers."""
+
 from drivers.board.framing import seal
 from drivers.board.lag_rig import RigPins, RigProgram, RigSettings
 from drivers.board.parts import LoadCell, Tilt, UsbLine
@@ -9,9 +10,12 @@ MS = 1000
 
 
 class Machine(Pins):
-    """A motor with a time constant behind its duty, a gate behind its steps, a wheel; bytes in lists."""
+    """A motor with a time constant behind its duty, a gate behind its steps, a wheel; bytes in
+    lists."""
 
-    def __init__(self, sensor=True, start_mm=25.0, rpm_per_duty=125.0, time_constant_s=0.1, words=()):
+    def __init__(
+        self, sensor=True, start_mm=25.0, rpm_per_duty=125.0, time_constant_s=0.1, words=()
+    ):
         self.now_us = 0
         self.sent = []
         self.inbox = b""
@@ -23,14 +27,14 @@ class Machine(Pins):
         self.gate_count = 0
         self.dose_count = 0
         self.sensor = sensor
-        self.held_rpm = None            # somebody lets the shaft turn no faster
+        self.held_rpm = None  # somebody lets the shaft turn no faster
         self.fault = False
         self.loses_steps = False
         self.rpm_per_duty, self.time_constant_s = rpm_per_duty, time_constant_s
-        self.valve_mask = -1            # as the pins were told
-        self.valve_switches = None      # what they tell; None: there are none
-        self.effort = None              # of the shaft
-        self.words = words              # one for each renewal; none: a board without
+        self.valve_mask = -1  # as the pins were told
+        self.valve_switches = None  # what they tell; None: there are none
+        self.effort = None  # of the shaft
+        self.words = words  # one for each renewal; none: a board without
 
     def pass_time(self, us):
         self.now_us += us
@@ -123,24 +127,33 @@ class Bench:
 
 
 def safe_stop():
-    """When the host falls silent: ms until the motor's enable line falls; then whether it starts again by itself."""
+    """When the host falls silent: ms until the motor's enable line falls; then whether it
+    starts again by itself."""
     bench = Bench()
     bench.run(0.2, 0, 25, 0)
     bench.run(2.0, 60, 30, 1)
     rpm_before = round(bench.machine.rpm)
-    last_ms = bench.machine.now_us // MS - 49           # the last command of that stretch
+    last_ms = bench.machine.now_us // MS - 49  # the last command of that stretch
     stopped = []
 
     def look(b):
         if not b.machine.on and not stopped:
             stopped.append(b.machine.now_us // MS - last_ms)
+
     bench.run(3.0, look=look)
     flags = bench.flags()
     bench.run(1.0, 60, 30, 1)
     restarted = bench.machine.on
     bench.run(0.1, 0, 30, 0)
     bench.run(1.0, 60, 30, 1)
-    return [rpm_before, stopped, flags, restarted, bench.machine.on, round(bench.machine.true_mm, 1)]
+    return [
+        rpm_before,
+        stopped,
+        flags,
+        restarted,
+        bench.machine.on,
+        round(bench.machine.true_mm, 1),
+    ]
 
 
 def power_on():
@@ -152,7 +165,8 @@ def power_on():
 
 
 def stop_at_once():
-    """Ms from the frame with enable 0 to the enable line and to duty 0; the gate keeps going to its set-point."""
+    """Ms from the frame with enable 0 to the enable line and to duty 0; the gate keeps going to
+    its set-point."""
     bench = Bench()
     bench.run(0.2, 0, 25, 0)
     bench.run(1.0, 60, 25, 1)
@@ -175,8 +189,8 @@ def driver_fault():
 
 
 def valves():
-    """The pins' mask: at power-on, before enable 0, at work, after a wrong mask, 0.9 and 1.1 s after the host's last
-    word, and after a T1; and what a board without valves counts of T2."""
+    """The pins' mask: at power-on, before enable 0, at work, after a wrong mask, 0.9 and 1.1 s
+    after the host's last word, and after a T1; and what a board without valves counts of T2."""
     settings = BoardSettings()
     settings.valves = 3
     bench = Bench(settings)
@@ -207,10 +221,16 @@ def valves():
 
 
 def valve_switches():
-    """Name and last fields of the newest status frame: of a board without switches, of one whose valves 1 and 3 are
-    open, of one whose valves are all closed; of one without that measures how hard the shaft works."""
+    """Name and last fields of the newest status frame: of a board without switches, of one
+    whose valves 1 and 3 are open, of one whose valves are all closed; of one without that
+    measures how hard the shaft works."""
     bench, found = Bench(), []
-    for bench.machine.valve_switches, bench.machine.effort in ((None, None), (5, None), (0, None), (None, 41.5)):
+    for bench.machine.valve_switches, bench.machine.effort in (
+        (None, None),
+        (5, None),
+        (0, None),
+        (None, 41.5),
+    ):
         bench.run(0.1)
         fields = bench.machine.sent[-1].split(b"*")[0].split(b",")
         found.append([fields[0].decode(), len(fields), b",".join(fields[13:]).decode()])
@@ -223,11 +243,23 @@ def bad_frames():
     bench.run(0.2, 0, 25, 0)
     bench.run(1.0, 50, 25, 1)
     good = seal(f"T1,{bench.seq},90.000,25.000,1")
-    wrong = [good.replace(b"90", b"99"), good[:10] + b"\r\n", seal("T1,200,90.0,25.0"), seal("T1,200,900.0,25.0,1"),
-             seal("T1,200,nan,25.0,1"), seal("T1,200,1e1,25.0,1"), seal("T1,200,9.,25.0,1"),
-             seal("T1,200,-1.0,25.0,1"), seal("T1,70000,90.0,25.0,1"), seal("T1,200,90.0,25.0,2"),
-             seal("T9,200,90.0,25.0,1"), seal(f"T1,{bench.seq - 1},90.000,25.000,1"), b"x" * 300 + b"\r\n",
-             b"\xff\xfe$\x00*\x80\r\n", b"$$$***\r\n"]
+    wrong = [
+        good.replace(b"90", b"99"),
+        good[:10] + b"\r\n",
+        seal("T1,200,90.0,25.0"),
+        seal("T1,200,900.0,25.0,1"),
+        seal("T1,200,nan,25.0,1"),
+        seal("T1,200,1e1,25.0,1"),
+        seal("T1,200,9.,25.0,1"),
+        seal("T1,200,-1.0,25.0,1"),
+        seal("T1,70000,90.0,25.0,1"),
+        seal("T1,200,90.0,25.0,2"),
+        seal("T9,200,90.0,25.0,1"),
+        seal(f"T1,{bench.seq - 1},90.000,25.000,1"),
+        b"x" * 300 + b"\r\n",
+        b"\xff\xfe$\x00*\x80\r\n",
+        b"$$$***\r\n",
+    ]
     bench.machine.inbox += b"".join(wrong)
     bench.run(0.3)
     counts = sorted([kind, times] for kind, times in bench.board.receiver.rejected.items())
@@ -235,7 +267,8 @@ def bad_frames():
 
 
 class Orders:
-    """A bench at which every order is followed by a look: motor enabled, flags 2, 32 and 64, the kind last rejected."""
+    """A bench at which every order is followed by a look: motor enabled, flags 2, 32 and 64,
+    the kind last rejected."""
 
     def __init__(self, **machine):
         self.bench = Bench(**machine)
@@ -252,37 +285,74 @@ class Orders:
         self.found[-1].extend(kinds)
 
     def words_said(self):
-        return [int(line.split(b"*")[0].split(b",")[2]) for line in self.bench.machine.sent if line.startswith(b"$W1")]
+        return [
+            int(line.split(b"*")[0].split(b",")[2])
+            for line in self.bench.machine.sent
+            if line.startswith(b"$W1")
+        ]
 
 
 def orders_with_a_word(word=0xFEDCBA98, later=7):
-    """Asked for its word; made ready and turned; doubled, late, old, foreign; silent; the old word again."""
+    """Asked for its word; made ready and turned; doubled, late, old, foreign; silent; the old
+    word again."""
     it = Orders(words=[word, later])
-    for payload in ("T1,9,0.0,25.0,0", "A1", f"T3,4000000000,0.0,25.0,0,,{word}",
-                    f"T3,4000000020,60.0,25.0,1,,{word}", f"T3,4000000020,90.0,25.0,1,,{word}",
-                    f"T3,4000000005,90.0,25.0,1,,{word}", f"T3,4000000004,90.0,25.0,1,,{word}",
-                    f"T3,4000000021,60.0,25.0,1,,{word}", f"T3,4000000022,0.0,25.0,0,,{word}",
-                    f"T3,4000000023,60.0,25.0,1,,{word}", f"T3,4000000024,60.0,25.0,1,,{later}",
-                    f"T3,4000000025,0.0,25.0,0,,{word}", f"T3,4000000026,60.0,25.0,1,,{word}", "T1,10300,60.0,25.0,1",
-                    f"T3,4000000027,0.0,25.0,0,,{word}", f"T3,4000000028,0.0,25.0,1,,{word}", "D1,10400,0,90.0,60.0",
-                    f"T3,4000000029,0.0,25.0,0,,{word}", f"T3,4000000030,0.0,25.0,1,5,{word}",
-                    f"T3,4000000031,0.0,25.0,1,{word}", f"D3,4000000032,0,90.0,60.0,{word}"):
+    for payload in (
+        "T1,9,0.0,25.0,0",
+        "A1",
+        f"T3,4000000000,0.0,25.0,0,,{word}",
+        f"T3,4000000020,60.0,25.0,1,,{word}",
+        f"T3,4000000020,90.0,25.0,1,,{word}",
+        f"T3,4000000005,90.0,25.0,1,,{word}",
+        f"T3,4000000004,90.0,25.0,1,,{word}",
+        f"T3,4000000021,60.0,25.0,1,,{word}",
+        f"T3,4000000022,0.0,25.0,0,,{word}",
+        f"T3,4000000023,60.0,25.0,1,,{word}",
+        f"T3,4000000024,60.0,25.0,1,,{later}",
+        f"T3,4000000025,0.0,25.0,0,,{word}",
+        f"T3,4000000026,60.0,25.0,1,,{word}",
+        "T1,10300,60.0,25.0,1",
+        f"T3,4000000027,0.0,25.0,0,,{word}",
+        f"T3,4000000028,0.0,25.0,1,,{word}",
+        "D1,10400,0,90.0,60.0",
+        f"T3,4000000029,0.0,25.0,0,,{word}",
+        f"T3,4000000030,0.0,25.0,1,5,{word}",
+        f"T3,4000000031,0.0,25.0,1,{word}",
+        f"D3,4000000032,0,90.0,60.0,{word}",
+    ):
         it.give(payload)
     it.give("", 1.1)
-    for payload in (f"T3,4000000040,0.0,25.0,0,,{word}", f"T3,4000000041,60.0,25.0,1,,{word}", "A1",
-                    f"T3,0,0.0,25.0,0,,{later}", f"T3,1,60.0,25.0,1,,{later}"):
+    for payload in (
+        f"T3,4000000040,0.0,25.0,0,,{word}",
+        f"T3,4000000041,60.0,25.0,1,,{word}",
+        "A1",
+        f"T3,0,0.0,25.0,0,,{later}",
+        f"T3,1,60.0,25.0,1,,{later}",
+    ):
         it.give(payload)
     return [it.found, it.words_said()]
 
 
 def orders_without_a_word(words=(), words_only=False):
-    """Of a host that knows none: made ready and turned over the wrap of its numbers; the line doubles, and plays back
-    what is older by 15, 16 and half the circle; ready again; asked for a word that it may not have."""
+    """Of a host that knows none: made ready and turned over the wrap of its numbers; the line
+    doubles, and plays back what is older by 15, 16 and half the circle; ready again; asked for
+    a word that it may not have."""
     settings = BoardSettings()
     settings.words_only = words_only
     it = Orders(settings=settings, words=list(words))
-    for seq, enable in ((65530, 0), (65535, 1), (3, 1), (3, 1), (65524, 1), (65523, 1), (4, 1), (5, 0), (6, 1),
-                        (6 + 32769, 1), (7, 0), (7 + 32768, 1)):
+    for seq, enable in (
+        (65530, 0),
+        (65535, 1),
+        (3, 1),
+        (3, 1),
+        (65524, 1),
+        (65523, 1),
+        (4, 1),
+        (5, 0),
+        (6, 1),
+        (6 + 32769, 1),
+        (7, 0),
+        (7 + 32768, 1),
+    ):
         it.give(f"T1,{seq},60.0,25.0,{enable}")
     it.give("A1")
     return [it.found, it.words_said()]
@@ -297,8 +367,9 @@ def limits():
 
 
 def shaft_step(held_rpm=None, rpm_per_duty=125.0):
-    """10 to 90 % rise time in ms, overshoot and steady error in r/min, of a step from 20 to 70 r/min; `held_rpm`: the
-    shaft is held at that speed for 2 s after the step and then let go (anti-windup)."""
+    """10 to 90 % rise time in ms, overshoot and steady error in r/min, of a step from 20 to 70
+    r/min; `held_rpm`: the shaft is held at that speed for 2 s after the step and then let go
+    (anti-windup)."""
     bench = Bench(rpm_per_duty=rpm_per_duty)
     bench.run(0.2, 0, 25, 0)
     bench.run(2.0, 20, 25, 1)
@@ -358,7 +429,8 @@ def lost_steps():
 
 
 def doses():
-    """Steps of a hundred doses of 120 degrees; then one that is cut off by a stop; one asked for while stopped."""
+    """Steps of a hundred doses of 120 degrees; then one that is cut off by a stop; one asked
+    for while stopped."""
     bench = Bench()
     bench.run(0.2, 0, 25, 0)
     bench.run(0.2, 0, 25, 1)
@@ -369,7 +441,11 @@ def doses():
         bench.seq += 1
         bench.run(0.3, 0, 25, 1)
         steps.append(bench.machine.dose_count - before)
-    reports = [line.split(b"*")[0].split(b",")[2:] for line in bench.machine.sent if line.startswith(b"$E1")]
+    reports = [
+        line.split(b"*")[0].split(b",")[2:]
+        for line in bench.machine.sent
+        if line.startswith(b"$E1")
+    ]
     last = [report for report in reports if report[0] == b"99"][-1]
     took_ms = (int(last[4]) - int(last[3])) // MS
     before = bench.machine.dose_count
@@ -381,11 +457,24 @@ def doses():
     bench.say(f"D1,{bench.seq},201,360.000,60.000")
     bench.seq += 1
     bench.run(0.1, 0, 25, 0)
-    reports = [line.split(b"*")[0].split(b",")[2:4] for line in bench.machine.sent if line.startswith(b"$E1")]
+    reports = [
+        line.split(b"*")[0].split(b",")[2:4]
+        for line in bench.machine.sent
+        if line.startswith(b"$E1")
+    ]
     states = [int(state) for dose, state in reports if dose == b"200"]
     refused = [int(state) for dose, state in reports if dose == b"201"]
-    return [sum(steps), min(steps), max(steps), int(last[1]), took_ms, cut, states[-1], refused[-1],
-            bench.machine.dose_count - before - cut]
+    return [
+        sum(steps),
+        min(steps),
+        max(steps),
+        int(last[1]),
+        took_ms,
+        cut,
+        states[-1],
+        refused[-1],
+        bench.machine.dose_count - before - cut,
+    ]
 
 
 def stepped(counts_per_turn=0.0):
@@ -395,23 +484,29 @@ def stepped(counts_per_turn=0.0):
 
 
 def metering_stepper():
-    """Steps in a second at 60 r/min, the most by which steps/s grew within 0.1 s (steps/s^2), the r/min said, the most
-    duty; then the steps in the second after each way to stop, and whether the drives are enabled: set-point 0,
-    enable 0, a driver's fault, the last frame 1 s ago."""
+    """Steps in a second at 60 r/min, the most by which steps/s grew within 0.1 s (steps/s^2),
+    the r/min said, the most duty; then the steps in the second after each way to stop, and
+    whether the drives are enabled: set-point 0, enable 0, a driver's fault, the last frame 1 s
+    ago."""
     bench = stepped()
     counted, duties = [0], []
 
     def look(b):
         counted.append(b.machine.dose_count)
         duties.append(b.machine.value)
+
     bench.run(0.2, 0, 25, 0)
     bench.run(2.0, 60, 25, 1, look=look)
     tenths = [counted[k + 100] - counted[k] for k in range(0, 1900, 100)]
     rises = [tenths[k + 1] - tenths[k] for k in range(18)]
     said_rpm = bench.machine.sent[-1].split(b",")[6].decode()
     found = [counted[-1] - counted[-1001], max(rises) * 100, said_rpm, max(duties)]
-    for rpm, enable, fault, wait_s in ((0, 1, False, 0.0), (60, 0, False, 0.0), (60, 1, True, 0.0),
-                                       (60, None, False, 0.951)):
+    for rpm, enable, fault, wait_s in (
+        (0, 1, False, 0.0),
+        (60, 0, False, 0.0),
+        (60, 1, True, 0.0),
+        (60, None, False, 0.951),
+    ):
         bench.machine.fault = False
         bench.run(0.2, 0, 25, 0)
         bench.run(1.0, 60, 25, 1)
@@ -423,14 +518,15 @@ def metering_stepper():
 
 
 def stepper_falls_out_of_step():
-    """A stepper with an encoder at 80 r/min, held from the second to the fourth second: steps put out in each half
-    second and the r/min said at its end."""
+    """A stepper with an encoder at 80 r/min, held from the second to the fourth second: steps
+    put out in each half second and the r/min said at its end."""
     bench = stepped(2400.0)
     machine, found, held = bench.machine, [], [False, 0]
 
     def follow(b):
         machine.turns += 0.0 if held[0] else (machine.dose_count - held[1]) / 400.0
         held[1] = machine.dose_count
+
     bench.run(0.2, 0, 25, 0)
     for half in range(10):
         held[0], before = 4 <= half < 8, machine.dose_count
@@ -440,8 +536,9 @@ def stepper_falls_out_of_step():
 
 
 def turned():
-    """What is answered to A2 by a board with a DC motor, with a stepper, with both encoder and stepper, before any
-    target and after 2 s at 60 r/min; whether it obeys anything after the question alone."""
+    """What is answered to A2 by a board with a DC motor, with a stepper, with both encoder and
+    stepper, before any target and after 2 s at 60 r/min; whether it obeys anything after the
+    question alone."""
     found = []
     for bench in (Bench(), stepped(), stepped(2400.0)):
         for _ in range(2):
@@ -459,10 +556,18 @@ def turned():
 def own_settings():
     """What the lines of a maker's board_settings.py do, and why they are refused."""
     found = []
-    for line in ("counts_per_turn, link = 1198, 'usb'", "counts_per_tern = 1.0", "link = 'wifi'",
-                 "counts_per_turn = '1200'", "counts_per_turn = 0.0", "words_only = 1", "take = 1",
-                 "stepper_steps_s2 = 1e9", "shaft_drive, counts_per_turn = 'stepper', 0.0",
-                 "shaft_drive, dose_steps_per_turn = 'stepper', 6400.0"):
+    for line in (
+        "counts_per_turn, link = 1198, 'usb'",
+        "counts_per_tern = 1.0",
+        "link = 'wifi'",
+        "counts_per_turn = '1200'",
+        "counts_per_turn = 0.0",
+        "words_only = 1",
+        "take = 1",
+        "stepper_steps_s2 = 1e9",
+        "shaft_drive, counts_per_turn = 'stepper', 0.0",
+        "shaft_drive, dose_steps_per_turn = 'stepper', 6400.0",
+    ):
         settings, names = BoardSettings(), {}
         exec("class Own:\n    " + line, names)
         try:
@@ -490,8 +595,8 @@ class FakeUsb:
 
 
 def usb_line():
-    """Bytes read in rounds; written to a host that reads nothing, then some, then all: nothing waits, whole frames are
-    dropped."""
+    """Bytes read in rounds; written to a host that reads nothing, then some, then all: nothing
+    waits, whole frames are dropped."""
     usb = FakeUsb()
     line = UsbLine(usb, usb, lambda: bool(usb.inbox), lambda: usb.room > 0)
     usb.inbox = b"x" * 100
@@ -534,8 +639,9 @@ class Rig(RigPins):
 
 
 def lag_rig(early_granule=False):
-    """State, start and landing in ms of one run: the shaft creeps at 1 r/min from 100 ms, turns at 20 r/min from 400
-    ms on; noise on the plate; a granule at 1900 ms (and one at 200 ms, before the start)."""
+    """State, start and landing in ms of one run: the shaft creeps at 1 r/min from 100 ms, turns
+    at 20 r/min from 400 ms on; noise on the plate; a granule at 1900 ms (and one at 200 ms,
+    before the start)."""
     pins = Rig()
     rig = RigProgram(pins, RigSettings())
     turned, chance = 0.0, 7
@@ -553,8 +659,13 @@ def lag_rig(early_granule=False):
             pins.value += 60
         rig.tick(ms * MS)
     fields = pins.sent[-1].split(b"*")[0].split(b",")
-    return [int(fields[2]), int(fields[3]), int(fields[7]) // MS, int(fields[8]) // MS if fields[8] else -1,
-            int(fields[9])]
+    return [
+        int(fields[2]),
+        int(fields[3]),
+        int(fields[7]) // MS,
+        int(fields[8]) // MS if fields[8] else -1,
+        int(fields[9]),
+    ]
 
 
 class Wire:
@@ -572,8 +683,8 @@ class Wire:
 
 
 class FakeHx711:
-    """Gives one conversion, most significant bit first: the next bit at each rise of the clock. Data stays low until
-    it has been fetched."""
+    """Gives one conversion, most significant bit first: the next bit at each rise of the clock.
+    Data stays low until it has been fetched."""
 
     def __init__(self):
         self.count, self.pulses, self.ready, self.level = 0, 0, False, 0
@@ -595,7 +706,8 @@ class FakeHx711:
 
 
 def scale():
-    """kg of a list of conversions, how many pulses each took; then a broken cell, silence, and back again."""
+    """kg of a list of conversions, how many pulses each took; then a broken cell, silence, and
+    back again."""
     part = FakeHx711()
     read = LoadCell(Wire(heard=part.clock), Wire(says=part.data), 0.001, 5.0)
     found = [read.kg]
@@ -628,7 +740,8 @@ class FakeLis3dh:
             return bytes([self.who])
         raw = b""
         for axis in self.g:
-            value = int(axis * 1000.0) * 16 & 0xFFFF        # twelve bits, left in the word, 1 mg each
+            # twelve bits, left in the word, 1 mg each
+            value = int(axis * 1000.0) * 16 & 0xFFFF
             raw += bytes([value & 0xFF, value >> 8])
         return raw
 
@@ -637,7 +750,8 @@ class FakeLis3dh:
 
 
 def tilt():
-    """Registers set; pitch and roll in degrees: flat, nose up, right side down, jolted; gone, back, another part."""
+    """Registers set; pitch and roll in degrees: flat, nose up, right side down, jolted; gone,
+    back, another part."""
     part = FakeLis3dh()
     read = Tilt(part)
 
@@ -645,7 +759,10 @@ def tilt():
         part.g = g
         for _ in range(100):
             read.look(0.05)
-        return None if read.pitch_deg is None else [round(read.pitch_deg, 1), round(read.roll_deg, 1)]
+        return (
+            None if read.pitch_deg is None else [round(read.pitch_deg, 1), round(read.roll_deg, 1)]
+        )
+
     found = [settled((0.0, 0.0, 1.0)), part.written[:]]
     found += [settled((0.174, 0.0, 0.985)), settled((0.0, -0.174, 0.985)), settled((1.5, 1.0, 1.0))]
     part.g = (0.5, 0.0, 0.866)
@@ -664,21 +781,41 @@ def tilt():
 
 
 SCENARIOS = {
-    "safe_stop": safe_stop, "valves": valves, "valve_switches": valve_switches, "power_on": power_on,
-    "stop_at_once": stop_at_once, "driver_fault": driver_fault,
-    "bad_frames": bad_frames, "limits": limits, "orders_with_a_word": orders_with_a_word,
+    "safe_stop": safe_stop,
+    "valves": valves,
+    "valve_switches": valve_switches,
+    "power_on": power_on,
+    "stop_at_once": stop_at_once,
+    "driver_fault": driver_fault,
+    "bad_frames": bad_frames,
+    "limits": limits,
+    "orders_with_a_word": orders_with_a_word,
     "orders_without_a_word": orders_without_a_word,
     "orders_without_a_word_at_a_new_board": lambda: orders_without_a_word((5,)),
-    "orders_without_a_word_refused": lambda: orders_without_a_word((5,), True), "shaft_step": shaft_step,
-    "shaft_step_after_jam": lambda: shaft_step(0.0), "shaft_step_after_hand": lambda: shaft_step(50.0),
-    "shaft_step_weak_supply": lambda: shaft_step(None, 100.0), "gate_moves": gate_moves,
-    "gate_moves_homed": lambda: gate_moves(False), "gate_step": gate_step, "lost_steps": lost_steps, "doses": doses,
-    "metering_stepper": metering_stepper, "stepper_falls_out_of_step": stepper_falls_out_of_step, "turned": turned,
-    "own_settings": own_settings, "usb_line": usb_line,
-    "lag_rig": lag_rig, "scale": scale, "tilt": tilt, "lag_rig_early_granule": lambda: lag_rig(True)}
+    "orders_without_a_word_refused": lambda: orders_without_a_word((5,), True),
+    "shaft_step": shaft_step,
+    "shaft_step_after_jam": lambda: shaft_step(0.0),
+    "shaft_step_after_hand": lambda: shaft_step(50.0),
+    "shaft_step_weak_supply": lambda: shaft_step(None, 100.0),
+    "gate_moves": gate_moves,
+    "gate_moves_homed": lambda: gate_moves(False),
+    "gate_step": gate_step,
+    "lost_steps": lost_steps,
+    "doses": doses,
+    "metering_stepper": metering_stepper,
+    "stepper_falls_out_of_step": stepper_falls_out_of_step,
+    "turned": turned,
+    "own_settings": own_settings,
+    "usb_line": usb_line,
+    "lag_rig": lag_rig,
+    "scale": scale,
+    "tilt": tilt,
+    "lag_rig_early_granule": lambda: lag_rig(True),
+}
 
 
 def main():
     import json
+
     for name in sorted(SCENARIOS):
         print(json.dumps([name, SCENARIOS[name]()]))

@@ -1,9 +1,13 @@
-"""A Raspberry Pi Pico with a small machine on its pins, as `machine` and `micropython` show it: the board's main
-program runs on it as it stands, on this computer, its serial line or its USB plug on the terminal of standard input.
+"""A Raspberry Pi Pico with a small machine on its pins, as `machine` and `micropython` show it:
+the board's main program runs on it as it stands, on this computer, its serial line or its USB
+plug on the terminal of standard input.
 
-    python -m tests.board.pico LEVELS SETTINGS.py    LEVELS: each level that is put on a pin, as `seconds pin level`
-    python -m tests.board.pico --pins PROGRAM        as JSON: the pins that it takes and what they are; settings' names
+    python -m tests.board.pico LEVELS SETTINGS.py    LEVELS: each level that is put on a pin, as
+                                                     `seconds pin level`
+    python -m tests.board.pico --pins PROGRAM        as JSON: the pins that it takes and what they
+                                                     are; settings' names
 """
+
 from __future__ import annotations
 
 import contextlib
@@ -20,11 +24,11 @@ import types
 
 from tests.board.board_scenarios import Machine
 
-EDGES = 1200.0                          # of the encoder's A, a turn
+EDGES = 1200.0  # of the encoder's A, a turn
 STEP, DIRECTION, ENABLE, PWM, A, B, HALL = 8, 9, 2, 4, 6, 7, 14
 machine, seen = Machine(), {"edges": 0, "pulses": 0}
 used: dict[int, str] = {}
-levels = -1                             # the file
+levels = -1  # the file
 pins: dict[int, Pin] = {}
 
 
@@ -77,7 +81,10 @@ class Adc:
         used[number] = "adc"
 
     def read_u16(self):
-        return round({26: machine.true_mm / 65.0, 27: machine.supply_v() / 11.0 / 3.3, 28: 0.0}[self.number] * 65535)
+        return round(
+            {26: machine.true_mm / 65.0, 27: machine.supply_v() / 11.0 / 3.3, 28: 0.0}[self.number]
+            * 65535
+        )
 
 
 class Terminal:
@@ -118,7 +125,8 @@ class I2c:
 
 
 class Watchdog:
-    """Fed once a round, which is when the machine moves on; not fed in time: a reset, which takes the program along."""
+    """Fed once a round, which is when the machine moves on; not fed in time: a reset, which
+    takes the program along."""
 
     def __init__(self, timeout):
         self.fed_s, self.timeout_s = time.monotonic(), timeout / 1000.0
@@ -154,12 +162,15 @@ def hang(*_):
 
 def main(words):
     global levels
-    sys.modules["machine"] = types.SimpleNamespace(Pin=Pin, PWM=Pwm, ADC=Adc, UART=Uart, I2C=I2c, WDT=Watchdog)
+    sys.modules["machine"] = types.SimpleNamespace(
+        Pin=Pin, PWM=Pwm, ADC=Adc, UART=Uart, I2C=I2c, WDT=Watchdog
+    )
     sys.modules["micropython"] = types.SimpleNamespace(kbd_intr=lambda _: None)
     time.ticks_us = lambda: int(time.monotonic() * 1e6) % (1 << 30)
     time.ticks_diff = lambda late, early: (late - early + (1 << 29)) % (1 << 30) - (1 << 29)
     time.sleep_us = lambda us: time.sleep(us * 1e-6)
     from drivers.board import rp2_slave
+
     if words[0] == "--pins":
         settings = rp2_slave.Rp2Settings()
         if words[1] == "rp2_slave":

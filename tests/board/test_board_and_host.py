@@ -1,4 +1,6 @@
-"""The board's own program against the host's own driver: on a pseudo-terminal, and beside the virtual board."""
+"""The board's own program against the host's own driver: on a pseudo-terminal, and beside the
+virtual board."""
+
 from __future__ import annotations
 
 import math
@@ -40,9 +42,14 @@ while True:
 STEPPER = "shaft_drive = 'stepper'\ncounts_per_turn = 0.0\n"
 
 
-@pytest.mark.parametrize("settings", [
-    pytest.param("", id="a DC motor, UART"), pytest.param("link = 'usb'\n", id="a DC motor, USB"),
-    pytest.param("link = 'usb'\n" + STEPPER, id="a stepper, USB")])
+@pytest.mark.parametrize(
+    "settings",
+    [
+        pytest.param("", id="a DC motor, UART"),
+        pytest.param("link = 'usb'\n", id="a DC motor, USB"),
+        pytest.param("link = 'usb'\n" + STEPPER, id="a stepper, USB"),
+    ],
+)
 def test_the_real_driver_drives_the_real_program(plugged, settings):
     pico = plugged(settings)
     cab = Cab(CabConfig.model_validate({"board": {"port": pico.name}}), time.monotonic)
@@ -53,7 +60,12 @@ def test_the_real_driver_drives_the_real_program(plugged, settings):
         m = cab.measure(now_s)
         cab.command(now_s, DriveCommand(60.0, 30.0), now_s - begun_s > 0.5)
         time.sleep(0.03)
-        return bool(m.shaft_rpm and abs(m.shaft_rpm.value - 60.0) < 3.0 and abs(m.opening_mm.value - 30.0) < 0.1)
+        return bool(
+            m.shaft_rpm
+            and abs(m.shaft_rpm.value - 60.0) < 3.0
+            and abs(m.opening_mm.value - 30.0) < 0.1
+        )
+
     try:
         wait_for(turned)
         assert cab.measure(time.monotonic()).supply_v.value == pytest.approx(13.5, abs=0.01)
@@ -80,7 +92,9 @@ def test_a_killed_host_means_a_stopped_machine_one_second_later(plugged, setting
         killed_s = time.monotonic()
         wait_for(lambda: not pico.enabled, 3.0)
         off_s = pico.levels(ENABLE)[-1][0]
-        assert 0.9 < off_s - killed_s < 1.2, "one second after the last frame, which was 50 ms old at most"
+        assert 0.9 < off_s - killed_s < 1.2, (
+            "one second after the last frame, which was 50 ms old at most"
+        )
         time.sleep(0.3)
         assert not pico.moves_after(off_s)
     finally:
@@ -131,7 +145,8 @@ def test_the_host_reads_of_lost_steps_and_of_homing():
 
 
 class Line:
-    """The host's driver, with its worker's 20 ticks a second, on a line with a board that knows words or does not."""
+    """The host's driver, with its worker's 20 ticks a second, on a line with a board that knows
+    words or does not."""
 
     def __init__(self, words) -> None:
         self.words, self.host, self.now_s = list(words), SlaveBoard(), 0.0
@@ -147,7 +162,9 @@ class Line:
             line = self.host.command(DriveCommand(60.0, 25.0), enabled)
             self.sent.append(line)
             self.board.feed(b"" if deaf else line, self.now_s)
-            sensed = SensorReadings(self.now_s, None, 0.0, 0, None, 0.0, 25.0, 100.0, 13.5, 0.0, 0.0, None)
+            sensed = SensorReadings(
+                self.now_s, None, 0.0, 0, None, 0.0, 25.0, 100.0, 13.5, 0.0, 0.0, None
+            )
             readings = self.host.feed(self.board.status(sensed, self.now_s), self.now_s)
         return readings[-1]
 
@@ -156,7 +173,7 @@ class Line:
         turned = False
         for k in range(0, len(lines), 2):
             self.now_s += 0.05
-            self.board.feed(b"".join(lines[k:k + 2]), self.now_s)
+            self.board.feed(b"".join(lines[k : k + 2]), self.now_s)
             turned = turned or self.board.set_points(self.now_s)[1]
         return turned
 
@@ -200,7 +217,7 @@ def test_a_session_that_is_played_to_a_board_that_was_switched_on_again_turns_no
     assert old.again(taped), "a board without words cannot know: why there are words"
 
 
-def test_an_older_board_in_the_place_of_a_newer_one_is_asked_in_vain_and_then_spoken_to_as_it_understands():
+def test_an_older_board_in_place_of_a_newer_one_is_spoken_to_as_it_understands():
     line = Line([3])
     line.run(5, False)
     line.board = VirtualBoard(25.0, lambda: None)
@@ -209,7 +226,9 @@ def test_an_older_board_in_the_place_of_a_newer_one_is_asked_in_vain_and_then_sp
     assert line.run(5, True).enabled and line.sent[-1].startswith(b"$T1")
 
 
-# --- Doses from the host's driver to the board's program and back: angle, steps, time, and what is lost on the way.
+# --- Doses from the host's driver to the board's program and back: angle, steps, time, and what
+# is lost on the way.
+
 
 class Bench:
     """Host and board joined by two lists of bytes; ticks of a millisecond, a heartbeat every 50."""
@@ -220,7 +239,7 @@ class Bench:
         self.board = Slave(self.pins, self.settings)
         self.host = SlaveBoard(SetPointLimits(max_shaft_rpm=201.0))
         self.ms = 0
-        self.deaf = False               # the host hears nothing
+        self.deaf = False  # the host hears nothing
         self.enable = False
 
     def run(self, ms: int) -> None:
@@ -249,7 +268,8 @@ def bench() -> Bench:
 
 
 def test_the_papers_dose_takes_a_fifth_of_a_second(bench):
-    """120 degrees at 99.8 r/min: theta / (6 n) = 0.2 s (eq 3 with its factor 6), and two short ramps."""
+    """120 degrees at 99.8 r/min: theta / (6 n) = 0.2 s (eq 3 with its factor 6), and two short
+    ramps."""
     bench.give(120.0, 99.8)
     assert bench.host.dose.newest.state is DoseState.SENT and not bench.host.dose.ready
     bench.run(400)
@@ -331,8 +351,10 @@ def test_the_same_line_twice_is_one_dose(bench):
     assert bench.board.receiver.rejected == {"repeated_sequence": 2}
 
 
-@pytest.mark.parametrize(("angle_deg", "rpm"), [(math.nan, 60.0), (120.0, math.inf), (-1.0, 60.0), (4000.0, 60.0),
-                                                (120.0, 0.5)])
+@pytest.mark.parametrize(
+    ("angle_deg", "rpm"),
+    [(math.nan, 60.0), (120.0, math.inf), (-1.0, 60.0), (4000.0, 60.0), (120.0, 0.5)],
+)
 def test_what_is_not_allowed_is_not_sent(angle_deg, rpm):
     with pytest.raises(ValueError, match="allowed is"):
         PointDose().give(angle_deg, rpm, 0, 0.0)

@@ -1,4 +1,6 @@
-"""`topdress calibrate encoder` on the virtual machine's board: real bytes on a pseudo-terminal, keys on another."""
+"""`topdress calibrate encoder` on the virtual machine's board: real bytes on a pseudo-terminal,
+keys on another."""
+
 from __future__ import annotations
 
 import contextlib
@@ -23,15 +25,18 @@ from tests.command import TOPDRESS, serving, topdress
 from tests.drivers.conftest import FakePlant
 from tests.waiting import wait_for
 
-pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="no pseudo-terminals on this system")
+pytestmark = pytest.mark.skipif(
+    sys.platform == "win32", reason="no pseudo-terminals on this system"
+)
 
 
 @pytest.fixture
 def board(tmp_path: Path) -> Iterator[Callable[..., str]]:
     """The standing virtual machine's board on a pseudo-terminal."""
     with contextlib.ExitStack() as started:
-        yield lambda *options, before="": started.enter_context(serving(
-            "--lag-rig", "--pty", str(tmp_path / "pty"), *options, before=before))["board"][1]
+        yield lambda *options, before="": started.enter_context(
+            serving("--lag-rig", "--pty", str(tmp_path / "pty"), *options, before=before)
+        )["board"][1]
 
 
 class Person:
@@ -40,17 +45,18 @@ class Person:
     def __init__(self, *words: str) -> None:
         self._terminal, slave = os.openpty()
         self._read = ""
-        self.command = subprocess.Popen([*TOPDRESS, "calibrate", "encoder", *words], stdin=slave, stdout=slave,
-                                        stderr=slave)
+        self.command = subprocess.Popen(
+            [*TOPDRESS, "calibrate", "encoder", *words], stdin=slave, stdout=slave, stderr=slave
+        )
         os.close(slave)
 
     def screen(self) -> str:
         while select.select([self._terminal], [], [], 0.0)[0]:
             try:
                 self._read += os.read(self._terminal, 4096).decode()
-            except OSError:             # the command has ended
+            except OSError:  # the command has ended
                 break
-        return self._read.replace("\r\n    ", " ")         # long lines are folded
+        return self._read.replace("\r\n    ", " ")  # long lines are folded
 
     def sees(self, words: str) -> None:
         wait_for(lambda: words in self.screen())
@@ -60,7 +66,7 @@ class Person:
 
     def counts(self) -> int:
         """Since the mark, as the newest line shows them."""
-        time.sleep(0.03)                # whoever asks leaves the processor to who counts
+        time.sleep(0.03)  # whoever asks leaves the processor to who counts
         shown = re.findall(r"([+-]\d+) counts", self.screen()[-100:])
         return int(shown[-1]) if shown else 0
 
@@ -99,6 +105,7 @@ def by_hand(tmp_path: Path) -> Iterator[tuple[Hand, str]]:
     def serve() -> None:
         while not stop.wait(0.01):
             served.advance()
+
     thread = threading.Thread(target=serve)
     thread.start()
     yield hand, str(tmp_path / "pty" / "board")
@@ -127,7 +134,18 @@ def test_turned_by_hand_the_counts_become_a_line_of_the_boards_settings(by_hand,
 
 def test_by_the_drive_it_turns_only_while_the_space_bar_is_held(board, tmp_path):
     out, turns = tmp_path / "board_settings.py", 3
-    person = Person("--board", board(), "--turns", str(turns), "--repeats", "1", "--rpm", "20", "--out", str(out))
+    person = Person(
+        "--board",
+        board(),
+        "--turns",
+        str(turns),
+        "--repeats",
+        "1",
+        "--rpm",
+        "20",
+        "--out",
+        str(out),
+    )
     person.sees("then Enter")
     time.sleep(1.5)
     person.press("\n")
@@ -141,6 +159,7 @@ def test_by_the_drive_it_turns_only_while_the_space_bar_is_held(board, tmp_path)
     def there() -> bool:
         person.press(" ")
         return person.counts() > (turns - 0.25) * TRUE_COUNTS_PER_TURN
+
     wait_for(there, 60.0)
     person.press("\n")
     person.sees("the shaft still turns: Enter when it stands")
@@ -151,6 +170,7 @@ def test_by_the_drive_it_turns_only_while_the_space_bar_is_held(board, tmp_path)
             person.press(" ")
             time.sleep(0.1)
         return person.stands() > stood
+
     wait_for(creeps)
     assert person.counts() - stood < TRUE_COUNTS_PER_TURN / 8.0, "a short press creeps to the mark"
     person.press("\n")
@@ -164,15 +184,44 @@ BoardSettings.shaft_drive, BoardSettings.counts_per_turn = "stepper", 0.0
 """
 
 
-@pytest.mark.parametrize(("before", "words", "said"), [
-    pytest.param("", ["--board", "x", "--out", "x.yaml"], "x.yaml: allowed is a name that ends in .py",
-                 id="an ending"),
-    pytest.param("", ["--board", "x", "--turns", "0", "--out", "x.py"], "Invalid value for '--turns'", id="turn"),
-    pytest.param(OLDER, ["--board", "{board}", "--out", "x.py"],
-                 "does not say how far its shaft turned: its program is older than this", id="an older board"),
-    pytest.param(NO_ENCODER, ["--board", "{board}", "--out", "x.py"], "this board has no encoder", id="no encoder"),
-    pytest.param("", ["--board", "{board}", "--rpm", "3", "--out", "x.py"], "--rpm 3: allowed is 10 to", id="too slow"),
-    pytest.param("", ["--board", "socket://127.0.0.1:9", "--out", "x.py"], "is silent", id="silent")])
+@pytest.mark.parametrize(
+    ("before", "words", "said"),
+    [
+        pytest.param(
+            "",
+            ["--board", "x", "--out", "x.yaml"],
+            "x.yaml: allowed is a name that ends in .py",
+            id="an ending",
+        ),
+        pytest.param(
+            "",
+            ["--board", "x", "--turns", "0", "--out", "x.py"],
+            "Invalid value for '--turns'",
+            id="turn",
+        ),
+        pytest.param(
+            OLDER,
+            ["--board", "{board}", "--out", "x.py"],
+            "does not say how far its shaft turned: its program is older than this",
+            id="an older board",
+        ),
+        pytest.param(
+            NO_ENCODER,
+            ["--board", "{board}", "--out", "x.py"],
+            "this board has no encoder",
+            id="no encoder",
+        ),
+        pytest.param(
+            "",
+            ["--board", "{board}", "--rpm", "3", "--out", "x.py"],
+            "--rpm 3: allowed is 10 to",
+            id="too slow",
+        ),
+        pytest.param(
+            "", ["--board", "socket://127.0.0.1:9", "--out", "x.py"], "is silent", id="silent"
+        ),
+    ],
+)
 def test_what_cannot_be_is_one_line_and_writes_nothing(board, tmp_path, before, words, said):
     served = board(before=before) if "{board}" in words else ""
     person = Person(*(word.format(board=served) for word in words[:-1]), str(tmp_path / words[-1]))
@@ -186,18 +235,31 @@ def test_without_a_keyboard_nothing_is_counted(tmp_path):
     assert len(result.output.splitlines()) == 1 and not list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize(("counts", "turns", "value", "half"), [
-    pytest.param([12000], 10, 1200.0, 1.41, id="one run: as well as a mark is set"),
-    pytest.param([12000, 12000, 12000], 10, 1200.0, 0.07, id="no scatter: as well as whole counts are"),
-    pytest.param([11990, 12000, 12010], 10, 1200.0, 1.69, id="by the scatter")])
+@pytest.mark.parametrize(
+    ("counts", "turns", "value", "half"),
+    [
+        pytest.param([12000], 10, 1200.0, 1.41, id="one run: as well as a mark is set"),
+        pytest.param(
+            [12000, 12000, 12000], 10, 1200.0, 0.07, id="no scatter: as well as whole counts are"
+        ),
+        pytest.param([11990, 12000, 12010], 10, 1200.0, 1.69, id="by the scatter"),
+    ],
+)
 def test_the_interval(counts, turns, value, half):
     fit = fit_counts(counts, turns)
-    assert (fit.value, fit.high - fit.value, fit.value - fit.low) == pytest.approx((value, half, half), abs=0.01)
+    assert (fit.value, fit.high - fit.value, fit.value - fit.low) == pytest.approx(
+        (value, half, half), abs=0.01
+    )
 
 
-@pytest.mark.parametrize(("counts", "said"), [
-    ([12000, 0], "run 2: not one count"), ([-12000], "run 1: -12000 counts: the shaft turned backwards, or A and B"),
-    ([12000, 13200, 12003], "1.0 turns apart: one was miscounted")])
+@pytest.mark.parametrize(
+    ("counts", "said"),
+    [
+        ([12000, 0], "run 2: not one count"),
+        ([-12000], "run 1: -12000 counts: the shaft turned backwards, or A and B"),
+        ([12000, 13200, 12003], "1.0 turns apart: one was miscounted"),
+    ],
+)
 def test_runs_that_cannot_be(counts, said):
     with pytest.raises(ValueError, match=re.escape(said)):
         fit_counts(counts, 10)

@@ -1,4 +1,6 @@
-"""The commands as a user meets them: output, files, one plain line for what is wrong, the exit code."""
+"""The commands as a user meets them: output, files, one plain line for what is wrong, the exit
+code."""
+
 from __future__ import annotations
 
 import csv
@@ -55,12 +57,19 @@ def test_simulate_writes_log_yaml_and_truth(log: Path) -> None:
     assert rows[-1]["state"] == "working"
     truth = rows_of(log.with_name("a.truth.csv"))
     assert len(truth) == 1800
-    assert {"shaft_rpm", "opening_mm", "flow_kg_s", "landed_rate_kg_ha", "landed_place_m"} <= set(truth[0])
+    assert {"shaft_rpm", "opening_mm", "flow_kg_s", "landed_rate_kg_ha", "landed_place_m"} <= set(
+        truth[0]
+    )
     assert float(truth[0]["time_s"]) == pytest.approx(0.05)
     time, place = ([float(row[name]) for row in truth] for name in ("time_s", "place_m"))
-    steady = [k for k in range(900, 1700) if all(float(truth[k + d]["shaft_rpm"]) == 70.0 for d in (-1, 0, 20))]
+    steady = [
+        k
+        for k in range(900, 1700)
+        if all(float(truth[k + d]["shaft_rpm"]) == 70.0 for d in (-1, 0, 20))
+    ]
     drop_s = drop_time_s(Machine().fall, 70.0)
-    for k in steady[::50]:      # let go from the step's begin on, not from its end
+    # let go from the step's begin on, not from its end
+    for k in steady[::50]:
         lands = float(np.interp(time[k] - 0.05 + drop_s, time, place))
         assert float(truth[k]["landed_place_m"]) == pytest.approx(lands, abs=0.003)
     assert len(steady) > 200
@@ -81,9 +90,13 @@ def test_headless_replay_decides_as_it_was_decided(log: Path, tmp_path: Path) ->
     assert result.exit_code == 0, result.output
     old_rows, new_rows = rows_of(log), rows_of(new)
     assert [r["state"] for r in new_rows] == [r["state"] for r in old_rows]
-    pairs = [(float(a["opening_mm_cmd"]), float(b["opening_mm_cmd"])) for a, b in zip(old_rows, new_rows, strict=True)]
+    pairs = [
+        (float(a["opening_mm_cmd"]), float(b["opening_mm_cmd"]))
+        for a, b in zip(old_rows, new_rows, strict=True)
+    ]
     same = sum(abs(a - b) <= PLAN_BAND_MM_SHARE * max(a, b) + 0.1 for a, b in pairs) / len(pairs)
-    assert same > 0.98      # the log's rounding may tip a dead band one tick sooner or later, never more than a band
+    # the log's rounding may tip a dead band one tick sooner or later, never more than a band
+    assert same > 0.98
     assert sum(a for a, _ in pairs) == pytest.approx(sum(b for _, b in pairs), rel=0.002)
 
 
@@ -102,8 +115,13 @@ def test_balanced_is_read_as_opening_first_and_said(log: Path, tmp_path: Path) -
     save(job, load("demo", JOB).model.model_copy(update={"strategy": "balanced"}), JOB, "")
     word = ["--strategy", "balanced"]
     simulate = ["simulate", "--seconds", "3"]
-    for k, (command, has) in enumerate([(simulate, word), (simulate, ["--job", str(job)]),
-                                        (["replay", str(log), "--headless"], word)]):
+    for k, (command, has) in enumerate(
+        [
+            (simulate, word),
+            (simulate, ["--job", str(job)]),
+            (["replay", str(log), "--headless"], word),
+        ]
+    ):
         out = tmp_path / f"{k}.csv"
         result = topdress(*command, *has, "--out", out)
         assert result.exit_code == 0 and result.output.count(said) == 1, result.output
@@ -113,8 +131,19 @@ def test_balanced_is_read_as_opening_first_and_said(log: Path, tmp_path: Path) -
 
 
 def test_summary_as_json() -> None:
-    result = topdress("simulate", "--seconds", "40", "--effect", "flow.gain=8", "--summary", "--json", "--look-ahead",
-                      "off", "--strategy", "speed_first")
+    result = topdress(
+        "simulate",
+        "--seconds",
+        "40",
+        "--effect",
+        "flow.gain=8",
+        "--summary",
+        "--json",
+        "--look-ahead",
+        "off",
+        "--strategy",
+        "speed_first",
+    )
     told = json.loads(result.output)
     assert told["strategy"] == "speed_first"
     assert told["look_ahead"] is False
@@ -132,24 +161,52 @@ def test_the_summary_says_against_what() -> None:
     assert "against what was held" in plain and "need of the canopy" not in plain
 
 
-@pytest.mark.parametrize(("arguments", "said"), [
-    (["simulate", "--effect", "flow.gian=8"], "flow.gian"),
-    (["simulate", "--effect", "flow.gain=900"], "allowed -60 to 100"),
-    (["simulate", "--effect", "canopy.head_fouled=-5"], "#1 to #6"),
-    (["simulate", "--look-ahead", "maybe"], "allowed on or off"),
-    (["simulate", "--machine", "spreader", "--job", "spreader_demo", "--effect", "gate.offset=70"],
-     "gate.offset: size 70: allowed -66.6667 to 66.6667"),
-    (["simulate", "--machine", "spreader", "--job", "spreader_demo", "--effect", "gate.offset=70"],
-     "where limits.opening_high_mm is 200"),
-    (["simulate", "--seconds", "inf"], "allowed is a number, not"),       # was a fault of ours, OverflowError
-    (["calibrate", "lag", "table.csv", "--out", "new.yaml", "--from-rpm", "nan"], "allowed is a number, not"),
-    (["map", "in.zip", "--out", "out.geojson", "--scale", "inf"], "allowed is a number, not"),
-    (["map", "in.zip", "--out", "out.geojson", "--outside", "nan"], "allowed is a number, not"),
-    (["simulate", "--machine", "huanghia"], "huanghai"),
-    (["replay", "nothing.csv", "--headless", "--out", "x.csv"], "nothing.csv"),
-    (["decode", "morse", "pyproject.toml"], "morse"),
-    (["decode", "gnss", "nothing.log"], "nothing.log"),
-    (["check", "no_such_name"], "no_such_name")])
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["simulate", "--effect", "flow.gian=8"], "flow.gian"),
+        (["simulate", "--effect", "flow.gain=900"], "allowed -60 to 100"),
+        (["simulate", "--effect", "canopy.head_fouled=-5"], "#1 to #6"),
+        (["simulate", "--look-ahead", "maybe"], "allowed on or off"),
+        (
+            [
+                "simulate",
+                "--machine",
+                "spreader",
+                "--job",
+                "spreader_demo",
+                "--effect",
+                "gate.offset=70",
+            ],
+            "gate.offset: size 70: allowed -66.6667 to 66.6667",
+        ),
+        (
+            [
+                "simulate",
+                "--machine",
+                "spreader",
+                "--job",
+                "spreader_demo",
+                "--effect",
+                "gate.offset=70",
+            ],
+            "where limits.opening_high_mm is 200",
+        ),
+        # was a fault of ours, OverflowError
+        (["simulate", "--seconds", "inf"], "allowed is a number, not"),
+        (
+            ["calibrate", "lag", "table.csv", "--out", "new.yaml", "--from-rpm", "nan"],
+            "allowed is a number, not",
+        ),
+        (["map", "in.zip", "--out", "out.geojson", "--scale", "inf"], "allowed is a number, not"),
+        (["map", "in.zip", "--out", "out.geojson", "--outside", "nan"], "allowed is a number, not"),
+        (["simulate", "--machine", "huanghia"], "huanghai"),
+        (["replay", "nothing.csv", "--headless", "--out", "x.csv"], "nothing.csv"),
+        (["decode", "morse", "pyproject.toml"], "morse"),
+        (["decode", "gnss", "nothing.log"], "nothing.log"),
+        (["check", "no_such_name"], "no_such_name"),
+    ],
+)
 def test_what_is_wrong_is_said_in_one_line(arguments: list[str], said: str) -> None:
     result = topdress(*arguments)
     lines = [line for line in result.output.splitlines() if line.strip()]
@@ -158,13 +215,18 @@ def test_what_is_wrong_is_said_in_one_line(arguments: list[str], said: str) -> N
 
 def test_check_says_ok_for_everything_shipped() -> None:
     from drivers.files.config import shipped
-    names = [name for folder in ("machines", "crops", "products", "jobs") for name in shipped(folder)]
+
+    names = [
+        name for folder in ("machines", "crops", "products", "jobs") for name in shipped(folder)
+    ]
     assert len(names) >= 8
     result = topdress("check", *names)
     assert result.exit_code == 0, result.output
     assert result.output.count(": ok (") == len(names)
-    assert all("typical figures" in shipped("machines")[name].read_text(encoding="utf-8")
-               for name in ("drive_alone", "planter", "spreader"))
+    assert all(
+        "typical figures" in shipped("machines")[name].read_text(encoding="utf-8")
+        for name in ("drive_alone", "planter", "spreader")
+    )
 
 
 def test_check_names_key_value_and_range(tmp_path: Path) -> None:
@@ -185,10 +247,14 @@ def test_effects_lists_the_catalogue() -> None:
 
 def test_info_and_extras_say_what_is_here() -> None:
     told = json.loads(topdress("info", "--json").output)
-    assert told["topdress"]["textual"][0].isdigit() and told["folders"]["settings"].endswith("settings.yaml")
+    assert told["topdress"]["textual"][0].isdigit() and told["folders"]["settings"].endswith(
+        "settings.yaml"
+    )
     assert topdress("info").output.count("\n") > 25
     extras = {one["extra"]: one for one in json.loads(topdress("extras", "--json").output)}
-    declared = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["optional-dependencies"]
+    declared = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"][
+        "optional-dependencies"
+    ]
     assert set(extras) == set(declared) - {"dev"} and "'rasterio>=" in extras["raster"]["line"]
 
 
@@ -206,9 +272,21 @@ def test_decode_counts(tmp_path: Path) -> None:
 def test_cancelling_leaves_nothing_half_written(tmp_path: Path) -> None:
     import signal
     import time
+
     out = tmp_path / "long.csv"
-    process = subprocess.Popen([sys.executable, "-c", "from console.cli import main; main()", "simulate", "--seconds",
-                                "100000", "--out", str(out)], stderr=subprocess.PIPE)
+    process = subprocess.Popen(
+        [
+            sys.executable,
+            "-c",
+            "from console.cli import main; main()",
+            "simulate",
+            "--seconds",
+            "100000",
+            "--out",
+            str(out),
+        ],
+        stderr=subprocess.PIPE,
+    )
     for _ in range(200):
         time.sleep(0.1)
         if list(tmp_path.glob(".long*.csv")):
@@ -221,7 +299,9 @@ def test_cancelling_leaves_nothing_half_written(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
-def test_cancelled_as_its_files_begin_it_leaves_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_cancelled_as_its_files_begin_it_leaves_none(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def cancelled(file: object, data: bytearray) -> None:
         assert (tmp_path / ".a.part.yaml").exists()
         raise KeyboardInterrupt
@@ -233,7 +313,11 @@ def test_cancelled_as_its_files_begin_it_leaves_none(tmp_path: Path, monkeypatch
 
 def test_diagnose_tells_a_bench_table_apart_from_a_run(tmp_path: Path) -> None:
     table = tmp_path / "lag.csv"
-    rows = [f"{rpm},{2.2118 - 0.0083 * rpm + 0.3 + 0.01 * k:.3f}" for rpm in range(10, 80, 10) for k in (-1, 0, 1)]
+    rows = [
+        f"{rpm},{2.2118 - 0.0083 * rpm + 0.3 + 0.01 * k:.3f}"
+        for rpm in range(10, 80, 10)
+        for k in (-1, 0, 1)
+    ]
     table.write_text("shaft_rpm,lag_s\n" + "\n".join(rows) + "\n")
     out = tmp_path / "found.json"
     result = topdress("diagnose", table, "--json", out)
@@ -242,11 +326,22 @@ def test_diagnose_tells_a_bench_table_apart_from_a_run(tmp_path: Path) -> None:
     assert found["format"] == "topdress-diagnosis/1"
     assert found["data"]["kind"] == "lag"
     assert found["causes"][0]["id"] in {"lag.offset", "shaft.dead_time"}
-    assert {"data", "channels", "verdict", "causes", "not_shown", "unexplained", "next_run", "gain",
-            "extended_machine"} <= set(found)
+    assert {
+        "data",
+        "channels",
+        "verdict",
+        "causes",
+        "not_shown",
+        "unexplained",
+        "next_run",
+        "gain",
+        "extended_machine",
+    } <= set(found)
 
 
-# --- The tour comes once ---------------------------------------------------------------------------------------------
+# --- The tour comes once
+# ---------------------------------------------------------------------------------------------
+
 
 def test_only_the_first_time_is_the_first(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
@@ -259,18 +354,32 @@ def test_a_folder_that_cannot_be_written_is_no_reason_to_fail(tmp_path, monkeypa
     assert not first_time()
 
 
-# --- Numbers on the command line: nan and inf are none, whichever option takes one -----------------------------------
+# --- Numbers on the command line: nan and inf are none, whichever option takes one
+# -----------------------------------
 
-@pytest.mark.parametrize("given", ["simulate --seconds 12,5", "simulate --seconds 5 --effect flow.gain=8,5"])
+
+@pytest.mark.parametrize(
+    "given", ["simulate --seconds 12,5", "simulate --seconds 5 --effect flow.gain=8,5"]
+)
 def test_a_comma_is_refused_and_never_dropped(given: str) -> None:
     said = topdress(*given.split())
-    assert said.exit_code == 2 and ("12,5" in said.output or "8,5" in said.output or "number" in said.output)
+    assert said.exit_code == 2 and (
+        "12,5" in said.output or "8,5" in said.output or "number" in said.output
+    )
 
 
-# --- `topdress history`: what was changed, before and after; --undo writes the file without the last of it -----------
+# --- `topdress history`: what was changed, before and after; --undo writes the file without the
+# last of it -----------
 
-TERM = Term.model_validate({"id": "flow.slope_roll_deg", "acts_on": "flow_percent", "form": "slope",
-                            "over": ({"name": "roll_deg", "valid": (-4.0, 4.0)},), "coefficients": {"slope": -0.5}})
+TERM = Term.model_validate(
+    {
+        "id": "flow.slope_roll_deg",
+        "acts_on": "flow_percent",
+        "form": "slope",
+        "over": ({"name": "roll_deg", "valid": (-4.0, 4.0)},),
+        "coefficients": {"slope": -0.5},
+    }
+)
 
 
 @pytest.fixture
@@ -311,7 +420,9 @@ def test_a_shipped_machine_has_none() -> None:
     assert said.output == "huanghai: no diagnosis changed this file\n"
 
 
-# --- `topdress run` before its first picture: the worker comes up beside the console; wrong files are told as... -----
+# --- `topdress run` before its first picture: the worker comes up beside the console; wrong
+# files are told as... -----
+
 
 @pytest.fixture
 def steps(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> list[str]:
@@ -338,13 +449,18 @@ def steps(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> list[str]:
     return done
 
 
-def test_the_worker_comes_up_first_and_no_picture_waits_for_the_files(steps: list[str], tmp_path: Path) -> None:
+def test_the_worker_comes_up_first_and_no_picture_waits_for_the_files(
+    steps: list[str], tmp_path: Path
+) -> None:
     screens.show_run((), (), 1, 20.0, str(tmp_path / "run.csv"))
     assert sorted(steps) == ["screen", "worker"]
 
 
-def test_a_wrong_file_is_told_as_a_file(steps: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_wrong_file_is_told_as_a_file(
+    steps: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """All that is wrong with it, where the worker's last words are one line."""
+
     def run(self: TopdressApp) -> None:
         self.not_started = "the machine did not start: something else"
 
@@ -355,8 +471,9 @@ def test_a_wrong_file_is_told_as_a_file(steps: list[str], tmp_path: Path, monkey
         screens.show_run((str(wrong),), (), 1, 20.0, str(tmp_path / "run.csv"))
 
 
-def test_a_worker_that_did_not_come_up_is_one_line(steps: list[str], tmp_path: Path,
-                                                   monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_worker_that_did_not_come_up_is_one_line(
+    steps: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def run(self: TopdressApp) -> None:
         self.not_started = "the machine did not start: no such port"
 
@@ -366,9 +483,13 @@ def test_a_worker_that_did_not_come_up_is_one_line(steps: list[str], tmp_path: P
 
 
 @pytest.mark.parametrize("quit_by_order", ["false", "true"])
-def test_a_job_that_was_left_is_asked_about_first(quit_by_order: str, steps: list[str], tmp_path: Path) -> None:
+def test_a_job_that_was_left_is_asked_about_first(
+    quit_by_order: str, steps: list[str], tmp_path: Path
+) -> None:
     kept = f'{{"format": "topdress-resume/1", "quit": {quit_by_order}}}'
     (tmp_path / "left.resume.json").write_text(kept)
     assert Launcher((), (), 1, 20.0, str(tmp_path / "run.csv"), tmp_path / "trouble").may_go_on()
     (tmp_path / "left.resume.json").write_text(kept.replace("}", ', "finished": true}'))
-    assert not Launcher((), (), 1, 20.0, str(tmp_path / "run.csv"), tmp_path / "trouble").may_go_on()
+    assert not Launcher(
+        (), (), 1, 20.0, str(tmp_path / "run.csv"), tmp_path / "trouble"
+    ).may_go_on()

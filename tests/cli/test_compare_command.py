@@ -1,4 +1,5 @@
 """`topdress compare`: two machine files on logs that neither was fitted to."""
+
 from __future__ import annotations
 
 import json
@@ -15,12 +16,19 @@ from tests.command import topdress
 
 
 def log_of(path: Path, gain: float, seed: int) -> Path:
-    """Three minutes of a drive whose every speed is `gain` times its command, a row every 0.02 s."""
+    """Three minutes of a drive whose every speed is `gain` times its command, a row every 0.02
+    s."""
     rng, time_s = np.random.default_rng(seed), np.arange(0.0, 180.0, 0.02)
     command = np.repeat(rng.uniform(100.0, 600.0, 90).round(), 100)
     turned = np.concatenate((np.full(10, command[0]), command[:-10]))
-    rows = np.column_stack((time_s, command, gain * turned + 2.0 * rng.standard_normal(len(time_s))))
-    path.write_text("time_s,shaft_rpm_cmd,shaft_rpm\n" + "\n".join(f"{t:.2f},{c:g},{y:.3f}" for t, c, y in rows) + "\n")
+    rows = np.column_stack(
+        (time_s, command, gain * turned + 2.0 * rng.standard_normal(len(time_s)))
+    )
+    path.write_text(
+        "time_s,shaft_rpm_cmd,shaft_rpm\n"
+        + "\n".join(f"{t:.2f},{c:g},{y:.3f}" for t, c, y in rows)
+        + "\n"
+    )
     return path
 
 
@@ -34,7 +42,9 @@ def files(tmp_path: Path) -> tuple[Path, Path, Path]:
     return old, new, log_of(tmp_path / "run.csv", 1.05, 1)
 
 
-def test_the_better_file_is_said_with_its_interval(files: tuple[Path, Path, Path], tmp_path: Path) -> None:
+def test_the_better_file_is_said_with_its_interval(
+    files: tuple[Path, Path, Path], tmp_path: Path
+) -> None:
     old, new, log = files
     other = log_of(tmp_path / "other.csv", 1.0, 2)
     done = topdress("compare", old, new, log, other, "--json")
@@ -43,7 +53,9 @@ def test_the_better_file_is_said_with_its_interval(files: tuple[Path, Path, Path
     assert set(told) == {"logs"} and [one["path"] for one in told["logs"]] == [str(log), str(other)]
     for one in told["logs"]:
         assert set(one) == {"path", "channels"}
-        assert [set(c) for c in one["channels"]] == [{"channel", "unit", "old", "new", "low", "high"}]
+        assert [set(c) for c in one["channels"]] == [
+            {"channel", "unit", "old", "new", "low", "high"}
+        ]
     better, worse = (one["channels"][0] for one in told["logs"])
     assert (better["channel"], better["unit"]) == ("shaft", "r/min")
     assert better["low"] < better["old"] - better["new"] < better["high"]
@@ -53,7 +65,9 @@ def test_the_better_file_is_said_with_its_interval(files: tuple[Path, Path, Path
 def test_what_a_machine_does_not_have_is_not_missed(files: tuple[Path, Path, Path]) -> None:
     old, new, log = files
     for path in (old, new):
-        save(path, load(str(path), MACHINE).model.model_copy(update={"stages": ("shaft",)}), MACHINE)
+        save(
+            path, load(str(path), MACHINE).model.model_copy(update={"stages": ("shaft",)}), MACHINE
+        )
     done = topdress("compare", old, new, log)
     assert done.exit_code == 0 and "cannot be diagnosed" not in done.stderr, done.stderr
 
@@ -82,9 +96,13 @@ def test_a_log_that_the_file_was_made_from_is_said(files: tuple[Path, Path, Path
 def test_what_cannot_be_compared(files: tuple[Path, Path, Path], tmp_path: Path) -> None:
     old, new, log = files
     rates = tmp_path / "rates.csv"
-    rates.write_text("time_s,target_rate_kg_ha\n" + "".join(f"{k},{100 + k % 3}\n" for k in range(100)))
+    rates.write_text(
+        "time_s,target_rate_kg_ha\n" + "".join(f"{k},{100 + k % 3}\n" for k in range(100))
+    )
     none = topdress("compare", old, new, rates, "--json")
-    assert none.exit_code == 3 and json.loads(none.stdout) == {"logs": [{"path": str(rates), "channels": []}]}
+    assert none.exit_code == 3 and json.loads(none.stdout) == {
+        "logs": [{"path": str(rates), "channels": []}]
+    }
     gone = topdress("compare", old, tmp_path / "gone.yaml", log)
     assert gone.exit_code == 2 and len(gone.output.splitlines()) == 1
 

@@ -1,4 +1,6 @@
-"""No command writes over a file that it reads, whatever the two are called, nor over others untold."""
+"""No command writes over a file that it reads, whatever the two are called, nor over others
+untold."""
+
 from __future__ import annotations
 
 import inspect
@@ -25,10 +27,19 @@ from drivers.files.prescriptions.write import write_prescription
 from tests.command import topdress
 
 SHORT = ("--seconds", "1")
-INPUTS = {           # command -> arguments that name each of its inputs, in the folder of `place`
+# command -> arguments that name each of its inputs, in the folder of `place`
+INPUTS = {
     "simulate": ("--job", "job.yaml", "--machine", "machine.yaml", *SHORT),
     "replay": ("run.csv", "--headless", "--job", "job.yaml", "--machine", "machine.yaml"),
-    "diagnose": ("run.csv", "--machine", "machine.yaml", "--closed-loop", "60", "--job", "job.yaml"),
+    "diagnose": (
+        "run.csv",
+        "--machine",
+        "machine.yaml",
+        "--closed-loop",
+        "60",
+        "--job",
+        "job.yaml",
+    ),
     "calibrate": ("catch", "catch.csv", "--machine", "machine.yaml"),
     "map": ("run.csv", "--machine", "machine.yaml"),
     "check": ("machine.yaml", "machine.json"),
@@ -45,7 +56,7 @@ INPUTS = {           # command -> arguments that name each of its inputs, in the
     "machine": ("--from", "run.csv", "--yes"),
 }
 OF_JOB = ("job.yaml", "crop.yaml", "weather.csv", "plan.geojson")
-READ = {             # and the files that it reads with them
+READ = {  # and the files that it reads with them
     "simulate": (*OF_JOB, "machine.yaml"),
     "replay": ("run.csv", "run.yaml", *OF_JOB, "machine.yaml"),
     "diagnose": ("run.csv", "run.yaml", *OF_JOB, "machine.yaml"),
@@ -63,16 +74,32 @@ READ = {             # and the files that it reads with them
     "compare": ("machine.yaml", "run.csv", "run.yaml"),
     "machine": ("run.csv",),
 }
-WRITES = {           # every option that names an output
-    ("simulate", "--out"), ("replay", "--out"), ("diagnose", "--json"), ("diagnose", "--report"),
-    ("diagnose", "--adopt"), ("calibrate", "--out"), ("map", "--out"), ("check", "--write-schemas"),
-    ("history", "--out"), ("serve-machine", "--pty"), ("effects", "--markdown"), ("reproduce", "--out"),
-    ("import", "--out"), ("import --guess", "--mapping"), ("compare", "--report"), ("machine", "--out"),
-    ("field", "--out"), ("record", "--out"), ("trial", "--out")}
+WRITES = {  # every option that names an output
+    ("simulate", "--out"),
+    ("replay", "--out"),
+    ("diagnose", "--json"),
+    ("diagnose", "--report"),
+    ("diagnose", "--adopt"),
+    ("calibrate", "--out"),
+    ("map", "--out"),
+    ("check", "--write-schemas"),
+    ("history", "--out"),
+    ("serve-machine", "--pty"),
+    ("effects", "--markdown"),
+    ("reproduce", "--out"),
+    ("import", "--out"),
+    ("import --guess", "--mapping"),
+    ("compare", "--report"),
+    ("machine", "--out"),
+    ("field", "--out"),
+    ("record", "--out"),
+    ("trial", "--out"),
+}
 # The worker takes a free name; never written over; a folder of several files, below.
 ELSEWHERE = {("run", "--log"), ("serve", "--token-file"), ("fleet", "--out")}
-INPUT = {("machine", "--from"), ("trial", "--after")}           # though it is an option of a path
-LOGS = {"simulate", "replay", "import", "record"}       # their --out is a table, whose name ends in .csv
+INPUT = {("machine", "--from"), ("trial", "--after")}  # though it is an option of a path
+# their --out is a table, whose name ends in .csv
+LOGS = {"simulate", "replay", "import", "record"}
 FOLDERS = {("check", "--write-schemas"), ("serve-machine", "--pty"), ("reproduce", "--out")}
 
 
@@ -83,19 +110,45 @@ def originals(tmp_path_factory: pytest.TempPathFactory) -> Path:
     shutil.copy(shipped("machines")["huanghai"], folder / "machine.json")
     crop = shipped("crops")["huanghai_wheat"].read_text(encoding="utf-8")
     (folder / "crop.yaml").write_text(_counted_from_weather(crop), encoding="utf-8")
-    (folder / "weather.csv").write_text("date,mean_temp_c\n" + "".join(
-        f"2013-11-{day:02d},9.0\n" for day in range(1, 31)))
+    (folder / "weather.csv").write_text(
+        "date,mean_temp_c\n" + "".join(f"2013-11-{day:02d},9.0\n" for day in range(1, 31))
+    )
     ring = [[116.0, 40.0], [116.001, 40.0], [116.001, 40.001], [116.0, 40.001], [116.0, 40.0]]
-    (folder / "plan.geojson").write_text(json.dumps({"type": "FeatureCollection", "features": [
-        {"type": "Feature", "properties": {"rate": 200.0}, "geometry": {"type": "Polygon", "coordinates": [ring]}}]}))
-    (folder / "job.yaml").write_text("format: topdress-job/1\nid: j\ncrop: ./crop.yaml\ntarget:\n  source: canopy\n"
-                                     "  map: plan.geojson\n", encoding="utf-8")
-    (folder / "catch.csv").write_text("shaft_rpm,opening_mm,duration_s,mass_kg\n" + "".join(
-        f"{rpm},{mm},60,{5.9e-3 * mm * rpm:.4f}\n" for rpm in (30, 60) for mm in (10, 20, 40) for _ in range(3)))
-    (folder / "other.csv").write_text("Time [s];Shaft speed [rpm]\n" + "".join(
-        f"{k};{20 + k % 9}\n" for k in range(99)))
-    (folder / "import.yaml").write_text("format: topdress-import/1\ntime: {column: 'Time [s]', counts: s}\n"
-                                        "columns: {shaft_rpm: {from: 'Shaft speed [rpm]'}}\n")
+    (folder / "plan.geojson").write_text(
+        json.dumps(
+            {
+                "type": "FeatureCollection",
+                "features": [
+                    {
+                        "type": "Feature",
+                        "properties": {"rate": 200.0},
+                        "geometry": {"type": "Polygon", "coordinates": [ring]},
+                    }
+                ],
+            }
+        )
+    )
+    (folder / "job.yaml").write_text(
+        "format: topdress-job/1\nid: j\ncrop: ./crop.yaml\ntarget:\n  source: canopy\n"
+        "  map: plan.geojson\n",
+        encoding="utf-8",
+    )
+    (folder / "catch.csv").write_text(
+        "shaft_rpm,opening_mm,duration_s,mass_kg\n"
+        + "".join(
+            f"{rpm},{mm},60,{5.9e-3 * mm * rpm:.4f}\n"
+            for rpm in (30, 60)
+            for mm in (10, 20, 40)
+            for _ in range(3)
+        )
+    )
+    (folder / "other.csv").write_text(
+        "Time [s];Shaft speed [rpm]\n" + "".join(f"{k};{20 + k % 9}\n" for k in range(99))
+    )
+    (folder / "import.yaml").write_text(
+        "format: topdress-import/1\ntime: {column: 'Time [s]', counts: s}\n"
+        "columns: {shaft_rpm: {from: 'Shaft speed [rpm]'}}\n"
+    )
     done = topdress("simulate", "--seconds", "30", "--out", folder / "run.csv")
     assert done.exit_code == 0, done.output
     return folder
@@ -103,6 +156,7 @@ def originals(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def _counted_from_weather(crop: str) -> str:
     import yaml
+
     told = yaml.safe_load(crop)
     told["days"] = {"weather": "weather.csv", "sown": "2013-11-01", "sensed": "2013-11-30"}
     return yaml.safe_dump(told)
@@ -130,19 +184,27 @@ def refused(result: Result) -> str:
 
 
 def test_every_option_that_names_an_output_is_tried_here() -> None:
-    """Inputs are arguments, or options of texts (a shipped name or a path): an option of a path is an output."""
-    built = typer.main.get_command(app).commands          # type: ignore[attr-defined]
+    """Inputs are arguments, or options of texts (a shipped name or a path): an option of a path
+    is an output."""
+    built = typer.main.get_command(app).commands  # type: ignore[attr-defined]
     commands = [(one.name, one, built[one.name]) for one in app.registered_commands]
-    for group in app.registered_groups:                     # calibrate, and each of its kinds
-        commands += [(group.name, one, built[group.name].commands[one.name])
-                     for one in group.typer_instance.registered_commands]
+    for group in app.registered_groups:  # calibrate, and each of its kinds
+        commands += [
+            (group.name, one, built[group.name].commands[one.name])
+            for one in group.typer_instance.registered_commands
+        ]
     found = set()
     for said, command, parsed in commands:
         assert command.callback is not None
         function = inspect.unwrap(command.callback)
-        hints = typing.get_type_hints(function, vars(inspect.getmodule(function)), include_extras=True)
+        hints = typing.get_type_hints(
+            function, vars(inspect.getmodule(function)), include_extras=True
+        )
         for name, hint in hints.items():
-            option = next((one for one in getattr(hint, "__metadata__", ()) if isinstance(one, OptionInfo)), None)
+            option = next(
+                (one for one in getattr(hint, "__metadata__", ()) if isinstance(one, OptionInfo)),
+                None,
+            )
             if option is not None and Path in (hint.__origin__, *typing.get_args(hint.__origin__)):
                 found.add((said, next(one.opts[0] for one in parsed.params if one.name == name)))
     tried = {(command.split()[0], option) for command, option in WRITES}
@@ -191,15 +253,24 @@ def hard_link(file: Path) -> str:
 ALIASES = (itself, absolute, round_about, symbolic_link, linked_folder, hard_link)
 
 
-# Every name that a file can have is tried with two commands of the quick set, two names with each command.
+# Every name that a file can have is tried with two commands of the quick set, two names with
+# each command.
 ALL_NAMES, TWO_NAMES = {("map", "--out"), ("calibrate", "--out")}, {itself, symbolic_link}
 
 
-@pytest.mark.parametrize(("command", "option", "alias"), [
-    pytest.param(*one, alias, marks=() if one in ALL_NAMES or alias in TWO_NAMES else pytest.mark.exam)
-    for one in sorted(WRITES - FOLDERS) for alias in ALIASES])
-def test_an_output_that_is_an_input_is_refused(place: Path, command: str, option: str,
-                                               alias: Callable[[Path], str]) -> None:
+@pytest.mark.parametrize(
+    ("command", "option", "alias"),
+    [
+        pytest.param(
+            *one, alias, marks=() if one in ALL_NAMES or alias in TWO_NAMES else pytest.mark.exam
+        )
+        for one in sorted(WRITES - FOLDERS)
+        for alias in ALIASES
+    ],
+)
+def test_an_output_that_is_an_input_is_refused(
+    place: Path, command: str, option: str, alias: Callable[[Path], str]
+) -> None:
     force = alias in (itself, round_about, symbolic_link, hard_link)
     for name in READ[command]:
         out = alias(place / name)
@@ -214,12 +285,22 @@ def test_an_output_that_is_an_input_is_refused(place: Path, command: str, option
 
 
 @pytest.mark.parametrize("force", [False, True])
-@pytest.mark.parametrize(("command", "name"), [
-    *((command, name) for command in ("simulate", "replay") for name in ("job", "machine", "crop")),
-    ("import", "import")])
+@pytest.mark.parametrize(
+    ("command", "name"),
+    [
+        *(
+            (command, name)
+            for command in ("simulate", "replay")
+            for name in ("job", "machine", "crop")
+        ),
+        ("import", "import"),
+    ],
+)
 def test_nor_is_a_file_beside_the_output(place: Path, command: str, name: str, force: bool) -> None:
     """The sidecar of NAME.csv is NAME.yaml."""
-    assert f"{name}.yaml" in refused(invoke(command, "--out", f"{name}.csv", *(["--force"] if force else [])))
+    assert f"{name}.yaml" in refused(
+        invoke(command, "--out", f"{name}.csv", *(["--force"] if force else []))
+    )
     assert not (place / f"{name}.csv").exists()
 
 
@@ -227,7 +308,9 @@ def test_nor_the_truth_beside_a_simulated_log(place: Path) -> None:
     shutil.copy("weather.csv", "a.truth.csv")
     crop = Path("crop.yaml").read_text(encoding="utf-8")
     Path("crop2.yaml").write_text(crop.replace("weather.csv", "a.truth.csv"), encoding="utf-8")
-    Path("job2.yaml").write_text(Path("job.yaml").read_text(encoding="utf-8").replace("crop.yaml", "crop2.yaml"))
+    Path("job2.yaml").write_text(
+        Path("job.yaml").read_text(encoding="utf-8").replace("crop.yaml", "crop2.yaml")
+    )
     result = topdress("simulate", "--job", "job2.yaml", *SHORT, "--out", "a.csv", "--force")
     assert "a.truth.csv" in refused(result)
     assert (place / "a.truth.csv").read_bytes() == (place / "weather.csv").read_bytes()
@@ -247,8 +330,9 @@ def test_nor_a_file_in_a_folder_that_is_written(place: Path, force: bool) -> Non
     more = ["--force"] if force else []
     assert "machine.json" in refused(invoke("check", "--write-schemas", ".", *more))
     shutil.copy("machine.yaml", "gnss")
-    assert "gnss" in refused(topdress("serve-machine", "--machine", "./gnss", *SHORT, "--port", "0", "--pty", ".",
-                                      *more))
+    assert "gnss" in refused(
+        topdress("serve-machine", "--machine", "./gnss", *SHORT, "--port", "0", "--pty", ".", *more)
+    )
     assert (place / "gnss").read_bytes() == (place / "machine.yaml").read_bytes()
 
 
@@ -263,7 +347,9 @@ def test_a_map_is_not_converted_onto_itself(place: Path, form: str, force: bool)
     for file in (source, *before):
         result = topdress("map", source, "--out", file, *(["--force"] if force else []))
         assert result.exit_code == 2 and len(result.output.splitlines()) == 1, (file, result.output)
-    assert {file: file.read_bytes() for file in source.parent.rglob("*") if file.is_file()} == before
+    assert {
+        file: file.read_bytes() for file in source.parent.rglob("*") if file.is_file()
+    } == before
 
 
 @pytest.mark.parametrize(("command", "option"), sorted(WRITES - FOLDERS))
@@ -275,10 +361,20 @@ def test_what_is_there_already_stays(place: Path, command: str, option: str) -> 
     assert mine.read_text() == "mine\n"
 
 
-@pytest.mark.parametrize(("command", "options"), [
-    ("simulate", ("--out", "a.csv")), ("replay", ("--out", "a.csv")), ("map", ("--out", "a.geojson")),
-    ("effects", ("--markdown", "a.md")), ("check", ("--write-schemas", "a")), ("import", ("--out", "a.csv"))])
-def test_a_second_time_a_command_replaces_what_it_made(place: Path, command: str, options: tuple[str, str]) -> None:
+@pytest.mark.parametrize(
+    ("command", "options"),
+    [
+        ("simulate", ("--out", "a.csv")),
+        ("replay", ("--out", "a.csv")),
+        ("map", ("--out", "a.geojson")),
+        ("effects", ("--markdown", "a.md")),
+        ("check", ("--write-schemas", "a")),
+        ("import", ("--out", "a.csv")),
+    ],
+)
+def test_a_second_time_a_command_replaces_what_it_made(
+    place: Path, command: str, options: tuple[str, str]
+) -> None:
     inputs = ("machine.yaml",) if command == "check" else INPUTS[command]
     first, second = (topdress(command, *inputs, *options) for _ in range(2))
     assert (first.exit_code, second.exit_code) == (0, 0), first.output + second.output
@@ -287,8 +383,12 @@ def test_a_second_time_a_command_replaces_what_it_made(place: Path, command: str
 def test_the_log_of_a_drive_is_replaced_only_when_told(place: Path) -> None:
     shutil.copy("run.csv", "field.csv")
     told = Path("run.yaml").read_text(encoding="utf-8")
-    Path("field.yaml").write_text(told.replace("started_utc:\n", "started_utc: 2026-03-01T08:00:00.000Z\n").replace(
-        "started_utc: null", "started_utc: 2026-03-01T08:00:00.000Z"), encoding="utf-8")
+    Path("field.yaml").write_text(
+        told.replace("started_utc:\n", "started_utc: 2026-03-01T08:00:00.000Z\n").replace(
+            "started_utc: null", "started_utc: 2026-03-01T08:00:00.000Z"
+        ),
+        encoding="utf-8",
+    )
     assert "started_utc: 2026" in Path("field.yaml").read_text(encoding="utf-8")
     before = Path("field.csv").read_bytes()
     assert "field.csv: exists already" in refused(invoke("simulate", "--out", "field.csv"))
@@ -337,42 +437,67 @@ def test_two_outputs_of_one_command_have_two_places(place: Path) -> None:
     assert not (place / "a.html").exists()
 
 
-# --- The answer as JSON ----------------------------------------------------------------------------------------------
+# --- The answer as JSON
+# ----------------------------------------------------------------------------------------------
 
 # They draw, serve or ask; live says nothing but JSON.
 NO_ANSWER = {"run", "replay", "serve", "serve-machine", "machine", "calibrate encoder", "live"}
 
 
 def test_every_command_that_answers_does_so_as_json_too() -> None:
-    commands = typer.main.get_command(app).commands         # type: ignore[attr-defined]
-    every = commands | {f"calibrate {name}": one for name, one in commands["calibrate"].commands.items()}
-    silent = {name for name, one in every.items() if "--json" not in [word for option in one.params
-                                                                       for word in option.opts]}
+    commands = typer.main.get_command(app).commands  # type: ignore[attr-defined]
+    every = commands | {
+        f"calibrate {name}": one for name, one in commands["calibrate"].commands.items()
+    }
+    silent = {
+        name
+        for name, one in every.items()
+        if "--json" not in [word for option in one.params for word in option.opts]
+    }
     assert silent == NO_ANSWER | {"calibrate"}
 
 
-@pytest.mark.parametrize(("words", "names"), [          # diagnose, compare, watch, trial and decode: their own tests
-    ("simulate --seconds 2", {"rate_error_kg_ha", "alarm_ticks"}), ("map run.csv", {"applied_kg"}),
-    ("map plan.geojson", {"rates", "fallbacks"}), ("effects", {"id", "physics"}), ("info", {"folders"}),
-    ("extras", {"line"}), ("check job.yaml machine.yaml", {"ok", "notes", "wrong"}),
-    ("check bad.yaml", {"ok", "notes", "wrong"}), ("history new.yaml", {"effects", "terms", "data"}),
-    ("history new.yaml --undo --out old.yaml", {"effects", "terms", "data"}),
-    ("record run.csv --out farm.csv", {"kilograms", "nitrogen_kg"}), ("devices --no-probe", {"port", "said"}),
-    ("field plan.geojson --out a.yaml", {"title", "area_ha", "outline_deg"}),
-    ("field plan.geojson --done", {"done_ha"}),
-    ("import --guess other.csv", {"unsure", "questions"}), ("import run.csv --out a.parquet", {"rows"}),
-    ("import other.csv --mapping import.yaml --out a.csv", {"rows", "duration_s", "columns"}),
-    ("calibrate catch catch.csv --out a.yaml", {"grams_per_rev_mm"}),
-    ("calibrate lag lag.csv --out a.yaml", {"lag", "tube"}),
-    ("fleet run.csv --out season --workers 1", {"machines", "fit"})])
-def test_json_stands_alone_on_standard_output(place: Path, words: str, names: set[str],
-                                              monkeypatch: pytest.MonkeyPatch) -> None:
+# diagnose, compare, watch, trial and decode: their own tests
+@pytest.mark.parametrize(
+    ("words", "names"),
+    [
+        ("simulate --seconds 2", {"rate_error_kg_ha", "alarm_ticks"}),
+        ("map run.csv", {"applied_kg"}),
+        ("map plan.geojson", {"rates", "fallbacks"}),
+        ("effects", {"id", "physics"}),
+        ("info", {"folders"}),
+        ("extras", {"line"}),
+        ("check job.yaml machine.yaml", {"ok", "notes", "wrong"}),
+        ("check bad.yaml", {"ok", "notes", "wrong"}),
+        ("history new.yaml", {"effects", "terms", "data"}),
+        ("history new.yaml --undo --out old.yaml", {"effects", "terms", "data"}),
+        ("record run.csv --out farm.csv", {"kilograms", "nitrogen_kg"}),
+        ("devices --no-probe", {"port", "said"}),
+        ("field plan.geojson --out a.yaml", {"title", "area_ha", "outline_deg"}),
+        ("field plan.geojson --done", {"done_ha"}),
+        ("import --guess other.csv", {"unsure", "questions"}),
+        ("import run.csv --out a.parquet", {"rows"}),
+        ("import other.csv --mapping import.yaml --out a.csv", {"rows", "duration_s", "columns"}),
+        ("calibrate catch catch.csv --out a.yaml", {"grams_per_rev_mm"}),
+        ("calibrate lag lag.csv --out a.yaml", {"lag", "tube"}),
+        ("fleet run.csv --out season --workers 1", {"machines", "fit"}),
+    ],
+)
+def test_json_stands_alone_on_standard_output(
+    place: Path, words: str, names: set[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr("serial.tools.list_ports.comports", lambda: [ListPortInfo("/dev/ttyS9")])
     Path("bad.yaml").write_text("format: topdress-machine/1\nflow: {gain_percent: 700}\n")
     after = with_effect(Machine(), "flow.gain", 3.0)
     save(Path("new.yaml"), noted(Machine(), after, data="run.csv", date="2026-07-09"), MACHINE)
-    Path("lag.csv").write_text("shaft_rpm,lag_s\n" + "".join(
-        f"{rpm},{2.2118 - 0.0083 * rpm + 0.01 * k:.3f}\n" for rpm in range(10, 80, 10) for k in (-1, 0, 1)))
+    Path("lag.csv").write_text(
+        "shaft_rpm,lag_s\n"
+        + "".join(
+            f"{rpm},{2.2118 - 0.0083 * rpm + 0.01 * k:.3f}\n"
+            for rpm in range(10, 80, 10)
+            for k in (-1, 0, 1)
+        )
+    )
     done = topdress(*words.split(), "--json")
     assert done.exit_code == (2 if "bad" in words else 0), done.output
     found = json.loads(done.stdout)

@@ -1,4 +1,5 @@
 """One line of progress that rewrites itself on a terminal, and nothing elsewhere."""
+
 from __future__ import annotations
 
 import io
@@ -54,9 +55,16 @@ def test_the_line_rewrites_itself_and_stays_one_row(terminal: Callable[[], Termi
 def test_it_tells_how_far_it_is_and_what_is_left(terminal: Callable[[], Terminal]) -> None:
     raw = terminal()
     steps(4, "papers")
-    told = [piece.partition(" (")[0] for piece in raw.getvalue().decode().split(OVER_THE_LINE)[1:-1]]
-    assert told == ["papers 0 %", "papers 25 %, 1 s left", "papers 50 %, 1 s left", "papers 75 %, 0 s left",
-                    "papers 100 %, 0 s left"]
+    told = [
+        piece.partition(" (")[0] for piece in raw.getvalue().decode().split(OVER_THE_LINE)[1:-1]
+    ]
+    assert told == [
+        "papers 0 %",
+        "papers 25 %, 1 s left",
+        "papers 50 %, 1 s left",
+        "papers 75 %, 0 s left",
+        "papers 100 %, 0 s left",
+    ]
 
 
 def test_a_complaint_takes_the_place_of_the_line(terminal: Callable[[], Terminal]) -> None:
@@ -80,9 +88,13 @@ def test_nothing_is_told_where_nobody_looks(monkeypatch: pytest.MonkeyPatch) -> 
 
 
 @pytest.mark.skipif(os.name != "posix", reason="pseudo-terminals")
-@pytest.mark.parametrize("command", [
-    "simulate --seconds 30 --out {0}/run.csv", "replay {0}/run.csv --headless --out {0}/new.csv"])
-def test_a_real_command_on_a_real_terminal(command: str, tmp_path_factory: pytest.TempPathFactory) -> None:
+@pytest.mark.parametrize(
+    "command",
+    ["simulate --seconds 30 --out {0}/run.csv", "replay {0}/run.csv --headless --out {0}/new.csv"],
+)
+def test_a_real_command_on_a_real_terminal(
+    command: str, tmp_path_factory: pytest.TempPathFactory
+) -> None:
     folder = tmp_path_factory.getbasetemp() / "progress"
     folder.mkdir(exist_ok=True)
     said = on_a_terminal(command.format(folder).split())
@@ -92,16 +104,20 @@ def test_a_real_command_on_a_real_terminal(command: str, tmp_path_factory: pytes
 
 def on_a_terminal(arguments: list[str]) -> str:
     import pty
+
     child, terminal = pty.fork()
     if child == 0:
         os.environ["TERM"] = "xterm"
         os.environ.pop("NO_COLOR", None)
-        os.execv(sys.executable, [sys.executable, "-c", "from console.cli import main; main()", *arguments])
+        os.execv(
+            sys.executable,
+            [sys.executable, "-c", "from console.cli import main; main()", *arguments],
+        )
     said = b""
     while True:
         try:
             got = os.read(terminal, 65_536)
-        except OSError:                 # Linux: the other end is closed
+        except OSError:  # Linux: the other end is closed
             break
         if not got:
             break

@@ -1,4 +1,5 @@
 """The published schemas are those of the models, and the command tells them."""
+
 from __future__ import annotations
 
 import json
@@ -28,7 +29,10 @@ def test_a_schema_is_told_by_name_or_format(name: str) -> None:
     result = topdress("check", "--schema", name)
     assert result.exit_code == 0
     told = json.loads(result.output)
-    assert told["properties"]["format"] == {"const": "topdress-cab/1"} and told["additionalProperties"] is False
+    assert (
+        told["properties"]["format"] == {"const": "topdress-cab/1"}
+        and told["additionalProperties"] is False
+    )
     assert told["$defs"]["BoardConfig"]["properties"]["max_shaft_rpm"]["maximum"] == 300
 
 
@@ -36,11 +40,18 @@ def test_all_are_written_to_a_folder(tmp_path: Path) -> None:
     result = topdress("check", "--write-schemas", tmp_path / "new")
     assert result.exit_code == 0 and len(result.output.splitlines()) == len(KINDS)
     for kind in KINDS:
-        assert (tmp_path / "new" / f"{kind}.json").read_bytes() == (PUBLISHED / f"{kind}.json").read_bytes()
+        assert (tmp_path / "new" / f"{kind}.json").read_bytes() == (
+            PUBLISHED / f"{kind}.json"
+        ).read_bytes()
 
 
-@pytest.mark.parametrize(("arguments", "said"), [
-    (["check"], "no file given"), (["check", "--schema", "boat"], "allowed is one of machine, crop")])
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["check"], "no file given"),
+        (["check", "--schema", "boat"], "allowed is one of machine, crop"),
+    ],
+)
 def test_what_is_wrong_is_said_in_one_line(arguments: list[str], said: str) -> None:
     result = topdress(*arguments)
     assert result.exit_code == 2 and said in result.output and len(result.output.splitlines()) == 1

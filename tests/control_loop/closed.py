@@ -1,4 +1,5 @@
 """A simulated machine closed with its loop: ticked by hand, or run through."""
+
 from __future__ import annotations
 
 import datetime as dt
@@ -20,15 +21,31 @@ Change = Callable[[Measurements], Measurements]
 
 
 class Closed:
-    """sim: changes of the job's simulated part; `job`: of the job; loop: what else `control_loop` takes; known: the
-    setup as control has it. `ticks`, `truths`: of all that was ticked by hand."""
+    """sim: changes of the job's simulated part; `job`: of the job; loop: what else
+    `control_loop` takes; known: the setup as control has it. `ticks`, `truths`: of all that was
+    ticked by hand."""
 
-    def __init__(self, setup: Setup = SETUP, *, sim: dict[str, Any] | None = None, loop: dict[str, Any] | None = None,
-                 known: dict[str, Any] | None = None, seed: int = 1, **job: Any) -> None:
+    def __init__(
+        self,
+        setup: Setup = SETUP,
+        *,
+        sim: dict[str, Any] | None = None,
+        loop: dict[str, Any] | None = None,
+        known: dict[str, Any] | None = None,
+        seed: int = 1,
+        **job: Any,
+    ) -> None:
         simulated = Simulated.model_validate(setup.job.simulated.model_dump() | (sim or {}))
-        self.job = with_simulated_field(setup.job.model_copy(update={"simulated": simulated, **job}), setup.machine)
+        self.job = with_simulated_field(
+            setup.job.model_copy(update={"simulated": simulated, **job}), setup.machine
+        )
         self.plant = simulated_machine(setup.machine, self.job, seed, STEP_S)
-        control = {"machine": setup.machine, "crop": setup.crop, "rule": setup.rule, "job": self.job} | (known or {})
+        control = {
+            "machine": setup.machine,
+            "crop": setup.crop,
+            "rule": setup.rule,
+            "job": self.job,
+        } | (known or {})
         self.loop = control_loop(**control, **loop or {})
         self.ticks: list[Tick] = []
         self.truths: list[Truth] = []
@@ -63,6 +80,8 @@ class Closed:
         assert self.order(Do.START).accepted
         return self
 
-    def through(self, seconds: float, orders: list[tuple[float, Order]] | None = None) -> list[SimulatedTick]:
+    def through(
+        self, seconds: float, orders: list[tuple[float, Order]] | None = None
+    ) -> list[SimulatedTick]:
         """A run by the simulated operator, or by these orders; instead of ticks by hand."""
         return list(simulated_run(self.plant, self.loop, seconds, orders))

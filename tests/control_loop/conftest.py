@@ -1,4 +1,5 @@
 """A machine, a crop and short simulated runs that several tests look at."""
+
 from __future__ import annotations
 
 import datetime as dt
@@ -21,7 +22,9 @@ from drivers.files.setup import load_setup
 class Run:
     """One simulated run and everything there is to say about it."""
 
-    def __init__(self, steps: list[SimulatedTick], record: Record, width_m: float, rule: Rule) -> None:
+    def __init__(
+        self, steps: list[SimulatedTick], record: Record, width_m: float, rule: Rule
+    ) -> None:
         self.steps = steps
         self.record = record
         self.width_m = width_m
@@ -37,18 +40,42 @@ class Run:
 
 @pytest.fixture(scope="session")
 def simulated() -> Callable[..., Run]:
-    """`simulated(seconds, strategy=..., effects=[...], **job changes)` -> Run; equal calls are run once.
+    """`simulated(seconds, strategy=..., effects=[...], **job changes)` -> Run; equal calls are
+    run once.
 
-    plant: a plausible machine that is driven while control knows the shipped file. shaft: figures that both have."""
+    plant: a plausible machine that is driven while control knows the shipped file. shaft:
+    figures that both have."""
     setup = load_setup("huanghai", "demo", dt.date(2014, 3, 7))
     kept: dict[str, Run] = {}
 
-    def run(seconds: float, strategy: str = "opening_first", effects: Sequence[str] = (), seed: int = 1,
-            *,
-            orders: Sequence[tuple[float, Order]] | None = None, sim: dict[str, Any] | None = None,
-            plant: str = "", shaft: dict[str, float] | None = None, **changes: Any) -> Run:
-        key = repr((seconds, strategy, tuple(effects), seed, orders, sim, plant, shaft, sorted(changes.items())))
-        known = setup.machine.model_copy(update={"shaft": setup.machine.shaft._replace(**(shaft or {}))})
+    def run(
+        seconds: float,
+        strategy: str = "opening_first",
+        effects: Sequence[str] = (),
+        seed: int = 1,
+        *,
+        orders: Sequence[tuple[float, Order]] | None = None,
+        sim: dict[str, Any] | None = None,
+        plant: str = "",
+        shaft: dict[str, float] | None = None,
+        **changes: Any,
+    ) -> Run:
+        key = repr(
+            (
+                seconds,
+                strategy,
+                tuple(effects),
+                seed,
+                orders,
+                sim,
+                plant,
+                shaft,
+                sorted(changes.items()),
+            )
+        )
+        known = setup.machine.model_copy(
+            update={"shaft": setup.machine.shaft._replace(**(shaft or {}))}
+        )
         if key not in kept:
             job: Job = setup.job.model_copy(update={"strategy": Strategy(strategy), **changes})
             if sim:
@@ -56,7 +83,9 @@ def simulated() -> Callable[..., Run]:
                 job = job.model_copy(update={"simulated": Simulated.model_validate(values)})
             job = with_simulated_field(job, known)
             true = plausible(known, plant) if plant else known
-            driven = simulated_machine(true, job, seed, 0.05, [parse_planted(text) for text in effects])
+            driven = simulated_machine(
+                true, job, seed, 0.05, [parse_planted(text) for text in effects]
+            )
             loop = control_loop(known, setup.crop, setup.rule, job)
             record, steps = Record(), []
             for step in simulated_run(driven, loop, seconds, orders):
@@ -64,4 +93,5 @@ def simulated() -> Callable[..., Run]:
                 steps.append(step)
             kept[key] = Run(steps, record, setup.machine.geometry.working_width_m, setup.rule)
         return kept[key]
+
     return run

@@ -1,4 +1,6 @@
-"""Set-points of a calibrating run: obeyed while the button is down and the machine stands, and by nothing else."""
+"""Set-points of a calibrating run: obeyed while the button is down and the machine stands, and
+by nothing else."""
+
 from __future__ import annotations
 
 from typing import Any
@@ -45,7 +47,9 @@ def bench() -> Any:
 def test_set_points_reach_the_drives_and_nothing_trims_them(bench: Any) -> None:
     assert bench.press().accepted
     begins = bench.run(0.5).bench
-    assert begins[:2] == pytest.approx((0.0, 25.0), abs=0.2), "a standing shaft, the gate where it is"
+    assert begins[:2] == pytest.approx((0.0, 25.0), abs=0.2), (
+        "a standing shaft, the gate where it is"
+    )
     assert bench.order(Do.CALIBRATE_SHAFT, 50.04).accepted
     assert bench.order(Do.CALIBRATE_OPENING, 18.0).accepted
     tick = bench.run(8.0)
@@ -56,7 +60,12 @@ def test_set_points_reach_the_drives_and_nothing_trims_them(bench: Any) -> None:
     assert tick.bench.elapsed_s == pytest.approx(8.5, abs=0.1)
     assert tick.bench.left_s == pytest.approx(111.5, abs=0.1)
     events = ";".join(filter(None, (tick.row.events for tick in bench.ticks))).split(";")
-    assert [e.split()[0] for e in events] == ["ready", "calibrate", "calibrate_shaft", "calibrate_opening"]
+    assert [e.split()[0] for e in events] == [
+        "ready",
+        "calibrate",
+        "calibrate_shaft",
+        "calibrate_opening",
+    ]
 
 
 def test_the_shaft_stops_within_half_a_second_of_letting_go(bench: Any) -> None:
@@ -65,7 +74,12 @@ def test_the_shaft_stops_within_half_a_second_of_letting_go(bench: Any) -> None:
     bench.run(2.0)
     bench.held = False
     tick = bench.run(0.5)
-    assert (tick.row.state, tick.command.shaft_rpm, tick.enabled, tick.bench) == ("ready", 0.0, False, None)
+    assert (tick.row.state, tick.command.shaft_rpm, tick.enabled, tick.bench) == (
+        "ready",
+        0.0,
+        False,
+        None,
+    )
     assert tick.why_state == "released"
 
 
@@ -75,7 +89,11 @@ def test_a_run_lasts_two_minutes_at_most_and_the_next_begins_standing(bench: Any
     bench.order(Do.CALIBRATE_OPENING, 12.0)
     assert bench.run(119.9).command.shaft_rpm == 60.0
     tick = bench.run(0.2)
-    assert (tick.row.state, tick.command.shaft_rpm, tick.why_state) == ("ready", 0.0, "calibration_time")
+    assert (tick.row.state, tick.command.shaft_rpm, tick.why_state) == (
+        "ready",
+        0.0,
+        "calibration_time",
+    )
     bench.held = False
     bench.order(Do.RELEASE)
     assert bench.press().accepted
@@ -105,8 +123,12 @@ def test_what_is_no_set_point_is_refused(bench: Any, value: Any) -> None:
 def test_in_no_other_state_is_a_set_point_taken(state: State) -> None:
     bench = Bench(sim={"speed_changes": MOVES})
     bench.run(3.0)
-    for do in {State.OFF: (), State.READY: (Do.READY,), State.WORKING: (Do.READY, Do.START),
-               State.HELD: (Do.READY, Do.START, Do.HOLD)}[state]:
+    for do in {
+        State.OFF: (),
+        State.READY: (Do.READY,),
+        State.WORKING: (Do.READY, Do.START),
+        State.HELD: (Do.READY, Do.START, Do.HOLD),
+    }[state]:
         assert bench.order(do).accepted
         bench.run(0.1)
     for do in (Do.CALIBRATE_SHAFT, Do.CALIBRATE_OPENING):
@@ -130,18 +152,29 @@ def test_work_after_calibrating_is_as_without(bench: Any) -> None:
     assert bench.loop._drive_trim.shaft_share == bench.loop._drive_trim.gate_mm == 0.0
 
 
-STEPS = st.lists(st.one_of(
-    st.tuples(st.just(Do.CALIBRATE), st.sampled_from([None, 1.0, 120.0, 500.0])),
-    st.tuples(st.sampled_from([Do.CALIBRATE_SHAFT, Do.CALIBRATE_OPENING]),
-              st.sampled_from([0.0, 3.0, 7.0, 40.0, 99.0, 1e9, -1.0, float("nan"), "40", None])),
-    st.tuples(st.sampled_from([Do.RELEASE, Do.HOLD, Do.READY, Do.START, Do.STOP, Do.ACKNOWLEDGE]), st.none()),
-    st.tuples(st.just("wait"), st.sampled_from([1, 4, 8, 12])),
-    st.tuples(st.just("speed"), st.sampled_from([0.0, 0.0, 0.15, 0.3, 1.5])),
-    st.tuples(st.just("drives"), st.booleans())), min_size=5, max_size=40)
+STEPS = st.lists(
+    st.one_of(
+        st.tuples(st.just(Do.CALIBRATE), st.sampled_from([None, 1.0, 120.0, 500.0])),
+        st.tuples(
+            st.sampled_from([Do.CALIBRATE_SHAFT, Do.CALIBRATE_OPENING]),
+            st.sampled_from([0.0, 3.0, 7.0, 40.0, 99.0, 1e9, -1.0, float("nan"), "40", None]),
+        ),
+        st.tuples(
+            st.sampled_from([Do.RELEASE, Do.HOLD, Do.READY, Do.START, Do.STOP, Do.ACKNOWLEDGE]),
+            st.none(),
+        ),
+        st.tuples(st.just("wait"), st.sampled_from([1, 4, 8, 12])),
+        st.tuples(st.just("speed"), st.sampled_from([0.0, 0.0, 0.15, 0.3, 1.5])),
+        st.tuples(st.just("drives"), st.booleans()),
+    ),
+    min_size=5,
+    max_size=40,
+)
 
 
 class HeldToTheRules:
-    """A loop to which anything may happen, and beside it what the published rules demand of each tick."""
+    """A loop to which anything may happen, and beside it what the published rules demand of
+    each tick."""
 
     def __init__(self) -> None:
         self.loop = control_loop(SETUP.machine, SETUP.crop, SETUP.rule, SETUP.job)
@@ -156,14 +189,25 @@ class HeldToTheRules:
         if self.heard:
             self.drives = (Reading(0.0, now_s), Reading(25.0, now_s))
         fix = GnssFix(now_s, 34.28, 119.88, 4, speed_mps=self.speed_mps, heading_deg=10.0)
-        said = self.loop.tick(Measurements(now_s, gnss=fix, wheel_speed_mps=Reading(self.speed_mps, now_s),
-                                           ndvi=(Reading(0.5, now_s),) * 6, shaft_rpm=self.drives[0],
-                                           opening_mm=self.drives[1]))
+        said = self.loop.tick(
+            Measurements(
+                now_s,
+                gnss=fix,
+                wheel_speed_mps=Reading(self.speed_mps, now_s),
+                ndvi=(Reading(0.5, now_s),) * 6,
+                shaft_rpm=self.drives[0],
+                opening_mm=self.drives[1],
+            )
+        )
         rpm, mm = said.command.shaft_rpm, said.command.opening_mm
         assert rpm == 0.0 or limits.shaft_low_rpm <= rpm <= limits.shaft_high_rpm
         assert limits.opening_low_mm <= mm <= limits.opening_high_mm
         if said.row.state == State.CALIBRATING:
-            assert now_s - self.confirmed_s < 0.5 and now_s - self.begun_s <= 120.05 and self.speed_mps <= 0.2
+            assert (
+                now_s - self.confirmed_s < 0.5
+                and now_s - self.begun_s <= 120.05
+                and self.speed_mps <= 0.2
+            )
             lowest = limits.shaft_low_rpm if self.asked_rpm >= limits.shaft_low_rpm / 2 else 0.0
             assert rpm <= max(self.asked_rpm, lowest)
             assert rpm == 0.0 or now_s - self.drives[0].time_s <= 0.5
@@ -186,7 +230,9 @@ class HeldToTheRules:
 
 @settings(max_examples=80, deadline=None, suppress_health_check=list(HealthCheck))
 @given(STEPS)
-def test_whatever_is_ordered_the_shaft_turns_on_the_bench_only_while_the_button_is_down(steps: list[Any]) -> None:
+def test_whatever_is_ordered_the_shaft_turns_on_the_bench_only_while_the_button_is_down(
+    steps: list[Any],
+) -> None:
     """Orders, movement and silent drives in any sequence, against the published rules."""
     bench = HeldToTheRules()
     bench.tick()

@@ -1,4 +1,6 @@
-"""The whole chain on the simulated machine: what lands where, and what the controller does not know."""
+"""The whole chain on the simulated machine: what lands where, and what the controller does not
+know."""
+
 from __future__ import annotations
 
 from typing import Any
@@ -68,18 +70,26 @@ def test_a_dead_band_cuts_low_shaft_speeds(simulated: Any) -> None:
 
 def _wanted(values: dict[str, Any]) -> Any:
     from control.field.job import Wanted
+
     return Wanted.model_validate(values)
 
 
-FLAT = ["shaft.gain=-12@10", "shaft.gain=-25@30"]       # a battery that goes flat by and by
+FLAT = ["shaft.gain=-12@10", "shaft.gain=-25@30"]  # a battery that goes flat by and by
 
 
-@pytest.mark.parametrize(("strategy", "effects", "said"), [
-    ("opening_first", ["shaft.gain=-12@10"], set()), ("opening_first", FLAT, {"shaft_off"}),
-    ("opening_first", ["gate.home_error=-4"], {"gate_off"}), ("speed_first", ["gate.home_error=-4"], {"gate_off"}),
-    ("speed_first", FLAT, {"shaft_off"})])
+@pytest.mark.parametrize(
+    ("strategy", "effects", "said"),
+    [
+        ("opening_first", ["shaft.gain=-12@10"], set()),
+        ("opening_first", FLAT, {"shaft_off"}),
+        ("opening_first", ["gate.home_error=-4"], {"gate_off"}),
+        ("speed_first", ["gate.home_error=-4"], {"gate_off"}),
+        ("speed_first", FLAT, {"shaft_off"}),
+    ],
+)
 def test_one_drive_makes_up_for_what_the_other_does_not_do_and_it_is_said(
-        simulated: Any, strategy: str, effects: list[str], said: set[str]) -> None:
+    simulated: Any, strategy: str, effects: list[str], said: set[str]
+) -> None:
     """Trims end at 10 % and 2 mm: without, 3 to 18 % are missing."""
     run = simulated(75.0, strategy, effects)
     columns = run.record.columns()
@@ -89,11 +99,18 @@ def test_one_drive_makes_up_for_what_the_other_does_not_do_and_it_is_said(
     assert said <= run.alarms() <= said | {"rate_off"}, "before the trims are at their ends"
 
 
-@pytest.mark.parametrize(("effects", "said"), [
-    ([], set()), (["flow.blocked_outlet=16.7@40"], {"effort_high"}), (["flow.bridging=90@40"], {"effort_low"}),
-    (["effort.friction=400@40"], {"effort_high"})])
-def test_what_a_held_speed_hides_is_said_by_the_drives_effort(simulated: Any, effects: list[str], said: set[str]
-                                                              ) -> None:
+@pytest.mark.parametrize(
+    ("effects", "said"),
+    [
+        ([], set()),
+        (["flow.blocked_outlet=16.7@40"], {"effort_high"}),
+        (["flow.bridging=90@40"], {"effort_low"}),
+        (["effort.friction=400@40"], {"effort_high"}),
+    ],
+)
+def test_what_a_held_speed_hides_is_said_by_the_drives_effort(
+    simulated: Any, effects: list[str], said: set[str]
+) -> None:
     begins: dict[str, float] = {}
     for step in simulated(52.0, "opening_first", effects).steps:
         for alarm in step.tick.alarms:
@@ -110,21 +127,29 @@ def test_behind_a_short_headland_the_heads_decide_from_the_edge_on(simulated: An
     assert worked == {"canopy"} and sum(row.target_rate_kg_ha == 0.0 for row in rows) > 400
 
 
-@pytest.mark.parametrize(("effects", "share"), [(FLAT, 1.0), ([*FLAT, "scale.gain=30"], 0.82)],
-                         ids=["the scale agrees", "the scale says otherwise"])
-def test_nothing_is_made_up_for_where_the_scale_disagrees(simulated: Any, effects: list[str], share: float) -> None:
-    """A reading may be what is wrong: a shaft read 18 % slow that turned as it should gave 21 % too much."""
+@pytest.mark.parametrize(
+    ("effects", "share"),
+    [(FLAT, 1.0), ([*FLAT, "scale.gain=30"], 0.82)],
+    ids=["the scale agrees", "the scale says otherwise"],
+)
+def test_nothing_is_made_up_for_where_the_scale_disagrees(
+    simulated: Any, effects: list[str], share: float
+) -> None:
+    """A reading may be what is wrong: a shaft read 18 % slow that turned as it should gave 21 %
+    too much."""
     run = simulated(150.0, "opening_first", effects)
     columns = run.record.columns()
     late = (columns["time_s"] > 120.0) & (columns["flowing"] > 0.0)
     wanted_kg_s = columns["target_kg_ha"] * run.width_m * columns["speed_mps"] / 10_000.0
-    assert columns["flow_kg_s"][late].sum() == pytest.approx(share * wanted_kg_s[late].sum(), rel=0.02)
+    assert columns["flow_kg_s"][late].sum() == pytest.approx(
+        share * wanted_kg_s[late].sum(), rel=0.02
+    )
 
 
 def test_no_flow_outside_the_field(simulated: Any) -> None:
-    run = simulated(120.0, sim={"pass_length_m": 60.0})         # two headlands
+    run = simulated(120.0, sim={"pass_length_m": 60.0})  # two headlands
     columns = run.record.columns()
-    outside = (columns["in_pass"] == 0.0)
+    outside = columns["in_pass"] == 0.0
     assert outside.sum() > 100
     assert columns["flow_kg_s"][outside].max() == pytest.approx(0.0, abs=1e-9)
 
@@ -139,6 +164,7 @@ def test_one_seed_one_run(simulated: Any) -> None:
 def test_the_canopy_has_the_wanted_mean_and_cv() -> None:
     from control.field.job import Canopy
     from control.simulation.canopy import CanopyField
+
     field = CanopyField(Canopy(mean_ndvi=0.5, cv_percent=10.0), (0.0, 200.0), (0.0, 200.0), 4)
     assert field.ndvi.mean() == pytest.approx(0.5, abs=0.002)
     assert 100.0 * field.ndvi.std() / field.ndvi.mean() == pytest.approx(10.0, abs=0.2)
@@ -157,14 +183,22 @@ def test_a_refill_is_made_and_told(simulated: Any) -> None:
 
 
 def test_the_plant_may_fall_otherwise_than_its_controller_believes(simulated: Any) -> None:
-    """Nothing on the machine sees the ground: the drives do the same, and only what lands differs."""
+    """Nothing on the machine sees the ground: the drives do the same, and only what lands
+    differs."""
     own, other = simulated(60.0, seed=3), simulated(60.0, seed=3, plant="singly")
     here, there = own.record.columns(), other.record.columns()
-    assert (here["opening_mm"] == there["opening_mm"]).all() and (here["shaft_rpm_cmd"] == there["shaft_rpm_cmd"]).all()
+    assert (here["opening_mm"] == there["opening_mm"]).all() and (
+        here["shaft_rpm_cmd"] == there["shaft_rpm_cmd"]
+    ).all()
     assert abs(own.errors.place_bias_m) < 0.05
-    assert other.errors.place_bias_m == pytest.approx(-1.25 * (1.175 - 0.859), abs=0.06), "0.32 s early at 4.5 km/h"
+    assert other.errors.place_bias_m == pytest.approx(-1.25 * (1.175 - 0.859), abs=0.06), (
+        "0.32 s early at 4.5 km/h"
+    )
 
 
-def test_while_nobody_has_measured_the_tube_speed_first_does_not_count_on_it(simulated: Any) -> None:
-    """Of the same run landed singly it was 9.8 % off when it moved the shaft for a stream that carries what falls."""
+def test_while_nobody_has_measured_the_tube_speed_first_does_not_count_on_it(
+    simulated: Any,
+) -> None:
+    """Of the same run landed singly it was 9.8 % off when it moved the shaft for a stream that
+    carries what falls."""
     assert simulated(90.0, "speed_first", plant="singly").errors.rate_error_percent < 5.0

@@ -1,4 +1,6 @@
-"""How seldom the watch of the metering drive's effort cries by chance, and where it stands still."""
+"""How seldom the watch of the metering drive's effort cries by chance, and where it stands
+still."""
+
 from __future__ import annotations
 
 from itertools import pairwise
@@ -15,30 +17,46 @@ from control.metering.inverse import Conditions
 from control.readings import Measurements, Reading
 
 SEASON_H = 300.0
-OWN = Effort(coulomb=20.0)              # no load: noise alone decides
+OWN = Effort(coulomb=20.0)  # no load: noise alone decides
 
 
 def stated_s(sd: float) -> float:
     """Mean time until a first-order mean of noise is first beyond so many s.d. on one side."""
-    return MEAN_S * sqrt(2.0 * pi) * exp(0.5 * sd ** 2) / sd
+    return MEAN_S * sqrt(2.0 * pi) * exp(0.5 * sd**2) / sd
 
 
 def first_cry_s(seed: int, dt_s: float) -> float:
-    machine = Machine.model_validate({"id": "bare", "stages": ["effort"], "effort": OWN._asdict(),
-                                      "noise": {"effort": 1.0}, "tolerance": {"effort_percent": 0.001}})
+    machine = Machine.model_validate(
+        {
+            "id": "bare",
+            "stages": ["effort"],
+            "effort": OWN._asdict(),
+            "noise": {"effort": 1.0},
+            "tolerance": {"effort_percent": 0.001},
+        }
+    )
     watch, conditions, at = EffortWatch(machine), Conditions(0.0, None, 0.0, None), 0.0
     for noise in np.random.default_rng(seed).standard_normal(20_000):
         at += dt_s
-        watch.update(Measurements(at, shaft_effort=Reading(20.0 + noise, at), shaft_rpm=Reading(60.0, at),
-                                  opening_mm=Reading(25.0, at)), conditions, dt_s, True)
+        watch.update(
+            Measurements(
+                at,
+                shaft_effort=Reading(20.0 + noise, at),
+                shaft_rpm=Reading(60.0, at),
+                opening_mm=Reading(25.0, at),
+            ),
+            conditions,
+            dt_s,
+            True,
+        )
         if watch.says.harder_percent > 0.0:
             return at
     raise AssertionError("never")
 
 
 def test_chance_alone_cries_as_seldom_as_is_stated(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Seen where it can be waited for, at 2.5 s.d.: the stated form holds there, and says a season and far more at the
-    bound in use."""
+    """Seen where it can be waited for, at 2.5 s.d.: the stated form holds there, and says a
+    season and far more at the bound in use."""
     assert stated_s(effort_watch.NOISE_SD) > 50.0 * 3600.0 * SEASON_H
     monkeypatch.setattr(effort_watch, "NOISE_SD", 2.5)
     times = [first_cry_s(seed, 0.1) for seed in range(40)]
@@ -46,14 +64,29 @@ def test_chance_alone_cries_as_seldom_as_is_stated(monkeypatch: pytest.MonkeyPat
 
 
 def said_at(harder: list[float], supply_v: float | None, load: float) -> list[bool]:
-    """Whether it says `harder`, second by second, of a drive that takes so many per cent more than it should."""
-    machine = Machine.model_validate({"id": "heavy", "stages": ["effort"], "effort": {
-        "coulomb": 40.0, "load": load / 137.5, "by_supply": 1.0}})
+    """Whether it says `harder`, second by second, of a drive that takes so many per cent more
+    than it should."""
+    machine = Machine.model_validate(
+        {
+            "id": "heavy",
+            "stages": ["effort"],
+            "effort": {"coulomb": 40.0, "load": load / 137.5, "by_supply": 1.0},
+        }
+    )
     watch, conditions, found = EffortWatch(machine), Conditions(0.0, None, 0.0, supply_v), []
     for k in range(20 * len(harder)):
         at = 0.05 * k
-        watch.update(Measurements(at, shaft_effort=Reading((40.0 + load) * (1.0 + 0.01 * harder[k // 20]), at),
-                                  shaft_rpm=Reading(60.0, at), opening_mm=Reading(25.0, at)), conditions, 0.05, True)
+        watch.update(
+            Measurements(
+                at,
+                shaft_effort=Reading((40.0 + load) * (1.0 + 0.01 * harder[k // 20]), at),
+                shaft_rpm=Reading(60.0, at),
+                opening_mm=Reading(25.0, at),
+            ),
+            conditions,
+            0.05,
+            True,
+        )
         found.append(watch.says.harder_percent > 0.0)
     return found[19::20]
 
@@ -61,7 +94,9 @@ def said_at(harder: list[float], supply_v: float | None, load: float) -> list[bo
 def test_what_is_said_ends_once_and_does_not_flicker_at_its_bound() -> None:
     """Half of the load is 10.8 %: around it, up and down by a per cent every 10 s."""
     said = said_at([0.0] * 40 + ([11.8] * 10 + [9.8] * 10) * 6 + [3.0] * 20, 13.5, 11.0)
-    assert sum(a != b for a, b in pairwise(said)) == 2 and not said[39] and said[100] and not said[-1]
+    assert (
+        sum(a != b for a, b in pairwise(said)) == 2 and not said[39] and said[100] and not said[-1]
+    )
 
 
 def test_an_unmeasured_supply_that_falls_as_the_engine_idles_is_no_load() -> None:

@@ -1,4 +1,5 @@
 """What the scale teaches: how soon, how sure, and nothing that is not so."""
+
 from __future__ import annotations
 
 from collections.abc import Callable
@@ -24,24 +25,35 @@ from control.simulation.tractor import field_path
 from control.targets.canopy import HORIZON_M, LEAST_FACTOR, MOST_FACTOR, MOST_OWED, HoldMean
 from tests.control_loop.closed import SETUP, Closed
 
-DT_S, RPM, G_REV = 0.1, 70.0, 121.0         # 5.5 g a millimetre at 22 mm: 0.14 kg/s; ordered 0.09 in the field
+# 5.5 g a millimetre at 22 mm: 0.14 kg/s; ordered 0.09 in the field
+DT_S, RPM, G_REV = 0.1, 70.0, 121.0
 
 
 class Learnt(NamedTuple):
-    trim: Array             # (n,) by tick
-    right: Array            # (n,): what it would have to be
+    trim: Array  # (n,) by tick
+    right: Array  # (n,): what it would have to be
 
     def back_s(self, share: float = 0.8, from_s: float = 0.0) -> float:
         """Seconds until that share of the error is taken back."""
         first = round(from_s / DT_S)
-        off = np.abs(self.trim - self.right)[first:] <= (1.0 - share) * np.abs(self.right - 1.0)[first:]
+        off = (
+            np.abs(self.trim - self.right)[first:]
+            <= (1.0 - share) * np.abs(self.right - 1.0)[first:]
+        )
         return float(np.argmax(off)) * DT_S if off.any() else float("inf")
 
 
-def work(seconds: float, seed: int, true: Callable[[float, float, float], tuple[float, float]],
-         slope_deg: float = 0.0, grams: float = 0.64 * G_REV, stands_s: float = 0.0) -> Learnt:
-    """Work with an opening that follows the canopy; `true`: (time, g per revolution, pitch) to what really flows, g per
-    revolution, and what the scale reads too much. The scale: 0.15 kg, correlated over 1 s, steps of 0.05 kg."""
+def work(
+    seconds: float,
+    seed: int,
+    true: Callable[[float, float, float], tuple[float, float]],
+    slope_deg: float = 0.0,
+    grams: float = 0.64 * G_REV,
+    stands_s: float = 0.0,
+) -> Learnt:
+    """Work with an opening that follows the canopy; `true`: (time, g per revolution, pitch) to
+    what really flows, g per revolution, and what the scale reads too much. The scale: 0.15 kg,
+    correlated over 1 s, steps of 0.05 kg."""
     rng, trim, hopper, noise, pitch = np.random.default_rng(seed), FlowTrim(), 300.0, 0.0, 0.0
     keep, made, right = exp(-DT_S), [], []
     for k in range(round(seconds / DT_S)):
@@ -61,16 +73,20 @@ def work(seconds: float, seed: int, true: Callable[[float, float, float], tuple[
 
 
 def test_six_per_cent_more_are_taken_back_in_two_minutes() -> None:
-    """From the start of work, after half a minute in which the scale stood. 240 s and a half of it, once: a window of
-    15 kg, half believed."""
-    runs = [work(270.0, seed, lambda now, grams, pitch: (1.06 * grams, 0.0), stands_s=30.0) for seed in range(6)]
+    """From the start of work, after half a minute in which the scale stood. 240 s and a half of
+    it, once: a window of 15 kg, half believed."""
+    runs = [
+        work(270.0, seed, lambda now, grams, pitch: (1.06 * grams, 0.0), stands_s=30.0)
+        for seed in range(6)
+    ]
     assert np.median([run.back_s(from_s=30.0) for run in runs]) < 120.0
     assert max(run.back_s(from_s=30.0) for run in runs) < 200.0
     assert max(np.abs(run.trim - 1.06)[-200:].max() for run in runs) < 0.015
 
 
 def test_a_healthy_machine_is_left_alone() -> None:
-    """Also in its first minute, when a straight line through the scale's noise says anything from -5 to +5 %."""
+    """Also in its first minute, when a straight line through the scale's noise says anything
+    from -5 to +5 %."""
     starts = [work(150.0, seed, lambda now, grams, pitch: (grams, 0.0)) for seed in range(6)]
     assert np.mean([np.abs(run.trim - 1.0).mean() for run in starts]) < 0.003
     assert sum(np.abs(run.trim - 1.0).max() > 0.01 for run in starts) <= 1
@@ -93,8 +109,13 @@ def test_what_flows_more_a_revolution_is_told_from_a_gain_where_the_opening_chan
 
 
 def test_a_slope_is_told_from_a_gain() -> None:
-    run = work(1500.0, 4, lambda now, grams, pitch: (grams * (1.0 + 0.007 * pitch), 0.0), slope_deg=5.0)
-    assert np.abs(run.right - 1.0).mean() > 0.03 and np.abs(run.trim - run.right)[-5000:].mean() < 0.006
+    run = work(
+        1500.0, 4, lambda now, grams, pitch: (grams * (1.0 + 0.007 * pitch), 0.0), slope_deg=5.0
+    )
+    assert (
+        np.abs(run.right - 1.0).mean() > 0.03
+        and np.abs(run.trim - run.right)[-5000:].mean() < 0.006
+    )
 
 
 def test_a_man_on_the_hopper_is_not_taken_for_flow() -> None:
@@ -105,8 +126,10 @@ def test_a_man_on_the_hopper_is_not_taken_for_flow() -> None:
 
 def test_a_noisier_scale_than_the_file_says_slows_it_down() -> None:
     rough = np.random.default_rng(8).standard_normal(3000)
-    runs = [work(300.0, seed, lambda now, grams, pitch: (grams, 0.8 * float(rough[round(now / DT_S)])))
-            for seed in (8, 9, 10)]
+    runs = [
+        work(300.0, seed, lambda now, grams, pitch: (grams, 0.8 * float(rough[round(now / DT_S)])))
+        for seed in (8, 9, 10)
+    ]
     assert np.mean([np.abs(run.trim - 1.0).mean() for run in runs]) < 0.012
 
 
@@ -123,28 +146,41 @@ def test_a_refill_begins_a_new_level_and_perhaps_a_new_lot() -> None:
     assert trim.value == pytest.approx(1.05, abs=0.01)
 
 
-# --- What the host's trim of the shaft learns from a shaft that is jammed: nothing -----------------------------------
+# --- What the host's trim of the shaft learns from a shaft that is jammed: nothing
+# -----------------------------------
 
-@pytest.mark.parametrize(("measured_rpm", "learnt"), [(0.0, 0.0), (45.0, 0.0), (55.0, 0.1), (66.5, 0.03), (95.0, 0.0)])
-def test_a_jammed_shaft_teaches_nothing_and_a_slow_one_does(measured_rpm: float, learnt: float) -> None:
+
+@pytest.mark.parametrize(
+    ("measured_rpm", "learnt"), [(0.0, 0.0), (45.0, 0.0), (55.0, 0.1), (66.5, 0.03), (95.0, 0.0)]
+)
+def test_a_jammed_shaft_teaches_nothing_and_a_slow_one_does(
+    measured_rpm: float, learnt: float
+) -> None:
     trim = DriveTrim(TrimLimits(), still=1.0)
-    for tick in range(72):                              # 3 s after it has settled
+    for tick in range(72):  # 3 s after it has settled
         now_s = 0.05 * tick
         trim.update(now_s, 0.05, 70.0, Reading(measured_rpm, now_s), 25.0, Reading(25.0, now_s))
     assert trim.shaft_share == pytest.approx(learnt, abs=0.002)
 
 
-# --- The field's mean held at a given rate while the canopy says where: it comes out, and it cannot run away ---------
+# --- The field's mean held at a given rate while the canopy says where: it comes out, and it
+# cannot run away ---------
 
 PASSES, LENGTH_M = 4, 120.0
 FIELD_HA = PASSES * LENGTH_M * 2.4 / 10_000.0
 
 
-def worked(mean_kg_ha: float | None, seed: int, **canopy: float) -> tuple[float, dict[str, np.ndarray], Totals]:
-    """What came to lie on a small field, mean in kg/ha; the run's columns, and what the operator is told."""
+def worked(
+    mean_kg_ha: float | None, seed: int, **canopy: float
+) -> tuple[float, dict[str, np.ndarray], Totals]:
+    """What came to lie on a small field, mean in kg/ha; the run's columns, and what the
+    operator is told."""
     ground = SETUP.job.simulated.canopy.model_dump() | canopy
-    closed = Closed(sim={"passes": PASSES, "pass_length_m": LENGTH_M, "canopy": ground}, seed=seed,
-                    target=SETUP.job.target.model_copy(update={"hold_mean_kg_ha": mean_kg_ha}))
+    closed = Closed(
+        sim={"passes": PASSES, "pass_length_m": LENGTH_M, "canopy": ground},
+        seed=seed,
+        target=SETUP.job.target.model_copy(update={"hold_mean_kg_ha": mean_kg_ha}),
+    )
     record = Record()
     for step in closed.through(field_path(closed.job.simulated, 2.4, 0.0).length_m / 1.25 + 5.0):
         record.add(step)
@@ -152,12 +188,15 @@ def worked(mean_kg_ha: float | None, seed: int, **canopy: float) -> tuple[float,
     return float((columns["flow_kg_s"] * 0.05).sum()) / FIELD_HA, columns, closed.loop.totals
 
 
-@pytest.mark.parametrize(("mean_kg_ha", "seed"), [
-    (250.0, 1), pytest.param(150.0, 3, marks=pytest.mark.exam)])
+@pytest.mark.parametrize(
+    ("mean_kg_ha", "seed"), [(250.0, 1), pytest.param(150.0, 3, marks=pytest.mark.exam)]
+)
 def test_the_field_ends_at_its_mean_and_keeps_its_pattern(mean_kg_ha, seed):
     found, columns, totals = worked(mean_kg_ha, seed)
     assert found == pytest.approx(mean_kg_ha, rel=0.02)
-    assert totals.area_ha == pytest.approx(FIELD_HA, rel=0.02), "a standing shaft's noise on the turns is no work"
+    assert totals.area_ha == pytest.approx(FIELD_HA, rel=0.02), (
+        "a standing shaft's noise on the turns is no work"
+    )
     assert totals.mean_rate_kg_ha == pytest.approx(mean_kg_ha, rel=0.03)
     inside = (columns["working"] > 0) & (columns["in_pass"] > 0) & (columns["target_kg_ha"] > 0)
     ndvi, target = columns["ndvi"][inside], columns["target_kg_ha"][inside]
@@ -174,8 +213,12 @@ def test_without_it_the_rule_says_how_much():
 
 @example([(5e-324, 0.5, 0.0)], 5.0)
 @settings(deadline=None)
-@given(st.lists(st.tuples(st.floats(0.0, 500.0), st.floats(0.1, 20.0), st.floats(0.0, 3.0)), max_size=60),
-       st.floats(5.0, 500.0))
+@given(
+    st.lists(
+        st.tuples(st.floats(0.0, 500.0), st.floats(0.1, 20.0), st.floats(0.0, 3.0)), max_size=60
+    ),
+    st.floats(5.0, 500.0),
+)
 def test_whatever_lands_it_stays_within_its_bounds(steps, mean):
     """Rates decided, ways, and what share of the decided rate came out."""
     hold = HoldMean(mean)
@@ -189,7 +232,8 @@ def test_whatever_lands_it_stays_within_its_bounds(steps, mean):
 
 
 def test_a_bare_half_is_not_made_up_on_the_other():
-    """300 m without crop: nothing there; afterwards at most a half more than the mean, for some hundred metres."""
+    """300 m without crop: nothing there; afterwards at most a half more than the mean, for some
+    hundred metres."""
     hold = HoldMean(200.0)
     hold.learns = True
     for _ in range(100):
@@ -202,7 +246,9 @@ def test_a_bare_half_is_not_made_up_on_the_other():
     for _ in range(1000):
         rates.append(hold.decided(300.0, 1.0))
         hold.landed(rates[-1], 1.0)
-    assert max(rates) == pytest.approx(1.5 * 200.0, rel=0.01) and rates[-1] == pytest.approx(200.0, rel=0.02)
+    assert max(rates) == pytest.approx(1.5 * 200.0, rel=0.01) and rates[-1] == pytest.approx(
+        200.0, rel=0.02
+    )
 
 
 def test_a_drive_that_gives_less_is_made_good():
@@ -214,12 +260,17 @@ def test_a_drive_that_gives_less_is_made_good():
         given_kg += rate
         hold.landed(rate, 1.0)
     assert rate == pytest.approx(200.0, rel=0.01)
-    assert given_kg / 2000.0 == pytest.approx(200.0, rel=0.02) and hold.owed_kg_ha * HORIZON_M < 0.03 * 2000.0 * 200.0
+    assert (
+        given_kg / 2000.0 == pytest.approx(200.0, rel=0.02)
+        and hold.owed_kg_ha * HORIZON_M < 0.03 * 2000.0 * 200.0
+    )
 
 
 def test_before_work_begins_nothing_is_learned_and_by_another_source_nothing_changed():
     hold = HoldMean(200.0)
-    assert hold.decided(100.0, 1.0) == 200.0 and hold.decided(400.0, 1.0) == 200.0, "no mean yet: each is the mean"
+    assert hold.decided(100.0, 1.0) == 200.0 and hold.decided(400.0, 1.0) == 200.0, (
+        "no mean yet: each is the mean"
+    )
     hold.on = False
     assert hold.decided(123.0, 1.0) == 123.0
     hold.landed(0.0, 500.0)
@@ -230,20 +281,31 @@ def test_a_job_that_goes_on_knows_what_it_owes():
     loop = Closed(target=Wanted(hold_mean_kg_ha=200.0)).loop
     assert loop._ahead.hold is not None
     from control.field.coverage import Coverage
+
     loop.go_on(Sums(area_ha=0.024, kg=0.024 * 150.0), Coverage(2.4, 0.4).raster(), None)
     assert loop._ahead.hold.owed_kg_ha * HORIZON_M == pytest.approx(50.0 * 100.0)
 
 
 def test_only_the_canopy_has_no_mean_of_its_own():
-    with pytest.raises(ValidationError, match="hold_mean_kg_ha goes with source canopy, not manual"):
+    with pytest.raises(
+        ValidationError, match="hold_mean_kg_ha goes with source canopy, not manual"
+    ):
         Job(target=Wanted(source="manual", hold_mean_kg_ha=200.0))
 
 
-# --- Three rate errors: against what was held, the graded and the smooth need of the canopy --------------------------
+# --- Three rate errors: against what was held, the graded and the smooth need of the canopy
+# --------------------------
+
 
 def test_held_is_what_the_machine_does_and_the_needs_are_what_the_crop_gets(simulated: Any) -> None:
     found = simulated(60.0).errors
-    assert 0.0 < found.rate_error_percent < found.graded_error_percent < found.smooth_error_percent < 15.0
+    assert (
+        0.0
+        < found.rate_error_percent
+        < found.graded_error_percent
+        < found.smooth_error_percent
+        < 15.0
+    )
     assert found.smooth_error_kg_ha > found.graded_error_kg_ha > found.rate_error_kg_ha
 
 
@@ -267,8 +329,11 @@ def test_what_lands_as_needed_has_no_error_against_the_need(simulated: Any) -> N
     columns = run.record.columns()
     rows = columns["in_pass"] > 0.0
     graded = np.array([run.rule.decide(value).rate_kg_ha for value in columns["ndvi"].tolist()])
-    columns |= {"drop_s": 0.0 * graded, "settled_drop_s": 0.0 * graded,
-                "flow_kg_s": graded * run.width_m * np.abs(columns["speed_mps"]) / 10_000.0 * rows}
+    columns |= {
+        "drop_s": 0.0 * graded,
+        "settled_drop_s": 0.0 * graded,
+        "flow_kg_s": graded * run.width_m * np.abs(columns["speed_mps"]) / 10_000.0 * rows,
+    }
     inside = landing(columns, run.width_m).inside > 0.0
     again = errors(columns, [], run.width_m, rule=run.rule)
     assert inside.sum() > 50
@@ -280,9 +345,12 @@ def test_needs_are_the_crops_rule() -> None:
     from control.agronomy.noa import prepare
     from drivers.files.config import load
     from drivers.files.kinds import CROP
+
     rule = prepare(load("huanghai_wheat", CROP).model)
     found = needs(rule, np.array([0.2, 0.512, 0.55, 0.9]))
     assert found.graded_kg_ha[1] == rule.decide(0.512).rate_kg_ha
-    assert found.smooth_kg_ha[1] > found.graded_kg_ha[1], "a grade's rate is taken at its upper edge: too low inside"
+    assert found.smooth_kg_ha[1] > found.graded_kg_ha[1], (
+        "a grade's rate is taken at its upper edge: too low inside"
+    )
     assert found.smooth_kg_ha[2] == pytest.approx(found.graded_kg_ha[2])
     assert list(found.graded_kg_ha[[0, 3]]) == list(found.smooth_kg_ha[[0, 3]]) == [0.0, 0.0]

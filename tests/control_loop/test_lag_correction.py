@@ -1,4 +1,6 @@
-"""The look-ahead: the lag of a change is what the model does; each change fires once, in order, and stays."""
+"""The look-ahead: the lag of a change is what the model does; each change fires once, in order,
+and stays."""
+
 from __future__ import annotations
 
 from itertools import pairwise
@@ -18,21 +20,27 @@ from control.targets.profile import Stretches, Target, TargetChange
 def test_an_opening_change_lags_by_gate_and_drop() -> None:
     lag = change_lag(Machine(), Settled(70.0, 14.0), Settled(70.0, 17.0))
     assert lag.response_s == pytest.approx(0.10)
-    assert lag.drop_s == pytest.approx(1.8288 - 0.0083 * 70.0 - 1.69e-3 * 0.0083 * 70.0 ** 2)      # of a running shaft
+    # of a running shaft
+    assert lag.drop_s == pytest.approx(1.8288 - 0.0083 * 70.0 - 1.69e-3 * 0.0083 * 70.0**2)
     assert lag.transition_s == pytest.approx(0.5 * 3.0 / 20.0, abs=0.02)
 
 
 @pytest.mark.parametrize("shaft_rpm", [20.0, 40.0, 60.0])
 def test_a_start_lags_as_the_lag_paper_says_plus_the_run_up(shaft_rpm: float) -> None:
-    """Eq 6 is from the command to the first granules; half of the landed step comes with the shaft's run-up."""
+    """Eq 6 is from the command to the first granules; half of the landed step comes with the
+    shaft's run-up."""
     lag = change_lag(Machine(), Settled(0.0, 25.0), Settled(shaft_rpm, 25.0)).total_s
     assert 0.0 < lag - (2.2118 - 8.3e-3 * shaft_rpm) < 0.4
 
 
 def test_known_effects_of_the_fall_enter() -> None:
     plain = change_lag(Machine(), Settled(70.0, 14.0), Settled(70.0, 17.0)).total_s
-    late = change_lag(with_effect(Machine(), "lag.offset", 0.3), Settled(70.0, 14.0), Settled(70.0, 17.0)).total_s
-    down = change_lag(with_effect(Machine(), "lag.asymmetry", 0.4), Settled(70.0, 17.0), Settled(70.0, 14.0)).total_s
+    late = change_lag(
+        with_effect(Machine(), "lag.offset", 0.3), Settled(70.0, 14.0), Settled(70.0, 17.0)
+    ).total_s
+    down = change_lag(
+        with_effect(Machine(), "lag.asymmetry", 0.4), Settled(70.0, 17.0), Settled(70.0, 14.0)
+    ).total_s
     assert late - plain == pytest.approx(0.3, abs=1e-6)
     assert down - plain == pytest.approx(0.2, abs=1e-6)
 
@@ -52,10 +60,17 @@ class Constant:
 
 
 @settings(max_examples=100, deadline=None)
-@given(st.lists(st.tuples(st.floats(0.3, 4.0), st.sampled_from([0.0, 180.0, 250.0, 300.0])), min_size=1, max_size=30),
-       st.lists(st.tuples(st.floats(0.01, 0.4), st.floats(0.0, 3.0)), min_size=20, max_size=300))
+@given(
+    st.lists(
+        st.tuples(st.floats(0.3, 4.0), st.sampled_from([0.0, 180.0, 250.0, 300.0])),
+        min_size=1,
+        max_size=30,
+    ),
+    st.lists(st.tuples(st.floats(0.01, 0.4), st.floats(0.0, 3.0)), min_size=20, max_size=300),
+)
 def test_each_change_fires_once_in_order_and_none_is_lost(
-        pieces: list[tuple[float, float]], moves: list[tuple[float, float]]) -> None:
+    pieces: list[tuple[float, float]], moves: list[tuple[float, float]]
+) -> None:
     """However the lag distance jumps from tick to tick."""
     stretches = Stretches(300.0)
     begin = 0.0
@@ -83,7 +98,8 @@ def test_a_change_that_fired_is_not_withdrawn() -> None:
     stretches.append(10.0, 20.0, 250.0)
     queue = ChangeQueue(stretches.at(0.0))
     assert queue.advance(stretches, 0.0, 8.5, Constant(2.0))
-    assert not queue.advance(stretches, 0.1, 8.6, Constant(0.5))     # the lag distance shrank: nothing goes back
+    # the lag distance shrank: nothing goes back
+    assert not queue.advance(stretches, 0.1, 8.6, Constant(0.5))
     assert queue.holding.rate_kg_ha == 250.0
 
 
@@ -103,7 +119,9 @@ def test_gaps_wider_than_the_reach_get_the_fallback() -> None:
 
 
 @pytest.mark.parametrize(("first_reach_m", "begins_m"), [(None, 5.5), (6.5, 0.5)])
-def test_the_first_stretch_begins_where_it_is_within_reach(first_reach_m: float | None, begins_m: float) -> None:
+def test_the_first_stretch_begins_where_it_is_within_reach(
+    first_reach_m: float | None, begins_m: float
+) -> None:
     """What `at` says and where `next_change` says that it begins are one."""
     stretches = Stretches(300.0, reach_m=1.5, first_reach_m=first_reach_m)
     stretches.append(7.0, 8.0, 250.0)
@@ -116,6 +134,7 @@ def test_samples_in_a_turn_are_not_taken_for_the_next_pass() -> None:
     from control.agronomy.noa import prepare
     from drivers.files.config import load
     from drivers.files.kinds import CROP
+
     rule = prepare(load("huanghai_wheat", CROP).model)
     stretches = Stretches(300.0)
     canopy = CanopyDecisions(rule, 6.5, 1.0, stretches)

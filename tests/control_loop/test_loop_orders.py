@@ -1,4 +1,5 @@
 """What orders do to the loop, and what it refuses."""
+
 from __future__ import annotations
 
 from typing import Any
@@ -19,16 +20,29 @@ def machine() -> Any:
     return lambda **sim: Closed(sim={"begin_m": 30.0, **sim})
 
 
-@pytest.mark.parametrize(("do", "value", "why"), [
-    (Do.NUDGE, True, "nudge_out_of_range"), (Do.NUDGE, 30.5, "nudge_out_of_range"),
-    (Do.NUDGE, float("nan"), "nudge_out_of_range"), (Do.MANUAL_RATE, True, "rate_out_of_range"),
-    (Do.MANUAL_RATE, 5000.0, "rate_out_of_range"), (Do.MANUAL_RATE, float("inf"), "rate_out_of_range"),
-    (Do.LOOK_AHEAD, "off", "yes_or_no"), (Do.FLOW_TRIM, 0.0, "yes_or_no"), (Do.STRATEGY, "fast", "unknown_strategy"),
-    (Do.SOURCE, "map", "source_not_ready"), (Do.REFILL, -5.0, "refill_kg"), (Do.REFILL, "much", "refill_kg"),
-    (Do.ALLOW_OUTSIDE, 1.0, "yes_or_no"), (Do.REFILL, 1e308, "refill_beyond_hopper;hopper_kg=300"),
-    (Do.REFILL, 301.0, "refill_beyond_hopper;hopper_kg=300"),
-])
-def test_what_makes_no_sense_is_refused_and_changes_nothing(machine: Any, do: Do, value: Any, why: str) -> None:
+@pytest.mark.parametrize(
+    ("do", "value", "why"),
+    [
+        (Do.NUDGE, True, "nudge_out_of_range"),
+        (Do.NUDGE, 30.5, "nudge_out_of_range"),
+        (Do.NUDGE, float("nan"), "nudge_out_of_range"),
+        (Do.MANUAL_RATE, True, "rate_out_of_range"),
+        (Do.MANUAL_RATE, 5000.0, "rate_out_of_range"),
+        (Do.MANUAL_RATE, float("inf"), "rate_out_of_range"),
+        (Do.LOOK_AHEAD, "off", "yes_or_no"),
+        (Do.FLOW_TRIM, 0.0, "yes_or_no"),
+        (Do.STRATEGY, "fast", "unknown_strategy"),
+        (Do.SOURCE, "map", "source_not_ready"),
+        (Do.REFILL, -5.0, "refill_kg"),
+        (Do.REFILL, "much", "refill_kg"),
+        (Do.ALLOW_OUTSIDE, 1.0, "yes_or_no"),
+        (Do.REFILL, 1e308, "refill_beyond_hopper;hopper_kg=300"),
+        (Do.REFILL, 301.0, "refill_beyond_hopper;hopper_kg=300"),
+    ],
+)
+def test_what_makes_no_sense_is_refused_and_changes_nothing(
+    machine: Any, do: Do, value: Any, why: str
+) -> None:
     one, other = machine(), machine()
     one.start()
     other.start()
@@ -41,7 +55,10 @@ def test_the_operator_may_choose_the_fallback_rate(machine: Any) -> None:
     m.run(8.0)
     assert m.order(Do.SOURCE, "fallback").accepted
     row = m.run(4.0).row
-    assert (row.target_source, row.target_rate_kg_ha) == ("fallback", SETUP.crop.fallback_rate_kg_ha)
+    assert (row.target_source, row.target_rate_kg_ha) == (
+        "fallback",
+        SETUP.crop.fallback_rate_kg_ha,
+    )
     assert m.order(Do.SOURCE, "canopy").accepted
     assert m.run(4.0).row.target_source == "canopy"
 
@@ -87,8 +104,13 @@ def test_outside_the_field_flow_needs_the_operators_leave(machine: Any) -> None:
     assert ended.command.shaft_rpm == 0.0
 
 
-BACK_UP = [{"at_s": 0, "speed_kmh": 4.5}, {"at_s": 14, "speed_kmh": 0}, {"at_s": 20, "speed_kmh": -2.0},
-           {"at_s": 27, "speed_kmh": 0}, {"at_s": 30, "speed_kmh": 4.5}]
+BACK_UP = [
+    {"at_s": 0, "speed_kmh": 4.5},
+    {"at_s": 14, "speed_kmh": 0},
+    {"at_s": 20, "speed_kmh": -2.0},
+    {"at_s": 27, "speed_kmh": 0},
+    {"at_s": 30, "speed_kmh": 4.5},
+]
 
 
 def test_backing_up_takes_the_track_back_and_nothing_is_spread_twice(machine: Any) -> None:
@@ -96,7 +118,10 @@ def test_backing_up_takes_the_track_back_and_nothing_is_spread_twice(machine: An
     m.run(45.0)
     off = [t.sensed.track_m - truth.driven_m for t, truth in zip(m.ticks, m.truths, strict=True)]
     assert off[-1] - off[300] == pytest.approx(0.0, abs=0.25)
-    assert min(b.driven_m - a.driven_m for a, b in zip(m.truths[400:], m.truths[440:], strict=False)) < -1.0
+    assert (
+        min(b.driven_m - a.driven_m for a, b in zip(m.truths[400:], m.truths[440:], strict=False))
+        < -1.0
+    )
     turned = max(t.driven_m for t in m.truths[:500])
     early = [t for t in m.truths[540:] if t.driven_m + t.drop_s * t.speed_mps < turned - 0.5]
     assert early
@@ -108,7 +133,9 @@ def test_backing_up_takes_the_track_back_and_nothing_is_spread_twice(machine: An
     assert abs((backing[20].sensed.heading_deg + 180.0) % 360.0 - 180.0) < 10.0
 
 
-def test_start_spreads_where_the_operator_wants_it_also_on_ground_that_has_some(machine: Any) -> None:
+def test_start_spreads_where_the_operator_wants_it_also_on_ground_that_has_some(
+    machine: Any,
+) -> None:
     m = machine(speed_changes=BACK_UP).start()
     m.run(31.5)
     turned = max(t.driven_m for t in m.truths)
@@ -130,20 +157,30 @@ def test_the_way_made_before_the_direction_was_known_is_put_right() -> None:
         for _ in range(round(seconds / 0.05)):
             ticks += 1
             now = 0.05 * ticks
-            fix = None if course is None else GnssFix(now, 34.0, 119.0, 4, speed_mps=speed, heading_deg=course)
-            sensed = sensing.update(Measurements(now, gnss=fix, wheel_speed_mps=Reading(speed, now)))
+            fix = (
+                None
+                if course is None
+                else GnssFix(now, 34.0, 119.0, 4, speed_mps=speed, heading_deg=course)
+            )
+            sensed = sensing.update(
+                Measurements(now, gnss=fix, wheel_speed_mps=Reading(speed, now))
+            )
         assert sensed is not None
         return sensed.track_m
 
     forwards = drive(5.0, 1.0, 90.0)
     stands = drive(2.0, 0.0, 0.0)
     assert forwards == pytest.approx(5.0, abs=0.1)
-    drive(2.0, 1.0, None)                               # GNSS is silent: nobody knows which way
+    drive(2.0, 1.0, None)  # GNSS is silent: nobody knows which way
     assert drive(1.0, 1.0, 270.0) == pytest.approx(stands - 3.0, abs=0.15)
 
 
 def test_with_leave_it_spreads_backwards_but_not_out_of_the_field(machine: Any) -> None:
-    back = [{"at_s": 0, "speed_kmh": 4.5}, {"at_s": 6, "speed_kmh": 0}, {"at_s": 10, "speed_kmh": -4.0}]
+    back = [
+        {"at_s": 0, "speed_kmh": 4.5},
+        {"at_s": 6, "speed_kmh": 0},
+        {"at_s": 10, "speed_kmh": -4.0},
+    ]
     m = machine(begin_m=17.0, speed_changes=back).start()
     m.order(Do.ALLOW_REVERSE, True)
     m.run(28.0)
@@ -151,7 +188,9 @@ def test_with_leave_it_spreads_backwards_but_not_out_of_the_field(machine: Any) 
     landed = [(t.north_m + t.drop_s * t.speed_mps, t.flow_kg_s * 0.05) for t in back]
     assert min(t.north_m for t in back) < -5.0
     assert sum(kg for north_m, kg in landed if north_m > 0.0) > 0.5
-    assert sum(kg for north_m, kg in landed if north_m < -0.8) < 0.01, "the edge lies at 0; the shaft runs down"
+    assert sum(kg for north_m, kg in landed if north_m < -0.8) < 0.01, (
+        "the edge lies at 0; the shaft runs down"
+    )
 
 
 def test_totals_come_from_the_totaliser(machine: Any) -> None:
@@ -168,17 +207,24 @@ def test_totals_come_from_the_totaliser(machine: Any) -> None:
 
 def test_a_start_that_is_held_is_one_event_and_launches(simulated: Any) -> None:
     """Flow from the creep on; the same from standstill with one press waits for 0.5 m/s."""
-    sim = {"run_in_m": 0.5, "begin_m": 20.0, "speed_changes": [
-        {"at_s": 0, "speed_kmh": 0}, {"at_s": 3, "speed_kmh": 4.5}]}
+    sim = {
+        "run_in_m": 0.5,
+        "begin_m": 20.0,
+        "speed_changes": [{"at_s": 0, "speed_kmh": 0}, {"at_s": 3, "speed_kmh": 4.5}],
+    }
     held = [(0.5, Order(Do.READY)), *((1.0 + 0.2 * k, Order(Do.START, True)) for k in range(30))]
     runs = [simulated(9.0, orders=orders, sim=sim) for orders in ([*held], [*held[:2]])]
-    begins = [next(s.truth.speed_mps for s in run.steps if s.tick.command.shaft_rpm > 0.0) for run in runs]
+    begins = [
+        next(s.truth.speed_mps for s in run.steps if s.tick.command.shaft_rpm > 0.0) for run in runs
+    ]
     assert 0.1 < begins[0] < 0.3 < 0.5 <= begins[1] + 0.02
     assert sum("start" in (s.tick.row.events or "") for s in runs[0].steps) == 1
     assert runs[0].alarms() == runs[1].alarms() == set()
 
 
-# --- Events on their way into rows: bounded, in their order, none lost without a word --------------------------------
+# --- Events on their way into rows: bounded, in their order, none lost without a word
+# --------------------------------
+
 
 def test_what_one_row_cannot_hold_waits_for_the_next():
     events = Events()

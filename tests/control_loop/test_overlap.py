@@ -1,4 +1,6 @@
-"""No double dose, the headland, and what the totals say: through the whole loop on the simulated machine."""
+"""No double dose, the headland, and what the totals say: through the whole loop on the
+simulated machine."""
+
 from __future__ import annotations
 
 import datetime as dt
@@ -37,14 +39,25 @@ def setup() -> Setup:
 
 
 def job_of(boundary: tuple[tuple[float, float], ...] = FIELD_M, **more: Any) -> Job:
-    ground = {name: more.pop(name) for name in ("headland_m", "headland_rate_kg_ha") if name in more}
-    return Job(target=Wanted(source=TargetSource.MANUAL, manual_rate_kg_ha=300.0),
-               simulated=Simulated(speed_kmh=5.4, passes=1, refill_at_kg=0.0, speed_wander_percent=0.0),
-               field=Ground(boundary_m=boundary, **ground), **more)
+    ground = {
+        name: more.pop(name) for name in ("headland_m", "headland_rate_kg_ha") if name in more
+    }
+    return Job(
+        target=Wanted(source=TargetSource.MANUAL, manual_rate_kg_ha=300.0),
+        simulated=Simulated(speed_kmh=5.4, passes=1, refill_at_kg=0.0, speed_wander_percent=0.0),
+        field=Ground(boundary_m=boundary, **ground),
+        **more,
+    )
 
 
-def driven(setup: Setup, job: Job, legs: list[Leg], seconds: float, orders: Any = None,
-           notes: list[str] | None = None) -> tuple[dict[str, Any], Any, ControlLoop]:
+def driven(
+    setup: Setup,
+    job: Job,
+    legs: list[Leg],
+    seconds: float,
+    orders: Any = None,
+    notes: list[str] | None = None,
+) -> tuple[dict[str, Any], Any, ControlLoop]:
     plant = Plant(setup.machine, job, 1, 0.05, path=Way(legs))
     loop, record = control_loop(setup.machine, setup.crop, setup.rule, job), Record()
     for step in simulated_run(plant, loop, seconds, orders):
@@ -55,7 +68,11 @@ def driven(setup: Setup, job: Job, legs: list[Leg], seconds: float, orders: Any 
     return columns, landing(columns, WIDTH_M), loop
 
 
-LOOP = [Leg(0.0, 0.0, 0.0, 50.0, 0.0), Leg(0.0, 50.0, 0.0, np.pi * 8.0 * 1.5, 270.0), Leg(8.0, 42.0, 270.0, 60.0, 0.0)]
+LOOP = [
+    Leg(0.0, 0.0, 0.0, 50.0, 0.0),
+    Leg(0.0, 50.0, 0.0, np.pi * 8.0 * 1.5, 270.0),
+    Leg(8.0, 42.0, 270.0, 60.0, 0.0),
+]
 """North, three quarters of a right-hand circle of 8 m, and west across the first leg 42 m up."""
 
 
@@ -63,7 +80,9 @@ def skipped(columns: dict[str, Any], land: Any) -> list[tuple[float, float]]:
     """Stretches of the way (begin, end) without material, between stretches with some."""
     centres, rate = land.ground.centres_m(), land.landed_kg_ha
     flows = np.flatnonzero(rate > 100.0)
-    return [(float(centres[a]), float(centres[b])) for a, b in pairwise(flows.tolist()) if b - a > 3]
+    return [
+        (float(centres[a]), float(centres[b])) for a, b in pairwise(flows.tolist()) if b - a > 3
+    ]
 
 
 def test_the_first_pass_is_not_crossed_with_a_second_dose(setup: Setup) -> None:
@@ -77,9 +96,13 @@ def test_the_first_pass_is_not_crossed_with_a_second_dose(setup: Setup) -> None:
     assert begin == pytest.approx(crossing - 1.2, abs=0.5)
     assert end == pytest.approx(crossing + 1.2, abs=0.5)
     totals = loop.totals
-    assert totals.overlap_ha is not None and totals.overlap_ha * 1e4 < 0.55 * WIDTH_M ** 2, "run-down and edges"
+    assert totals.overlap_ha is not None and totals.overlap_ha * 1e4 < 0.55 * WIDTH_M**2, (
+        "run-down and edges"
+    )
     assert totals.covered_ha == pytest.approx(totals.area_ha, rel=0.06)
-    assert totals.metres_left_m == pytest.approx((300.0 - totals.applied_kg) / (300.0 * WIDTH_M / 1e4), rel=0.01)
+    assert totals.metres_left_m == pytest.approx(
+        (300.0 - totals.applied_kg) / (300.0 * WIDTH_M / 1e4), rel=0.01
+    )
     assert totals.applied_n_kg == pytest.approx(totals.applied_kg * setup.crop.product_n_fraction)
 
 
@@ -91,13 +114,16 @@ def test_switched_off_it_is_crossed_like_any_ground(setup: Setup, how: str) -> N
     columns, land, loop = driven(setup, job_of(no_double=how == "order"), LOOP, 80.0, orders)
     assert not [gap for gap in skipped(columns, land) if gap[1] > 20.0]
     assert loop.totals.overlap_ha is not None
-    assert loop.totals.overlap_ha * 1e4 == pytest.approx(WIDTH_M ** 2, rel=0.15)
+    assert loop.totals.overlap_ha * 1e4 == pytest.approx(WIDTH_M**2, rel=0.15)
     assert loop.order(Order(Do.NO_DOUBLE, "no")).why == "yes_or_no"
 
 
 def test_neighbouring_passes_are_no_overlap(setup: Setup) -> None:
-    legs = [Leg(0.0, 0.0, 0.0, 40.0, 0.0), Leg(0.0, 40.0, 0.0, np.pi * 1.2, 180.0),
-            Leg(WIDTH_M, 40.0, 180.0, 60.0, 0.0)]
+    legs = [
+        Leg(0.0, 0.0, 0.0, 40.0, 0.0),
+        Leg(0.0, 40.0, 0.0, np.pi * 1.2, 180.0),
+        Leg(WIDTH_M, 40.0, 180.0, 60.0, 0.0),
+    ]
     columns, land, _ = driven(setup, job_of(), legs, 60.0)
     assert not [gap for gap in skipped(columns, land) if gap[0] > 46.0]
 
@@ -109,10 +135,14 @@ def test_the_headland_has_its_own_rate_or_none(setup: Setup) -> None:
         notes: list[str] = []
         job = job_of(square, headland_m=12.0, headland_rate_kg_ha=rate)
         _, land, _ = driven(setup, job, way, 70.0, notes=notes)
-        assert 250 < notes.count("on_headland") < 1100, "said where it is, not in the middle of the field"
+        assert 250 < notes.count("on_headland") < 1100, (
+            "said where it is, not in the middle of the field"
+        )
         place = land.ground.centres_m() - 20.0
         inner = land.landed_kg_ha[(place > 13.0) & (place < 47.0)]
-        head = land.landed_kg_ha[((place > 1.0) & (place < 11.0)) | ((place > 49.0) & (place < 59.0))]
+        head = land.landed_kg_ha[
+            ((place > 1.0) & (place < 11.0)) | ((place > 49.0) & (place < 59.0))
+        ]
         outside = land.landed_kg_ha[(place < -1.0) | (place > 61.0)]
         assert inner.mean() == pytest.approx(300.0, rel=0.03)
         assert head.mean() == pytest.approx(rate, abs=8.0)
@@ -164,7 +194,9 @@ def test_start_lifts_ground_of_this_run_only() -> None:
     assert overlap.earlier((0.0, 10.0)) and not overlap.earlier((0.0, 13.0))
 
 
-# --- A strip that is measured on the way counts from the next decision on; the log says so, and a rerun takes... -----
+# --- A strip that is measured on the way counts from the next decision on; the log says so, and
+# a rerun takes... -----
+
 
 @pytest.fixture
 def field_crop():
@@ -181,18 +213,29 @@ def run(crop, seconds, orders=()):
 
 def test_both_strips_count_without_a_new_start(field_crop):
     told = [StripValue("nrich", 0.66, 0.004, 40), StripValue("check", 0.55, 0.005, 38)]
-    ticks = run(field_crop, 40.0, [(15.0, Order(Do.STRIP, told[0].text)), (20.0, Order(Do.STRIP, told[1].text))])
-    sources = [(tick.row.time_s, tick.row.target_source) for tick in ticks if tick.row.state == "working"]
-    assert {name for at_s, name in sources if 5.0 < at_s < 20.0} == {"fallback"}, "no strips, no decision"
+    ticks = run(
+        field_crop,
+        40.0,
+        [(15.0, Order(Do.STRIP, told[0].text)), (20.0, Order(Do.STRIP, told[1].text))],
+    )
+    sources = [
+        (tick.row.time_s, tick.row.target_source) for tick in ticks if tick.row.state == "working"
+    ]
+    assert {name for at_s, name in sources if 5.0 < at_s < 20.0} == {"fallback"}, (
+        "no strips, no decision"
+    )
     assert {name for at_s, name in sources if at_s > 30.0} == {"canopy"}
     assert ticks[-1].strips == Strips(0.66, 0.55)
     rule = prepare(field_crop, 100, 0.66, 0.55)
     rates = [tick.row.target_rate_kg_ha for tick in ticks if tick.row.time_s > 32.0]
-    decided = [rule.decide(ndvi).rate_kg_ha for ndvi in np.linspace(0.36, 0.68, 33)]   # 0 beyond the N-rich strip's
+    # 0 beyond the N-rich strip's
+    decided = [rule.decide(ndvi).rate_kg_ha for ndvi in np.linspace(0.36, 0.68, 33)]
     assert min(decided) <= min(rates) <= max(rates) < max(decided) and np.ptp(rates) > 5.0
     events = [tick.row.events for tick in ticks if tick.row.events and "strip" in tick.row.events]
     assert events == [f"strip {one.text}" for one in told]
-    assert [parse_events(event) for event in events] == [[Order(Do.STRIP, one.text)] for one in told], "a rerun's order"
+    assert [parse_events(event) for event in events] == [
+        [Order(Do.STRIP, one.text)] for one in told
+    ], "a rerun's order"
 
 
 def test_what_is_no_ndvi_is_refused_and_changes_nothing(field_crop):

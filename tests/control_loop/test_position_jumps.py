@@ -1,4 +1,5 @@
 """A GNSS place that cannot be: refused, said, harmless; taken once GNSS goes on telling it."""
+
 from __future__ import annotations
 
 import datetime as dt
@@ -36,28 +37,50 @@ Change = Callable[[float, Measurements], Measurements]
 def jumped(m: Measurements, north_m: float, **more: Any) -> Measurements:
     """The measurements with their GNSS place so far to the north, and as far to the east."""
     assert m.gnss is not None
-    return m._replace(gnss=m.gnss._replace(lat_deg=m.gnss.lat_deg + north_m / 111_000.0,
-                                           lon_deg=m.gnss.lon_deg + north_m / 92_000.0, **more))
+    return m._replace(
+        gnss=m.gnss._replace(
+            lat_deg=m.gnss.lat_deg + north_m / 111_000.0,
+            lon_deg=m.gnss.lon_deg + north_m / 92_000.0,
+            **more,
+        )
+    )
 
 
 class Work:
-    """The demo machine at work, 12 s; then `change(seconds since, measurements)` for `seconds`. Every tick is kept."""
+    """The demo machine at work, 12 s; then `change(seconds since, measurements)` for `seconds`.
+    Every tick is kept."""
 
-    def __init__(self, change: Change, seconds: float = 5.0, source: TargetSource = TargetSource.MANUAL,
-                 pass_length_m: float = 300.0) -> None:
+    def __init__(
+        self,
+        change: Change,
+        seconds: float = 5.0,
+        source: TargetSource = TargetSource.MANUAL,
+        pass_length_m: float = 300.0,
+    ) -> None:
         if source is TargetSource.MAP:
             setup = load_setup("huanghai", "map_demo", dt.date(2014, 3, 7))
-            closed = Closed(setup, loop={"prescription": map_of_job(with_simulated_field(setup.job, setup.machine),
-                                                                    setup.folder)})
+            closed = Closed(
+                setup,
+                loop={
+                    "prescription": map_of_job(
+                        with_simulated_field(setup.job, setup.machine), setup.folder
+                    )
+                },
+            )
         else:
-            closed = Closed(sim={"pass_length_m": pass_length_m}, target=Wanted(source=source, manual_rate_kg_ha=300.0))
+            closed = Closed(
+                sim={"pass_length_m": pass_length_m},
+                target=Wanted(source=source, manual_rate_kg_ha=300.0),
+            )
         closed.order(Do.READY)
         closed.run(4.05)
         assert closed.order(Do.START).accepted
-        closed.run(WORKED_S + seconds - 4.05,
-                   lambda m: change(m.time_s - WORKED_S, m) if m.time_s >= WORKED_S else m)
+        closed.run(
+            WORKED_S + seconds - 4.05,
+            lambda m: change(m.time_s - WORKED_S, m) if m.time_s >= WORKED_S else m,
+        )
         self.loop, self.ticks = closed.loop, list[Tick]()
-        self.off_m: list[float] = []                # of the outlet's place from its true one
+        self.off_m: list[float] = []  # of the outlet's place from its true one
         for tick, truth in zip(closed.ticks, closed.truths, strict=True):
             if truth.time_s >= WORKED_S:
                 assert tick.place_m is not None
@@ -78,6 +101,7 @@ def once(north_m: float) -> Change:
     def change(after: float, m: Measurements) -> Measurements:
         assert m.gnss is not None
         return jumped(m, north_m) if 1.0 <= m.gnss.time_s - WORKED_S < 1.05 else m
+
     return change
 
 
@@ -86,7 +110,9 @@ def test_one_epoch_that_cannot_be_is_refused_and_said(sound: Work, north_m: floa
     work = Work(once(north_m))
     assert max(work.off_m) < 0.3
     refused = [event for event in work.events if event.startswith("position_refused ")]
-    assert len(refused) == 1 and not any(event.startswith("position_moved") for event in work.events)
+    assert len(refused) == 1 and not any(
+        event.startswith("position_moved") for event in work.events
+    )
     if north_m < 1e6:
         assert float(refused[0].split()[1]) == pytest.approx(1.41 * north_m, rel=0.03)
     said = [tick for tick in work.ticks if "position_jumped" in {alarm.id for alarm in tick.alarms}]
@@ -100,13 +126,17 @@ def test_one_epoch_that_cannot_be_is_refused_and_said(sound: Work, north_m: floa
 
 
 @pytest.mark.parametrize("north_m", [100.0, 5e4])
-def test_a_place_that_gnss_goes_on_telling_is_taken_and_nothing_between_is_marked(sound: Work, north_m: float) -> None:
+def test_a_place_that_gnss_goes_on_telling_is_taken_and_nothing_between_is_marked(
+    sound: Work, north_m: float
+) -> None:
     work = Work(lambda after, m: jumped(m, north_m))
     taken = [k for k, tick in enumerate(work.ticks) if "position_moved" in (tick.row.events or "")]
     assert len(taken) == 1 and 1.0 <= 0.05 * taken[0] <= 1.2
-    assert max(work.off_m[:taken[0]]) < 0.3 and min(work.off_m[taken[0]:]) > north_m
+    assert max(work.off_m[: taken[0]]) < 0.3 and min(work.off_m[taken[0] :]) > north_m
     assert work.loop.totals.covered_ha is not None and sound.loop.totals.covered_ha is not None
-    assert 0.0 <= sound.loop.totals.covered_ha - work.loop.totals.covered_ha < 0.003, "outside nothing flows"
+    assert 0.0 <= sound.loop.totals.covered_ha - work.loop.totals.covered_ha < 0.003, (
+        "outside nothing flows"
+    )
     there = [tick for k, tick in enumerate(work.ticks) if k > taken[0]]
     assert all("outside_field" in tick.why_no_flow for tick in there if north_m > 1e3)
 
@@ -119,11 +149,18 @@ def test_map_mode_stops_after_two_seconds_without_a_place_that_can_be() -> None:
     assert all(tick.sensed.refused_m is not None for tick in work.ticks)
 
 
-@pytest.mark.parametrize(("source", "turn_deg", "quality", "lasts_m"), [
-    (TargetSource.MAP, 0.0, 4, 9.8), (TargetSource.MAP, 0.0, 1, 2.5), (TargetSource.MAP, 20.0, 4, 2.5),
-    (TargetSource.POINT, 0.0, 4, 2.5)])
+@pytest.mark.parametrize(
+    ("source", "turn_deg", "quality", "lasts_m"),
+    [
+        (TargetSource.MAP, 0.0, 4, 9.8),
+        (TargetSource.MAP, 0.0, 1, 2.5),
+        (TargetSource.MAP, 20.0, 4, 2.5),
+        (TargetSource.POINT, 0.0, 4, 2.5),
+    ],
+)
 def test_without_gnss_a_place_is_reckoned_as_long_as_it_is_good_enough(
-        source: TargetSource, turn_deg: float, quality: int, lasts_m: float) -> None:
+    source: TargetSource, turn_deg: float, quality: int, lasts_m: float
+) -> None:
     """Half the width of 2.4 m, straight on and by RTK; else 2 s."""
     limits = SensingLimits(reckoned_m=0.0 if source is TargetSource.POINT else 1.2)
     sensing, plane, ok_m = Sensing(0.0, PLANE, limits), PLANE, 0.0
@@ -132,13 +169,18 @@ def test_without_gnss_a_place_is_reckoned_as_long_as_it_is_good_enough(
         course += turn_deg * 0.05 if 9.0 < 0.05 * k < 12.0 else 0.0
         east, north = east + 0.0625 * sin(radians(course)), north + 0.0625 * cos(radians(course))
         if k % 4 == 0 and 0.05 * k < 10.0:
-            fix = GnssFix(0.05 * k, *plane.to_deg(east, north), quality, 12, 0.8, 1.25, course % 360.0)
-        found = sensing.update(Measurements(0.05 * k, gnss=fix, wheel_speed_mps=Reading(1.25, 0.05 * k)))
+            fix = GnssFix(
+                0.05 * k, *plane.to_deg(east, north), quality, 12, 0.8, 1.25, course % 360.0
+            )
+        found = sensing.update(
+            Measurements(0.05 * k, gnss=fix, wheel_speed_mps=Reading(1.25, 0.05 * k))
+        )
         ok_m += 0.0625 * (found.position_ok and 0.05 * k >= 10.0)
     assert ok_m == pytest.approx(lasts_m, abs=0.4)
 
 
-# -- the gate ------------------------------------------------------------------------------------------------------
+# -- the gate
+# --------------------------------------------------------------------------------------------------
 
 
 def driven(gate: PositionGate, seconds: float) -> float:
@@ -148,9 +190,19 @@ def driven(gate: PositionGate, seconds: float) -> float:
     return 2.0 * seconds
 
 
-@pytest.mark.parametrize(("before", "after", "jump_m", "taken"), [
-    (1, 4, 10.0, True), (5, 4, 3.0, True), (4, 4, 1.0, True), (2, 2, 8.0, True),      # RTK converges, noise
-    (4, 4, 10.0, False), (1, 4, 30.0, False), (2, 5, 20.0, False)])
+@pytest.mark.parametrize(
+    ("before", "after", "jump_m", "taken"),
+    [
+        # RTK converges, noise
+        (1, 4, 10.0, True),
+        (5, 4, 3.0, True),
+        (4, 4, 1.0, True),
+        (2, 2, 8.0, True),
+        (4, 4, 10.0, False),
+        (1, 4, 30.0, False),
+        (2, 5, 20.0, False),
+    ],
+)
 def test_what_the_fix_allows_is_taken(before: int, after: int, jump_m: float, taken: bool) -> None:
     gate = PositionGate()
     assert gate.judge((0.0, 0.0), before, 1.0, 2.0, 100.0).taken
@@ -182,12 +234,15 @@ def test_a_plane_that_began_with_a_wrong_place_begins_anew() -> None:
     for k in range(40):
         lat = 80.0 if k == 0 else 34.28
         now = 100.0 + 0.1 * k
-        seen = sensing.update(Measurements(now, gnss=GnssFix(now, lat, 119.88, 4, speed_mps=0.0, heading_deg=0.0)))
+        seen = sensing.update(
+            Measurements(now, gnss=GnssFix(now, lat, 119.88, 4, speed_mps=0.0, heading_deg=0.0))
+        )
     assert sensing.plane is not None and sensing.plane.lat_deg == 34.28
     assert seen.refused_m is None and (seen.east_m, seen.north_m) == pytest.approx((0.0, 0.0))
 
 
-# -- clocks and numbers that cannot be ---------------------------------------------------------------------------------
+# -- clocks and numbers that cannot be
+# ---------------------------------------------------------------------------------
 
 
 def test_readings_from_the_future_are_not_fresh() -> None:
@@ -205,8 +260,15 @@ def test_readings_from_the_future_are_not_fresh() -> None:
 def test_a_speed_that_cannot_be_leaves_track_and_fence_alone(mps: float) -> None:
     def mad(after: float, m: Measurements) -> Measurements:
         assert m.gnss is not None and m.wheel_speed_mps is not None
-        return m._replace(gnss=m.gnss._replace(speed_mps=mps), wheel_speed_mps=m.wheel_speed_mps._replace(value=mps)
-                          ) if after < 1.0 else m
+        return (
+            m._replace(
+                gnss=m.gnss._replace(speed_mps=mps),
+                wheel_speed_mps=m.wheel_speed_mps._replace(value=mps),
+            )
+            if after < 1.0
+            else m
+        )
+
     work = Work(mad, 10.0, pass_length_m=50.0)
     track = [tick.sensed.track_m for tick in work.ticks]
     assert all(map(math.isfinite, track)) and 0.0 <= track[-1] - track[0] < 20.0
@@ -220,22 +282,40 @@ def test_a_clock_that_goes_back_stops_time_and_then_flow(back_s: float) -> None:
         if after < 1.0:
             return m
         return m._replace(time_s=m.time_s - back_s) if back_s == 0.01 else _all_back(m, back_s)
+
     work = Work(shifted, 3.0)
     times = [tick.row.time_s for tick in work.ticks]
     assert times == sorted(times)
-    assert work.ticks[-1].enabled is (back_s == 0.01) and (not work.ticks[-1].why_no_flow) is (back_s == 0.01)
+    assert work.ticks[-1].enabled is (back_s == 0.01) and (not work.ticks[-1].why_no_flow) is (
+        back_s == 0.01
+    )
 
 
 def _all_back(m: Measurements, seconds: float) -> Measurements:
     """Tick and readings on a clock that lies back."""
+
     def moved(one: Any) -> Any:
         return one if one is None else one._replace(time_s=one.time_s - seconds)
-    names = ("gnss", "wheel_speed_mps", "shaft_rpm", "opening_mm", "hopper_kg", "supply_v", "pitch_deg", "roll_deg")
-    return m._replace(time_s=m.time_s - seconds, ndvi=tuple(map(moved, m.ndvi)),
-                      **{name: moved(getattr(m, name)) for name in names})
+
+    names = (
+        "gnss",
+        "wheel_speed_mps",
+        "shaft_rpm",
+        "opening_mm",
+        "hopper_kg",
+        "supply_v",
+        "pitch_deg",
+        "roll_deg",
+    )
+    return m._replace(
+        time_s=m.time_s - seconds,
+        ndvi=tuple(map(moved, m.ndvi)),
+        **{name: moved(getattr(m, name)) for name in names},
+    )
 
 
-# --- A GNSS place that walks off from its own speed and course: seen, said, not used; sound receivers are not... -----
+# --- A GNSS place that walks off from its own speed and course: seen, said, not used; sound
+# receivers are not... -----
 
 ROOT = Path(__file__).parents[2]
 WALK_PLANE = TangentPlane(48.0, 11.0)
@@ -244,7 +324,9 @@ WALK_PLANE = TangentPlane(48.0, 11.0)
 @pytest.fixture(scope="module")
 def walks() -> ModuleType:
     folder = str(ROOT / "benchmarks")
-    spec = importlib.util.spec_from_file_location("benchmark_position_walks", ROOT / "benchmarks" / "position_walks.py")
+    spec = importlib.util.spec_from_file_location(
+        "benchmark_position_walks", ROOT / "benchmarks" / "position_walks.py"
+    )
     assert spec is not None and spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     sys.modules["benchmark_position_walks"] = module
@@ -256,10 +338,22 @@ def walks() -> ModuleType:
     return module
 
 
-@pytest.mark.parametrize(("receiver", "drift_mps", "far_m", "said_s"), [
-    (0, 0.5, 5.0, 10.0), (0, 3.0, 5.0, 2.0), (0, 10.0, 5.0, 1.0), (0, 30.0, 5.0, 1.0), (0, 0.25, 8.0, 35.0),
-    (3, 0.5, 15.0, 35.0), (5, 3.0, 20.0, 15.0), (5, 0.5, 20.0, 45.0)])
-def test_a_place_that_walks_is_believed_for_some_metres_only(walks, receiver, drift_mps, far_m, said_s):
+@pytest.mark.parametrize(
+    ("receiver", "drift_mps", "far_m", "said_s"),
+    [
+        (0, 0.5, 5.0, 10.0),
+        (0, 3.0, 5.0, 2.0),
+        (0, 10.0, 5.0, 1.0),
+        (0, 30.0, 5.0, 1.0),
+        (0, 0.25, 8.0, 35.0),
+        (3, 0.5, 15.0, 35.0),
+        (5, 3.0, 20.0, 15.0),
+        (5, 0.5, 20.0, 45.0),
+    ],
+)
+def test_a_place_that_walks_is_believed_for_some_metres_only(
+    walks, receiver, drift_mps, far_m, said_s
+):
     found = walks.drifting(walks.RECEIVERS[receiver], drift_mps, with_it=False)
     assert found.said_s is not None and found.said_s <= said_s and found.far_m <= far_m, found
 
@@ -281,15 +375,37 @@ class Way:
     def __init__(self) -> None:
         self.sensing, self.now_s, self.rng = Sensing(0.0, WALK_PLANE), 0.0, np.random.default_rng(3)
 
-    def go(self, seconds, drift=lambda since_s: 0.0, wheel_mps=1.25, speed_mps=1.25, quality=4, told=True):
+    def go(
+        self,
+        seconds,
+        drift=lambda since_s: 0.0,
+        wheel_mps=1.25,
+        speed_mps=1.25,
+        quality=4,
+        told=True,
+    ):
         found, begun_s = [], self.now_s
         for _ in range(round(seconds / 0.2)):
             self.now_s += 0.2
             east = drift(self.now_s - begun_s) + 0.01 * self.rng.standard_normal()
             lat, lon = WALK_PLANE.to_deg(east, 1.25 * self.now_s)
-            fix = GnssFix(self.now_s, lat, lon, quality, 12, 0.8, speed_mps if told else None, 0.0 if told else None)
-            found.append(self.sensing.update(Measurements(self.now_s, gnss=fix, wheel_speed_mps=Reading(
-                wheel_mps, self.now_s))))
+            fix = GnssFix(
+                self.now_s,
+                lat,
+                lon,
+                quality,
+                12,
+                0.8,
+                speed_mps if told else None,
+                0.0 if told else None,
+            )
+            found.append(
+                self.sensing.update(
+                    Measurements(
+                        self.now_s, gnss=fix, wheel_speed_mps=Reading(wheel_mps, self.now_s)
+                    )
+                )
+            )
         return found
 
 
@@ -301,7 +417,8 @@ def test_the_place_goes_back_to_before_the_walk_and_no_flow_depends_on_the_walke
     assert 3.0 < 0.2 * first < 6.0
     assert found[first].moved_m == pytest.approx(0.2 * first, abs=1.5)
     assert abs(found[first].east_m) < 1.0 and abs(found[-1].east_m) < 3.0
-    assert found[-1].north_m == pytest.approx(1.25 * way.now_s, abs=3.0)       # course and speed are believed on
+    # course and speed are believed on
+    assert found[-1].north_m == pytest.approx(1.25 * way.now_s, abs=3.0)
     assert not found[-1].position_ok and found[-1].walks and found[-1].refused_m > 10.0
 
 
@@ -344,7 +461,9 @@ def test_a_jump_is_a_jump_and_no_walk():
     way = Way()
     way.go(70.0)
     found = way.go(5.0, lambda since_s: 200.0)
-    assert found[0].refused_m == pytest.approx(200.0, abs=1.0) and not any(sensed.walks for sensed in found)
+    assert found[0].refused_m == pytest.approx(200.0, abs=1.0) and not any(
+        sensed.walks for sensed in found
+    )
     assert found[-1].refused_m is None and found[-1].east_m == pytest.approx(200.0, abs=0.1)
 
 
@@ -360,15 +479,21 @@ def test_a_change_of_the_fix_is_no_walk():
 def test_a_receiver_that_tells_no_speed_is_held_to_a_quarter_of_the_way():
     way = Way()
     way.go(60.0)
-    assert not any(sensed.walks for sensed in way.go(60.0, lambda since_s: 0.3 * since_s, told=False))
-    assert any(sensed.walks for sensed in way.go(10.0, lambda since_s: 18.0 + 12.0 * since_s, told=False))
+    assert not any(
+        sensed.walks for sensed in way.go(60.0, lambda since_s: 0.3 * since_s, told=False)
+    )
+    assert any(
+        sensed.walks for sensed in way.go(10.0, lambda since_s: 18.0 + 12.0 * since_s, told=False)
+    )
 
 
 def test_recordings_of_receivers_are_not_accused(walks):
     names = sorted(path.name for path in RECEIVERS.glob("*.log"))
     accused = [name for name in names if walks.heard(walks.recorded(RECEIVERS / name)).walks]
     assert len(names) >= 10
-    assert set(accused) <= set(walks.COLD_STARTS), "only one whose place jumps by 33 m in its first seconds"
+    assert set(accused) <= set(walks.COLD_STARTS), (
+        "only one whose place jumps by 33 m in its first seconds"
+    )
 
 
 @pytest.mark.parametrize("number", range(6))

@@ -1,12 +1,15 @@
 """Random steps of the control loop with wild places, times and numbers.
 
-A machine drives to and fro on a field and works, by any strategy, at times with START held down while it creeps; a
-tractor tells speeds to come. A share of its readings, of the times of its ticks and of its orders is wild: no number,
-infinite, from the future, from the past, elsewhere on earth. The interlocks are written here a second time, from
-docs/safety.md, and with a memory of their own; every command that turns the shaft is held against them, every command
-against the limits of the drives, every row against the log's text and the console's frame. Every other run is of a
-machine whose sections have valves: none may be open without flow, or where a hand has closed it.
+A machine drives to and fro on a field and works, by any strategy, at times with START held down
+while it creeps; a tractor tells speeds to come. A share of its readings, of the times of its
+ticks and of its orders is wild: no number, infinite, from the future, from the past, elsewhere
+on earth. The interlocks are written here a second time, from docs/safety.md, and with a memory
+of their own; every command that turns the shaft is held against them, every command against the
+limits of the drives, every row against the log's text and the console's frame. Every other run
+is of a machine whose sections have valves: none may be open without flow, or where a hand has
+closed it.
 """
+
 from __future__ import annotations
 
 import datetime as dt
@@ -38,9 +41,26 @@ LATE_S = (0.0, 0.0, 0.1, 0.4, 0.6, 1.0, 3.0, 60.0, -0.05, -0.3, -5.0, -1e9, 1e9,
 TICKS_S = (0.0, 0.01, 0.2, 0.6, 2.0, 30.0, -0.05, -10.0, -1e9, nan, inf, -inf, 1e9)
 AWAY_M = (0.5, 5.0, 30.0, 1e3, 5e4, 5e6)
 SETTLING = (Order(Do.ACKNOWLEDGE, ""), Order(Do.READY), Order(Do.START))
-VALUES = (None, True, False, "", "map", "manual", "balanced", 0.3, -30.0, 250.0, nan, inf, 1e308, "x" * 999)
+VALUES = (
+    None,
+    True,
+    False,
+    "",
+    "map",
+    "manual",
+    "balanced",
+    0.3,
+    -30.0,
+    250.0,
+    nan,
+    inf,
+    1e308,
+    "x" * 999,
+)
 ORDERS = [Order(do, value) for do in Do for value in VALUES]
-SECTION_ORDERS = [Order(Do.SECTION, value) for value in ("1 off", "2 off", "3 off", "2 auto", "all auto", "9 off")]
+SECTION_ORDERS = [
+    Order(Do.SECTION, value) for value in ("1 off", "2 off", "3 off", "2 auto", "all auto", "9 off")
+]
 LIVELY = [order for order in ORDERS if order.do is not Do.STOP]
 
 
@@ -54,7 +74,9 @@ class Rules:
         self._standing = 0
         self._pulse_s = self._speed_s = -inf
 
-    def broken(self, m: Measurements, console_s: float | None, log_ok: bool, tick: Tick) -> list[str]:
+    def broken(
+        self, m: Measurements, console_s: float | None, log_ok: bool, tick: Tick
+    ) -> list[str]:
         went_on = isfinite(m.time_s) and (self._now_s is None or self._now_s < m.time_s)
         self._standing = 0 if went_on else self._standing + 1
         if went_on:
@@ -64,45 +86,82 @@ class Rules:
         if wheel is not None and 0.0 < wheel.value <= 30.0 and _fresh(wheel.time_s, now_s, inf):
             self._pulse_s = max(self._pulse_s, wheel.time_s)
             self._speed_s = max(self._speed_s, wheel.time_s)
-        if fix is not None and fix.speed_mps is not None and 0.0 <= fix.speed_mps <= 30.0 and _fresh(
-                fix.time_s, now_s, inf):
+        if (
+            fix is not None
+            and fix.speed_mps is not None
+            and 0.0 <= fix.speed_mps <= 30.0
+            and _fresh(fix.time_s, now_s, inf)
+        ):
             self._speed_s = max(self._speed_s, fix.time_s)
         command, allow, state = tick.command, tick.allow, tick.verdict.state
         opened = [k for k, on in enumerate(command.valves, start=1) if on is not False]
-        closed = [name for name, bad in (
-            ("valve_without_flow", bool(opened and tick.verdict.why_no_flow)),
-            ("valve_not_working", bool(opened) and state not in (State.WORKING, State.CALIBRATING)),
-            ("valve_by_hand", state is State.WORKING and bool(set(opened) & set(tick.choices.sections_off))),
-        ) if bad]
+        closed = [
+            name
+            for name, bad in (
+                ("valve_without_flow", bool(opened and tick.verdict.why_no_flow)),
+                (
+                    "valve_not_working",
+                    bool(opened) and state not in (State.WORKING, State.CALIBRATING),
+                ),
+                (
+                    "valve_by_hand",
+                    state is State.WORKING and bool(set(opened) & set(tick.choices.sections_off)),
+                ),
+            )
+            if bad
+        ]
         turns_well = command.shaft_rpm == 0.0 or 10.0 <= command.shaft_rpm <= 100.0
         found = closed + ([] if turns_well and 0.0 <= command.opening_mm <= 60.0 else ["limits"])
         if command.shaft_rpm == 0.0 and command.dose is None:
             return found
-        found += [name for name, bad in (
-            ("not_working", state not in (State.WORKING, State.CALIBRATING)),
-            ("shaft_silent", not _known(m.shaft_rpm, now_s, 0.5)),
-            ("gate_silent", not _known(m.opening_mm, now_s, 0.5)),
-            ("clock_stands", self._standing > 12),
-            ("work_switch_up", m.work_switch is False or (self._has_switch and m.work_switch is None)),
-        ) if bad]
+        found += [
+            name
+            for name, bad in (
+                ("not_working", state not in (State.WORKING, State.CALIBRATING)),
+                ("shaft_silent", not _known(m.shaft_rpm, now_s, 0.5)),
+                ("gate_silent", not _known(m.opening_mm, now_s, 0.5)),
+                ("clock_stands", self._standing > 12),
+                (
+                    "work_switch_up",
+                    m.work_switch is False or (self._has_switch and m.work_switch is None),
+                ),
+            )
+            if bad
+        ]
         if state is not State.WORKING:
             return found
         row = tick.row
-        return found + [name for name, bad in (
-            ("log_failed", not log_ok and not allow.unlogged),
-            ("console_silent", console_s is not None and not console_s <= 2.0),
-            ("standstill", not now_s - self._pulse_s <= 0.8 + 1e-6),
-            ("speed_silent", not now_s - self._speed_s <= 3.0 + 1e-6),
-            ("target_refused", row.target_rate_kg_ha is not None and not 0.0 <= row.target_rate_kg_ha <= 1000.0),
-            ("position_lost", tick.choices.source in BY_PLACE
-             and not tick.sensed.position_ok),
-            ("outside_field", self._field is not None and not allow.outside and not self._may_land(tick)),
-        ) if bad]
+        return found + [
+            name
+            for name, bad in (
+                ("log_failed", not log_ok and not allow.unlogged),
+                ("console_silent", console_s is not None and not console_s <= 2.0),
+                ("standstill", not now_s - self._pulse_s <= 0.8 + 1e-6),
+                ("speed_silent", not now_s - self._speed_s <= 3.0 + 1e-6),
+                (
+                    "target_refused",
+                    row.target_rate_kg_ha is not None
+                    and not 0.0 <= row.target_rate_kg_ha <= 1000.0,
+                ),
+                ("position_lost", tick.choices.source in BY_PLACE and not tick.sensed.position_ok),
+                (
+                    "outside_field",
+                    self._field is not None and not allow.outside and not self._may_land(tick),
+                ),
+            )
+            if bad
+        ]
 
     def _may_land(self, tick: Tick) -> bool:
-        """Whether some place within the reach of the lag, from where the loop thinks it is, lies in the field."""
+        """Whether some place within the reach of the lag, from where the loop thinks it is,
+        lies in the field."""
         place, speed_mps = tick.place_m, tick.row.speed_used_mps
-        if place is None or not (isfinite(place[0]) and isfinite(place[1])) or speed_mps is None or self._field is None:
+        if (
+            place is None
+            or not (isfinite(place[0]) and isfinite(place[1]))
+            or speed_mps is None
+            or self._field is None
+        ):
             return False
         return bool(self._field.distance(Point(place)) <= 3.0 + 4.0 * speed_mps)
 
@@ -112,25 +171,34 @@ def _fresh(time_s: float, now_s: float, holds_s: float) -> bool:
 
 
 def _known(reading: Reading | None, now_s: float, holds_s: float) -> bool:
-    return reading is not None and isfinite(reading.value) and _fresh(reading.time_s, now_s, holds_s)
+    return (
+        reading is not None and isfinite(reading.value) and _fresh(reading.time_s, now_s, holds_s)
+    )
 
 
 class Machine:
-    """A machine that drives to and fro, and what its sensors say; `wild` of all that is said is wild."""
+    """A machine that drives to and fro, and what its sensors say; `wild` of all that is said is
+    wild."""
 
     def __init__(self, chance: random.Random, job: Job, wild: float) -> None:
         self._chance, self._wild = chance, wild
         origin = job.field.origin_lat_deg, job.field.origin_lon_deg
         self._plane = TangentPlane(*origin)
-        corners = Polygon(job.field.boundary_m).bounds if job.field.boundary_m else (0.0, 0.0, 40.0, 60.0)
-        self._east_m, self._south_m, self._north_m = 0.5 * (corners[0] + corners[2]), corners[1], corners[3]
+        corners = (
+            Polygon(job.field.boundary_m).bounds if job.field.boundary_m else (0.0, 0.0, 40.0, 60.0)
+        )
+        self._east_m, self._south_m, self._north_m = (
+            0.5 * (corners[0] + corners[2]),
+            corners[1],
+            corners[3],
+        )
         self._driven_m, self._true_s = chance.uniform(0.0, 50.0), 0.0
         self._speed_mps = chance.choice((0.4, 0.8, 1.2, 2.0))
         self._said: dict[str, Any] = {}
         self._off: tuple[float, float] | None = None
         self._skew_s = 0.0
-        self._announces = chance.random() < 0.5      # the tractor speaks
-        self._frozen = 0                # ticks for which clock and devices still stand
+        self._announces = chance.random() < 0.5  # the tractor speaks
+        self._frozen = 0  # ticks for which clock and devices still stand
         self._last: Measurements | None = None
 
     def measure(self) -> Measurements:
@@ -157,8 +225,15 @@ class Machine:
         legs, along_m = divmod(self._driven_m, span_m)
         back = int(legs) % 2 == 1
         north_m = self._south_m - 10.0 + (span_m - along_m if back else along_m)
-        for name, value in (("wheel_speed_mps", self._speed_mps), ("shaft_rpm", 40.0), ("opening_mm", 25.0),
-                            ("hopper_kg", 200.0), ("supply_v", 12.5), ("pitch_deg", 0.0), ("roll_deg", 0.0)):
+        for name, value in (
+            ("wheel_speed_mps", self._speed_mps),
+            ("shaft_rpm", 40.0),
+            ("opening_mm", 25.0),
+            ("hopper_kg", 200.0),
+            ("supply_v", 12.5),
+            ("pitch_deg", 0.0),
+            ("roll_deg", 0.0),
+        ):
             if not self._quiet():
                 self._said[name] = self._reading(value, now_s)
         if not self._quiet():
@@ -170,19 +245,28 @@ class Machine:
         self._tell(now_s)
         if self._odd(0.05):
             self._said.pop(chance.choice(sorted(self._said)), None)
-        return Measurements(now_s, **{"work_switch": True} | self._said, drive_fault=self._odd(0.01),
-                            drive_stopped=self._odd(0.01))
+        return Measurements(
+            now_s,
+            **{"work_switch": True} | self._said,
+            drive_fault=self._odd(0.01),
+            drive_stopped=self._odd(0.01),
+        )
 
     def _tell(self, now_s: float) -> None:
         """What the tractor says of its speeds."""
         if not self._announces or self._quiet():
             return
         chance = self._chance
-        points = [(0.0, self._speed_mps), (1.0, chance.choice((0.0, 1.2, 3.0)))][:chance.choice((1, 2))]
+        points = [(0.0, self._speed_mps), (1.0, chance.choice((0.0, 1.2, 3.0)))][
+            : chance.choice((1, 2))
+        ]
         if self._odd(0.1):
             points[-1] = chance.choice(WILD), chance.choice(WILD)
-        self._said["speed_told"] = SpeedPlan(now_s - (chance.choice(LATE_S) if self._odd(0.1) else 0.0), tuple(points),
-                                             chance.choice(WILD) if self._odd(0.05) else 0.5)
+        self._said["speed_told"] = SpeedPlan(
+            now_s - (chance.choice(LATE_S) if self._odd(0.1) else 0.0),
+            tuple(points),
+            chance.choice(WILD) if self._odd(0.05) else 0.5,
+        )
 
     def _odd(self, share: float) -> bool:
         return self._chance.random() < share * self._wild
@@ -198,7 +282,9 @@ class Machine:
         chance = self._chance
         if self._odd(0.05):
             away_m, angle = chance.choice(AWAY_M), radians(chance.uniform(0.0, 360.0))
-            self._off = None if chance.random() < 0.5 else (away_m * sin(angle), away_m * cos(angle))
+            self._off = (
+                None if chance.random() < 0.5 else (away_m * sin(angle), away_m * cos(angle))
+            )
         off = self._off or (0.0, 0.0)
         lat_deg, lon_deg = _degrees(self._plane, east_m + off[0], north_m + off[1])
         speed: float | None = self._speed_mps
@@ -206,11 +292,22 @@ class Machine:
             lat_deg, lon_deg = chance.choice((lat_deg, *WILD)), chance.choice((lon_deg, *WILD))
         if self._odd(0.05):
             speed = chance.choice((None, *WILD))
-        course = chance.choice((None, *WILD, chance.uniform(0.0, 360.0))) if self._odd(0.05) else heading_deg
-        return GnssFix(now_s - (chance.choice(LATE_S) if self._odd(0.05) else 0.0), lat_deg, lon_deg,
-                       chance.choice((0, 1, 9, -1)) if self._odd(0.05) else 4, 14,
-                       chance.choice((None, *WILD)) if self._odd(0.05) else 0.8, speed, course,
-                       chance.choice((None, "2014-03-07T08:00:00.000Z")))
+        course = (
+            chance.choice((None, *WILD, chance.uniform(0.0, 360.0)))
+            if self._odd(0.05)
+            else heading_deg
+        )
+        return GnssFix(
+            now_s - (chance.choice(LATE_S) if self._odd(0.05) else 0.0),
+            lat_deg,
+            lon_deg,
+            chance.choice((0, 1, 9, -1)) if self._odd(0.05) else 4,
+            14,
+            chance.choice((None, *WILD)) if self._odd(0.05) else 0.8,
+            speed,
+            course,
+            chance.choice((None, "2014-03-07T08:00:00.000Z")),
+        )
 
 
 def _degrees(plane: TangentPlane, east_m: float, north_m: float) -> tuple[float, float]:
@@ -232,7 +329,8 @@ def _order(loop: ControlLoop, chance: random.Random) -> None:
 
 
 def ran(number: int) -> tuple[int, int]:
-    """Steps with flow and steps with an open valve, of a run of which every step keeps the rules."""
+    """Steps with flow and steps with an open valve, of a run of which every step keeps the
+    rules."""
     setup = load_setup("huanghai_sections", "demo", dt.date(2014, 3, 7))
     chance = random.Random(f"1/{number}")
     source = chance.choice((TargetSource.MANUAL, TargetSource.CANOPY))
@@ -244,12 +342,17 @@ def ran(number: int) -> tuple[int, int]:
     valved = number % 2 == 1
     applicator = setup.machine if valved else setup.machine.model_copy(update={"sections": ()})
     loop = control_loop(applicator, setup.crop, setup.rule, job, has_switch)
-    machine, rules = Machine(chance, job, chance.choice((0.02, 0.1, 0.3, 1.0))), Rules(job, has_switch)
+    machine, rules = (
+        Machine(chance, job, chance.choice((0.02, 0.1, 0.3, 1.0))),
+        Rules(job, has_switch),
+    )
     text = RowText(ALL_COLUMNS if valved else COLUMNS)
     flowing = opened = 0
     for step in range(STEPS_A_RUN):
         m = machine.measure()
-        console_s = chance.choice((0.1, 0.1, None, 1.9, 2.1, nan)) if chance.random() < 0.01 else 0.1
+        console_s = (
+            chance.choice((0.1, 0.1, None, 1.9, 2.1, nan)) if chance.random() < 0.01 else 0.1
+        )
         log_ok = chance.random() > 0.002
         _order(loop, chance)
         tick = loop.tick(m, console_s, log_ok)

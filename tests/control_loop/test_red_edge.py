@@ -1,4 +1,6 @@
-"""NDRE as the index of dense canopies: heads and rule must speak of the same one, and the log says which it was."""
+"""NDRE as the index of dense canopies: heads and rule must speak of the same one, and the log
+says which it was."""
+
 from __future__ import annotations
 
 import numpy as np
@@ -26,9 +28,20 @@ CURVE = {"a_t_ha": 0.9, "b_days": 400.0, "base_temp_c": 4.4, "source": "made up 
 
 
 def dense(huanghai: Crop) -> Crop:
-    return Crop.model_validate(huanghai.model_dump(mode="json") | {
-        "id": "dense", "index": "ndre", "yield_potential": CURVE, "days": {"count": 100, "above_c": 4.4},
-        "grades": False, "ndvi_min": 0.1, "ndvi_max": 0.6, "taper_ndvi": 0.05, "examples": []})
+    return Crop.model_validate(
+        huanghai.model_dump(mode="json")
+        | {
+            "id": "dense",
+            "index": "ndre",
+            "yield_potential": CURVE,
+            "days": {"count": 100, "above_c": 4.4},
+            "grades": False,
+            "ndvi_min": 0.1,
+            "ndvi_max": 0.6,
+            "taper_ndvi": 0.05,
+            "examples": [],
+        }
+    )
 
 
 @pytest.fixture(scope="module")
@@ -37,7 +50,10 @@ def worked():
     crop = dense(SETUP.crop)
     rule = prepare(crop)
     canopy = SETUP.job.simulated.canopy.model_dump() | {"mean_ndvi": 0.86, "cv_percent": 4.0}
-    closed = Closed(sim={"begin_m": 30.0, "heads_index": "ndre", "canopy": canopy}, known={"crop": crop, "rule": rule})
+    closed = Closed(
+        sim={"begin_m": 30.0, "heads_index": "ndre", "canopy": canopy},
+        known={"crop": crop, "rule": rule},
+    )
     return SETUP, crop, rule, closed.job, [step.tick.row for step in closed.through(40.0)]
 
 
@@ -63,7 +79,10 @@ def test_the_row_names_what_the_heads_read(worked):
 def test_a_log_of_red_edge_is_run_again(worked, tmp_path):
     setup, crop, rule, job, rows = worked
     log = read_log(write_log(tmp_path / "run.csv", run_meta(setup.machine, crop, job), rows))
-    again = [tick.row for tick in rerun(log, type(setup)(setup.machine, crop, rule, job, {}, tmp_path, None))]
+    again = [
+        tick.row
+        for tick in rerun(log, type(setup)(setup.machine, crop, rule, job, {}, tmp_path, None))
+    ]
     late = [(a, b) for a, b in zip(again, rows, strict=True) if b.time_s > 20.0]
     assert {a.target_source for a, _ in late} == {"canopy"}
     assert np.mean([abs(a.ndre - b.ndre) for a, b in late]) < 0.005
@@ -86,7 +105,9 @@ def test_a_strip_is_measured_in_the_index_that_there_is():
 @pytest.fixture
 def files(tmp_path):
     save(tmp_path / "crop.yaml", dense(SETUP.crop), CROP)
-    save(tmp_path / "job.yaml", load("demo", JOB).model.model_copy(update={"crop": "crop.yaml"}), JOB)
+    save(
+        tmp_path / "job.yaml", load("demo", JOB).model.model_copy(update={"crop": "crop.yaml"}), JOB
+    )
     cab = "format: topdress-cab/1\nheads:\n  protocol: {protocol}\n  ports: [COM1]\n{more}"
     (tmp_path / "greenseeker.yaml").write_text(cab.format(protocol="greenseeker", more=""))
     (tmp_path / "acs.yaml").write_text(cab.format(protocol="acs430", more="  index: ndre\n"))
@@ -98,16 +119,28 @@ def test_heads_of_another_index_are_refused_in_one_line(files):
     def said(*names: str) -> tuple[int, str]:
         result = topdress("check", *(str(files / name) for name in names))
         return result.exit_code, result.output
+
     code, output = said("job.yaml", "greenseeker.yaml")
     lines = [line for line in output.splitlines() if "heads.index" in line]
-    assert code != 0 and len(lines) == 1 and "value ndvi: allowed ndre" in lines[0] and "crop dense" in lines[0]
+    assert (
+        code != 0
+        and len(lines) == 1
+        and "value ndvi: allowed ndre" in lines[0]
+        and "crop dense" in lines[0]
+    )
     assert said("job.yaml", "acs.yaml")[0] == 0
     code, output = said("wrong.yaml")
-    assert code != 0 and "heads of protocol greenseeker give NDVI: allowed with acs430, acs435" in output
+    assert (
+        code != 0
+        and "heads of protocol greenseeker give NDVI: allowed with acs430, acs435" in output
+    )
     code, output = said("job.yaml")
     assert code != 0 and "simulated.heads_index" in output
     with pytest.raises(ValueError, match=r"simulated\.heads_index: value ndvi: allowed ndre"):
-        assemble(Options((str(files / "job.yaml"),), files / "w.json", log=str(files / "a.csv")), lambda: 0.0)
+        assemble(
+            Options((str(files / "job.yaml"),), files / "w.json", log=str(files / "a.csv")),
+            lambda: 0.0,
+        )
 
 
 def test_a_layout_of_ones_own_says_which_field_it_is():

@@ -1,4 +1,6 @@
-"""Drives that rest are not stepped again within a tick: what comes of it is the same to the last bit."""
+"""Drives that rest are not stepped again within a tick: what comes of it is the same to the
+last bit."""
+
 from __future__ import annotations
 
 import datetime as dt
@@ -18,20 +20,39 @@ COURSE = [STANDS] * 100 + [WORKS] * 200 + [FASTER] * 200 + [WORKS] * 200 + [STAN
 
 
 def truths(name: str, effects: tuple[str, ...]) -> list[Truth]:
-    setup = load_setup(name, {"planter": "points_demo", "huanghai_sections": "sections_demo"}.get(name, "demo"), TODAY)
+    setup = load_setup(
+        name,
+        {"planter": "points_demo", "huanghai_sections": "sections_demo"}.get(name, "demo"),
+        TODAY,
+    )
     kept: list[Truth] = []
-    plant = Plant(setup.machine, setup.job, 3, planted=[parse_planted(one) for one in effects],
-                  keep=lambda truth: kept.append(truth._replace(canopy=None)))
+    plant = Plant(
+        setup.machine,
+        setup.job,
+        3,
+        planted=[parse_planted(one) for one in effects],
+        keep=lambda truth: kept.append(truth._replace(canopy=None)),
+    )
     for command in COURSE:
         valves = (True,) * len(setup.machine.switched)
         plant.step(command._replace(valves=valves), True)
     return kept
 
 
-@pytest.mark.parametrize(("machine", "effects"), [
-    ("huanghai", ()), ("huanghai", ("gate.backlash=1@4", "flow.pulsation=5")), ("huanghai", ("shaft.load_droop=20",)),
-    ("huanghai", ("shaft.stall=1@8", "gate.stuck=1@9")), ("huanghai_sections", ()), ("spreader", ("flow.gain=5",))])
-def test_the_same_to_the_last_bit(machine: str, effects: tuple[str, ...], monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    ("machine", "effects"),
+    [
+        ("huanghai", ()),
+        ("huanghai", ("gate.backlash=1@4", "flow.pulsation=5")),
+        ("huanghai", ("shaft.load_droop=20",)),
+        ("huanghai", ("shaft.stall=1@8", "gate.stuck=1@9")),
+        ("huanghai_sections", ()),
+        ("spreader", ("flow.gain=5",)),
+    ],
+)
+def test_the_same_to_the_last_bit(
+    machine: str, effects: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
     steps: list[int] = []
     stepped: Callable[..., tuple[object, object]] = plants.gate_step
 

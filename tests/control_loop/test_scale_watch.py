@@ -1,4 +1,6 @@
-"""What no trim may hide: a scale that is wrong, an outlet that is blocked, a shaft that does not turn as it reads."""
+"""What no trim may hide: a scale that is wrong, an outlet that is blocked, a shaft that does
+not turn as it reads."""
+
 from __future__ import annotations
 
 from collections.abc import Callable
@@ -12,13 +14,14 @@ from control.metering.flow_trim import FlowTrim
 from control.readings import Reading, ScaleSays
 
 DT_S = 0.1
-SCALE_KG = 0.15             # correlated over 1 s, in steps of 0.05 kg
+SCALE_KG = 0.15  # correlated over 1 s, in steps of 0.05 kg
 STANDS_S, BEGINS_S = 20.0, 120.0
 
 
 class Told(NamedTuple):
-    said: list[tuple[float, ScaleSays]]     # changes of what is said, by the time since `BEGINS_S`
-    trims: np.ndarray                       # (n,) by tick
+    # changes of what is said, by the time since `BEGINS_S`
+    said: list[tuple[float, ScaleSays]]
+    trims: np.ndarray  # (n,) by tick
     filter: FlowTrim
 
     def first_s(self, is_said: Callable[[ScaleSays], bool]) -> float:
@@ -26,26 +29,44 @@ class Told(NamedTuple):
 
 
 def red(says: ScaleSays) -> bool:
-    return says.share is not None or says.outlets > 0 or says.beyond_percent is not None or says.unordered_kg > 0.0
+    return (
+        says.share is not None
+        or says.outlets > 0
+        or says.beyond_percent is not None
+        or says.unordered_kg > 0.0
+    )
 
 
-def runs(seconds: float, *, flow_kg_s: float = 0.09, leaves: Callable[[float, float], float] = lambda s, kg_s: kg_s,
-         reads: Callable[[float, float], float] = lambda s, kg: kg, flows: Callable[[float], bool] = lambda s: True,
-         seed: int = 1, orders: Callable[[float, FlowTrim], None] = lambda s, trim: None) -> Told:
-    """Stand for 20 s, then work; times from `BEGINS_S` on. leaves: (time, ordered kg/s) to what truly leaves, kg/s.
-    reads: (time, true kg) to what an ideal scale would read."""
+def runs(
+    seconds: float,
+    *,
+    flow_kg_s: float = 0.09,
+    leaves: Callable[[float, float], float] = lambda s, kg_s: kg_s,
+    reads: Callable[[float, float], float] = lambda s, kg: kg,
+    flows: Callable[[float], bool] = lambda s: True,
+    seed: int = 1,
+    orders: Callable[[float, FlowTrim], None] = lambda s, trim: None,
+) -> Told:
+    """Stand for 20 s, then work; times from `BEGINS_S` on. leaves: (time, ordered kg/s) to what
+    truly leaves, kg/s. reads: (time, true kg) to what an ideal scale would read."""
     rng, keep = np.random.default_rng(seed), exp(-DT_S)
     trim, kg, noise, said, trims = FlowTrim(outlets=6, most_kg_s=0.55), 300.0, 0.0, [], []
     for k in range(round((seconds + BEGINS_S) / DT_S)):
         at_s, since_s = k * DT_S, k * DT_S - BEGINS_S
-        ordered = flow_kg_s * (1.0 + 0.15 * sin(at_s / 7.0)) if at_s > STANDS_S and flows(since_s) else 0.0
+        ordered = (
+            flow_kg_s * (1.0 + 0.15 * sin(at_s / 7.0))
+            if at_s > STANDS_S and flows(since_s)
+            else 0.0
+        )
         model = ordered / trim.value
         kg -= leaves(since_s, model) * DT_S
         noise = keep * noise + sqrt(1.0 - keep * keep) * SCALE_KG * float(rng.standard_normal())
         weighed = round((reads(since_s, kg) + noise) / 0.05) * 0.05
         trim.update(at_s, DT_S, model, 70.0 if model > 0.0 else 0.0, 0.0, Reading(weighed, at_s))
         orders(since_s, trim)
-        if not said or trim.says._replace(trimmed_percent=0.0) != said[-1][1]._replace(trimmed_percent=0.0):
+        if not said or trim.says._replace(trimmed_percent=0.0) != said[-1][1]._replace(
+            trimmed_percent=0.0
+        ):
             said.append((since_s, trim.says))
         trims.append(trim.value)
     return Told(said, np.array(trims), trim)
@@ -55,7 +76,9 @@ def from_0(factor: float) -> Callable[[float, float], float]:
     return lambda s, kg_s: kg_s * (factor if s >= 0.0 else 1.0)
 
 
-# --- A scale that is wrong moves the flow by 10 % at most, and not for long ------------------------------------------
+# --- A scale that is wrong moves the flow by 10 % at most, and not for long
+# ------------------------------------------
+
 
 @pytest.mark.parametrize("gain", [0.6, 0.7, 1.3])
 def test_a_scale_whose_gain_is_wrong_is_said_and_trims_nothing(gain: float) -> None:
@@ -68,7 +91,8 @@ def test_a_scale_whose_gain_is_wrong_is_said_and_trims_nothing(gain: float) -> N
 
 
 def test_the_estimate_itself_is_bounded() -> None:
-    """Filled at 0.1 kg/s for 60 s: the state was at -79 %, and the trim at its limit for 75 s afterwards."""
+    """Filled at 0.1 kg/s for 60 s: the state was at -79 %, and the trim at its limit for 75 s
+    afterwards."""
     run = runs(120.0, reads=lambda s, kg: kg + 0.1 * min(60.0, max(0.0, s)))
     assert np.abs(run.trims - 1.0).max() < 0.02
     assert abs(run.filter._state[1]) < 12.0
@@ -78,11 +102,18 @@ def test_the_estimate_itself_is_bounded() -> None:
 
 @pytest.mark.parametrize("period_s", [20.0, 30.0])
 @pytest.mark.parametrize("from_start", [True, False])
-def test_a_scale_that_sways_accuses_nobody_and_moves_little(period_s: float, from_start: bool) -> None:
+def test_a_scale_that_sways_accuses_nobody_and_moves_little(
+    period_s: float, from_start: bool
+) -> None:
     for turn in np.linspace(0.0, 2.0 * pi, 4, endpoint=False):
+
         def sways(s: float, kg: float, turn: float = float(turn)) -> float:
-            return kg + (sin(2.0 * pi * s / period_s + turn) - (0.0 if from_start else sin(turn))
-                         if from_start or s > 0.0 else 0.0)
+            return kg + (
+                sin(2.0 * pi * s / period_s + turn) - (0.0 if from_start else sin(turn))
+                if from_start or s > 0.0
+                else 0.0
+            )
+
         run = runs(120.0, reads=sways, seed=int(10 * turn) + 1)
         assert run.first_s(red) == float("inf")
         assert np.abs(run.trims - 1.0).max() < 0.06
@@ -90,13 +121,18 @@ def test_a_scale_that_sways_accuses_nobody_and_moves_little(period_s: float, fro
 
 def test_a_refill_of_known_mass_finds_the_scales_gain() -> None:
     """120 kg filled in while it stands; the scale rises by 84."""
+
     def fills(s: float, trim: FlowTrim) -> None:
         if abs(s - 12.0) < 0.5 * DT_S:
             trim.refilled(120.0)
 
     for gain, expected in ((0.7, -30.0), (1.0, None)):
-        run = runs(60.0, flows=lambda s: not 0.0 < s < 20.0, orders=fills,
-                   reads=lambda s, kg, gain=gain: gain * (kg + (120.0 if s > 10.0 else 0.0)))
+        run = runs(
+            60.0,
+            flows=lambda s: not 0.0 < s < 20.0,
+            orders=fills,
+            reads=lambda s, kg, gain=gain: gain * (kg + (120.0 if s > 10.0 else 0.0)),
+        )
         found = run.filter.says.refill_percent
         if expected is None:
             assert found is None
@@ -109,13 +145,17 @@ def test_a_fresh_catch_test_is_believed_rather_than_the_scale() -> None:
         def tested(s: float, trim: FlowTrim) -> None:
             if age_days is not None and s < -BEGINS_S + 0.5 * DT_S:
                 trim.tested(age_days)
+
         return float(runs(120.0, leaves=lambda s, kg_s: 1.06 * kg_s, orders=tested).trims[-1]) - 1.0
+
     none, old, fresh = trimmed(None), trimmed(400.0), trimmed(0.0)
     assert none == pytest.approx(old, abs=5e-4) and none > 0.045
     assert 0.02 < fresh < 0.8 * none
 
 
-# --- What nothing decides: shaft against scale, an outlet ------------------------------------------------------------
+# --- What nothing decides: shaft against scale, an outlet
+# ------------------------------------------------------------
+
 
 @pytest.mark.parametrize(("factor", "by_s"), [(0.0, 40.0), (0.25, 42.0), (2.0, 40.0), (4.0, 32.0)])
 def test_a_flow_far_from_what_the_shaft_reads_is_said(factor: float, by_s: float) -> None:
@@ -125,7 +165,9 @@ def test_a_flow_far_from_what_the_shaft_reads_is_said(factor: float, by_s: float
         assert 15.0 < run.first_s(lambda says: says.share is not None) < by_s
         assert run.trims[-1] == 1.0
         run.filter.started()
-        assert run.filter.says.share is None and run.filter.value == 1.0, "a new START spreads by the model"
+        assert run.filter.says.share is None and run.filter.value == 1.0, (
+            "a new START spreads by the model"
+        )
 
 
 def test_an_outlet_that_closes_is_said_and_not_made_up_for() -> None:
@@ -141,33 +183,54 @@ def test_a_flow_that_changes_by_six_per_cent_is_trimmed_all_the_same() -> None:
     assert run.first_s(red) == float("inf") and run.trims[-1] > 1.048
 
 
-# --- Material that nobody ordered ------------------------------------------------------------------------------------
+# --- Material that nobody ordered
+# ------------------------------------------------------------------------------------
+
 
 @pytest.mark.parametrize("from_work", [True, False])
 def test_a_fall_of_the_scale_while_nothing_turns_is_said_and_counted(from_work: bool) -> None:
     counted: list[float] = []
     for seed in range(3):
         counted.clear()
-        run = runs(60.0, leaves=lambda s, kg_s: 0.16 if 0.0 < s < 30.0 else kg_s, seed=seed,
-                   flows=lambda s: from_work and s < -10.0,
-                   orders=lambda s, trim: counted.append(trim.take_unordered_kg()))
+        run = runs(
+            60.0,
+            leaves=lambda s, kg_s: 0.16 if 0.0 < s < 30.0 else kg_s,
+            seed=seed,
+            flows=lambda s: from_work and s < -10.0,
+            orders=lambda s, trim: counted.append(trim.take_unordered_kg()),
+        )
         assert run.first_s(lambda says: says.unordered_kg > 0.0) < 10.0
         assert sum(counted) == pytest.approx(4.8, abs=0.5)
         assert run.filter.says.unordered_kg == 0.0, "it has ended"
 
 
-@pytest.mark.parametrize("reads", [
-    lambda s, kg: kg + 0.1 * min(60.0, max(0.0, s)), lambda s, kg: kg + (80.0 if 0.0 < s < 20.0 else 0.0),
-    lambda s, kg: kg + sin(2.0 * pi * s / 30.0)], ids=["filled slowly", "a man on the hopper", "sways"])
-def test_what_else_a_scale_does_while_it_stands_is_no_flow(reads: Callable[[float, float], float]) -> None:
+@pytest.mark.parametrize(
+    "reads",
+    [
+        lambda s, kg: kg + 0.1 * min(60.0, max(0.0, s)),
+        lambda s, kg: kg + (80.0 if 0.0 < s < 20.0 else 0.0),
+        lambda s, kg: kg + sin(2.0 * pi * s / 30.0),
+    ],
+    ids=["filled slowly", "a man on the hopper", "sways"],
+)
+def test_what_else_a_scale_does_while_it_stands_is_no_flow(
+    reads: Callable[[float, float], float],
+) -> None:
     for seed in range(4):
         run = runs(100.0, flows=lambda s: s > 80.0, reads=reads, seed=seed)
         assert run.first_s(red) == float("inf") and np.abs(run.trims - 1.0).max() < 0.03
 
 
-@pytest.mark.parametrize("flow_kg_s", [0.05, pytest.param(0.02, marks=pytest.mark.exam),
-                                       pytest.param(0.15, marks=pytest.mark.exam)])
+@pytest.mark.parametrize(
+    "flow_kg_s",
+    [0.05, pytest.param(0.02, marks=pytest.mark.exam), pytest.param(0.15, marks=pytest.mark.exam)],
+)
 def test_a_sound_machine_is_accused_of_nothing_in_an_hour(flow_kg_s: float) -> None:
-    run = runs(3600.0, flow_kg_s=flow_kg_s, flows=lambda s: s % 100.0 < 88.0, seed=int(1000 * flow_kg_s),
-               reads=lambda s, kg: kg + 1000.0)
+    run = runs(
+        3600.0,
+        flow_kg_s=flow_kg_s,
+        flows=lambda s: s % 100.0 < 88.0,
+        seed=int(1000 * flow_kg_s),
+        reads=lambda s, kg: kg + 1000.0,
+    )
     assert [says for _, says in run.said if red(says) or says.off_kg != 0.0] == []

@@ -1,4 +1,6 @@
-"""Sections: each switched by its own strip of ground, metered for what is open, closed where nothing may flow."""
+"""Sections: each switched by its own strip of ground, metered for what is open, closed where
+nothing may flow."""
+
 from __future__ import annotations
 
 import datetime as dt
@@ -34,7 +36,8 @@ from drivers.files.kinds import MACHINE
 from drivers.files.setup import Setup, load_setup
 
 HALF_FIELD = Boundary([(0.0, 0.0), (0.0, 200.0), (10.0, 200.0), (10.0, 0.0)])
-SLANTED = ((-30.0, 0.0), (-30.0, 60.0), (0.0, 60.0), (6.0, 30.0), (0.0, 0.0))     # its east side meets a pass askew
+# its east side meets a pass askew
+SLANTED = ((-30.0, 0.0), (-30.0, 60.0), (0.0, 60.0), (6.0, 30.0), (0.0, 0.0))
 NOTHING = SectionsGround(None, None, None, None, (False,) * 3)
 
 
@@ -48,21 +51,43 @@ def manual(job: Job, **changes: Any) -> Job:
     return job.model_copy(update={"target": target, **changes})
 
 
-def run(setup: Setup, machine: Machine, job: Job, seconds: float, way: Way | None = None,
-        orders: list[tuple[float, Order]] | None = None) -> list[SimulatedTick]:
+def run(
+    setup: Setup,
+    machine: Machine,
+    job: Job,
+    seconds: float,
+    way: Way | None = None,
+    orders: list[tuple[float, Order]] | None = None,
+) -> list[SimulatedTick]:
     plant = Plant(machine, job, 1, 0.05, path=way)
-    return list(simulated_run(plant, control_loop(machine, setup.crop, setup.rule, job), seconds, orders))
+    return list(
+        simulated_run(plant, control_loop(machine, setup.crop, setup.rule, job), seconds, orders)
+    )
 
 
-# -- the machine file ----------------------------------------------------------------------------------------------
+# -- the machine file
+# ----------------------------------------------------------------------------------------------
 
-@pytest.mark.parametrize(("changes", "said"), [
-    ("sections: [{outlets: 2}, {outlets: 3}]", "add up to geometry.outlets, 6; found 5"),
-    ("sections: [{outlets: 3, valve: {open_s: 0.2}}, {outlets: 3}]", "a valve in every section, or in none"),
-    ("sections: [{outlets: 0}, {outlets: 6}]", "key sections[1].outlets: value 0: allowed"),
-    ("sections: [{outlets: 6, valve: {open_s: 2.5}}]", "key sections[1].valve.open_s: value 2.5: allowed 0 to 2"),
-    ("sections: [{outlets: 6, valves: 1}]", "key sections[1].valves: unknown key; did you mean valve?"),
-])
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ("sections: [{outlets: 2}, {outlets: 3}]", "add up to geometry.outlets, 6; found 5"),
+        (
+            "sections: [{outlets: 3, valve: {open_s: 0.2}}, {outlets: 3}]",
+            "a valve in every section, or in none",
+        ),
+        ("sections: [{outlets: 0}, {outlets: 6}]", "key sections[1].outlets: value 0: allowed"),
+        (
+            "sections: [{outlets: 6, valve: {open_s: 2.5}}]",
+            "key sections[1].valve.open_s: value 2.5: allowed 0 to 2",
+        ),
+        (
+            "sections: [{outlets: 6, valves: 1}]",
+            "key sections[1].valves: unknown key; did you mean valve?",
+        ),
+    ],
+)
 def test_a_bad_block_gets_one_line(tmp_path: Path, changes: str, said: str) -> None:
     path = tmp_path / "m.yaml"
     path.write_text(f"format: topdress-machine/1\nid: m\n{changes}\n", encoding="utf-8")
@@ -73,7 +98,9 @@ def test_a_bad_block_gets_one_line(tmp_path: Path, changes: str, said: str) -> N
 
 def test_strips_lie_side_by_side_over_the_width() -> None:
     left, middle, right = strips([Section(outlets=1), Section(outlets=2), Section(outlets=3)], 2.4)
-    assert (left.left_m, left.right_m, middle.right_m, right.right_m) == pytest.approx((-1.2, -0.8, 0.0, 1.2))
+    assert (left.left_m, left.right_m, middle.right_m, right.right_m) == pytest.approx(
+        (-1.2, -0.8, 0.0, 1.2)
+    )
     assert left.share + middle.share + right.share == pytest.approx(1.0)
 
 
@@ -86,13 +113,18 @@ def test_sections_without_valves_change_nothing(setup: Setup) -> None:
     assert all(row.sections_cmd is None for row in rows[1])
 
 
-# -- the ground ----------------------------------------------------------------------------------------------------
+# -- the ground
+# --------------------------------------------------------------------------------------------------
+
 
 def judged_over_the_edge(overlap: float, outside_share: float) -> Any:
     """One section 0.8 m wide, heading north, with that share of its width west of the field."""
     ground = SectionGround(strips([Section(outlets=1)], 0.8), overlap, 0.0)
-    return ground.look((0.4 - outside_share * 0.8, 50.0), 0.0, NOTHING._replace(
-        fence=Fence(HALF_FIELD), started=(False,)))[0]
+    return ground.look(
+        (0.4 - outside_share * 0.8, 50.0),
+        0.0,
+        NOTHING._replace(fence=Fence(HALF_FIELD), started=(False,)),
+    )[0]
 
 
 def test_the_overlap_setting_is_a_share_of_the_width() -> None:
@@ -117,13 +149,19 @@ def test_done_ground_closes_at_a_hundred_only_where_all_is_done() -> None:
     three = strips([Section(outlets=2)] * 3, 2.4)
 
     def wanted(overlap: float) -> list[bool]:
-        """Heading north, half the machine to the west: of the middle one half is done, of the right one all."""
-        return [one.wanted for one in SectionGround(three, overlap, 0.2).look((-1.2, 10.0), 0.0, ground)]
+        """Heading north, half the machine to the west: of the middle one half is done, of the
+        right one all."""
+        return [
+            one.wanted for one in SectionGround(three, overlap, 0.2).look((-1.2, 10.0), 0.0, ground)
+        ]
+
     assert wanted(100.0) == [True, True, False]
     assert wanted(0.0) == [True, False, False]
     judged = SectionGround(three, 50.0, 0.2).look((0.0, 10.0), 0.0, ground)
     assert [one.why for one in judged] == [DONE] * 3
-    again = SectionGround(three, 50.0, 0.2).look((0.0, 10.0), 0.0, ground._replace(started=(True, False, False)))
+    again = SectionGround(three, 50.0, 0.2).look(
+        (0.0, 10.0), 0.0, ground._replace(started=(True, False, False))
+    )
     assert [one.wanted for one in again] == [True, False, False]
 
 
@@ -133,15 +171,24 @@ def test_without_a_place_no_section_works_on_a_known_field() -> None:
     assert ground.unknown(NOTHING)[0].wanted
 
 
-# -- valves in time ------------------------------------------------------------------------------------------------
+# -- valves in time
+# ------------------------------------------------------------------------------------------------
+
 
 def sensed(time_s: float, north_m: float, mps: float) -> Sensed:
-    return Sensed(time_s, mps, 0.0, "both", north_m, 5.0, north_m, 0.0, 0.0, True, 0.0, 0.1, False, False)
+    return Sensed(
+        time_s, mps, 0.0, "both", north_m, 5.0, north_m, 0.0, 0.0, True, 0.0, 0.1, False, False
+    )
 
 
 def test_each_valve_is_told_so_long_before_the_moment_as_it_takes(setup: Setup) -> None:
-    machine = setup.machine.model_copy(update={"sections": tuple(
-        Section(outlets=3, valve=Valve(open_s=open_s, close_s=0.3)) for open_s in (0.1, 0.6))})
+    machine = setup.machine.model_copy(
+        update={
+            "sections": tuple(
+                Section(outlets=3, valve=Valve(open_s=open_s, close_s=0.3)) for open_s in (0.1, 0.6)
+            )
+        }
+    )
     sections = Sections(machine, 50.0, 0.2)
     assert sections.prepare_s == 0.6
     ground, told, share = NOTHING._replace(fence=Fence(HALF_FIELD), started=(False,) * 2), {}, {}
@@ -153,7 +200,7 @@ def test_each_valve_is_told_so_long_before_the_moment_as_it_takes(setup: Setup) 
                 told.setdefault(number, now)
         if sections.share_at(now) > 0.9:
             share.setdefault("whole", now)
-    decided = 10.0 + 1.0            # 2 m before the edge at 0
+    decided = 10.0 + 1.0  # 2 m before the edge at 0
     assert told[0] == pytest.approx(decided + 0.6 - 0.1, abs=0.011)
     assert told[1] == pytest.approx(decided, abs=0.011)
     assert share["whole"] == pytest.approx(decided + 0.6, abs=0.011)
@@ -163,7 +210,9 @@ def test_a_jump_of_the_position_takes_back_what_was_decided(setup: Setup) -> Non
     sections = Sections(setup.machine, 50.0, 0.2)
     ground = NOTHING._replace(fence=Fence(HALF_FIELD))
     for k in range(40):
-        sections.decide(sensed(0.05 * k, 50.0 + 0.05 * k, 1.0), 0.05, Leads(2.0, 2.0, 2.0), ground, ())
+        sections.decide(
+            sensed(0.05 * k, 50.0 + 0.05 * k, 1.0), 0.05, Leads(2.0, 2.0, 2.0), ground, ()
+        )
     assert sections.share_at(2.0) == pytest.approx(1.0) and sections.inside(2.0)
     sections.moved()
     sections.decide(sensed(2.0, 5e6, 1.0), 0.05, Leads(2.0, 2.0, 2.0), ground, ())
@@ -174,13 +223,19 @@ def test_a_jump_of_the_position_takes_back_what_was_decided(setup: Setup) -> Non
 @pytest.mark.parametrize("strategy", list(Strategy))
 def test_flow_follows_what_is_open_and_lands_inside(setup: Setup, strategy: Strategy) -> None:
     """A pass along x = 1.2 that enters and leaves a field askew: judged by the plant."""
-    job = manual(setup.job, strategy=strategy, field=setup.job.field.model_copy(update={"boundary_m": SLANTED}))
+    job = manual(
+        setup.job,
+        strategy=strategy,
+        field=setup.job.field.model_copy(update={"boundary_m": SLANTED}),
+    )
     steps = run(setup, setup.machine, job, 80.0, Way([Leg(1.2, -25.0, 0.0, 400.0, 0.0)]))
     truths = [step.truth for step in steps]
     open_at_once = {step.tick.command.valves for step in steps}
     assert {(False,) * 3, (True, False, False), (True, True, False), (True,) * 3} <= open_at_once
     closed = [step.tick.row for step in steps if step.truth.north_m > 70.0]
-    assert {row.target_rate_kg_ha for row in closed} == {0.0} and {row.target_source for row in closed} == {"none"}
+    assert {row.target_rate_kg_ha for row in closed} == {0.0} and {
+        row.target_source for row in closed
+    } == {"none"}
     rates = rates_by_section(truths, setup.machine)
     for k, (inside, rate) in enumerate(rates):
         well_inside, well_outside = inside > 0.9, inside < 0.1
@@ -195,22 +250,34 @@ def test_flow_follows_what_is_open_and_lands_inside(setup: Setup, strategy: Stra
 
 
 def rates_by_section(truths: list[Truth], machine: Machine) -> list[tuple[np.ndarray, np.ndarray]]:
-    """For each section by stretch of 0.5 m: the share of it that lies in the field, what landed, kg/ha."""
-    time_s, north, settled, drop = (np.array([getattr(t, name) for t in truths]) for name in (
-        "time_s", "north_m", "settled_drop_s", "drop_s"))
+    """For each section by stretch of 0.5 m: the share of it that lies in the field, what
+    landed, kg/ha."""
+    time_s, north, settled, drop = (
+        np.array([getattr(t, name) for t in truths])
+        for name in ("time_s", "north_m", "settled_drop_s", "drop_s")
+    )
     lands_m = np.interp(time_s + carried_s(time_s, settled) + drop - settled, time_s, north)
     field, edges = Polygon(SLANTED), np.arange(-5.0, 45.0, 0.5)
     found = []
     for k, strip in enumerate(machine.switched):
         kg, _ = np.histogram(lands_m, edges, weights=[t.section_kg[k] for t in truths])
         wide = strip.right_m - strip.left_m
-        inside = np.array([field.intersection(shapely.box(1.2 + strip.left_m, low, 1.2 + strip.right_m, low + 0.5)).area
-                           / (0.5 * wide) for low in edges[:-1]])
+        inside = np.array(
+            [
+                field.intersection(
+                    shapely.box(1.2 + strip.left_m, low, 1.2 + strip.right_m, low + 0.5)
+                ).area
+                / (0.5 * wide)
+                for low in edges[:-1]
+            ]
+        )
         found.append((inside, kg / (0.5 * wide) * 10_000.0))
     return found
 
 
-# -- safety --------------------------------------------------------------------------------------------------------
+# -- safety
+# --------------------------------------------------------------------------------------------------
+
 
 def test_the_last_gate_closes_every_valve_without_flow() -> None:
     assert limited_valves((True, False, True), False) == (False, False, False)
@@ -219,8 +286,14 @@ def test_the_last_gate_closes_every_valve_without_flow() -> None:
 
 def test_a_valve_is_open_only_while_every_interlock_holds(setup: Setup) -> None:
     job = manual(with_simulated_field(setup.job, setup.machine))
-    orders = [(1.0, Order(Do.READY)), (14.0, Order(Do.START)), (24.0, Order(Do.HOLD)), (28.0, Order(Do.READY)),
-              (29.0, Order(Do.START)), (40.0, Order(Do.STOP))]
+    orders = [
+        (1.0, Order(Do.READY)),
+        (14.0, Order(Do.START)),
+        (24.0, Order(Do.HOLD)),
+        (28.0, Order(Do.READY)),
+        (29.0, Order(Do.START)),
+        (40.0, Order(Do.STOP)),
+    ]
     steps = run(setup, setup.machine, job, 45.0, orders=orders)
     seen = {(step.tick.row.state, any(step.tick.command.valves)) for step in steps}
     assert (State.WORKING, True) in seen
@@ -229,14 +302,19 @@ def test_a_valve_is_open_only_while_every_interlock_holds(setup: Setup) -> None:
         if step.tick.verdict.why_no_flow:
             assert not any(step.tick.command.valves)
             assert all(one.why for one in step.tick.sections)
-    assert {one.why for step in steps if step.tick.row.state == State.OFF for one in step.tick.sections} <= {
-        NO_FLOW, OUTSIDE}
+    assert {
+        one.why for step in steps if step.tick.row.state == State.OFF for one in step.tick.sections
+    } <= {NO_FLOW, OUTSIDE}
 
 
 def test_a_section_closed_by_hand_stays_closed_until_it_is_given_back(setup: Setup) -> None:
     job = manual(with_simulated_field(setup.job, setup.machine))
-    orders = [(1.0, Order(Do.READY)), (5.0, Order(Do.START)), (25.0, Order(Do.SECTION, "2 off")),
-              (35.0, Order(Do.SECTION, "2 auto"))]
+    orders = [
+        (1.0, Order(Do.READY)),
+        (5.0, Order(Do.START)),
+        (25.0, Order(Do.SECTION, "2 off")),
+        (35.0, Order(Do.SECTION, "2 auto")),
+    ]
     steps = run(setup, setup.machine, job, 45.0, orders=orders)
     by_hand = [step for step in steps if 25.1 < step.tick.row.time_s < 34.9]
     assert all(step.tick.command.valves == (True, False, True) for step in by_hand)
@@ -248,21 +326,36 @@ def test_a_section_closed_by_hand_stays_closed_until_it_is_given_back(setup: Set
     assert sum(kg[1] for kg in landed) == 0.0 and sum(kg[0] for kg in landed) > 0.1
 
 
-@pytest.mark.parametrize(("value", "why"), [
-    ("4 off", "no_such_section"), ("0 off", "no_such_section"), ("two off", "section_off_or_auto"),
-    (2.0, "section_off_or_auto"), ("2 on", "section_off_or_auto")])
+@pytest.mark.parametrize(
+    ("value", "why"),
+    [
+        ("4 off", "no_such_section"),
+        ("0 off", "no_such_section"),
+        ("two off", "section_off_or_auto"),
+        (2.0, "section_off_or_auto"),
+        ("2 on", "section_off_or_auto"),
+    ],
+)
 def test_orders_for_no_section_are_refused(setup: Setup, value: Any, why: str) -> None:
     loop = control_loop(setup.machine, setup.crop, setup.rule, setup.job)
     assert loop.order(Order(Do.SECTION, value)).why == why
     plain = setup.machine.model_copy(update={"sections": ()})
-    assert not control_loop(plain, setup.crop, setup.rule, setup.job).order(Order(Do.SECTION, "1 off")).accepted
+    assert (
+        not control_loop(plain, setup.crop, setup.rule, setup.job)
+        .order(Order(Do.SECTION, "1 off"))
+        .accepted
+    )
 
 
 def test_without_power_every_valve_closes(setup: Setup) -> None:
     plant = Plant(setup.machine, setup.job, 1, 0.05)
     for _ in range(40):
         plant.step(DriveCommand(70.0, 25.0, valves=(True, False, True)), True)
-    assert plant.truth is not None and plant.truth.section_kg[0] > 0.0 and plant.truth.section_kg[1] == 0.0
+    assert (
+        plant.truth is not None
+        and plant.truth.section_kg[0] > 0.0
+        and plant.truth.section_kg[1] == 0.0
+    )
     assert plant.truth.open_share == pytest.approx(2.0 / 3.0)
     for _ in range(20):
         plant.step(DriveCommand(70.0, 25.0, valves=(True, True, True)), False)

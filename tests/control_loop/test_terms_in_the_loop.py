@@ -1,4 +1,5 @@
 """The same terms in the plant, in control's inverse and in the next diagnosis."""
+
 from __future__ import annotations
 
 import datetime as dt
@@ -14,7 +15,14 @@ from control.loop.known_terms import KnownTerms
 from control.machine.machine import Machine
 from control.machine.term_sums import TermSums, not_compensated
 from control.machine.terms import Term, parse_term
-from control.metering.inverse import Conditions, flow_kg_s, gate_command, opening_for, shaft_command, shaft_for
+from control.metering.inverse import (
+    Conditions,
+    flow_kg_s,
+    gate_command,
+    opening_for,
+    shaft_command,
+    shaft_for,
+)
 from control.orders import Strategy
 from control.readings import Measurements, Reading
 from control.simulation.assembly import control_loop, simulated_machine, with_simulated_field
@@ -34,9 +42,18 @@ def with_terms(*terms: Term) -> Machine:
 
 
 def run(known: Machine, terms: list[Term], seconds: float = 300.0) -> tuple[dict[str, Any], Errors]:
-    job = with_simulated_field(SETUP.job.model_copy(update={
-        "strategy": Strategy.OPENING_FIRST, "flow_trim": False, "simulated": SETUP.job.simulated.model_copy(update={
-            "roughness_deg": 1.5, "speed_wander_percent": 12.0})}), SETUP.machine)
+    job = with_simulated_field(
+        SETUP.job.model_copy(
+            update={
+                "strategy": Strategy.OPENING_FIRST,
+                "flow_trim": False,
+                "simulated": SETUP.job.simulated.model_copy(
+                    update={"roughness_deg": 1.5, "speed_wander_percent": 12.0}
+                ),
+            }
+        ),
+        SETUP.machine,
+    )
     plant = simulated_machine(SETUP.machine, job, 3, 0.05, terms=terms)
     record, rows = Record(), []
     for step in simulated_run(plant, control_loop(known, SETUP.crop, SETUP.rule, job), seconds):
@@ -53,8 +70,13 @@ def _column(values: list[Any]) -> Any:
 
 
 @pytest.mark.exam
-@pytest.mark.parametrize("text", ["flow_percent slope roll_deg slope=4",
-                                  "flow_percent product speed_mps,roll_deg slope=12 at=1.2"])
+@pytest.mark.parametrize(
+    "text",
+    [
+        "flow_percent slope roll_deg slope=4",
+        "flow_percent product speed_mps,roll_deg slope=12 at=1.2",
+    ],
+)
 def test_what_the_machine_file_knows_is_compensated_and_no_longer_found(text: str) -> None:
     term = made(text)
     columns, before = run(SETUP.machine, [term])
@@ -78,22 +100,34 @@ def conditions(machine: Machine, **values: float) -> Conditions:
     return Conditions(terms=sums.frozen(values))
 
 
-@pytest.mark.parametrize("text", [
-    "flow_percent slope roll_deg slope=4", "flow_percent hinge opening_mm at=20 below=0.5 above=-0.8",
-    "flow_percent bend shaft_rpm bend=-0.002 at=30", "flow_kg_min slope roll_deg slope=0.3",
-    "flow_percent product opening_mm,roll_deg slope=0.4 at=10"])
+@pytest.mark.parametrize(
+    "text",
+    [
+        "flow_percent slope roll_deg slope=4",
+        "flow_percent hinge opening_mm at=20 below=0.5 above=-0.8",
+        "flow_percent bend shaft_rpm bend=-0.002 at=30",
+        "flow_kg_min slope roll_deg slope=0.3",
+        "flow_percent product opening_mm,roll_deg slope=0.4 at=10",
+    ],
+)
 @pytest.mark.parametrize("wanted", [0.06, 0.12, 0.2])
 def test_the_inverse_gives_the_flow_that_was_asked_for(text: str, wanted: float) -> None:
     machine = with_terms(made(text))
     c = conditions(machine, roll_deg=1.5, shaft_rpm=60.0, opening_mm=30.0)
-    assert flow_kg_s(machine, 60.0, opening_for(machine, wanted, 60.0, c), c) == pytest.approx(wanted, rel=1e-4)
-    assert flow_kg_s(machine, shaft_for(machine, wanted, 25.0, c), 25.0, c) == pytest.approx(wanted, rel=1e-4)
+    assert flow_kg_s(machine, 60.0, opening_for(machine, wanted, 60.0, c), c) == pytest.approx(
+        wanted, rel=1e-4
+    )
+    assert flow_kg_s(machine, shaft_for(machine, wanted, 25.0, c), 25.0, c) == pytest.approx(
+        wanted, rel=1e-4
+    )
 
 
 def test_drives_are_told_what_makes_them_go_where_they_should() -> None:
-    machine = with_terms(made("shaft_rpm saturation shaft_rpm slope=-1 low_end=0 high_end=3"),
-                         made("shaft_percent slope opening_mm slope=-0.1 at=20"),
-                         made("gate_mm slope opening_mm slope=0.02 at=10"))
+    machine = with_terms(
+        made("shaft_rpm saturation shaft_rpm slope=-1 low_end=0 high_end=3"),
+        made("shaft_percent slope opening_mm slope=-0.1 at=20"),
+        made("gate_mm slope opening_mm slope=0.02 at=10"),
+    )
     c = conditions(machine, told_rpm=50.0, told_mm=25.0, opening_mm=30.0)
     told = shaft_command(machine, 50.0, 30.0, c)
     assert told * (1.0 - 0.1 * 10.0 / 100.0) - 3.0 == pytest.approx(50.0, abs=0.01)
@@ -101,10 +135,16 @@ def test_drives_are_told_what_makes_them_go_where_they_should() -> None:
     assert told + 0.02 * (told - 10.0) == pytest.approx(25.0, abs=0.001)
 
 
-@pytest.mark.parametrize(("text", "why"), [
-    ("flow_percent slope roll_deg slope=4", ""), ("wheel_percent slope roll_deg slope=4", "wheel"),
-    ("flow_percent periodic shaft_angle_deg cycles=6 sine=3", "angle"),
-    ("scale_kg span time_s low_end=1 high_end=9 above=1", "span"), ("flow_percent slope torque slope=4", "torque")])
+@pytest.mark.parametrize(
+    ("text", "why"),
+    [
+        ("flow_percent slope roll_deg slope=4", ""),
+        ("wheel_percent slope roll_deg slope=4", "wheel"),
+        ("flow_percent periodic shaft_angle_deg cycles=6 sine=3", "angle"),
+        ("scale_kg span time_s low_end=1 high_end=9 above=1", "span"),
+        ("flow_percent slope torque slope=4", "torque"),
+    ],
+)
 def test_what_control_cannot_take_back_is_said(text: str, why: str) -> None:
     said = not_compensated(made(text))
     assert (said == "") if not why else (why in said)

@@ -1,7 +1,9 @@
-"""What cannot be never gets into the loop: numbers that are none, places not on earth, a clock that stands.
+"""What cannot be never gets into the loop: numbers that are none, places not on earth, a clock
+that stands.
 
 By the thousand, at random: `test_random_steps.py`.
 """
+
 from __future__ import annotations
 
 from math import inf, isfinite, nan
@@ -42,11 +44,14 @@ def test_a_reading_that_cannot_be_counts_as_never_received(name: str, value: flo
 
 @pytest.mark.parametrize("value", WILD)
 def test_the_console_is_told_of_every_tick(work: Closed, value: float) -> None:
-    """A head, a scale and a receiver's time that are no numbers: the frame is one still, and so is the row."""
+    """A head, a scale and a receiver's time that are no numbers: the frame is one still, and so
+    is the row."""
+
     def wild(m: Measurements) -> Measurements:
         assert m.gnss is not None
         said = Reading(value, m.time_s)
         return m._replace(ndvi=(said,) * 6, hopper_kg=said, gnss=m.gnss._replace(time_s=value))
+
     newest = work.tick(wild)
     told: dict[str, Any] = {name: getattr(newest, name) for name in FRAME_FIELDS}
     assert framed(Frame(seq=1, at_s=0.0, totals=work.loop.totals, **told))
@@ -58,7 +63,11 @@ def test_a_gate_that_is_nowhere_at_the_start_spoils_nothing(value: float) -> Non
     """The loop takes from the first tick where the gate stands."""
     loop = Closed().loop
     for number in range(5):
-        loop.tick(Measurements(0.05 * number, opening_mm=Reading(value, 0.0), supply_v=Reading(value, 0.0)))
+        loop.tick(
+            Measurements(
+                0.05 * number, opening_mm=Reading(value, 0.0), supply_v=Reading(value, 0.0)
+            )
+        )
 
 
 @pytest.mark.parametrize("time_s", [nan, inf, -inf, -5.0])
@@ -82,6 +91,8 @@ def test_a_first_tick_of_no_time_is_the_beginning() -> None:
 @pytest.mark.parametrize("value", [None, nan, 1e308, 400.0])
 def test_a_wheel_that_says_what_cannot_be_stands(work: Closed, value: float | None) -> None:
     """It was heard once, so it is fitted: no pulse for 0.8 s is standstill, whatever GNSS says."""
-    newest = work.run(1.0, lambda m: m._replace(
-        wheel_speed_mps=None if value is None else Reading(value, m.time_s)))
+    newest = work.run(
+        1.0,
+        lambda m: m._replace(wheel_speed_mps=None if value is None else Reading(value, m.time_s)),
+    )
     assert newest.command.shaft_rpm == 0.0 and "standstill" in newest.why_no_flow

@@ -1,4 +1,5 @@
 """The generator of hidden machines, for several files of tests."""
+
 from __future__ import annotations
 
 import importlib
@@ -12,6 +13,12 @@ HERE = Path(__file__).parent
 
 @pytest.fixture(scope="session")
 def hidden() -> SimpleNamespace:
-    """The modules of the generator of hidden machines by attribute: hidden.cases, hidden.plant ..."""
-    return SimpleNamespace(**{path.stem: importlib.import_module(f"tests.diagnosis.hidden.{path.stem}")
-                              for path in sorted((HERE / "hidden").glob("[a-z]*.py")) if path.stem != "make"})
+    """The modules of the generator of hidden machines by attribute: hidden.cases, hidden.plant
+    ..."""
+    return SimpleNamespace(
+        **{
+            path.stem: importlib.import_module(f"tests.diagnosis.hidden.{path.stem}")
+            for path in sorted((HERE / "hidden").glob("[a-z]*.py"))
+            if path.stem != "make"
+        }
+    )

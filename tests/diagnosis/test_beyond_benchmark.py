@@ -1,4 +1,6 @@
-"""The benchmark beyond the catalogue is examined: other runs of a hidden machine, what a file is worth there, forms."""
+"""The benchmark beyond the catalogue is examined: other runs of a hidden machine, what a file
+is worth there, forms."""
+
 from __future__ import annotations
 
 import importlib
@@ -17,7 +19,14 @@ from control.machine.machine import Machine
 
 HERE = Path(__file__).parent
 BENCHMARKS = HERE.parents[1] / "benchmarks" / "diagnosis"
-MODULES = ("hidden.another_run", "hidden.cases", "hidden.terms", "beyond_other_run", "beyond_forms", "kept")
+MODULES = (
+    "hidden.another_run",
+    "hidden.cases",
+    "hidden.terms",
+    "beyond_other_run",
+    "beyond_forms",
+    "kept",
+)
 
 
 @pytest.fixture(scope="module")
@@ -25,7 +34,9 @@ def bench() -> Iterator[Any]:
     """Modules of generator and benchmark by their last name."""
     sys.path[:0] = [str(HERE), str(BENCHMARKS)]
     try:
-        yield SimpleNamespace(**{name.split(".")[-1]: importlib.import_module(name) for name in MODULES})
+        yield SimpleNamespace(
+            **{name.split(".")[-1]: importlib.import_module(name) for name in MODULES}
+        )
     finally:
         for path in (str(HERE), str(BENCHMARKS)):
             sys.path.remove(path)
@@ -56,18 +67,26 @@ def test_another_run_is_the_same_machine_on_another_drive(case: Any, other: Any)
 
 
 @pytest.mark.exam
-def test_the_truth_takes_everything_away_and_its_opposite_makes_it_worse(bench: Any, case: Any, other: Any) -> None:
+def test_the_truth_takes_everything_away_and_its_opposite_makes_it_worse(
+    bench: Any, case: Any, other: Any
+) -> None:
     machine, stage = Machine(), case.truth["outside"]["channel"]
     b = bench.beyond_other_run
     before = b.seen(other.columns, machine)
-    truths = b.truths(other.columns, other.changed(), stage, before, b.tolerated(other.columns, machine))
+    truths = b.truths(
+        other.columns, other.changed(), stage, before, b.tolerated(other.columns, machine)
+    )
     own = next(t for t in truths if t.name == b.READING[stage])
-    nothing, all_of_it, opposite = (b.worth(truths, {own.name: k * own.hidden}) for k in (0.0, 1.0, -1.0))
+    nothing, all_of_it, opposite = (
+        b.worth(truths, {own.name: k * own.hidden}) for k in (0.0, 1.0, -1.0)
+    )
     assert (nothing["share"], nothing["adopted"]) == (0.0, nothing["nominal"])
     assert all_of_it["share"] == pytest.approx(1.0)
     assert opposite["share"] == pytest.approx(-3.0, abs=0.2)
     elsewhere = next(t for t in truths if t.name not in (own.name, "scale"))
-    assert b.worth(truths, {elsewhere.name: np.sin(np.arange(len(elsewhere.hidden)))})["share"] < 0.0
+    assert (
+        b.worth(truths, {elsewhere.name: np.sin(np.arange(len(elsewhere.hidden)))})["share"] < 0.0
+    )
     half = b.worth(truths, {own.name: 0.5 * own.hidden})
     assert 0.7 < half["share"] < 0.8
 

@@ -1,4 +1,5 @@
 """What the data gate leaves out, and that it says so."""
+
 from __future__ import annotations
 
 from collections.abc import Callable
@@ -25,15 +26,33 @@ ROWS = 400
 def columns(speed_mps):
     rng = np.random.default_rng(1)
     heads = {f"ndvi_{k}": rng.normal(0.5, 0.01, ROWS) for k in range(1, 7)}
-    return {"time_s": 0.1 * np.arange(ROWS), "speed_mps": speed_mps, "wheel_speed_mps": np.zeros(ROWS),
-            "shaft_rpm_cmd": np.full(ROWS, 50.0), "shaft_rpm": rng.normal(50.0, 0.3, ROWS)} | heads
+    return {
+        "time_s": 0.1 * np.arange(ROWS),
+        "speed_mps": speed_mps,
+        "wheel_speed_mps": np.zeros(ROWS),
+        "shaft_rpm_cmd": np.full(ROWS, 50.0),
+        "shaft_rpm": rng.normal(50.0, 0.3, ROWS),
+    } | heads
 
 
 # An outlier of the receiver is no journey.
-@pytest.mark.parametrize(("speed_mps", "stages"), [
-    pytest.param(np.where(np.arange(ROWS) == 77, 4.0, np.abs(np.random.default_rng(2).normal(0.0, 0.02, ROWS))),
-                 ("shaft",), id="stood all the time"),
-    pytest.param(np.where(np.arange(ROWS) < 60, 1.3, 0.0), ("shaft", "speed", "heads"), id="stood for most of it")])
+@pytest.mark.parametrize(
+    ("speed_mps", "stages"),
+    [
+        pytest.param(
+            np.where(
+                np.arange(ROWS) == 77, 4.0, np.abs(np.random.default_rng(2).normal(0.0, 0.02, ROWS))
+            ),
+            ("shaft",),
+            id="stood all the time",
+        ),
+        pytest.param(
+            np.where(np.arange(ROWS) < 60, 1.3, 0.0),
+            ("shaft", "speed", "heads"),
+            id="stood for most of it",
+        ),
+    ],
+)
 def test_a_machine_that_stood_shows_nothing_of_speeds_and_heads(speed_mps, stages):
     clean = gate(columns(speed_mps))
     assert clean.stages == stages
@@ -41,40 +60,71 @@ def test_a_machine_that_stood_shows_nothing_of_speeds_and_heads(speed_mps, stage
 
 
 def test_a_shaft_that_never_turned_is_not_judged():
-    still = {"time_s": 0.02 * np.arange(ROWS), "shaft_rpm_cmd": np.where(np.arange(ROWS) < 100, 0.0, 120.0),
-             "shaft_rpm": np.zeros(ROWS)}
+    still = {
+        "time_s": 0.02 * np.arange(ROWS),
+        "shaft_rpm_cmd": np.where(np.arange(ROWS) < 100, 0.0, 120.0),
+        "shaft_rpm": np.zeros(ROWS),
+    }
     found = diagnose_run(still, Machine(id="wheel", stages=("shaft",)))
     assert found.verdict == "not_judged" and not found.terms and found.fitted is None
-    assert any("0 in every row, though up to 120 r/min were commanded" in said for said in found.findings)
-    assert "shaft" in gate(still | {"shaft_rpm_cmd": np.zeros(ROWS)}).stages       # it was not asked to turn
+    assert any(
+        "0 in every row, though up to 120 r/min were commanded" in said for said in found.findings
+    )
+    # it was not asked to turn
+    assert "shaft" in gate(still | {"shaft_rpm_cmd": np.zeros(ROWS)}).stages
 
 
 def test_rows_against_the_way_are_counted_where_files_are_compared_and_said_so():
     command = np.where(np.arange(ROWS) % 200 < 100, 300.0, -300.0)
-    log = {"time_s": 0.02 * np.arange(ROWS), "shaft_rpm_cmd": command,
-           "shaft_rpm": command + np.random.default_rng(5).normal(0.0, 1.0, ROWS)}
-    file = Machine(id="wheel", stages=("shaft",), shaft=Shaft(one_way=1.0, full_rpm=400.0),
-                   limits=Limits(shaft_low_rpm=0.0, shaft_high_rpm=400.0))
+    log = {
+        "time_s": 0.02 * np.arange(ROWS),
+        "shaft_rpm_cmd": command,
+        "shaft_rpm": command + np.random.default_rng(5).normal(0.0, 1.0, ROWS),
+    }
+    file = Machine(
+        id="wheel",
+        stages=("shaft",),
+        shaft=Shaft(one_way=1.0, full_rpm=400.0),
+        limits=Limits(shaft_low_rpm=0.0, shaft_high_rpm=400.0),
+    )
     found = compared(log, file, file)
     said = next(one for one in found.findings if "turn backwards" in one)
-    assert found.channels[0].old > 100.0 and "counted as errors of the file" in said and "left out" not in said
+    assert (
+        found.channels[0].old > 100.0
+        and "counted as errors of the file" in said
+        and "left out" not in said
+    )
 
 
 def test_a_short_log_far_from_its_prediction_is_not_called_healthy():
-    """A tenth of a second, in which a motor runs up to nearly twice its command: no noise of a sensor is that."""
+    """A tenth of a second, in which a motor runs up to nearly twice its command: no noise of a
+    sensor is that."""
     time_s = 0.00225 * np.arange(48)
     rng = np.random.default_rng(3)
-    log = {"time_s": time_s, "shaft_rpm_cmd": np.full(48, 225.0),
-           "shaft_rpm": 385.0 * (1.0 - np.exp(-time_s / 0.025)) + rng.normal(0.0, 9.0, 48)}
-    sheet = Machine(id="wheel", stages=("shaft",), noise=Noise(shaft_rpm=9.7), shaft=Shaft(
-        full_rpm=400.0, dead_time_s=0.0, time_constant_s=0.001, acceleration_rpm_s=1e6, one_way=1.0),
+    log = {
+        "time_s": time_s,
+        "shaft_rpm_cmd": np.full(48, 225.0),
+        "shaft_rpm": 385.0 * (1.0 - np.exp(-time_s / 0.025)) + rng.normal(0.0, 9.0, 48),
+    }
+    sheet = Machine(
+        id="wheel",
+        stages=("shaft",),
+        noise=Noise(shaft_rpm=9.7),
+        shaft=Shaft(
+            full_rpm=400.0,
+            dead_time_s=0.0,
+            time_constant_s=0.001,
+            acceleration_rpm_s=1e6,
+            one_way=1.0,
+        ),
         limits=Limits(shaft_low_rpm=0.0, shaft_high_rpm=400.0),
-        tolerance=Tolerance(shaft_percent=0.5, dead_time_s=0.01, time_constant_s=0.015))
+        tolerance=Tolerance(shaft_percent=0.5, dead_time_s=0.01, time_constant_s=0.015),
+    )
     assert diagnose_run(log, sheet).verdict != "none"
 
 
 def test_small_faults_of_the_drives_are_doubted_where_commands_may_be_lost():
-    clean = gate(columns(np.full(ROWS, 1.3)))                  # ten rows a second
+    clean = gate(columns(np.full(ROWS, 1.3)))  # ten rows a second
     said = between_rows(clean, {"gate.slow", "flow.gain"})
     assert len(said) == 1 and said[0].startswith("gate.slow: rows come every 0.1 s")
     assert between_rows(clean, {"flow.gain"}) == []
@@ -85,22 +135,32 @@ def test_small_faults_of_the_drives_are_doubted_where_commands_may_be_lost():
 
 
 def test_readings_alike_to_their_last_printed_digit_are_one_reading() -> None:
-    """What repeats, and in which steps, is evidence: it must not hang on the last bits of a float."""
+    """What repeats, and in which steps, is evidence: it must not hang on the last bits of a
+    float."""
     rng = np.random.default_rng(4)
     time_s = np.arange(0.0, 60.0, 0.1)
-    columns = {"time_s": time_s, "hopper_kg": np.round((280.0 - 0.1 * time_s) / 0.05) * 0.05,
-               "speed_mps": np.repeat(np.round(1.3 + 0.02 * rng.standard_normal(120), 3), 5), "x_load": time_s // 7.0}
-    moved = {name: values + (1e-11 * rng.standard_normal(600) if name != "time_s" else 0.0)
-             for name, values in columns.items()}
+    columns = {
+        "time_s": time_s,
+        "hopper_kg": np.round((280.0 - 0.1 * time_s) / 0.05) * 0.05,
+        "speed_mps": np.repeat(np.round(1.3 + 0.02 * rng.standard_normal(120), 3), 5),
+        "x_load": time_s // 7.0,
+    }
+    moved = {
+        name: values + (1e-11 * rng.standard_normal(600) if name != "time_s" else 0.0)
+        for name, values in columns.items()
+    }
     one, other = gate(columns), gate(moved)
     for name in ("hopper_kg", "speed_mps"):
         assert np.array_equal(one.columns[name], other.columns[name]), name
     assert np.array_equal(one.further["x_load"], other.further["x_load"])
     huge = gate({**columns, "hopper_kg": np.full(600, 1e305)})
-    assert np.isnan(huge.columns["hopper_kg"]).all() and any("beyond 1e+09" in one for one in huge.findings)
+    assert np.isnan(huge.columns["hopper_kg"]).all() and any(
+        "beyond 1e+09" in one for one in huge.findings
+    )
 
 
-# --- Logs of others, which hold a command and what answered it in other rows than ours --------------------------------
+# --- Logs of others, which hold a command and what answered it in other rows than ours
+# --------------------------------
 
 ANSWERS = ("shaft_rpm", "opening_mm")
 WORK = stairs_work()
@@ -109,7 +169,7 @@ STEPS_S = (0.05, 1.0)
 
 def every(columns: Columns, step_s: float) -> Columns:
     """Every so many rows, with the digits that a log prints."""
-    return {name: np.round(column[::round(step_s / 0.05)], 8) for name, column in columns.items()}
+    return {name: np.round(column[:: round(step_s / 0.05)], 8) for name, column in columns.items()}
 
 
 def late(log: Columns) -> Columns:
@@ -137,42 +197,77 @@ def test_a_log_in_our_order_stays_as_it_is(step_s: float) -> None:
 
 
 @pytest.mark.parametrize("step_s", STEPS_S)
-@pytest.mark.parametrize(("rewritten", "said"), [(late, "read a row late"), (in_one_row, "with what answered it"),
-                                                 (in_force, "under which it was read")])
-def test_rows_of_others_are_put_in_order_and_said(rewritten: Callable[[Columns], Columns], said: str,
-                                                  step_s: float) -> None:
+@pytest.mark.parametrize(
+    ("rewritten", "said"),
+    [
+        (late, "read a row late"),
+        (in_one_row, "with what answered it"),
+        (in_force, "under which it was read"),
+    ],
+)
+def test_rows_of_others_are_put_in_order_and_said(
+    rewritten: Callable[[Columns], Columns], said: str, step_s: float
+) -> None:
     log = every(WORK, step_s)
     seen = as_said(rewritten(log))
-    off = {name: np.mean(seen.columns[name][2:-2] != log[name][2:-2]) for name in (*ANSWERS, *COMMANDS)}
-    by = {name: np.mean(seen.columns[name][2:-2] != np.roll(log[name], -1)[2:-2]) for name in (*ANSWERS, *COMMANDS)}
-    assert not any(off.values()) or not any(by.values()), "commands and answers stand to each other as ours"
+    off = {
+        name: np.mean(seen.columns[name][2:-2] != log[name][2:-2]) for name in (*ANSWERS, *COMMANDS)
+    }
+    by = {
+        name: np.mean(seen.columns[name][2:-2] != np.roll(log[name], -1)[2:-2])
+        for name in (*ANSWERS, *COMMANDS)
+    }
+    assert not any(off.values()) or not any(by.values()), (
+        "commands and answers stand to each other as ours"
+    )
     if step_s == 1.0:
-        assert any(said in finding for finding in seen.findings), "the scale tells which of them was moved"
+        assert any(said in finding for finding in seen.findings), (
+            "the scale tells which of them was moved"
+        )
 
 
 def test_a_shaft_half_a_row_late_within_its_tolerance_hides_no_order_of_rows() -> None:
-    """Seen in rows of others it is half a row early: neither order fits it better, and the gate tells."""
+    """Seen in rows of others it is half a row early: neither order fits it better, and the gate
+    tells."""
     time_s = WORK["time_s"]
-    later = {**WORK, "shaft_rpm": np.interp(time_s - 0.045, time_s, WORK["shaft_rpm"])}     # 25 ms by the file
+    # 25 ms by the file
+    later = {**WORK, "shaft_rpm": np.interp(time_s - 0.045, time_s, WORK["shaft_rpm"])}
     assert as_said(later).findings == gate(later).findings
     assert any("moved a row" in finding for finding in as_said(in_force(later)).findings)
 
 
-def test_a_shaft_that_is_early_by_a_row_is_in_the_rows_of_others_and_one_that_is_late_may_be() -> None:
-    """Nothing makes a drive early; where no gate moves, what is late is a dead time or the rows' order."""
-    time_s, read_rpm = WORK["time_s"], WORK["shaft_rpm"]        # 20 ms sooner than by the machine file
-    early, slow = ({"time_s": time_s, "shaft_rpm_cmd": WORK["shaft_rpm_cmd"],
-                    "shaft_rpm": np.interp(time_s - late_s, time_s, read_rpm)} for late_s in (-0.05, 0.07))
+def test_a_shaft_that_is_early_by_a_row_is_in_the_rows_of_others_and_one_that_is_late_may_be() -> (
+    None
+):
+    """Nothing makes a drive early; where no gate moves, what is late is a dead time or the
+    rows' order."""
+    # 20 ms sooner than by the machine file
+    time_s, read_rpm = WORK["time_s"], WORK["shaft_rpm"]
+    early, slow = (
+        {
+            "time_s": time_s,
+            "shaft_rpm_cmd": WORK["shaft_rpm_cmd"],
+            "shaft_rpm": np.interp(time_s - late_s, time_s, read_rpm),
+        }
+        for late_s in (-0.05, 0.07)
+    )
     assert any("moved a row down" in finding for finding in as_said(early).findings)
-    quick = {"time_s": time_s, "opening_mm_cmd": WORK["opening_mm_cmd"],        # no slew: early as no row makes it
-             "opening_mm": np.r_[WORK["opening_mm_cmd"][:2], WORK["opening_mm_cmd"][:-2]] + 0.1 * np.random.default_rng(
-                 7).standard_normal(len(time_s))}
+    # no slew: early as no row makes it
+    quick = {
+        "time_s": time_s,
+        "opening_mm_cmd": WORK["opening_mm_cmd"],
+        "opening_mm": np.r_[WORK["opening_mm_cmd"][:2], WORK["opening_mm_cmd"][:-2]]
+        + 0.1 * np.random.default_rng(7).standard_normal(len(time_s)),
+    }
     assert as_said(quick).findings == gate(quick).findings
     slow |= {name: WORK[name] for name in ("opening_mm_cmd", "opening_mm")}
-    slow = taken(slow, slice(4000))         # 200 s
-    found = diagnose_run({name: slow[name] for name in ("time_s", "shaft_rpm_cmd", "shaft_rpm")}, HUANGHAI)
+    slow = taken(slow, slice(4000))  # 200 s
+    found = diagnose_run(
+        {name: slow[name] for name in ("time_s", "shaft_rpm_cmd", "shaft_rpm")}, HUANGHAI
+    )
     assert [(c.id, c.probability < 0.5, [r.id for r in c.rivals]) for c in found.causes] == [
-        ("shaft.dead_time", True, ["unknown"])]
+        ("shaft.dead_time", True, ["unknown"])
+    ]
     assert any("as late as a row is long" in finding for finding in found.findings)
     told = diagnose_run(slow, HUANGHAI)
     assert [(c.id, c.probability > 0.9) for c in told.causes] == [("shaft.dead_time", True)]
@@ -184,7 +279,9 @@ def test_what_one_drive_answers_late_is_no_order_of_rows() -> None:
     assert as_said(slow).findings == gate(slow).findings
     found = diagnose_run(slow, HUANGHAI)
     assert found.verdict != "none"
-    assert {left.channel for left in found.unexplained} | {c.id.split(".")[0] for c in found.causes} == {"shaft"}
+    assert {left.channel for left in found.unexplained} | {
+        c.id.split(".")[0] for c in found.causes
+    } == {"shaft"}
 
 
 def test_nothing_is_wrong_with_a_machine_whose_logger_reads_a_row_late() -> None:
@@ -194,35 +291,46 @@ def test_nothing_is_wrong_with_a_machine_whose_logger_reads_a_row_late() -> None
 
 
 def test_a_reading_that_is_held_while_the_shaft_moves_is_none() -> None:
-    """Twelve times two rows as it slows down: by such rows a healthy shaft was slow for a while, p 1.00."""
+    """Twelve times two rows as it slows down: by such rows a healthy shaft was slow for a
+    while, p 1.00."""
     command, time_s = np.repeat(np.tile([70.0, 30.0], 60), 40), 0.1 * np.arange(4800)
     rpm = np.interp(time_s - 0.4, time_s, command) + np.random.default_rng(4).normal(0.0, 0.3, 4800)
     ramp = np.interp(np.arange(9), [0, 8], [70.0, 30.0])
     for at in np.flatnonzero(np.diff(command) < 0.0)[20:32] + 1:
-        rpm[at:at + 9] = ramp + np.random.default_rng(at).normal(0.0, 0.3, 9)
-        rpm[at + 4:at + 6] = rpm[at + 3]
+        rpm[at : at + 9] = ramp + np.random.default_rng(at).normal(0.0, 0.3, 9)
+        rpm[at + 4 : at + 6] = rpm[at + 3]
     held = repeated_in_motion(rpm, 0.3)
     assert held.sum() == 24 and np.all(rpm[held] == rpm[np.flatnonzero(held) - 1])
     assert not repeated_in_motion(np.round(rpm), 0.3).any(), "a coarse reading is held by nothing"
-    asked_rpm = np.linspace(100.0, 600.0, 80)       # a row a step, one read twice: each is an answer of its own
+    # a row a step, one read twice: each is an answer of its own
+    asked_rpm = np.linspace(100.0, 600.0, 80)
     stairs = settled(asked_rpm, asked_rpm + np.random.default_rng(5).normal(0.0, 0.1, 80))
     stairs["shaft_rpm"][30] = stairs["shaft_rpm"][29]
-    machine = Machine(id="wheel", stages=("shaft",), noise=Noise(shaft_rpm=0.3),
-                      shaft=Shaft(dead_time_s=0.02, time_constant_s=0.06))
+    machine = Machine(
+        id="wheel",
+        stages=("shaft",),
+        noise=Noise(shaft_rpm=0.3),
+        shaft=Shaft(dead_time_s=0.02, time_constant_s=0.06),
+    )
     clean = gate(stairs)
     assert repeated_in_motion(clean.columns["shaft_rpm"], 0.3).any()
     assert run_data(clean, machine).shaft.grid.rows.tolist().count(30) == 1
 
 
 def test_the_scale_is_predicted_for_the_time_at_which_it_was_read() -> None:
-    """One reading a second stands at the begin of its second: half a second of flow before the middle."""
+    """One reading a second stands at the begin of its second: half a second of flow before the
+    middle."""
     log = every({name: WORK[name] for name in ("time_s", *COMMANDS, *ANSWERS)}, 1.0)
-    log["hopper_kg"] = (290.0 - np.cumsum(5.5e-3 * WORK["shaft_rpm"] * WORK["opening_mm"] / 60.0) * 0.05)[::20]
+    log["hopper_kg"] = (
+        290.0 - np.cumsum(5.5e-3 * WORK["shaft_rpm"] * WORK["opening_mm"] / 60.0) * 0.05
+    )[::20]
     data = run_data(gate(log), HUANGHAI)
     left = hopper_channel(data.hopper, HUANGHAI)
     off_kg = left.measured - left.predict(schedule(stages_of(HUANGHAI), ()), MOST_STEP_S)
     assert np.allclose(data.hopper.read_at, 0.0)
-    assert np.std(np.diff(off_kg)) < 0.02, "half a second of a flow of 0.05 to 0.4 kg/s makes 0.04 kg"
+    assert np.std(np.diff(off_kg)) < 0.02, (
+        "half a second of a flow of 0.05 to 0.4 kg/s makes 0.04 kg"
+    )
 
 
 def test_a_speed_that_happens_to_be_a_sentinel_is_a_reading_where_the_others_come_near():
@@ -234,23 +342,40 @@ def test_a_speed_that_happens_to_be_a_sentinel_is_a_reading_where_the_others_com
     assert np.sum(clean.columns["shaft_rpm"] == -99.0) >= 1
     assert np.isnan(clean.columns["shaft_rpm"][7])
     assert [text for text in clean.findings if "shaft_rpm:" in text] == [
-        "column shaft_rpm: 1 value -9999 emptied: not known"]
+        "column shaft_rpm: 1 value -9999 emptied: not known"
+    ]
 
 
 def test_a_notebook_s_times_and_units_are_mended_as_a_file_s_are():
-    """Before, only the reader of files knew milliseconds, coarse times, clocks set back, places and percent."""
+    """Before, only the reader of files knew milliseconds, coarse times, clocks set back, places
+    and percent."""
     time_s, speed_mps = 0.1 * np.arange(ROWS), np.full(ROWS, 1.2)
     way = np.random.default_rng(2).normal(0.0, 0.01, ROWS)
-    plain = columns(speed_mps + way) | {"wheel_speed_mps": speed_mps - way, "time_s": time_s,
-                                        "lat_deg": 34.0 + 1.2 * time_s / 111_200.0, "lon_deg": np.full(ROWS, 119.0)}
+    plain = columns(speed_mps + way) | {
+        "wheel_speed_mps": speed_mps - way,
+        "time_s": time_s,
+        "lat_deg": 34.0 + 1.2 * time_s / 111_200.0,
+        "lon_deg": np.full(ROWS, 119.0),
+    }
     good = gate(plain)
-    for spoilt, word in (({"time_s": 1.7e12 + 1000.0 * time_s}, "milliseconds"),
-                         ({"speed_mps": 3.6 * plain["speed_mps"], "wheel_speed_mps": 3.6 * plain["wheel_speed_mps"]},
-                          "in km/h"), ({"ndvi_1": 100.0 * plain["ndvi_1"]}, "in percent")):
+    for spoilt, word in (
+        ({"time_s": 1.7e12 + 1000.0 * time_s}, "milliseconds"),
+        (
+            {
+                "speed_mps": 3.6 * plain["speed_mps"],
+                "wheel_speed_mps": 3.6 * plain["wheel_speed_mps"],
+            },
+            "in km/h",
+        ),
+        ({"ndvi_1": 100.0 * plain["ndvi_1"]}, "in percent"),
+    ):
         clean = gate(plain | spoilt)
         assert any(word in text for text in clean.findings), (word, clean.findings)
         assert clean.step_s == pytest.approx(good.step_s, rel=1e-6) and clean.stages == good.stages
-        assert all(np.allclose(clean.columns[name], good.columns[name], equal_nan=True) for name in good.columns)
+        assert all(
+            np.allclose(clean.columns[name], good.columns[name], equal_nan=True)
+            for name in good.columns
+        )
     coarse = gate(plain | {"time_s": np.floor(time_s)})
     assert len(coarse.time_s) == ROWS and coarse.step_s == pytest.approx(0.1)
     back = gate(plain | {"time_s": time_s - np.where(np.arange(ROWS) < ROWS // 2, 0.0, 5.03)})

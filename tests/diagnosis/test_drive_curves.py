@@ -1,4 +1,6 @@
-"""Drives far from their data sheet: names that are one curve, a drive that no name fits, and what a file takes up."""
+"""Drives far from their data sheet: names that are one curve, a drive that no name fits, and
+what a file takes up."""
+
 from __future__ import annotations
 
 import json
@@ -39,7 +41,9 @@ def curve() -> Diagnosis:
 
 
 def test_a_gain_a_zone_and_a_curve_that_only_fit_together_are_named(curve: Diagnosis) -> None:
-    assert {"shaft.gain", "shaft.dead_zone", "shaft.saturation"} <= {cause.id for cause in curve.causes}
+    assert {"shaft.gain", "shaft.dead_zone", "shaft.saturation"} <= {
+        cause.id for cause in curve.causes
+    }
     zone = next(cause for cause in curve.causes if cause.id == "shaft.dead_zone")
     assert zone.size.value == pytest.approx(110.0, abs=8.0)
 
@@ -60,11 +64,14 @@ def test_a_drive_that_no_name_fits_is_adopted_as_a_whole() -> None:
 
 
 def test_two_speeds_are_a_line_and_no_curve() -> None:
-    """A zone and a gain pass through both speeds and go on straight; what bends beyond them nobody saw."""
+    """A zone and a gain pass through both speeds and go on straight; what bends beyond them
+    nobody saw."""
     columns = steps(1)
     columns["shaft_rpm_cmd"] = np.where(columns["shaft_rpm_cmd"] > 330.0, 450.0, 250.0)
     found = diagnose_run(columns, DRIVE)
-    assert found.fitted is None or "shaft.saturation" not in {name for name, _ in found.fitted.sizes}
+    assert found.fitted is None or "shaft.saturation" not in {
+        name for name, _ in found.fitted.sizes
+    }
     assert not any(one.predicts_best and one.term["form"] == "dead_zone" for one in found.terms)
 
 
@@ -86,8 +93,8 @@ def test_a_drive_may_be_quicker_than_its_data_sheet_and_never_ahead() -> None:
 
 
 def eight_duties(seed: int) -> Columns:
-    """A motor asked for eight duties by turns: it starts at 68 r/min of its command, lags it by 30, ends at 283. Rows
-    of 50 ms, its encoder counts 3.3 r/min."""
+    """A motor asked for eight duties by turns: it starts at 68 r/min of its command, lags it by
+    30, ends at 283. Rows of 50 ms, its encoder counts 3.3 r/min."""
     draws, duty, speed_rpm, rows = random.Random(seed), 0, 0.0, []
     for k in range(2400):
         if k % 60 == 0:
@@ -99,16 +106,24 @@ def eight_duties(seed: int) -> Columns:
 
 
 def test_names_that_leave_something_are_adopted_together() -> None:
-    """The judged curve bends where the motor ends, and a threshold is left: it predicts, its parts alone hardly do."""
-    machine = DRIVE.model_copy(update={
-        "shaft": DRIVE.shaft._replace(dead_time_s=0.0, time_constant_s=0.108, full_rpm=400.0),
-        "limits": Limits(shaft_low_rpm=0.0, shaft_high_rpm=400.0)})
+    """The judged curve bends where the motor ends, and a threshold is left: it predicts, its
+    parts alone hardly do."""
+    machine = DRIVE.model_copy(
+        update={
+            "shaft": DRIVE.shaft._replace(dead_time_s=0.0, time_constant_s=0.108, full_rpm=400.0),
+            "limits": Limits(shaft_low_rpm=0.0, shaft_high_rpm=400.0),
+        }
+    )
     found = diagnose_run(eight_duties(1), machine)
-    new = extend(machine, adoptable_of(found, [one.id for one in found.causes if not not_adoptable(one)]).found)
+    new = extend(
+        machine,
+        adoptable_of(found, [one.id for one in found.causes if not not_adoptable(one)]).found,
+    )
     assert error_on(eight_duties(2), new) < 0.5 * error_on(eight_duties(2), machine)
 
 
-# --- What a machine file takes up of a joint fit: all of it, or what is left of it fitted anew; never what is worse --
+# --- What a machine file takes up of a joint fit: all of it, or what is left of it fitted anew;
+# never what is worse --
 
 LOG = "stairs.csv"
 
@@ -118,15 +133,19 @@ def with_rival(cause: Cause) -> Cause:
 
 
 @pytest.mark.parametrize("name", ["shaft.gain", "shaft.dead_zone", "shaft.saturation"])
-def test_a_file_without_an_undecided_part_of_a_curve_is_never_worse(curve: Diagnosis, name: str, tmp_path: Path
-                                                                    ) -> None:
-    undecided = replace(curve, causes=tuple(with_rival(one) if one.id == name else one for one in curve.causes))
+def test_a_file_without_an_undecided_part_of_a_curve_is_never_worse(
+    curve: Diagnosis, name: str, tmp_path: Path
+) -> None:
+    undecided = replace(
+        curve, causes=tuple(with_rival(one) if one.id == name else one for one in curve.causes)
+    )
     (tmp_path / LOG).write_text("time_s\n")
     out = tmp_path / "new.yaml"
     try:
         adopt(undecided, DRIVE, [tmp_path / LOG], out)
     except typer.Exit:
-        return                      # nothing is written: the machine file stays as it is
+        # nothing is written: the machine file stays as it is
+        return
     new = load(str(out), MACHINE).model
     for seed in (1, 2):
         assert error_on(staircase(seed), new) < error_on(staircase(seed), DRIVE)
@@ -135,7 +154,10 @@ def test_a_file_without_an_undecided_part_of_a_curve_is_never_worse(curve: Diagn
 def test_what_is_left_of_a_joint_fit_is_fitted_anew(curve: Diagnosis) -> None:
     """A staircase without its bend: gain and zone fit on their own, at other sizes than with it."""
     taken = adoptable_of(curve, ["shaft.gain", "shaft.dead_zone"])
-    assert [one.id for one in taken.found.causes] == ["shaft.gain", "shaft.dead_zone"] or taken.refused
+    assert [one.id for one in taken.found.causes] == [
+        "shaft.gain",
+        "shaft.dead_zone",
+    ] or taken.refused
     sizes = {one.id: one.size.value for one in curve.causes}
     for one in taken.found.causes:
         assert one.size.value != pytest.approx(sizes[one.id], rel=0.05)
@@ -152,7 +174,10 @@ def test_the_page_offers_a_drive_as_a_whole_as_the_command_line_does(tmp_path: P
     log, machine = tmp_path / "steps.csv", tmp_path / "drive.yaml"
     columns = steps(1)
     rows = zip(*(columns[name] for name in ("time_s", "shaft_rpm_cmd", "shaft_rpm")), strict=True)
-    log.write_text("time_s,shaft_rpm_cmd,shaft_rpm\n" + "".join(f"{t:.3f},{a:.2f},{r:.2f}\n" for t, a, r in rows))
+    log.write_text(
+        "time_s,shaft_rpm_cmd,shaft_rpm\n"
+        + "".join(f"{t:.3f},{a:.2f},{r:.2f}\n" for t, a, r in rows)
+    )
     save(machine, DRIVE, MACHINE)
     work(DiagnosisOrder(str(log), str(tmp_path), machine=str(machine)), lambda share, stage: None)
     found = typed(DiagnosisView, json.loads((tmp_path / "view.json").read_text()))
@@ -166,10 +191,13 @@ def test_the_page_offers_a_drive_as_a_whole_as_the_command_line_does(tmp_path: P
 
 
 def test_steps_of_an_encoder_do_not_keep_a_drive_from_being_fitted_as_a_whole() -> None:
-    """Readings in steps of 16 r/min hide what a slope says of a lag; what all rows say of it they do not hide."""
+    """Readings in steps of 16 r/min hide what a slope says of a lag; what all rows say of it
+    they do not hide."""
     columns, other = steps(1), steps(2)
     for one in (columns, other):
         one["shaft_rpm"] = 16.0 * np.round(one["shaft_rpm"] / 16.0)
     found = diagnose_run(columns, DRIVE)
-    assert found.fitted is not None and {"shaft.slow", "shaft.dead_time"} & {name for name, _ in found.fitted.sizes}
+    assert found.fitted is not None and {"shaft.slow", "shaft.dead_time"} & {
+        name for name, _ in found.fitted.sizes
+    }
     assert error_on(other, extend(DRIVE, found)) < 0.6 * error_on(other, DRIVE)

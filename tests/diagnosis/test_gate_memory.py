@@ -1,4 +1,6 @@
-"""What a diagnosis keeps of a log of a million rows: its columns once, and none that it does not read."""
+"""What a diagnosis keeps of a log of a million rows: its columns once, and none that it does
+not read."""
+
 from __future__ import annotations
 
 from pathlib import Path
@@ -22,15 +24,20 @@ ROWS = 2400
 def printed() -> dict[str, np.ndarray]:
     """Numbers as a log prints them; the wheel reads 2 % more than the ground speed."""
     time_s = np.round(0.1 * np.arange(ROWS), 3)
-    return {name: np.round(column, 4) for name, column in speeds(
-        1, time_s, 1.3 + 0.2 * np.sin(time_s / 7.0), 1.02).items()}
+    return {
+        name: np.round(column, 4)
+        for name, column in speeds(1, time_s, 1.3 + 0.2 * np.sin(time_s / 7.0), 1.02).items()
+    }
 
 
 def test_readings_as_a_log_prints_them_are_not_copied(printed) -> None:
     given = columns_of(printed)
     clean = gate(given)
     assert all(np.shares_memory(given[name], printed[name]) for name in printed)
-    assert all(np.shares_memory(clean.columns[name], printed[name]) for name in ("speed_mps", "wheel_speed_mps"))
+    assert all(
+        np.shares_memory(clean.columns[name], printed[name])
+        for name in ("speed_mps", "wheel_speed_mps")
+    )
 
 
 def test_what_is_put_right_is_a_copy(printed) -> None:
@@ -43,21 +50,28 @@ def test_what_is_put_right_is_a_copy(printed) -> None:
     assert np.isnan(found[7]) and not np.signbit(found[8]) and found[9] == 1.23456789
 
 
-def test_arrays_that_cannot_be_written_and_columns_that_are_not_read_change_no_answer(printed) -> None:
+def test_arrays_that_cannot_be_written_and_columns_that_are_not_read_change_no_answer(
+    printed,
+) -> None:
     answer, rng = diagnose_run(printed, Machine()).to_json(), np.random.default_rng(3)
     locked = {name: values.copy() for name, values in printed.items()}
     for values in locked.values():
         values.setflags(write=False)
     assert diagnose_run(locked, Machine()).to_json() == answer
-    more = {name: np.full(ROWS, "text", object) if name in TEXT_COLUMNS else rng.normal(5.0, 2.0, ROWS)
-            for name in sorted(UNREAD)}
+    more = {
+        name: np.full(ROWS, "text", object) if name in TEXT_COLUMNS else rng.normal(5.0, 2.0, ROWS)
+        for name in sorted(UNREAD)
+    }
     assert UNREAD < set(COLUMNS) and not UNREAD & {"state", "events", "time_s"}
     assert diagnose_run(printed | more, Machine()).to_json() == answer
 
 
 def written(path: Path, step_s: float, unit: float = 1.0) -> Path:
-    rows = [f"{unit * step_s * k:.3f},2026-03-20T08:{int(step_s * k) // 60:02d}:{step_s * k % 60:06.3f}Z,{50 + k % 3}.0"
-            for k in range(60)]
+    rows = [
+        f"{unit * step_s * k:.3f},"
+        f"2026-03-20T08:{int(step_s * k) // 60:02d}:{step_s * k % 60:06.3f}Z,{50 + k % 3}.0"
+        for k in range(60)
+    ]
     path.write_text("\n".join(["time_s,utc,shaft_rpm", *rows]) + "\n")
     return path
 

@@ -1,4 +1,5 @@
 """Hidden cases of the tuning half that were answered wrongly once, each for a reason of its own."""
+
 from __future__ import annotations
 
 import pytest
@@ -10,32 +11,75 @@ from tests.diagnosis.logs import HUANGHAI
 pytestmark = pytest.mark.exam
 
 
-def answered(number: int, seed: int, categories: tuple[str, ...], ids: tuple[str, ...] = (), split: str = "tuning"):
+def answered(
+    number: int,
+    seed: int,
+    categories: tuple[str, ...],
+    ids: tuple[str, ...] = (),
+    split: str = "tuning",
+):
     case = cases.one(number, seed, split, categories, ("run",), ids, None)
     return case, diagnose_run(case.columns, HUANGHAI)
 
 
 WRONG_ONCE = [
-    pytest.param(9, 123, ("single", "lookalike", "pair"),
-                 id="a dead band between two commands: the likelihood has one narrow peak"),
+    pytest.param(
+        9,
+        123,
+        ("single", "lookalike", "pair"),
+        id="a dead band between two commands: the likelihood has one narrow peak",
+    ),
     pytest.param(14, 121, ("onset",), id="a dead band that begins, met four times after it began"),
-    pytest.param(39, 121, ("growth",), id="a growth that levels off, taken for drift though none was left beside it"),
-    pytest.param(48, 125, ("growth", "onset", "temporary"),
-                 id="a head fouled for a while: its end was taken for a drift that begins again"),
+    pytest.param(
+        39,
+        121,
+        ("growth",),
+        id="a growth that levels off, taken for drift though none was left beside it",
+    ),
+    pytest.param(
+        48,
+        125,
+        ("growth", "onset", "temporary"),
+        id="a head fouled for a while: its end was taken for a drift that begins again",
+    ),
 ]
 
 
 @pytest.mark.parametrize("number, seed, categories", WRONG_ONCE)
 def test_a_case_that_was_wrong_once_is_right(number, seed, categories):
     case, found = answered(number, seed, categories)
-    assert score.mark(case.truth, found.to_json()).honest, (case.truth["causes"], found.causes, found.unexplained)
+    assert score.mark(case.truth, found.to_json()).honest, (
+        case.truth["causes"],
+        found.causes,
+        found.unexplained,
+    )
 
 
 TERMS_WRONG_ONCE = [
-    pytest.param(4, 22, "dead_zone", "dead_zone", id="a slope, as a drift stood for a part of what the dead zone did"),
-    pytest.param(73, 20, "product", "product", id="nothing: no term of the wheel could be over the speed"),
-    pytest.param(82, 20, "product", "product", id="pitch in place of speed, the better one under a noise of its own"),
-    pytest.param(13, 20, "dead_zone", "dead_zone", id="missing pulses beside it: dips that began with the roll"),
+    pytest.param(
+        4,
+        22,
+        "dead_zone",
+        "dead_zone",
+        id="a slope, as a drift stood for a part of what the dead zone did",
+    ),
+    pytest.param(
+        73, 20, "product", "product", id="nothing: no term of the wheel could be over the speed"
+    ),
+    pytest.param(
+        82,
+        20,
+        "product",
+        "product",
+        id="pitch in place of speed, the better one under a noise of its own",
+    ),
+    pytest.param(
+        13,
+        20,
+        "dead_zone",
+        "dead_zone",
+        id="missing pulses beside it: dips that began with the roll",
+    ),
 ]
 
 
@@ -43,11 +87,15 @@ TERMS_WRONG_ONCE = [
 def test_a_term_that_was_wrong_once_is_right(number, seed, kind, form):
     case, found = answered(number, seed, ("term",), (kind,))
     mark = score.mark(case.truth, found.to_json())
-    assert (mark.right_stage, mark.all_variables, found.causes) == (True, True, ()), (found.terms, found.causes)
+    assert (mark.right_stage, mark.all_variables, found.causes) == (True, True, ()), (
+        found.terms,
+        found.causes,
+    )
     assert found.terms[0].term["form"] == form
 
 
 def test_loud_readings_of_a_gate_that_moves_little_are_no_stuck_gate():
-    """A stop's gain was counted as if each reading spoke for itself; now by blocks of time, as every other effect's."""
+    """A stop's gain was counted as if each reading spoke for itself; now by blocks of time, as
+    every other effect's."""
     _, found = answered(77, 5151, ("healthy_loud",), split="unseen")
     assert (found.causes, found.verdict) == ((), "none")

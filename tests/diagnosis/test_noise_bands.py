@@ -1,4 +1,6 @@
-"""How noise and readings are looked at: bands of frequency, steps, tails, the noise's fit, blocks held out."""
+"""How noise and readings are looked at: bands of frequency, steps, tails, the noise's fit,
+blocks held out."""
+
 from __future__ import annotations
 
 from typing import Any, NamedTuple
@@ -19,8 +21,12 @@ from control.diagnosis.runs.quantised import (
 from control.diagnosis.runs.robust import tail_excess
 
 
-@pytest.mark.parametrize("bounds", [((0, 400), (400, 800)), ((0, 400), (500, 900)), ((100, 500), (600, 1000))])
-def test_segments_alike_have_the_same_bands_wherever_they_lie(bounds: tuple[tuple[int, int], ...]) -> None:
+@pytest.mark.parametrize(
+    "bounds", [((0, 400), (400, 800)), ((0, 400), (500, 900)), ((100, 500), (600, 1000))]
+)
+def test_segments_alike_have_the_same_bands_wherever_they_lie(
+    bounds: tuple[tuple[int, int], ...],
+) -> None:
     one, both = segments(400), segments(1000, bounds)
     assert one.bounds == ((0, 400),) and both.bounds == bounds
     assert both.members == pytest.approx(2.0 * one.members)
@@ -29,7 +35,8 @@ def test_segments_alike_have_the_same_bands_wherever_they_lie(bounds: tuple[tupl
 
 
 def test_a_wave_lies_in_the_band_of_its_frequency() -> None:
-    """In the second segment as in the first: sin(0.5 k) is found where omega is about 0.5 rad per sample."""
+    """In the second segment as in the first: sin(0.5 k) is found where omega is about 0.5 rad
+    per sample."""
     cut = segments(2000, ((0, 1000), (1000, 2000)))
     wave = np.where(np.arange(2000) < 1000, 0.0, np.sin(0.5 * np.arange(2000)))
     power = np.add.reduceat(coefficients(wave, cut) ** 2, cut.starts)
@@ -52,23 +59,33 @@ def test_bands_left_out_are_in_no_coefficient_and_in_no_series() -> None:
     assert len(kept) == less.members.sum() == len(every) - cut.members[bands].sum()
     again = series_of(kept, less)
     assert again.shape == series.shape
-    assert np.sum(again ** 2) == pytest.approx(np.sum(kept ** 2))
+    assert np.sum(again**2) == pytest.approx(np.sum(kept**2))
     assert np.abs(coefficients(again, leaving_out(cut, ~bands))).max() < 1e-9
-    assert np.add.reduceat(kept ** 2, less.starts) == pytest.approx(np.add.reduceat(every ** 2, cut.starts)[~bands])
+    assert np.add.reduceat(kept**2, less.starts) == pytest.approx(
+        np.add.reduceat(every**2, cut.starts)[~bands]
+    )
 
 
-# --- How readings are taken: whole steps of an encoder, heavy tails ---------------------------------------------------
+# --- How readings are taken: whole steps of an encoder, heavy tails
+# ---------------------------------------------------
+
 
 def test_readings_that_are_whole_steps_say_their_step_and_others_say_nothing() -> None:
     rng = np.random.default_rng(1)
     true = 40.0 + 30.0 * np.sin(np.linspace(0.0, 40.0, 5000))
     noisy = true + rng.normal(0.0, 0.3, true.size)
     step = whole_steps(np.round(np.round(noisy / 1.37) * 1.37, 3))
-    assert step is not None and step.step_rpm == pytest.approx(1.37, abs=0.001) and step.sd_rpm < 0.001
+    assert (
+        step is not None and step.step_rpm == pytest.approx(1.37, abs=0.001) and step.sd_rpm < 0.001
+    )
     assert whole_steps(np.round(noisy, 3)) is None
-    assert whole_steps(np.round(noisy, 1)) is None                        # an ordinary log of one decimal
-    assert whole_steps(np.full(5000, 70.0)) is None                       # one value says nothing of its neighbours
-    assert whole_steps(np.round(np.round(true / 1.37) * 1.37 + rng.normal(0.0, 0.3, true.size), 3)) is None
+    assert whole_steps(np.round(noisy, 1)) is None  # an ordinary log of one decimal
+    # one value says nothing of its neighbours
+    assert whole_steps(np.full(5000, 70.0)) is None
+    assert (
+        whole_steps(np.round(np.round(true / 1.37) * 1.37 + rng.normal(0.0, 0.3, true.size), 3))
+        is None
+    )
 
 
 def test_the_mean_error_of_rounding_is_what_many_rounded_readings_show() -> None:
@@ -111,19 +128,23 @@ def test_normal_noise_and_protected_samples_are_left_alone() -> None:
 def test_an_encoder_that_begins_to_read_in_steps_is_told_from_when_on() -> None:
     rng = np.random.default_rng(4)
     speed_rpm = np.repeat(rng.uniform(30.0, 90.0, 40), 100) + rng.normal(0.0, 0.3, 4000)
-    readings = np.where(np.arange(4000) < 2600, np.round(speed_rpm, 3), np.round(np.round(speed_rpm / 3.7) * 3.7, 3))
+    readings = np.where(
+        np.arange(4000) < 2600, np.round(speed_rpm, 3), np.round(np.round(speed_rpm / 3.7) * 3.7, 3)
+    )
     steps = steps_to_the_end(readings)
     assert steps is not None and abs(steps.step_rpm - 3.7) < 1e-3 and abs(steps.first - 2600) <= 5
     assert steps_to_the_end(np.round(speed_rpm, 3)) is None
 
 
-# --- The noise's fit: its own small solver against LAPACK's -----------------------------------------------------------
+# --- The noise's fit: its own small solver against LAPACK's
+# -----------------------------------------------------------
+
 
 @pytest.mark.parametrize("seed", range(20))
 def test_the_step_is_that_of_lapack(seed: int) -> None:
     rng = np.random.default_rng(seed)
     square, right = rng.normal(size=(4, 4)) * 10.0 ** rng.uniform(-3.0, 3.0, 4), rng.normal(size=4)
-    for matrix in (square, square @ square.T):          # rows must change places; as Fisher's is
+    for matrix in (square, square @ square.T):  # rows must change places; as Fisher's is
         expected = np.linalg.solve(matrix, right)
         off = matrix @ solved(matrix.copy(), right.copy()) - right
         assert np.abs(off).max() <= 1e-12 + 10.0 * np.abs(matrix @ expected - right).max()
@@ -135,7 +156,9 @@ def test_what_has_no_step_is_refused(value: float) -> None:
         solved(np.full((4, 4), value), np.ones(4))
 
 
-# --- Blocks of a log that no size is fitted to: where they lie, and that a short log has none -------------------------
+# --- Blocks of a log that no size is fitted to: where they lie, and that a short log has none
+# -------------------------
+
 
 class Steps(NamedTuple):
     step_s: float
@@ -154,7 +177,8 @@ def test_held_out_blocks_keep_their_distance_from_those_that_are_fitted(step_s: 
     length, gap = 4800, round(GAP_S / step_s)
     blocks = held_out(Series(np.zeros(length), Steps(step_s)))  # type: ignore[arg-type]
     assert [(piece.start, piece.stop) for piece in blocks.pieces] == [
-        (length * k // BLOCKS + gap, length * (k + 1) // BLOCKS - gap) for k in HELD_OUT]
+        (length * k // BLOCKS + gap, length * (k + 1) // BLOCKS - gap) for k in HELD_OUT
+    ]
 
 
 @pytest.mark.parametrize("seconds", [8.0, 80.0, 8.0 * 2.0 * GAP_S])

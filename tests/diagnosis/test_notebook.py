@@ -1,4 +1,6 @@
-"""What a notebook hands over and gets back: tables of any library, one clear line for what is wrong, pictures."""
+"""What a notebook hands over and gets back: tables of any library, one clear line for what is
+wrong, pictures."""
+
 from __future__ import annotations
 
 import json
@@ -23,17 +25,29 @@ DAY = np.datetime64("2026-03-20T08:00:00", "ns") + (1e9 * TIME).astype("timedelt
 REST = {name: values for name, values in PLAIN.items() if name != "time_s"}
 
 
-@pytest.mark.parametrize("data", [
-    PLAIN, {name: list(values) for name, values in PLAIN.items()}, pd.DataFrame(PLAIN), pl.DataFrame(PLAIN),
-    pd.DataFrame(PLAIN).convert_dtypes(), pd.DataFrame(PLAIN).to_records(index=False),
-    pd.DataFrame(PLAIN).to_dict("records"), {name: pd.Series(values) for name, values in PLAIN.items()},
-    {"time_ms": (1000.0 * TIME).round(), **REST}, pd.DataFrame({"timestamp": DAY, **REST}),
-    pd.DataFrame(REST, index=DAY),
-    {"utc": [f"{one}Z" for one in DAY.astype("datetime64[ms]")], **REST}, {"time_s": DAY, **REST},
-    {**PLAIN, "note": [""] * 50, "nothing": [None] * 50}, {**PLAIN, "remark": ["warm"] * 50},
-    {**{name: values.astype(object) for name, values in PLAIN.items()}},
-    {**PLAIN, "shaft_rpm": np.ma.masked_array(PLAIN["shaft_rpm"], [False] * 50)},
-], ids=range(17))
+@pytest.mark.parametrize(
+    "data",
+    [
+        PLAIN,
+        {name: list(values) for name, values in PLAIN.items()},
+        pd.DataFrame(PLAIN),
+        pl.DataFrame(PLAIN),
+        pd.DataFrame(PLAIN).convert_dtypes(),
+        pd.DataFrame(PLAIN).to_records(index=False),
+        pd.DataFrame(PLAIN).to_dict("records"),
+        {name: pd.Series(values) for name, values in PLAIN.items()},
+        {"time_ms": (1000.0 * TIME).round(), **REST},
+        pd.DataFrame({"timestamp": DAY, **REST}),
+        pd.DataFrame(REST, index=DAY),
+        {"utc": [f"{one}Z" for one in DAY.astype("datetime64[ms]")], **REST},
+        {"time_s": DAY, **REST},
+        {**PLAIN, "note": [""] * 50, "nothing": [None] * 50},
+        {**PLAIN, "remark": ["warm"] * 50},
+        {**{name: values.astype(object) for name, values in PLAIN.items()}},
+        {**PLAIN, "shaft_rpm": np.ma.masked_array(PLAIN["shaft_rpm"], [False] * 50)},
+    ],
+    ids=range(17),
+)
 def test_any_table_is_the_same_log(data: Any) -> None:
     found = columns_of(data)
     assert set(found) - {"remark"} == set(PLAIN)
@@ -41,17 +55,32 @@ def test_any_table_is_the_same_log(data: Any) -> None:
         assert found[name].dtype == np.float64 and np.allclose(found[name], values, atol=1e-6), name
 
 
-@pytest.mark.parametrize(("data", "said"), [
-    ({**PLAIN, "shaft_rpm": [1.0]}, "column shaft_rpm: 1 rows where time_s has 50: allowed is one length for all"),
-    ({**PLAIN, "shaft_rpm": ["fast"] * 50}, "column shaft_rpm: row 0: value 'fast': allowed is a number"),
-    ({**PLAIN, "shaft_rpm": np.zeros((50, 2))}, "column shaft_rpm: shape (50, 2)"),
-    ({**PLAIN, "shaft_rpm": 3.0}, "column shaft_rpm: value 3.0: allowed is a column"),
-    (REST, "column time_s: missing: a run log needs it; allowed in its place: time_ms"),
-    ({**PLAIN, "time_s": ["yesterday"] * 50}, "column time_s: row 0: value 'yesterday': allowed are seconds, or ISO"),
-    ({}, "no columns in the data"), (np.zeros((50, 3)), "an array of shape (50, 3) has no names"),
-    ({name: [] for name in PLAIN}, "column time_s: no rows"), (7, "a int has no names"),
-    (pd.DataFrame(np.zeros((50, 2)), columns=["a", "a"]), "column a: stands twice"),
-], ids=range(11))
+@pytest.mark.parametrize(
+    ("data", "said"),
+    [
+        (
+            {**PLAIN, "shaft_rpm": [1.0]},
+            "column shaft_rpm: 1 rows where time_s has 50: allowed is one length for all",
+        ),
+        (
+            {**PLAIN, "shaft_rpm": ["fast"] * 50},
+            "column shaft_rpm: row 0: value 'fast': allowed is a number",
+        ),
+        ({**PLAIN, "shaft_rpm": np.zeros((50, 2))}, "column shaft_rpm: shape (50, 2)"),
+        ({**PLAIN, "shaft_rpm": 3.0}, "column shaft_rpm: value 3.0: allowed is a column"),
+        (REST, "column time_s: missing: a run log needs it; allowed in its place: time_ms"),
+        (
+            {**PLAIN, "time_s": ["yesterday"] * 50},
+            "column time_s: row 0: value 'yesterday': allowed are seconds, or ISO",
+        ),
+        ({}, "no columns in the data"),
+        (np.zeros((50, 3)), "an array of shape (50, 3) has no names"),
+        ({name: [] for name in PLAIN}, "column time_s: no rows"),
+        (7, "a int has no names"),
+        (pd.DataFrame(np.zeros((50, 2)), columns=["a", "a"]), "column a: stands twice"),
+    ],
+    ids=range(11),
+)
 def test_what_is_wrong_is_one_clear_line(data: Any, said: str) -> None:
     with pytest.raises(ValueError, match=re.escape(said)) as caught:
         diagnose_run(data, "drive_alone")
@@ -64,8 +93,9 @@ def test_a_machine_is_named_or_refused() -> None:
     assert "\n" not in str(caught.value)
 
 
-def test_the_page_ends_with_a_model_that_predicts_better(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
-                                                         capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_page_ends_with_a_model_that_predicts_better(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     """Its blocks one after the other, as a reader runs them."""
     (tmp_path / "docs").symlink_to(ROOT / "docs")
     monkeypatch.chdir(tmp_path)
@@ -82,7 +112,9 @@ def test_the_page_ends_with_a_model_that_predicts_better(tmp_path: Path, monkeyp
     shown = found._repr_html_()
     assert "shaft" in shown and "<table" in shown and "<script" not in shown
     assert "seen_with" not in json.dumps(found.to_json())
-    bare = Diagnosis(**{one: getattr(found, one) for one in Diagnosis.__slots__ if one != "seen_with"})
+    bare = Diagnosis(
+        **{one: getattr(found, one) for one in Diagnosis.__slots__ if one != "seen_with"}
+    )
     assert bare == found
     with pytest.raises(ValueError, match="is not with it"):
         bare.plot()

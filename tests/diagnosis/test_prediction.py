@@ -1,4 +1,5 @@
 """Nothing is said or written that prediction does not bear out."""
+
 from __future__ import annotations
 
 from dataclasses import replace
@@ -31,18 +32,25 @@ def seen(columns: dict[str, Any], machine: Machine) -> OnLog:
 
 
 def braked(seed: int, rpm_of_load: float = -0.09) -> dict[str, Any]:
-    """A loop at one speed, 4 % below it; a brake is squeezed now and then, and a load cell, single cells of which are
-    far out, reads how hard."""
+    """A loop at one speed, 4 % below it; a brake is squeezed now and then, and a load cell,
+    single cells of which are far out, reads how hard."""
     rng = np.random.default_rng(seed)
     time_s = np.arange(0.0, 60.0, 0.1)
     load = 0.0 * time_s
     for begin_s in rng.uniform(3.0, 57.0, 9):
-        load += rng.uniform(300.0, 1500.0) * ((time_s > begin_s) & (time_s < begin_s + rng.uniform(0.5, 3.0)))
+        load += rng.uniform(300.0, 1500.0) * (
+            (time_s > begin_s) & (time_s < begin_s + rng.uniform(0.5, 3.0))
+        )
     load = lagged(load, 0.3, 0.1)
     cell = load + 5.0 * rng.standard_normal(len(load))
     cell[rng.integers(0, len(cell), 3)] = 1e5
     read = 0.96 * 500.0 + rpm_of_load * load + 2.0 * rng.standard_normal(len(load))
-    return {"time_s": time_s, "shaft_rpm_cmd": np.full(len(load), 500.0), "shaft_rpm": read, "x_load_g": cell}
+    return {
+        "time_s": time_s,
+        "shaft_rpm_cmd": np.full(len(load), 500.0),
+        "shaft_rpm": read,
+        "x_load_g": cell,
+    }
 
 
 @cache
@@ -62,12 +70,23 @@ def made(machine: Machine, seed: int) -> dict[str, Any]:
     """Random steps that a machine answers as its file says, with a sensor's noise."""
     columns = steps(seed)
     _, answers = shaft_predicted(columns, machine)
-    return columns | {"shaft_rpm": answers + 2.0 * np.random.default_rng(seed).standard_normal(len(answers))}
+    return columns | {
+        "shaft_rpm": answers + 2.0 * np.random.default_rng(seed).standard_normal(len(answers))
+    }
 
 
 def wrong_name(found: Diagnosis) -> Diagnosis:
     """A diagnosis that is sure of what is not there."""
-    cause = Cause("shaft.gain", Size(-12.0, -12.5, -11.5, "%"), None, 0.999, (), None, "", FieldCost(-12.0, 0.0))
+    cause = Cause(
+        "shaft.gain",
+        Size(-12.0, -12.5, -11.5, "%"),
+        None,
+        0.999,
+        (),
+        None,
+        "",
+        FieldCost(-12.0, 0.0),
+    )
     return replace(found, verdict="named", causes=(cause,), terms=(), unexplained=(), fitted=None)
 
 
@@ -78,12 +97,17 @@ def sound() -> tuple[Diagnosis, OnLog]:
 
 
 def test_a_name_whose_file_predicts_worse_is_no_longer_sure_and_nothing_is_written(
-        sound: tuple[Diagnosis, OnLog]) -> None:
+    sound: tuple[Diagnosis, OnLog],
+) -> None:
     found, on_log = wrong_name(sound[0]), sound[1]
     taken = adoptable(on_log, found, ["shaft.gain"], ())
     assert taken.found.causes == () and [name for name, _ in taken.refused] == ["shaft.gain"]
     after = borne_out(on_log, found, ())
-    assert after.verdict != "named" and after.causes[0].probability < 0.9 and not_adoptable(after.causes[0])
+    assert (
+        after.verdict != "named"
+        and after.causes[0].probability < 0.9
+        and not_adoptable(after.causes[0])
+    )
     assert extend(DRIVE, after) == DRIVE
 
 
@@ -103,7 +127,7 @@ def test_a_block_is_predicted_as_by_least_squares_without_it() -> None:
     (number,) = numbers_of(file, DRIVE)
     judged = held(on_log, file, ("shaft",), [number])
     left = errors(on_log, file, ("shaft",))["shaft"]
-    column = (left - errors(on_log, with_effect(DRIVE, "shaft.gain", 31.0), ("shaft",))["shaft"])
+    column = left - errors(on_log, with_effect(DRIVE, "shaft.gain", 31.0), ("shaft",))["shaft"]
     best = float(column @ left) / float(column @ column)
     for k, block in enumerate(in_blocks(len(left))):
         rest = np.ones(len(left), bool)
@@ -111,7 +135,7 @@ def test_a_block_is_predicted_as_by_least_squares_without_it() -> None:
         without = float(column[rest] @ left[rest]) / float(column[rest] @ column[rest])
         moved = with_effect(DRIVE, "shaft.gain", 30.0 + without - best)
         piece = errors(on_log, moved, ("shaft",))["shaft"][block]
-        assert judged.blocks["shaft"][k] == pytest.approx(float(np.mean(piece ** 2)), rel=1e-6)
+        assert judged.blocks["shaft"][k] == pytest.approx(float(np.mean(piece**2)), rel=1e-6)
     assert len(judged.blocks["shaft"]) == BLOCKS
 
 
@@ -123,9 +147,16 @@ def test_the_rival_predicts_as_plain_least_squares_does() -> None:
 
     def plain(of: dict[str, Any], gain: float, zone: float, tau_s: float) -> Array:
         return lagged(gain * np.maximum(0.0, of["shaft_rpm_cmd"] - zone), tau_s, 0.02)
-    tried = [(gain, zone, tau_s) for gain in (1.2, 1.3, 1.4, 1.5) for zone in (60.0, 90.0, 120.0)
-             for tau_s in (0.02, 0.04, 0.08, 0.2)]
-    best = min(tried, key=lambda one: float(np.mean((columns["shaft_rpm"] - plain(columns, *one)) ** 2)))
+
+    tried = [
+        (gain, zone, tau_s)
+        for gain in (1.2, 1.3, 1.4, 1.5)
+        for zone in (60.0, 90.0, 120.0)
+        for tau_s in (0.02, 0.04, 0.08, 0.2)
+    ]
+    best = min(
+        tried, key=lambda one: float(np.mean((columns["shaft_rpm"] - plain(columns, *one)) ** 2))
+    )
     by_hand = float(np.sqrt(np.mean((other["shaft_rpm"] - plain(other, *best)) ** 2)))
     assert error_on(other, rival.machine) < 1.05 * by_hand
 
@@ -142,7 +173,8 @@ def test_report_and_notebook_say_the_rival_and_what_a_file_takes_up() -> None:
 
 @pytest.mark.parametrize("gain", [7.72460926, 0.1, 1.0 / 3.0, 49.9])
 def test_one_block_that_has_anything_to_say_counts_whatever_its_last_bit(gain: float) -> None:
-    """A shaft that starts once: its mean is one standard error exactly, and two kernels answered apart."""
+    """A shaft that starts once: its mean is one standard error exactly, and two kernels
+    answered apart."""
     for moved in (-1e-14, 0.0, 1e-14):
         assert surely(np.array([gain * (1.0 + moved), *np.full(BLOCKS - 1, moved)]))
         assert not surely(-np.array([gain * (1.0 + moved), *np.full(BLOCKS - 1, moved)]))

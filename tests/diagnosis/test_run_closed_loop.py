@@ -1,4 +1,6 @@
-"""Logs of the closed loop, where control follows the very sensors that are judged; and the gain in the closed loop."""
+"""Logs of the closed loop, where control follows the very sensors that are judged; and the gain
+in the closed loop."""
+
 from __future__ import annotations
 
 import datetime as dt
@@ -20,7 +22,8 @@ from control.simulation.assembly import control_loop, simulated_machine, with_si
 from control.simulation.closed_loop import simulated_run
 from drivers.files.setup import Setup, load_setup
 
-NOISY_WHEEL_MPS = 0.08      # four times the shipped machine's: its noise is plain in every command
+# four times the shipped machine's: its noise is plain in every command
+NOISY_WHEEL_MPS = 0.08
 
 
 @pytest.fixture(scope="module")
@@ -28,21 +31,33 @@ def setup() -> Setup:
     return load_setup("huanghai", "demo", dt.date(2026, 1, 1))
 
 
-def logged(setup: Setup, machine: Machine, strategy: Strategy, seconds: float, seed: int) -> dict[str, Any]:
+def logged(
+    setup: Setup, machine: Machine, strategy: Strategy, seconds: float, seed: int
+) -> dict[str, Any]:
     """Columns of the log of a simulated run, as the console writes them."""
     job = with_simulated_field(setup.job.model_copy(update={"strategy": strategy}), machine)
     plant = simulated_machine(machine, job, seed, 0.05)
-    rows = [step.tick.row for step in simulated_run(plant, control_loop(machine, setup.crop, setup.rule, job), seconds)]
+    rows = [
+        step.tick.row
+        for step in simulated_run(
+            plant, control_loop(machine, setup.crop, setup.rule, job), seconds
+        )
+    ]
     columns: dict[str, Any] = {}
     for name in COLUMNS:
         cells = [getattr(row, name) for row in rows]
-        columns[name] = (np.array(["" if c is None else c for c in cells], object) if name in TEXT_COLUMNS
-                         else np.array([np.nan if c is None else c for c in cells], np.float64))
+        columns[name] = (
+            np.array(["" if c is None else c for c in cells], object)
+            if name in TEXT_COLUMNS
+            else np.array([np.nan if c is None else c for c in cells], np.float64)
+        )
     return columns
 
 
 def noisy(machine: Machine) -> Machine:
-    return machine.model_copy(update={"noise": machine.noise.model_copy(update={"wheel_mps": NOISY_WHEEL_MPS})})
+    return machine.model_copy(
+        update={"noise": machine.noise.model_copy(update={"wheel_mps": NOISY_WHEEL_MPS})}
+    )
 
 
 @pytest.mark.exam
@@ -60,7 +75,9 @@ def test_knowing_the_effects_takes_the_bias_out_of_the_closed_loop(setup: Setup)
     for effect in effects:
         known = with_effect(known, effect.id, effect.size)
     job = setup.job.model_copy(update={"strategy": Strategy.SPEED_FIRST, "flow_trim": False})
-    gain = closed_loop_gain(setup.machine, known, effects, setup.crop, setup.rule, job, seconds=240.0, seed=1)
+    gain = closed_loop_gain(
+        setup.machine, known, effects, setup.crop, setup.rule, job, seconds=240.0, seed=1
+    )
     before, after = gain.before, gain.after
     assert before.bias_kg_ha / before.mean_target_kg_ha < -0.007
     assert abs(after.bias_kg_ha) < 0.5 * abs(before.bias_kg_ha)
@@ -71,13 +88,16 @@ def test_knowing_the_effects_takes_the_bias_out_of_the_closed_loop(setup: Setup)
 def test_the_command_line_tells_the_gain_in_the_closed_loop(tmp_path: Path) -> None:
     log = str(tmp_path / "a.csv")
     runner = CliRunner()
-    made = runner.invoke(app, ["simulate", "--seconds", "200", "--seed", "3", "--effect", "shaft.gain=4", "--out", log])
+    made = runner.invoke(
+        app,
+        ["simulate", "--seconds", "200", "--seed", "3", "--effect", "shaft.gain=4", "--out", log],
+    )
     assert made.exit_code == 0, made.output
     plain = runner.invoke(app, ["diagnose", log])
     assert "shaft.gain" in plain.output and "closed loop" not in plain.output
     asked = runner.invoke(app, ["diagnose", log, "--closed-loop", "60"])
     assert asked.exit_code == 0, asked.output
-    told = asked.output[asked.output.index("closed loop, simulated 60 s"):].splitlines()
+    told = asked.output[asked.output.index("closed loop, simulated 60 s") :].splitlines()
     assert told[1].split()[:2] == ["not", "known"] and told[2].split()[0] == "known"
     assert told[1].split("landed")[1] != told[2].split("landed")[1]
 
@@ -87,7 +107,9 @@ def test_a_known_shift_of_the_opening_s_sensor_is_taken_off_its_reading(setup: S
     shifted = (Planted("gate.offset", 1.5),)
     known = with_effect(setup.machine, "gate.offset", 1.5)
     job = setup.job.model_copy(update={"strategy": Strategy.OPENING_FIRST, "flow_trim": False})
-    gain = closed_loop_gain(setup.machine, known, shifted, setup.crop, setup.rule, job, seconds=200.0, seed=1)
+    gain = closed_loop_gain(
+        setup.machine, known, shifted, setup.crop, setup.rule, job, seconds=200.0, seed=1
+    )
     before, after = gain.before, gain.after
     assert before.bias_kg_ha / before.mean_target_kg_ha < -0.05
     assert abs(after.bias_kg_ha) < 0.1 * abs(before.bias_kg_ha)

@@ -1,4 +1,6 @@
-"""The entry of a notebook: `from control.diagnosis import diagnose_run, diagnose_tables, extend`."""
+"""The entry of a notebook: `from control.diagnosis import diagnose_run, diagnose_tables,
+extend`."""
+
 from __future__ import annotations
 
 import ast
@@ -37,13 +39,16 @@ def test_the_entry_has_what_a_notebook_needs() -> None:
     for name in entry.__all__:
         assert callable(getattr(entry, name)), name
     from control.diagnosis.runs.diagnose import diagnose_run
+
     assert entry.diagnose_run is diagnose_run
     with pytest.raises(AttributeError, match="nothing_of_the_kind"):
         _ = entry.nothing_of_the_kind
 
 
 def test_a_page_that_only_shows_a_diagnosis_starts_without_the_search() -> None:
-    asked = "import sys, control.diagnosis.result; print(sorted({'scipy', 'numba'} & set(sys.modules)))"
+    asked = (
+        "import sys, control.diagnosis.result; print(sorted({'scipy', 'numba'} & set(sys.modules)))"
+    )
     told = subprocess.run([sys.executable, "-c", asked], capture_output=True, text=True, check=True)
     assert told.stdout.strip() == "[]"
 
@@ -56,42 +61,76 @@ def test_the_package_says_that_it_has_types() -> None:
 def test_what_may_stand_in_a_part_s_place_has_all_of_the_probability(worth: float) -> None:
     place = InPlace(worth, (RivalOf(EffectInstance("shaft.slow", 0.1), 1.0),), unknown=-2.0)
     one = place.posterior()
-    assert one.part + sum(one.rivals) + one.unknown == pytest.approx(1.0 / (1.0 + exp(-worth) / (
-        1.0 + exp(-1.0) + exp(-2.0))) if worth > -700.0 else 0.0)
-    assert one.rivals[0] == pytest.approx(one.part * exp(-1.0)) and one.unknown == pytest.approx(one.part * exp(-2.0))
-    assert place.posterior(0.6)[:2] == (pytest.approx(0.4 * one.part), (pytest.approx(0.4 * one.rivals[0]),))
+    assert one.part + sum(one.rivals) + one.unknown == pytest.approx(
+        1.0 / (1.0 + exp(-worth) / (1.0 + exp(-1.0) + exp(-2.0))) if worth > -700.0 else 0.0
+    )
+    assert one.rivals[0] == pytest.approx(one.part * exp(-1.0)) and one.unknown == pytest.approx(
+        one.part * exp(-2.0)
+    )
+    assert place.posterior(0.6)[:2] == (
+        pytest.approx(0.4 * one.part),
+        (pytest.approx(0.4 * one.rivals[0]),),
+    )
 
 
 def too_fast() -> Columns:
-    work = taken(stairs_work(), slice(4000))        # 200 s
-    return {name: work[name] for name in ("time_s", "shaft_rpm_cmd")} | {"shaft_rpm": 1.06 * work["shaft_rpm"]}
+    work = taken(stairs_work(), slice(4000))  # 200 s
+    return {name: work[name] for name in ("time_s", "shaft_rpm_cmd")} | {
+        "shaft_rpm": 1.06 * work["shaft_rpm"]
+    }
 
 
 def test_no_model_is_held_twice_against_the_catalogue(monkeypatch: pytest.MonkeyPatch) -> None:
     scans: list[tuple[object, ...]] = []
     scan = Search.scan
-    monkeypatch.setattr(Search, "scan", lambda of, parts, noise: scans.append((
-        of.model.names, of.model.moves, parts, *(one.sum() for one in of.model.drawn_in.values())))
-        or scan(of, parts, noise))
-    assert "shaft.gain" in [cause.id for cause in diagnose_run(too_fast(), HUANGHAI).causes] and len(scans) > 2
+    monkeypatch.setattr(
+        Search,
+        "scan",
+        lambda of, parts, noise: (
+            scans.append(
+                (
+                    of.model.names,
+                    of.model.moves,
+                    parts,
+                    *(one.sum() for one in of.model.drawn_in.values()),
+                )
+            )
+            or scan(of, parts, noise)
+        ),
+    )
+    assert (
+        "shaft.gain" in [cause.id for cause in diagnose_run(too_fast(), HUANGHAI).causes]
+        and len(scans) > 2
+    )
     assert len(set(scans)) == len(scans)
 
 
-# --- What a diagnosis knows of an effect stands in one place: its row in control/diagnosis/effects.py ----------------
+# --- What a diagnosis knows of an effect stands in one place: its row in
+# control/diagnosis/effects.py ----------------
 
 ROOM = Path(effects.__file__).parent
 
 
 def ids_in(path: Path) -> list[str]:
     """String literals of a file that are the id of an effect, with their lines."""
-    return [f"{path.name}:{node.lineno}: {node.value}" for node in ast.walk(ast.parse(path.read_text("utf-8")))
-            if isinstance(node, ast.Constant) and isinstance(node.value, str) and node.value in CATALOGUE]
+    return [
+        f"{path.name}:{node.lineno}: {node.value}"
+        for node in ast.walk(ast.parse(path.read_text("utf-8")))
+        if isinstance(node, ast.Constant)
+        and isinstance(node.value, str)
+        and node.value in CATALOGUE
+    ]
 
 
 @pytest.mark.parametrize("folder", ["", "runs", "tables"])
 def test_no_effect_is_named_by_its_id_outside_its_row(folder: str) -> None:
     pattern = "*.py" if not folder else f"{folder}/**/*.py"
-    found = [line for path in sorted(ROOM.glob(pattern)) if path.name != "effects.py" for line in ids_in(path)]
+    found = [
+        line
+        for path in sorted(ROOM.glob(pattern))
+        if path.name != "effects.py"
+        for line in ids_in(path)
+    ]
     assert not found
 
 
@@ -110,29 +149,45 @@ def test_what_rows_refer_to_is_there() -> None:
         assert {row.form_over} - {""} <= set(MIN_RANGE)
         assert not row.moves or row.moves in {n.field for n in nuisances(row.stage, machine)}
         for sibling in row.siblings:
-            assert effects.ROWS[sibling].trial_sizes, f"{row.id}: {sibling} has no trial sizes to take its slope on"
+            assert effects.ROWS[sibling].trial_sizes, (
+                f"{row.id}: {sibling} has no trial sizes to take its slope on"
+            )
 
 
 def test_a_name_in_whose_place_something_unknown_stands_for_certain_is_not_listed(
-        monkeypatch: pytest.MonkeyPatch) -> None:
-    """It was listed with probability 0, at the bound of its size and with a larger error than before; it is named where
-    nothing unknown stands (the test before)."""
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """It was listed with probability 0, at the bound of its size and with a larger error than
+    before; it is named where nothing unknown stands (the test before)."""
     left = Remains("shaft", "loud")
-    monkeypatch.setattr(report, "remains", lambda one, _: [left] if one.search.model.names[0] == "shaft" else [])
+    monkeypatch.setattr(
+        report, "remains", lambda one, _: [left] if one.search.model.names[0] == "shaft" else []
+    )
     monkeypatch.setattr(report, "unknown_share", lambda one, k, rest: 1.0)
     found = diagnose_run(too_fast(), HUANGHAI)
-    assert found.verdict == "unexplained" and found.causes == () and {u.channel for u in found.unexplained} == {"shaft"}
+    assert (
+        found.verdict == "unexplained"
+        and found.causes == ()
+        and {u.channel for u in found.unexplained} == {"shaft"}
+    )
     assert not [gain for gain in found.gain if gain.of == "names"]
 
 
 @pytest.mark.parametrize(("begin_percent", "end_percent"), [(4.0, 4.0), (2.0, 4.0)])
 def test_an_interval_holds_the_sizes_that_a_fault_goes_through(begin_percent, end_percent):
-    """A wheel that wears all along is none of the catalogue's courses: one size says no more than how far it goes."""
+    """A wheel that wears all along is none of the catalogue's courses: one size says no more
+    than how far it goes."""
     rng, time_s = np.random.default_rng(1), np.arange(0.0, 600.0, 0.1)
     speed_mps = 1.3 + 0.2 * np.sin(time_s / 7.0)
     more = 1.0 + 0.01 * np.linspace(begin_percent, end_percent, len(time_s))
-    found = diagnose_run({"time_s": time_s, "speed_mps": speed_mps + 0.03 * rng.standard_normal(len(time_s)),
-                          "wheel_speed_mps": more * speed_mps + 0.02 * rng.standard_normal(len(time_s))}, Machine())
+    found = diagnose_run(
+        {
+            "time_s": time_s,
+            "speed_mps": speed_mps + 0.03 * rng.standard_normal(len(time_s)),
+            "wheel_speed_mps": more * speed_mps + 0.02 * rng.standard_normal(len(time_s)),
+        },
+        Machine(),
+    )
     [size] = [cause.size for cause in found.causes]
     most_percent = abs(end_percent - begin_percent)
     assert size.low < begin_percent + 0.1 and size.high > end_percent - 0.1

@@ -1,4 +1,6 @@
-"""What the owner of machines is one_log of a course: where it was repaired, whether it wears, what it is at a time."""
+"""What the owner of machines is one_log of a course: where it was repaired, whether it wears,
+what it is at a time."""
+
 from __future__ import annotations
 
 import math
@@ -19,9 +21,18 @@ from control.diagnosis.season.mixed import Alternative
 from control.diagnosis.season.owner import OwnersLog, at, low_hoppers, machines, still_there
 
 
-def piece(begin_d: float, end_d: float, begin: float, end: float, *, half: float = 0.1,
-          per_day_p: float = 1.0) -> CoursePiece:
-    return CoursePiece(begin_d, end_d, begin, end, half, half, (end - begin) / (end_d - begin_d), per_day_p)
+def piece(
+    begin_d: float,
+    end_d: float,
+    begin: float,
+    end: float,
+    *,
+    half: float = 0.1,
+    per_day_p: float = 1.0,
+) -> CoursePiece:
+    return CoursePiece(
+        begin_d, end_d, begin, end, half, half, (end - begin) / (end_d - begin_d), per_day_p
+    )
 
 
 def course(*pieces: CoursePiece) -> Cause:
@@ -34,7 +45,9 @@ def test_a_repair_makes_an_effect_less_and_not_as_large_the_other_way(sign: floa
     left = (1.0 - REPAIR_SHARE) * 10.0
     assert _nearer_zero(sign * 10.0, exact, sign * (left - 0.1), exact) == pytest.approx(1.0)
     assert _nearer_zero(sign * 10.0, exact, sign * (left + 0.1), exact) == pytest.approx(0.0)
-    assert _nearer_zero(sign * 10.0, exact, -sign * 9.0, exact) == pytest.approx(0.0), "as wrong the other way"
+    assert _nearer_zero(sign * 10.0, exact, -sign * 9.0, exact) == pytest.approx(0.0), (
+        "as wrong the other way"
+    )
     assert _nearer_zero(sign * 10.0, 1.0, sign * left, 1.0) == pytest.approx(0.5), "on the edge"
 
 
@@ -47,22 +60,37 @@ def alternative(effect: str, size: float, probability: float, machine: str = "m0
 
 
 def test_the_dose_is_what_a_set_makes_likely_between_what_it_agrees_on_and_its_most() -> None:
-    """Less flow, 5 %, or a scale that drifts: what the scale alone says wrong spreads nothing wrongly."""
+    """Less flow, 5 %, or a scale that drifts: what the scale alone says wrong spreads nothing
+    wrongly."""
     one = course(piece(0.0, 10.0, -5.0, -5.0))
-    two_doses = one._replace(alternatives=(alternative("flow.gain", -5.0, 0.6), alternative("flow.leak", -3.0, 0.4)))
-    no_dose = one._replace(alternatives=(alternative("flow.gain", -5.0, 0.6), alternative("scale.drift", 5.5, 0.4)))
+    two_doses = one._replace(
+        alternatives=(alternative("flow.gain", -5.0, 0.6), alternative("flow.leak", -3.0, 0.4))
+    )
+    no_dose = one._replace(
+        alternatives=(alternative("flow.gain", -5.0, 0.6), alternative("scale.drift", 5.5, 0.4))
+    )
     percent = {"flow.gain": 1.0, "flow.leak": 1.0}
-    found = [each for set_ in (one, two_doses, no_dose) for each in machines([one_log(percent)], SeasonFit((set_,)))]
+    found = [
+        each
+        for set_ in (one, two_doses, no_dose)
+        for each in machines([one_log(percent)], SeasonFit((set_,)))
+    ]
     assert [(each.least_kg, each.most_kg) for each in found] == [(5.0, 5.0), (3.0, 5.0), (0.0, 5.0)]
     assert [each.wrong_kg for each in found] == pytest.approx([5.0, 4.2, 3.0])
     assert [each.now_percent for each in found] == pytest.approx([-5.0, -4.2, -3.0])
-    assert [(each.now_least, each.now_most) for each in found] == [(-5.0, -5.0), (-3.0, -5.0), (0.0, -5.0)]
+    assert [(each.now_least, each.now_most) for each in found] == [
+        (-5.0, -5.0),
+        (-3.0, -5.0),
+        (0.0, -5.0),
+    ]
 
 
 def test_what_a_machine_does_now_stands_apart_from_its_operators_share() -> None:
     by_li = Cause("operator", "Li", "flow.gain", -4.0, 0.1, 1.0, 9)
-    (one,) = machines([one_log({"flow.gain": 1.0}, operator="Li")],
-                      SeasonFit((course(piece(0.0, 9.0, 1.0, 1.0)),), (by_li,)))
+    (one,) = machines(
+        [one_log({"flow.gain": 1.0}, operator="Li")],
+        SeasonFit((course(piece(0.0, 9.0, 1.0, 1.0)),), (by_li,)),
+    )
     assert one.now_percent == 1.0 and one.others_percent == -4.0 and one.wrong_kg == 3.0
     (other,) = machines([one_log({"flow.gain": 1.0}, operator="Wang")], SeasonFit((), (by_li,)))
     assert other.others_percent == 0.0 and not other.costs
@@ -79,11 +107,27 @@ def test_it_wears_where_its_last_piece_surely_grows_away_from_zero() -> None:
     assert wears(course(piece(0.0, 10.0, -1.0, -2.0, per_day_p=sure)))
     assert not wears(course(piece(0.0, 10.0, 1.0, 2.0, per_day_p=unsure)))
     assert not wears(course(piece(0.0, 10.0, 2.0, 1.0, per_day_p=sure))), "it gets better"
-    assert not wears(course(piece(0.0, 10.0, 1.0, 2.0, per_day_p=sure), piece(12.0, 20.0, 0.5, 0.4, per_day_p=sure)))
+    assert not wears(
+        course(
+            piece(0.0, 10.0, 1.0, 2.0, per_day_p=sure), piece(12.0, 20.0, 0.5, 0.4, per_day_p=sure)
+        )
+    )
 
 
-@pytest.mark.parametrize(("time_d", "size"), [
-    (-5.0, 1.0), (0.0, 1.0), (2.5, 1.5), (10.0, 3.0), (10.5, 8.0), (12.0, 8.0), (14.0, 7.0), (16.0, 6.0), (99.0, 6.0)])
+@pytest.mark.parametrize(
+    ("time_d", "size"),
+    [
+        (-5.0, 1.0),
+        (0.0, 1.0),
+        (2.5, 1.5),
+        (10.0, 3.0),
+        (10.5, 8.0),
+        (12.0, 8.0),
+        (14.0, 7.0),
+        (16.0, 6.0),
+        (99.0, 6.0),
+    ],
+)
 def test_a_size_at_a_time_lies_on_its_piece(time_d: float, size: float) -> None:
     """Before the first and after the last as there; between two pieces as the next begins."""
     one = course(piece(0.0, 10.0, 1.0, 3.0), piece(12.0, 16.0, 8.0, 6.0))
@@ -95,29 +139,59 @@ def test_a_piece_of_one_log_has_one_size() -> None:
 
 
 def test_the_owner_reads_the_dearest_first() -> None:
-    """Machines by what they spread wrongly, then by what they may have; the causes of one likewise."""
-    def of(machine: str, effect: str, size: float, *alternatives: Alternative) -> Cause:
-        return course(piece(0.0, 9.0, size, size))._replace(level=machine, effect=effect, alternatives=alternatives)
+    """Machines by what they spread wrongly, then by what they may have; the causes of one
+    likewise."""
 
-    logs = [one_log({"flow.gain": 1.0, "flow.leak": 1.0})._replace(machine=name) for name in ("a", "b", "c", "d")]
-    unsure = (alternative("flow.gain", 2.0, 0.6, "d"), alternative("flow.leak", -9.0, 0.4, "d"))    # dearer than a's
-    courses = (of("a", "flow.gain", 2.0), of("b", "flow.gain", -6.0), of("b", "flow.leak", -7.0),
-               of("c", "flow.gain", 2.0), of("d", "flow.gain", 2.0, *unsure),
-               of("c", "flow.leak", 1.0, alternative("flow.leak", 1.0, 0.5, "c"),
-                  alternative("flow.gain", -8.0, 0.5, "c")))
+    def of(machine: str, effect: str, size: float, *alternatives: Alternative) -> Cause:
+        return course(piece(0.0, 9.0, size, size))._replace(
+            level=machine, effect=effect, alternatives=alternatives
+        )
+
+    logs = [
+        one_log({"flow.gain": 1.0, "flow.leak": 1.0})._replace(machine=name)
+        for name in ("a", "b", "c", "d")
+    ]
+    # dearer than a's
+    unsure = (alternative("flow.gain", 2.0, 0.6, "d"), alternative("flow.leak", -9.0, 0.4, "d"))
+    courses = (
+        of("a", "flow.gain", 2.0),
+        of("b", "flow.gain", -6.0),
+        of("b", "flow.leak", -7.0),
+        of("c", "flow.gain", 2.0),
+        of("d", "flow.gain", 2.0, *unsure),
+        of(
+            "c",
+            "flow.leak",
+            1.0,
+            alternative("flow.leak", 1.0, 0.5, "c"),
+            alternative("flow.gain", -8.0, 0.5, "c"),
+        ),
+    )
     found = machines(logs, SeasonFit(courses))
     wrong = [(one.wrong_kg, one.most_kg) for one in found]
     assert wrong == sorted(wrong, reverse=True) and wrong[0][0] == 13.0 and len(set(wrong)) == 4
     for one in found:
         assert [(cost.kg, cost.most_kg) for cost in one.costs] == sorted(
-            ((cost.kg, cost.most_kg) for cost in one.costs), reverse=True)
+            ((cost.kg, cost.most_kg) for cost in one.costs), reverse=True
+        )
     assert [cost.cause.effect for cost in found[0].costs] == ["flow.leak", "flow.gain"]
 
 
 def test_operators_stand_by_their_minutes_with_a_low_hopper() -> None:
     """Two who let it run low, each twice as long as the others together; nobody else is named."""
-    logs = [OwnersLog(f"{who}{k}", "m01", k, LogWork(1.0, 100.0, 1.0, minutes + 0.01 * k, 0), {}, {"operator": who})
-            for who, minutes in (("Ann", 18.0), ("Li", 20.0), ("Wang", 0.0), ("Xu", 0.5), ("Zhao", 1.0))
-            for k in range(30)]
+    logs = [
+        OwnersLog(
+            f"{who}{k}",
+            "m01",
+            k,
+            LogWork(1.0, 100.0, 1.0, minutes + 0.01 * k, 0),
+            {},
+            {"operator": who},
+        )
+        for who, minutes in (("Ann", 18.0), ("Li", 20.0), ("Wang", 0.0), ("Xu", 0.5), ("Zhao", 1.0))
+        for k in range(30)
+    ]
     assert [one.operator for one in low_hoppers(logs)] == ["Li", "Ann"]
-    assert not low_hoppers([one._replace(shared={"operator": "Li"}) for one in logs]), "no others to hold against"
+    assert not low_hoppers([one._replace(shared={"operator": "Li"}) for one in logs]), (
+        "no others to hold against"
+    )

@@ -1,4 +1,6 @@
-"""A GNSS speed that comes late is found as late as it is, though the ground's speed is known by noisy sensors alone."""
+"""A GNSS speed that comes late is found as late as it is, though the ground's speed is known by
+noisy sensors alone."""
+
 from __future__ import annotations
 
 from types import SimpleNamespace
@@ -15,20 +17,29 @@ from control.machine.over_log import MOST_STEP_S
 from drivers.files.config import load
 from drivers.files.kinds import MACHINE
 
-SHARE = 0.2     # of the delay: from gentle driving it is known to some 10 %
+# of the delay: from gentle driving it is known to some 10 %
+SHARE = 0.2
 STEP_S = 0.025
-WANDERS = {"slow_sd": 0.1, "slow_s": 3.0}       # of a wheel's speed, m/s: five times its quick noise
+# of a wheel's speed, m/s: five times its quick noise
+WANDERS = {"slow_sd": 0.1, "slow_s": 3.0}
 
 
-@pytest.mark.parametrize("programme, wheel, late_s", [
-    ("steady_rate", {}, 0.4),       # hardly changes its speed
-    ("sine_speed", {}, 0.8),        # changes it gently: smoothed over 3 s it was 0.63 s
-    ("stop_and_go", {}, 0.4),       # starts and stops: smoothed over 12 s it would be 0.5 s
-    ("sine_speed", WANDERS, 0.0),       # the mean of both speeds held what the wheel wanders, which passed for a delay
-    ("sine_speed", WANDERS, 0.8),
-])
+@pytest.mark.parametrize(
+    "programme, wheel, late_s",
+    [
+        ("steady_rate", {}, 0.4),  # hardly changes its speed
+        # changes it gently: smoothed over 3 s it was 0.63 s
+        ("sine_speed", {}, 0.8),
+        # starts and stops: smoothed over 12 s it would be 0.5 s
+        ("stop_and_go", {}, 0.4),
+        # the mean of both speeds held what the wheel wanders, which passed for a delay
+        ("sine_speed", WANDERS, 0.0),
+        ("sine_speed", WANDERS, 0.8),
+    ],
+)
 def test_a_delay_is_neither_short_nor_made_up_by_the_noise_of_the_speed(
-        hidden: SimpleNamespace, programme: str, wheel: dict[str, float], late_s: float) -> None:
+    hidden: SimpleNamespace, programme: str, wheel: dict[str, float], late_s: float
+) -> None:
     machine = load("huanghai", MACHINE).model
     driven = next(one for one in hidden.programmes.PROGRAMMES if one.name == programme)
     plant = hidden.plant.Plant(hidden.programmes.drive(driven._replace(minutes=(15.0, 16.0)), 5))
@@ -40,6 +51,9 @@ def test_a_delay_is_neither_short_nor_made_up_by_the_noise_of_the_speed(
 
     def left(size: float) -> float:
         parts = (EffectInstance(SPEED_GNSS_LATENCY.id, size),)
-        return float(np.var(speed.measured - speed.predict(schedule(stages_of(machine), parts), MOST_STEP_S)))
+        return float(
+            np.var(speed.measured - speed.predict(schedule(stages_of(machine), parts), MOST_STEP_S))
+        )
+
     found = min(np.arange(0.0, 1.5, STEP_S).tolist(), key=left)
     assert found == pytest.approx(late_s, rel=SHARE, abs=2.0 * STEP_S)

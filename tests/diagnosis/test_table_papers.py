@@ -1,4 +1,6 @@
-"""The papers' own tables: found by computation; the figures are written up in docs/papers-diagnosed.md."""
+"""The papers' own tables: found by computation; the figures are written up in
+docs/papers-diagnosed.md."""
+
 from __future__ import annotations
 
 from functools import cache
@@ -40,13 +42,16 @@ def test_drop_times_rise_again_and_come_in_steps() -> None:
     assert 0.108 < clock.low <= clock.value <= clock.high < 0.111
     drops = paper("lag_table3_drop_time").columns["drop_s"]
     near = np.abs(drops / clock.value - np.round(drops / clock.value)) < 0.15
-    assert near.mean() > 0.8                             # seen in the values themselves, by other means
-    assert any("scatter is not the same" in text and "shaft_rpm 70" in text for text in found.findings)
+    assert near.mean() > 0.8  # seen in the values themselves, by other means
+    assert any(
+        "scatter is not the same" in text and "shaft_rpm 70" in text for text in found.findings
+    )
 
 
 def test_distances_and_rig_times_disagree_by_a_factor_and_a_delay_is_not_ruled_out() -> None:
-    """Speed against delay is 2.4 to 1 by the straight part alone (the papers' page); with the rig's line taken as exact
-    it was 1056 to 1. With the rise, and the rig's own drops to say how steep the line is, it is some 25 to 1."""
+    """Speed against delay is 2.4 to 1 by the straight part alone (the papers' page); with the
+    rig's line taken as exact it was 1056 to 1. With the rise, and the rig's own drops to say
+    how steep the line is, it is some 25 to 1."""
     speed = cause(diagnosed("lag_table1_distance", "lag_table3_drop_time"), "lag.speed_scale")
     assert speed.size.low is not None and speed.size.high is not None
     assert speed.size.low > 15.0 and speed.size.high < 32.0
@@ -54,8 +59,8 @@ def test_distances_and_rig_times_disagree_by_a_factor_and_a_delay_is_not_ruled_o
 
 
 def test_one_table_of_distances_alone_leaves_the_slope_of_the_line_open_too() -> None:
-    """Steeper distances than the line are a quicker drive, or a line that is steeper: held against it as exact, a delay
-    had no chance (probability 1.00)."""
+    """Steeper distances than the line are a quicker drive, or a line that is steeper: held
+    against it as exact, a delay had no chance (probability 1.00)."""
     found = diagnosed("lag_table1_distance")
     speed = cause(found, "lag.speed_scale")
     assert found.verdict == "ambiguous" and 0.4 < speed.probability < 0.9
@@ -65,15 +70,47 @@ def test_one_table_of_distances_alone_leaves_the_slope_of_the_line_open_too() ->
     assert rise.high - rise.low > 0.09, "the rise is as open as the line below it"
 
 
-@pytest.mark.parametrize(("name", "said"), [
-    pytest.param("lag_table2_response", {"verdict": "none", "says": "does not differ"},
-                 id="the response is what the model says, standing and moving"),
-    pytest.param("lag_table4_total", {"has": "lag.rebound", "says": (
-        "detected differs from field", "table4_total.csv field only")}, id="only the field is off the model"),
-    pytest.param("lag_table5_corrected", {"bias": pytest.approx(0.626, abs=0.002), "next_run": "", "among": {
-        "place.lever_arm", "place.latency"}}, id="after the correction it still lands late"),
-    pytest.param("decision_table2_applied", {"verdict": "ambiguous", "structure_p": Between(high=0.05), "members": {
-        "flow.gain", "flow.zero_offset", "speed.wheel_slip", "speed.wheel_radius", "scale.gain"}},
-        id="three plots show too much applied but not why")])
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        pytest.param(
+            "lag_table2_response",
+            {"verdict": "none", "says": "does not differ"},
+            id="the response is what the model says, standing and moving",
+        ),
+        pytest.param(
+            "lag_table4_total",
+            {
+                "has": "lag.rebound",
+                "says": ("detected differs from field", "table4_total.csv field only"),
+            },
+            id="only the field is off the model",
+        ),
+        pytest.param(
+            "lag_table5_corrected",
+            {
+                "bias": pytest.approx(0.626, abs=0.002),
+                "next_run": "",
+                "among": {"place.lever_arm", "place.latency"},
+            },
+            id="after the correction it still lands late",
+        ),
+        pytest.param(
+            "decision_table2_applied",
+            {
+                "verdict": "ambiguous",
+                "structure_p": Between(high=0.05),
+                "members": {
+                    "flow.gain",
+                    "flow.zero_offset",
+                    "speed.wheel_slip",
+                    "speed.wheel_radius",
+                    "scale.gain",
+                },
+            },
+            id="three plots show too much applied but not why",
+        ),
+    ],
+)
 def test_a_table_says(name: str, said: dict[str, Any]) -> None:
     check(diagnosed(name), **said)

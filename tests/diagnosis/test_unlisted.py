@@ -1,7 +1,9 @@
-"""Ten machines with something that no list holds, two logs each: what is said, and whether the file predicts better.
+"""Ten machines with something that no list holds, two logs each: what is said, and whether the
+file predicts better.
 
-    pytest -m exam -s tests/diagnosis/test_unlisted.py      # prints the table
+pytest -m exam -s tests/diagnosis/test_unlisted.py      # prints the table
 """
+
 from __future__ import annotations
 
 from collections.abc import Iterator
@@ -20,15 +22,15 @@ from control.diagnosis.runs.diagnose import diagnose_run
 from drivers.files.config import load
 from drivers.files.kinds import MACHINE
 
-FIRST, SECOND = "grid_long", "scatter_long"     # both move shaft and gate over their ranges
+FIRST, SECOND = "grid_long", "scatter_long"  # both move shaft and gate over their ranges
 MINUTES = (14.0, 15.0)
-WRONG_NAMES = 1                                 # of ten machines, at most
+WRONG_NAMES = 1  # of ten machines, at most
 
 
 class Answer(NamedTuple):
-    """Of one machine. found : whether anything is said, be it that a sensor is louder than its file. wrong : names
-    said for sure that are no fair answer. worse : channels of the second log that the adopted file predicts worse than
-    the data sheet, with both errors."""
+    """Of one machine. found : whether anything is said, be it that a sensor is louder than its
+    file. wrong : names said for sure that are no fair answer. worse : channels of the second
+    log that the adopted file predicts worse than the data sheet, with both errors."""
 
     verdict: str
     found: bool
@@ -41,28 +43,42 @@ class Answer(NamedTuple):
 def answers(hidden: SimpleNamespace) -> Iterator[dict[str, Answer]]:
     found = {name: _answer(hidden, name, k) for k, name in enumerate(hidden.unlisted.MACHINES)}
     for name, one in found.items():
-        print(f"\n{name:18s} {one.verdict:12s} wrong: {', '.join(one.wrong) or '-'}; adopted: "
-              f"{', '.join(one.adopted) or '-'}; worse: {', '.join(one.worse) or '-'}", end="")
+        print(
+            f"\n{name:18s} {one.verdict:12s} wrong: {', '.join(one.wrong) or '-'}; adopted: "
+            f"{', '.join(one.adopted) or '-'}; worse: {', '.join(one.worse) or '-'}",
+            end="",
+        )
     yield found
 
 
 def _answer(hidden: SimpleNamespace, name: str, seed: int) -> Answer:
     machine = load("huanghai", MACHINE).model
-    first, second = (_log(hidden, name, programme, seed, k) for k, programme in enumerate((FIRST, SECOND)))
+    first, second = (
+        _log(hidden, name, programme, seed, k) for k, programme in enumerate((FIRST, SECOND))
+    )
     found = diagnose_run(first, machine, path="log.csv")
     said = found.verdict != "none" or bool(found.findings)
     fair = hidden.unlisted.MACHINES[name]
-    wrong = [one.id for one in found.causes if one.probability >= NAMED and not one.rivals and one.id not in fair]
+    wrong = [
+        one.id
+        for one in found.causes
+        if one.probability >= NAMED and not one.rivals and one.id not in fair
+    ]
     taken = adoptable_of(found, [one.id for one in found.causes if not undecided(one)]).found
     names = [*(one.id for one in taken.causes), *(one.term["id"] for one in taken.terms)]
     if not names and taken.fitted is None:
         return Answer(found.verdict, said, wrong, [], [])
-    worse = [f"{one.channel} {one.old:.3g} -> {one.new:.3g}"
-             for one in compared(second, machine, extend(machine, taken)).channels if one.new > one.old]
+    worse = [
+        f"{one.channel} {one.old:.3g} -> {one.new:.3g}"
+        for one in compared(second, machine, extend(machine, taken)).channels
+        if one.new > one.old
+    ]
     return Answer(found.verdict, said, wrong, names or ["fitted"], worse)
 
 
-def _log(hidden: SimpleNamespace, name: str, programme: str, seed: int, k: int) -> dict[str, np.ndarray]:
+def _log(
+    hidden: SimpleNamespace, name: str, programme: str, seed: int, k: int
+) -> dict[str, np.ndarray]:
     driven = next(one for one in hidden.programmes.PROGRAMMES if one.name == programme)
     drive = hidden.programmes.drive(driven._replace(minutes=MINUTES), 100 * seed + k)
     plant = hidden.unlisted.Unlisted(drive, name, seed)

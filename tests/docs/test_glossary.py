@@ -1,5 +1,6 @@
-"""One word for one thing: the glossary's list of words that are not used holds in every page and every text of the
-console; and each of its terms says where it lives."""
+"""One word for one thing: the glossary's list of words that are not used holds in every page
+and every text of the console; and each of its terms says where it lives."""
+
 from __future__ import annotations
 
 import io
@@ -13,15 +14,25 @@ from console.locale.po import read_po
 
 ROOT = Path(__file__).parents[2]
 GLOSSARY = ROOT / "docs" / "glossary.md"
-GENERATED = ("papers-diagnosed.md",)            # by the sentences of control/diagnosis
-PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md",
-         *(page for page in sorted((ROOT / "docs").rglob("*.md")) if page.name not in GENERATED and page != GLOSSARY)]
+GENERATED = ("papers-diagnosed.md",)  # by the sentences of control/diagnosis
+PAGES = [
+    ROOT / "README.md",
+    ROOT / "CONTRIBUTING.md",
+    *(
+        page
+        for page in sorted((ROOT / "docs").rglob("*.md"))
+        if page.name not in GENERATED and page != GLOSSARY
+    ),
+]
 TEXTS = sorted((ROOT / "console" / "locale" / "zh").glob("*.po"))
 
 
 def _rows(text: str) -> list[list[str]]:
-    return [[cell.strip() for cell in line.strip("|").split("|")] for line in text.splitlines()
-            if line.startswith("|") and not line.startswith("|-")]
+    return [
+        [cell.strip() for cell in line.strip("|").split("|")]
+        for line in text.splitlines()
+        if line.startswith("|") and not line.startswith("|-")
+    ]
 
 
 def _refused() -> re.Pattern[str]:
@@ -39,37 +50,53 @@ def _in_words(page: str) -> str:
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
 def test_no_page_uses_a_word_that_the_glossary_replaces(page: Path) -> None:
     refused = _refused()
-    found = [line.strip() for line in _in_words(page.read_text(encoding="utf-8")).splitlines() if refused.search(line)]
+    found = [
+        line.strip()
+        for line in _in_words(page.read_text(encoding="utf-8")).splitlines()
+        if refused.search(line)
+    ]
     assert found == []
 
 
 @pytest.mark.parametrize("texts", TEXTS, ids=lambda path: path.stem)
 def test_no_text_of_the_console_does(texts: Path) -> None:
     refused = _refused()
-    assert [said for said in read_po(texts.read_text(encoding="utf-8")) if refused.search(said)] == []
+    assert [
+        said for said in read_po(texts.read_text(encoding="utf-8")) if refused.search(said)
+    ] == []
 
 
 def _words_of(source: str) -> list[str]:
     """Comments, docstrings and names of a source; texts are held by the pages and the .po files."""
     words = []
     for token in tokenize.generate_tokens(io.StringIO(source).readline):
-        prose = token.type == tokenize.COMMENT or (token.type == tokenize.STRING and token.string.startswith('"""'))
+        prose = token.type == tokenize.COMMENT or (
+            token.type == tokenize.STRING and token.string.startswith('"""')
+        )
         if prose or token.type == tokenize.NAME:
-            words.append(token.string.strip("_").replace("_", " ") if token.type == tokenize.NAME else token.string)
+            words.append(
+                token.string.strip("_").replace("_", " ")
+                if token.type == tokenize.NAME
+                else token.string
+            )
     return words
 
 
-PUBLISHED = re.compile(r"\b(speed told|told mm|told rpm|zones beside grid|shapefiles beside)\b")     # in logs and files
-A_THING = re.compile(r"\bboxes\b")                 # around granules in a picture
+# in logs and files
+PUBLISHED = re.compile(r"\b(speed told|told mm|told rpm|zones beside grid|shapefiles beside)\b")
+A_THING = re.compile(r"\bboxes\b")  # around granules in a picture
 
 
 @pytest.mark.parametrize("room", ["control", "drivers", "console", "benchmarks"])
 def test_no_source_does(room: str) -> None:
     """In comments, docstrings and names."""
     refused = _refused()
-    found = [f"{path.relative_to(ROOT)}: {words}" for path in sorted((ROOT / room).rglob("*.py"))
-             for words in _words_of(path.read_text(encoding="utf-8"))
-             if refused.search(A_THING.sub("", PUBLISHED.sub("", words.replace("_", " "))))]
+    found = [
+        f"{path.relative_to(ROOT)}: {words}"
+        for path in sorted((ROOT / room).rglob("*.py"))
+        for words in _words_of(path.read_text(encoding="utf-8"))
+        if refused.search(A_THING.sub("", PUBLISHED.sub("", words.replace("_", " "))))
+    ]
     assert found == []
 
 

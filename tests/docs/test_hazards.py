@@ -1,4 +1,6 @@
-"""The table of hazards in docs/safety.md: ids and tests that are there, and nothing that stops flow left out."""
+"""The table of hazards in docs/safety.md: ids and tests that are there, and nothing that stops
+flow left out."""
+
 from __future__ import annotations
 
 import re
@@ -10,11 +12,19 @@ from control.orders import Severity
 from control.safety import ALARMS, INTERLOCKS, drive_gate
 
 ROOT = Path(__file__).parents[2]
-ROW = re.compile(r"^\| (?P<hazard>[^|]+) \| (?P<held>[^|]+) \| (?P<after>[^|]+) \| (?P<tests>[^|]+) \|$", re.MULTILINE)
+ROW = re.compile(
+    r"^\| (?P<hazard>[^|]+) \| (?P<held>[^|]+) \| (?P<after>[^|]+) \| (?P<tests>[^|]+) \|$",
+    re.MULTILINE,
+)
 SECTION = (ROOT / "docs" / "safety.md").read_text(encoding="utf-8").partition("\n## Hazards\n")[2]
 ROWS = [row.groupdict() for row in ROW.finditer(SECTION)][1:]
-TESTS = {name for path in (ROOT / "tests").rglob("test_*.py")
-         for name in re.findall(r"^\s*(?:async )?def (test_\w+)", path.read_text(encoding="utf-8"), re.MULTILINE)}
+TESTS = {
+    name
+    for path in (ROOT / "tests").rglob("test_*.py")
+    for name in re.findall(
+        r"^\s*(?:async )?def (test_\w+)", path.read_text(encoding="utf-8"), re.MULTILINE
+    )
+}
 
 
 def test_every_interlock_and_every_red_alarm_is_in_the_table():

@@ -1,4 +1,6 @@
-"""Cab files: what is shipped, what is said about them, and what they change in the worker: work switch, fixed gate."""
+"""Cab files: what is shipped, what is said about them, and what they change in the worker: work
+switch, fixed gate."""
+
 from __future__ import annotations
 
 import datetime as dt
@@ -25,7 +27,12 @@ def test_three_cabs_are_shipped():
     assert set(shipped("cabs")) == {"virtual", "virtual_module", "huanghai_cab"}
     real = load("huanghai_cab", CAB).model
     assert isinstance(real, CabConfig) and real.heads is not None and real.heads.count == 6
-    assert real.gnss is not None and real.board is not None and real.has_work_switch and not real.virtual
+    assert (
+        real.gnss is not None
+        and real.board is not None
+        and real.has_work_switch
+        and not real.virtual
+    )
     assert load("virtual", CAB).model.virtual
 
 
@@ -34,16 +41,23 @@ def test_the_schema_is_published_for_editors():
     assert {"gnss", "heads", "board", "rate_module", "lag_rig"} <= set(body["properties"])
 
 
-@pytest.mark.parametrize(("text", "said"), [
-    ("board: {port: COM3, baud: 1}", "board.baud: value 1"),
-    ("board: {port: COM3, work_switch: 1}", "board.work_switch"),
-    ("board: {port: 'spy://loop://?file=job.yaml'}", "board.port: .*allowed is a serial device"),
-    ("heads: {ports: [COM3, 'hwgrep://x']}", "heads.ports.2.: .*allowed is a serial device"),
-    ("tractor: {port: 'socket://127.0.0.1'}", "tractor.port: .*allowed is socket://HOST:PORT"),
-    ("lag_rig: {port: 'udp://127.0.0.1'}", "lag_rig.port: .*allowed is udp://HOST:PORT"),
-    ("gnss: {port: COM3, protocol: ubx}", "gnss.protocol: value ubx"),
-    ("heads: {ports: [a, b], protocol: psychic}", "allowed is one of greenseeker"),
-    ("rate_module: {pulses_per_turn: 360.0, listen: 0.0.0.0}", "fixed_opening_mm is missing")])
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("board: {port: COM3, baud: 1}", "board.baud: value 1"),
+        ("board: {port: COM3, work_switch: 1}", "board.work_switch"),
+        (
+            "board: {port: 'spy://loop://?file=job.yaml'}",
+            "board.port: .*allowed is a serial device",
+        ),
+        ("heads: {ports: [COM3, 'hwgrep://x']}", "heads.ports.2.: .*allowed is a serial device"),
+        ("tractor: {port: 'socket://127.0.0.1'}", "tractor.port: .*allowed is socket://HOST:PORT"),
+        ("lag_rig: {port: 'udp://127.0.0.1'}", "lag_rig.port: .*allowed is udp://HOST:PORT"),
+        ("gnss: {port: COM3, protocol: ubx}", "gnss.protocol: value ubx"),
+        ("heads: {ports: [a, b], protocol: psychic}", "allowed is one of greenseeker"),
+        ("rate_module: {pulses_per_turn: 360.0, listen: 0.0.0.0}", "fixed_opening_mm is missing"),
+    ],
+)
 def test_what_is_wrong_is_said_with_file_key_and_line(tmp_path, text, said):
     path = tmp_path / "cab.yaml"
     path.write_text(f"format: topdress-cab/1\n{text}\n")
@@ -56,8 +70,12 @@ def test_what_is_wrong_is_said_with_file_key_and_line(tmp_path, text, said):
 def switched(clock):
     def make(fitted: bool):
         host, device = memory_pair("board", clock)
-        return Cab(CabConfig.model_validate({"board": {"port": "b", "work_switch": fitted}}), clock,
-                   lambda *_: host), device
+        return Cab(
+            CabConfig.model_validate({"board": {"port": "b", "work_switch": fitted}}),
+            clock,
+            lambda *_: host,
+        ), device
+
     return make
 
 
@@ -86,11 +104,15 @@ def test_the_worker_tells_its_loop_of_the_switch(tmp_path, fitted):
     """Only a switch that is fitted counts as up where nothing is heard of it."""
     from console.worker import assemble as assembling
     from console.worker.options import Options
+
     path = tmp_path / f"{fitted}.yaml"
-    path.write_text("format: topdress-cab/1\nboard: {port: 'socket://127.0.0.1:9', work_switch: "
-                    f"{str(fitted).lower()}}}\n")
-    parts = assembling.assemble(Options((str(path),), tmp_path / "w.json", log=str(tmp_path / f"{fitted}.csv")),
-                                lambda: 0.0)
+    path.write_text(
+        "format: topdress-cab/1\nboard: {port: 'socket://127.0.0.1:9', work_switch: "
+        f"{str(fitted).lower()}}}\n"
+    )
+    parts = assembling.assemble(
+        Options((str(path),), tmp_path / "w.json", log=str(tmp_path / f"{fitted}.csv")), lambda: 0.0
+    )
     assert not parts.names.simulated
     parts.bench.close()
     parts.writer.close()
@@ -103,6 +125,7 @@ def test_the_worker_tells_its_loop_of_the_switch(tmp_path, fitted):
 @pytest.mark.parametrize("strategy", list(Strategy))
 def test_a_gate_set_by_hand_is_never_told_to_move_and_the_rate_still_holds(strategy):
     from console.worker.assemble import with_fixed_gate
+
     setup = load_setup("huanghai", "demo", dt.date(2026, 4, 1))
     job = with_simulated_field(setup.job.model_copy(update={"strategy": strategy}), setup.machine)
     machine = with_fixed_gate(setup.machine, 30.0)
@@ -116,7 +139,9 @@ def test_a_gate_set_by_hand_is_never_told_to_move_and_the_rate_still_holds(strat
             openings.add(row.opening_mm_cmd)
             if row.time_s > 18.0 and row.applied_rate_kg_ha and row.target_rate_kg_ha > 50.0:
                 errors.append(row.applied_rate_kg_ha / row.target_rate_kg_ha - 1.0)
-    assert openings and min(openings) >= 29.7 and max(openings) <= 30.3, "30 mm and the trim of a tenth"
+    assert openings and min(openings) >= 29.7 and max(openings) <= 30.3, (
+        "30 mm and the trim of a tenth"
+    )
     assert abs(sum(errors) / len(errors)) < 0.05
 
 
@@ -126,27 +151,43 @@ def test_two_figures_for_one_wheel_are_said_by_check_and_refused_by_a_run(tmp_pa
     from console.worker.options import Options
     from drivers.files.config import save
     from drivers.files.kinds import MACHINE
+
     cab, machine = tmp_path / "cab.yaml", tmp_path / "machine.yaml"
-    cab.write_text("format: topdress-cab/1\nboard: {port: 'socket://127.0.0.1:9', wheel_circumference_m: 2.45}\n")
+    cab.write_text(
+        "format: topdress-cab/1\nboard: {port: 'socket://127.0.0.1:9', "
+        "wheel_circumference_m: 2.45}\n"
+    )
     nominal = load("huanghai", MACHINE).model
     said = "key board.wheel_circumference_m: value 2.45: allowed 2.5, as"
     for circumference, wrong in ((2.5, True), (2.45, False)):
         machine.unlink(missing_ok=True)
-        save(machine, nominal.model_copy(update={"speed": nominal.speed._replace(
-            wheel_circumference_m=circumference)}), MACHINE)
+        save(
+            machine,
+            nominal.model_copy(
+                update={"speed": nominal.speed._replace(wheel_circumference_m=circumference)}
+            ),
+            MACHINE,
+        )
         result = topdress("check", cab, machine)
         assert (result.exit_code == 2) == wrong and (said in result.output) == wrong
     with pytest.raises(ValueError, match="as the shipped machine huanghai has it"):
-        assemble(Options((str(cab),), tmp_path / "w.json", log=str(tmp_path / "a.csv")), lambda: 0.0)
-    parts = assemble(Options((str(cab), str(machine)), tmp_path / "w.json", log=str(tmp_path / "b.csv")), lambda: 0.0)
+        assemble(
+            Options((str(cab),), tmp_path / "w.json", log=str(tmp_path / "a.csv")), lambda: 0.0
+        )
+    parts = assemble(
+        Options((str(cab), str(machine)), tmp_path / "w.json", log=str(tmp_path / "b.csv")),
+        lambda: 0.0,
+    )
     parts.bench.close()
     parts.writer.close()
 
 
 def test_valves_are_reached_through_the_bytes_of_the_virtual_machine():
-    """A pass of a machine with sections, the middle one closed by hand from 25 s on; then the host falls silent."""
+    """A pass of a machine with sections, the middle one closed by hand from 25 s on; then the
+    host falls silent."""
     from control.field.job import Wanted
     from control.orders import Do, Order, TargetSource
+
     setup = load_setup("huanghai_sections", "demo", dt.date(2026, 4, 1))
     target = Wanted(source=TargetSource.MANUAL, manual_rate_kg_ha=300.0)
     job = with_simulated_field(setup.job.model_copy(update={"target": target}), setup.machine)
@@ -165,7 +206,10 @@ def test_valves_are_reached_through_the_bytes_of_the_virtual_machine():
             cab.command(now[0], tick.command, tick.enabled)
 
     def passed(low_s, high_s):
-        return [sum(t.section_kg[section] for t in truths if low_s < t.time_s < high_s) for section in range(3)]
+        return [
+            sum(t.section_kg[section] for t in truths if low_s < t.time_s < high_s)
+            for section in range(3)
+        ]
 
     before, after, silent = passed(18.0, 24.9), passed(26.0, 34.9), passed(36.5, 40.0)
     assert before == pytest.approx([before[0]] * 3) and before[0] > 0.1
@@ -177,19 +221,28 @@ def test_valves_that_no_device_drives_are_said(tmp_path):
 
     machine = str(shipped("machines")["huanghai_sections"])
     module = "rate_module: {pulses_per_turn: 360.0, fixed_opening_mm: 25.0, address: 127.0.0.1"
-    for devices, wrong in ((module + "}", True), (module + ", valves: true}", False),
-                           ("board: {port: 'socket://127.0.0.1:9'}", False)):
+    for devices, wrong in (
+        (module + "}", True),
+        (module + ", valves: true}", False),
+        ("board: {port: 'socket://127.0.0.1:9'}", False),
+    ):
         cab = tmp_path / "cab.yaml"
         cab.write_text(f"format: topdress-cab/1\n{devices}\n")
         result = topdress("check", cab, machine)
         assert (result.exit_code != 0) == wrong, result.output
-        assert ("key board: missing: allowed a board, or a rate module with valves" in result.output) == wrong
+        assert (
+            "key board: missing: allowed a board, or a rate module with valves" in result.output
+        ) == wrong
 
 
-# --- The cab: configuration, measurements from bytes, commands, device list, cost of a tick --------------------------
+# --- The cab: configuration, measurements from bytes, commands, device list, cost of a tick
+# --------------------------
 
-CONFIG = {"gnss": {"port": "gnss"}, "board": {"port": "board", "max_shaft_rpm": 90},
-          "heads": {"protocol": "acs430", "ports": ["h1", "h2"]}}
+CONFIG = {
+    "gnss": {"port": "gnss"},
+    "board": {"port": "board", "max_shaft_rpm": 90},
+    "heads": {"protocol": "acs430", "ports": ["h1", "h2"]},
+}
 
 
 @pytest.fixture
@@ -201,6 +254,7 @@ def plugged(clock):
     def opener(url, baud, _clock):
         bauds[url] = baud
         return pairs[url][0]
+
     cab = Cab(CabConfig.model_validate(CONFIG), clock, opener)
     assert bauds == {"gnss": 115200, "board": 115200, "h1": 38400, "h2": 38400}
     return cab, {name: pair[1] for name, pair in pairs.items()}
@@ -209,7 +263,13 @@ def plugged(clock):
 def test_nothing_received_is_nothing_known(plugged):
     m = plugged[0].measure(100.0)
     assert (m.time_s, m.gnss, m.ndvi, m.shaft_rpm, m.wheel_speed_mps, m.work_switch) == (
-        100.0, None, (None, None), None, None, None)
+        100.0,
+        None,
+        (None, None),
+        None,
+        None,
+        None,
+    )
 
 
 def test_each_head_on_its_own_port_is_its_own_reading(plugged):
@@ -217,7 +277,9 @@ def test_each_head_on_its_own_port_is_its_own_reading(plugged):
     lines["h2"].write(b"0.2,0.65,1,2,3\r\n")
     assert cab.measure(100.0).ndvi == (None, Reading(0.65, 100.0))
     lines["h1"].write(b"0.2,0.45,1,2,3\r\n0.2,0.46,1,2,3\r\n")
-    assert cab.measure(100.05).ndvi == (Reading(0.46, 100.05), Reading(0.65, 100.0)), "held with its own time"
+    assert cab.measure(100.05).ndvi == (Reading(0.46, 100.05), Reading(0.65, 100.0)), (
+        "held with its own time"
+    )
 
 
 def test_board_values_are_held_with_their_times(plugged, board_line):
@@ -226,7 +288,11 @@ def test_board_values_are_held_with_their_times(plugged, board_line):
     cab.measure(100.0)
     lines["board"].write(board_line("S1,1,0,1050000,0,0,61.0,25.5,,13.5,,,,1"))
     m = cab.measure(100.05)
-    assert (m.shaft_rpm, m.hopper_kg, m.pitch_deg) == (Reading(61.0, 100.05), Reading(250.0, 100.0), None)
+    assert (m.shaft_rpm, m.hopper_kg, m.pitch_deg) == (
+        Reading(61.0, 100.05),
+        Reading(250.0, 100.0),
+        None,
+    )
     assert cab.board is not None and cab.board.enabled
 
 
@@ -256,10 +322,18 @@ def test_closing_stops_the_drives(plugged, board_line):
 def test_status_lists_every_device(plugged, board_line):
     cab, lines = plugged
     for tick in range(40):
-        lines["board"].write(board_line(f"S1,{tick},0,1000000,0,0,60.0,25.0,250.0,13.5,,,1,1") + b"noise\r\n")
+        lines["board"].write(
+            board_line(f"S1,{tick},0,1000000,0,0,60.0,25.0,250.0,13.5,,,1,1") + b"noise\r\n"
+        )
         cab.measure(100.0 + tick * 0.05)
     gnss, head, _, board = cab.status(102.0)
-    assert (gnss.name, gnss.connected, gnss.age_s, gnss.rate_hz, gnss.accepted) == ("gnss", True, None, 0.0, 0)
+    assert (gnss.name, gnss.connected, gnss.age_s, gnss.rate_hz, gnss.accepted) == (
+        "gnss",
+        True,
+        None,
+        0.0,
+        0,
+    )
     assert (head.name, head.protocol, head.port) == ("head_1", "acs430", "h1:host")
     assert (board.accepted, board.rejected, board.last_raw) == (40, 40, "noise")
     assert board.rate_hz == pytest.approx(20.0)
@@ -267,22 +341,26 @@ def test_status_lists_every_device(plugged, board_line):
     assert cab.status(110.0)[3].rate_hz == 0.0, "a silent device has no rate"
 
 
-@pytest.mark.parametrize(("change", "words"), [
-    ({"heads": {"ports": []}}, "heads.ports"),
-    ({"heads": {"ports": ["a", "b"], "multiplexed": True}}, "a multiplexed line has 1"),
-    ({"heads": {"ports": ["a"], "protocol": "psychic"}}, "allowed is one of greenseeker"),
-    ({"heads": {"ports": ["a"], "layout": {"fields": 3, "ndvi": 4}}}, "at most fields 3"),
-    ({"gnss": {"port": "a", "baud": 1}}, "gnss.baud"),
-    ({"board": {"port": "a", "max_shaft_rpm": -1}}, "board.max_shaft_rpm"),
-    ({"gpss": {"port": "a"}}, "gpss"),
-])
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"heads": {"ports": []}}, "heads.ports"),
+        ({"heads": {"ports": ["a", "b"], "multiplexed": True}}, "a multiplexed line has 1"),
+        ({"heads": {"ports": ["a"], "protocol": "psychic"}}, "allowed is one of greenseeker"),
+        ({"heads": {"ports": ["a"], "layout": {"fields": 3, "ndvi": 4}}}, "at most fields 3"),
+        ({"gnss": {"port": "a", "baud": 1}}, "gnss.baud"),
+        ({"board": {"port": "a", "max_shaft_rpm": -1}}, "board.max_shaft_rpm"),
+        ({"gpss": {"port": "a"}}, "gpss"),
+    ],
+)
 def test_configuration_errors_name_what_is_wrong(change, words):
     with pytest.raises(ValidationError, match=words):
         CabConfig.model_validate(change)
 
 
 def test_a_tick_costs_less_than_two_hundred_microseconds(clock, fake_plant):
-    """Twenty milliseconds a tick, six heads, GNSS at 5 Hz: the median of the cheapest of three runs."""
+    """Twenty milliseconds a tick, six heads, GNSS at 5 Hz: the median of the cheapest of three
+    runs."""
     fake_plant.dt_s = 0.02
     cab, machine = virtual_cab(fake_plant, clock)
     best = 1.0
@@ -303,7 +381,9 @@ def test_a_board_that_does_not_follow_is_told(plugged, board_line):
     seq = iter(range(100))
 
     def measured(now_s, flags):
-        lines["board"].write(board_line(f"S1,{next(seq)},0,1000000,0,0,60.0,25.0,250.0,13.5,,,1,{flags}"))
+        lines["board"].write(
+            board_line(f"S1,{next(seq)},0,1000000,0,0,60.0,25.0,250.0,13.5,,,1,{flags}")
+        )
         m = cab.measure(now_s)
         return m.drive_fault, m.drive_stopped
 
@@ -315,7 +395,9 @@ def test_a_board_that_does_not_follow_is_told(plugged, board_line):
     assert measured(100.25, 0) == (False, False), "it may take its time"
     assert measured(100.35, 1) == (False, False)
     assert measured(105.0, 2) == (False, True), "heartbeat lost"
-    assert measured(105.05, 0) == (False, True), "restarted: it has lost nothing that it knows of, and stands"
+    assert measured(105.05, 0) == (False, True), (
+        "restarted: it has lost nothing that it knows of, and stands"
+    )
     told(105.1, False)
     assert measured(105.15, 0) == (False, False)
     told(105.2, True)
@@ -323,8 +405,11 @@ def test_a_board_that_does_not_follow_is_told(plugged, board_line):
     assert measured(105.6, 4) == (True, False), "a driver's fault is its own alarm"
 
 
-def test_a_device_whose_driver_raises_is_put_aside_until_it_is_plugged_again(plugged, board_line, monkeypatch):
-    """The others are read in the same tick; the console is told; a board goes on being told to stop."""
+def test_a_device_whose_driver_raises_is_put_aside_until_it_is_plugged_again(
+    plugged, board_line, monkeypatch
+):
+    """The others are read in the same tick; the console is told; a board goes on being told to
+    stop."""
     cab, lines = plugged
     good = board_line("S1,0,0,1000000,0,0,60.0,25.0,250.0,13.5,,,1,1")
     monkeypatch.setattr("drivers.devices.slave_board.decode_status", lambda frame: 1 / 0)
@@ -332,7 +417,10 @@ def test_a_device_whose_driver_raises_is_put_aside_until_it_is_plugged_again(plu
     lines["h2"].write(b"0.2,0.65,1,2,3\r\n")
     m = cab.measure(100.0)
     assert m.ndvi == (None, Reading(0.65, 100.0)) and m.put_aside == ("board",)
-    assert cab.line("board").status(100.0).last_error == "put aside: ZeroDivisionError: division by zero"
+    assert (
+        cab.line("board").status(100.0).last_error
+        == "put aside: ZeroDivisionError: division by zero"
+    )
     monkeypatch.undo()
     lines["board"].write(good)
     assert cab.measure(100.05).shaft_rpm is None

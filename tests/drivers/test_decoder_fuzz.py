@@ -1,4 +1,6 @@
-"""Spoilt bytes of every protocol: no decoder falls over, and nothing outside its range comes through."""
+"""Spoilt bytes of every protocol: no decoder falls over, and nothing outside its range comes
+through."""
+
 from __future__ import annotations
 
 import json
@@ -31,35 +33,78 @@ from drivers.virtual.machine import gnss_sentences, head_line
 from tests.command import topdress
 
 SHORT = settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck))
-RANGES = {"lat_deg": (-90, 90), "lon_deg": (-180, 180), "fix_quality": (1, 9), "satellites": (0, 200), "hdop": (0, 100),
-          "speed_mps": (0, 100), "heading_deg": (0, 360), "wheel_speed_mps": (0, 30), "work_switch": (0, 1),
-          "target_rate_kg_ha": (0, MOST_KG_HA), "applied_rate_kg_ha": (0, MOST_KG_HA),
-          "acceleration_mps2": (0, 10), "speed_mps_in": (-FASTEST_ANNOUNCED_MPS, FASTEST_ANNOUNCED_MPS),
-          **{f"ndvi_{head}": (-1, 1) for head in range(1, 7)}, **STATUS_RANGES}
+RANGES = {
+    "lat_deg": (-90, 90),
+    "lon_deg": (-180, 180),
+    "fix_quality": (1, 9),
+    "satellites": (0, 200),
+    "hdop": (0, 100),
+    "speed_mps": (0, 100),
+    "heading_deg": (0, 360),
+    "wheel_speed_mps": (0, 30),
+    "work_switch": (0, 1),
+    "target_rate_kg_ha": (0, MOST_KG_HA),
+    "applied_rate_kg_ha": (0, MOST_KG_HA),
+    "acceleration_mps2": (0, 10),
+    "speed_mps_in": (-FASTEST_ANNOUNCED_MPS, FASTEST_ANNOUNCED_MPS),
+    **{f"ndvi_{head}": (-1, 1) for head in range(1, 7)},
+    **STATUS_RANGES,
+}
 
 
 def clean(protocol: str) -> bytes:
     if protocol == "gnss":
-        return b"".join(gnss_sentences(GnssFix(tick / 5, 34.28, 119.88 + tick * 1e-6, 4, 14, 0.8, 1.25, 12.0))
-                        for tick in range(40))
+        return b"".join(
+            gnss_sentences(GnssFix(tick / 5, 34.28, 119.88 + tick * 1e-6, 4, 14, 0.8, 1.25, 12.0))
+            for tick in range(40)
+        )
     if protocol == "agopengps":
-        return b"".join(frame for tick in range(40) for frame in agopengps_frames(
-            GnssFix(tick / 5, 34.28, 119.88 + tick * 1e-6, 1, speed_mps=1.25, heading_deg=12.0)))
+        return b"".join(
+            frame
+            for tick in range(40)
+            for frame in agopengps_frames(
+                GnssFix(tick / 5, 34.28, 119.88 + tick * 1e-6, 1, speed_mps=1.25, heading_deg=12.0)
+            )
+        )
     if protocol == "gpsd":
-        return b"".join(json.dumps({
-            "class": "TPV", "device": "/dev/ttyS0", "mode": 3, "status": 3, "time": f"2026-04-01T06:00:{tick:02d}.000Z",
-            "lat": 34.28, "lon": 119.88 + tick * 1e-6, "track": 12.0, "speed": 1.25}).encode() + b"\n"
-            for tick in range(40))
+        return b"".join(
+            json.dumps(
+                {
+                    "class": "TPV",
+                    "device": "/dev/ttyS0",
+                    "mode": 3,
+                    "status": 3,
+                    "time": f"2026-04-01T06:00:{tick:02d}.000Z",
+                    "lat": 34.28,
+                    "lon": 119.88 + tick * 1e-6,
+                    "track": 12.0,
+                    "speed": 1.25,
+                }
+            ).encode()
+            + b"\n"
+            for tick in range(40)
+        )
     if protocol == "board":
-        return b"".join(seal(f"S1,{tick},{tick},{tick * 50_000},{tick // 3},{tick * 50_000},60.000,25.000,250.000,"
-                             "13.500,1.000,0.000,1,1") for tick in range(40))
+        return b"".join(
+            seal(
+                f"S1,{tick},{tick},{tick * 50_000},{tick // 3},{tick * 50_000},60.000,"
+                "25.000,250.000,"
+                "13.500,1.000,0.000,1,1"
+            )
+            for tick in range(40)
+        )
     if protocol == "tractor":
-        return b"".join(sentence(SpeedPlan(0.0, ((0.0, 1.2 + tick / 100.0), (1.5, 2.0)), 0.5)) for tick in range(40))
+        return b"".join(
+            sentence(SpeedPlan(0.0, ((0.0, 1.2 + tick / 100.0), (1.5, 2.0)), 0.5))
+            for tick in range(40)
+        )
     if protocol == "rate_line":
         return b"".join(target_sentence(100.0 + tick) for tick in range(40))
     name, _, multiplexed = protocol.partition("-")
-    return b"".join(head_line(0.3 + 0.01 * tick, HEAD_PROTOCOLS[name], tick % 6 + 1 if multiplexed else None)
-                    for tick in range(40))
+    return b"".join(
+        head_line(0.3 + 0.01 * tick, HEAD_PROTOCOLS[name], tick % 6 + 1 if multiplexed else None)
+        for tick in range(40)
+    )
 
 
 @st.composite
@@ -73,13 +118,13 @@ def spoilt(draw, protocol: str) -> bytes:
             case "flip" if data:
                 data[place] ^= 1 << draw(st.integers(0, 7))
             case "cut":
-                del data[place:place + stretch]
+                del data[place : place + stretch]
             case "double":
-                data[place:place] = data[place:place + stretch]
+                data[place:place] = data[place : place + stretch]
             case "noise":
                 data[place:place] = draw(st.binary(max_size=stretch))
             case _:
-                del data[max(place, len(data) // 2):]
+                del data[max(place, len(data) // 2) :]
     return bytes(data)
 
 
@@ -95,7 +140,8 @@ def test_a_clean_stream_is_accepted_whole(protocol):
 @given(data=st.data())
 def test_spoilt_streams(protocol, data):
     stream = data.draw(spoilt(protocol))
-    assume(not is_capture(stream))                # noise that begins as a capture is refused as a broken one
+    # noise that begins as a capture is refused as a broken one
+    assume(not is_capture(stream))
     records, counts = decode(protocol, stream)
     assert counts.read == counts.accepted + counts.rejected_total + sum(counts.ignored.values())
     for record in records:
@@ -113,20 +159,32 @@ def test_a_spoilt_board_line_says_nothing_that_was_not_sent(data):
 
 
 def test_no_single_bit_of_an_epoch_can_move_the_fix():
-    """All 1,500 of them. (Two flips can cancel in NMEA's checksum: more is not to be had from it.)"""
+    """All 1,500 of them. (Two flips can cancel in NMEA's checksum: more is not to be had from
+    it.)"""
     epoch = gnss_sentences(GnssFix(0.0, 34.28, 119.88, 4, 14, 0.8, 1.25, 12.0))
-    true, = decode("gnss", epoch)[0]
+    (true,) = decode("gnss", epoch)[0]
     for place in range(len(epoch)):
         for bit in range(8):
             flipped = bytearray(epoch)
             flipped[place] ^= 1 << bit
             for record in decode("gnss", bytes(flipped))[0]:
                 assert record["lat_deg"] == true["lat_deg"]
-                assert record["speed_mps"] in (None, true["speed_mps"], pytest.approx(true["speed_mps"], abs=3e-4))
+                assert record["speed_mps"] in (
+                    None,
+                    true["speed_mps"],
+                    pytest.approx(true["speed_mps"], abs=3e-4),
+                )
 
 
-@pytest.mark.parametrize("make", [GnssDecoder, SlaveBoard, lambda: HeadDecoder(HEAD_PROTOCOLS["greenseeker"]),
-                                  lambda: HeadDecoder(HEAD_PROTOCOLS["acs430"], head=None)])
+@pytest.mark.parametrize(
+    "make",
+    [
+        GnssDecoder,
+        SlaveBoard,
+        lambda: HeadDecoder(HEAD_PROTOCOLS["greenseeker"]),
+        lambda: HeadDecoder(HEAD_PROTOCOLS["acs430"], head=None),
+    ],
+)
 @SHORT
 @given(pieces=st.lists(st.binary(max_size=300), max_size=20))
 def test_pure_noise_gives_nothing(make, pieces):
@@ -138,37 +196,55 @@ def test_pure_noise_gives_nothing(make, pieces):
 @SHORT
 @given(seed=st.integers(0, 2**32), word=st.sampled_from([None, 0, 2**32 - 1]))
 def test_the_board_obeys_only_what_was_sent(seed, word):
-    """Bit flips and cuts in the command stream: the drives never get a set-point that nobody sent."""
+    """Bit flips and cuts in the command stream: the drives never get a set-point that nobody
+    sent."""
     chance = random.Random(seed)
     board = VirtualBoard(20.0, lambda: word)
     sent = {0.0}
     for tick in range(60):
         rpm = float(chance.randrange(10, 100))
         sent.add(rpm)
-        line = bytearray(encode_command(CommandFrame(tick, rpm if tick else 0.0, 20.0, tick > 0, word=word)))
+        line = bytearray(
+            encode_command(CommandFrame(tick, rpm if tick else 0.0, 20.0, tick > 0, word=word))
+        )
         for _ in range(chance.randrange(3)):
             line[chance.randrange(len(line))] ^= 1 << chance.randrange(8)
-        board.feed(bytes(line[:chance.randrange(5, len(line) + 1)] if chance.random() < 0.2 else line), tick * 0.05)
+        board.feed(
+            bytes(line[: chance.randrange(5, len(line) + 1)] if chance.random() < 0.2 else line),
+            tick * 0.05,
+        )
         command, _ = board.set_points(tick * 0.05)
         assert command.shaft_rpm in sent
         assert command.opening_mm == 20.0
 
 
-# --- A capture is readable, timed, and gives back every byte that was received ---------------------------------------
+# --- A capture is readable, timed, and gives back every byte that was received
+# ---------------------------------------
+
 
 def test_a_capture_reads_as_a_list_of_lines():
     assert header("gnss", "nmea0183", "COM3") == b"# topdress-capture/1 gnss nmea0183 COM3\n"
     assert captured(12.3456, "<", b"$GPGGA,1*47\r\n$GP\x80\\") == (
-        b"12.346 < $GPGGA,1*47\\r\\n\n12.346 < $GP\\x80\\\\\n")
+        b"12.346 < $GPGGA,1*47\\r\\n\n12.346 < $GP\\x80\\\\\n"
+    )
     assert captured(-0.5, ">", b"$T1\r\n") == b"-0.500 > $T1\\r\\n\n"
 
 
 @settings(max_examples=300, deadline=None)
-@given(st.lists(st.tuples(st.sampled_from("<>"), st.binary(max_size=40) | st.sampled_from(
-    [b"\\r", b"\\x41", b"\r\n", b"\r", b"\n\n", b"\\\\n", "µ".encode()])), max_size=20))
+@given(
+    st.lists(
+        st.tuples(
+            st.sampled_from("<>"),
+            st.binary(max_size=40)
+            | st.sampled_from([b"\\r", b"\\x41", b"\r\n", b"\r", b"\n\n", b"\\\\n", "µ".encode()]),
+        ),
+        max_size=20,
+    )
+)
 def test_every_received_byte_comes_back(pieces):
     capture = header("x", "y", "\udcff") + b"".join(
-        captured(number * 0.05, direction, data) for number, (direction, data) in enumerate(pieces))
+        captured(number * 0.05, direction, data) for number, (direction, data) in enumerate(pieces)
+    )
     assert is_capture(capture)
     assert received(capture) == b"".join(data for direction, data in pieces if direction == "<")
 
@@ -186,23 +262,31 @@ def test_a_line_that_is_none_is_named(line):
 def test_decode_reads_it_as_it_reads_the_bare_bytes():
     data = b"0,0.5,0.512,0.61,0\r\n" * 5
     capture = header("head_1", "greenseeker", "COM4") + b"".join(
-        captured(number, "<", data[start:start + 7]) for number, start in enumerate(range(0, len(data), 7)))
+        captured(number, "<", data[start : start + 7])
+        for number, start in enumerate(range(0, len(data), 7))
+    )
     records, counts = decode("greenseeker", capture)
     assert (records, counts) == decode("greenseeker", data)
     assert records[0] == {"ndvi_1": 0.512}
 
 
-# --- What `topdress devices` recognises, and that it never says anything to a device ---------------------------------
+# --- What `topdress devices` recognises, and that it never says anything to a device
+# ---------------------------------
 
 FIX = GnssFix(0.0, 34.28, 119.88, 4, 14, 0.8, 1.25, 12.0)
 HEARD = {
     "nmea0183": b"".join(gnss_sentences(FIX._replace(time_s=t / 5)) for t in range(3)),
-    "slave-board/1": b"".join(seal(f"S1,{n},0,{n * 50000},0,0,0.000,25.000,,,,,,0") for n in range(5)),
+    "slave-board/1": b"".join(
+        seal(f"S1,{n},0,{n * 50000},0,0,0.000,25.000,,,,,,0") for n in range(5)
+    ),
     "greenseeker": b"345,0.5\r\n" + head_line(0.5, HEAD_PROTOCOLS["greenseeker"]) * 4,
     "acs435": head_line(0.5, HEAD_PROTOCOLS["acs435"]) * 4,
-    "greenseeker (multiplexed)": b"".join(head_line(0.5, HEAD_PROTOCOLS["greenseeker"], head) for head in (1, 2, 3)),
+    "greenseeker (multiplexed)": b"".join(
+        head_line(0.5, HEAD_PROTOCOLS["greenseeker"], head) for head in (1, 2, 3)
+    ),
     "lag-rig/1": b"".join(seal(f"L1,{n},0,0,{n * 50000},0.000,500,,,0") for n in range(5)),
-    "gpsd": b'{"class":"VERSION","release":"3.25"}\r\n'}
+    "gpsd": b'{"class":"VERSION","release":"3.25"}\r\n',
+}
 
 
 @pytest.mark.parametrize("protocol", HEARD)
@@ -210,8 +294,17 @@ def test_each_protocol_is_recognised(protocol):
     assert recognise(HEARD[protocol]).protocol == protocol
 
 
-@pytest.mark.parametrize("noise", [b"", b"hello\r\n" * 9, bytes(range(256)) * 4, b"$GPGGA,1,2*00\r\n" * 9,
-                                   at_wrong_baud(HEARD["nmea0183"]), b"1,2,3,4,5,6\r\n" * 9 + b"1,2,0.3,4,5\r\n" * 3])
+@pytest.mark.parametrize(
+    "noise",
+    [
+        b"",
+        b"hello\r\n" * 9,
+        bytes(range(256)) * 4,
+        b"$GPGGA,1,2*00\r\n" * 9,
+        at_wrong_baud(HEARD["nmea0183"]),
+        b"1,2,3,4,5,6\r\n" * 9 + b"1,2,0.3,4,5\r\n" * 3,
+    ],
+)
 def test_what_is_no_device_is_none(noise):
     assert recognise(noise).protocol == ""
 
@@ -236,6 +329,7 @@ def test_the_rate_is_found_and_nothing_is_sent():
         device.write(data if baud == 38400 else at_wrong_baud(data))
         ends.append(device)
         return host
+
     found = probe(open_at, (115200, 38400, 9600), at, at.sleep)
     assert (found.protocol, found.baud, found.said) == ("greenseeker", 38400, "0,0,0.500,0.500,0")
     assert len(ends) == 2 and all(end.read() == b"" for end in ends)

@@ -1,4 +1,5 @@
 """Ports: memory, real sockets, pyserial URLs, reconnect; nothing blocks the caller."""
+
 from __future__ import annotations
 
 import contextlib
@@ -15,7 +16,14 @@ from serial.rfc2217 import PortManager
 from control.readings import DriveCommand
 from drivers.cab import Cab, CabConfig
 from drivers.datagrams import UdpPort
-from drivers.ports import MAX_BUFFERED_BYTES, MAX_QUEUED_WRITES, SerialStream, ThreadedPort, memory_pair, open_port
+from drivers.ports import (
+    MAX_BUFFERED_BYTES,
+    MAX_QUEUED_WRITES,
+    SerialStream,
+    ThreadedPort,
+    memory_pair,
+    open_port,
+)
 from drivers.virtual.faults import PortFaults, ServedLine
 from drivers.virtual.machine import VirtualMachine
 from drivers.virtual.served import ListeningPort
@@ -28,6 +36,7 @@ def read_all(port, length: int) -> bytes:
     def enough() -> bool:
         data.extend(port.read())
         return len(data) >= length
+
     wait_for(enough)
     return bytes(data)
 
@@ -41,7 +50,12 @@ def test_memory_pair_both_ways_in_order(clock):
     host.write(b"go")
     assert device.read() == b"go"
     state = host.state()
-    assert (state.connected, state.bytes_in, state.bytes_out, state.last_byte_s) == (True, 13, 2, 100.0)
+    assert (state.connected, state.bytes_in, state.bytes_out, state.last_byte_s) == (
+        True,
+        13,
+        2,
+        100.0,
+    )
     assert state.last_lines(2) == ["one", "two"], "a line under way is not shown"
 
 
@@ -127,7 +141,9 @@ def test_a_device_that_is_not_there_is_said_and_blocks_nobody(opened, clock):
         assert not port.state().connected
 
 
-@pytest.mark.parametrize("scheme", ["spy", "SPY", "hwgrep", "alt", "loop", "cp2110", "http", "file"])
+@pytest.mark.parametrize(
+    "scheme", ["spy", "SPY", "hwgrep", "alt", "loop", "cp2110", "http", "file"]
+)
 def test_no_other_kind_of_port_is_opened(tmp_path, clock, scheme):
     """pyserial's `spy://` empties the file that it names before it listens."""
     kept = tmp_path / "job.yaml"
@@ -159,6 +175,7 @@ def test_a_line_of_another_computer(opened, clock):
                 with contextlib.suppress(TimeoutError):
                     return b"".join(manager.filter(far.recv(100)))
                 return b""
+
             wait_for(lambda: heard() == b"" and port.state().connected)
             port.write(b"go\n")
             wait_for(lambda: heard() == b"go\n")
@@ -242,7 +259,9 @@ def test_close_waits_for_a_slow_line(clock):
     assert stream.written == [b"one", b"two", b"stop"]
 
 
-@pytest.mark.parametrize("url", ["socket://127.0.0.1", "socket://:5000", "socket://127.0.0.1:99999", "socket://h:0"])
+@pytest.mark.parametrize(
+    "url", ["socket://127.0.0.1", "socket://:5000", "socket://127.0.0.1:99999", "socket://h:0"]
+)
 def test_a_socket_without_host_or_port_is_refused_in_one_line(url, clock):
     with pytest.raises(ValueError, match="allowed is socket://HOST:PORT"):
         open_port(url, 9600, clock)
@@ -305,7 +324,11 @@ def test_a_memory_line_can_be_pulled_at_either_end(clock):
     device.plug(True)
     device.write(b"heard")
     assert host.read() == b"heard" and host.state().connected
-    assert (device.state().connects, device.state().dropped_out, host.state().dropped_out) == (2, 1, 1)
+    assert (device.state().connects, device.state().dropped_out, host.state().dropped_out) == (
+        2,
+        1,
+        1,
+    )
 
 
 def test_a_udp_port_can_be_let_go_and_taken_again(clock):
@@ -340,7 +363,9 @@ def test_a_serial_line_belongs_to_one_program() -> None:
         os.close(master)
 
 
-# --- Bad cables: each fault does what it says, and the cab keeps its head --------------------------------------------
+# --- Bad cables: each fault does what it says, and the cab keeps its head
+# --------------------------------------------
+
 
 @pytest.fixture
 def line(clock):
@@ -375,9 +400,12 @@ def test_delayed(line, clock):
 
 def test_frozen_half_double_and_dirty_lines(line):
     device, port = line
-    for faults, expected in ((PortFaults(), b"123456789\nx\n"), (PortFaults(frozen=True), b"x\nx\n"),
-                             (PortFaults(half_share=1.0), b"12345x"),
-                             (PortFaults(duplicate_share=1.0), b"123456789\n123456789\nx\nx\n")):
+    for faults, expected in (
+        (PortFaults(), b"123456789\nx\n"),
+        (PortFaults(frozen=True), b"x\nx\n"),
+        (PortFaults(half_share=1.0), b"12345x"),
+        (PortFaults(duplicate_share=1.0), b"123456789\n123456789\nx\nx\n"),
+    ):
         device.fault(faults)
         device.write(b"123456789\nx\n")
         assert port.read() == expected
@@ -390,8 +418,10 @@ def test_frozen_half_double_and_dirty_lines(line):
     assert sum((a ^ b).bit_count() for a, b in zip(flipped, b"123456789\n", strict=True)) == 1
 
 
-BAD = {"board": PortFaults(garbage_share=0.2, half_share=0.2, duplicate_share=0.2, bit_flip_share=0.2),
-       "gnss": PortFaults(garbage_share=0.2, half_share=0.2, duplicate_share=0.2, bit_flip_share=0.2)}
+BAD = {
+    "board": PortFaults(garbage_share=0.2, half_share=0.2, duplicate_share=0.2, bit_flip_share=0.2),
+    "gnss": PortFaults(garbage_share=0.2, half_share=0.2, duplicate_share=0.2, bit_flip_share=0.2),
+}
 
 
 @pytest.fixture
@@ -399,9 +429,16 @@ def bad_cab(clock, fake_plant):
     """Cab and machine joined by faulty lines, which are given by name."""
     pairs = {name: memory_pair(name, clock) for name in ("gnss", "heads", "board")}
     lines = {name: ServedLine((pair[1],), clock, seed=7) for name, pair in pairs.items()}
-    machine = VirtualMachine(fake_plant, lines["gnss"], [lines["heads"]], lines["board"], clock(), multiplexed=True)
-    config = CabConfig.model_validate({"gnss": {"port": "gnss"}, "board": {"port": "board"},
-                                       "heads": {"ports": ["heads"], "multiplexed": True}})
+    machine = VirtualMachine(
+        fake_plant, lines["gnss"], [lines["heads"]], lines["board"], clock(), multiplexed=True
+    )
+    config = CabConfig.model_validate(
+        {
+            "gnss": {"port": "gnss"},
+            "board": {"port": "board"},
+            "heads": {"ports": ["heads"], "multiplexed": True},
+        }
+    )
     return Cab(config, clock, lambda url, _baud, _clock: pairs[url][0]), machine, lines
 
 
@@ -422,7 +459,9 @@ def test_through_a_bad_line_nothing_wrong_is_accepted(bad_cab, clock, fake_plant
             assert m.wheel_speed_mps.value == pytest.approx(1.25, abs=0.01)
             seen += m.shaft_rpm.time_s == clock.now_s
     assert seen > 800
-    assert all(device.rejected > 100 for device in cab.status(clock.now_s) if device.name != "heads")
+    assert all(
+        device.rejected > 100 for device in cab.status(clock.now_s) if device.name != "heads"
+    )
 
 
 def test_an_unplugged_device_goes_stale_and_comes_back(bad_cab, clock):
@@ -435,6 +474,7 @@ def test_an_unplugged_device_goes_stale_and_comes_back(bad_cab, clock):
             m = cab.measure(clock.now_s)
             cab.command(clock.now_s, DriveCommand(60.0, 30.0), False)
         return m
+
     run(2.0)
     lines["board"].fault(PortFaults(unplugged=True))
     m = run(2.0)
@@ -445,7 +485,8 @@ def test_an_unplugged_device_goes_stale_and_comes_back(bad_cab, clock):
 
 
 def test_a_frozen_board_is_silent_not_steady(bad_cab, clock):
-    """The same status line again and again is a repeated sequence number, so the drive goes stale."""
+    """The same status line again and again is a repeated sequence number, so the drive goes
+    stale."""
     cab, machine, lines = bad_cab
     for tick in range(80):
         lines["board"].fault(PortFaults(frozen=tick >= 40))

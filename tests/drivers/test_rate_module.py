@@ -1,4 +1,6 @@
-"""Rate modules on UDP: datagrams byte by byte, the traps, and the virtual module on a datagram line."""
+"""Rate modules on UDP: datagrams byte by byte, the traps, and the virtual module on a datagram
+line."""
+
 from __future__ import annotations
 
 import itertools
@@ -26,10 +28,16 @@ def sealed(body: bytes) -> bytes:
     return body + bytes([sum(body) % 256])
 
 
-def status(rpm: float = 60.0, module: int = 0, sensor: int = 0, flags: int = 1, quantity: int = 0) -> bytes:
+def status(
+    rpm: float = 60.0, module: int = 0, sensor: int = 0, flags: int = 1, quantity: int = 0
+) -> bytes:
     """32400 by hand."""
-    return sealed(struct.pack("<HB", 32400, module << 4 | sensor) + int(rpm * 1000).to_bytes(3, "little")
-                  + quantity.to_bytes(3, "little") + struct.pack("<hBH", 120, flags, 3600))
+    return sealed(
+        struct.pack("<HB", 32400, module << 4 | sensor)
+        + int(rpm * 1000).to_bytes(3, "little")
+        + quantity.to_bytes(3, "little")
+        + struct.pack("<hBH", 120, flags, 3600)
+    )
 
 
 def module() -> RateModule:
@@ -67,14 +75,20 @@ def test_a_stop_is_sent_in_the_same_tick_and_the_relay_stays_for_the_run_down():
     driver = module()
     driver.command(60.0, True, 0.0)
     assert driver.command(61.0, True, 0.05) == [], "changes are spaced ..."
-    stop, = [decode_command(data) for data in driver.command(60.0, False, 0.06)]
+    (stop,) = [decode_command(data) for data in driver.command(60.0, False, 0.06)]
     assert (stop.units_per_min, stop.master_on) == (0.0, False), "... a stop is not"
-    later = [decode_command(data) for tick in range(100) for data in driver.command(None, False, 0.1 + tick * 0.05)]
+    later = [
+        decode_command(data)
+        for tick in range(100)
+        for data in driver.command(None, False, 0.1 + tick * 0.05)
+    ]
     assert all(told.units_per_min == 0.0 for told in later if isinstance(told, FlowTarget))
     assert [told.relays for told in later if isinstance(told, Relays)][:3] == [1, 1, 0]
 
 
-@pytest.mark.parametrize(("asked", "sent"), [(250.0, 100.0), (-5.0, 0.0), (16777.3, 100.0), (1e12, 100.0)])
+@pytest.mark.parametrize(
+    ("asked", "sent"), [(250.0, 100.0), (-5.0, 0.0), (16777.3, 100.0), (1e12, 100.0)]
+)
 def test_set_points_are_cut_and_never_wrap(asked, sent):
     told = [decode_command(data) for data in module().command(asked, True, 0.0)]
     assert told[1].units_per_min == sent
@@ -93,30 +107,51 @@ def test_what_does_not_fit_into_24_bits_is_refused_not_wrapped(value):
 
 
 def test_a_status_is_a_reading():
-    readings, = module().feed([status(59.9)], 5.0)
-    assert (readings.shaft_rpm.value, readings.shaft_rpm.time_s, readings.pwm, readings.hears_us) == (
-        pytest.approx(59.9), 5.0, 120, True)
+    (readings,) = module().feed([status(59.9)], 5.0)
+    assert (
+        readings.shaft_rpm.value,
+        readings.shaft_rpm.time_s,
+        readings.pwm,
+        readings.hears_us,
+    ) == (pytest.approx(59.9), 5.0, 120, True)
 
 
-@pytest.mark.parametrize(("data", "counted"), [
-    (status()[:-1], ({"wrong_length": 1}, {})), (status() + b"\0", ({"wrong_length": 1}, {})),
-    (status() * 2, ({"wrong_length": 1}, {})), (status(rpm=500.0), ({"out_of_range": 1}, {})),
-    (status()[:-1] + bytes([status()[-1] ^ 1]), ({"bad_checksum": 1}, {})),
-    (status(module=1), ({}, {"other_module": 1})), (status(sensor=1), ({}, {"other_module": 1})),
-    (b"", ({}, {"unknown_message": 1})), (b"hello", ({}, {"unknown_message": 1}))])
-def test_what_is_wrong_is_rejected_what_is_not_for_us_ignored_and_neither_says_anything(data, counted):
+@pytest.mark.parametrize(
+    ("data", "counted"),
+    [
+        (status()[:-1], ({"wrong_length": 1}, {})),
+        (status() + b"\0", ({"wrong_length": 1}, {})),
+        (status() * 2, ({"wrong_length": 1}, {})),
+        (status(rpm=500.0), ({"out_of_range": 1}, {})),
+        (status()[:-1] + bytes([status()[-1] ^ 1]), ({"bad_checksum": 1}, {})),
+        (status(module=1), ({}, {"other_module": 1})),
+        (status(sensor=1), ({}, {"other_module": 1})),
+        (b"", ({}, {"unknown_message": 1})),
+        (b"hello", ({}, {"unknown_message": 1})),
+    ],
+)
+def test_what_is_wrong_is_rejected_what_is_not_for_us_ignored_and_neither_says_anything(
+    data, counted
+):
     driver = module()
-    assert driver.feed([data], 0.0) == [] and (driver.counts.rejected, driver.counts.ignored) == counted
+    assert (
+        driver.feed([data], 0.0) == []
+        and (driver.counts.rejected, driver.counts.ignored) == counted
+    )
 
 
 def test_turns_run_on_over_the_wrap_of_the_quantity():
     driver = module()
-    turns = [driver.feed([status(quantity=quantity)], 0.0)[0].turns for quantity in (2**24 - 20, 2**24 - 10, 5, 25, 0)]
+    turns = [
+        driver.feed([status(quantity=quantity)], 0.0)[0].turns
+        for quantity in (2**24 - 20, 2**24 - 10, 5, 25, 0)
+    ]
     assert turns == pytest.approx([0.0, 1.0, 2.5, 4.5, 4.5]), "back to 0 is a restarted module"
 
 
 def test_a_module_that_does_not_hear_us_is_no_drive():
-    """It is set to another comm mode, or another console has it: it reports, and its report must not look fresh."""
+    """It is set to another comm mode, or another console has it: it reports, and its report
+    must not look fresh."""
     driver = module()
     found = [driver.feed([status(flags=0)], tick * 0.2)[0].shaft_rpm is None for tick in range(15)]
     assert found == [False] * 10 + [True] * 5
@@ -127,13 +162,17 @@ def test_a_module_that_does_not_hear_us_is_no_drive():
 def plugged(clock):
     """A cab with a rate module and a gate set by hand, and the virtual module."""
     host, device = datagram_pair("module", clock)
-    cab = Cab(CabConfig.model_validate({"rate_module": MODULE}), clock,
-              datagram_opener=lambda url, _clock: host)
+    cab = Cab(
+        CabConfig.model_validate({"rate_module": MODULE}),
+        clock,
+        datagram_opener=lambda url, _clock: host,
+    )
     return cab, VirtualRateModule(device, 360.0), device
 
 
 def steps(plugged, clock, seconds, command=None, enabled=False, silent=False):
-    """Plant and cab, 20 a second; the shaft follows at once. The last measurement, and the commanded speeds."""
+    """Plant and cab, 20 a second; the shaft follows at once. The last measurement, and the
+    commanded speeds."""
     cab, virtual, _ = plugged
     speeds = []
     for _ in range(round(seconds / 0.05)):
@@ -142,8 +181,13 @@ def steps(plugged, clock, seconds, command=None, enabled=False, silent=False):
         speeds.append(command_now.shaft_rpm)
         clock.now_s += 0.05
         from types import SimpleNamespace
-        virtual.after(SimpleNamespace(time_s=begin_s + 0.05, shaft_rpm=speeds[-1], wheel_pulses=0, work_switch=True),
-                      begin_s)
+
+        virtual.after(
+            SimpleNamespace(
+                time_s=begin_s + 0.05, shaft_rpm=speeds[-1], wheel_pulses=0, work_switch=True
+            ),
+            begin_s,
+        )
         m = cab.measure(clock.now_s)
         if not silent:
             cab.command(clock.now_s, command, enabled)
@@ -153,9 +197,16 @@ def steps(plugged, clock, seconds, command=None, enabled=False, silent=False):
 def test_the_module_turns_the_shaft_and_tells_it(plugged, clock):
     m, speeds = steps(plugged, clock, 2.0, DriveCommand(60.0, 25.0), True)
     assert speeds[-1] == 60.0
-    assert m.shaft_rpm.value == pytest.approx(60.0, abs=0.01) and clock.now_s - m.shaft_rpm.time_s <= 0.2
-    assert (m.opening_mm.value, m.opening_mm.time_s) == (25.0, m.shaft_rpm.time_s), "as fresh as the module's news"
-    assert m.shaft_effort == (pytest.approx(100.0 * 150 / 255), m.shaft_rpm.time_s), "% of full duty"
+    assert (
+        m.shaft_rpm.value == pytest.approx(60.0, abs=0.01)
+        and clock.now_s - m.shaft_rpm.time_s <= 0.2
+    )
+    assert (m.opening_mm.value, m.opening_mm.time_s) == (25.0, m.shaft_rpm.time_s), (
+        "as fresh as the module's news"
+    )
+    assert m.shaft_effort == (pytest.approx(100.0 * 150 / 255), m.shaft_rpm.time_s), (
+        "% of full duty"
+    )
     _, speeds = steps(plugged, clock, 0.1, DriveCommand(60.0, 25.0), False)
     assert speeds[-1] == 0.0
 
@@ -199,8 +250,12 @@ def test_a_wrong_number_of_pulses_shows_as_a_wrong_speed(clock):
 def test_with_a_board_it_moves_the_gate_and_the_module_the_shaft(clock, board_line):
     host, device = datagram_pair("module", clock)
     lines = memory_pair("board", clock)
-    cab = Cab(CabConfig.model_validate({"board": {"port": "b"}, "rate_module": WITH_BOARD}), clock,
-              lambda url, baud, _clock: lines[0], lambda url, _clock: host)
+    cab = Cab(
+        CabConfig.model_validate({"board": {"port": "b"}, "rate_module": WITH_BOARD}),
+        clock,
+        lambda url, baud, _clock: lines[0],
+        lambda url, _clock: host,
+    )
     cab.command(100.0, DriveCommand(60.0, 33.0), True)
     assert lines[1].read() == board_line("T1,0,0.000,33.000,1")
     assert [decode_command(data) for data in device.read_each()][1].units_per_min == 60.0
@@ -209,9 +264,12 @@ def test_with_a_board_it_moves_the_gate_and_the_module_the_shaft(clock, board_li
     m = cab.measure(100.05)
     assert (m.shaft_rpm.value, m.opening_mm.value) == (59.0, 33.0)
     cab.command(100.1, DriveCommand(math.nan, 33.0), True)
-    assert lines[1].read() == board_line("T1,1,0.000,33.000,0"), "a number refused by one drive stops both"
-    assert [decode_command(data) for data in device.read_each()][-1] == FlowTarget(0, 0, 0.0, 360.0, "motor", False,
-                                                                                   True)
+    assert lines[1].read() == board_line("T1,1,0.000,33.000,0"), (
+        "a number refused by one drive stops both"
+    )
+    assert [decode_command(data) for data in device.read_each()][-1] == FlowTarget(
+        0, 0, 0.0, 360.0, "motor", False, True
+    )
     assert cab.refused_commands == 1
 
 
@@ -221,24 +279,43 @@ def test_the_operator_is_told_of_the_four_seconds():
     assert config.rate_module.url == "udp://0.0.0.0:29999?to=192.168.1.50:28888"
 
 
-@pytest.mark.parametrize(("change", "said"), [
-    ({"rate_module": WITH_BOARD}, "fixed_opening_mm is missing"),
-    ({"rate_module": MODULE, "board": {"port": "b"}}, "leave one"),
-    ({"rate_module": MODULE | {"pulses_per_turn": 20000.0}}, "16777"),
-    ({"gnss": {"protocol": "agopengps", "port": "COM3"}}, "udp://127.0.0.1:17777"),
-    ({"gnss": {"port": "udp://127.0.0.1:17777"}}, "serial port"),
-    ({"gnss": {"protocol": "agopengps", "port": "udp://0.0.0.0:17777"}}, "anybody on that network"),
-    ({"rate_module": MODULE | {"listen": "127.0.0.1"}}, "listen 127.0.0.1: a module at 192.168.1.50 cannot be heard"),
-    ({"rate_module": MODULE | {"address": "127.0.0.1"}}, "listen 0.0.0.0: a module at 127.0.0.1 cannot be heard"),
-    ({"rate_module": MODULE | {"address": "192.168.1.255"}}, "subnet is missing"),
-    ({"rate_module": MODULE | {"address": "module.local"}}, "subnet is missing"),
-    ({"rate_module": MODULE | {"subnet": "192.168.1.7/24"}}, "subnet 192.168.1.7/24: allowed is a network")])
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"rate_module": WITH_BOARD}, "fixed_opening_mm is missing"),
+        ({"rate_module": MODULE, "board": {"port": "b"}}, "leave one"),
+        ({"rate_module": MODULE | {"pulses_per_turn": 20000.0}}, "16777"),
+        ({"gnss": {"protocol": "agopengps", "port": "COM3"}}, "udp://127.0.0.1:17777"),
+        ({"gnss": {"port": "udp://127.0.0.1:17777"}}, "serial port"),
+        (
+            {"gnss": {"protocol": "agopengps", "port": "udp://0.0.0.0:17777"}},
+            "anybody on that network",
+        ),
+        (
+            {"rate_module": MODULE | {"listen": "127.0.0.1"}},
+            "listen 127.0.0.1: a module at 192.168.1.50 cannot be heard",
+        ),
+        (
+            {"rate_module": MODULE | {"address": "127.0.0.1"}},
+            "listen 0.0.0.0: a module at 127.0.0.1 cannot be heard",
+        ),
+        ({"rate_module": MODULE | {"address": "192.168.1.255"}}, "subnet is missing"),
+        ({"rate_module": MODULE | {"address": "module.local"}}, "subnet is missing"),
+        (
+            {"rate_module": MODULE | {"subnet": "192.168.1.7/24"}},
+            "subnet 192.168.1.7/24: allowed is a network",
+        ),
+    ],
+)
 def test_configuration_mistakes_are_said(change, said):
     with pytest.raises(ValueError, match=said):
         CabConfig.model_validate(change)
 
 
-@pytest.mark.parametrize("url", ["udp://nowhere", "tcp://a:1", "udp://a:1?to=b", "udp://a:99999999", "udp://1.2.3.4:1?from=x"])
+@pytest.mark.parametrize(
+    "url",
+    ["udp://nowhere", "tcp://a:1", "udp://a:1?to=b", "udp://a:99999999", "udp://1.2.3.4:1?from=x"],
+)
 def test_an_address_that_cannot_be_read_is_said(url):
     with pytest.raises(ValueError, match=r"allowed is udp://HOST:PORT"):
         udp_address(url)
@@ -255,17 +332,24 @@ def test_a_taken_port_is_tried_again(clock):
     second.close()
 
 
-@pytest.mark.parametrize(("url", "senders"), [
-    ("udp://127.0.0.1:0", "127.0.0.0/8"), ("udp://localhost:0", "127.0.0.0/8"),
-    ("udp://0.0.0.0:29999?to=192.168.1.50:28888", "192.168.1.50/32"),
-    ("udp://0.0.0.0:29999?to=192.168.1.255:28888&from=192.168.1.0/24", "192.168.1.0/24"),
-    ("udp://192.168.1.9:17777?from=192.168.1.20", "192.168.1.20/32"), ("udp://0.0.0.0:29999", "None")])
+@pytest.mark.parametrize(
+    ("url", "senders"),
+    [
+        ("udp://127.0.0.1:0", "127.0.0.0/8"),
+        ("udp://localhost:0", "127.0.0.0/8"),
+        ("udp://0.0.0.0:29999?to=192.168.1.50:28888", "192.168.1.50/32"),
+        ("udp://0.0.0.0:29999?to=192.168.1.255:28888&from=192.168.1.0/24", "192.168.1.0/24"),
+        ("udp://192.168.1.9:17777?from=192.168.1.20", "192.168.1.20/32"),
+        ("udp://0.0.0.0:29999", "None"),
+    ],
+)
 def test_who_is_believed(url, senders):
     assert str(udp_address(url).senders) == senders
 
 
 def test_a_stranger_is_not_heard(clock):
-    """He sits at another address of this computer; a flood of his costs a bounded number of looks."""
+    """He sits at another address of this computer; a flood of his costs a bounded number of
+    looks."""
     port = UdpPort("udp://127.0.0.1:0?from=127.0.0.2", clock)
     module, stranger = (socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(2))
     try:
@@ -277,7 +361,10 @@ def test_a_stranger_is_not_heard(clock):
         stranger.sendto(b"stranger", ("127.0.0.1", port.number))
     module.sendto(b"module", ("127.0.0.1", port.number))
     assert port.read_each() == [b"module"]
-    assert port.state().dropped_in == 800 and port.state().last_error == "a datagram from 127.0.0.3 was refused"
+    assert (
+        port.state().dropped_in == 800
+        and port.state().last_error == "a datagram from 127.0.0.3 was refused"
+    )
     for _ in range(100):
         module.sendto(b"again", ("127.0.0.1", port.number))
     assert len(port.read_each()) == MOST_WAITING, "of a flood the newest are given"
@@ -286,10 +373,15 @@ def test_a_stranger_is_not_heard(clock):
 
 
 def trace(module_id: int = 0, sensor: int = 0) -> bytes:
-    """32402 by hand: 70 000 ms, target 60, applied 58.5, error 1.5 (s24), integral -12.3, change -4, PWM 120."""
-    return sealed(struct.pack("<HBI", 32402, module_id << 4 | sensor, 70_000) + (60_000).to_bytes(3, "little")
-                  + (58_500).to_bytes(3, "little") + (1_500).to_bytes(3, "little", signed=True)
-                  + struct.pack("<hhhBH", -123, -4, 120, 7, 2_410))
+    """32402 by hand: 70 000 ms, target 60, applied 58.5, error 1.5 (s24), integral -12.3,
+    change -4, PWM 120."""
+    return sealed(
+        struct.pack("<HBI", 32402, module_id << 4 | sensor, 70_000)
+        + (60_000).to_bytes(3, "little")
+        + (58_500).to_bytes(3, "little")
+        + (1_500).to_bytes(3, "little", signed=True)
+        + struct.pack("<hhhBH", -123, -4, 120, 7, 2_410)
+    )
 
 
 def test_the_label_and_the_trace_of_a_module_are_read():
@@ -298,8 +390,17 @@ def test_the_label_and_the_trace_of_a_module_are_read():
     assert driver.feed([label, trace()], 0.0) == []
     assert driver.label == "Left spreader"
     t = driver.trace
-    assert (t.millis, t.target, t.applied, t.error, t.integral, t.change, t.pwm, t.samples, t.firmware) == (
-        70_000, 60.0, 58.5, 1.5, -12.3, -4, 120, 7, 2_410)
+    assert (
+        t.millis,
+        t.target,
+        t.applied,
+        t.error,
+        t.integral,
+        t.change,
+        t.pwm,
+        t.samples,
+        t.firmware,
+    ) == (70_000, 60.0, 58.5, 1.5, -12.3, -4, 120, 7, 2_410)
     assert driver.counts.accepted == 2 and not driver.counts.rejected and not driver.counts.ignored
     driver.feed([trace(sensor=1), trace(module_id=3), trace()[:-1], trace()[:-1] + b"\0"], 0.0)
     assert driver.counts.ignored == {"other_module": 2}
@@ -323,6 +424,7 @@ def test_the_virtual_module_says_who_it_is_and_traces_when_told(clock, fake_plan
             virtual.after(fake_plant.step(DriveCommand(0.0, 25.0), False), clock.now_s)
             clock.now_s += 0.05
             heard.extend(host.read_each())
+
     steps(100)
     kinds = [int.from_bytes(data[:2], "little") for data in heard]
     assert 2 <= kinds.count(32403) <= 3 and 32402 not in kinds
@@ -342,15 +444,28 @@ def test_valves_hang_on_the_relays_from_the_second_on_and_close_with_the_drive()
     virtual, driver = VirtualRateModule(far, 360.0), module()
     for data in driver.command(60.0, True, 0.0, (True, False, True)):
         near.write(data)
-    assert virtual.before(0.0, DriveCommand(0.0, 25.0), True)[0].valves[:4] == (True, False, True, False)
-    closed = [decode_command(data) for data in driver.command(60.0, True, 0.2, (False, False, True))]
-    assert [told.relays for told in closed if isinstance(told, Relays)] == [0b1001], "at once, on change"
-    stopped = [decode_command(data) for data in driver.command(60.0, False, 0.4, (True, True, True))]
+    assert virtual.before(0.0, DriveCommand(0.0, 25.0), True)[0].valves[:4] == (
+        True,
+        False,
+        True,
+        False,
+    )
+    closed = [
+        decode_command(data) for data in driver.command(60.0, True, 0.2, (False, False, True))
+    ]
+    assert [told.relays for told in closed if isinstance(told, Relays)] == [0b1001], (
+        "at once, on change"
+    )
+    stopped = [
+        decode_command(data) for data in driver.command(60.0, False, 0.4, (True, True, True))
+    ]
     assert [told.relays for told in stopped if isinstance(told, Relays)] == [0b0001]
     for data in driver.command(60.0, True, 0.6, (True, True, True)):
         near.write(data)
     assert any(virtual.before(0.6, DriveCommand(0.0, 25.0), True)[0].valves)
-    assert not any(virtual.before(9.0, DriveCommand(0.0, 25.0), True)[0].valves), "the console is silent"
+    assert not any(virtual.before(9.0, DriveCommand(0.0, 25.0), True)[0].valves), (
+        "the console is silent"
+    )
 
 
 def test_relays_without_valves_are_as_they_were():

@@ -1,4 +1,6 @@
-"""The virtual machine served to another program: the console's worker on real sockets and terminals."""
+"""The virtual machine served to another program: the console's worker on real sockets and
+terminals."""
+
 from __future__ import annotations
 
 import asyncio
@@ -23,15 +25,26 @@ from tests.command import serving
 def served() -> Iterator:
     """Start `topdress serve-machine`; gives device -> URLs, and when it began."""
     with contextlib.ExitStack() as started:
-        yield lambda *options: (started.enter_context(serving("--seed", "3", *options)), time.monotonic())
+        yield lambda *options: (
+            started.enter_context(serving("--seed", "3", *options)),
+            time.monotonic(),
+        )
 
 
 def cab_file(folder: Path, urls: dict[str, list[str]]) -> str:
     heads = [urls[f"head_{n}"][0] for n in range(1, 7)]
     path = folder / "cab.yaml"
-    path.write_text(yaml.safe_dump({
-        "format": "topdress-cab/1", "virtual": True, "gnss": {"port": urls["gnss"][0]},
-        "heads": {"ports": heads}, "board": {"port": urls["board"][0]}}))
+    path.write_text(
+        yaml.safe_dump(
+            {
+                "format": "topdress-cab/1",
+                "virtual": True,
+                "gnss": {"port": urls["gnss"][0]},
+                "heads": {"ports": heads},
+                "board": {"port": urls["board"][0]},
+            }
+        )
+    )
     return str(path)
 
 
@@ -48,8 +61,12 @@ def job_file(folder: Path) -> str:
 async def console(folder: Path, *config: str):
     """A worker on that cab and a console that operates it."""
     files = [word for file in config for word in ("--config", file)]
-    where = await asyncio.to_thread(start_worker, [*files, "--log", str(folder / "run.csv")],
-                                    folder / "trouble", run_file=folder / "w.json")
+    where = await asyncio.to_thread(
+        start_worker,
+        [*files, "--log", str(folder / "run.csv")],
+        folder / "trouble",
+        run_file=folder / "w.json",
+    )
     link = Link(where)
     running = asyncio.create_task(link.run())
     await asyncio.wait_for(link.attached.wait(), 10)
@@ -76,7 +93,10 @@ def has(frame, alarm: str) -> bool:
 
 
 async def start_work(link: Link) -> None:
-    await until(link, lambda frame: (frame.row.speed_used_mps or 0.0) > 0.5 and frame.row.shaft_rpm is not None)
+    await until(
+        link,
+        lambda frame: (frame.row.speed_used_mps or 0.0) > 0.5 and frame.row.shaft_rpm is not None,
+    )
     if link.newest.row.state != "ready":
         for alarm in link.newest.alarms:
             await link.order(Order(Do.ACKNOWLEDGE, alarm.id))
@@ -95,7 +115,11 @@ async def test_work_over_tcp_with_the_board_unplugged_and_plugged_in_again(serve
         if time.monotonic() - began_s >= 7.0:
             pytest.skip("too slow a computer for this time line: nothing is proven")
         assert frame.simulated
-        assert {device.name for device in frame.devices} == {"gnss", "board", *(f"head_{n}" for n in range(1, 7))}
+        assert {device.name for device in frame.devices} == {
+            "gnss",
+            "board",
+            *(f"head_{n}" for n in range(1, 7)),
+        }
         assert all(device.connected and device.rejected == 0 for device in frame.devices)
         frame = await until(link, lambda frame: has(frame, "shaft_silent"))
         assert 7.0 < time.monotonic() - began_s < 9.0
@@ -109,4 +133,3 @@ async def test_work_over_tcp_with_the_board_unplugged_and_plugged_in_again(serve
     times_s = [row.time_s for row in log.rows()]
     assert max(map(operator.sub, times_s[1:], times_s)) < 0.5, "nothing is missing from the log"
     assert (tmp_path / "trouble").read_text() == ""
-

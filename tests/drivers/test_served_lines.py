@@ -1,4 +1,6 @@
-"""What is served: every device on its own line, faults on a time line, plugs pulled and put back."""
+"""What is served: every device on its own line, faults on a time line, plugs pulled and put
+back."""
+
 from __future__ import annotations
 
 import socket
@@ -15,7 +17,14 @@ from control.simulation.plant import Plant
 from drivers.cab import Cab, CabConfig
 from drivers.devices.gnss import GnssDecoder
 from drivers.ports import open_port, socket_address
-from drivers.virtual.faults import PortFaults, ServedLine, TimedFault, at_wrong_baud, faults_at, parse_fault
+from drivers.virtual.faults import (
+    PortFaults,
+    ServedLine,
+    TimedFault,
+    at_wrong_baud,
+    faults_at,
+    parse_fault,
+)
 from drivers.virtual.machine import VirtualMachine, gnss_sentences, virtual_cab
 from drivers.virtual.served import ListeningPort, Serve, ServedMachine
 from tests.waiting import wait_for
@@ -32,24 +41,37 @@ def refuses(url: str) -> bool:
     return False
 
 
-@pytest.mark.parametrize(("text", "fault"), [
-    ("unplug:gnss@60+10", TimedFault("unplug", "gnss", 60.0, 70.0)),
-    ("frozen:heads@2.5", TimedFault("frozen", "heads", 2.5)),
-    ("wrong_baud:head_2@0+1", TimedFault("wrong_baud", "head_2", 0.0, 1.0))])
+@pytest.mark.parametrize(
+    ("text", "fault"),
+    [
+        ("unplug:gnss@60+10", TimedFault("unplug", "gnss", 60.0, 70.0)),
+        ("frozen:heads@2.5", TimedFault("frozen", "heads", 2.5)),
+        ("wrong_baud:head_2@0+1", TimedFault("wrong_baud", "head_2", 0.0, 1.0)),
+    ],
+)
 def test_the_grammar_of_a_fault(text, fault):
     assert parse_fault(text, DEVICES) == fault
 
 
-@pytest.mark.parametrize(("text", "said"), [
-    ("unplug gnss", "not understood"), ("melt:gnss@1", "unknown kind melt: allowed unplug"),
-    ("unplug:gps@1", "unknown device gps: allowed gnss"), ("unplug:gnss@1.2.3", "must be numbers")])
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("unplug gnss", "not understood"),
+        ("melt:gnss@1", "unknown kind melt: allowed unplug"),
+        ("unplug:gps@1", "unknown device gps: allowed gnss"),
+        ("unplug:gnss@1.2.3", "must be numbers"),
+    ],
+)
 def test_what_is_wrong_with_a_fault_is_said(text, said):
     with pytest.raises(ValueError, match=said):
         parse_fault(text, DEVICES)
 
 
 def test_faults_add_up_and_end():
-    timeline = [parse_fault(text, DEVICES) for text in ("garbage:heads@10+5", "delayed:head_2@12+5", "unplug:gnss@1+1")]
+    timeline = [
+        parse_fault(text, DEVICES)
+        for text in ("garbage:heads@10+5", "delayed:head_2@12+5", "unplug:gnss@1+1")
+    ]
     assert faults_at(timeline, "head_1", 9.9) == PortFaults()
     assert faults_at(timeline, "head_1", 12.0) == PortFaults(garbage_share=0.5)
     assert faults_at(timeline, "head_2", 12.0) == PortFaults(garbage_share=0.5, delay_s=1.0)
@@ -66,11 +88,20 @@ def test_the_wrong_baud_gives_other_bytes_but_no_more_than_were_sent():
     assert at_wrong_baud(sent, 1.0) == sent, "at the right rate it is what was sent"
 
 
-@pytest.mark.parametrize(("fault", "kind"), [
-    ("garbage", None), ("half_lines", None), ("duplicated", "repeated_sequence"), ("frozen", "repeated_sequence"),
-    ("bit_flips", "bad_crc"), ("wrong_baud", None)])
+@pytest.mark.parametrize(
+    ("fault", "kind"),
+    [
+        ("garbage", None),
+        ("half_lines", None),
+        ("duplicated", "repeated_sequence"),
+        ("frozen", "repeated_sequence"),
+        ("bit_flips", "bad_crc"),
+        ("wrong_baud", None),
+    ],
+)
 def test_each_fault_shows_in_the_counts_and_never_in_the_readings(clock, fake_plant, fault, kind):
     from drivers.virtual.faults import KINDS
+
     cab, machine = virtual_cab(fake_plant, clock)
     board, line = cab._drives[1], ServedLine((machine._board_port,), clock, seed=0)
     line.fault(KINDS[fault])
@@ -97,6 +128,7 @@ def machine_at(fake_plant):
         for address in served.addresses:
             urls.setdefault(address.device, []).append(address.url)
         return served, urls
+
     yield make
     for served in made:
         served.close()
@@ -138,27 +170,54 @@ def test_a_pseudo_terminal_is_a_serial_port_that_can_be_pulled(machine_at, tmp_p
 
 def test_gpsd_rate_module_and_agopengps_are_served_too(machine_at, fake_plant):
     from drivers.datagrams import UdpPort
+
     module, pilot = (UdpPort("udp://127.0.0.1:0", time.monotonic) for _ in range(2))
     number = module.number
     module.close()
     console = UdpPort(f"udp://127.0.0.1:0?to=127.0.0.1:{number}", time.monotonic)
-    served, urls = machine_at(rate_module=("127.0.0.1", number), console=("127.0.0.1", console.number),
-                              agopengps=("127.0.0.1", pilot.number))
+    served, urls = machine_at(
+        rate_module=("127.0.0.1", number),
+        console=("127.0.0.1", console.number),
+        agopengps=("127.0.0.1", pilot.number),
+    )
     heads = tuple(urls[f"head_{n}"][0] for n in range(1, 7))
-    common = {"heads": {"ports": heads}, "board": {"port": urls["board"][0]},
-              "rate_module": {"pulses_per_turn": 360.0, "address": "127.0.0.1"}}
-    cabs = [Cab(CabConfig.model_validate(common | {"gnss": {"protocol": "gpsd", "port": urls["gpsd"][0]}}),
-                time.monotonic, datagram_opener=lambda url, clock: console),
-            Cab(CabConfig.model_validate({"gnss": {"protocol": "agopengps", "port": "udp://127.0.0.1:17777"}}),
-                time.monotonic, opener=lambda url, baud, clock: pilot)]
+    common = {
+        "heads": {"ports": heads},
+        "board": {"port": urls["board"][0]},
+        "rate_module": {"pulses_per_turn": 360.0, "address": "127.0.0.1"},
+    }
+    cabs = [
+        Cab(
+            CabConfig.model_validate(
+                common | {"gnss": {"protocol": "gpsd", "port": urls["gpsd"][0]}}
+            ),
+            time.monotonic,
+            datagram_opener=lambda url, clock: console,
+        ),
+        Cab(
+            CabConfig.model_validate(
+                {"gnss": {"protocol": "agopengps", "port": "udp://127.0.0.1:17777"}}
+            ),
+            time.monotonic,
+            opener=lambda url, baud, clock: pilot,
+        ),
+    ]
 
     def told() -> bool:
         served.advance()
         now_s = time.monotonic()
         m, other = (cab.measure(now_s) for cab in cabs)
         cabs[0].command(now_s, DriveCommand(60.0, 30.0), now_s - began_s > 0.3)
-        return bool(m.gnss and other.gnss and other.gnss.speed_mps and m.shaft_rpm and m.shaft_rpm.value == 60.0
-                    and m.opening_mm and m.opening_mm.value == 30.0 and m.ndvi[5])
+        return bool(
+            m.gnss
+            and other.gnss
+            and other.gnss.speed_mps
+            and m.shaft_rpm
+            and m.shaft_rpm.value == 60.0
+            and m.opening_mm
+            and m.opening_mm.value == 30.0
+            and m.ndvi[5]
+        )
 
     began_s = time.monotonic()
     try:
@@ -168,7 +227,8 @@ def test_gpsd_rate_module_and_agopengps_are_served_too(machine_at, fake_plant):
             cab.close()
 
 
-# --- The virtual machine: sensors arrive through bytes, commands move the plant, silence stops it --------------------
+# --- The virtual machine: sensors arrive through bytes, commands move the plant, silence stops
+# it --------------------
 
 RUN = DriveCommand(60.0, 30.0)
 
@@ -176,6 +236,7 @@ RUN = DriveCommand(60.0, 30.0)
 @pytest.fixture
 def drive(clock):
     """Run cab and machine for a while; a command of None sends nothing at all."""
+
     def go(cab, machine, seconds, command=None, enabled=False, tick_s=0.05):
         for _ in range(round(seconds / tick_s)):
             clock.now_s += tick_s
@@ -184,6 +245,7 @@ def drive(clock):
             if command is not None:
                 cab.command(clock.now_s, command, enabled)
         return measured
+
     return go
 
 
@@ -200,12 +262,21 @@ def test_what_the_plant_senses_is_measured(clock, drive, fake_plant, protocol, m
     assert m.gnss.speed_mps == pytest.approx(1.25, abs=3e-4)
     assert m.gnss.heading_deg == pytest.approx(359.9)
     assert m.gnss.utc == "2026-04-01T06:00:05.200Z"
-    assert [reading.value for reading in m.ndvi] == pytest.approx([0.40, 0.41, 0.42, 0.43, 0.44, 0.45])
+    assert [reading.value for reading in m.ndvi] == pytest.approx(
+        [0.40, 0.41, 0.42, 0.43, 0.44, 0.45]
+    )
     assert m.ndvi[0].time_s == pytest.approx(clock.now_s, abs=0.5)
     assert m.wheel_speed_mps.value == pytest.approx(1.25, abs=0.001)
     assert (m.shaft_rpm.value, m.opening_mm.value, m.hopper_kg.value) == (60.0, 30.0, 250.05)
-    assert (m.supply_v.value, m.pitch_deg.value, m.roll_deg.value, m.work_switch) == (13.5, 1.5, -0.5, True)
-    assert {reading.time_s for reading in (m.shaft_rpm, m.opening_mm, m.wheel_speed_mps)} == {clock.now_s}
+    assert (m.supply_v.value, m.pitch_deg.value, m.roll_deg.value, m.work_switch) == (
+        13.5,
+        1.5,
+        -0.5,
+        True,
+    )
+    assert {reading.time_s for reading in (m.shaft_rpm, m.opening_mm, m.wheel_speed_mps)} == {
+        clock.now_s
+    }
 
 
 def test_no_sentence_was_rejected_on_a_clean_line(clock, drive, fake_plant):
@@ -234,7 +305,9 @@ def test_standing_still_keeps_the_gate_where_it_is(clock, drive, fake_plant):
     assert fake_plant.commands[-1] == (DriveCommand(0.0, 30.0), False)
 
 
-def test_a_silent_host_stops_the_drives_within_a_second_until_told_to_start_again(clock, drive, fake_plant):
+def test_a_silent_host_stops_the_drives_within_a_second_until_told_to_start_again(
+    clock, drive, fake_plant
+):
     cab, machine = virtual_cab(fake_plant, clock)
     drive(cab, machine, 0.2, RUN, False)
     drive(cab, machine, 1.0, RUN, True)
@@ -271,14 +344,25 @@ def test_advance_steps_exactly_up_to_now_and_skips_a_long_pause(clock, fake_plan
     assert machine.advance(10_000.05) == 1
 
 
-@pytest.mark.parametrize(("lat_deg", "lon_deg"), [
-    (34.28, 119.88), (-0.0000001, -179.9999999), (89.9999999, 0.5), (12.99999999999, -7.99999999999), (0.25, 1e-7)])
+@pytest.mark.parametrize(
+    ("lat_deg", "lon_deg"),
+    [
+        (34.28, 119.88),
+        (-0.0000001, -179.9999999),
+        (89.9999999, 0.5),
+        (12.99999999999, -7.99999999999),
+        (0.25, 1e-7),
+    ],
+)
 def test_positions_survive_degrees_and_minutes(lat_deg, lon_deg):
     decoder = GnssDecoder(live=False)
     decoder.feed(gnss_sentences(GnssFix(0.0, lat_deg, lon_deg, 5)), 0.0)
-    fix, = decoder.flush(0.0)
+    (fix,) = decoder.flush(0.0)
     assert not decoder.counts.rejected
-    assert (fix.lat_deg, fix.lon_deg) == (pytest.approx(lat_deg, abs=2e-9), pytest.approx(lon_deg, abs=2e-9))
+    assert (fix.lat_deg, fix.lon_deg) == (
+        pytest.approx(lat_deg, abs=2e-9),
+        pytest.approx(lon_deg, abs=2e-9),
+    )
 
 
 def test_a_plant_without_a_fix_gives_no_position():
@@ -292,9 +376,16 @@ def test_the_same_ends_on_tcp(clock, fake_plant):
     """The real cab on real sockets against the listening virtual machine."""
     ends = [ListeningPort("127.0.0.1", 0, clock) for _ in range(3)]
     machine = VirtualMachine(fake_plant, ends[0], [ends[1]], ends[2], clock(), multiplexed=True)
-    cab = Cab(CabConfig.model_validate({
-        "gnss": {"port": ends[0].name}, "heads": {"ports": [ends[1].name], "multiplexed": True},
-        "board": {"port": ends[2].name}}), clock)
+    cab = Cab(
+        CabConfig.model_validate(
+            {
+                "gnss": {"port": ends[0].name},
+                "heads": {"ports": [ends[1].name], "multiplexed": True},
+                "board": {"port": ends[2].name},
+            }
+        ),
+        clock,
+    )
     try:
         deadline = time.monotonic() + 30.0
         while True:
@@ -311,7 +402,9 @@ def test_the_same_ends_on_tcp(clock, fake_plant):
         machine.close()
 
 
-# --- The simulated machine of `control.simulation` behind the bytes: what the cab measures is what the plant ... -----
+# --- The simulated machine of `control.simulation` behind the bytes: what the cab measures is
+# what the plant ... -----
+
 
 def test_thirty_seconds_of_the_real_plant(clock):
     plant = Plant(Machine(), Job(), seed=3)
@@ -332,10 +425,12 @@ def test_thirty_seconds_of_the_real_plant(clock):
         if last.gnss is not None and tick > 5:
             assert m.gnss.time_s == clock.now_s, "no tick of latency"
             assert m.gnss._replace(time_s=0) == last.gnss._replace(
-                time_s=0, lat_deg=pytest.approx(last.gnss.lat_deg, abs=2e-9),
+                time_s=0,
+                lat_deg=pytest.approx(last.gnss.lat_deg, abs=2e-9),
                 lon_deg=pytest.approx(last.gnss.lon_deg, abs=2e-9),
                 speed_mps=pytest.approx(last.gnss.speed_mps, abs=3e-4),
-                heading_deg=pytest.approx(last.gnss.heading_deg, abs=6e-4))
+                heading_deg=pytest.approx(last.gnss.heading_deg, abs=6e-4),
+            )
         if last.ndvi is not None:
             assert [reading.value for reading in m.ndvi] == pytest.approx(last.ndvi, abs=6e-4)
         if tick > 300:

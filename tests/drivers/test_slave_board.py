@@ -1,4 +1,5 @@
 """The slave board's line protocol, both directions, and what is never sent."""
+
 from __future__ import annotations
 
 import math
@@ -21,8 +22,22 @@ STATUS = "S1,{seq},41,1000000,8,990000,69.900,24.980,250.050,13.480,1.500,-0.250
 
 
 def status(seq: int, /, **changes: str) -> str:
-    names = ("name", "seq", "echo", "micros", "pulses", "pulse_micros", "shaft", "opening", "hopper", "supply", "pitch",
-             "roll", "switch", "flags")
+    names = (
+        "name",
+        "seq",
+        "echo",
+        "micros",
+        "pulses",
+        "pulse_micros",
+        "shaft",
+        "opening",
+        "hopper",
+        "supply",
+        "pitch",
+        "roll",
+        "switch",
+        "flags",
+    )
     fields = dict(zip(names, STATUS.format(seq=seq).split(","), strict=True)) | changes
     return ",".join(fields.values())
 
@@ -33,65 +48,101 @@ def test_crc_is_the_published_one():
 
 def test_frames_are_written_as_the_protocol_page_shows_them(board_line):
     assert encode_command(CommandFrame(41, 70.0, 25.0, True)) == board_line("T1,41,70.000,25.000,1")
-    sensed = SensorReadings(1.0, None, 0.0, 8, None, 69.9, 24.98, 250.05, 13.48, 1.5, -0.25, True, 0.99)
-    assert VirtualBoard(25.0, lambda: None).status(sensed, 0.0) == board_line(status(0, echo="0", flags="0"))
-    bare = sensed._replace(hopper_kg=math.nan, work_switch=None, valves_open=(True, False, True), shaft_effort=41.5)
+    sensed = SensorReadings(
+        1.0, None, 0.0, 8, None, 69.9, 24.98, 250.05, 13.48, 1.5, -0.25, True, 0.99
+    )
+    assert VirtualBoard(25.0, lambda: None).status(sensed, 0.0) == board_line(
+        status(0, echo="0", flags="0")
+    )
+    bare = sensed._replace(
+        hopper_kg=math.nan, work_switch=None, valves_open=(True, False, True), shaft_effort=41.5
+    )
     assert VirtualBoard(25.0, lambda: None).status(bare, 0.0) == board_line(
-        status(0, name="S3", echo="0", hopper="", switch="", flags="0") + ",5,41.500,")
+        status(0, name="S3", echo="0", hopper="", switch="", flags="0") + ",5,41.500,"
+    )
 
 
 def test_a_status_line_becomes_readings(board_line):
-    readings, = SlaveBoard().feed(board_line(status(7)), 5.0)
-    assert (readings.shaft_rpm, readings.opening_mm, readings.hopper_kg) == ((69.9, 5.0), (24.98, 5.0), (250.05, 5.0))
-    assert (readings.supply_v, readings.pitch_deg, readings.roll_deg) == ((13.48, 5.0), (1.5, 5.0), (-0.25, 5.0))
+    (readings,) = SlaveBoard().feed(board_line(status(7)), 5.0)
+    assert (readings.shaft_rpm, readings.opening_mm, readings.hopper_kg) == (
+        (69.9, 5.0),
+        (24.98, 5.0),
+        (250.05, 5.0),
+    )
+    assert (readings.supply_v, readings.pitch_deg, readings.roll_deg) == (
+        (13.48, 5.0),
+        (1.5, 5.0),
+        (-0.25, 5.0),
+    )
     assert (readings.work_switch, readings.echo, readings.enabled) == (True, 41, True)
     assert not readings.heartbeat_lost and not readings.driver_fault
 
 
 def test_what_is_not_fitted_is_none(board_line):
-    readings, = SlaveBoard().feed(board_line(status(7, hopper="", supply="", pitch="", roll="", switch="")), 5.0)
+    (readings,) = SlaveBoard().feed(
+        board_line(status(7, hopper="", supply="", pitch="", roll="", switch="")), 5.0
+    )
     optional = ("hopper_kg", "supply_v", "pitch_deg", "roll_deg", "work_switch")
     assert [getattr(readings, name) for name in optional] == [None] * 5
 
 
-@pytest.mark.parametrize(("fields", "found"), [
-    (",,41.500,", (None, 41.5, None)), (",5,41.500,0.750", (5, 41.5, 0.75)), (",0,,0.750", (0, None, 0.75))])
+@pytest.mark.parametrize(
+    ("fields", "found"),
+    [
+        (",,41.500,", (None, 41.5, None)),
+        (",5,41.500,0.750", (5, 41.5, 0.75)),
+        (",0,,0.750", (0, None, 0.75)),
+    ],
+)
 def test_how_hard_the_drives_work_is_told_by_a_board_that_measures_it(board_line, fields, found):
     names = ("valves_open", "shaft_effort", "gate_effort")
     line = board_line(status(7, name="S3") + fields)
     frame = decode_status(line[1:].strip())
     assert tuple(getattr(frame, name) for name in names) == found
-    readings, = SlaveBoard().feed(line, 5.0)
+    (readings,) = SlaveBoard().feed(line, 5.0)
     assert (readings.shaft_effort, readings.gate_effort) == tuple(
-        None if value is None else (value, 5.0) for value in found[1:])
+        None if value is None else (value, 5.0) for value in found[1:]
+    )
     assert SlaveBoard().feed(board_line(status(8, name="S3") + ",,1000.5,"), 5.0) == []
 
 
 def test_how_the_valves_stand_is_told_by_a_board_that_knows(board_line):
     board = SlaveBoard()
-    readings, = board.feed(board_line(status(7, name="S2") + ",5"), 5.0)
+    (readings,) = board.feed(board_line(status(7, name="S2") + ",5"), 5.0)
     assert readings.valves.time_s == 5.0 and readings.valves.open[:4] == (True, False, True, False)
     assert board.feed(board_line(status(8, name="S2") + ",65536"), 5.05) == []
     assert board.feed(board_line(status(8, name="S2")), 5.05) == []
     assert dict(board.counts.rejected) == {"out_of_range": 1, "wrong_length": 1}
-    readings, = board.feed(board_line(status(9)), 5.1)
+    (readings,) = board.feed(board_line(status(9)), 5.1)
     assert readings.valves is None
 
 
 def test_flags(board_line):
-    readings, = SlaveBoard().feed(board_line(status(7, flags="6")), 5.0)
+    (readings,) = SlaveBoard().feed(board_line(status(7, flags="6")), 5.0)
     assert (readings.enabled, readings.heartbeat_lost, readings.driver_fault) == (False, True, True)
 
 
-@pytest.mark.parametrize(("payload", "kind"), [
-    (status(8, shaft="401"), "out_of_range"), (status(8, opening="-11"), "out_of_range"),
-    (status(8, hopper="6000"), "out_of_range"), (status(8, supply="61"), "out_of_range"),
-    (status(8, switch="2"), "out_of_range"), (status(8, flags="256"), "out_of_range"),
-    (status(8, micros="4294967296"), "out_of_range"), (status(8, shaft=""), "not_a_number"),
-    (status(8, shaft="nan"), "not_a_number"), (status(8, shaft="1e1"), "not_a_number"),
-    (status(8, seq="-1"), "not_a_number"), (status(8, flags="1,1"), "wrong_length"), ("S1,8", "wrong_length"),
-    (status(8, name="S4"), "unknown_frame"), (status(7), "repeated_sequence"), (status(3), "repeated_sequence"),
-])
+@pytest.mark.parametrize(
+    ("payload", "kind"),
+    [
+        (status(8, shaft="401"), "out_of_range"),
+        (status(8, opening="-11"), "out_of_range"),
+        (status(8, hopper="6000"), "out_of_range"),
+        (status(8, supply="61"), "out_of_range"),
+        (status(8, switch="2"), "out_of_range"),
+        (status(8, flags="256"), "out_of_range"),
+        (status(8, micros="4294967296"), "out_of_range"),
+        (status(8, shaft=""), "not_a_number"),
+        (status(8, shaft="nan"), "not_a_number"),
+        (status(8, shaft="1e1"), "not_a_number"),
+        (status(8, seq="-1"), "not_a_number"),
+        (status(8, flags="1,1"), "wrong_length"),
+        ("S1,8", "wrong_length"),
+        (status(8, name="S4"), "unknown_frame"),
+        (status(7), "repeated_sequence"),
+        (status(3), "repeated_sequence"),
+    ],
+)
 def test_wrong_frames_are_rejected_and_named(board_line, payload, kind):
     board = SlaveBoard()
     board.feed(board_line(status(7)), 5.0)
@@ -102,14 +153,23 @@ def test_wrong_frames_are_rejected_and_named(board_line, payload, kind):
 def test_crc_missing_wrong_and_cut_lines(board_line):
     board = SlaveBoard()
     line = board_line(status(7))
-    board.feed(line.replace(b"69.9", b"59.9") + line.partition(b"*")[0] + b"\r\n" + b"noise" + line[:30] + line, 5.0)
+    board.feed(
+        line.replace(b"69.9", b"59.9")
+        + line.partition(b"*")[0]
+        + b"\r\n"
+        + b"noise"
+        + line[:30]
+        + line,
+        5.0,
+    )
     assert board.counts.rejected == {"bad_crc": 1, "missing_crc": 2, "garbage": 1}
     assert board.counts.accepted == 1
 
 
 @pytest.mark.parametrize(("numbers", "missed"), [((65533, 65535, 2), 3), ((500, 0, 1), 0)])
 def test_missed_status_lines_are_counted_over_the_wrap_and_a_restarted_board_is_heard_at_once(
-        board_line, numbers, missed):
+    board_line, numbers, missed
+):
     board = SlaveBoard()
     for seq in numbers:
         board.feed(board_line(status(seq)), 5.0)
@@ -161,16 +221,23 @@ def test_valves_of_sections_go_in_a_frame_of_their_own_and_close_with_the_drives
     assert SlaveBoard().command(DriveCommand(70.0, 25.0), True).startswith(b"$T1,")
 
 
-@pytest.mark.parametrize(("payload", "kind"), [
-    ("T2,5,70.0,25.0,1", "wrong_length"), ("T2,5,70.0,25.0,1,65536", "out_of_range"),
-    ("T2,5,70.0,25.0,1,x", "not_a_number"), ("T1,5,70.0,25.0,1,3", "wrong_length")])
+@pytest.mark.parametrize(
+    ("payload", "kind"),
+    [
+        ("T2,5,70.0,25.0,1", "wrong_length"),
+        ("T2,5,70.0,25.0,1,65536", "out_of_range"),
+        ("T2,5,70.0,25.0,1,x", "not_a_number"),
+        ("T1,5,70.0,25.0,1,3", "wrong_length"),
+    ],
+)
 def test_a_wrong_command_with_valves_changes_nothing(payload: str, kind: str) -> None:
     board = VirtualBoard(25.0)
     board.feed(seal(payload), 0.0)
     assert board.counts.rejected == {kind: 1} and board.set_points(0.0)[0].valves == ()
 
 
-# --- Doses from the loop's command over the cab's bytes to the virtual board, and its reports back -------------------
+# --- Doses from the loop's command over the cab's bytes to the virtual board, and its reports
+# back -------------------
 
 DOSE = DoseOrder(120.0, 99.8)
 STANDING = DriveCommand(0.0, 25.0)
@@ -187,7 +254,9 @@ class Bench:
         self.begun: list[DoseOrder] = []
         self.orders: dict[int, DriveCommand] = {}
 
-    def run(self, ticks: int, enabled: bool = True, doses: dict[int, DoseOrder] | None = None) -> None:
+    def run(
+        self, ticks: int, enabled: bool = True, doses: dict[int, DoseOrder] | None = None
+    ) -> None:
         for tick in range(ticks):
             now_s = self.clock.now_s
             self.cab.measure(now_s)
@@ -250,6 +319,9 @@ def test_a_board_asked_too_much_refuses(bench):
 
 def test_a_dose_of_another_session_is_not_given_and_stops_the_board(bench):
     bench.board.feed(seal("D1,900,1,720.000,99.800"), bench.clock.now_s)
-    assert bench.board.counts.rejected["old_order"] == 1 and not bench.board.set_points(bench.clock.now_s)[1]
+    assert (
+        bench.board.counts.rejected["old_order"] == 1
+        and not bench.board.set_points(bench.clock.now_s)[1]
+    )
     bench.run(3)
     assert bench.begun == [] and bench.cab.measure(bench.clock.now_s).old_orders

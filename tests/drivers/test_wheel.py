@@ -1,4 +1,5 @@
 """Wheel speed from pulses and the board's clock."""
+
 from __future__ import annotations
 
 from typing import Any
@@ -19,15 +20,26 @@ from drivers.devices.wheel import WheelGeometry, WheelSpeed
 WAY_M = 0.15625
 
 
-def drive(wheel: WheelSpeed, speed_mps: float, seconds: float, start_us: int = 1_000_000, pulses: int = 1,
-          status_hz: int = 20) -> list[float | None]:
-    """Exact pulses at a constant speed, told at the status rate; the first one falls at `start_us`."""
+def drive(
+    wheel: WheelSpeed,
+    speed_mps: float,
+    seconds: float,
+    start_us: int = 1_000_000,
+    pulses: int = 1,
+    status_hz: int = 20,
+) -> list[float | None]:
+    """Exact pulses at a constant speed, told at the status rate; the first one falls at
+    `start_us`."""
     found = []
     for tick in range(int(seconds * status_hz)):
         now_s = tick / status_hz
         done = int(now_s * speed_mps / WAY_M + 1e-9)
         at_us = start_us + round(done * WAY_M / speed_mps * 1e6) if speed_mps else start_us
-        found.append(wheel.update((start_us + round(now_s * 1e6)) % 2**32, (pulses + done) % 2**32, at_us % 2**32))
+        found.append(
+            wheel.update(
+                (start_us + round(now_s * 1e6)) % 2**32, (pulses + done) % 2**32, at_us % 2**32
+            )
+        )
     return found
 
 
@@ -43,14 +55,21 @@ def test_circumference_and_pulses_per_turn_count():
 
 def test_no_pulse_for_eight_tenths_of_a_second_is_standstill_and_the_speed_falls_before():
     wheel = WheelSpeed(WheelGeometry())
-    drive(wheel, 1.25, 2.0)                                     # last pulse: number 16, at 2.875 s
+    drive(wheel, 1.25, 2.0)  # last pulse: number 16, at 2.875 s
     after = [wheel.update(2_875_000 + ms * 1000, 16, 2_875_000) for ms in (100, 200, 400, 799, 800)]
-    assert after == [pytest.approx(1.25), pytest.approx(WAY_M / 0.2), pytest.approx(WAY_M / 0.4),
-                     pytest.approx(WAY_M / 0.799), 0.0]
+    assert after == [
+        pytest.approx(1.25),
+        pytest.approx(WAY_M / 0.2),
+        pytest.approx(WAY_M / 0.4),
+        pytest.approx(WAY_M / 0.799),
+        0.0,
+    ]
 
 
 def test_both_counters_wrap():
-    found = drive(WheelSpeed(WheelGeometry()), 1.25, 4.0, start_us=2**32 - 2_000_000, pulses=2**32 - 5)
+    found = drive(
+        WheelSpeed(WheelGeometry()), 1.25, 4.0, start_us=2**32 - 2_000_000, pulses=2**32 - 5
+    )
     assert found[20:] == [pytest.approx(1.25, rel=1e-4)] * 60
 
 
@@ -72,7 +91,8 @@ def test_a_wheel_that_never_turned_stands():
     assert WheelSpeed(WheelGeometry()).update(100_000, 0, 0) == 0.0
 
 
-# --- Told speeds in bytes: what is taken, what is refused and counted, and the way from a cab's port to control ------
+# --- Told speeds in bytes: what is taken, what is refused and counted, and the way from a cab's
+# port to control ------
 
 PLAN = SpeedPlan(3.0, ((0.0, 1.25), (1.2, 2.0)), 0.5)
 
@@ -86,17 +106,25 @@ def test_a_plan_comes_through_in_any_pieces() -> None:
         decoder, found = TractorSpeedDecoder(), []
         data = sentence(PLAN) * 3
         for k in range(0, len(data), size):
-            found += decoder.feed(data[k:k + size], 3.0)
+            found += decoder.feed(data[k : k + size], 3.0)
         assert [one.points[1] for one in found] == [pytest.approx((1.2, 2.0))] * 3
         assert decoder.counts.accepted == decoder.counts.read == 3
 
 
-@pytest.mark.parametrize(("line", "kind"), [
-    (b"$PTDSP,0.50,0.0,4.5*00\r\n", "bad_checksum"), (b"nonsense\r\n", "garbage"),
-    (framed(b"PTDSP,0.50,0.0"), "wrong_fields"), (framed(b"PTDSP,0.50,0.0,nan"), "wrong_fields"),
-    (framed(b"PTDSP,0.50,0.0,1e9"), "wrong_fields"), (framed(b"PTDSP,0.50,1.0,4.5"), "impossible_value"),
-    (framed(b"PTDSP,0.00,0.0,4.5"), "impossible_value"), (framed(b"PTDSP,0.50,0.0,400"), "impossible_value"),
-    (framed(b"PTDSP,0.50,0.0,4.5,2.0,5,1.0,6"), "impossible_value")])
+@pytest.mark.parametrize(
+    ("line", "kind"),
+    [
+        (b"$PTDSP,0.50,0.0,4.5*00\r\n", "bad_checksum"),
+        (b"nonsense\r\n", "garbage"),
+        (framed(b"PTDSP,0.50,0.0"), "wrong_fields"),
+        (framed(b"PTDSP,0.50,0.0,nan"), "wrong_fields"),
+        (framed(b"PTDSP,0.50,0.0,1e9"), "wrong_fields"),
+        (framed(b"PTDSP,0.50,1.0,4.5"), "impossible_value"),
+        (framed(b"PTDSP,0.00,0.0,4.5"), "impossible_value"),
+        (framed(b"PTDSP,0.50,0.0,400"), "impossible_value"),
+        (framed(b"PTDSP,0.50,0.0,4.5,2.0,5,1.0,6"), "impossible_value"),
+    ],
+)
 def test_what_is_wrong_is_counted_and_told_to_nobody(line: bytes, kind: str) -> None:
     decoder = TractorSpeedDecoder()
     assert decoder.feed(line, 0.0) == []
@@ -130,11 +158,19 @@ class Line:
 
 def test_from_the_cabs_port_to_control() -> None:
     line = Line()
-    cab = Cab(CabConfig.model_validate({"tractor": {"port": "socket://x:1"}}), lambda: 0.0, lambda *_: line)
+    cab = Cab(
+        CabConfig.model_validate({"tractor": {"port": "socket://x:1"}}),
+        lambda: 0.0,
+        lambda *_: line,
+    )
     assert cab.measure(0.0).speed_told is None
     line.waiting = sentence(PLAN)
     told = cab.measure(1.0).speed_told
-    assert told is not None and told.time_s == 1.0 and told.points[0][1] == pytest.approx(1.25, abs=1e-3)
+    assert (
+        told is not None
+        and told.time_s == 1.0
+        and told.points[0][1] == pytest.approx(1.25, abs=1e-3)
+    )
     assert cab.measure(5.0).speed_told == told, "however old: who uses it looks at its time"
 
 
@@ -143,15 +179,39 @@ def test_a_capture_is_decoded() -> None:
     assert counts.accepted == 1 and records[0]["speed_mps_in_1.2_s"] == pytest.approx(2.0)
 
 
-# --- Canopy heads: layouts, ranges, partial first lines, six heads on one line ---------------------------------------
+# --- Canopy heads: layouts, ranges, partial first lines, six heads on one line
+# ---------------------------------------
 
-@pytest.mark.parametrize(("layout", "line", "ndvi", "index_2"), [
-    pytest.param(PROTOCOLS["greenseeker"], b"12.500,7,0.612,0.745,1\r\n", 0.612, 0.745, id="greenseeker: 3rd and 4th"),
-    pytest.param(PROTOCOLS["acs430"], b"0.210,0.655,18.1,27.7,5.8\r\n", 0.655, 0.21, id="crop circle 430: 2nd and 1st"),
-    pytest.param(PROTOCOLS["acs435"], b"0.210,0.655,18.1,27.7,5.8,0,0,0\r\n", 0.655, 0.21, id="435: 2nd and 1st"),
-    pytest.param(HeadFields(fields=3, ndvi=3), b"a,b,0.5\n", 0.5, None, id="own layout")])
+
+@pytest.mark.parametrize(
+    ("layout", "line", "ndvi", "index_2"),
+    [
+        pytest.param(
+            PROTOCOLS["greenseeker"],
+            b"12.500,7,0.612,0.745,1\r\n",
+            0.612,
+            0.745,
+            id="greenseeker: 3rd and 4th",
+        ),
+        pytest.param(
+            PROTOCOLS["acs430"],
+            b"0.210,0.655,18.1,27.7,5.8\r\n",
+            0.655,
+            0.21,
+            id="crop circle 430: 2nd and 1st",
+        ),
+        pytest.param(
+            PROTOCOLS["acs435"],
+            b"0.210,0.655,18.1,27.7,5.8,0,0,0\r\n",
+            0.655,
+            0.21,
+            id="435: 2nd and 1st",
+        ),
+        pytest.param(HeadFields(fields=3, ndvi=3), b"a,b,0.5\n", 0.5, None, id="own layout"),
+    ],
+)
 def test_which_field_is_which(layout, line, ndvi, index_2):
-    sample, = HeadDecoder(layout, head=4).feed(line, 3.5)
+    (sample,) = HeadDecoder(layout, head=4).feed(line, 3.5)
     assert sample == (3.5, 4, ndvi, index_2)
 
 
@@ -159,13 +219,20 @@ def test_rates_and_lengths_of_crop_circle():
     assert (PROTOCOLS["acs430"].baud, PROTOCOLS["acs435"].fields) == (38400, 8)
 
 
-@pytest.mark.parametrize(("line", "kind"), [
-    (b"12.5,7,0.612,0.745", "wrong_field_count"), (b"12.5,7,0.612,0.745,1,9", "wrong_field_count"),
-    (b"12.5,7,,0.745,1", "not_a_number"), (b"12.5,7,nan,0.745,1", "not_a_number"),
-    (b"12.5,7,0.6.2,0.745,1", "not_a_number"), (b"12.5,7,1e-1,0.745,1", "not_a_number"),
-    (b"12.5,7,612,0.745,1", "out_of_range"), (b"12.5,7,-1.01,0.745,1", "out_of_range"),
-    (b"12.5,7,0.5,745,1", "out_of_range"),
-])
+@pytest.mark.parametrize(
+    ("line", "kind"),
+    [
+        (b"12.5,7,0.612,0.745", "wrong_field_count"),
+        (b"12.5,7,0.612,0.745,1,9", "wrong_field_count"),
+        (b"12.5,7,,0.745,1", "not_a_number"),
+        (b"12.5,7,nan,0.745,1", "not_a_number"),
+        (b"12.5,7,0.6.2,0.745,1", "not_a_number"),
+        (b"12.5,7,1e-1,0.745,1", "not_a_number"),
+        (b"12.5,7,612,0.745,1", "out_of_range"),
+        (b"12.5,7,-1.01,0.745,1", "out_of_range"),
+        (b"12.5,7,0.5,745,1", "out_of_range"),
+    ],
+)
 def test_wrong_lines_are_named(line, kind):
     decoder = HeadDecoder(PROTOCOLS["greenseeker"])
     assert decoder.feed(b"1,1,0.5,0.5,1\r\n" + line + b"\r\n", 0.0)[1:] == []
@@ -185,7 +252,9 @@ def test_a_whole_first_line_counts():
 
 def test_multiplexed_lines_keep_their_heads_apart():
     decoder = HeadDecoder(PROTOCOLS["greenseeker"], head=None, heads=6)
-    samples = decoder.feed(b"H1,1,1,0.5,0.5,1\nH6,1,1,0.6,0.5,1\nH7,1,1,0.7,0.5,1\n1,1,0.8,0.5,1\nH2,1,1,0.9\n", 0.0)
+    samples = decoder.feed(
+        b"H1,1,1,0.5,0.5,1\nH6,1,1,0.6,0.5,1\nH7,1,1,0.7,0.5,1\n1,1,0.8,0.5,1\nH2,1,1,0.9\n", 0.0
+    )
     assert [(sample.head, sample.ndvi) for sample in samples] == [(1, 0.5), (6, 0.6)]
     assert decoder.counts.rejected == {"unknown_head": 2, "wrong_field_count": 1}
 

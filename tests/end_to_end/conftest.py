@@ -1,4 +1,6 @@
-"""Benchmarks are programs beside the code; here they are loaded as modules and asked for their figures."""
+"""Benchmarks are programs beside the code; here they are loaded as modules and asked for their
+figures."""
+
 from __future__ import annotations
 
 import importlib.util
@@ -21,10 +23,12 @@ def benchmark_module() -> Callable[[str], ModuleType]:
             assert spec is not None and spec.loader is not None
             module = importlib.util.module_from_spec(spec)
             sys.modules[known] = module
-            sys.path.insert(0, str(ROOT / "benchmarks"))        # where the program itself finds what they share
+            # where the program itself finds what they share
+            sys.path.insert(0, str(ROOT / "benchmarks"))
             try:
                 spec.loader.exec_module(module)
             finally:
                 sys.path.remove(str(ROOT / "benchmarks"))
         return sys.modules[known]
+
     return load

@@ -1,4 +1,6 @@
-"""The power is cut in the middle of work (kill -9 of console and worker); the next start goes on with the job."""
+"""The power is cut in the middle of work (kill -9 of console and worker); the next start goes
+on with the job."""
+
 from __future__ import annotations
 
 import os
@@ -12,7 +14,7 @@ from console.worker import resume
 from drivers.files.run_meta import meta_from_yaml
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="pseudo-terminals")
-WORKED_S = 7.0              # longer than a snapshot is old
+WORKED_S = 7.0  # longer than a snapshot is old
 
 
 @pytest.mark.exam
@@ -43,11 +45,12 @@ def test_kill_of_both_and_the_next_start_goes_on(benchmark_module, tmp_path):
         wait(lambda: watcher.frames, 10.0, "frames", terminal)
         first = watcher.frames[0][1]
         assert first.row.state == "off" and (first.row.shaft_rpm_cmd or 0.0) == 0.0
-        assert first.area_ha == pytest.approx(done.area_ha, rel=0.15)        # the log's last second may be lost
+        # the log's last second may be lost
+        assert first.area_ha == pytest.approx(done.area_ha, rel=0.15)
         assert first.tally.log_before == where.log_path
         meta = meta_from_yaml(Path(later.log_path).with_suffix(".yaml").read_text(encoding="utf-8"))
         assert meta.extra["resumes"] == where.log_path
-        terminal.type("\x1b[21~")                                            # F10: the Job screen
+        terminal.type("\x1b[21~")  # F10: the Job screen
         wait(lambda: terminal.shows("goes on from"), 10.0, "the Job screen", terminal)
         watcher.close()
     finally:

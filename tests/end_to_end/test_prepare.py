@@ -1,4 +1,5 @@
 """What is compiled after installing is all that a first diagnosis would compile."""
+
 from __future__ import annotations
 
 import os
@@ -16,15 +17,19 @@ ROOT = Path(__file__).resolve().parents[2]
 
 def test_the_tests_compile_the_model_first_and_the_console_needs_it_not() -> None:
     text = (ROOT / "Makefile").read_text(encoding="utf-8")
-    needs = {goal: words.split() for goal, words in re.findall(r"^(run|test): (.*)$", text, re.MULTILINE)}
+    needs = {
+        goal: words.split() for goal, words in re.findall(r"^(run|test): (.*)$", text, re.MULTILINE)
+    }
     assert "$(VENV)/.compiled" in needs["test"] and needs["run"] == ["$(VENV)/.program"]
     assert "-m console.prepare" in text
 
 
-def test_without_room_it_says_so_and_the_first_diagnosis_compiles(monkeypatch: pytest.MonkeyPatch,
-                                                                 capsys: pytest.CaptureFixture[str]) -> None:
+def test_without_room_it_says_so_and_the_first_diagnosis_compiles(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     def full() -> None:
         raise OSError(28, "No space left on device")
+
     monkeypatch.setattr(prepare, "prepare", full)
     assert prepare.main() == 1
     said = capsys.readouterr()
@@ -39,8 +44,12 @@ def test_a_first_diagnosis_then_compiles_nothing(tmp_path: Path) -> None:
 
     def kept() -> set[str]:
         return {path.name for path in (tmp_path / "cache").rglob("*.code")}
+
     log = str(tmp_path / "log.csv")
-    for words in (("-m", "console.prepare"), (*prepare.PROGRAM[1:], "simulate", "--seconds", "600", "--out", log)):
+    for words in (
+        ("-m", "console.prepare"),
+        (*prepare.PROGRAM[1:], "simulate", "--seconds", "600", "--out", log),
+    ):
         subprocess.run([sys.executable, *words], env=env, check=True, timeout=600)
     before = kept()
     subprocess.run([*prepare.PROGRAM, "diagnose", log], env=env, check=True, timeout=600)

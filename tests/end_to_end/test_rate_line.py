@@ -1,5 +1,6 @@
-"""A target from another display over a real serial pair (pseudo-terminals): its cable pulled, garbage, far too much,
-and what the ground got. `-s` prints the table."""
+"""A target from another display over a real serial pair (pseudo-terminals): its cable pulled,
+garbage, far too much, and what the ground got. `-s` prints the table."""
+
 from __future__ import annotations
 
 import os
@@ -22,7 +23,10 @@ WANTED_KG_HA, FALLBACK_KG_HA = 200.0, SETUP.crop.fallback_rate_kg_ha
 MOST_KG_HA = SETUP.crop.max_rate_kg_ha
 RAVEN = b"$R,RC,2000,0\r\n"
 TOO_MUCH = target_sentence(1000.0)
-GARBAGE = b"\x00\xff$R,RC,20a0\r\n$PTDRT,950.0*00\r\n$R,RC,99999999\r\n$R,RC,-200\r\n\x80\x80$PTDRT,nan*11\r\n"
+GARBAGE = (
+    b"\x00\xff$R,RC,20a0\r\n$PTDRT,950.0*00\r\n$R,RC,99999999\r\n"
+    b"$R,RC,-200\r\n\x80\x80$PTDRT,nan*11\r\n"
+)
 
 
 class Display:
@@ -55,9 +59,14 @@ class Metering:
     def __init__(self, folder: Path) -> None:
         self.display = Display(folder / "display")
         self.now_s = 0.0
-        self.cab = Cab(CabConfig.model_validate({"rate_line": {"port": str(folder / "display")}}), lambda: self.now_s)
+        self.cab = Cab(
+            CabConfig.model_validate({"rate_line": {"port": str(folder / "display")}}),
+            lambda: self.now_s,
+        )
         job = SETUP.job.model_copy(update={"target": Wanted(source=TargetSource.EXTERNAL)})
-        self.closed = Closed(sim={"begin_m": 10.0, "passes": 1, "pass_length_m": 400.0}, target=job.target).start()
+        self.closed = Closed(
+            sim={"begin_m": 10.0, "passes": 1, "pass_length_m": 400.0}, target=job.target
+        ).start()
         self._said = 0
 
     def run(self, seconds: float, data: bytes = b"") -> None:
@@ -88,18 +97,27 @@ class Metering:
 
     def got_kg_ha(self, last_s: float) -> float:
         """What left the outlets, over the ground that passed."""
-        truths = self.closed.truths[-round(last_s / STEP_S):]
-        kg, way_m = sum(t.flow_kg_s for t in truths) * STEP_S, truths[-1].driven_m - truths[0].driven_m
+        truths = self.closed.truths[-round(last_s / STEP_S) :]
+        kg, way_m = (
+            sum(t.flow_kg_s for t in truths) * STEP_S,
+            truths[-1].driven_m - truths[0].driven_m,
+        )
         return 10_000.0 * kg / (SETUP.machine.geometry.working_width_m * way_m)
 
 
-@pytest.mark.parametrize(("what", "data", "pulled", "ground_kg_ha", "source", "alarm"), [
-    ("the display goes on", RAVEN, False, WANTED_KG_HA, "external", None),
-    ("its cable is pulled", b"", True, FALLBACK_KG_HA, "fallback", "target_silent"),
-    ("garbage", GARBAGE, False, FALLBACK_KG_HA, "fallback", "target_silent"),
-    ("1,000 kg/ha", TOO_MUCH, False, MOST_KG_HA, "external", "target_cut"),
-    ("0 kg/ha", target_sentence(0.0), False, 0.0, "external", None)])
-def test_what_the_ground_gets_by_another_display(tmp_path, what, data, pulled, ground_kg_ha, source, alarm):
+@pytest.mark.parametrize(
+    ("what", "data", "pulled", "ground_kg_ha", "source", "alarm"),
+    [
+        ("the display goes on", RAVEN, False, WANTED_KG_HA, "external", None),
+        ("its cable is pulled", b"", True, FALLBACK_KG_HA, "fallback", "target_silent"),
+        ("garbage", GARBAGE, False, FALLBACK_KG_HA, "fallback", "target_silent"),
+        ("1,000 kg/ha", TOO_MUCH, False, MOST_KG_HA, "external", "target_cut"),
+        ("0 kg/ha", target_sentence(0.0), False, 0.0, "external", None),
+    ],
+)
+def test_what_the_ground_gets_by_another_display(
+    tmp_path, what, data, pulled, ground_kg_ha, source, alarm
+):
     it = Metering(tmp_path)
     try:
         it.run(15.0, RAVEN)
@@ -111,8 +129,11 @@ def test_what_the_ground_gets_by_another_display(tmp_path, what, data, pulled, g
         before = it.closed.ticks[-1].row.target_source
         it.run(12.0, data)
         row, alarms = it.closed.ticks[-1].row, {one.id for one in it.closed.ticks[-1].alarms}
-        print(f"{what}: after 1.7 s {before}, then {row.target_source}, {it.got_kg_ha(5.0):.0f} kg/ha, "
-              f"{', '.join(sorted(alarms)) or 'no alarm'}")
+        print(
+            f"{what}: after 1.7 s {before}, then {row.target_source}, "
+            f"{it.got_kg_ha(5.0):.0f} kg/ha, "
+            f"{', '.join(sorted(alarms)) or 'no alarm'}"
+        )
         assert row.target_source == source and before == "external"
         assert it.got_kg_ha(5.0) == pytest.approx(ground_kg_ha, rel=0.02, abs=0.1)
         assert (alarm is None and not alarms) or alarm in alarms
@@ -149,13 +170,22 @@ class Silent:
 def test_record_only_moves_no_drive_and_logs_and_counts_what_another_controller_does(tmp_path):
     """Somebody else's controller spreads 300 kg/ha and tells it; this one listens."""
     lines = {"board": Silent(), "rates": Silent()}
-    config = CabConfig.model_validate({"record_only": True, "board": {"port": "socket://board:1"},
-                                       "rate_line": {"port": "socket://rates:1"}})
+    config = CabConfig.model_validate(
+        {
+            "record_only": True,
+            "board": {"port": "socket://board:1"},
+            "rate_line": {"port": "socket://rates:1"},
+        }
+    )
     cab = Cab(config, lambda: 0.0, lambda url, *_: lines[url.split("/")[2].split(":")[0]])
     target = Wanted(source=TargetSource.MANUAL, manual_rate_kg_ha=300.0)
-    theirs = Closed(sim={"begin_m": 10.0, "passes": 1, "pass_length_m": 400.0}, target=target).start()
+    theirs = Closed(
+        sim={"begin_m": 10.0, "passes": 1, "pass_length_m": 400.0}, target=target
+    ).start()
     ours = control_loop(SETUP.machine, SETUP.crop, SETUP.rule, theirs.job, record_only=True)
-    assert [ours.order(Order(do)).why for do in (Do.READY, Do.START, Do.CALIBRATE)] == ["record_only"] * 3
+    assert [ours.order(Order(do)).why for do in (Do.READY, Do.START, Do.CALIBRATE)] == [
+        "record_only"
+    ] * 3
     rows = []
     for k in range(800):
         row = theirs.tick().row
@@ -163,7 +193,11 @@ def test_record_only_moves_no_drive_and_logs_and_counts_what_another_controller_
             lines["rates"].waiting = b"$R114-,AR,%d\r\n" % round(10.0 * row.applied_rate_kg_ha)
         heard = cab.measure(row.time_s)
         m = theirs._measuring._now
-        tick = ours.tick(m._replace(rate_applied=heard.rate_applied, shaft_rpm=None, opening_mm=None, hopper_kg=None))
+        tick = ours.tick(
+            m._replace(
+                rate_applied=heard.rate_applied, shaft_rpm=None, opening_mm=None, hopper_kg=None
+            )
+        )
         cab.command(row.time_s, tick.command, tick.enabled)
         cab.give_dose(row.time_s, 120.0, 70.0)
         rows.append(tick.row)
@@ -174,16 +208,23 @@ def test_record_only_moves_no_drive_and_logs_and_counts_what_another_controller_
     assert (last.state, last.shaft_rpm_cmd, last.opening_mm_cmd) == (None, None, None)
     assert tick.verdict.why_state == "record_only", "what the console says in place of a state"
     kg, ours_kg = theirs.loop.totals.applied_kg, ours.totals.applied_kg
-    print(f"record only: 0 bytes to the board; {ours.totals.area_ha:.4f} ha and {ours_kg:.2f} kg logged, "
-          f"{theirs.loop.totals.area_ha:.4f} ha and {kg:.2f} kg spread")
+    print(
+        f"record only: 0 bytes to the board; {ours.totals.area_ha:.4f} ha and {ours_kg:.2f} "
+        "kg logged, "
+        f"{theirs.loop.totals.area_ha:.4f} ha and {kg:.2f} kg spread"
+    )
     assert ours_kg == pytest.approx(kg, rel=0.02) and ours.totals.covered_ha == pytest.approx(
-        theirs.loop.totals.covered_ha, rel=0.1)
+        theirs.loop.totals.covered_ha, rel=0.1
+    )
     assert not any(row.alarms and "shaft_turns" in row.alarms for row in rows)
 
 
 def test_a_raven_target_counts_once_it_came_twice_and_no_spoilt_line_is_one():
     decoder = RateLineDecoder()
-    said = [one.rate_kg_ha for one in decoder.feed(b"$R,RC,2000\r\n$R,RC,9000\r\n$R,RC,2000\r\n$R,RC,2000\r\n", 1.0)]
+    said = [
+        one.rate_kg_ha
+        for one in decoder.feed(b"$R,RC,2000\r\n$R,RC,9000\r\n$R,RC,2000\r\n$R,RC,2000\r\n", 1.0)
+    ]
     assert said == [200.0] and decoder.counts.ignored["said_once"] == 3
     assert [one.rate_kg_ha for one in decoder.feed(target_sentence(130.0), 2.0)] == [130.0]
     assert decoder.feed(GARBAGE, 3.0) == [] and sum(decoder.counts.rejected.values()) == 5

@@ -1,4 +1,5 @@
 """The real program by its entry point, in a pseudo-terminal, with folders of its own."""
+
 from __future__ import annotations
 
 import os
@@ -16,21 +17,30 @@ pytestmark = pytest.mark.skipif(os.name != "posix", reason="pseudo-terminals")
 
 @pytest.mark.parametrize("extras", ["with", "without"])
 def test_a_morning_at_the_console(benchmark_module, tmp_path, monkeypatch, extras):
-    """Starts, ready, start, numbers move, strategy, hold, stop, quit; then the log is opened. Without extras: console
-    and worker have none of their packages."""
+    """Starts, ready, start, numbers move, strategy, hold, stop, quit; then the log is opened.
+    Without extras: console and worker have none of their packages."""
     if extras == "without":
         modules = sorted({module for _, of in EXTRAS.values() for module in of})
-        (tmp_path / "sitecustomize.py").write_text(f"import sys\nsys.modules.update(dict.fromkeys({modules}))\n")
+        (tmp_path / "sitecustomize.py").write_text(
+            f"import sys\nsys.modules.update(dict.fromkeys({modules}))\n"
+        )
         monkeypatch.setenv("PYTHONPATH", os.pathsep.join((str(tmp_path), str(ROOT))))
     deaths = benchmark_module("console_deaths")
     console = deaths.Console(tmp_path)
     wait, terminal = deaths.wait, console.terminal
     try:
         where = console.where()
-        assert Path(where.log_path).is_relative_to(tmp_path), "a developer's own runs are left alone"
+        assert Path(where.log_path).is_relative_to(tmp_path), (
+            "a developer's own runs are left alone"
+        )
         watcher = deaths.Watcher(where)
         if extras == "without":
-            wait(lambda: terminal.shows("The model check is off"), 20.0, "what is not there", terminal)
+            wait(
+                lambda: terminal.shows("The model check is off"),
+                20.0,
+                "what is not there",
+                terminal,
+            )
         wait(lambda: watcher.frames and terminal.shows("NDVI 0."), 20.0, "the Run screen", terminal)
 
         def row():
@@ -46,7 +56,9 @@ def test_a_morning_at_the_console(benchmark_module, tmp_path, monkeypatch, extra
         wait(lambda: watcher.frames[-1][1].applied_kg > 0.05, 20.0, "kilograms", terminal)
         before = terminal.text()
         time.sleep(1.0)
-        changed = sum(a != b for a, b in zip(before.split("\n"), terminal.text().split("\n"), strict=True))
+        changed = sum(
+            a != b for a, b in zip(before.split("\n"), terminal.text().split("\n"), strict=True)
+        )
         assert changed >= 3, terminal.text()
 
         press("t", lambda: terminal.shows("Strategy"), "the question")
@@ -66,8 +78,13 @@ def test_a_morning_at_the_console(benchmark_module, tmp_path, monkeypatch, extra
     rows = list(log.rows())
     states = [r.state for k, r in enumerate(rows) if k == 0 or rows[k - 1].state != r.state]
     assert states == ["off", "ready", "working", "held", "off"]
-    orders = [event for r in rows if r.events for event in r.events.split(";")
-              if event.split()[0] in ("ready", "start", "strategy", "hold", "stop")]
+    orders = [
+        event
+        for r in rows
+        if r.events
+        for event in r.events.split(";")
+        if event.split()[0] in ("ready", "start", "strategy", "hold", "stop")
+    ]
     assert orders[:5] == ["ready", "start", "strategy speed_first", "hold", "stop"], orders
     assert set(orders[5:]) <= {"stop"}, "the worker stops once more as it ends"
     assert {r.strategy for r in rows} == {"opening_first", "speed_first"}
@@ -77,13 +94,14 @@ def test_a_morning_at_the_console(benchmark_module, tmp_path, monkeypatch, extra
 
 
 GUIDE = ROOT / "docs" / "guides" / "first-day.md"
-TYPED = {"Space": " ", "Esc": "\x1b", "F3": "\x1bOR", "F10": "\x1b[21~"}         # as xterm sends them
+# as xterm sends them
+TYPED = {"Space": " ", "Esc": "\x1b", "F3": "\x1bOR", "F10": "\x1b[21~"}
 
 
 def test_the_keys_of_the_operators_first_day(benchmark_module, tmp_path):
     """The first table of the guide: each key typed, and the screen says what the table says."""
     text = GUIDE.read_text(encoding="utf-8")
-    table = text[text.index("| key |"):].split("\n\n")[0].splitlines()[2:]
+    table = text[text.index("| key |") :].split("\n\n")[0].splitlines()[2:]
     rows = [[cell.strip(" `") for cell in row.split("|")[1:4]] for row in table]
     assert len(rows) == 9
     deaths = benchmark_module("console_deaths")
@@ -93,7 +111,9 @@ def test_the_keys_of_the_operators_first_day(benchmark_module, tmp_path):
         deaths.wait(lambda: terminal.shows("NDVI 0."), 20.0, "the Run screen", terminal)
         for key, _, words in rows:
             terminal.type(TYPED.get(key, key.lower()))
-            deaths.wait(lambda words=words: terminal.shows(words), 10.0, f"{words} after {key}", terminal)
+            deaths.wait(
+                lambda words=words: terminal.shows(words), 10.0, f"{words} after {key}", terminal
+            )
     finally:
         terminal.end()
         console.end_worker()

@@ -1,4 +1,6 @@
-"""Which experiments are taken: those that settle most pairs of rivals a minute, of equal ones the clearest."""
+"""Which experiments are taken: those that settle most pairs of rivals a minute, of equal ones
+the clearest."""
+
 from __future__ import annotations
 
 import numpy as np
@@ -17,20 +19,25 @@ def test_of_equal_experiments_the_one_that_sets_rivals_furthest_apart() -> None:
 
 
 def test_the_shortest_run_that_separates_is_taken() -> None:
-    """Before, a run of twenty minutes was planned where it was half as clear again as one of ten."""
+    """Before, a run of twenty minutes was planned where it was half as clear again as one of
+    ten."""
     assert chosen(np.array([[4.0, 8.0]]), (10.0, 20.0), APART_SD, 1).tests == (0,)
 
 
 def test_most_pairs_a_minute_first_and_what_stays_open_is_said() -> None:
     apart = np.array([[9.0, 9.0, 0.0], [0.0, 9.0, 0.0], [0.0, 0.0, 9.0], [0.0, 1.0, 2.0]])
     found = chosen(apart, (10.0, 15.0, 10.0), APART_SD, 3)
-    assert found.tests == (1, 2) and found.settled.tolist() == [True, True, True, False] and found.apart_sd == 9.0
+    assert (
+        found.tests == (1, 2)
+        and found.settled.tolist() == [True, True, True, False]
+        and found.apart_sd == 9.0
+    )
     assert chosen(apart[3:], (10.0, 15.0, 10.0), APART_SD, 3) == ((), found.settled[3:], None)
 
 
 def test_rivals_that_far_apart_are_told_apart_by_nine_measurements_in_ten() -> None:
     seen = np.random.default_rng(1).normal(APART_SD, 1.0, 200_000)
-    assert abs(np.mean((seen > 0.0) & (0.5 * seen ** 2 > SAID)) - 0.9) < 0.005
+    assert abs(np.mean((seen > 0.0) & (0.5 * seen**2 > SAID)) - 0.9) < 0.005
 
 
 def test_both_kinds_have_one_shape_and_ids_of_their_own() -> None:

@@ -1,4 +1,6 @@
-"""The report of a job: its figures are the log's, its pictures are inside, and `topdress map` writes it."""
+"""The report of a job: its figures are the log's, its pictures are inside, and `topdress map`
+writes it."""
+
 from __future__ import annotations
 
 import csv
@@ -23,10 +25,14 @@ pytest.importorskip("matplotlib", reason="matplotlib is not installed")
 
 def test_the_page_tells_the_logs_sums(applied: AsApplied) -> None:
     from console.reports.job_page import job_page
+
     page = job_page(applied, "topdress test")
     t = applied.totals
     assert f"{t.applied_kg:.2f} kg" in page and f"{t.area_ha:.4f} ha" in page
-    assert f"{t.covered_ha:.4f} ha, each place once; 0.0000 ha passed over again" in page and "doses" not in page
+    assert (
+        f"{t.covered_ha:.4f} ha, each place once; 0.0000 ha passed over again" in page
+        and "doses" not in page
+    )
     assert f"{t.applied_n_kg:.2f} kg (46.0 % of the product)" in page
     assert page.count("<svg") == 2 and "2026-03-07 23:59 UTC" in page
     assert "within 2 %" in page
@@ -35,10 +41,13 @@ def test_the_page_tells_the_logs_sums(applied: AsApplied) -> None:
 def test_a_map_says_where_the_drives_effort_rose(known_log: RunLog, tmp_path: Path) -> None:
     """A machine file 20 % off all along says nothing; 3 m of clods at 20 s do."""
     from console.reports.job_page import effort_rise, job_page
+
     machine = load("huanghai", MACHINE).model
     own = 8.0 + 0.6 * 70.0 + 0.06 * 5.5 * 20.0
-    with known_log.path.open(encoding="utf-8", newline="") as text, (tmp_path / "effort.csv").open(
-            "w", encoding="utf-8", newline="") as out:
+    with (
+        known_log.path.open(encoding="utf-8", newline="") as text,
+        (tmp_path / "effort.csv").open("w", encoding="utf-8", newline="") as out,
+    ):
         rows = csv.DictReader(text)
         written = csv.DictWriter(out, rows.fieldnames or ())
         written.writeheader()
@@ -47,31 +56,43 @@ def test_a_map_says_where_the_drives_effort_rose(known_log: RunLog, tmp_path: Pa
             written.writerow(one | {"shaft_effort": f"{own * (1.8 if clods else 1.2):.3f}"})
     applied = as_applied(read_log(tmp_path / "effort.csv"), machine, SpreadProduct("urea", 0.46))
     rise, s = effort_rise(applied), applied.stretches
-    assert np.nanmax(rise) == pytest.approx(60.0, abs=2.0) and np.nanmedian(rise) == pytest.approx(0.0, abs=0.1)
+    assert np.nanmax(rise) == pytest.approx(60.0, abs=2.0) and np.nanmedian(rise) == pytest.approx(
+        0.0, abs=0.1
+    )
     assert s.time_s[rise > 10.0].min() > 19.9 and s.time_s[rise > 10.0].max() < 22.6
     page = job_page(applied, "topdress test")
-    assert page.count("<svg") == 3 and "How hard the metering drive worked" in page and "hardest</" in page
+    assert (
+        page.count("<svg") == 3
+        and "How hard the metering drive worked" in page
+        and "hardest</" in page
+    )
 
 
 def test_doses_have_a_line_of_their_own(applied: AsApplied) -> None:
     from console.reports.job_page import job_page
+
     point = dataclasses.replace(applied, totals=applied.totals._replace(doses=286, doses_missed=3))
     assert "286, plants missed: 3" in job_page(point, "topdress test")
 
 
 def test_the_error_is_applied_against_target_by_area(applied: AsApplied) -> None:
     from console.reports.job_page import error_percent
+
     error, area = error_percent(applied)
     assert area.sum() == pytest.approx(10_000 * applied.totals.area_ha)
     assert float((error * area).sum() / area.sum()) == pytest.approx(0.0, abs=0.2)
-    doubled = dataclasses.replace(applied, stretches=applied.stretches._replace(
-        applied_kg_ha=2.0 * applied.stretches.target_kg_ha))
+    doubled = dataclasses.replace(
+        applied,
+        stretches=applied.stretches._replace(applied_kg_ha=2.0 * applied.stretches.target_kg_ha),
+    )
     assert error_percent(doubled)[0] == pytest.approx(np.full(len(error), 100.0))
 
 
 def test_shares_of_the_area_by_how_far_it_is_off(applied: AsApplied) -> None:
-    """A quarter of the area 1 % off, a quarter 4 %, a quarter 15 % too little, the rest twice what was wanted."""
+    """A quarter of the area 1 % off, a quarter 4 %, a quarter 15 % too little, the rest twice
+    what was wanted."""
     from console.reports.job_page import error_words
+
     s = applied.stretches
     known = np.flatnonzero(np.isfinite(s.target_kg_ha) & (s.target_kg_ha > 0.0))
     off = np.full(s.time_s.size, 1.0)
@@ -80,8 +101,11 @@ def test_shares_of_the_area_by_how_far_it_is_off(applied: AsApplied) -> None:
     area = np.zeros_like(off)
     for some in np.array_split(known, 4):
         area[some] = 100.0 / len(some)
-    words = error_words(dataclasses.replace(applied, stretches=s._replace(
-        applied_kg_ha=off * s.target_kg_ha, area_m2=area)))
+    words = error_words(
+        dataclasses.replace(
+            applied, stretches=s._replace(applied_kg_ha=off * s.target_kg_ha, area_m2=area)
+        )
+    )
     said = re.findall(r"within ([0-9]+) %.*?([0-9.]+) % of the area", words, re.S)
     assert said == [("2", "25.0"), ("5", "50.0"), ("10", "50.0"), ("20", "75.0")]
 
@@ -89,14 +113,27 @@ def test_shares_of_the_area_by_how_far_it_is_off(applied: AsApplied) -> None:
 def test_it_is_a_sheet_to_hand_over(applied: AsApplied, tmp_path: Path) -> None:
     from console.reports.job_about import about_of, happened
     from console.reports.job_page import job_page
+
     states = {0: "off", 2: "working", 6: "held", 8: "working"}
     rows, state = [], "off"
     for k in range(10):
         state = states.get(k, state)
-        rows.append(LogRow(time_s=60.0 * k, state=state, alarms="hopper_low;shaft_silent" if 4 <= k < 6 else
-                           "hopper_low" if k == 3 else "", events="refill 250.0" if k == 7 else ""))
-    job = {"client": "Li <Ming>", "farm": "East", "operator": "", "product": "urea 46-0-0",
-           "field": {"title": "division 2"}, "target": {"source": "map", "map": "C:\\maps\\north.geojson"}}
+        rows.append(
+            LogRow(
+                time_s=60.0 * k,
+                state=state,
+                alarms="hopper_low;shaft_silent" if 4 <= k < 6 else "hopper_low" if k == 3 else "",
+                events="refill 250.0" if k == 7 else "",
+            )
+        )
+    job = {
+        "client": "Li <Ming>",
+        "farm": "East",
+        "operator": "",
+        "product": "urea 46-0-0",
+        "field": {"title": "division 2"},
+        "target": {"source": "map", "map": "C:\\maps\\north.geojson"},
+    }
     path = tmp_path / "log.csv"
     write_log(path, run_meta(None, {"name": "winter wheat"}, job, seed=7), rows)
     told = happened(read_log(path))
@@ -104,10 +141,24 @@ def test_it_is_a_sheet_to_hand_over(applied: AsApplied, tmp_path: Path) -> None:
     assert sorted(told.alarms) == [("hopper_low", 180.0, 360.0), ("shaft_silent", 240.0, 360.0)]
     about = about_of(read_log(path))
     page = job_page(applied, "topdress test", about)
-    for said in ("Li &lt;Ming&gt;", "East", "division 2", "winter wheat", "urea 46-0-0", "north.geojson", "SIMULATED",
-                 "250 kg", "shaft silent", "against the plan", "received by", "<h2>Wanted and applied"):
+    for said in (
+        "Li &lt;Ming&gt;",
+        "East",
+        "division 2",
+        "winter wheat",
+        "urea 46-0-0",
+        "north.geojson",
+        "SIMULATED",
+        "250 kg",
+        "shaft silent",
+        "against the plan",
+        "received by",
+        "<h2>Wanted and applied",
+    ):
         assert said in page, said
-    assert page.count("<svg") == 3 and page.count('class="blank"') == 1, "the operator signs by hand"
+    assert page.count("<svg") == 3 and page.count('class="blank"') == 1, (
+        "the operator signs by hand"
+    )
     assert "SIMULATED" not in job_page(applied, "topdress test")
 
 
@@ -121,8 +172,11 @@ def test_costs_where_the_job_has_a_price(known_log: RunLog, tmp_path: Path) -> N
     done = topdress("map", path, "--out", tmp_path / "r.html")
     assert done.exit_code == 0, done.output
     page = (tmp_path / "r.html").read_text(encoding="utf-8")
-    found = re.search(r"<dt>cost</dt>\s*<dd>([0-9.]+) U&lt;D, ([0-9.]+) U&lt;D/ha, at 0.62 U&lt;D a kilogram; "
-                      r"against the target ([-+\N{MINUS SIGN}]?[0-9.]+) U&lt;D</dd>", page)
+    found = re.search(
+        r"<dt>cost</dt>\s*<dd>([0-9.]+) U&lt;D, ([0-9.]+) U&lt;D/ha, at 0.62 U&lt;D a kilogram; "
+        r"against the target ([-+\N{MINUS SIGN}]?[0-9.]+) U&lt;D</dd>",
+        page,
+    )
     assert found is not None, re.findall(r"<dt>cost.*", page)
     said = topdress("record", path, "--out", tmp_path / "farm.csv")
     assert said.exit_code == 0 and f"{found[1]} U<D" in said.output, said.output
@@ -130,16 +184,24 @@ def test_costs_where_the_job_has_a_price(known_log: RunLog, tmp_path: Path) -> N
     assert (row["cost"], row["currency"], row["price_per_kg"]) == (found[1], "U<D", "0.62")
     assert float(found[1]) == pytest.approx(0.62 * float(row["applied_kg"]), abs=0.01)
     assert float(found[2]) == pytest.approx(0.62 * float(row["applied_kg_ha"]), abs=0.02)
-    free = write_log(tmp_path / "free.csv", dataclasses.replace(meta, job={**priced, "price_per_kg": "dear"}),
-                     list(known_log.rows()))
+    free = write_log(
+        tmp_path / "free.csv",
+        dataclasses.replace(meta, job={**priced, "price_per_kg": "dear"}),
+        list(known_log.rows()),
+    )
     assert topdress("map", free, "--out", tmp_path / "f.html").exit_code == 0
     assert "<dt>cost" not in (tmp_path / "f.html").read_text(encoding="utf-8")
 
 
 def test_a_log_without_a_target_has_a_page_too(applied: AsApplied) -> None:
     from console.reports.job_page import job_page
-    unknown = applied.stretches._replace(target_kg_ha=np.full_like(applied.stretches.time_s, np.nan))
-    assert "No target was logged" in job_page(dataclasses.replace(applied, stretches=unknown), "topdress test")
+
+    unknown = applied.stretches._replace(
+        target_kg_ha=np.full_like(applied.stretches.time_s, np.nan)
+    )
+    assert "No target was logged" in job_page(
+        dataclasses.replace(applied, stretches=unknown), "topdress test"
+    )
 
 
 def test_topdress_map_writes_it_and_every_export(known_log: RunLog, tmp_path: Path) -> None:
@@ -153,19 +215,25 @@ def test_topdress_map_writes_it_and_every_export(known_log: RunLog, tmp_path: Pa
 
 def test_a_name_from_a_file_cannot_write_html(applied: AsApplied) -> None:
     from console.reports.job_page import job_page
+
     page = job_page(dataclasses.replace(applied, title="<script>x</script>"), "topdress test")
     assert "<script>" not in page
 
 
-def test_the_time_line_is_in_minutes_and_the_longest_alarms_come_first(monkeypatch: pytest.MonkeyPatch) -> None:
-    """What a reader measures on the picture: when work, refills and alarms were, and for how long."""
+def test_the_time_line_is_in_minutes_and_the_longest_alarms_come_first(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """What a reader measures on the picture: when work, refills and alarms were, and for how
+    long."""
     from console.reports import job_about
     from console.reports.job_about import MOST_ALARMS, About, AlarmSpan, Happened, time_line
+
     seen = []
 
     def kept(canvas: object, *texts: str) -> str:
-        seen.append(canvas.axes[0])                                                                # type: ignore[attr-defined]
+        seen.append(canvas.axes[0])  # type: ignore[attr-defined]
         return "<svg/>"
+
     monkeypatch.setattr(job_about, "svg", kept)
     alarms = [AlarmSpan(f"alarm_{k}", 600.0, 660.0 + 60.0 * k) for k in range(MOST_ALARMS + 2)]
     alarms.append(AlarmSpan("shaft_silent", 1200.0, 2400.0))
@@ -174,7 +242,11 @@ def test_the_time_line_is_in_minutes_and_the_longest_alarms_come_first(monkeypat
     (axes,) = seen
     spans = [[path.get_extents() for path in one.get_paths()] for one in axes.collections]
     work, *bars = [[(span.x0, span.x1) for span in one] for one in spans]
-    assert work == [(1.0, 50.0)] and bars[0] == [(20.0, 40.0)] and bars[1] == [(10.0, 10.0 + MOST_ALARMS + 2)]
+    assert (
+        work == [(1.0, 50.0)]
+        and bars[0] == [(20.0, 40.0)]
+        and bars[1] == [(10.0, 10.0 + MOST_ALARMS + 2)]
+    )
     assert [line.get_xdata()[0] for line in axes.lines] == [30.0]
     assert [one.get_text() for one in axes.texts] == ["250 kg"]
     names = [one.get_text() for one in axes.get_yticklabels()]

@@ -1,4 +1,6 @@
-"""Task files that we write are valid against the public schema of ISO 11783-10, version 4.3, by xmlschema."""
+"""Task files that we write are valid against the public schema of ISO 11783-10, version 4.3, by
+xmlschema."""
+
 from __future__ import annotations
 
 from dataclasses import replace
@@ -20,7 +22,9 @@ from drivers.files.prescriptions.write import MOST_LEVELS, write_prescription, z
 from tests.places import TASK_FILES
 
 xmlschema = pytest.importorskip("xmlschema", reason="xmlschema is not installed")
-carrier = pytest.importorskip("isoxml_writer", reason="the package that carries the public schema is not installed")
+carrier = pytest.importorskip(
+    "isoxml_writer", reason="the package that carries the public schema is not installed"
+)
 FOLDER = Path(carrier.__file__).parent / "ISOXML_schema"
 
 
@@ -30,30 +34,53 @@ def schema() -> Any:
 
 
 def wrong(schema: Any, folder: Path) -> list[str]:
-    return [f"{error.path}: {error.reason}" for error in schema.iter_errors(str(folder / "TASKDATA.XML"))]
+    return [
+        f"{error.path}: {error.reason}"
+        for error in schema.iter_errors(str(folder / "TASKDATA.XML"))
+    ]
 
 
-def zones(rates: list[float], step_deg: float = 5.1234567890123e-5, wide: float = 1.0) -> tuple[Zone, ...]:
+def zones(
+    rates: list[float], step_deg: float = 5.1234567890123e-5, wide: float = 1.0
+) -> tuple[Zone, ...]:
     """Squares side by side, of `wide` times their distance: above 1 they overlap."""
     west = 119.881234567890123 + step_deg * np.arange(len(rates))
     side = wide * step_deg
-    return tuple(Zone(rate, (np.array([(34.28, w), (34.28, w + side), (34.28 + side, w + side), (34.28 + side, w)]),))
-                 for rate, w in zip(rates, west.tolist(), strict=True))
+    return tuple(
+        Zone(
+            rate,
+            (
+                np.array(
+                    [(34.28, w), (34.28, w + side), (34.28 + side, w + side), (34.28 + side, w)]
+                ),
+            ),
+        )
+        for rate, w in zip(rates, west.tolist(), strict=True)
+    )
 
 
 def test_the_schema_itself_refuses_what_it_should(schema: Any, tmp_path: Path) -> None:
     """Ten decimals, code 255, a name of 33 letters: what is held against it is really held."""
-    head = '<ISO11783_TaskData VersionMajor="4" VersionMinor="3" ManagementSoftwareManufacturer="t" ' \
-           'ManagementSoftwareVersion="1" DataTransferOrigin="1">'
+    head = (
+        '<ISO11783_TaskData VersionMajor="4" VersionMinor="3" ManagementSoftwareManufacturer="t" '
+        'ManagementSoftwareVersion="1" DataTransferOrigin="1">'
+    )
     line = '<LSG A="1"><PNT A="2" C="{lat}" D="1"/></LSG>'
-    for code, name, lat in (("255", "n", "1.0"), ("1", "n" * 33, "1.0"), ("1", "n", "1.0123456789")):
-        (tmp_path / "TASKDATA.XML").write_text(f'{head}<TSK A="TSK1" G="1"><TZN A="{code}" B="{name}"><PLN A="2">'
-                                               f'{line.format(lat=lat)}</PLN></TZN></TSK></ISO11783_TaskData>')
+    for code, name, lat in (
+        ("255", "n", "1.0"),
+        ("1", "n" * 33, "1.0"),
+        ("1", "n", "1.0123456789"),
+    ):
+        (tmp_path / "TASKDATA.XML").write_text(
+            f'{head}<TSK A="TSK1" G="1"><TZN A="{code}" B="{name}"><PLN A="2">'
+            f"{line.format(lat=lat)}</PLN></TZN></TSK></ISO11783_TaskData>"
+        )
         assert len(wrong(schema, tmp_path)) == 1, (code, name, lat)
 
 
 def ground(data: MapData) -> dict[int, float]:
-    """ha by whole mg/m2; nothing wanted counts as ground without a rate, which a grid of numbers cannot tell apart."""
+    """ha by whole mg/m2; nothing wanted counts as ground without a rate, which a grid of
+    numbers cannot tell apart."""
     found: dict[int, float] = {}
     for share in statistics(data):
         steps = round(100.0 * share.rate_kg_ha)
@@ -63,27 +90,49 @@ def ground(data: MapData) -> dict[int, float]:
 
 
 MAPS = {
-    "400 zones of three rates": MapData(zones([100.0, 150.0, 200.25] * 133), title="x" * 60, product="y" * 60),
+    "400 zones of three rates": MapData(
+        zones([100.0, 150.0, 200.25] * 133), title="x" * 60, product="y" * 60
+    ),
     "as many rates as there are codes": MapData(zones([100.0 + k for k in range(MOST_LEVELS)])),
     "overlapping zones": MapData(zones([100.0, 200.0, 100.0, 300.0], wide=1.7)),
-    "a name that XML has no place for": MapData(zones([100.0]), title="a\x00b\x0bc\ufffe", product="\t<&\"'>"),
-    "a grid with gaps": MapData(grid=GridDeg(-34.28123456789012, -119.880000000012, 5e-5, 4.9e-5, np.where(
-        np.eye(16) > 0, np.nan, np.arange(256.0).reshape(16, 16) % 251))),
-    "a grid of 253 rates and gaps": MapData(grid=GridDeg(34.28, 119.88, 5e-5, 5e-5, np.append(
-        np.arange(252.0), [np.nan, 7.0]).reshape(2, 127))),
-    "a grid of many rates": MapData(grid=GridDeg(34.28, 119.88, 5e-5, 5e-5, np.linspace(0, 500, 400).reshape(20, 20)),
-                                    fallbacks=Fallbacks(100.0, 0.0, 50.0)),
-    "a field": MapData(zones([120.0]), fields_deg=((
-        np.array([(34.27, 119.87), (34.301234567890, 119.87), (34.27, 119.92)]),),)),
+    "a name that XML has no place for": MapData(
+        zones([100.0]), title="a\x00b\x0bc\ufffe", product="\t<&\"'>"
+    ),
+    "a grid with gaps": MapData(
+        grid=GridDeg(
+            -34.28123456789012,
+            -119.880000000012,
+            5e-5,
+            4.9e-5,
+            np.where(np.eye(16) > 0, np.nan, np.arange(256.0).reshape(16, 16) % 251),
+        )
+    ),
+    "a grid of 253 rates and gaps": MapData(
+        grid=GridDeg(
+            34.28, 119.88, 5e-5, 5e-5, np.append(np.arange(252.0), [np.nan, 7.0]).reshape(2, 127)
+        )
+    ),
+    "a grid of many rates": MapData(
+        grid=GridDeg(34.28, 119.88, 5e-5, 5e-5, np.linspace(0, 500, 400).reshape(20, 20)),
+        fallbacks=Fallbacks(100.0, 0.0, 50.0),
+    ),
+    "a field": MapData(
+        zones([120.0]),
+        fields_deg=((np.array([(34.27, 119.87), (34.301234567890, 119.87), (34.27, 119.92)]),),),
+    ),
 }
 
 
 @pytest.mark.parametrize("name", list(MAPS))
-def test_prescriptions_are_valid_and_hold_the_same_ground(schema: Any, tmp_path: Path, name: str) -> None:
+def test_prescriptions_are_valid_and_hold_the_same_ground(
+    schema: Any, tmp_path: Path, name: str
+) -> None:
     data = MAPS[name]
     write_prescription(data, tmp_path / "task")
     assert wrong(schema, tmp_path / "task") == []
-    assert ground(read_prescription(tmp_path / "task").data) == pytest.approx(ground(data), rel=1e-4)
+    assert ground(read_prescription(tmp_path / "task").data) == pytest.approx(
+        ground(data), rel=1e-4
+    )
 
 
 def test_where_zones_overlap_the_first_holds_after_merging_too(tmp_path: Path) -> None:
@@ -91,48 +140,89 @@ def test_where_zones_overlap_the_first_holds_after_merging_too(tmp_path: Path) -
     data = MAPS["overlapping zones"]
     write_prescription(data, tmp_path / "task")
     again = read_prescription(tmp_path / "task").data
-    for place in shapely.MultiPoint([(119.88123456 + 1.3e-5 * k, 34.28003) for k in range(20)]).geoms:
-        first, there = (next((zone.rate_kg_ha for zone in one.zones
-                              if shapely.Polygon(zone.rings_deg[0][:, ::-1]).contains(place)), None)
-                        for one in (data, again))
+    for place in shapely.MultiPoint(
+        [(119.88123456 + 1.3e-5 * k, 34.28003) for k in range(20)]
+    ).geoms:
+        first, there = (
+            next(
+                (
+                    zone.rate_kg_ha
+                    for zone in one.zones
+                    if shapely.Polygon(zone.rings_deg[0][:, ::-1]).contains(place)
+                ),
+                None,
+            )
+            for one in (data, again)
+        )
         assert first == there
 
 
 def test_more_rates_than_codes_are_refused(tmp_path: Path) -> None:
     data = MapData(zones([100.0 + k for k in range(MOST_LEVELS + 1)]))
-    with pytest.raises(PrescriptionError, match=r"task: 253 different rates: allowed 252 in a task file of zones"):
+    with pytest.raises(
+        PrescriptionError, match=r"task: 253 different rates: allowed 252 in a task file of zones"
+    ):
         write_prescription(data, tmp_path / "task")
     assert not (tmp_path / "task").exists()
     write_prescription(data, tmp_path / "m.geojson")
 
 
-@settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(rates=st.lists(st.floats(0.0, 2000.0), min_size=1, max_size=40), wide=st.floats(0.2, 2.5),
-       title=st.text(max_size=50), product=st.text(max_size=50), fallback=st.floats(0.0, 500.0))
-def test_any_map_is_valid(schema: Any, tmp_path: Path, rates: list[float], wide: float, title: str, product: str,
-                          fallback: float) -> None:
-    data = MapData(zones(rates, wide=wide), fallbacks=Fallbacks(fallback, 0.0, fallback), title=title, product=product)
+@settings(
+    max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+@given(
+    rates=st.lists(st.floats(0.0, 2000.0), min_size=1, max_size=40),
+    wide=st.floats(0.2, 2.5),
+    title=st.text(max_size=50),
+    product=st.text(max_size=50),
+    fallback=st.floats(0.0, 500.0),
+)
+def test_any_map_is_valid(
+    schema: Any,
+    tmp_path: Path,
+    rates: list[float],
+    wide: float,
+    title: str,
+    product: str,
+    fallback: float,
+) -> None:
+    data = MapData(
+        zones(rates, wide=wide),
+        fallbacks=Fallbacks(fallback, 0.0, fallback),
+        title=title,
+        product=product,
+    )
     write_prescription(data, tmp_path / "task")
     assert wrong(schema, tmp_path / "task") == []
-    write_prescription(MapData(grid=GridDeg(34.28, 119.88, 5.123456789e-5, 5e-5, np.array([rates])), title=title),
-                       tmp_path / "grid")
+    write_prescription(
+        MapData(grid=GridDeg(34.28, 119.88, 5.123456789e-5, 5e-5, np.array([rates])), title=title),
+        tmp_path / "grid",
+    )
     assert wrong(schema, tmp_path / "grid") == []
 
 
 @pytest.mark.parametrize("folder", ["fertilizer_map_1", "grid_type_1", "grid_type_2"])
 def test_real_task_files_written_again_are_valid(schema: Any, tmp_path: Path, folder: str) -> None:
-    data = read_prescription(TASK_FILES / folder, RateChoice(rate_from="presentation", density_kg_l=1.3)).data
+    data = read_prescription(
+        TASK_FILES / folder, RateChoice(rate_from="presentation", density_kg_l=1.3)
+    ).data
     write_prescription(data, tmp_path / "task")
     assert wrong(schema, tmp_path / "task") == []
     assert len(zones_of(read_prescription(tmp_path / "task").data)) == len(zones_of(data))
 
 
-def test_as_applied_is_valid_with_its_time_log(schema: Any, tmp_path: Path, applied: AsApplied) -> None:
+def test_as_applied_is_valid_with_its_time_log(
+    schema: Any, tmp_path: Path, applied: AsApplied
+) -> None:
     odd = replace(applied, title="t" * 50, product=SpreadProduct("p\x01" + "q" * 60, 0.46))
     for number, one in enumerate((applied, odd)):
         write_isoxml(one, tmp_path / str(number))
         assert wrong(schema, tmp_path / str(number)) == []
         log = xmlschema.XMLSchema(str(FOLDER / "ISO11783_TimeLog_V4-3.xsd"))
-        # The element that the log names stands in the task file: one schema for each of two files cannot know it.
-        assert [error.reason for error in log.iter_errors(str(tmp_path / str(number) / "TLG00001.xml"))
-                if "IDREF" not in (error.reason or "")] == []
+        # The element that the log names stands in the task file: one schema for each of two
+        # files cannot know it.
+        assert [
+            error.reason
+            for error in log.iter_errors(str(tmp_path / str(number) / "TLG00001.xml"))
+            if "IDREF" not in (error.reason or "")
+        ] == []

@@ -1,4 +1,5 @@
 """The bitmap under the outlets: nothing counted twice, nothing left out."""
+
 from __future__ import annotations
 
 import datetime as dt
@@ -27,14 +28,21 @@ def straight(coverage, start, heading, metres, step_m=0.0625, flowing=True):
 
 
 @settings(max_examples=30, deadline=None)
-@given(st.floats(0, 360), st.floats(-300, 300), st.floats(-300, 300), st.sampled_from([0.02, 0.0625, 0.5]))
+@given(
+    st.floats(0, 360),
+    st.floats(-300, 300),
+    st.floats(-300, 300),
+    st.sampled_from([0.02, 0.0625, 0.5]),
+)
 @example(0.0, 1.5, 1.5, 0.0625)
 def test_a_pass_is_length_times_width_in_any_direction(heading, east, north, step_m):
     coverage = Coverage(2.4)
     straight(coverage, (east, north), heading, 40.0, step_m)
     exact_m2 = 40.0 * 2.4
     # A row of cells and a column too many where all edges run through middles of cells.
-    assert coverage.covered.area_ha * 1e4 == pytest.approx(exact_m2, abs=0.2 * (40.0 + 2.4 + 0.2) + 1e-6)
+    assert coverage.covered.area_ha * 1e4 == pytest.approx(
+        exact_m2, abs=0.2 * (40.0 + 2.4 + 0.2) + 1e-6
+    )
     assert coverage.covered.overlap_ha == 0.0
     assert coverage.covered.travelled_m == pytest.approx(40.0)
 
@@ -62,7 +70,9 @@ def test_the_same_pass_again_is_overlap_and_no_area():
     straight(coverage, (1.2, 30.0), 180.0, 30.0)
     assert coverage.covered.area_ha * 1e4 == pytest.approx(72.0, rel=1e-6)
     # ground within revisit_m of the turning point was passed over less than that ago
-    assert coverage.covered.overlap_ha * 1e4 == pytest.approx(72.0 - 2.4 * 0.5 * coverage.revisit_m, rel=0.03)
+    assert coverage.covered.overlap_ha * 1e4 == pytest.approx(
+        72.0 - 2.4 * 0.5 * coverage.revisit_m, rel=0.03
+    )
     half = Coverage(2.4)
     straight(half, (1.2, 0.0), 0.0, 60.0)
     straight(half, (2.4, 60.0), 180.0, 60.0)
@@ -76,7 +86,9 @@ def test_a_tight_turn_is_not_its_own_overlap():
         angle = math.radians(degree)
         coverage.lay((5.0 * math.cos(angle), 5.0 * math.sin(angle)), -float(degree), True)
     assert coverage.covered.overlap_ha == 0.0
-    assert coverage.covered.area_ha * 1e4 == pytest.approx(math.pi / 2 * (6.2 ** 2 - 3.8 ** 2), rel=0.01)
+    assert coverage.covered.area_ha * 1e4 == pytest.approx(
+        math.pi / 2 * (6.2**2 - 3.8**2), rel=0.01
+    )
 
 
 def test_only_what_flowed_counts_to_the_last_tick():
@@ -85,7 +97,8 @@ def test_only_what_flowed_counts_to_the_last_tick():
     assert coverage.covered.area_ha == 0.0
     coverage.lay((1.2, 20.0), 0.0, False)
     for k in range(1, 20):
-        coverage.lay((1.2, 20.0 + 0.06 * k), 0.0, True)       # the last tick is less than half a cell after the 18th
+        # the last tick is less than half a cell after the 18th
+        coverage.lay((1.2, 20.0 + 0.06 * k), 0.0, True)
     coverage.lay((1.2, 21.2), 0.0, False)
     assert coverage.covered.area_ha * 1e4 == pytest.approx(6 * 0.2 * 2.4)
 
@@ -94,7 +107,8 @@ def test_already_applied_is_about_earlier_passes():
     coverage = Coverage(2.4)
     straight(coverage, (1.2, 0.0), 0.0, 40.0)
     assert coverage.applied([(1.2, 10.0)])[0]
-    assert not coverage.applied([(1.2, 39.0)])[0]          # just passed over: this pass's own ground
+    # just passed over: this pass's own ground
+    assert not coverage.applied([(1.2, 39.0)])[0]
     assert not coverage.applied([(1.2, 41.0)])[0]
     assert not coverage.applied([(3.6, 10.0)])[0]
     assert not coverage.applied([(-500.0, 900.0)])[0]
@@ -146,15 +160,24 @@ def test_what_an_earlier_run_has_done_is_done_and_done_again_is_overlap(cell_m):
     coverage.seed(earlier.raster())
     assert coverage.covered.area_ha == pytest.approx(earlier.covered.area_ha, rel=0.02)
     assert coverage.covered.overlap_ha == 0.0
-    along = [offset((-31.3, 7.1), 20.0, ahead, aside) for ahead in (1.0, 35.0, 59.0) for aside in (-0.9, 0.0, 0.9)]
-    beside = [offset((-31.3, 7.1), 20.0, ahead, aside) for ahead, aside in ((-1.0, 0.0), (30.0, 1.8), (61.0, 0.0))]
+    along = [
+        offset((-31.3, 7.1), 20.0, ahead, aside)
+        for ahead in (1.0, 35.0, 59.0)
+        for aside in (-0.9, 0.0, 0.9)
+    ]
+    beside = [
+        offset((-31.3, 7.1), 20.0, ahead, aside)
+        for ahead, aside in ((-1.0, 0.0), (30.0, 1.8), (61.0, 0.0))
+    ]
     assert coverage.applied(along).all() and coverage.applied_earlier(along).all()
     assert not coverage.applied(beside).any() and not coverage.applied_earlier(beside).any()
     assert coverage.raster().done.sum() * 0.04 == pytest.approx(144.0, rel=0.03)
     straight(coverage, offset((-31.3, 7.1), 20.0, 20.0), 20.0, 10.0)
     assert coverage.covered.overlap_ha * 1e4 == pytest.approx(24.0, rel=0.06)
     assert coverage.applied_earlier(along).tolist() == [True] * 9
-    assert not coverage.applied_earlier([offset((-31.3, 7.1), 20.0, 25.0)])[0], "now this run has done it"
+    assert not coverage.applied_earlier([offset((-31.3, 7.1), 20.0, 25.0)])[0], (
+        "now this run has done it"
+    )
 
 
 @pytest.mark.parametrize("far_m", [40.0, 1e3, 5e4, 5e6, 1e300, math.inf])
@@ -183,7 +206,9 @@ def test_ground_far_apart_makes_a_picture_of_bounded_size():
     assert done.sum() * 0.04 == pytest.approx(48.0, rel=0.1)
 
 
-# --- What one rate across the width costs: none on an even crop, the known spread on a known one ---------------------
+# --- What one rate across the width costs: none on an even crop, the known spread on a known
+# one ---------------------
+
 
 @pytest.fixture(scope="module")
 def setup():
@@ -205,7 +230,9 @@ def test_the_spread_is_that_of_the_need_and_a_section_evens_out_its_own_heads(se
     assert found is not None and found.by_head_kg_ha == pytest.approx(wanted, rel=1e-3)
     assert found.by_section_kg_ha == pytest.approx(abs(0.5 * (low + high) - mid), abs=0.01)
     assert found.noise_kg_ha == pytest.approx(0.01 * (low - high) / 0.04, rel=0.02)
-    assert "r.m.s. between the need under each head and the one rate, by section" in across_words(found)
+    assert "r.m.s. between the need under each head and the one rate, by section" in across_words(
+        found
+    )
 
 
 def test_a_silent_head_is_left_out_and_one_alone_says_nothing(setup):
@@ -215,7 +242,9 @@ def test_a_silent_head_is_left_out_and_one_alone_says_nothing(setup):
     assert across(setup.rule, setup.machine, np.full((3, 6), np.nan)) is None
 
 
-# --- Totals against numpy on whole arrays ----------------------------------------------------------------------------
+# --- Totals against numpy on whole arrays
+# ----------------------------------------------------------------------------
+
 
 def test_by_hand():
     totals = Totaliser(2.4, 0.45)
@@ -245,12 +274,12 @@ def test_weighted_by_area_not_by_time():
     totals.add(10.0, 3.0, 300.0)
     done = totals.snapshot()
     assert done.mean_rate_kg_ha == pytest.approx(250.0)
-    assert done.cv_percent == pytest.approx(100 * math.sqrt(0.25 * 150 ** 2 + 0.75 * 50 ** 2) / 250)
+    assert done.cv_percent == pytest.approx(100 * math.sqrt(0.25 * 150**2 + 0.75 * 50**2) / 250)
     assert done.cuc_percent == pytest.approx(100 * (1 - (0.25 * 150 + 0.75 * 50) / 250))
 
 
 @settings(deadline=None)
-@given(st.integers(0, 2 ** 32), st.floats(20.0, 400.0), st.floats(0.0, 0.4))
+@given(st.integers(0, 2**32), st.floats(20.0, 400.0), st.floats(0.0, 0.4))
 def test_the_same_as_on_whole_arrays(seed, level, spread):
     rng = np.random.default_rng(seed)
     rate = np.abs(level * (1.0 + spread * rng.standard_normal(300)))
@@ -263,15 +292,28 @@ def test_the_same_as_on_whole_arrays(seed, level, spread):
     done = totals.snapshot()
     assert done.mean_rate_kg_ha == pytest.approx(mean)
     assert done.cv_percent == pytest.approx(
-        100 * math.sqrt(np.average((rate - mean) ** 2, weights=area)) / mean, abs=1e-3)
+        100 * math.sqrt(np.average((rate - mean) ** 2, weights=area)) / mean, abs=1e-3
+    )
     assert done.cuc_percent == pytest.approx(
-        100 * (1 - np.average(np.abs(rate - mean), weights=area) / mean), abs=100 * 0.25 / level)
+        100 * (1 - np.average(np.abs(rate - mean), weights=area) / mean), abs=100 * 0.25 / level
+    )
 
 
-@pytest.mark.parametrize(("step", "speed", "rate"), [
-    (0.05, None, 300.0), (0.05, 1.0, None), (0.05, 0.0, 300.0), (0.05, -1.0, 300.0), (0.05, math.nan, 300.0),
-    (0.05, math.inf, 300.0), (0.05, 1.0, math.nan), (0.05, 1.0, math.inf), (0.05, 1.0, -5.0), (-0.05, 1.0, 300.0),
-])
+@pytest.mark.parametrize(
+    ("step", "speed", "rate"),
+    [
+        (0.05, None, 300.0),
+        (0.05, 1.0, None),
+        (0.05, 0.0, 300.0),
+        (0.05, -1.0, 300.0),
+        (0.05, math.nan, 300.0),
+        (0.05, math.inf, 300.0),
+        (0.05, 1.0, math.nan),
+        (0.05, 1.0, math.inf),
+        (0.05, 1.0, -5.0),
+        (-0.05, 1.0, 300.0),
+    ],
+)
 def test_what_is_not_known_adds_nothing(step, speed, rate):
     totals = Totaliser(2.4, 0.45)
     totals.add(step, speed, rate, 300.0)
@@ -294,7 +336,8 @@ def test_what_cannot_be_is_refused():
 
 
 def test_a_pass_is_as_long_as_its_ground():
-    """Dead time at its begin, run-out at its end: counted both, each pass is longer by one of them."""
+    """Dead time at its begin, run-out at its end: counted both, each pass is longer by one of
+    them."""
     totals = Totaliser(2.4, 0.45)
     for _ in range(2):
         for _ in range(8):
@@ -310,7 +353,8 @@ def test_a_pass_is_as_long_as_its_ground():
     assert Totaliser(2.4, 0.45).add(0.05, 1.25, 0.0), "where no target is known, all work counts"
 
 
-# --- The edge of a field: inside, outside, and how far ahead ---------------------------------------------------------
+# --- The edge of a field: inside, outside, and how far ahead
+# ---------------------------------------------------------
 
 SQUARE = [(0.0, 0.0), (100.0, 0.0), (100.0, 50.0), (0.0, 50.0)]
 HOLE = [(40.0, 20.0), (60.0, 20.0), (60.0, 30.0), (40.0, 30.0)]
@@ -320,7 +364,11 @@ L_SHAPE = [(0.0, 0.0), (60.0, 0.0), (60.0, 20.0), (20.0, 20.0), (20.0, 80.0), (0
 def test_inside_outside_edge_and_hole():
     field = Boundary(SQUARE, [HOLE])
     assert field.contains(10, 10) and field.contains(0, 0) and field.contains(100, 25)
-    assert not field.contains(50, 25) and not field.contains(-0.001, 10) and not field.contains(10, 50.001)
+    assert (
+        not field.contains(50, 25)
+        and not field.contains(-0.001, 10)
+        and not field.contains(10, 50.001)
+    )
     assert field.contains(40, 25)
     assert not field.contains(math.nan, 10) and not field.contains(math.inf, 10)
     assert field.area_ha == pytest.approx((5000 - 200) / 10_000)
@@ -328,8 +376,18 @@ def test_inside_outside_edge_and_hole():
     assert {len(ring) for ring in field.rings} == {4} and len(field.rings) == 2
 
 
-@pytest.mark.parametrize(("heading", "metres"), [(0, 40.0), (90, 90.0), (180, 10.0), (270, 10.0),
-                                                 (45, 40 * math.sqrt(2)), (360, 40.0), (-90, 10.0)])
+@pytest.mark.parametrize(
+    ("heading", "metres"),
+    [
+        (0, 40.0),
+        (90, 90.0),
+        (180, 10.0),
+        (270, 10.0),
+        (45, 40 * math.sqrt(2)),
+        (360, 40.0),
+        (-90, 10.0),
+    ],
+)
 def test_way_to_the_edge_in_every_direction_north_included(heading, metres):
     assert Boundary(SQUARE).crossings_m(10, 10, heading) == pytest.approx([metres])
 
@@ -348,19 +406,23 @@ def test_through_a_corner_and_along_an_edge():
     diamond = Boundary([(0, -10), (10, 0), (0, 10), (-10, 0)])
     assert diamond.crossings_m(-20, 0, 90.0) == pytest.approx([10, 30])
     assert diamond.crossings_m(0, 0, 0.0) == pytest.approx([10])
-    assert len(diamond.crossings_m(-20, 10, 90.0)) % 2 == 0            # touches one corner only
-    assert len(Boundary(SQUARE).crossings_m(-10, 0, 90.0)) % 2 == 0    # runs along an edge
-    assert len(Boundary(L_SHAPE).crossings_m(0, -1, 1e-38)) % 2 == 0   # as good as along an edge
+    assert len(diamond.crossings_m(-20, 10, 90.0)) % 2 == 0  # touches one corner only
+    assert len(Boundary(SQUARE).crossings_m(-10, 0, 90.0)) % 2 == 0  # runs along an edge
+    # as good as along an edge
+    assert len(Boundary(L_SHAPE).crossings_m(0, -1, 1e-38)) % 2 == 0
 
 
 @settings(deadline=None)
 @given(st.floats(-150, 150), st.floats(-150, 150), st.floats(0, 360), st.floats(0.1, 300))
 def test_counting_crossings_tells_inside_from_outside(east, north, heading, far):
-    """Between here and there the line crosses the edge an odd number of times when one of them is outside."""
+    """Between here and there the line crosses the edge an odd number of times when one of them
+    is outside."""
     field = Boundary(L_SHAPE, [[(5, 5), (15, 5), (15, 15), (5, 15)]])
     there = offset((east, north), heading, far)
     ways = field.crossings_m(east, north, heading, far)
-    assume(min(field.shape.boundary.distance(Point(place)) for place in ((east, north), there)) > 1e-6)
+    assume(
+        min(field.shape.boundary.distance(Point(place)) for place in ((east, north), there)) > 1e-6
+    )
     assert (len(ways) % 2 == 1) == (field.contains(east, north) != field.contains(*there))
 
 
@@ -378,19 +440,26 @@ def test_inset_leaves_the_headland_out():
     assert Boundary(SQUARE).inset(26.0).is_empty
     assert Boundary(SQUARE).inset(26.0).crossings_m(1, 1, 0.0) == []
     assert not Boundary(SQUARE).inset(26.0).contains(50, 25)
-    assert Boundary(SQUARE).inset(0.0).area_ha == Boundary(SQUARE).inset(5e-324).area_ha == Boundary(SQUARE).area_ha
+    assert (
+        Boundary(SQUARE).inset(0.0).area_ha
+        == Boundary(SQUARE).inset(5e-324).area_ha
+        == Boundary(SQUARE).area_ha
+    )
     with pytest.raises(ValueError, match="0 or more"):
         Boundary(SQUARE).inset(-1.0)
 
 
-@pytest.mark.parametrize(("outline", "holes", "part"), [
-    ([(0, 0), (1, 1)], [], "2 corners; allowed is 3"),
-    ([(0, 0), (10, 10), (10, 0), (0, 10)], [], "outline: Self-intersection"),
-    ([(0, 0), (1, 1), (2, 2)], [], "outline"),
-    ([(0, 0), (1, math.nan), (2, 2)], [], "corner 2"),
-    (SQUARE, [[(200, 200), (210, 200), (210, 210)]], "inside the outline"),
-    (SQUARE, [[(1, 1), (2, 2)]], "hole 1: 2 corners"),
-])
+@pytest.mark.parametrize(
+    ("outline", "holes", "part"),
+    [
+        ([(0, 0), (1, 1)], [], "2 corners; allowed is 3"),
+        ([(0, 0), (10, 10), (10, 0), (0, 10)], [], "outline: Self-intersection"),
+        ([(0, 0), (1, 1), (2, 2)], [], "outline"),
+        ([(0, 0), (1, math.nan), (2, 2)], [], "corner 2"),
+        (SQUARE, [[(200, 200), (210, 200), (210, 210)]], "inside the outline"),
+        (SQUARE, [[(1, 1), (2, 2)]], "hole 1: 2 corners"),
+    ],
+)
 def test_what_is_no_field_is_refused(outline, holes, part):
     with pytest.raises(ValueError, match=part):
         Boundary(outline, holes)
@@ -400,6 +469,8 @@ def test_quick_enough_for_every_tick():
     angles = np.linspace(0, 2 * np.pi, 200, endpoint=False)
     field = Boundary([(300 * math.cos(a), 200 * math.sin(a)) for a in angles])
     inside = min(timeit.repeat(lambda: field.contains(50.0, 40.0), number=200, repeat=5)) / 200
-    ahead = min(timeit.repeat(lambda: field.crossings_m(50.0, 40.0, 30.0), number=200, repeat=5)) / 200
+    ahead = (
+        min(timeit.repeat(lambda: field.crossings_m(50.0, 40.0, 30.0), number=200, repeat=5)) / 200
+    )
     assert inside < 20e-6
     assert ahead < 100e-6

@@ -1,4 +1,6 @@
-"""Bounds before memory: no number and no list of a file without a range, and none that asks for all there is."""
+"""Bounds before memory: no number and no list of a file without a range, and none that asks for
+all there is."""
+
 from __future__ import annotations
 
 import datetime as dt
@@ -30,7 +32,9 @@ def without_range(node: dict[str, Any], defs: dict[str, Any], at: str) -> Iterat
         node = defs[node["$ref"].rsplit("/", 1)[-1]]
     for other in node.get("anyOf", []):
         yield from without_range(other, defs, at)
-    if node.get("type") in ("number", "integer") and not all(any(key in node for key in end) for end in ENDS):
+    if node.get("type") in ("number", "integer") and not all(
+        any(key in node for key in end) for end in ENDS
+    ):
         yield at
     if node.get("type") == "array" and "maxItems" not in node:
         yield at + "[]"
@@ -58,26 +62,35 @@ def wide(tmp_path: Path, width: str) -> Path:
     shipped = Path(__file__).parents[2] / "configs" / "machines" / "huanghai.yaml"
     path = tmp_path / "wide.yaml"
     text = shipped.read_text(encoding="utf-8")
-    path.write_text(text.replace("working_width_m: 2.4", f"working_width_m: {width}"), encoding="utf-8")
+    path.write_text(
+        text.replace("working_width_m: 2.4", f"working_width_m: {width}"), encoding="utf-8"
+    )
     return path
 
 
 @pytest.mark.parametrize("command", ["check", "simulate"])
 def test_a_width_that_no_machine_has_is_refused_in_one_line(tmp_path, command):
     path, log = wide(tmp_path, "100000"), tmp_path / "run.csv"
-    arguments = [str(path)] if command == "check" else ["--machine", str(path), "--seconds", "5", "--out", str(log)]
+    arguments = (
+        [str(path)]
+        if command == "check"
+        else ["--machine", str(path), "--seconds", "5", "--out", str(log)]
+    )
     result = topdress(command, *arguments)
     assert result.exit_code != 0 and not log.exists()
     assert result.output.strip().splitlines() == [
-        f"{path}: key geometry.working_width_m: value 100000: allowed 0.1 to 60 (line 8)"]
+        f"{path}: key geometry.working_width_m: value 100000: allowed 0.1 to 60 (line 8)"
+    ]
 
 
-@pytest.mark.parametrize(("east_m", "north_m"), [(24.0, 600.0), (60_000.0, 20_000.0), (2.4, 20_000.0 * 2000),
-                                                 (20_000.0 * 2000, 2.4)])
+@pytest.mark.parametrize(
+    ("east_m", "north_m"),
+    [(24.0, 600.0), (60_000.0, 20_000.0), (2.4, 20_000.0 * 2000), (20_000.0 * 2000, 2.4)],
+)
 def test_the_simulated_canopy_has_a_most(east_m, north_m):
     field = CanopyField(Canopy(), (0.0, east_m), (0.0, north_m), 1)
     assert field.ndvi.size <= MOST_CELLS
-    if east_m * north_m < 0.5 * MOST_CELLS * CELL_M ** 2:
+    if east_m * north_m < 0.5 * MOST_CELLS * CELL_M**2:
         assert field.ndvi.shape == (round(north_m / CELL_M), round(east_m / CELL_M))
     assert 0.0 < field.at(0.9 * east_m, 0.9 * north_m) < 1.0
 
@@ -92,14 +105,24 @@ def test_plants_beyond_what_a_list_may_hold_are_refused():
 def test_the_largest_field_of_the_widest_machine_can_be_simulated():
     """All that sizes an array at its highest at once."""
     setup = load_setup("huanghai", "demo", dt.date(2026, 4, 1))
-    widest = setup.machine.model_copy(update={"geometry": setup.machine.geometry.model_copy(
-        update={"working_width_m": 60.0, "outlets": 100})})
+    widest = setup.machine.model_copy(
+        update={
+            "geometry": setup.machine.geometry.model_copy(
+                update={"working_width_m": 60.0, "outlets": 100}
+            )
+        }
+    )
     machine = Machine.model_validate(widest.model_dump(exclude_defaults=True))
     sim = Simulated(passes=1000, pass_length_m=20_000.0, run_in_m=1000.0)
-    job = with_simulated_field(Job(**setup.job.model_dump(exclude={"simulated"}), simulated=sim), machine)
+    job = with_simulated_field(
+        Job(**setup.job.model_dump(exclude={"simulated"}), simulated=sim), machine
+    )
     loop = control_loop(machine, setup.crop, rule_of(setup.crop, job, 110), job)
     orders = [(0.5, Order(Do.READY)), (1.0, Order(Do.START))]
-    rows = [step.tick.row for step in simulated_run(simulated_machine(machine, job, 1, 0.05), loop, 2.0, orders)]
+    rows = [
+        step.tick.row
+        for step in simulated_run(simulated_machine(machine, job, 1, 0.05), loop, 2.0, orders)
+    ]
     assert rows[-1].state == "working"
 
 

@@ -19,7 +19,9 @@ def test_a_file_is_replaced_whole(tmp_path: Path) -> None:
     assert [p.name for p in tmp_path.iterdir()] == ["a.yaml"]
 
 
-def test_the_old_file_stays_when_the_new_one_cannot_be_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_old_file_stays_when_the_new_one_cannot_be_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     place = tmp_path / "a.yaml"
     write_atomically(place, "old")
 
@@ -33,7 +35,9 @@ def test_the_old_file_stays_when_the_new_one_cannot_be_kept(tmp_path: Path, monk
     assert [p.name for p in tmp_path.iterdir()] == ["a.yaml"]
 
 
-def test_writing_leaves_the_umask_of_the_other_threads_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_writing_leaves_the_umask_of_the_other_threads_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     usual = tmp_path / "usual"
     usual.touch()
 
@@ -107,7 +111,9 @@ def test_one_at_a_time_until_it_is_closed(tmp_path: Path) -> None:
 
 def test_the_system_gives_it_back_when_its_process_is_killed(tmp_path: Path) -> None:
     path = tmp_path / "a.lock"
-    holder = subprocess.Popen([sys.executable, "-c", HOLDER, str(path)], stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+    holder = subprocess.Popen(
+        [sys.executable, "-c", HOLDER, str(path)], stdin=subprocess.PIPE, stdout=subprocess.PIPE
+    )
     assert holder.stdout is not None and holder.stdout.readline() == b"held\n"
     assert take_lock(path) is None
     holder.kill()

@@ -12,7 +12,18 @@ from hypothesis import strategies as st
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from control.machine.machine import Machine
-from drivers.files.config import ConfigError, Kind, load, load_any, resolve, save, schema, sha256_of, shipped, validated
+from drivers.files.config import (
+    ConfigError,
+    Kind,
+    load,
+    load_any,
+    resolve,
+    save,
+    schema,
+    sha256_of,
+    shipped,
+    validated,
+)
 from drivers.files.kinds import KINDS as OURS
 from drivers.files.kinds import MACHINE
 from drivers.files.yaml_text import YamlProblem, dump_yaml, parse_yaml
@@ -46,7 +57,9 @@ class Thing(Strict):
     inner: Inner
     stage: Stage = Stage()
     sown: date | None = None
-    rate_kg_ha: float | None = Field(default=None, ge=0, le=400, json_schema_extra={"unit": "kg/ha"})
+    rate_kg_ha: float | None = Field(
+        default=None, ge=0, le=400, json_schema_extra={"unit": "kg/ha"}
+    )
     corners: tuple[tuple[float, float], ...] = ()
     on: bool = True
     span_m: Annotated[float, Field(gt=0)] | tuple[float, float] | Inner = 1.0
@@ -76,35 +89,74 @@ def lines_of(path: Path) -> tuple[str, ...]:
 
 
 def test_a_good_file_is_read_with_its_checksum(written: Written) -> None:
-    path = written(GOOD + "sown: 2025-10-15\ncorners: [[0, 1], [2.5, 3]]\ncolour: blue\nstage: {slow_s: 1}\n", "t.yaml")
+    path = written(
+        GOOD + "sown: 2025-10-15\ncorners: [[0, 1], [2.5, 3]]\ncolour: blue\nstage: {slow_s: 1}\n",
+        "t.yaml",
+    )
     loaded = load(path, THING)
-    assert loaded.model == Thing(format="test-thing/1", name="a", inner=Inner(width_m=2.4), colour=Colour.BLUE,
-                                 sown=date(2025, 10, 15), corners=((0, 1), (2.5, 3)), stage=Stage(slow_s=1.0))
+    assert loaded.model == Thing(
+        format="test-thing/1",
+        name="a",
+        inner=Inner(width_m=2.4),
+        colour=Colour.BLUE,
+        sown=date(2025, 10, 15),
+        corners=((0, 1), (2.5, 3)),
+        stage=Stage(slow_s=1.0),
+    )
     assert loaded.sha256 == hashlib.sha256(path.read_bytes()).hexdigest() == sha256_of(path)
     assert load("t.yaml", THING, base=path.parent).model == loaded.model
 
 
-@pytest.mark.parametrize(("more", "line"), [
-    ("rate_kg_ha: 700\n", "key rate_kg_ha: value 700: allowed 0 to 400 kg/ha or nothing (line 5)"),
-    ("colour: green\n", "key colour: value green: allowed red, blue (line 5)"),
-    ("color: red\n", "key color: unknown key; did you mean colour? (line 5)"),
-    ("zz: 1\n", "key zz: unknown key: allowed format, name, colour, inner, stage, sown, rate_kg_ha, corners, on, "
-                "span_m (line 5)"),
-    ("span_m: x\n", "key span_m: value x: allowed more than 0 or a list of 2 or keys width_m, outlets (line 5)"),
-    ("span_m: [1, x]\n", "key span_m[2]: value x: allowed a number (line 5)"),
-    ("span_m: {width_m: 99}\n", "key span_m.width_m: value 99: allowed more than 0 and at most 50 (line 5)"),
-    ("on: 1\n", "key on: value 1: allowed true, false (line 5)"),
-    ("on: yes\n", "key on: value yes: allowed true, false (line 5)"),
-    ("rate_kg_ha: true\n", "key rate_kg_ha: value true: allowed 0 to 400 kg/ha or nothing (line 5)"),
-    ("rate_kg_ha: '5'\n", 'key rate_kg_ha: value "5": allowed 0 to 400 kg/ha or nothing (line 5)'),
-    ("rate_kg_ha: .nan\n", 'key rate_kg_ha: value ".nan": allowed 0 to 400 kg/ha or nothing (line 5)'),
-    ("rate_kg_ha: 1e999\n", None),
-    ("sown: 15.10.2025\n", 'key sown: value "15.10.2025": allowed a date such as 2025-03-20 or nothing (line 5)'),
-    ("corners: [[0, 1], [2, x]]\n", "key corners[2][2]: value x: allowed a number (line 5)"),
-    ("stage: {slow: 1}\n", "key stage.slow: unknown key; did you mean slow_s? (line 5)"),
-    ("stage: {slow_s: 9}\n", "key stage.slow_s: value 9: allowed 0 to 3 (line 5)"),
-    ("name: b\n", "key name: stands twice, in lines 2 and 5: allowed once"),
-])
+@pytest.mark.parametrize(
+    ("more", "line"),
+    [
+        (
+            "rate_kg_ha: 700\n",
+            "key rate_kg_ha: value 700: allowed 0 to 400 kg/ha or nothing (line 5)",
+        ),
+        ("colour: green\n", "key colour: value green: allowed red, blue (line 5)"),
+        ("color: red\n", "key color: unknown key; did you mean colour? (line 5)"),
+        (
+            "zz: 1\n",
+            "key zz: unknown key: allowed format, name, colour, inner, stage, sown, "
+            "rate_kg_ha, corners, on, "
+            "span_m (line 5)",
+        ),
+        (
+            "span_m: x\n",
+            "key span_m: value x: allowed more than 0 or a list of 2 or keys width_m, "
+            "outlets (line 5)",
+        ),
+        ("span_m: [1, x]\n", "key span_m[2]: value x: allowed a number (line 5)"),
+        (
+            "span_m: {width_m: 99}\n",
+            "key span_m.width_m: value 99: allowed more than 0 and at most 50 (line 5)",
+        ),
+        ("on: 1\n", "key on: value 1: allowed true, false (line 5)"),
+        ("on: yes\n", "key on: value yes: allowed true, false (line 5)"),
+        (
+            "rate_kg_ha: true\n",
+            "key rate_kg_ha: value true: allowed 0 to 400 kg/ha or nothing (line 5)",
+        ),
+        (
+            "rate_kg_ha: '5'\n",
+            'key rate_kg_ha: value "5": allowed 0 to 400 kg/ha or nothing (line 5)',
+        ),
+        (
+            "rate_kg_ha: .nan\n",
+            'key rate_kg_ha: value ".nan": allowed 0 to 400 kg/ha or nothing (line 5)',
+        ),
+        ("rate_kg_ha: 1e999\n", None),
+        (
+            "sown: 15.10.2025\n",
+            'key sown: value "15.10.2025": allowed a date such as 2025-03-20 or nothing (line 5)',
+        ),
+        ("corners: [[0, 1], [2, x]]\n", "key corners[2][2]: value x: allowed a number (line 5)"),
+        ("stage: {slow: 1}\n", "key stage.slow: unknown key; did you mean slow_s? (line 5)"),
+        ("stage: {slow_s: 9}\n", "key stage.slow_s: value 9: allowed 0 to 3 (line 5)"),
+        ("name: b\n", "key name: stands twice, in lines 2 and 5: allowed once"),
+    ],
+)
 def test_each_mistake_is_one_line(written: Written, more: str, line: str | None) -> None:
     found = lines_of(written(GOOD + more, "t.yaml"))
     assert len(found) == 1
@@ -113,13 +165,16 @@ def test_each_mistake_is_one_line(written: Written, more: str, line: str | None)
 
 
 def test_all_mistakes_are_told_in_the_order_of_the_file(written: Written) -> None:
-    path = written("format: test-thing/1\nrate_kg_ha: -1\ninner:\n  outlets: 2.5\n  widht_m: 3\n", "t.yaml")
+    path = written(
+        "format: test-thing/1\nrate_kg_ha: -1\ninner:\n  outlets: 2.5\n  widht_m: 3\n", "t.yaml"
+    )
     assert lines_of(path) == (
         "key name: missing: allowed a text, not empty (line 1)",
         "key rate_kg_ha: value -1: allowed 0 to 400 kg/ha or nothing (line 2)",
         "key inner.width_m: missing: allowed more than 0 and at most 50 (line 3)",
         "key inner.outlets: value 2.5: allowed a whole number, 1 to 12 (line 4)",
-        "key inner.widht_m: unknown key; did you mean width_m? (line 5)")
+        "key inner.widht_m: unknown key; did you mean width_m? (line 5)",
+    )
 
 
 def test_rules_of_a_model_speak_for_themselves(written: Written) -> None:
@@ -127,50 +182,82 @@ def test_rules_of_a_model_speak_for_themselves(written: Written) -> None:
     assert lines_of(path) == ("name and colour are the same: allowed are different ones (line 1)",)
 
 
-@pytest.mark.parametrize(("content", "said"), [
-    (b"", "the file is empty"), (b"- 1\n", "found list"), (b"a: \xff\xfe\n", "not UTF-8"), (b"a: [\n", "not YAML"),
-    (b"name: a\n", "key format: missing: allowed test-thing/1"),
-    (b"format: test-thing/2\n", "key format: value test-thing/2: allowed test-thing/1 (line 1)"),
-    (b"#" * 2_000_001, "too large")])
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        (b"", "the file is empty"),
+        (b"- 1\n", "found list"),
+        (b"a: \xff\xfe\n", "not UTF-8"),
+        (b"a: [\n", "not YAML"),
+        (b"name: a\n", "key format: missing: allowed test-thing/1"),
+        (
+            b"format: test-thing/2\n",
+            "key format: value test-thing/2: allowed test-thing/1 (line 1)",
+        ),
+        (b"#" * 2_000_001, "too large"),
+    ],
+)
 def test_files_that_are_no_configuration(written: Written, content: bytes, said: str) -> None:
     (found,) = lines_of(written(content, "t.yaml"))
     assert said in found
 
 
-def test_a_file_that_is_there_and_no_configuration_is_not_looked_for_among_names(tmp_path, monkeypatch):
+def test_a_file_that_is_there_and_no_configuration_is_not_looked_for_among_names(
+    tmp_path, monkeypatch
+):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "map.geojson").write_text("{}")
-    with pytest.raises(ConfigError, match=r"map.geojson: is there, but no configuration: allowed is a .yaml file"):
+    with pytest.raises(
+        ConfigError, match=r"map.geojson: is there, but no configuration: allowed is a .yaml file"
+    ):
         resolve("map.geojson", ["crops"])
 
 
 def test_a_missing_file_and_an_unknown_name(tmp_path: Path) -> None:
     assert lines_of(tmp_path / "none.yaml") == ("no such file",)
     assert lines_of(tmp_path)[0].startswith("cannot be read")
-    with pytest.raises(ConfigError, match=r"huanghi_wheat: no configuration of this name.*did you mean huanghai_"):
+    with pytest.raises(
+        ConfigError, match=r"huanghi_wheat: no configuration of this name.*did you mean huanghai_"
+    ):
         load("huanghi_wheat", Kind("x/1", "crops", Bare))
 
 
 def test_any_kind_is_recognised_by_its_format(written: Written) -> None:
     kind, loaded = load_any(written("format: test-bare/1\nsize_m: 2\n", "b.yaml"), KINDS)
     assert (kind, loaded.model) == (BARE, Bare(size_m=2.0))
-    with pytest.raises(ConfigError, match="value test-bear/1: allowed test-thing/1, test-bare/1; did you mean test-ba"):
+    with pytest.raises(
+        ConfigError,
+        match="value test-bear/1: allowed test-thing/1, test-bare/1; did you mean test-ba",
+    ):
         load_any(written("format: test-bear/1\n", "c.yaml"), KINDS)
     with pytest.raises(ConfigError, match="key format: missing"):
         load_any(written("size_m: 1\n", "d.yaml"), KINDS)
 
 
 def test_what_is_saved_reads_back_equal(tmp_path: Path) -> None:
-    thing = Thing(format="test-thing/1", name="off", inner=Inner(width_m=1e-7), colour=Colour.BLUE,
-                  sown=date(2025, 1, 2), corners=((0.1, 2.0),), stage=Stage(1.5, 2.5))
+    thing = Thing(
+        format="test-thing/1",
+        name="off",
+        inner=Inner(width_m=1e-7),
+        colour=Colour.BLUE,
+        sown=date(2025, 1, 2),
+        corners=((0.1, 2.0),),
+        stage=Stage(1.5, 2.5),
+    )
     save(tmp_path / "t.yaml", thing, THING, "made by a test\nin two lines")
     assert load(tmp_path / "t.yaml", THING).model == thing
-    assert (tmp_path / "t.yaml").read_text().startswith("# made by a test\n# in two lines\nformat: test-thing/1\n")
+    assert (
+        (tmp_path / "t.yaml")
+        .read_text()
+        .startswith("# made by a test\n# in two lines\nformat: test-thing/1\n")
+    )
     assert "slow_s: 2.5" in (tmp_path / "t.yaml").read_text()
 
 
 def test_plain_data_is_validated_alike() -> None:
-    assert validated({"format": "test-bare/1", "size_m": 3}, BARE, "log.yaml: machine") == Bare(size_m=3.0)
+    assert validated({"format": "test-bare/1", "size_m": 3}, BARE, "log.yaml: machine") == Bare(
+        size_m=3.0
+    )
     with pytest.raises(ConfigError) as caught:
         validated({"format": "test-bare/1", "size_m": "x"}, BARE, "log.yaml: machine")
     assert caught.value.lines == ("log.yaml: machine: key size_m: value x: allowed a number",)
@@ -189,7 +276,9 @@ SHIPPED = [path for kind in OURS.values() for path in shipped(kind.folder).value
 
 
 @pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)
-def test_every_shipped_configuration_is_valid_and_survives_a_round_trip(path: Path, tmp_path: Path) -> None:
+def test_every_shipped_configuration_is_valid_and_survives_a_round_trip(
+    path: Path, tmp_path: Path
+) -> None:
     kind, loaded = load_any(path, OURS)
     assert path.parent.name == kind.folder
     save(tmp_path / path.name, loaded.model, kind)
@@ -210,12 +299,17 @@ def test_every_kind_has_a_schema_for_editors(format: str) -> None:
     assert "format" in body["required"]
 
 
-treacherous = st.sampled_from(["off", "on", "yes", "1e3", "12:30", "010", "2026-03-20", "~", "<<", "null", "\x85"])
-numbers = st.integers(-10**12, 10**12) | st.floats(allow_nan=False, allow_infinity=False)
+treacherous = st.sampled_from(
+    ["off", "on", "yes", "1e3", "12:30", "010", "2026-03-20", "~", "<<", "null", "\x85"]
+)
+numbers = st.integers(-(10**12), 10**12) | st.floats(allow_nan=False, allow_infinity=False)
 scalars = st.none() | st.booleans() | numbers | st.text(max_size=20) | treacherous
 names = st.text(min_size=1, max_size=10) | treacherous
 plain_data = st.recursive(
-    scalars, lambda inner: st.lists(inner, max_size=4) | st.dictionaries(names, inner, max_size=4), max_leaves=15)
+    scalars,
+    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(names, inner, max_size=4),
+    max_leaves=15,
+)
 
 
 @given(plain_data)
@@ -225,9 +319,24 @@ def test_what_is_written_reads_back_the_same_here_and_elsewhere(data: Any) -> No
     assert yaml.safe_load(text) == data
 
 
-@pytest.mark.parametrize(("text", "value"), [
-    ("off", "off"), ("no", "no"), ("true", True), ("12:30", "12:30"), ("010", 10), ("1e3", 1000.0), ("1.5e-3", 0.0015),
-    ("2026-03-20", "2026-03-20"), (".inf", ".inf"), ("~", None), ("0x10", "0x10"), ("1_000", "1_000"), ("+5", 5)])
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        ("off", "off"),
+        ("no", "no"),
+        ("true", True),
+        ("12:30", "12:30"),
+        ("010", 10),
+        ("1e3", 1000.0),
+        ("1.5e-3", 0.0015),
+        ("2026-03-20", "2026-03-20"),
+        (".inf", ".inf"),
+        ("~", None),
+        ("0x10", "0x10"),
+        ("1_000", "1_000"),
+        ("+5", 5),
+    ],
+)
 def test_scalars_mean_what_an_operator_means(text: str, value: object) -> None:
     data, _ = parse_yaml(f"key: {text}\n")
     assert data["key"] == value
@@ -246,18 +355,21 @@ def test_anchors_and_merges_are_fine_and_may_be_overridden() -> None:
     assert data["own"] == {"x": 1, "y": 3}
 
 
-@pytest.mark.parametrize(("text", "said"), [
-    ("a: 1\nb: 2\na: 3\n", "key a: stands twice, in lines 1 and 3"),
-    ("g:\n  a: 1\n  a: 1\n", "key g.a: stands twice, in lines 2 and 3"),
-    ("a: [1, 2\n", "line 2: not YAML"),
-    ("a: 1\n\tb: 2\n", "line 2: not YAML"),
-    ("a: !!python/object:os.system {}\n", "line 1: not YAML"),
-    ("a: 1\n---\nb: 2\n", "not YAML"),
-    ("a: 1\nb: !!int [1, 2]\n", "line 2: not YAML"),
-    ("? [a, b]\n: 1\n", "a key must be a name"),
-    ("a: &x [*x]\n", "nested too deeply"),
-    ("a: \x07\n", "not allowed in YAML"),
-])
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("a: 1\nb: 2\na: 3\n", "key a: stands twice, in lines 1 and 3"),
+        ("g:\n  a: 1\n  a: 1\n", "key g.a: stands twice, in lines 2 and 3"),
+        ("a: [1, 2\n", "line 2: not YAML"),
+        ("a: 1\n\tb: 2\n", "line 2: not YAML"),
+        ("a: !!python/object:os.system {}\n", "line 1: not YAML"),
+        ("a: 1\n---\nb: 2\n", "not YAML"),
+        ("a: 1\nb: !!int [1, 2]\n", "line 2: not YAML"),
+        ("? [a, b]\n: 1\n", "a key must be a name"),
+        ("a: &x [*x]\n", "nested too deeply"),
+        ("a: \x07\n", "not allowed in YAML"),
+    ],
+)
 def test_refusals_are_one_line(text: str, said: str) -> None:
     with pytest.raises(YamlProblem) as caught:
         parse_yaml(text)
@@ -267,6 +379,7 @@ def test_refusals_are_one_line(text: str, said: str) -> None:
 
 def test_a_bomb_of_aliases_is_refused_quickly() -> None:
     bomb = "a0: &a0 [x, x, x, x, x, x, x, x, x]\n" + "".join(
-        f"a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 9)}]\n" for i in range(1, 9))
+        f"a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 9)}]\n" for i in range(1, 9)
+    )
     with pytest.raises(YamlProblem, match="too large"):
         parse_yaml(bomb)

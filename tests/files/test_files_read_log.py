@@ -19,14 +19,33 @@ from drivers.files.run_meta import RunMeta
 MakeRow = Callable[[float], LogRow]
 Written = Callable[..., Path]
 
-LIMITS = {"lat_deg": (1.0, 80.0), "lon_deg": (-180.0, 180.0), "hdop": (0.5, 50.0), "heading_deg": (0.0, 360.0),
-          "pitch_deg": (-50.0, 50.0), "roll_deg": (-50.0, 50.0), "speed_mps": (0.0, 5.0), "wheel_speed_mps": (0.0, 5.0),
-          "speed_used_mps": (0.0, 5.0), "hopper_kg": (-5.0, 300.0), "supply_v": (0.0, 30.0),
-          "target_rate_kg_ha": (0.0, 900.0), "nudge_percent": (-30.0, 30.0), "flow_trim": (0.5, 2.0),
-          "shaft_rpm_cmd": (0.0, 98.0), "shaft_rpm": (0.0, 98.0), "opening_mm_cmd": (0.0, 60.0),
-          "opening_mm": (0.0, 60.0), "applied_rate_kg_ha": (0.0, 900.0), "lag_s": (0.0, 9.0), "lag_m": (0.0, 90.0)}
-QUIETLY: Any = {"deadline": None,
-                "suppress_health_check": [HealthCheck.too_slow, HealthCheck.function_scoped_fixture]}
+LIMITS = {
+    "lat_deg": (1.0, 80.0),
+    "lon_deg": (-180.0, 180.0),
+    "hdop": (0.5, 50.0),
+    "heading_deg": (0.0, 360.0),
+    "pitch_deg": (-50.0, 50.0),
+    "roll_deg": (-50.0, 50.0),
+    "speed_mps": (0.0, 5.0),
+    "wheel_speed_mps": (0.0, 5.0),
+    "speed_used_mps": (0.0, 5.0),
+    "hopper_kg": (-5.0, 300.0),
+    "supply_v": (0.0, 30.0),
+    "target_rate_kg_ha": (0.0, 900.0),
+    "nudge_percent": (-30.0, 30.0),
+    "flow_trim": (0.5, 2.0),
+    "shaft_rpm_cmd": (0.0, 98.0),
+    "shaft_rpm": (0.0, 98.0),
+    "opening_mm_cmd": (0.0, 60.0),
+    "opening_mm": (0.0, 60.0),
+    "applied_rate_kg_ha": (0.0, 900.0),
+    "lag_s": (0.0, 9.0),
+    "lag_m": (0.0, 90.0),
+}
+QUIETLY: Any = {
+    "deadline": None,
+    "suppress_health_check": [HealthCheck.too_slow, HealthCheck.function_scoped_fixture],
+}
 printable = st.text(st.characters(blacklist_categories=("Cs", "Cc")), min_size=1, max_size=12)
 
 
@@ -41,12 +60,13 @@ def cell(column: str) -> st.SearchStrategy[Any]:
 
 
 rows_of_any_kind = st.lists(
-    st.tuples(*(cell(column) for column in COLUMNS[1:])), min_size=1, max_size=8).map(
-        lambda cells: [LogRow(round(k * 0.05, 3), *rest) for k, rest in enumerate(cells)])
+    st.tuples(*(cell(column) for column in COLUMNS[1:])), min_size=1, max_size=8
+).map(lambda cells: [LogRow(round(k * 0.05, 3), *rest) for k, rest in enumerate(cells)])
 
 
 def as_logged(row: LogRow) -> LogRow:
     """The row with the digits that the format keeps."""
+
     def kept(column: str, value: Any) -> Any:
         if column in TEXT_COLUMNS:
             return (value or "").strip() or None
@@ -54,7 +74,9 @@ def as_logged(row: LogRow) -> LogRow:
             return value
         return float(f"{value:.{DECIMALS[column]}f}")
 
-    return LogRow(*(kept(column, value) for column, value in zip(COLUMNS, row[:len(COLUMNS)], strict=True)))
+    return LogRow(
+        *(kept(column, value) for column, value in zip(COLUMNS, row[: len(COLUMNS)], strict=True))
+    )
 
 
 @given(rows_of_any_kind)
@@ -64,7 +86,9 @@ def test_what_is_written_is_read_back(tmp_path: Path, rows: list[LogRow]) -> Non
     log = read_log(path)
     assert list(log.rows()) == [as_logged(row) for row in rows]
     assert log.meta == RunMeta(software="t")
-    assert [f for f in log.findings if f.id not in ("missing", "speed_unit_likely", "zero_position")] == []
+    assert [
+        f for f in log.findings if f.id not in ("missing", "speed_unit_likely", "zero_position")
+    ] == []
 
 
 @pytest.mark.parametrize("text", [",", '"', "a,b", "mm"])
@@ -76,10 +100,16 @@ def test_one_row_with_a_text_is_a_row_and_no_row_of_units(tmp_path: Path, text: 
         assert list(read_log(path).rows()) == [as_logged(row)]
 
 
-@given(rows_of_any_kind, st.randoms(use_true_random=False), st.sampled_from(["\n", "\r\n"]), st.booleans())
+@given(
+    rows_of_any_kind,
+    st.randoms(use_true_random=False),
+    st.sampled_from(["\n", "\r\n"]),
+    st.booleans(),
+)
 @settings(max_examples=40, **QUIETLY)
 def test_column_order_line_ends_and_extra_columns_do_not_matter(
-        tmp_path: Path, rows: list[LogRow], random: Any, line_end: str, odd: bool) -> None:
+    tmp_path: Path, rows: list[LogRow], random: Any, line_end: str, odd: bool
+) -> None:
     text = RowText()
     table = [HEADER.rstrip("\n").split(","), *(_fields(text.line(row)) for row in rows)]
     table = [[*fields, "density_g_l" if k == 0 else f"{k}.5"] for k, fields in enumerate(table)]
@@ -87,7 +117,7 @@ def test_column_order_line_ends_and_extra_columns_do_not_matter(
     random.shuffle(order)
     lines = [",".join(fields[i] for i in order) for fields in table]
     if odd:
-        lines.insert(2, "")          # a blank line takes the reader its careful way
+        lines.insert(2, "")  # a blank line takes the reader its careful way
     path = tmp_path / "mixed.csv"
     path.write_bytes((line_end.join(lines) + line_end).encode())
     log = read_log(path)
@@ -109,8 +139,10 @@ def _fields(line: str) -> list[str]:
 
 
 @pytest.mark.parametrize("beside", [True, False], ids=["with sidecar", "without sidecar"])
-def test_a_log_cut_anywhere_opens_up_to_its_last_whole_row(tmp_path: Path, full_row: MakeRow, beside: bool) -> None:
-    rows = [full_row(0.0), LogRow(0.05, lat_deg=34.1, events="雨 mark, \"so\"")]
+def test_a_log_cut_anywhere_opens_up_to_its_last_whole_row(
+    tmp_path: Path, full_row: MakeRow, beside: bool
+) -> None:
+    rows = [full_row(0.0), LogRow(0.05, lat_deg=34.1, events='雨 mark, "so"')]
     path = write_log(tmp_path / "run.csv", RunMeta(software="t"), rows)
     whole = path.read_bytes()
     expected = [as_logged(row) for row in rows]
@@ -150,7 +182,9 @@ def test_an_empty_file_is_refused_unless_it_is_ours(written: Written) -> None:
 
 
 def test_a_log_knows_its_columns(written: Written) -> None:
-    log = read_log(written("time_s,speed_mps,state,soil\n0.5,1.0,working,clay\n1.0,,held,\n1.5,1.2,,loam\n"))
+    log = read_log(
+        written("time_s,speed_mps,state,soil\n0.5,1.0,working,clay\n1.0,,held,\n1.5,1.2,,loam\n")
+    )
     assert log.time_s.tolist() == [0.5, 1.0, 1.5]
     assert (log.duration_s, log.step_s, len(log)) == (1.0, 0.5, 3)
     assert np.isnan(log.numbers("speed_mps")[1]) and np.isnan(log.numbers("hopper_kg")).all()
@@ -176,15 +210,18 @@ def test_a_sidecar_that_is_none_is_said(written: Written) -> None:
     written("format: topdress-job/1\n", "log.yaml")
     log = read_log(written("time_s\n0\n1\n"))
     assert log.meta is None
-    assert "log.yaml next to the log was not used: key format: value topdress-job/1: allowed topdress-run-log/1" in [
-        str(finding) for finding in log.findings]
+    assert (
+        "log.yaml next to the log was not used: key format: value topdress-job/1: allowed "
+        "topdress-run-log/1" in [str(finding) for finding in log.findings]
+    )
 
 
 def test_the_quick_and_the_careful_way_agree(tmp_path: Path, full_row: MakeRow) -> None:
     rows = [full_row(k * 0.05)._replace(hopper_kg=None if k % 3 else 200.0 + k) for k in range(50)]
     path = write_log(tmp_path / "run.csv", RunMeta(), rows)
     quick = list(read_log(path).rows())
-    path.write_text(path.read_text() + "9,short\n")         # such a table is taken apart row by row
+    # such a table is taken apart row by row
+    path.write_text(path.read_text() + "9,short\n")
     careful = read_log(path)
     assert "wrong_fields" in [one.id for one in careful.findings]
     assert list(careful.rows()) == quick == [as_logged(row) for row in rows]
@@ -198,30 +235,42 @@ def test_a_large_log_is_read_quickly(tmp_path: Path, full_row: MakeRow) -> None:
     with path.open("w") as file:
         file.write(HEADER)
         file.writelines(f"{k * 0.05:.3f},{line}" for k in range(60_000))
-    read_log(path, only=["shaft_rpm"])      # loads the library
+    read_log(path, only=["shaft_rpm"])  # loads the library
     started = time.process_time()
     assert len(read_log(path)) == 60_000
     assert time.process_time() - started < 2.0
 
 
 def test_a_machine_with_valves_has_their_column_and_no_other_has(tmp_path: Path) -> None:
-    rows = [LogRow(0.05 * k, shaft_rpm=70.0, sections_cmd=told) for k, told in enumerate(("0;1;1", None, "0;0;0"))]
+    rows = [
+        LogRow(0.05 * k, shaft_rpm=70.0, sections_cmd=told)
+        for k, told in enumerate(("0;1;1", None, "0;0;0"))
+    ]
     machine = {"sections": [{"outlets": 2, "valve": {"open_s": 0.2, "close_s": 0.2}}] * 3}
     path = write_log(tmp_path / "run.csv", RunMeta(machine=machine), rows)
     assert path.read_text(encoding="utf-8").splitlines()[0] == HEADER.rstrip("\n") + ",sections_cmd"
     log = read_log(path)
     assert [row.sections_cmd for row in log.rows()] == ["0;1;1", None, "0;0;0"]
-    path.write_bytes(path.read_bytes()[:-3])        # the power goes in the last row
+    path.write_bytes(path.read_bytes()[:-3])  # the power goes in the last row
     assert len(read_log(path)) == 2
-    for other in (None, {}, {"sections": []}, {"sections": [{"outlets": 6, "valve": None}]}, {"sections": 3}):
+    for other in (
+        None,
+        {},
+        {"sections": []},
+        {"sections": [{"outlets": 6, "valve": None}]},
+        {"sections": 3},
+    ):
         plain = write_log(tmp_path / "plain.csv", RunMeta(machine=other), rows, overwrite=True)
         assert plain.read_text(encoding="utf-8").splitlines()[0] == HEADER.rstrip("\n")
 
 
 def with_long_row(tmp_path: Path, at: int, size: int, rows: int = 40, quoted: bool = False) -> Path:
     """A log of which one row has that many bytes of events, as 232 marks in one tick left it."""
-    path = write_log(tmp_path / "run.csv", RunMeta(software="t"),
-                     [LogRow(0.05 * k, state="working", speed_mps=1.0, events="mark here") for k in range(rows)])
+    path = write_log(
+        tmp_path / "run.csv",
+        RunMeta(software="t"),
+        [LogRow(0.05 * k, state="working", speed_mps=1.0, events="mark here") for k in range(rows)],
+    )
     lines = path.read_bytes().split(b"\n")
     marks = b";".join([b"mark " + b"x" * 990] * (size // 996 + 1))[:size]
     lines[1 + at] = lines[1 + at].replace(b"mark here", b'"a,' + marks + b'"' if quoted else marks)
@@ -229,13 +278,21 @@ def with_long_row(tmp_path: Path, at: int, size: int, rows: int = 40, quoted: bo
     return path
 
 
-@pytest.mark.parametrize(("at", "size"), [(0, 131_072), (1, 132_000), (20, 200_000), (39, 262_144), (20, 1_000_000)])
+@pytest.mark.parametrize(
+    ("at", "size"), [(0, 131_072), (1, 132_000), (20, 200_000), (39, 262_144), (20, 1_000_000)]
+)
 @pytest.mark.parametrize("quoted", [False, True])
-def test_a_row_that_is_too_long_is_left_out_and_said(tmp_path: Path, at: int, size: int, quoted: bool) -> None:
+def test_a_row_that_is_too_long_is_left_out_and_said(
+    tmp_path: Path, at: int, size: int, quoted: bool
+) -> None:
     log = read_log(with_long_row(tmp_path, at, size, quoted=quoted))
     assert log.time_s.tolist() == pytest.approx([0.05 * k for k in range(40) if k != at])
     found = next(one for one in log.findings if one.id == "long_row")
-    assert found.rows == 1 and f"line {2 + at} with " in found.text and "allowed up to 131,072" in found.text
+    assert (
+        found.rows == 1
+        and f"line {2 + at} with " in found.text
+        and "allowed up to 131,072" in found.text
+    )
 
 
 def test_the_same_far_behind_in_a_large_log_and_several_of_them(tmp_path: Path) -> None:
@@ -261,10 +318,12 @@ def test_a_cell_over_many_lines_that_is_too_long_costs_its_row_only(tmp_path: Pa
     path.write_bytes(path.read_bytes().replace(b"mark xxxxx", b"x" * 10))
     lines = path.read_bytes().split(b"\n")
     lines[6] = lines[6].replace(b"x" * 10, b'"' + b"\n".join([b"y" * 60_000] * 3) + b'"')
-    lines[20] += b",7"                          # such a table is read row by row
+    lines[20] += b",7"  # such a table is read row by row
     path.write_bytes(b"\n".join(lines))
     log = read_log(path)
-    assert len(log) == 38 and next(one for one in log.findings if one.id == "wrong_fields").rows == 2
+    assert (
+        len(log) == 38 and next(one for one in log.findings if one.id == "wrong_fields").rows == 2
+    )
 
 
 def test_a_file_of_nothing_but_one_long_line_is_refused(tmp_path: Path) -> None:
@@ -279,7 +338,11 @@ def test_events_full_of_signs_that_part_columns_are_no_columns(tmp_path: Path, s
     """2,000 commas in an operator's marks made a log of 2,001 columns, which nobody may have."""
     events = Events()
     events.add(*(["mark " + sign * 990] * 8))
-    rows = [LogRow(0.05 * k, state="working", speed_mps=1.0, events=";".join(events.of_one_row()) or None)
-            for k in range(20)]
+    rows = [
+        LogRow(
+            0.05 * k, state="working", speed_mps=1.0, events=";".join(events.of_one_row()) or None
+        )
+        for k in range(20)
+    ]
     log = read_log(write_log(tmp_path / "run.csv", RunMeta(software="t"), rows))
     assert len(log) == 20 and log.columns["events"][7] == rows[7].events.strip()

@@ -1,4 +1,6 @@
-"""Files that are too large, hold too much, or are no files of their kind: one line, at once, and little memory."""
+"""Files that are too large, hold too much, or are no files of their kind: one line, at once,
+and little memory."""
+
 from __future__ import annotations
 
 import base64
@@ -39,39 +41,74 @@ from tests.geojson import feature, geojson
 PAGE = Path(__file__).parents[2] / "docs" / "limits.md"
 
 
-def zipped(path: Path, entries: list[tuple[str, bytes]], declares: int | None = None, method: int | None = None,
-           flag: int = 0) -> Path:
+def zipped(
+    path: Path,
+    entries: list[tuple[str, bytes]],
+    declares: int | None = None,
+    method: int | None = None,
+    flag: int = 0,
+) -> Path:
     """A zip; `declares`: what its directory says of the first entry's size."""
     made = io.BytesIO()
-    with warnings.catch_warnings(action="ignore"), zipfile.ZipFile(made, "w", zipfile.ZIP_DEFLATED) as archive:
+    with (
+        warnings.catch_warnings(action="ignore"),
+        zipfile.ZipFile(made, "w", zipfile.ZIP_DEFLATED) as archive,
+    ):
         for name, data in entries:
             archive.writestr(name, data)
     data = bytearray(made.getvalue())
     central = data.find(b"PK\x01\x02")
     if declares is not None:
-        data[central + 24:central + 28] = struct.pack("<I", declares)
+        data[central + 24 : central + 28] = struct.pack("<I", declares)
     if method is not None:
-        data[central + 10:central + 12] = data[8:10] = struct.pack("<H", method)
+        data[central + 10 : central + 12] = data[8:10] = struct.pack("<H", method)
     data[central + 8] |= flag
     path.write_bytes(data)
     return path
 
 
 def test_the_page_shows_the_table() -> None:
-    rows = [line.strip("| ").split(" | ") for line in PAGE.read_text(encoding="utf-8").splitlines()
-            if line.startswith("| ") and "up to" not in line]
+    rows = [
+        line.strip("| ").split(" | ")
+        for line in PAGE.read_text(encoding="utf-8").splitlines()
+        if line.startswith("| ") and "up to" not in line
+    ]
     assert rows == [[one.what, limits._amount(one.most, one.unit)] for one in LIMITS]
 
 
-@pytest.mark.parametrize(("entries", "how", "said"), [
-    ([("a.shp", b"x"), ("a.dbf", b"x")], {"declares": 600 << 20}, "600 MB: allowed up to 512 MB"),
-    ([("a.shp", b"x"), ("b.bin", b"x")], {"declares": 4_000_000_000}, "unpacked: 3815 MB: allowed up to 1024 MB"),
-    ([("TASKDATA.XML", b"x")], {"declares": 65 << 20}, "allowed up to 64 MB"),
-    ([("a.prj", b"x"), ("a.shp", b"x")], {"declares": 2 << 20}, "a.prj: 2097152 bytes: allowed up to 1048576 bytes"),
-    ([("a.shp", b"x")] * 2, {}, "a.shp: stands twice"),
-    ([(f"{k}", b"") for k in range(5001)], {}, "5001 entries: allowed up to 5000 entries"),
-    ([("TASKDATA.XML", b"<ISO11783_TaskData/>")], {"method": 99}, "compression 99: allowed are stored and deflated"),
-    ([("TASKDATA.XML", b"<ISO11783_TaskData/>")], {"flag": 1}, "encrypted: allowed is a zip without")])
+@pytest.mark.parametrize(
+    ("entries", "how", "said"),
+    [
+        (
+            [("a.shp", b"x"), ("a.dbf", b"x")],
+            {"declares": 600 << 20},
+            "600 MB: allowed up to 512 MB",
+        ),
+        (
+            [("a.shp", b"x"), ("b.bin", b"x")],
+            {"declares": 4_000_000_000},
+            "unpacked: 3815 MB: allowed up to 1024 MB",
+        ),
+        ([("TASKDATA.XML", b"x")], {"declares": 65 << 20}, "allowed up to 64 MB"),
+        (
+            [("a.prj", b"x"), ("a.shp", b"x")],
+            {"declares": 2 << 20},
+            "a.prj: 2097152 bytes: allowed up to 1048576 bytes",
+        ),
+        ([("a.shp", b"x")] * 2, {}, "a.shp: stands twice"),
+        ([(f"{k}", b"") for k in range(5001)], {}, "5001 entries: allowed up to 5000 entries"),
+        (
+            [("TASKDATA.XML", b"<ISO11783_TaskData/>")],
+            {"method": 99},
+            "compression 99: allowed are stored and deflated",
+        ),
+        (
+            [("TASKDATA.XML", b"<ISO11783_TaskData/>")],
+            {"flag": 1},
+            "encrypted: allowed is a zip without",
+        ),
+    ],
+)
 @pytest.mark.parametrize("read", [read_prescription, read_raw])
 def test_a_zip_is_judged_by_its_directory(tmp_path: Path, read, entries, how, said) -> None:
     path = zipped(tmp_path / "map.zip", entries, **how)
@@ -86,7 +123,8 @@ def test_a_zip_that_lies_about_its_sizes_is_not_unpacked_beyond_them(tmp_path: P
 
 
 def test_a_file_that_is_named_many_times_is_read_once(tmp_path: Path) -> None:
-    """A task file of 2000 names of one file: 200 MB of elements in memory, and as many again for each name."""
+    """A task file of 2000 names of one file: 200 MB of elements in memory, and as many again
+    for each name."""
     references = b'<XFR A="TSK00001" B="1"/>'
     text = b"<ISO11783_TaskData>" + references * 900 + b"</ISO11783_TaskData>"
     entries = [("TASKDATA.XML", text), ("TSK00001.XML", b"<XFC>" + b"<TSK/>" * 20_000 + b"</XFC>")]
@@ -104,8 +142,9 @@ def test_side_files_are_held_to_their_limits(tmp_path: Path) -> None:
         check_file(tmp_path / "map.shp")
 
 
-@pytest.mark.parametrize("text", [
-    "[" * 100_000, '{"features":' * 50_000, '{"a": ' + "9" * 400 + "}", "\ufeff{", "NaN,"])
+@pytest.mark.parametrize(
+    "text", ["[" * 100_000, '{"features":' * 50_000, '{"a": ' + "9" * 400 + "}", "\ufeff{", "NaN,"]
+)
 @pytest.mark.parametrize("name", ["x.geojson", "x.json"])
 def test_json_of_any_depth_and_length_is_one_line(tmp_path: Path, name: str, text: str) -> None:
     path = tmp_path / name
@@ -120,17 +159,37 @@ def test_json_of_any_depth_and_length_is_one_line(tmp_path: Path, name: str, tex
 def test_properties_that_are_no_record_are_nothing(tmp_path: Path, properties: str) -> None:
     path = tmp_path / "x.geojson"
     ring = "[[1, 1], [1, 2], [2, 2], [1, 1]]"
-    for shape in (f'{{"type": "Polygon", "coordinates": [{ring}]}}', '{"type": "Point", "coordinates": [1, 1]}'):
-        path.write_text('{"type": "FeatureCollection", "features": [{"type": "Feature", "geometry": '
-                        f'{shape}, "properties": {properties}}}]}}')
+    for shape in (
+        f'{{"type": "Polygon", "coordinates": [{ring}]}}',
+        '{"type": "Point", "coordinates": [1, 1]}',
+    ):
+        path.write_text(
+            '{"type": "FeatureCollection", "features": [{"type": "Feature", "geometry": '
+            f'{shape}, "properties": {properties}}}]}}'
+        )
         for read in (read_prescription, read_raw):
             with pytest.raises(ValueError):
                 read(path)
 
 
-@pytest.mark.parametrize("text", ["? \n: 1", "~: 1", "null: 1", '"": 1', "x: !!set {a}", "x: !!omap [a: 1]",
-                                  "x: !!binary aaaa", "x: !!timestamp 2020-01-01", "x: !!python/name:os.system",
-                                  "x: !own 1", "a: " + "[" * 50_000, "{" * 50_000, f"id: {'9' * 5000}"])
+@pytest.mark.parametrize(
+    "text",
+    [
+        "? \n: 1",
+        "~: 1",
+        "null: 1",
+        '"": 1',
+        "x: !!set {a}",
+        "x: !!omap [a: 1]",
+        "x: !!binary aaaa",
+        "x: !!timestamp 2020-01-01",
+        "x: !!python/name:os.system",
+        "x: !own 1",
+        "a: " + "[" * 50_000,
+        "{" * 50_000,
+        f"id: {'9' * 5000}",
+    ],
+)
 def test_yaml_is_plain_data_with_names(tmp_path: Path, text: str) -> None:
     path = tmp_path / "job.yaml"
     path.write_text(f"format: topdress-job/1\n{text}\n")
@@ -147,8 +206,11 @@ def test_yaml_has_a_depth(tmp_path: Path) -> None:
         by_kind([str(path)])
 
 
-@pytest.mark.parametrize("data", [b"a" * 200_000, b"time_s" + b",c" * 3000 + b"\n1\n", b"x,y\n" + b'"' * 200_000],
-                         ids=["endless line", "columns", "quotes"])
+@pytest.mark.parametrize(
+    "data",
+    [b"a" * 200_000, b"time_s" + b",c" * 3000 + b"\n1\n", b"x,y\n" + b'"' * 200_000],
+    ids=["endless line", "columns", "quotes"],
+)
 def test_a_text_table_has_lines_and_a_header(tmp_path: Path, data: bytes) -> None:
     path = tmp_path / "x.csv"
     path.write_bytes(data)
@@ -166,47 +228,72 @@ def test_bare_returns_are_line_ends(tmp_path: Path) -> None:
 
 
 def test_times_of_other_scales_cost_nothing() -> None:
-    """Three rows, the last a thousand years later: marks of five seconds between them would be 50 GB."""
+    """Three rows, the last a thousand years later: marks of five seconds between them would be
+    50 GB."""
     time_s = np.array([0.0, 6.0, 12.0, 3.2e10])
     found = pieces(time_s, np.array([34.0, 34.1, 34.2, 34.3]), np.full(4, 119.0))
     assert found is not None and found[0].tolist() == [0, 1] and found[1].tolist() == [1, 2]
 
 
 def sheet(path: Path, cells: bytes) -> Path:
-    return zipped(path, [("xl/worksheets/sheet1.xml", b"<worksheet><sheetData>" + cells + b"</sheetData></worksheet>")])
+    return zipped(
+        path,
+        [
+            (
+                "xl/worksheets/sheet1.xml",
+                b"<worksheet><sheetData>" + cells + b"</sheetData></worksheet>",
+            )
+        ],
+    )
 
 
 FAR = b'<row r="1"><c r="A1"/></row><row r="1048576"><c r="XFD1048576"/></row>'
-CELLS = {               # its reader would make every cell between two, and end the program when it cannot
-    "far apart": FAR, "far apart, rows without a place": b'<row><c r="A1"/></row><row><c r="XFD1048576"/></row>',
+# its reader would make every cell between two, and end the program when it cannot
+CELLS = {
+    "far apart": FAR,
+    "far apart, rows without a place": b'<row><c r="A1"/></row><row><c r="XFD1048576"/></row>',
     "far down": b'<row r="4000000"><c r="Z4000000"/></row>',
     "no references": b"<row>" + b"<c/>" * 16_000 + b"</row>" + b"<row><c/></row>" * 2_000,
     "prefixed": b"<x:row>" + b"<x:c/>" * 16_000 + b"</x:row>" + b"<x:row><x:c/></x:row>" * 2_000,
-    "a row of two pieces": b"<row>" + b"<c/>" * 3_000 + b" " * (5 << 20) + b"<c/>" * 3_000 + b"</row>" + (
-        b"<row/>" * 3_000)}
+    "a row of two pieces": b"<row>"
+    + b"<c/>" * 3_000
+    + b" " * (5 << 20)
+    + b"<c/>" * 3_000
+    + b"</row>"
+    + (b"<row/>" * 3_000),
+}
 
 
 @pytest.mark.parametrize("cells", CELLS)
 def test_a_sheet_of_many_cells_is_not_made(tmp_path: Path, cells: str) -> None:
     for read in (read_raw, read_bench_table):
-        with pytest.raises(ValueError, match=r"sheet1\.xml: [0-9]+ cells: allowed up to 16777216 cells"):
+        with pytest.raises(
+            ValueError, match=r"sheet1\.xml: [0-9]+ cells: allowed up to 16777216 cells"
+        ):
             read(sheet(tmp_path / "x.xlsx", CELLS[cells]))
 
 
 def test_a_sheet_under_any_name_is_looked_through(tmp_path: Path) -> None:
     """A workbook says itself where its sheets are."""
     with pytest.raises(ValueError, match="elsewhere: 17179869184 cells"):
-        read_raw(zipped(tmp_path / "x.xlsx", [("elsewhere", b"<worksheet>" + FAR + b"</worksheet>")]))
+        read_raw(
+            zipped(tmp_path / "x.xlsx", [("elsewhere", b"<worksheet>" + FAR + b"</worksheet>")])
+        )
 
 
 @pytest.mark.parametrize("more", [b"", b" "], ids=["as much", "one byte more"])
 def test_a_workbook_that_lies_about_its_sizes_is_refused(tmp_path: Path, more: bytes) -> None:
-    """Its reader would unpack all there is: the checksum is made for as much as the directory says, or for one more."""
+    """Its reader would unpack all there is: the checksum is made for as much as the directory
+    says, or for one more."""
     begin = b"<worksheet><sheetData>" + b" " * 1000
-    path = zipped(tmp_path / "x.xlsx", [("xl/worksheets/sheet1.xml", begin + b" " * (8 << 20))], declares=len(begin))
+    path = zipped(
+        tmp_path / "x.xlsx",
+        [("xl/worksheets/sheet1.xml", begin + b" " * (8 << 20))],
+        declares=len(begin),
+    )
     data = bytearray(path.read_bytes())
     central = data.find(b"PK\x01\x02")
-    data[central + 16:central + 20] = struct.pack("<I", zlib.crc32(begin + more))
+    data[central + 16 : central + 20] = struct.pack("<I", zlib.crc32(begin + more))
     path.write_bytes(data)
     with pytest.raises(ValueError, match=r"unpacks to more than|CRC"):
         read_raw(path)
@@ -215,35 +302,58 @@ def test_a_workbook_that_lies_about_its_sizes_is_refused(tmp_path: Path, more: b
 
 
 def document(path: Path, rows: str) -> Path:
-    text = ('<office:document-content xmlns:office="urn:oasis:names:tc:opendocument:xmlns:office:1.0" '
-            'xmlns:tableable="urn:oasis:names:tc:opendocument:xmlns:table:1.0"><office:body><office:spreadsheet>'
-            '<table:table table:name="S">'
-            f'{rows}</table:table></office:spreadsheet></office:body></office:document-content>')
-    return zipped(path, [("mimetype", b"application/vnd.oasis.opendocument.spreadsheet"),
-                         ("content.xml", text.encode()), ("META-INF/manifest.xml", b"<manifest/>")])
+    text = (
+        '<office:document-content xmlns:office="urn:oasis:names:tc:opendocument:xmlns:office:1.0" '
+        'xmlns:tableable="urn:oasis:names:tc:opendocument:xmlns:table:1.0"><office:body>'
+        "<office:spreadsheet>"
+        '<table:table table:name="S">'
+        f"{rows}</table:table></office:spreadsheet></office:body></office:document-content>"
+    )
+    return zipped(
+        path,
+        [
+            ("mimetype", b"application/vnd.oasis.opendocument.spreadsheet"),
+            ("content.xml", text.encode()),
+            ("META-INF/manifest.xml", b"<manifest/>"),
+        ],
+    )
 
 
-CELL = '<table:table-cell office:value-type="float" office:value="1" table:number-columns-repeated="{}"/>'
+CELL = (
+    '<table:table-cell office:value-type="float" office:value="1" '
+    'table:number-columns-repeated="{}"/>'
+)
 EMPTY = '<table:table-cell table:number-columns-repeated="16000"/>'
 
 
-@pytest.mark.parametrize("rows", [
-    f'<table:table-row table:number-rows-repeated="9000">{CELL.format(9000)}</table:table-row>',
-    f'<table:table-row table:number-rows-repeated="9000">{EMPTY}{CELL.format(1)}</table:table-row>',
-    f'<table:table-row table:number-rows-repeated="900000">{EMPTY}</table:table-row>'
-    f'<table:table-row>{EMPTY}{CELL.format(1)}</table:table-row>'],
-    ids=["repeated", "far right", "far down"])
+@pytest.mark.parametrize(
+    "rows",
+    [
+        f'<table:table-row table:number-rows-repeated="9000">{CELL.format(9000)}</table:table-row>',
+        "<table:table-row "
+        f'table:number-rows-repeated="9000">{EMPTY}{CELL.format(1)}</table:table-row>',
+        f'<table:table-row table:number-rows-repeated="900000">{EMPTY}</table:table-row>'
+        f"<table:table-row>{EMPTY}{CELL.format(1)}</table:table-row>",
+    ],
+    ids=["repeated", "far right", "far down"],
+)
 @pytest.mark.parametrize("read", [read_raw, lambda path: read_bench_table(path, "lag")])
-def test_a_document_of_few_bytes_and_many_cells_is_not_made(tmp_path: Path, read, rows: str) -> None:
-    """900 000 x 16 000 empty cells before the one that is there ended the program: 48 GB were asked for."""
-    where = "sheet S: " if "900000" in rows else "content.xml: "            # the second: before the reader is asked
+def test_a_document_of_few_bytes_and_many_cells_is_not_made(
+    tmp_path: Path, read, rows: str
+) -> None:
+    """900 000 x 16 000 empty cells before the one that is there ended the program: 48 GB were
+    asked for."""
+    # the second: before the reader is asked
+    where = "sheet S: " if "900000" in rows else "content.xml: "
     with pytest.raises(ValueError, match=where + "[0-9]+ cells: allowed up to 16777216 cells"):
         read(document(tmp_path / "x.ods", rows))
 
 
 def test_rows_that_fill_the_end_of_a_document_do_not_count(tmp_path: Path) -> None:
-    rows = (f'<table:table-row>{CELL.format(20)}</table:table-row>'
-            f'<table:table-row table:number-rows-repeated="1048575">{EMPTY}</table:table-row>')
+    rows = (
+        f"<table:table-row>{CELL.format(20)}</table:table-row>"
+        f'<table:table-row table:number-rows-repeated="1048575">{EMPTY}</table:table-row>'
+    )
     check_sheets(document(tmp_path / "x.ods", rows))
 
 
@@ -252,7 +362,10 @@ def test_records_of_a_binary_sheet_are_looked_through(tmp_path: Path) -> None:
         return bytes([kind, 8]) + struct.pack("<II", number, 0)
 
     near = [record(0, 0), record(1, 0), record(0, 9), record(2, 3)]
-    for records, most in ((near, None), ([*near, record(0, 1_048_575), record(5, 16_383)], "17179869184 cells")):
+    for records, most in (
+        (near, None),
+        ([*near, record(0, 1_048_575), record(5, 16_383)], "17179869184 cells"),
+    ):
         data = b"\x81\x01\x00" + b"".join(records)
         path = zipped(tmp_path / "x.xlsb", [("xl/worksheets/sheet1.bin", data)])
         if most is None:
@@ -263,16 +376,25 @@ def test_records_of_a_binary_sheet_are_looked_through(tmp_path: Path) -> None:
 
 
 def test_settings_of_a_printer_are_no_sheet(tmp_path: Path) -> None:
-    """Bytes that read as records of a sheet far down: Excel keeps a DEVMODE in every workbook that was printed."""
-    far = b"\x00\x08" + struct.pack("<II", 1_048_575, 0) + b"\x05\x08" + struct.pack("<II", 16_383, 0)
+    """Bytes that read as records of a sheet far down: Excel keeps a DEVMODE in every workbook
+    that was printed."""
+    far = (
+        b"\x00\x08" + struct.pack("<II", 1_048_575, 0) + b"\x05\x08" + struct.pack("<II", 16_383, 0)
+    )
     cells = b'<worksheet><sheetData><row r="1"><c r="A1"><v>1</v></c></row></sheetData></worksheet>'
-    check_sheets(zipped(tmp_path / "x.xlsx", [("xl/worksheets/sheet1.xml", cells),
-                                              ("xl/printerSettings/printerSettings1.bin", far)]))
+    check_sheets(
+        zipped(
+            tmp_path / "x.xlsx",
+            [("xl/worksheets/sheet1.xml", cells), ("xl/printerSettings/printerSettings1.bin", far)],
+        )
+    )
 
 
 def test_a_long_sheet_is_read(tmp_path: Path) -> None:
-    rows = b"".join(b'<row r="%d"><c r="A%d"><v>1</v></c><c r="J%d"><v>2</v></c></row>' % (k, k, k)
-                    for k in range(1, 50_000))
+    rows = b"".join(
+        b'<row r="%d"><c r="A%d"><v>1</v></c><c r="J%d"><v>2</v></c></row>' % (k, k, k)
+        for k in range(1, 50_000)
+    )
     check_sheets(sheet(tmp_path / "x.xlsx", rows))
 
 
@@ -290,7 +412,9 @@ def test_ground_is_unpacked_no_further_than_it_says(tmp_path: Path) -> None:
             resume.read(path)
 
 
-@pytest.mark.parametrize("data", [b"Zeit;Men\\e\n1,5;2\r;2,5\n2,5;3\n", b"time_s,x\n1,2\n1e308,3\n-1e308,4\n"])
+@pytest.mark.parametrize(
+    "data", [b"Zeit;Men\\e\n1,5;2\r;2,5\n2,5;3\n", b"time_s,x\n1,2\n1e308,3\n-1e308,4\n"]
+)
 def test_what_a_fuzzer_found_is_one_line_or_read(tmp_path: Path, data: bytes) -> None:
     path = tmp_path / "x.csv"
     path.write_bytes(data)
@@ -300,20 +424,30 @@ def test_what_a_fuzzer_found_is_one_line_or_read(tmp_path: Path, data: bytes) ->
         assert "\n" not in str(said)
 
 
-# -- few bytes that grow: each in a process of its own, for its reader might end this one ------------------------------
+# -- few bytes that grow: each in a process of its own, for its reader might end this one
+# ------------------------------
+
 
 def grown(read: str, path: Path, seconds: float = 60.0, most_mb: int = 600) -> str:
     """The refusal of a file in a process of at most 2 GB, and within time and memory.
 
-    The usual imports take some 250 MB of it; the time is for a busy machine. Its own high-water mark is asked: to
-    `ru_maxrss` Linux counts what the process had that started it.
+    The usual imports take some 250 MB of it; the time is for a busy machine. Its own high-water
+    mark is asked: to `ru_maxrss` Linux counts what the process had that started it.
     """
-    code = (f"import sys\nfrom pathlib import Path\n{read}\n"
-            "try:\n    read(Path(sys.argv[1]))\nexcept Exception as said:\n    print(said)\n"
-            "print(next(int(line.split()[1]) >> 10 for line in open('/proc/self/status') if line.startswith('VmHWM')))")
-    ended = subprocess.run([sys.executable, "-c", code, str(path)], capture_output=True, text=True, timeout=seconds,
-                           preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_AS, (2 << 30, 2 << 30)),
-                           env={**os.environ, "POLARS_MAX_THREADS": "2", "OPENBLAS_NUM_THREADS": "1"})
+    code = (
+        f"import sys\nfrom pathlib import Path\n{read}\n"
+        "try:\n    read(Path(sys.argv[1]))\nexcept Exception as said:\n    print(said)\n"
+        "print(next(int(line.split()[1]) >> 10 for line in open('/proc/self/status') if "
+        "line.startswith('VmHWM')))"
+    )
+    ended = subprocess.run(
+        [sys.executable, "-c", code, str(path)],
+        capture_output=True,
+        text=True,
+        timeout=seconds,
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_AS, (2 << 30, 2 << 30)),
+        env={**os.environ, "POLARS_MAX_THREADS": "2", "OPENBLAS_NUM_THREADS": "1"},
+    )
     assert ended.returncode == 0, ended.stderr[-500:]
     *said, mb = ended.stdout.splitlines()
     assert int(mb) < most_mb
@@ -324,17 +458,36 @@ MAP = "from drivers.files.prescriptions.read import read_prescription as read"
 RAW = "from drivers.files.imports.read import read_raw as read"
 
 
-@pytest.mark.parametrize(("shape", "said"), [
-    ({"width": 3000, "height": 3000, "count": 120, "blockxsize": 3008, "blockysize": 3008},
-     "1080000000 cells: allowed up to 10000000 cells"),
-    ({"width": 100, "height": 100, "count": 1, "blockxsize": 16_000, "blockysize": 16_000},
-     "a tile: 256000000 cells: allowed up to 10000000 cells")])
-def test_a_raster_is_held_to_its_cells_in_all_bands_and_to_its_tiles(tmp_path: Path, shape: dict[str, int],
-                                                                     said: str) -> None:
+@pytest.mark.parametrize(
+    ("shape", "said"),
+    [
+        (
+            {"width": 3000, "height": 3000, "count": 120, "blockxsize": 3008, "blockysize": 3008},
+            "1080000000 cells: allowed up to 10000000 cells",
+        ),
+        (
+            {"width": 100, "height": 100, "count": 1, "blockxsize": 16_000, "blockysize": 16_000},
+            "a tile: 256000000 cells: allowed up to 10000000 cells",
+        ),
+    ],
+)
+def test_a_raster_is_held_to_its_cells_in_all_bands_and_to_its_tiles(
+    tmp_path: Path, shape: dict[str, int], said: str
+) -> None:
     """1132 bytes asked for 4 GB."""
     rasterio = pytest.importorskip("rasterio", reason="rasterio is not installed")
-    with rasterio.open(tmp_path / "x.tif", "w", driver="GTiff", dtype="uint8", crs="EPSG:4326", tiled=True, nodata=0,
-                       sparse_ok=True, transform=rasterio.transform.from_origin(9, 52, 1e-6, 1e-6), **shape):
+    with rasterio.open(
+        tmp_path / "x.tif",
+        "w",
+        driver="GTiff",
+        dtype="uint8",
+        crs="EPSG:4326",
+        tiled=True,
+        nodata=0,
+        sparse_ok=True,
+        transform=rasterio.transform.from_origin(9, 52, 1e-6, 1e-6),
+        **shape,
+    ):
         pass
     assert said in grown(MAP, tmp_path / "x.tif")
 
@@ -354,15 +507,23 @@ def test_a_parquet_whose_pages_are_larger_than_its_footer_says_is_refused(tmp_pa
     path = tmp_path / "x.parquet"
     pl.DataFrame({"a": np.arange(3000.0)}).write_parquet(path, compression="zstd")
     data = path.read_bytes()
-    head = re.match(rb"PAR1\x15.\x15[\x80-\xff]*[\0-\x7f]", data, re.DOTALL)     # the first page: kind, unpacked size
+    # the first page: kind, unpacked size
+    head = re.match(rb"PAR1\x15.\x15[\x80-\xff]*[\0-\x7f]", data, re.DOTALL)
     assert head is not None
-    path.write_bytes(data[:7] + _varying(2 * (2 << 30)) + data[head.end():])         # zigzag
+    path.write_bytes(data[:7] + _varying(2 * (2 << 30)) + data[head.end() :])  # zigzag
     assert "2048 MB: allowed up to 1024 MB" in grown(RAW, path)
 
 
-@pytest.mark.parametrize("data", [b"", b"PAR1", b"PAR1" + b"\xff" * 100 + b"\x20\0\0\0PAR1",
-                                  b"PAR1" + b"\x1c" * 64 + b"\x40\0\0\0PAR1",
-                                  b"PAR1" + bytes(20) + b"\xff\xff\xff\x7fPAR1"])
+@pytest.mark.parametrize(
+    "data",
+    [
+        b"",
+        b"PAR1",
+        b"PAR1" + b"\xff" * 100 + b"\x20\0\0\0PAR1",
+        b"PAR1" + b"\x1c" * 64 + b"\x40\0\0\0PAR1",
+        b"PAR1" + bytes(20) + b"\xff\xff\xff\x7fPAR1",
+    ],
+)
 def test_a_footer_that_is_none_is_refused(tmp_path: Path, data: bytes) -> None:
     path = tmp_path / "x.parquet"
     path.write_bytes(data)
@@ -371,21 +532,41 @@ def test_a_footer_that_is_none_is_refused(tmp_path: Path, data: bytes) -> None:
 
 
 def test_parquets_of_many_kinds_are_read_as_before(tmp_path: Path) -> None:
-    frame = pl.DataFrame({"time_s": np.arange(5000.0), "text": [f"t{k % 7}" for k in range(5000)],
-                          "k": np.arange(5000, dtype=np.int32), "flag": [k % 2 == 0 for k in range(5000)]})
+    frame = pl.DataFrame(
+        {
+            "time_s": np.arange(5000.0),
+            "text": [f"t{k % 7}" for k in range(5000)],
+            "k": np.arange(5000, dtype=np.int32),
+            "flag": [k % 2 == 0 for k in range(5000)],
+        }
+    )
     for compression in ("zstd", "snappy", "uncompressed", "gzip", "lz4"):
         for group in (100, 100_000):
-            frame.write_parquet(tmp_path / "x.parquet", compression=compression, row_group_size=group)
+            frame.write_parquet(
+                tmp_path / "x.parquet", compression=compression, row_group_size=group
+            )
             assert read_raw(tmp_path / "x.parquet").frame.height == 5000
 
 
-def test_a_zip_of_many_task_files_is_opened_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_zip_of_many_task_files_is_opened_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Its directory was read for each of 999 files, and each time that one was looked for."""
     opened = []
-    monkeypatch.setattr(zipfile, "ZipFile", lambda *words, real=zipfile.ZipFile, **named: opened.append(words) or real(
-        *words, **named))
-    entries = [("TASKDATA.XML", b"<ISO11783_TaskData>" + b"".join(b'<XFR A="TSK%05d"/>' % k for k in range(999))
-                + b"</ISO11783_TaskData>"), *((f"TSK{k:05d}.XML", b"<XFC><TSK/></XFC>") for k in range(999))]
+    monkeypatch.setattr(
+        zipfile,
+        "ZipFile",
+        lambda *words, real=zipfile.ZipFile, **named: opened.append(words) or real(*words, **named),
+    )
+    entries = [
+        (
+            "TASKDATA.XML",
+            b"<ISO11783_TaskData>"
+            + b"".join(b'<XFR A="TSK%05d"/>' % k for k in range(999))
+            + b"</ISO11783_TaskData>",
+        ),
+        *((f"TSK{k:05d}.XML", b"<XFC><TSK/></XFC>") for k in range(999)),
+    ]
     path = zipped(tmp_path / "map.zip", entries)
     opened.clear()
     with pytest.raises(ValueError, match="no treatment zones"):
@@ -393,14 +574,39 @@ def test_a_zip_of_many_task_files_is_opened_once(tmp_path: Path, monkeypatch: py
     assert len(opened) < 10
 
 
-@pytest.mark.parametrize(("entries", "said"), [
-    ([("TASKDATA.XML", b"<ISO11783_TaskData>" + b"<a/>" * 3_000_000 + b"</ISO11783_TaskData>")],
-     "allowed up to 2000000"),
-    ([("TASKDATA.XML", b"<ISO11783_TaskData>" + b"".join(b'<XFR A="TSK%05d"/>' % k for k in range(99))
-       + b"</ISO11783_TaskData>"), *((f"TSK{k:05d}.XML", b"<XFC>" + b"<a/>" * 30_000 + b"</XFC>") for k in range(99))],
-     "allowed up to 2000000"),
-    ([(f"{k}/TASKDATA.XML", b" " * (1 << 20)) for k in range(70)], "task files: 70 MB: allowed up to 64 MB")])
-def test_task_files_are_counted_together(tmp_path: Path, entries: list[tuple[str, bytes]], said: str) -> None:
+@pytest.mark.parametrize(
+    ("entries", "said"),
+    [
+        (
+            [
+                (
+                    "TASKDATA.XML",
+                    b"<ISO11783_TaskData>" + b"<a/>" * 3_000_000 + b"</ISO11783_TaskData>",
+                )
+            ],
+            "allowed up to 2000000",
+        ),
+        (
+            [
+                (
+                    "TASKDATA.XML",
+                    b"<ISO11783_TaskData>"
+                    + b"".join(b'<XFR A="TSK%05d"/>' % k for k in range(99))
+                    + b"</ISO11783_TaskData>",
+                ),
+                *((f"TSK{k:05d}.XML", b"<XFC>" + b"<a/>" * 30_000 + b"</XFC>") for k in range(99)),
+            ],
+            "allowed up to 2000000",
+        ),
+        (
+            [(f"{k}/TASKDATA.XML", b" " * (1 << 20)) for k in range(70)],
+            "task files: 70 MB: allowed up to 64 MB",
+        ),
+    ],
+)
+def test_task_files_are_counted_together(
+    tmp_path: Path, entries: list[tuple[str, bytes]], said: str
+) -> None:
     assert said in grown(MAP, zipped(tmp_path / "map.zip", entries))
 
 
@@ -413,23 +619,33 @@ def test_yaml_is_counted_as_it_is_read(tmp_path: Path, text: str) -> None:
 
 
 def _map(path: Path, rings: list[np.ndarray]) -> Path:
-    return geojson(path, *(feature([ring.tolist()], rate_kg_ha=100 + k) for k, ring in enumerate(rings)))
+    return geojson(
+        path, *(feature([ring.tolist()], rate_kg_ha=100 + k) for k, ring in enumerate(rings))
+    )
 
 
 PLACES = np.random.default_rng(1).random((3000, 2)) * 0.01 + (9.0, 52.0)
 EDGES = np.column_stack((9.0 + 0.01 * (np.arange(20_000) % 2), 52.0 + 5e-7 * np.arange(20_000)))
 SLANTED = np.column_stack((EDGES[:, 0], EDGES[:, 1] + EDGES[:, 0]))
-LAID_OVER = [np.array([(9 + 1e-6 * k, 52), (9.01 + 1e-6 * k, 52), (9.01, 52.01), (9 + 1e-7 * k, 52.01)])
-             for k in range(500)]
+LAID_OVER = [
+    np.array([(9 + 1e-6 * k, 52), (9.01 + 1e-6 * k, 52), (9.01, 52.01), (9 + 1e-7 * k, 52.01)])
+    for k in range(500)
+]
 
 
-@pytest.mark.parametrize(("rings", "said"), [
-    ([PLACES], "crossings: allowed up to 1000|pairs: allowed up to 2000000"),
-    ([PLACES[60 * k:60 * k + 60] for k in range(50)], "crossings: allowed up to 1000"),
-    ([SLANTED], "pairs: allowed up to 2000000"), (LAID_OVER, "pairs: allowed up to 5000")],
-    ids=["one", "many small", "long edges", "zones"])
-def test_outlines_over_themselves_and_one_another_are_counted(tmp_path: Path, rings: list[np.ndarray],
-                                                              said: str) -> None:
+@pytest.mark.parametrize(
+    ("rings", "said"),
+    [
+        ([PLACES], "crossings: allowed up to 1000|pairs: allowed up to 2000000"),
+        ([PLACES[60 * k : 60 * k + 60] for k in range(50)], "crossings: allowed up to 1000"),
+        ([SLANTED], "pairs: allowed up to 2000000"),
+        (LAID_OVER, "pairs: allowed up to 5000"),
+    ],
+    ids=["one", "many small", "long edges", "zones"],
+)
+def test_outlines_over_themselves_and_one_another_are_counted(
+    tmp_path: Path, rings: list[np.ndarray], said: str
+) -> None:
     """To put a ring of 3000 corners right took more than 200 s."""
     assert re.search(said, grown(MAP, _map(tmp_path / "x.geojson", rings)))
 
@@ -441,8 +657,8 @@ def test_an_outline_that_crosses_itself_a_few_times_is_read(tmp_path: Path) -> N
     assert read_prescription(_map(tmp_path / "x.geojson", [ring])).data.zones
 
 
-# --- What a refusal quotes of a file may hold ends of lines of every kind: it stays one line, and nothing else is
-# raised.
+# --- What a refusal quotes of a file may hold ends of lines of every kind: it stays one line,
+# and nothing else is raised.
 
 ENDS = "\n\r\x0b\x0c\x1c\x1d\x1e\x85\u2028\u2029"
 
@@ -461,13 +677,13 @@ def _nameless(packed: bytes) -> bytes:
     entry[28:30] = b"\x00\x00"
     del entry[46:51]
     end = entry.index(b"PK\x05\x06")
-    entry[end + 12:end + 16] = (len(entry[:end])).to_bytes(4, "little")
+    entry[end + 12 : end + 16] = (len(entry[:end])).to_bytes(4, "little")
     return packed[:at] + bytes(entry)
 
 
 def _of_another_version(packed: bytes) -> bytes:
     at = packed.index(b"PK\x01\x02")
-    return packed[:at + 6] + b"\xed\x00" + packed[at + 8:]
+    return packed[: at + 6] + b"\xed\x00" + packed[at + 8 :]
 
 
 def _of_spoilt_bytes(packed: bytes) -> bytes:
@@ -477,7 +693,7 @@ def _of_spoilt_bytes(packed: bytes) -> bytes:
         archive.writestr("TASKDATA/TASKDATA.XML", bytes(range(256)) * 9)
     spoilt = bytearray(made.getvalue())
     begin = spoilt.index(b"TASKDATA.XML") + len(b"TASKDATA.XML")
-    spoilt[begin:begin + 40] = b"\xfd\x7f" * 20
+    spoilt[begin : begin + 40] = b"\xfd\x7f" * 20
     return bytes(spoilt)
 
 
@@ -490,7 +706,11 @@ def _job(path: Path) -> None:
 
 
 CASES = {
-    "bench table": (".csv", lambda end: f'"{end}x{end}"\n1,2\n'.encode(), lambda path: read_bench_table(path, None)),
+    "bench table": (
+        ".csv",
+        lambda end: f'"{end}x{end}"\n1,2\n'.encode(),
+        lambda path: read_bench_table(path, None),
+    ),
     "plants": (".csv", lambda end: f"lat_deg,lon_deg\n34,1\nq{end}5,4\n".encode(), read_plants),
     "log": (".csv", lambda end: f"tim{end}e,b\n1,2\n".encode(), read_log),
     "job": (".yaml", lambda end: f'format: "topdress-j{end}{end}x"\n'.encode(), _job),
@@ -510,8 +730,9 @@ def test_a_refusal_is_one_line_whatever_it_quotes(tmp_path: Path, name: str, end
 
 
 @pytest.mark.parametrize("change", [_nameless, _of_another_version, _of_spoilt_bytes])
-def test_a_zip_of_which_the_library_falls_over_is_refused_in_a_line(tmp_path: Path,
-                                                                   change: Callable[[bytes], bytes]) -> None:
+def test_a_zip_of_which_the_library_falls_over_is_refused_in_a_line(
+    tmp_path: Path, change: Callable[[bytes], bytes]
+) -> None:
     path = tmp_path / "x.zip"
     path.write_bytes(_zip(change))
     with pytest.raises(ValueError) as refused:

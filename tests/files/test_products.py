@@ -1,4 +1,6 @@
-"""The product library: apart from machine and crop, named by the job; its flow and its N share come with it."""
+"""The product library: apart from machine and crop, named by the job; its flow and its N share
+come with it."""
+
 from __future__ import annotations
 
 import datetime as dt
@@ -27,14 +29,23 @@ def prills(*tests: CatchTest) -> Product:
 
 
 def caught(grams: float, day: str, machine: str = "huanghai", **more: float) -> CatchTest:
-    return CatchTest(date=dt.date.fromisoformat(day), machine=machine, grams_per_rev_mm=grams, **more)
+    return CatchTest(
+        date=dt.date.fromisoformat(day), machine=machine, grams_per_rev_mm=grams, **more
+    )
 
 
 @pytest.fixture
 def job(tmp_path) -> Path:
     """A job with a product that this machine has caught twice."""
-    save(tmp_path / "mine.yaml", prills(caught(5.9, "2025-03-01"), caught(6.2, "2026-03-17"),
-                                        caught(1.4, "2026-03-18", "spreader")), PRODUCT)
+    save(
+        tmp_path / "mine.yaml",
+        prills(
+            caught(5.9, "2025-03-01"),
+            caught(6.2, "2026-03-17"),
+            caught(1.4, "2026-03-18", "spreader"),
+        ),
+        PRODUCT,
+    )
     demo = load("demo", JOB).model
     save(tmp_path / "job.yaml", demo.model_copy(update={"product_file": "mine.yaml"}), JOB)
     return tmp_path / "job.yaml"
@@ -49,18 +60,26 @@ def test_the_newest_test_with_this_machine_counts(job):
     assert str(job.parent / "mine.yaml") in setup.sha256
     assert load_setup("spreader", str(job), TODAY).machine.flow.grams_per_rev_mm == 1.4
     bench = load_setup("bench", str(job), TODAY)
-    assert bench.machine == load("bench", MACHINE).model, "never caught with it: its own file counts"
+    assert bench.machine == load("bench", MACHINE).model, (
+        "never caught with it: its own file counts"
+    )
     assert "no catch test with machine bench" in product_note(bench.product, bench.machine)
 
 
 def test_a_jobs_rate_follows_the_n_share(job):
     """The same nitrogen, in 46 instead of 45 %: eq 2 divides by the share."""
-    with_it, without = load_setup("huanghai", str(job), TODAY), load_setup("huanghai", "demo", TODAY)
-    assert with_it.rule.decide(0.5).rate_kg_ha == pytest.approx(without.rule.decide(0.5).rate_kg_ha * 0.45 / 0.46)
+    with_it, without = (
+        load_setup("huanghai", str(job), TODAY),
+        load_setup("huanghai", "demo", TODAY),
+    )
+    assert with_it.rule.decide(0.5).rate_kg_ha == pytest.approx(
+        without.rule.decide(0.5).rate_kg_ha * 0.45 / 0.46
+    )
 
 
 def test_files_of_before_read_equal():
-    """A job that names no product: machine and crop are those of their files, the product in the crop included."""
+    """A job that names no product: machine and crop are those of their files, the product in
+    the crop included."""
     setup = load_setup("huanghai", "demo", TODAY)
     assert setup.product is None and setup.machine == load("huanghai", MACHINE).model
     assert (setup.crop.product, setup.crop.product_n_fraction) == ("urea", 0.45)
@@ -68,18 +87,42 @@ def test_files_of_before_read_equal():
 
 def test_what_a_test_tells_replaces_what_was_told():
     machine = load("huanghai", MACHINE).model
-    machine = machine.model_copy(update={"flow": machine.flow._replace(gain_percent=4.0, zero_offset_g_rev=3.0)})
+    machine = machine.model_copy(
+        update={"flow": machine.flow._replace(gain_percent=4.0, zero_offset_g_rev=3.0)}
+    )
     found = with_product(machine, prills(caught(6.0, "2026-03-17", fill_falloff_percent=2.0))).flow
-    assert (found.gain_percent, found.zero_offset_g_rev, found.fill_falloff_percent) == (0.0, 0.0, 2.0)
+    assert (found.gain_percent, found.zero_offset_g_rev, found.fill_falloff_percent) == (
+        0.0,
+        0.0,
+        2.0,
+    )
     two = prills(caught(6.0, "2026-03-17"), caught(6.1, "2026-03-17"), caught(5.0, "2026-03-01"))
-    assert two.newest_test("huanghai").grams_per_rev_mm == 6.1, "of one day the one that stands last"
+    assert two.newest_test("huanghai").grams_per_rev_mm == 6.1, (
+        "of one day the one that stands last"
+    )
     with pytest.raises(ValueError, match="catch test of 2026-03-17 with huanghai"):
         with_product(machine, prills(caught(6.0, "2026-03-17", zero_offset_g_rev=90000.0)))
 
 
-@pytest.mark.parametrize("change", [{"n_fraction": 0.0}, {"density_kg_l": 9.0}, {"colour": "white"},
-                                    {"catch_tests": [{"date": "2026-03-18", "machine": "m", "grams_per_rev_mm": 5.0,
-                                                      "low": 5.1, "high": 5.2}]}])
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"n_fraction": 0.0},
+        {"density_kg_l": 9.0},
+        {"colour": "white"},
+        {
+            "catch_tests": [
+                {
+                    "date": "2026-03-18",
+                    "machine": "m",
+                    "grams_per_rev_mm": 5.0,
+                    "low": 5.1,
+                    "high": 5.2,
+                }
+            ]
+        },
+    ],
+)
 def test_what_is_not_allowed(change):
     with pytest.raises(ValidationError):
         Product.model_validate(load("urea_prilled", PRODUCT).model.model_dump() | change)
@@ -87,12 +130,16 @@ def test_what_is_not_allowed(change):
 
 def test_check_tells_of_the_product(job, tmp_path):
     said = topdress("check", job, "bench")
-    assert said.exit_code == 0 and "product urea_prilled: no catch test with machine bench" in said.output
+    assert (
+        said.exit_code == 0
+        and "product urea_prilled: no catch test with machine bench" in said.output
+    )
     save(job, load(str(job), JOB).model.model_copy(update={"product_file": "none.yaml"}), JOB)
     said = topdress("check", job)
     assert said.exit_code != 0 and "none.yaml" in said.output
     with pytest.raises(ConfigError, match="name it in the job file"):
         from drivers.files.setup import by_kind
+
         by_kind([str(shipped("products")["can_27"])])
 
 
@@ -100,17 +147,40 @@ def test_a_catch_test_is_added_with_its_date(tmp_path):
     """A table of a machine that gives 6.1 g a turn and mm."""
     table = tmp_path / "catch.csv"
     rows = [(rpm, mm, 60.0, 6.1 * mm * rpm / 1000.0) for rpm in (20, 40, 60) for mm in (10, 25, 40)]
-    table.write_text("shaft_rpm,opening_mm,duration_s,mass_kg\n" + "".join(
-        f"{a},{b},{c},{d * (1 + 0.001 * (-1) ** k)}\n" for k, (a, b, c, d) in enumerate(rows)))
+    table.write_text(
+        "shaft_rpm,opening_mm,duration_s,mass_kg\n"
+        + "".join(
+            f"{a},{b},{c},{d * (1 + 0.001 * (-1) ** k)}\n" for k, (a, b, c, d) in enumerate(rows)
+        )
+    )
     out = tmp_path / "mine.yaml"
-    said = topdress("calibrate", "catch", table, "--product", "urea_prilled", "--date", "2026-03-18", "--out", out)
+    said = topdress(
+        "calibrate",
+        "catch",
+        table,
+        "--product",
+        "urea_prilled",
+        "--date",
+        "2026-03-18",
+        "--out",
+        out,
+    )
     assert said.exit_code == 0, said.output
     test = load(str(out), PRODUCT).model.newest_test("huanghai")
-    assert test.grams_per_rev_mm == pytest.approx(6.1, rel=0.002) and test.date == TODAY and len(test.sha256) == 64
+    assert (
+        test.grams_per_rev_mm == pytest.approx(6.1, rel=0.002)
+        and test.date == TODAY
+        and len(test.sha256) == 64
+    )
     again = tmp_path / "again.yaml"
-    said = topdress("calibrate", "catch", table, "--product", out, "--date", "2026-03-19", "--out", again)
+    said = topdress(
+        "calibrate", "catch", table, "--product", out, "--date", "2026-03-19", "--out", again
+    )
     assert said.exit_code == 0 and len(load(str(again), PRODUCT).model.catch_tests) == 2
-    for more in (["--out", str(out), "--product", str(out)], ["--out", str(tmp_path / "x.yaml"), "--date", "today"]):
+    for more in (
+        ["--out", str(out), "--product", str(out)],
+        ["--out", str(tmp_path / "x.yaml"), "--date", "today"],
+    ):
         assert topdress("calibrate", "catch", table, *more).exit_code != 0
 
 
@@ -122,6 +192,7 @@ def desk(tmp_path):
 
     async def link(resumed=None):
         """A worker that starts with what was taken."""
+
     launcher.link = link
     return JobFiles(launcher, tmp_path)
 
@@ -135,12 +206,17 @@ async def test_another_product_in_the_cab_brings_its_flow(desk, tmp_path):
     desk.take_names(JobNames(product="mine", product_file=mine))
     await desk.restart()
     facts = desk.facts()
-    assert (facts.setup.machine.flow.grams_per_rev_mm, facts.setup.crop.product_n_fraction) == (6.2, 0.46)
+    assert (facts.setup.machine.flow.grams_per_rev_mm, facts.setup.crop.product_n_fraction) == (
+        6.2,
+        0.46,
+    )
     line = next(one for one in checks(None, 0.0, facts, "", None, METRIC) if one.label == "product")
     assert line.level == OK and "6.20 g a turn and mm (catch test of 2026-03-17)" in line.text
     desk.take_names(JobNames(product="can_27", product_file=str(shipped("products")["can_27"])))
     await desk.restart()
-    line = next(one for one in checks(None, 0.0, desk.facts(), "", None, METRIC) if one.label == "product")
+    line = next(
+        one for one in checks(None, 0.0, desk.facts(), "", None, METRIC) if one.label == "product"
+    )
     assert line.level == LOOK and "no catch test with this machine" in line.text
     desk.take_names(JobNames(product="from a neighbour"))
     await desk.restart()

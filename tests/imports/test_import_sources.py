@@ -1,4 +1,6 @@
-"""Kinds of files beside text: the task log that we ourselves export, Excel sheets, points, a million rows."""
+"""Kinds of files beside text: the task log that we ourselves export, Excel sheets, points, a
+million rows."""
+
 from __future__ import annotations
 
 import datetime as dt
@@ -26,7 +28,15 @@ from drivers.files.imports.join import joined
 from drivers.files.imports.log_file import log_frame
 from drivers.files.imports.mapping import IMPORT, Source
 from drivers.files.imports.read import read_raw
-from drivers.files.imports.time_logs import TOTAL_AREA, WIDTH, WORK, LoggedValue, TimeLog, hectares, width_of
+from drivers.files.imports.time_logs import (
+    TOTAL_AREA,
+    WIDTH,
+    WORK,
+    LoggedValue,
+    TimeLog,
+    hectares,
+    width_of,
+)
 from drivers.files.imports.trouble import ImportTrouble
 from drivers.files.read_log import read_log
 from drivers.files.what_it_is import holds_points
@@ -35,19 +45,39 @@ from tests.geojson import feature, geojson
 from tests.imports import task_sets
 
 BEGIN = dt.datetime(2026, 3, 20, 8, 0, tzinfo=dt.UTC)
-TASK = '<ISO11783_TaskData VersionMajor="4" VersionMinor="3"><TSK A="TSK1">{}</TSK></ISO11783_TaskData>'
+TASK = (
+    '<ISO11783_TaskData VersionMajor="4" VersionMinor="3"><TSK '
+    'A="TSK1">{}</TSK></ISO11783_TaskData>'
+)
 
 
 def task_folder(folder: Path, logs: tuple[str, ...] = ("TLG00001",)) -> Path:
-    """Target and applied rate, speed, a number that only the device knows; one value now and then not in the record."""
+    """Target and applied rate, speed, a number that only the device knows; one value now and
+    then not in the record."""
     folder.mkdir()
     root = TASK.format("".join(f'<TLG A="{name}"/>' for name in logs)).replace(
-        "<TSK", '<DVC A="DVC1"><DPD A="1" B="ABCD" E="Fan pressure"/></DVC><TSK')
+        "<TSK", '<DVC A="DVC1"><DPD A="1" B="ABCD" E="Fan pressure"/></DVC><TSK'
+    )
     (folder / "TASKDATA.XML").write_text(root)
-    data = [Logged(6, "DET1"), Logged(7, "DET1"), Logged(397, "DET1"), Logged(0xABCD, "DET1"), Logged(141, "DET1")]
-    moments = [TimeRecord(BEGIN + dt.timedelta(seconds=k), 48.0 + 2.0 * k / 111_200.0, 10.0, 4 if k else 15, 0.8, 12,
-                          [30_000 + 100 * (k // 5), None if k % 4 == 2 else 29_000 + k, 2000, 55 + k, int(k > 2)])
-               for k in range(50)]
+    data = [
+        Logged(6, "DET1"),
+        Logged(7, "DET1"),
+        Logged(397, "DET1"),
+        Logged(0xABCD, "DET1"),
+        Logged(141, "DET1"),
+    ]
+    moments = [
+        TimeRecord(
+            BEGIN + dt.timedelta(seconds=k),
+            48.0 + 2.0 * k / 111_200.0,
+            10.0,
+            4 if k else 15,
+            0.8,
+            12,
+            [30_000 + 100 * (k // 5), None if k % 4 == 2 else 29_000 + k, 2000, 55 + k, int(k > 2)],
+        )
+        for k in range(50)
+    ]
     for name in logs:
         (folder / f"{name}.XML").write_bytes(layout(data))
         (folder / f"{name}.BIN").write_bytes(records(moments))
@@ -61,7 +91,8 @@ def test_a_task_log(topdress: Callable[..., Result], tmp_path: Path) -> None:
     log = read_log(tmp_path / "out.csv")
     assert len(log) == 50 and log.texts("utc")[1] == "2026-03-20T08:00:01.000Z"
     assert log.numbers("target_rate_kg_ha")[[0, 5]].tolist() == [300.0, 301.0]
-    assert log.numbers("applied_rate_kg_ha")[1:4].tolist() == [290.01, 290.01, 290.03]     # told on change
+    # told on change
+    assert log.numbers("applied_rate_kg_ha")[1:4].tolist() == [290.01, 290.01, 290.03]
     assert set(log.numbers("speed_mps")) == {2.0} and log.numbers("x_fan_pressure")[3] == 58.0
     assert np.isnan(log.numbers("fix_quality")[0]) and log.numbers("fix_quality")[1] == 4.0
     assert log.numbers("satellites")[0] == 12.0 and log.numbers("hdop")[0] == 0.8
@@ -74,23 +105,41 @@ def test_a_cut_task_log_and_one_of_several(topdress: Callable[..., Result], tmp_
     data = (folder / "TLG00001.BIN").read_bytes()
     (folder / "TLG00001.BIN").write_bytes(data[:-7])
     result = topdress("import", folder, "--out", tmp_path / "out.csv")
-    assert "no whole record: left out" in result.output and len(read_log(tmp_path / "out.csv")) == 49
+    assert (
+        "no whole record: left out" in result.output and len(read_log(tmp_path / "out.csv")) == 49
+    )
     two = task_folder(tmp_path / "b", ("TLG00001", "TLG00002"))
     result = topdress("import", two, "--out", tmp_path / "two.csv")
     assert result.exit_code == 2
-    assert "TLG00002 begins 2026-03-20 08:00:00, before TLG00001 ends 2026-03-20 08:00:49" in result.output
-    assert topdress("import", two, "--log", "TLG00002", "--out", tmp_path / "two.csv").exit_code == 0
+    assert (
+        "TLG00002 begins 2026-03-20 08:00:00, before TLG00001 ends 2026-03-20 08:00:49"
+        in result.output
+    )
+    assert (
+        topdress("import", two, "--log", "TLG00002", "--out", tmp_path / "two.csv").exit_code == 0
+    )
     (two / "TLG00001.BIN").unlink()
     (tmp_path / "two.csv").unlink()
     (tmp_path / "two.yaml").unlink()
     mapping = tmp_path / "m.yaml"
-    mapping.write_text("format: topdress-import/1\nsource: {task_log: TLG00001}\ntime: {column: utc}\ncolumns: {}\n")
+    mapping.write_text(
+        "format: topdress-import/1\nsource: {task_log: TLG00001}\ntime: {column: "
+        "utc}\ncolumns: {}\n"
+    )
     result = topdress("import", two, "--mapping", mapping, "--out", tmp_path / "two.csv")
-    assert result.exit_code == 2 and "TLG00001.bin, which the task names, is not there" in result.output
+    assert (
+        result.exit_code == 2
+        and "TLG00001.bin, which the task names, is not there" in result.output
+    )
 
 
 def test_our_own_task_export_comes_back(topdress: Callable[..., Result], tmp_path: Path) -> None:
-    assert topdress("simulate", "--seconds", "60", "--seed", "3", "--out", tmp_path / "a.csv").exit_code == 0
+    assert (
+        topdress(
+            "simulate", "--seconds", "60", "--seed", "3", "--out", tmp_path / "a.csv"
+        ).exit_code
+        == 0
+    )
     exported = topdress("map", tmp_path / "a.csv", "--out", tmp_path / "task.zip")
     assert exported.exit_code == 0, exported.output
     result = topdress("import", tmp_path / "task.zip", "--out", tmp_path / "b.csv")
@@ -98,13 +147,19 @@ def test_our_own_task_export_comes_back(topdress: Callable[..., Result], tmp_pat
     stretches = as_applied(read_log(tmp_path / "a.csv")).stretches
     back = read_log(tmp_path / "b.csv")
     worked = back.texts("state") == "working"
-    for name, want in (("target_rate_kg_ha", stretches.target_kg_ha), ("applied_rate_kg_ha", stretches.applied_kg_ha),
-                       ("speed_mps", stretches.speed_mps), ("lat_deg", stretches.lat_deg)):
+    for name, want in (
+        ("target_rate_kg_ha", stretches.target_kg_ha),
+        ("applied_rate_kg_ha", stretches.applied_kg_ha),
+        ("speed_mps", stretches.speed_mps),
+        ("lat_deg", stretches.lat_deg),
+    ):
         known = np.isfinite(want)
         assert np.abs(back.numbers(name)[worked][known] - want[known]).max() < 0.006, name
 
 
-def test_excel_with_times_of_its_own_and_two_sheets(topdress: Callable[..., Result], tmp_path: Path) -> None:
+def test_excel_with_times_of_its_own_and_two_sheets(
+    topdress: Callable[..., Result], tmp_path: Path
+) -> None:
     book = openpyxl.Workbook()
     first, second = book.active, book.create_sheet("Run 2")
     assert first is not None
@@ -120,46 +175,78 @@ def test_excel_with_times_of_its_own_and_two_sheets(topdress: Callable[..., Resu
     refused = topdress("import", path, "--out", tmp_path / "out.csv")
     assert refused.exit_code == 2 and "2 sheets hold tables: say source.sheet" in refused.output
     mapping = tmp_path / "m.yaml"
-    text = ("format: topdress-import/1\nsource: {sheet: %s}\ntime: {column: Time, zone: Asia/Shanghai}\n"
-            "columns: {shaft_rpm: {from: Shaft speed}}\n")
+    text = (
+        "format: topdress-import/1\nsource: {sheet: %s}\ntime: {column: Time, zone: "
+        "Asia/Shanghai}\n"
+        "columns: {shaft_rpm: {from: Shaft speed}}\n"
+    )
     mapping.write_text(text % "Run 2")
     result = topdress("import", path, "--mapping", mapping, "--out", tmp_path / "out.csv")
     assert result.exit_code == 0, result.output
     log = read_log(tmp_path / "out.csv")
-    assert log.time_s[1] == 0.5 and log.numbers("shaft_rpm")[0] == 50.0 and log.texts("x_note")[1] == "warm"
+    assert (
+        log.time_s[1] == 0.5
+        and log.numbers("shaft_rpm")[0] == 50.0
+        and log.texts("x_note")[1] == "warm"
+    )
     assert log.texts("utc")[0] == "2026-03-20T00:00:00.000Z"
     mapping.write_text(text % "Run 3")
     gone = topdress("import", path, "--mapping", mapping, "--out", tmp_path / "out2.csv")
     assert gone.exit_code == 2 and "source.sheet Run 3: allowed Sheet, Run 2" in gone.output
 
 
-@pytest.mark.parametrize(("content", "said"), [
-    ("{", "not readable as JSON"), ("{}", "no features"),
-    (json.dumps({"features": [{"geometry": {"type": "Polygon", "coordinates": []}}]}), "no feature is a point"),
-    (json.dumps({"features": [{"geometry": {"type": "Point", "coordinates": ["a", 1]}}]}), "are no two numbers"),
-])
-def test_geojson_that_holds_no_points(content: str, said: str, written: Callable[..., Path],
-                                      topdress: Callable[..., Result], tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        ("{", "not readable as JSON"),
+        ("{}", "no features"),
+        (
+            json.dumps({"features": [{"geometry": {"type": "Polygon", "coordinates": []}}]}),
+            "no feature is a point",
+        ),
+        (
+            json.dumps({"features": [{"geometry": {"type": "Point", "coordinates": ["a", 1]}}]}),
+            "are no two numbers",
+        ),
+    ],
+)
+def test_geojson_that_holds_no_points(
+    content: str,
+    said: str,
+    written: Callable[..., Path],
+    topdress: Callable[..., Result],
+    tmp_path: Path,
+) -> None:
     result = topdress("import", written(content, "p.geojson"), "--out", tmp_path / "out.csv")
     assert result.exit_code == 2 and said in result.output and len(result.output.splitlines()) == 1
 
 
-def test_a_long_file_takes_no_loop_over_its_rows(topdress: Callable[..., Result], tmp_path: Path) -> None:
+def test_a_long_file_takes_no_loop_over_its_rows(
+    topdress: Callable[..., Result], tmp_path: Path
+) -> None:
     """A hundred times as many rows, about as many calls: nothing is called for each row."""
     counts = []
-    for rows in (1_000, 1_000, 100_000):            # the first time modules are loaded
+    for rows in (1_000, 1_000, 100_000):  # the first time modules are loaded
         k = np.arange(rows)
-        frame = pl.DataFrame({"Time [s]": k / 10.0, "Shaft command [rpm]": 20.0 + 10.0 * (k // 30 % 4),
-                              "Shaft speed [rpm]": 20.0 + 10.0 * ((k - 1) // 30 % 4)})
+        frame = pl.DataFrame(
+            {
+                "Time [s]": k / 10.0,
+                "Shaft command [rpm]": 20.0 + 10.0 * (k // 30 % 4),
+                "Shaft speed [rpm]": 20.0 + 10.0 * ((k - 1) // 30 % 4),
+            }
+        )
         frame.write_csv(tmp_path / "long.csv", separator=";")
         lines = 0
 
         def counted(*_: object) -> None:
             nonlocal lines
             lines += 1
+
         sys.setprofile(counted)
         try:
-            result = topdress("import", tmp_path / "long.csv", "--out", tmp_path / "o.csv", "--force")
+            result = topdress(
+                "import", tmp_path / "long.csv", "--out", tmp_path / "o.csv", "--force"
+            )
         finally:
             sys.setprofile(None)
         assert result.exit_code == 0, result.output
@@ -167,16 +254,26 @@ def test_a_long_file_takes_no_loop_over_its_rows(topdress: Callable[..., Result]
     assert counts[2] < 2 * counts[1]
 
 
-# --- As-applied files of other programs open where a run log does: replay, diagnosis, map; else they are aske... -----
+# --- As-applied files of other programs open where a run log does: replay, diagnosis, map; else
+# they are aske... -----
 
 UNITS = ("applied_rate_kg_ha", "target_rate_kg_ha", "speed_mps")
 
 
 def points(path: Path, told: bool = True) -> Path:
     names = UNITS if told else ("AppRate", "TgtRate", "Speed")
-    return geojson(path, *(
-        feature([119.88, 34.28 + 1.35e-5 * k], "Point", utc=f"2026-03-17T06:{k // 60:02d}:{k % 60:02d}Z",
-                **dict(zip(names, (200.0 + k % 7, 205.0, 1.5), strict=True))) for k in range(200)))
+    return geojson(
+        path,
+        *(
+            feature(
+                [119.88, 34.28 + 1.35e-5 * k],
+                "Point",
+                utc=f"2026-03-17T06:{k // 60:02d}:{k % 60:02d}Z",
+                **dict(zip(names, (200.0 + k % 7, 205.0, 1.5), strict=True)),
+            )
+            for k in range(200)
+        ),
+    )
 
 
 def run(*words: str) -> str:
@@ -203,17 +300,17 @@ def test_what_is_unsure_is_asked_and_nothing_is_left(tmp_path: Path) -> None:
     assert [file.name for file in tmp_path.iterdir()] == ["applied.geojson"]
 
 
-# --- Task sets with one to thirty time logs: what is imported, asked and refused; areas, rates, kilograms and rows
-# against what the generator knows, geopandas, and isoxml.
+# --- Task sets with one to thirty time logs: what is imported, asked and refused; areas, rates,
+# kilograms and rows against what the generator knows, geopandas, and isoxml.
 
-SPEED_MPS = 2.5                 # of every set
+SPEED_MPS = 2.5  # of every set
 Floats = np.ndarray[tuple[int, ...], np.dtype[np.float64]]
 
 
 def said_of(made: Any, task: str, plain: bool) -> Source:
     """What a user would say after the questions; plain: before them."""
     held = "ddi" if made.odd == "contradiction" and not plain else None
-    return Source(task=None if plain else task, values_from=held)     # type: ignore[arg-type]
+    return Source(task=None if plain else task, values_from=held)  # type: ignore[arg-type]
 
 
 def questions(made: Any, task: str) -> str:
@@ -225,22 +322,35 @@ def questions(made: Any, task: str) -> str:
     if made.odd == "overlap" and first and len(logs) > 1:
         return "allowed are logs that follow one another"
     if made.kind in ("two bins", "volume"):
-        return "would fit as well" if made.kind == "two bins" else "is a volume: the product's density"
+        return (
+            "would fit as well" if made.kind == "two bins" else "is a volume: the product's density"
+        )
     return "which says that the machine works" if made.kind == "sections" and len(logs) > 0 else ""
 
 
 def hectares_by_geopandas(lat: Floats, lon: Floats, utc_s: Floats, width_m: float) -> float:
     geopandas = pytest.importorskip("geopandas", reason="geopandas is not installed")
     there = np.isfinite(lat)
-    places = geopandas.GeoSeries.from_xy(lon[there], lat[there], crs="EPSG:4326").to_crs("EPSG:32632")
-    steps = places[1:].reset_index(drop=True).distance(places[:-1].reset_index(drop=True)).to_numpy()
+    places = geopandas.GeoSeries.from_xy(lon[there], lat[there], crs="EPSG:4326").to_crs(
+        "EPSG:32632"
+    )
+    steps = (
+        places[1:].reset_index(drop=True).distance(places[:-1].reset_index(drop=True)).to_numpy()
+    )
     near = np.diff(utc_s[there]) < 1.5
-    return float(steps[near].sum()) * width_m / 10_000.0 / 0.9996        # UTM's scale on its central meridian
+    # UTM's scale on its central meridian
+    return float(steps[near].sum()) * width_m / 10_000.0 / 0.9996
 
 
-@pytest.mark.parametrize("number", [
-    pytest.param(number, marks=() if number in (0, 1, 5, 7, 13, 16, 28, 43) else pytest.mark.exam)
-    for number in range(60)])
+@pytest.mark.parametrize(
+    "number",
+    [
+        pytest.param(
+            number, marks=() if number in (0, 1, 5, 7, 13, 16, 28, 43) else pytest.mark.exam
+        )
+        for number in range(60)
+    ],
+)
 def test_a_set(number: int, tmp_path: Path) -> None:
     made = task_sets.task_set(number, tmp_path)
     if len(made.tasks) > 1:
@@ -266,20 +376,32 @@ def test_a_set(number: int, tmp_path: Path) -> None:
         frame = log_frame(joined([convert(raw, found.mapping)], found.mapping.join))
         rows, hectares, kilograms = made.truth(task)
         lost = 1 if made.odd == "cut" and made.logs[-1].task == task else 0
-        assert frame.height == rows and sum("no whole record" in str(one) for one in raw.findings) == lost
+        assert (
+            frame.height == rows
+            and sum("no whole record" in str(one) for one in raw.findings) == lost
+        )
         time_s = frame["time_s"].cast(float).to_numpy()
         at_work = np.diff(time_s, prepend=-9.0) < 1.5
         rate = frame["applied_rate_kg_ha"].to_numpy()
         area = np.where(at_work, frame["speed_mps"].to_numpy() * made.width_m / 10_000.0, 0.0)
         assert float(area.sum()) == pytest.approx(hectares, abs=1e-9)
-        places = hectares_by_geopandas(frame["lat_deg"].to_numpy(), frame["lon_deg"].to_numpy(), time_s, made.width_m)
-        without = sum(3 for log in made.logs if log.task == task and log.rates_kg_ha) if made.odd == "no place" else 0
-        assert places == pytest.approx(hectares - without * SPEED_MPS * made.width_m / 10_000.0, rel=1e-4)
+        places = hectares_by_geopandas(
+            frame["lat_deg"].to_numpy(), frame["lon_deg"].to_numpy(), time_s, made.width_m
+        )
+        without = (
+            sum(3 for log in made.logs if log.task == task and log.rates_kg_ha)
+            if made.odd == "no place"
+            else 0
+        )
+        assert places == pytest.approx(
+            hectares - without * SPEED_MPS * made.width_m / 10_000.0, rel=1e-4
+        )
         assert float((area * rate).sum()) == pytest.approx(kilograms, rel=1e-4)
 
 
 def test_as_isoxml_sees_it(tmp_path: Path) -> None:
-    """The library's tasks, logs, devices and bytes are ours; a time log's numbers it does not read."""
+    """The library's tasks, logs, devices and bytes are ours; a time log's numbers it does not
+    read."""
     pytest.importorskip("isoxml", reason="isoxml is not installed")
     from isoxml.models.ddi_entities import DDEntity
     from isoxml.util.isoxml_io import isoxml_from_path
@@ -287,63 +409,107 @@ def test_as_isoxml_sees_it(tmp_path: Path) -> None:
     from drivers.files.imports.devices import DICTIONARY
     from drivers.files.imports.task_log import task_logs
     from drivers.files.imports.units import unit_named
+
     made = task_sets.task_set(20, tmp_path)
     theirs, files = isoxml_from_path(made.path / "TASKDATA.XML")
     ours = task_logs(made.path)
     assert ours is not None
     assert [(log.task, log.name) for log in ours.logs] == [
-        (task.id, log.filename) for task in theirs.tasks for log in task.time_logs]
+        (task.id, log.filename) for task in theirs.tasks for log in task.time_logs
+    ]
     assert all(len(files[log.name]) > 20 * log.rows for log in ours.logs)
-    assert sorted(ours.parts) == sorted(element.id for device in theirs.devices for element in device.elements)
+    assert sorted(ours.parts) == sorted(
+        element.id for device in theirs.devices for element in device.elements
+    )
     for ddi, meaning in DICTIONARY.items():
         book = DDEntity.from_id(ddi)
-        if meaning.unit in ("mg/m2", "mg/s", "mm", "mm/s", "g", "kg", "m2", "s") and book.unit != "n.a.":
-            assert book.unit.replace("²", "2") == meaning.unit and book.bit_resolution == meaning.step, (ddi, book)
+        if (
+            meaning.unit in ("mg/m2", "mg/s", "mm", "mm/s", "g", "kg", "m2", "s")
+            and book.unit != "n.a."
+        ):
+            assert (
+                book.unit.replace("²", "2") == meaning.unit and book.bit_resolution == meaning.step
+            ), (ddi, book)
         assert not meaning.unit or unit_named(meaning.unit) is not None
 
 
 def test_the_commands(topdress: Callable[..., Result], tmp_path: Path) -> None:
-    """Asked with a line for each log; chosen by task, device and log; and by what --guess writes."""
+    """Asked with a line for each log; chosen by task, device and log; and by what --guess
+    writes."""
     made = task_sets.task_set(31, tmp_path)
     asked = topdress("import", made.path, "--out", tmp_path / "a.csv")
     lines = asked.output.splitlines()
     assert asked.exit_code == 2 and "say which with --task, --device and --log" in lines[0]
-    assert "task TSK1 (Field 1), log TLG00001, device DVC1 (Spreader), DVC2 (Tractor): 2024-04-01 07:00:00" in lines[1]
-    assert " rows, " in lines[1] and " ha (way x width); target rate, applied rate, speed, work state" in lines[1]
+    assert (
+        "task TSK1 (Field 1), log TLG00001, device DVC1 (Spreader), DVC2 (Tractor): "
+        "2024-04-01 07:00:00" in lines[1]
+    )
+    assert (
+        " rows, " in lines[1]
+        and " ha (way x width); target rate, applied rate, speed, work state" in lines[1]
+    )
     nobody = topdress("import", made.path, "--task", "North", "--out", tmp_path / "a.csv")
     assert nobody.exit_code == 2 and "task North: no such time log" in nobody.output
-    guessed = topdress("import", made.path, "--task", "Field 2", "--guess", "--mapping", tmp_path / "m.yaml")
+    guessed = topdress(
+        "import", made.path, "--task", "Field 2", "--guess", "--mapping", tmp_path / "m.yaml"
+    )
     assert guessed.exit_code == 0 and "DET3 is Bin 2 of Spreader" in guessed.output
     mapping = load(tmp_path / "m.yaml", IMPORT).model
     assert mapping.source.task == "Field 2" and mapping.source.task_log is None
-    done = topdress("import", made.path, "--mapping", tmp_path / "m.yaml", "--out", tmp_path / "a.csv")
+    done = topdress(
+        "import", made.path, "--mapping", tmp_path / "m.yaml", "--out", tmp_path / "a.csv"
+    )
     assert done.exit_code == 0 and f"{len(made.logs[1].rates_kg_ha)} rows" in done.output
-    tractor = topdress("import", made.path, "--task", "TSK1", "--device", "Tractor", "--out", tmp_path / "t.csv")
-    assert tractor.exit_code == 0 and "applied_rate" not in tractor.output and "speed_mps" in tractor.output
+    tractor = topdress(
+        "import", made.path, "--task", "TSK1", "--device", "Tractor", "--out", tmp_path / "t.csv"
+    )
+    assert (
+        tractor.exit_code == 0
+        and "applied_rate" not in tractor.output
+        and "speed_mps" in tractor.output
+    )
     one = task_sets.task_set(21, tmp_path)
     single = topdress("import", one.path, "--log", "TLG00003", "--out", tmp_path / "s.csv")
     assert single.exit_code == 0 and f"{len(one.logs[2].rates_kg_ha)} rows" in single.output
 
 
 def logged(**numbers: tuple[int, list[float]]) -> TimeLog:
-    """A log of twenty records, a metre and a bit apart, with these numbers: identifier and raw values."""
+    """A log of twenty records, a metre and a bit apart, with these numbers: identifier and raw
+    values."""
     count = 20
-    heads = pl.DataFrame({"lat_deg": 52.0 + np.arange(count) * 1e-5, "lon_deg": np.full(count, 9.0)})
-    values = [LoggedValue(ddi, "DET1", None, Meaning(name), None) for name, (ddi, _) in numbers.items()]
-    return TimeLog("TLG00001", "TSK1", "", tuple(values), heads,
-                   np.array([np.resize(np.array(raw, np.float64), count) for _, raw in numbers.values()]))
+    heads = pl.DataFrame(
+        {"lat_deg": 52.0 + np.arange(count) * 1e-5, "lon_deg": np.full(count, 9.0)}
+    )
+    values = [
+        LoggedValue(ddi, "DET1", None, Meaning(name), None) for name, (ddi, _) in numbers.items()
+    ]
+    return TimeLog(
+        "TLG00001",
+        "TSK1",
+        "",
+        tuple(values),
+        heads,
+        np.array([np.resize(np.array(raw, np.float64), count) for _, raw in numbers.values()]),
+    )
 
 
 def test_the_hectares_of_a_log_are_its_devices_count_else_way_times_logged_width() -> None:
-    """Widths are logged in mm, areas in m2; a width that changes is none; what is driven lifted does not count."""
-    way_m = 19 * 1e-5 * 111_267.0           # of latitude at 52 degrees, m
+    """Widths are logged in mm, areas in m2; a width that changes is none; what is driven lifted
+    does not count."""
+    way_m = 19 * 1e-5 * 111_267.0  # of latitude at 52 degrees, m
     wide = logged(width=(WIDTH, [18_000.0]))
     assert width_of(wide, {}) == 18.0
     area = hectares(wide, {})
-    assert area is not None and area[1] == "way x width" and area[0] == pytest.approx(way_m * 18.0 / 1e4, rel=2e-3)
+    assert (
+        area is not None
+        and area[1] == "way x width"
+        and area[0] == pytest.approx(way_m * 18.0 / 1e4, rel=2e-3)
+    )
     half = hectares(logged(width=(WIDTH, [18_000.0]), work=(WORK, [1.0, 0.0])), {})
     assert half is not None and half[0] == pytest.approx(area[0] * 9 / 19, rel=1e-3)
-    counted = hectares(logged(width=(WIDTH, [18_000.0]), area=(TOTAL_AREA, list(5e4 + 250.0 * np.arange(20)))), {})
+    counted = hectares(
+        logged(width=(WIDTH, [18_000.0]), area=(TOTAL_AREA, list(5e4 + 250.0 * np.arange(20)))), {}
+    )
     assert counted == (pytest.approx(19 * 250.0 / 1e4), "counted")
     assert width_of(logged(width=(WIDTH, [18_000.0, 9_000.0])), {}) is None
     assert hectares(logged(work=(WORK, [1.0])), {}) is None

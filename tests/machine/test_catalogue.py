@@ -1,4 +1,6 @@
-"""The catalogue: every published id is there, complete, neutral by default, and does something when it is not."""
+"""The catalogue: every published id is there, complete, neutral by default, and does something
+when it is not."""
+
 from __future__ import annotations
 
 from itertools import pairwise
@@ -20,7 +22,16 @@ from control.machine.flow import FlowInput, FlowOutput, flow_start, grams_per_re
 from control.machine.gate import GateInput, GateOutput, gate_start
 from control.machine.heads import HeadInput, head_reads
 from control.machine.history import last_change, undone
-from control.machine.machine import CATALOGUE, NOMINAL, Machine, bounds, effect_sizes, of_nominal, unit_of, with_effect
+from control.machine.machine import (
+    CATALOGUE,
+    NOMINAL,
+    Machine,
+    bounds,
+    effect_sizes,
+    of_nominal,
+    unit_of,
+    with_effect,
+)
 from control.machine.planting import Planted, schedule
 from control.machine.scale import ScaleInput, scale_reads
 from control.machine.shaft import ShaftInput, ShaftOutput, shaft_start
@@ -30,16 +41,24 @@ from drivers.files.config import ConfigError, load, save, shipped
 from drivers.files.kinds import MACHINE
 
 PUBLISHED = """shaft.dead_zone shaft.saturation shaft.neutral shaft.back_gain shaft.back_zone
-shaft.gain shaft.slow shaft.second_order shaft.ramp shaft.dead_time shaft.dead_band shaft.voltage_sag shaft.load_droop
-shaft.coarse_encoder shaft.stall gate.offset gate.home_error gate.backlash gate.lost_steps gate.slow gate.stuck
-flow.gain flow.zero_offset flow.fill_falloff flow.hopper_head flow.moisture_drift flow.batch flow.blocked_outlet
-flow.outlet_uneven flow.bridging flow.leak flow.slope flow.pulsation speed.wheel_slip speed.wheel_radius
-speed.missed_pulses speed.gnss_latency canopy.head_fouled canopy.warm_up canopy.saturation scale.gain scale.drift
-scale.tilt lag.offset lag.rebound lag.first_fill lag.asymmetry lag.coarse_clock lag.speed_scale place.lever_arm
-place.latency effort.friction effort.drag effort.load effort.gate_friction effort.gate_drag""".split()
+shaft.gain shaft.slow shaft.second_order shaft.ramp shaft.dead_time shaft.dead_band
+shaft.voltage_sag shaft.load_droop
+shaft.coarse_encoder shaft.stall gate.offset gate.home_error gate.backlash gate.lost_steps
+gate.slow gate.stuck
+flow.gain flow.zero_offset flow.fill_falloff flow.hopper_head flow.moisture_drift flow.batch
+flow.blocked_outlet
+flow.outlet_uneven flow.bridging flow.leak flow.slope flow.pulsation speed.wheel_slip
+speed.wheel_radius
+speed.missed_pulses speed.gnss_latency canopy.head_fouled canopy.warm_up canopy.saturation
+scale.gain scale.drift
+scale.tilt lag.offset lag.rebound lag.first_fill lag.asymmetry lag.coarse_clock lag.speed_scale
+place.lever_arm
+place.latency effort.friction effort.drag effort.load effort.gate_friction
+effort.gate_drag""".split()
 
-BACKWARDS = {"shaft.back_gain", "shaft.back_zone"}      # tests/machine/test_nominal.py
-IN_ITS_TABLE = {"lag.coarse_clock", "lag.speed_scale", "place.lever_arm"}    # no stage step: they act on bench tables
+BACKWARDS = {"shaft.back_gain", "shaft.back_zone"}  # tests/machine/test_nominal.py
+# no stage step: they act on bench tables
+IN_ITS_TABLE = {"lag.coarse_clock", "lag.speed_scale", "place.lever_arm"}
 
 
 def outputs(machine: Machine) -> dict[str, np.ndarray[Any, Any]]:
@@ -55,31 +74,78 @@ def outputs(machine: Machine) -> dict[str, np.ndarray[Any, Any]]:
     rows = over_log.input_rows
     found: dict[str, Any] = {}
     found["shaft"] = compiled.shaft_run(
-        (machine.shaft,), none, shaft_start(), ShaftOutput(0.0, 0.0),
-        rows(ShaftInput, n, command_rpm=command, opening_mm=opening, supply_v=supply), time_s, 0.05)
+        (machine.shaft,),
+        none,
+        shaft_start(),
+        ShaftOutput(0.0, 0.0),
+        rows(ShaftInput, n, command_rpm=command, opening_mm=opening, supply_v=supply),
+        time_s,
+        0.05,
+    )
     found["gate"] = compiled.gate_run(
-        (machine.gate,), none, gate_start(20.0), GateOutput(20.0, 20.0), rows(GateInput, n, command_mm=opening),
-        time_s, 0.05)
+        (machine.gate,),
+        none,
+        gate_start(20.0),
+        GateOutput(20.0, 20.0),
+        rows(GateInput, n, command_mm=opening),
+        time_s,
+        0.05,
+    )
     refill = np.zeros(n)
     refill[2000] = 50.0
     stopped = np.where(np.arange(n) % 1000 < 100, 0.0, command)
     found["flow"] = compiled.flow_run(
-        (machine.flow,), none, flow_start(250.0), FlowOutput(0.0, 250.0),
-        rows(FlowInput, n, shaft_rpm=stopped, opening_mm=opening, pitch_deg=pitch, refill_kg=refill), time_s, 0.05)
+        (machine.flow,),
+        none,
+        flow_start(250.0),
+        FlowOutput(0.0, 250.0),
+        rows(
+            FlowInput, n, shaft_rpm=stopped, opening_mm=opening, pitch_deg=pitch, refill_kg=refill
+        ),
+        time_s,
+        0.05,
+    )
     found["speed"] = compiled.speed_run(
-        (machine.speed,), none, speed_start(), SpeedOutput(0.0, 0.0),
-        rows(SpeedInput, n, speed_mps=1.2 + 0.3 * np.sin(time_s), working=1.0, pitch_deg=pitch), time_s, 0.05)
-    found["scale"] = np.array([scale_reads(machine.scale, ScaleInput(h, t, p))
-                               for h, t, p in zip(250.0 - 0.1 * time_s, time_s, pitch, strict=True)])
-    found["heads"] = np.array([[head_reads(machine.heads, HeadInput(0.5 + 0.1 * np.sin(t), head, t))
-                                for head in range(1, 7)] for t in time_s[::20]])
-    works = machine.effort._replace(coulomb=8.0, viscous=0.6, load=0.06, gate_coulomb=0.5, gate_viscous=0.02)
-    found["effort"] = np.array([(shaft_effort(works, EffortInput(r, 0.0, 1.0, 5.0 * o)),
-                                 gate_effort(works, EffortInput(o - 20.0)))
-                                for r, o in zip(command, opening, strict=True)])
+        (machine.speed,),
+        none,
+        speed_start(),
+        SpeedOutput(0.0, 0.0),
+        rows(SpeedInput, n, speed_mps=1.2 + 0.3 * np.sin(time_s), working=1.0, pitch_deg=pitch),
+        time_s,
+        0.05,
+    )
+    found["scale"] = np.array(
+        [
+            scale_reads(machine.scale, ScaleInput(h, t, p))
+            for h, t, p in zip(250.0 - 0.1 * time_s, time_s, pitch, strict=True)
+        ]
+    )
+    found["heads"] = np.array(
+        [
+            [
+                head_reads(machine.heads, HeadInput(0.5 + 0.1 * np.sin(t), head, t))
+                for head in range(1, 7)
+            ]
+            for t in time_s[::20]
+        ]
+    )
+    works = machine.effort._replace(
+        coulomb=8.0, viscous=0.6, load=0.06, gate_coulomb=0.5, gate_viscous=0.02
+    )
+    found["effort"] = np.array(
+        [
+            (
+                shaft_effort(works, EffortInput(r, 0.0, 1.0, 5.0 * o)),
+                gate_effort(works, EffortInput(o - 20.0)),
+            )
+            for r, o in zip(command, opening, strict=True)
+        ]
+    )
     state, falls = fall_start(), []
     for t, rpm in zip(time_s[::10], stopped[::10], strict=True):
-        state, drop = fall_step(machine.fall, state, FallInput(rpm, 0.1 if rpm > 0 else 0.0, np.sign(np.sin(t))), 0.5)
+        state, drop = fall_step(
+            machine.fall, state, FallInput(rpm, 0.1 if rpm > 0 else 0.0, np.sign(np.sin(t))), 0.5
+        )
         falls.append(drop)
     found["fall"] = np.array(falls)
     return found
@@ -100,8 +166,17 @@ def test_an_entry_is_complete(effect_id: str) -> None:
     entry = CATALOGUE[effect_id]
     effect = entry.effect
     says = 3 if entry.low < -100.0 and effect.unit == "%" else 2 if entry.low < 0.0 else 1
-    assert len(effect.says) == says, "what the owner reads, for each sign that it may have, and of what is turned round"
-    for text in (effect.unit, effect.title, effect.physics, effect.source, effect.advice, effect.separate):
+    assert len(effect.says) == says, (
+        "what the owner reads, for each sign that it may have, and of what is turned round"
+    )
+    for text in (
+        effect.unit,
+        effect.title,
+        effect.physics,
+        effect.source,
+        effect.advice,
+        effect.separate,
+    ):
         assert text.strip()
     assert effect.seen_in
     assert entry.low <= entry.neutral <= entry.high
@@ -117,13 +192,19 @@ def test_the_nominal_machine_has_no_effect() -> None:
 def test_an_effect_changes_its_own_stage_only(effect_id: str, nominal: dict[str, Any]) -> None:
     entry = CATALOGUE[effect_id]
     size = entry.effect.probes[-1]
-    changed = outputs(with_effect(Machine(), effect_id, size, 3 if entry.effect.member_field else None))
+    changed = outputs(
+        with_effect(Machine(), effect_id, size, 3 if entry.effect.member_field else None)
+    )
     for stage, values in nominal.items():
         assert np.array_equal(values, changed[stage]) == (stage != entry.stage), stage
 
 
-@pytest.mark.parametrize(("effect_id", "size", "bad"), [("flow.gain", 800.0, "800"), ("shaft.dead_band", -1.0, "-1")])
-def test_a_size_out_of_bounds_is_refused_with_the_range(effect_id: str, size: float, bad: str) -> None:
+@pytest.mark.parametrize(
+    ("effect_id", "size", "bad"), [("flow.gain", 800.0, "800"), ("shaft.dead_band", -1.0, "-1")]
+)
+def test_a_size_out_of_bounds_is_refused_with_the_range(
+    effect_id: str, size: float, bad: str
+) -> None:
     with pytest.raises(ValueError, match=f"{effect_id}: size {bad}: allowed"):
         with_effect(Machine(), effect_id, size)
 
@@ -134,18 +215,47 @@ def test_which_head_must_be_said() -> None:
     assert with_effect(Machine(), "canopy.head_fouled", -5.0, 3).heads.fouled_head == 3.0
 
 
-# --- What a diagnosis changed in a machine file stands in its history, and the last of it can be taken back ----------
+# --- What a diagnosis changed in a machine file stands in its history, and the last of it can
+# be taken back ----------
 
-TERM = Term.model_validate({"id": "flow.slope_roll_deg", "acts_on": "flow_percent", "form": "slope",
-                            "over": ({"name": "roll_deg", "valid": (-4.0, 4.0)},), "coefficients": {"slope": -0.5}})
+TERM = Term.model_validate(
+    {
+        "id": "flow.slope_roll_deg",
+        "acts_on": "flow_percent",
+        "form": "slope",
+        "over": ({"name": "roll_deg", "valid": (-4.0, 4.0)},),
+        "coefficients": {"slope": -0.5},
+    }
+)
 
 
 def found(size: float, *terms: Term) -> Diagnosis:
-    cause = Cause("flow.gain", Size(size, size - 0.5, size + 0.5, "%"), None, 0.99, (), None, "Do a catch test.",
-                  FieldCost(size, 0.0))
-    told = tuple(TermFound(term.model_dump(mode="json"), "scale", "kg", 0.5, 0.1, 200.0, 0.8) for term in terms)
-    return Diagnosis(Data("run.csv", "run", 600, 60.0, "huanghai"), (), "named", (cause,), (), (), None, (), None,
-                     terms=told)
+    cause = Cause(
+        "flow.gain",
+        Size(size, size - 0.5, size + 0.5, "%"),
+        None,
+        0.99,
+        (),
+        None,
+        "Do a catch test.",
+        FieldCost(size, 0.0),
+    )
+    told = tuple(
+        TermFound(term.model_dump(mode="json"), "scale", "kg", 0.5, 0.1, 200.0, 0.8)
+        for term in terms
+    )
+    return Diagnosis(
+        Data("run.csv", "run", 600, 60.0, "huanghai"),
+        (),
+        "named",
+        (cause,),
+        (),
+        (),
+        None,
+        (),
+        None,
+        terms=told,
+    )
 
 
 def test_the_last_change_is_taken_back_and_the_one_before_stays() -> None:
@@ -175,16 +285,22 @@ def test_the_file_keeps_it(tmp_path: Path) -> None:
     assert read == extended
     save(tmp_path / "back.yaml", undone(read, date="2026-07-10"), MACHINE)
     back = load(str(tmp_path / "back.yaml"), MACHINE).model
-    assert (effect_sizes(back), back.terms, back.history[0].terms) == ({}, (), (TERM.model_copy(
-        update={"source": back.history[0].terms[0].source}),))
+    assert (effect_sizes(back), back.terms, back.history[0].terms) == (
+        {},
+        (),
+        (TERM.model_copy(update={"source": back.history[0].terms[0].source}),),
+    )
 
 
 def test_nothing_adopted_is_no_change() -> None:
-    nothing = Diagnosis(Data("run.csv", "run", 600, 60.0, "huanghai"), (), "none", (), (), (), None, (), None)
+    nothing = Diagnosis(
+        Data("run.csv", "run", 600, 60.0, "huanghai"), (), "none", (), (), (), None, (), None
+    )
     assert extend(Machine(), nothing) == Machine()
 
 
-# --- Bounds of sizes and sizes tried follow the machine file: shares of its own ranges -------------------------------
+# --- Bounds of sizes and sizes tried follow the machine file: shares of its own ranges
+# -------------------------------
 
 # On the nominal machine: lowest and highest size, unit. Public.
 OF_HUANGHAI = {
@@ -264,13 +380,22 @@ def test_the_table_has_every_effect() -> None:
     assert set(OF_HUANGHAI) == set(CATALOGUE)
 
 
-@pytest.mark.parametrize(("name", "effect_id", "low", "high"), [
-    ("drive_alone", "shaft.dead_band", 0.0, 390.0), ("drive_alone", "shaft.coarse_encoder", 0.0, 130.0),
-    ("spreader", "gate.offset", -200.0 / 3.0, 200.0 / 3.0), ("spreader", "gate.slow", -40.0, 39.0),
-    ("spreader", "scale.drift", -300.0, 300.0), ("spreader", "flow.leak", 0.0, 50000.0 / 11.0),
-    ("planter", "gate.backlash", 0.0, 6.25), ("planter", "shaft.gain", -300.0, 1900.0),
-])
-def test_bounds_are_shares_of_the_machines_own_ranges(name: str, effect_id: str, low: float, high: float) -> None:
+@pytest.mark.parametrize(
+    ("name", "effect_id", "low", "high"),
+    [
+        ("drive_alone", "shaft.dead_band", 0.0, 390.0),
+        ("drive_alone", "shaft.coarse_encoder", 0.0, 130.0),
+        ("spreader", "gate.offset", -200.0 / 3.0, 200.0 / 3.0),
+        ("spreader", "gate.slow", -40.0, 39.0),
+        ("spreader", "scale.drift", -300.0, 300.0),
+        ("spreader", "flow.leak", 0.0, 50000.0 / 11.0),
+        ("planter", "gate.backlash", 0.0, 6.25),
+        ("planter", "shaft.gain", -300.0, 1900.0),
+    ],
+)
+def test_bounds_are_shares_of_the_machines_own_ranges(
+    name: str, effect_id: str, low: float, high: float
+) -> None:
     assert bounds(effect_id, of(name)) == pytest.approx((low, high))
 
 
@@ -280,34 +405,48 @@ def test_sizes_tried_lie_within_the_bounds(name: str, effect_id: str) -> None:
     machine = of(name)
     row, (low, high) = ROWS[effect_id].on(machine), bounds(effect_id, machine)
     tried = [*row.trial_sizes, *([] if row.probe is None else [row.probe])]
-    assert all(low <= size <= high for size in tried) and list(row.trial_sizes) == sorted(set(row.trial_sizes))
+    assert all(low <= size <= high for size in tried) and list(row.trial_sizes) == sorted(
+        set(row.trial_sizes)
+    )
 
 
 def test_thresholds_are_tried_down_to_the_slowest_command() -> None:
     sizes = ROWS["shaft.dead_band"].on(of("drive_alone")).trial_sizes
     assert 6.5 < sizes[0] < 8.2 and sizes[-1] == pytest.approx(260.0)
     assert all(b / a < 1.31 for a, b in pairwise(sizes))
-    assert ROWS["shaft.dead_band"].on(of("spreader")).trial_sizes[0] == pytest.approx(110.0)     # it turns from 200 on
+    # it turns from 200 on
+    assert ROWS["shaft.dead_band"].on(of("spreader")).trial_sizes[0] == pytest.approx(110.0)
 
 
 def test_a_size_out_of_bounds_is_refused_with_this_machines_range() -> None:
     drive = of("drive_alone")
     assert with_effect(drive, "shaft.dead_band", 150.0).shaft.dead_band_rpm == 150.0
-    with pytest.raises(ValueError, match=r"size 400: allowed 0 to 390 r/min where limits.shaft_high_rpm is 650$"):
+    with pytest.raises(
+        ValueError, match=r"size 400: allowed 0 to 390 r/min where limits.shaft_high_rpm is 650$"
+    ):
         schedule(drive, [Planted("shaft.dead_band", 400.0)])
-    with pytest.raises(ValueError, match=r"size 150: allowed 0 to 60 r/min where limits.shaft_high_rpm is 100$"):
+    with pytest.raises(
+        ValueError, match=r"size 150: allowed 0 to 60 r/min where limits.shaft_high_rpm is 100$"
+    ):
         with_effect(Machine(), "shaft.dead_band", 150.0)
 
 
-def test_a_machine_file_with_a_size_out_of_its_bounds_is_refused_by_key_and_line(tmp_path: Path) -> None:
+def test_a_machine_file_with_a_size_out_of_its_bounds_is_refused_by_key_and_line(
+    tmp_path: Path,
+) -> None:
     text = shipped("machines")["huanghai"].read_text(encoding="utf-8")
     place = tmp_path / "m.yaml"
-    place.write_text(text.replace("full_opening_mm: 60.0", "full_opening_mm: 60.0\n  dead_band_rpm: 150.0"), "utf-8")
+    place.write_text(
+        text.replace("full_opening_mm: 60.0", "full_opening_mm: 60.0\n  dead_band_rpm: 150.0"),
+        "utf-8",
+    )
     with pytest.raises(ConfigError) as refused:
         load(place, MACHINE)
     line = place.read_text("utf-8").splitlines().index("  dead_band_rpm: 150.0") + 1
-    assert refused.value.lines == (f"{place}: key shaft.dead_band_rpm: value 150.0: allowed 0 to 60 r/min where "
-                                   f"limits.shaft_high_rpm is 100 (line {line})",)
+    assert refused.value.lines == (
+        f"{place}: key shaft.dead_band_rpm: value 150.0: allowed 0 to 60 r/min where "
+        f"limits.shaft_high_rpm is 100 (line {line})",
+    )
     drive = shipped("machines")["drive_alone"].read_text(encoding="utf-8")
     place.write_text(drive.replace("shaft:\n", "shaft:\n  dead_band_rpm: 150.0\n"), "utf-8")
     assert load(place, MACHINE).model.shaft.dead_band_rpm == 150.0
@@ -318,18 +457,31 @@ def test_what_is_told_at_full_speed_is_told_at_the_machines_own() -> None:
     assert unit_of("flow.fill_falloff", spreader) == "% lost at 1000 r/min"
     assert unit_of("lag.rebound", of("planter")) == "s above the straight line at 60 r/min"
     lossy = with_effect(spreader, "flow.fill_falloff", 8.0).flow
-    assert grams_per_rev(lossy, 1000.0, 80.0) == pytest.approx(0.92 * grams_per_rev(spreader.flow, 1000.0, 80.0))
+    assert grams_per_rev(lossy, 1000.0, 80.0) == pytest.approx(
+        0.92 * grams_per_rev(spreader.flow, 1000.0, 80.0)
+    )
     fall = with_effect(Machine(), "lag.rebound", 0.4).fall._replace(
-        slope_s_per_rpm=0.0, valid_to_rpm=400.0, full_rpm=600.0)
+        slope_s_per_rpm=0.0, valid_to_rpm=400.0, full_rpm=600.0
+    )
     assert drop_s(fall, 600.0) - drop_s(fall, 400.0) == pytest.approx(0.4)
 
 
 def test_figures_as_multiples_of_the_nominal_machines() -> None:
-    assert of_nominal(of("drive_alone"), SHAFT_RANGE) == 6.5 and of_nominal(of("drive_alone"), ()) == 1.0
-    assert of_nominal(of("spreader"), FULL_FLOW) == pytest.approx(1.5 * 200.0 * 1000.0 / (5.5 * 60.0 * 100.0))
+    assert (
+        of_nominal(of("drive_alone"), SHAFT_RANGE) == 6.5
+        and of_nominal(of("drive_alone"), ()) == 1.0
+    )
+    assert of_nominal(of("spreader"), FULL_FLOW) == pytest.approx(
+        1.5 * 200.0 * 1000.0 / (5.5 * 60.0 * 100.0)
+    )
 
 
 def test_stairs_are_within_what_the_machine_can_do() -> None:
-    assert shaft_levels(Machine()) == (20.0, 40.0, 60.0, 80.0) and opening_levels(Machine()) == (10.0, 20.0, 30.0, 40.0)
+    assert shaft_levels(Machine()) == (20.0, 40.0, 60.0, 80.0) and opening_levels(Machine()) == (
+        10.0,
+        20.0,
+        30.0,
+        40.0,
+    )
     assert shaft_levels(of("spreader")) == (200.0, 400.0, 600.0, 800.0)
     assert shaft_levels(of("bench"))[0] == 50.0

@@ -1,4 +1,5 @@
 """The nominal machine's figures, each from its source."""
+
 from __future__ import annotations
 
 import numpy as np
@@ -57,7 +58,9 @@ def test_two_rpm_after_0_383_s_at_any_set_point(set_point_rpm: float) -> None:
 
 @pytest.mark.parametrize("shaft_rpm", range(10, 71, 10))
 def test_response_and_drop_make_eq_6(shaft_rpm: float) -> None:
-    assert 0.383 + start_drop_s(Fall(), shaft_rpm) == pytest.approx(lag_paper_s(shaft_rpm), abs=1e-9)
+    assert 0.383 + start_drop_s(Fall(), shaft_rpm) == pytest.approx(
+        lag_paper_s(shaft_rpm), abs=1e-9
+    )
 
 
 def test_gate_waits_then_slews() -> None:
@@ -86,10 +89,17 @@ def test_an_empty_hopper_gives_what_is_left_and_no_more() -> None:
     assert state.hopper_kg == pytest.approx(0.0, abs=1e-12)
 
 
-# --- Landing conserves mass, whatever the drop times do; a sound delay comes out where it should ---------------------
+# --- Landing conserves mass, whatever the drop times do; a sound delay comes out where it
+# should ---------------------
+
 
 @settings(max_examples=60, deadline=None)
-@given(st.integers(3, 200), st.integers(0, 10_000), st.floats(0.0, 3.0), st.sampled_from([0.05, 0.1, 0.25, 1.0]))
+@given(
+    st.integers(3, 200),
+    st.integers(0, 10_000),
+    st.floats(0.0, 3.0),
+    st.sampled_from([0.05, 0.1, 0.25, 1.0]),
+)
 def test_kg_landed_equal_kg_released(count: int, seed: int, spread_s: float, bin_m: float) -> None:
     rng = np.random.default_rng(seed)
     time_s = np.arange(count) * 0.05
@@ -126,7 +136,8 @@ def test_steady_flow_lies_evenly() -> None:
     assert inner == pytest.approx(np.full(len(inner), inner.mean()), rel=1e-9)
 
 
-# --- A shaft that turns both ways: gain and zone of each side, a curve, and one that says that it turns one w... -----
+# --- A shaft that turns both ways: gain and zone of each side, a curve, and one that says that
+# it turns one w... -----
 
 Array = npt.NDArray[np.float64]
 DRIVE = load("drive_alone", MACHINE).model
@@ -135,46 +146,80 @@ DRIVE = load("drive_alone", MACHINE).model
 def settled(shaft: Shaft, command_rpm: float) -> float:
     state = shaft_start(0.0)
     for _ in range(400):
-        state, out = shaft_step(shaft, state, ShaftInput(command_rpm, 0.0, shaft.nominal_supply_v), 0.01)
+        state, out = shaft_step(
+            shaft, state, ShaftInput(command_rpm, 0.0, shaft.nominal_supply_v), 0.01
+        )
     return out.rpm
 
 
 def turned(machine: Machine, command: Array, time_s: Array) -> Array:
-    inputs = input_rows(ShaftInput, len(time_s), command_rpm=command, supply_v=machine.shaft.nominal_supply_v)
-    return np.asarray(shaft_run((machine.shaft,), no_switch(), shaft_start(), ShaftOutput(0.0, 0.0), inputs, time_s,
-                                MOST_STEP_S)[:, 0])
+    inputs = input_rows(
+        ShaftInput, len(time_s), command_rpm=command, supply_v=machine.shaft.nominal_supply_v
+    )
+    return np.asarray(
+        shaft_run(
+            (machine.shaft,),
+            no_switch(),
+            shaft_start(),
+            ShaftOutput(0.0, 0.0),
+            inputs,
+            time_s,
+            MOST_STEP_S,
+        )[:, 0]
+    )
 
 
-@pytest.mark.parametrize(("change", "command", "rpm"), [
-    ({}, -300.0, -300.0), ({"one_way": 1.0}, -300.0, 0.0), ({"one_way": 1.0}, 300.0, 300.0),
-    ({"dead_zone_rpm": 40.0}, 300.0, 260.0), ({"dead_zone_rpm": 40.0}, -300.0, -260.0),
-    ({"dead_zone_rpm": 40.0}, 39.0, 0.0), ({"dead_zone_rpm": 40.0, "back_zone_rpm": -10.0}, -300.0, -270.0),
-    ({"back_gain_percent": 10.0}, -300.0, -330.0), ({"back_gain_percent": 10.0}, 300.0, 300.0),
-    ({"dead_band_rpm": 40.0}, -39.0, 0.0), ({"dead_band_rpm": 40.0}, -300.0, -300.0),
-    ({"neutral_rpm": 150.0}, 400.0, 250.0), ({"neutral_rpm": 150.0}, 100.0, -50.0),
-    ({"neutral_rpm": 150.0, "one_way": 1.0}, 100.0, 0.0), ({"neutral_rpm": -30.0}, 0.0, 0.0),
-    ({"neutral_rpm": -30.0, "zero_stops": 0.0}, 0.0, 30.0), ({"neutral_rpm": -30.0}, 300.0, 330.0),
-    ({"neutral_rpm": 150.0, "dead_zone_rpm": 40.0}, 100.0, -10.0),
-    ({"neutral_rpm": 150.0, "dead_band_rpm": 60.0}, 100.0, 0.0),
-    ({"neutral_rpm": 500.0, "gain_percent": -210.0}, 400.0, 110.0),
-    ({"neutral_rpm": 500.0, "gain_percent": -210.0}, 600.0, -110.0),
-    ({"neutral_rpm": 500.0, "gain_percent": -200.0, "one_way": 1.0}, 600.0, 0.0),
-    ({"neutral_rpm": 500.0, "gain_percent": -200.0}, 0.0, 0.0),
-    ({"saturation_percent": 20.0}, 650.0, 520.0), ({"saturation_percent": 20.0}, -650.0, -520.0),
-])
+@pytest.mark.parametrize(
+    ("change", "command", "rpm"),
+    [
+        ({}, -300.0, -300.0),
+        ({"one_way": 1.0}, -300.0, 0.0),
+        ({"one_way": 1.0}, 300.0, 300.0),
+        ({"dead_zone_rpm": 40.0}, 300.0, 260.0),
+        ({"dead_zone_rpm": 40.0}, -300.0, -260.0),
+        ({"dead_zone_rpm": 40.0}, 39.0, 0.0),
+        ({"dead_zone_rpm": 40.0, "back_zone_rpm": -10.0}, -300.0, -270.0),
+        ({"back_gain_percent": 10.0}, -300.0, -330.0),
+        ({"back_gain_percent": 10.0}, 300.0, 300.0),
+        ({"dead_band_rpm": 40.0}, -39.0, 0.0),
+        ({"dead_band_rpm": 40.0}, -300.0, -300.0),
+        ({"neutral_rpm": 150.0}, 400.0, 250.0),
+        ({"neutral_rpm": 150.0}, 100.0, -50.0),
+        ({"neutral_rpm": 150.0, "one_way": 1.0}, 100.0, 0.0),
+        ({"neutral_rpm": -30.0}, 0.0, 0.0),
+        ({"neutral_rpm": -30.0, "zero_stops": 0.0}, 0.0, 30.0),
+        ({"neutral_rpm": -30.0}, 300.0, 330.0),
+        ({"neutral_rpm": 150.0, "dead_zone_rpm": 40.0}, 100.0, -10.0),
+        ({"neutral_rpm": 150.0, "dead_band_rpm": 60.0}, 100.0, 0.0),
+        ({"neutral_rpm": 500.0, "gain_percent": -210.0}, 400.0, 110.0),
+        ({"neutral_rpm": 500.0, "gain_percent": -210.0}, 600.0, -110.0),
+        ({"neutral_rpm": 500.0, "gain_percent": -200.0, "one_way": 1.0}, 600.0, 0.0),
+        ({"neutral_rpm": 500.0, "gain_percent": -200.0}, 0.0, 0.0),
+        ({"saturation_percent": 20.0}, 650.0, 520.0),
+        ({"saturation_percent": 20.0}, -650.0, -520.0),
+    ],
+)
 def test_each_side_of_the_command(change: dict[str, float], command: float, rpm: float) -> None:
     assert settled(DRIVE.shaft._replace(**change), command) == pytest.approx(rpm, abs=0.01)
 
 
-@pytest.mark.parametrize("off", [
-    {"gain_percent": 5.0}, {"gain_percent": 5.0, "neutral_rpm": 150.0}, {"neutral_rpm": -25.0},
-    {"gain_percent": -190.0, "neutral_rpm": 800.0}])
+@pytest.mark.parametrize(
+    "off",
+    [
+        {"gain_percent": 5.0},
+        {"gain_percent": 5.0, "neutral_rpm": 150.0},
+        {"neutral_rpm": -25.0},
+        {"gain_percent": -190.0, "neutral_rpm": 800.0},
+    ],
+)
 def test_what_is_known_of_the_curve_is_taken_back_by_metering(off: dict[str, float]) -> None:
     shaft = DRIVE.shaft._replace(dead_zone_rpm=40.0, saturation_percent=20.0, **off)
     machine = DRIVE.model_copy(update={"shaft": shaft})
     assert shaft_command(machine, 0.0, 0.0) == 0.0
     for wanted in (0.0, 50.0, 200.0, 450.0):
-        assert settled(shaft, shaft_command(machine, wanted, 0.0)) == pytest.approx(wanted, abs=0.01)
+        assert settled(shaft, shaft_command(machine, wanted, 0.0)) == pytest.approx(
+            wanted, abs=0.01
+        )
 
 
 @pytest.fixture(scope="module")
@@ -182,8 +227,11 @@ def both_ways() -> dict[str, Array]:
     """Five minutes over both sides, a row every 0.02 s; nothing is wrong with the drive."""
     rng, time_s = np.random.default_rng(3), np.arange(0.0, 300.0, 0.02)
     command = np.repeat(rng.uniform(-600.0, 600.0, 200).round(1), 75)
-    return {"time_s": time_s, "shaft_rpm_cmd": command,
-            "shaft_rpm": turned(DRIVE, command, time_s) + 2.0 * rng.standard_normal(len(time_s))}
+    return {
+        "time_s": time_s,
+        "shaft_rpm_cmd": command,
+        "shaft_rpm": turned(DRIVE, command, time_s) + 2.0 * rng.standard_normal(len(time_s)),
+    }
 
 
 def test_a_healthy_drive_that_turns_both_ways_is_none(both_ways: dict[str, Array]) -> None:
@@ -192,7 +240,9 @@ def test_a_healthy_drive_that_turns_both_ways_is_none(both_ways: dict[str, Array
     assert any("commands are below 0: it turned backwards" in one for one in found.findings)
 
 
-def test_of_a_drive_that_turns_one_way_rows_against_it_are_counted_and_left_out(both_ways: dict[str, Array]) -> None:
+def test_of_a_drive_that_turns_one_way_rows_against_it_are_counted_and_left_out(
+    both_ways: dict[str, Array],
+) -> None:
     one_way = DRIVE.model_copy(update={"shaft": DRIVE.shaft._replace(one_way=1.0)})
     found = diagnose_run(both_ways, one_way)
     back = int(np.sum(both_ways["shaft_rpm_cmd"] < 0.0))
@@ -204,19 +254,31 @@ def test_of_a_drive_that_turns_one_way_rows_against_it_are_counted_and_left_out(
 
 
 def test_a_dead_zone_is_also_a_term_over_the_command() -> None:
-    """Form saturation with slope -1 between -D and D takes D from every command, either way: the same to the shaft."""
-    term = Term.model_validate({"id": "shaft.zone", "acts_on": "shaft_rpm", "form": "saturation",
-                                "over": [{"name": "shaft_rpm"}],
-                                "coefficients": {"slope": -1.0, "low_end": -40.0, "high_end": 40.0, "level": 40.0}})
+    """Form saturation with slope -1 between -D and D takes D from every command, either way:
+    the same to the shaft."""
+    term = Term.model_validate(
+        {
+            "id": "shaft.zone",
+            "acts_on": "shaft_rpm",
+            "form": "saturation",
+            "over": [{"name": "shaft_rpm"}],
+            "coefficients": {"slope": -1.0, "low_end": -40.0, "high_end": 40.0, "level": 40.0},
+        }
+    )
     for command in (-300.0, -41.0, -20.0, 20.0, 41.0, 300.0):
         _, more_rpm = term_step(params_of(term), TermState(), command, 0.0, 0.01)
         state = shaft_start(0.0)
         for _ in range(400):
-            state, out = shaft_step(DRIVE.shaft, state, ShaftInput(command, 0.0, 7.4, 0.0, more_rpm), 0.01)
-        assert out.rpm == pytest.approx(settled(DRIVE.shaft._replace(dead_zone_rpm=40.0), command), abs=0.01)
+            state, out = shaft_step(
+                DRIVE.shaft, state, ShaftInput(command, 0.0, 7.4, 0.0, more_rpm), 0.01
+            )
+        assert out.rpm == pytest.approx(
+            settled(DRIVE.shaft._replace(dead_zone_rpm=40.0), command), abs=0.01
+        )
 
 
-# --- A shaft of second order against its differential equation, in all steppers; it starts and stops as a shaft does.
+# --- A shaft of second order against its differential equation, in all steppers; it starts and
+# stops as a shaft does.
 
 SPRUNG = Shaft(dead_time_s=0.05, time_constant_s=0.1, acceleration_rpm_s=1e6)
 RINGS, GRADUAL = SPRUNG._replace(second_order_s=0.4), SPRUNG._replace(second_order_s=0.02)
@@ -226,7 +288,9 @@ def answered(shaft: Shaft, goals: list[float], hold_s: float, step_s: float) -> 
     state, found = shaft_start(0.0), []
     for goal in goals:
         for _ in range(round(hold_s / step_s)):
-            state, out = shaft_step(shaft, state, ShaftInput(goal, 0.0, shaft.nominal_supply_v), step_s)
+            state, out = shaft_step(
+                shaft, state, ShaftInput(goal, 0.0, shaft.nominal_supply_v), step_s
+            )
             found.append(out.rpm)
     return np.array(found)
 
@@ -235,20 +299,33 @@ def answered(shaft: Shaft, goals: list[float], hold_s: float, step_s: float) -> 
 def test_a_step_is_that_of_the_equation(shaft: Shaft) -> None:
     second, tau = shaft.second_order_s, shaft.time_constant_s
     time_s = np.arange(1, 101) * 0.01
-    exact = solve_ivp(lambda t, y: [y[1], (60.0 - y[0] - tau * y[1]) / (tau * second)], (0.0, 1.0), [0.0, 0.0],
-                      dense_output=True, rtol=1e-10, atol=1e-10)
-    assert answered(shaft, [60.0], 1.0, 0.01) == pytest.approx(exact.sol(np.maximum(0.0, time_s - 0.05))[0], abs=1e-5)
+    exact = solve_ivp(
+        lambda t, y: [y[1], (60.0 - y[0] - tau * y[1]) / (tau * second)],
+        (0.0, 1.0),
+        [0.0, 0.0],
+        dense_output=True,
+        rtol=1e-10,
+        atol=1e-10,
+    )
+    assert answered(shaft, [60.0], 1.0, 0.01) == pytest.approx(
+        exact.sol(np.maximum(0.0, time_s - 0.05))[0], abs=1e-5
+    )
 
 
-@pytest.mark.parametrize(("tau", "second", "fastest"), [(0.1, 0.4, 150.0), (0.3, 0.02, 100.0), (0.1, 0.025, 200.0)])
-def test_the_acceleration_limit_holds_and_the_way_is_that_of_small_steps(tau: float, second: float, fastest: float
-                                                                         ) -> None:
+@pytest.mark.parametrize(
+    ("tau", "second", "fastest"), [(0.1, 0.4, 150.0), (0.3, 0.02, 100.0), (0.1, 0.025, 200.0)]
+)
+def test_the_acceleration_limit_holds_and_the_way_is_that_of_small_steps(
+    tau: float, second: float, fastest: float
+) -> None:
     x, v, step_s = 0.0, 0.0, 1e-5
     for _ in range(100_000):
         faster = min(fastest, max(-fastest, v + step_s * (90.0 - x - tau * v) / (tau * second)))
         x, v = x + 0.5 * step_s * (v + faster), faster
     assert swung(0.0, 0.0, 90.0, tau, second, fastest, -1e100, 1.0)[0] == pytest.approx(x, abs=0.02)
-    speeds = [swung(0.0, 0.0, 90.0, tau, second, fastest, -1e100, t)[0] for t in np.arange(0.0, 2.0, 0.01)]
+    speeds = [
+        swung(0.0, 0.0, 90.0, tau, second, fastest, -1e100, t)[0] for t in np.arange(0.0, 2.0, 0.01)
+    ]
     assert np.abs(np.diff(speeds)).max() <= 0.01 * fastest * (1.0 + 1e-9)
 
 
@@ -274,7 +351,10 @@ def test_overshoot_and_period_are_those_of_the_step() -> None:
 def test_compiled_ticks_are_the_steps() -> None:
     shaft, gate = RINGS._replace(acceleration_rpm_s=300.0), Gate()
     begun = shaft_start(0.0)
-    drives, state = CompiledDrives(begun, gate_start(20.0)), begun._replace(line=in_lists(begun.line))
+    drives, state = (
+        CompiledDrives(begun, gate_start(20.0)),
+        begun._replace(line=in_lists(begun.line)),
+    )
     drives.of(shaft, gate)
     for k in range(400):
         goal = 70.0 if k % 100 < 60 else 15.0
@@ -284,6 +364,9 @@ def test_compiled_ticks_are_the_steps() -> None:
 
 
 def test_a_start_takes_longer() -> None:
-    first = [response_s(with_effect(Machine(), "shaft.second_order", size), 50.0) for size in (1e-6, 0.05, 0.2)]
+    first = [
+        response_s(with_effect(Machine(), "shaft.second_order", size), 50.0)
+        for size in (1e-6, 0.05, 0.2)
+    ]
     assert first[0] == pytest.approx(response_s(Machine(), 50.0), abs=1e-3)
     assert first[0] < first[1] < first[2]

@@ -1,4 +1,6 @@
-"""Interpreted and compiled run the same source: equal to the bit; the step is small enough; rows line up with time."""
+"""Interpreted and compiled run the same source: equal to the bit; the step is small enough;
+rows line up with time."""
+
 from __future__ import annotations
 
 import os
@@ -36,21 +38,55 @@ def drive(step_s: float = 0.05, jitter: float = 0.0) -> tuple[Any, Any, Any, Any
 
 
 CASES: list[tuple[str, Any, Any, Any]] = [
-    ("shaft", Shaft(extra_dead_time_s=0.07, dead_band_rpm=15.0, sag_percent_per_v=3.0, encoder_step_rpm=1.0),
-     shaft_step, compiled.shaft_run),
+    (
+        "shaft",
+        Shaft(
+            extra_dead_time_s=0.07, dead_band_rpm=15.0, sag_percent_per_v=3.0, encoder_step_rpm=1.0
+        ),
+        shaft_step,
+        compiled.shaft_run,
+    ),
     ("shaft", Shaft(second_order_s=0.3, time_constant_s=0.12), shaft_step, compiled.shaft_run),
-    ("shaft", Shaft(second_order_s=0.02, time_constant_s=0.3, one_way=1.0), shaft_step, compiled.shaft_run),
-    ("shaft", Shaft(second_order_s=0.4, acceleration_rpm_s=1e6, one_way=1.0), shaft_step, compiled.shaft_run),
-    ("gate", Gate(backlash_mm=0.7, lost_mm_per_100mm=0.05, offset_mm=0.4), gate_step, compiled.gate_run),
-    ("flow", Flow(fill_falloff_percent=6.0, bridging_percent=10.0, pulsation_percent=5.0, hopper_head_percent=2.0),
-     flow_step, compiled.flow_run),
-    ("speed", Speed(gnss_latency_s=0.33, slip_percent=6.0), speed_step, compiled.speed_run)]
+    (
+        "shaft",
+        Shaft(second_order_s=0.02, time_constant_s=0.3, one_way=1.0),
+        shaft_step,
+        compiled.shaft_run,
+    ),
+    (
+        "shaft",
+        Shaft(second_order_s=0.4, acceleration_rpm_s=1e6, one_way=1.0),
+        shaft_step,
+        compiled.shaft_run,
+    ),
+    (
+        "gate",
+        Gate(backlash_mm=0.7, lost_mm_per_100mm=0.05, offset_mm=0.4),
+        gate_step,
+        compiled.gate_run,
+    ),
+    (
+        "flow",
+        Flow(
+            fill_falloff_percent=6.0,
+            bridging_percent=10.0,
+            pulsation_percent=5.0,
+            hopper_head_percent=2.0,
+        ),
+        flow_step,
+        compiled.flow_run,
+    ),
+    ("speed", Speed(gnss_latency_s=0.33, slip_percent=6.0), speed_step, compiled.speed_run),
+]
 
 
-EXACT = ("shaft", "gate")       # their steps are exact however long a command is held
+# their steps are exact however long a command is held
+EXACT = ("shaft", "gate")
 
 
-def arguments(stage: str, params: Any, step_s: float, jitter: float, most: float = MOST_STEP_S) -> tuple[Any, ...]:
+def arguments(
+    stage: str, params: Any, step_s: float, jitter: float, most: float = MOST_STEP_S
+) -> tuple[Any, ...]:
     time_s, command, opening, supply = drive(step_s, jitter)
     if stage == "shaft":
         rows = input_rows(ShaftInput, N, command_rpm=command, opening_mm=opening, supply_v=supply)
@@ -67,7 +103,9 @@ def arguments(stage: str, params: Any, step_s: float, jitter: float, most: float
 
 @pytest.mark.parametrize("jitter", [0.0, 0.5])
 @pytest.mark.parametrize(("stage", "params", "step", "run"), CASES, ids=[c[0] for c in CASES])
-def test_interpreted_equals_compiled(stage: str, params: Any, step: Any, run: Any, jitter: float) -> None:
+def test_interpreted_equals_compiled(
+    stage: str, params: Any, step: Any, run: Any, jitter: float
+) -> None:
     interpreted = over_log(step, exact=stage in EXACT)(*arguments(stage, params, 0.05, jitter))
     assert np.array_equal(interpreted, run(*arguments(stage, params, 0.05, jitter)))
     assert np.ptp(interpreted[:, 0]) > 0.0
@@ -75,11 +113,14 @@ def test_interpreted_equals_compiled(stage: str, params: Any, step: Any, run: An
 
 @pytest.mark.parametrize("row_s", [0.02, 0.05, 1.0])
 @pytest.mark.parametrize(("stage", "params", "step", "run"), [c for c in CASES if c[0] in EXACT])
-def test_one_step_a_row_is_as_good_as_many(stage: str, params: Any, step: Any, run: Any, row_s: float) -> None:
+def test_one_step_a_row_is_as_good_as_many(
+    stage: str, params: Any, step: Any, run: Any, row_s: float
+) -> None:
     at_once = run(*arguments(stage, params, row_s, 0.5))
     cut = compiled.stage_run(step)(*arguments(stage, params, row_s, 0.5))
     off = np.abs(at_once - cut).max(axis=1)
-    if stage == "shaft":        # a speed half-way between two counts of the encoder may be read as either
+    # a speed half-way between two counts of the encoder may be read as either
+    if stage == "shaft":
         off = np.where(np.abs(off - params.encoder_step_rpm) < 1e-6, 0.0, off)
     assert off.max() < 1e-6
     assert np.ptp(at_once[:, 0]) > 10.0
@@ -89,7 +130,9 @@ def test_a_command_cannot_show_in_its_own_row() -> None:
     time_s = np.arange(100) * 0.05
     rows = input_rows(GateInput, 100, command_mm=np.where(np.arange(100) >= 50, 30.0, 20.0))
     p = Gate(dead_time_s=0.0)
-    out = compiled.gate_run((p,), no_switch(), gate_start(20.0), GateOutput(20.0, 20.0), rows, time_s, MOST_STEP_S)
+    out = compiled.gate_run(
+        (p,), no_switch(), gate_start(20.0), GateOutput(20.0, 20.0), rows, time_s, MOST_STEP_S
+    )
     assert out[50, 0] == 20.0
     assert out[51, 0] == pytest.approx(21.0)
 
@@ -106,9 +149,13 @@ def test_the_cache_folder_is_named_by_the_sources() -> None:
     assert len(compiled.CACHE_DIR.name) == 12
 
 
-def test_a_stage_compiles_without_counting_references(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Counting those of its line's arrays at each step took four fifths of a diagnosis' runs of the model."""
-    monkeypatch.setattr("numba.config.CACHE_DIR", str(tmp_path))        # code that comes from the disk shows no listing
+def test_a_stage_compiles_without_counting_references(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Counting those of its line's arrays at each step took four fifths of a diagnosis' runs of
+    the model."""
+    # code that comes from the disk shows no listing
+    monkeypatch.setattr("numba.config.CACHE_DIR", str(tmp_path))
     fill = compiled.compiled(filling(gate_step, exact=True), makes_arrays=False)
     given = arguments("gate", Gate(), 0.05, 0.0)
     out = np.empty((N, 2))
@@ -118,7 +165,8 @@ def test_a_stage_compiles_without_counting_references(tmp_path: Path, monkeypatc
     assert "gate_step" in listing and "NRT_incref" not in listing
 
 
-# --- What a rig that times starts cannot tell apart: the share of the pace that the stream in the tube sets ----------
+# --- What a rig that times starts cannot tell apart: the share of the pace that the stream in
+# the tube sets ----------
 
 MACHINE = Machine()
 
@@ -136,7 +184,9 @@ def test_singly_the_running_drop_is_the_line_that_eq_6_allows_as_well() -> None:
     fall = with_carried_share(MACHINE, 0.0).fall
     for rpm in (10.0, 40.0, 70.0):
         assert drop_s(fall, rpm) == pytest.approx(1.7916 - 0.01331 * rpm, abs=0.005)
-    assert drop_s(fall, 70.0) < drop_s(MACHINE.fall, 70.0) - 0.3, "and a third of a second quicker than carried along"
+    assert drop_s(fall, 70.0) < drop_s(MACHINE.fall, 70.0) - 0.3, (
+        "and a third of a second quicker than carried along"
+    )
 
 
 def test_there_and_back_is_the_same_machine() -> None:
@@ -153,24 +203,34 @@ def test_the_share_goes_from_each_granule_s_own_fall_to_the_stream_s() -> None:
     settled = np.array([drop_s(MACHINE.fall, n) for n in rpm.tolist()])
     assert falls_s(time_s, settled, 1.0) == pytest.approx(carried_s(time_s, settled))
     assert falls_s(time_s, settled, 0.0) == pytest.approx(settled)
-    late = int(np.searchsorted(time_s, 3.5))        # released before the step, still falling after it
+    # released before the step, still falling after it
+    late = int(np.searchsorted(time_s, 3.5))
     each = [falls_s(time_s, settled, share)[late] for share in (0.0, 0.3, 0.6, 1.0)]
     assert each == sorted(each, reverse=True) and each[0] - each[-1] > 0.1
 
 
 def test_the_set_has_the_machines_that_it_says() -> None:
-    assert plausible(MACHINE, "singly").fall.carried_share == 0.0 and plausible(MACHINE, "carried_along") == MACHINE
+    assert (
+        plausible(MACHINE, "singly").fall.carried_share == 0.0
+        and plausible(MACHINE, "carried_along") == MACHINE
+    )
     assert effect_sizes(plausible(MACHINE, "flow_6_more")) == {"flow.gain": 6.0}
     assert effect_sizes(plausible(MACHINE, "field_lag")) == {"lag.offset": 0.3}
     slow = plausible(MACHINE, "slow_drives")
-    assert slow.shaft.dead_time_s == pytest.approx(1.2 * 0.373) and slow.gate.slew_mm_s == pytest.approx(20.0 / 1.2)
-    assert len({plausible(MACHINE, name).model_dump_json() for name in PLAUSIBLE}) == len(PLAUSIBLE), "no two alike"
-    with pytest.raises(ValueError, match="plausible machine 'falling': allowed carried_along, singly"):
+    assert slow.shaft.dead_time_s == pytest.approx(
+        1.2 * 0.373
+    ) and slow.gate.slew_mm_s == pytest.approx(20.0 / 1.2)
+    assert len({plausible(MACHINE, name).model_dump_json() for name in PLAUSIBLE}) == len(
+        PLAUSIBLE
+    ), "no two alike"
+    with pytest.raises(
+        ValueError, match="plausible machine 'falling': allowed carried_along, singly"
+    ):
         plausible(MACHINE, "falling")
 
 
-# --- Compiled code on disk: variants have files and symbols of their own, and a damaged folder never ends the
-# program.
+# --- Compiled code on disk: variants have files and symbols of their own, and a damaged folder
+# never ends the program.
 
 ROOT = Path(__file__).resolve().parents[2]
 # Two variants of one source over the same types, each called; prints what both give.
@@ -194,12 +254,14 @@ print("scipy.linalg" in sys.modules, file=sys.stderr)
 def times(factor: float) -> Callable[..., Any]:
     def run(values):  # type: ignore[no-untyped-def]
         return factor * values[0]
+
     return run
 
 
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     import numba
+
     monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path / "kept"))
     return tmp_path / "kept"
 
@@ -218,7 +280,9 @@ def called(factor: float) -> tuple[float, bool]:
 def test_variants_have_names_of_their_own() -> None:
     names = [named_apart(times(factor)).__qualname__ for factor in (2.0, 3.0)]
     assert len(set(names)) == 2 and all(name.isascii() and " " not in name for name in names)
-    gate, shaft = (named_apart(filling(step, exact=True)).__qualname__ for step in (gate_step, shaft_step))
+    gate, shaft = (
+        named_apart(filling(step, exact=True)).__qualname__ for step in (gate_step, shaft_step)
+    )
     assert gate != shaft and "gate_step" in gate
 
 
@@ -228,9 +292,14 @@ def test_what_is_damaged_is_compiled_anew(folder: Path) -> None:
     files = kept(folder)
     assert len(files) == 2
     whole = {path: path.read_bytes() for path in files}
-    for spoilt in (lambda data: b"", lambda data: data[:len(data) // 2], lambda data: bytes(len(data)),
-                   lambda data: b"garbage\n" * 99, lambda data: data[:-100] + bytes([data[-100] ^ 4]) + data[-99:],
-                   lambda data: next(other for other in whole.values() if other != data)):
+    for spoilt in (
+        lambda data: b"",
+        lambda data: data[: len(data) // 2],
+        lambda data: bytes(len(data)),
+        lambda data: b"garbage\n" * 99,
+        lambda data: data[:-100] + bytes([data[-100] ^ 4]) + data[-99:],
+        lambda data: next(other for other in whole.values() if other != data),
+    ):
         for path, data in whole.items():
             path.write_bytes(spoilt(data))
         assert called(2.0) == (2.0, False) and called(3.0) == (3.0, False)
@@ -241,33 +310,43 @@ def test_what_is_damaged_is_compiled_anew(folder: Path) -> None:
 def test_without_a_folder_or_room_it_runs(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def full(*_: Any) -> None:
         raise OSError(28, "No space left on device")
+
     monkeypatch.setattr(Path, "write_bytes", full)
     assert called(5.0) == (5.0, False) and not kept(folder)
 
     def nowhere(*_: Any) -> None:
         raise RuntimeError("cannot cache function: no locator available")
+
     monkeypatch.setattr(KeptCode, "__init__", nowhere)
     assert called(6.0) == (6.0, False)
 
 
 @pytest.mark.exam
 def test_variants_that_two_processes_kept_live_together_in_a_third(tmp_path: Path) -> None:
-    """Each is the first of its process: by numba's own cache both had one symbol. The third compiles nothing, and loads
-    nothing that only compiling asks for."""
+    """Each is the first of its process: by numba's own cache both had one symbol. The third
+    compiles nothing, and loads nothing that only compiling asks for."""
     env = {key: value for key, value in os.environ.items() if not key.startswith("NUMBA")}
     env |= {"XDG_CACHE_HOME": str(tmp_path / "cache"), "PYTHONPATH": str(ROOT)}
     program = tmp_path / "program.py"
     program.write_text(PROGRAM)
     for wanted in ("[2.0]", "[3.0]", "[2.0, 3.0]"):
-        done = subprocess.run([sys.executable, str(program), wanted], env=env, capture_output=True, text=True,
-                              timeout=300)
+        done = subprocess.run(
+            [sys.executable, str(program), wanted],
+            env=env,
+            capture_output=True,
+            text=True,
+            timeout=300,
+        )
         assert done.returncode == 0 and done.stdout.strip() == wanted, done.stderr[-2000:]
         assert (done.stderr.strip() == "True") == (wanted != "[2.0, 3.0]"), done.stderr[-2000:]
     assert len(kept(tmp_path / "cache")) == 2
 
 
-def test_a_number_that_changed_in_its_own_file_is_compiled_anew(tmp_path: Path, folder: Path) -> None:
-    """A constant of a module stands in no bytecode: the kept code of before would go on with the old one."""
+def test_a_number_that_changed_in_its_own_file_is_compiled_anew(
+    tmp_path: Path, folder: Path
+) -> None:
+    """A constant of a module stands in no bytecode: the kept code of before would go on with
+    the old one."""
     file = tmp_path / "scaled.py"
 
     def answer(factor: float) -> float:
@@ -275,4 +354,5 @@ def test_a_number_that_changed_in_its_own_file_is_compiled_anew(tmp_path: Path, 
         space: dict[str, Any] = {}
         exec(compile(file.read_text(), str(file), "exec"), space)
         return float(compiled.compiled(space["run"])(np.ones(1)))
+
     assert answer(2.0) == 2.0 and answer(3.0) == 3.0

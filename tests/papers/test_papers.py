@@ -1,4 +1,6 @@
-"""`topdress reproduce`: published figures as printed, ours beside them, and which reading of the text they follow."""
+"""`topdress reproduce`: published figures as printed, ours beside them, and which reading of
+the text they follow."""
+
 from __future__ import annotations
 
 import csv
@@ -52,16 +54,25 @@ def rows(path: Path) -> list[dict[str, str]]:
 
 def test_figures_are_typed_as_the_tables_have_them() -> None:
     for row in rows(PAPERS / "lag_table5_corrected.csv"):
-        assert published.CORRECTED_M[int(row["shaft_rpm"])][int(row["replicate"]) - 1] == float(row["miss_m"])
+        assert published.CORRECTED_M[int(row["shaft_rpm"])][int(row["replicate"]) - 1] == float(
+            row["miss_m"]
+        )
     for row in rows(PAPERS / "lag_table3_drop_time.csv"):
-        assert published.DROP_S[int(row["shaft_rpm"])][int(row["replicate"]) - 1] == float(row["drop_s"])
+        assert published.DROP_S[int(row["shaft_rpm"])][int(row["replicate"]) - 1] == float(
+            row["drop_s"]
+        )
     for row in rows(PAPERS / "lag_table4_total.csv"):
-        assert published.TOTAL_LAG_S[int(row["shaft_rpm"])][row["source"] == "detected"] == float(row["lag_s"])
+        assert published.TOTAL_LAG_S[int(row["shaft_rpm"])][row["source"] == "detected"] == float(
+            row["lag_s"]
+        )
     for row in rows(PAPERS / "decision_table1_sampling.csv"):
         found = published.SAMPLING[float(row["frequency_hz"])][published.PLOTS.index(row["plot"])]
         assert found == (float(row["cv_percent"]), float(row["cuc_percent"]))
     for row in rows(PAPERS / "decision_table2_applied.csv"):
-        assert published.APPLIED[row["plot"]][1:3] == (float(row["target_kg"]), float(row["applied_kg"]))
+        assert published.APPLIED[row["plot"]][1:3] == (
+            float(row["target_kg"]),
+            float(row["applied_kg"]),
+        )
 
 
 def test_eq_6_comes_out_of_the_detected_lags() -> None:
@@ -73,7 +84,7 @@ def test_eq_6_comes_out_of_the_detected_lags() -> None:
 
 def test_eq_3_as_printed_makes_8_39_m_of_10() -> None:
     east, north, _ = eq3().rows
-    assert east[1] == pytest.approx(8.39, abs=0.05)        # the arccosine keeps few digits
+    assert east[1] == pytest.approx(8.39, abs=0.05)  # the arccosine keeps few digits
     assert east[2] == pytest.approx(10.0 * (1 - 0.0047), abs=0.03)
     assert east[3] == pytest.approx(10.0, abs=1e-4) and north[3] == pytest.approx(10.0, abs=1e-4)
 
@@ -96,12 +107,16 @@ def test_the_papers_own_test_played_through_the_model_gives_its_tables() -> None
     lags = np.array([start_lag_s(Machine(), n) for n in speeds])
     assert np.polyfit(speeds, lags, 1)[0] == pytest.approx(-8.3e-3, abs=1e-4)
     detected = np.array([published.TOTAL_LAG_S[int(n)][1] for n in speeds])
-    assert np.sqrt(np.mean((lags - detected) ** 2)) < 0.032                # eq 6 itself: 0.031
+    assert np.sqrt(np.mean((lags - detected) ** 2)) < 0.032  # eq 6 itself: 0.031
     (_, _, sums, settled), words = experiment_tables(Machine())
     ours = {str(row[0]): row[1:] for row in sums.rows}
-    assert ours["table 4 detected, s"][1] == pytest.approx(0.238, abs=0.001)       # the model before
+    # the model before
+    assert ours["table 4 detected, s"][1] == pytest.approx(0.238, abs=0.001)
     assert all(row[0] < 0.05 and row[2] < 0.05 for row in ours.values())
-    assert any("speed of the test, km/h" in str(row[0]) and str(row[1]).startswith("5.26") for row in settled.rows)
+    assert any(
+        "speed of the test, km/h" in str(row[0]) and str(row[1]).startswith("5.26")
+        for row in settled.rows
+    )
     assert "1.996 s)" in words[0]
     assert "a test speed of 1.46 (1.45 to 1.47) m/s, 5.26 km/h where 4.25 is written" in words[1]
 
@@ -112,7 +127,9 @@ def test_nothing_overtakes_in_the_tube_and_a_start_takes_longer_than_a_running_s
     lands = time + carried_s(time, drops)
     assert np.all(np.diff(lands) > 0.0)
     assert carried_s(time, np.full(len(time), 1.3)) == pytest.approx(np.full(len(time), 1.3))
-    assert drop_s(Machine().fall, 70.0) == pytest.approx(first_fall_s(Machine(), Machine().fall, 70.0) - 0.07, abs=0.01)
+    assert drop_s(Machine().fall, 70.0) == pytest.approx(
+        first_fall_s(Machine(), Machine().fall, 70.0) - 0.07, abs=0.01
+    )
 
 
 def test_a_position_once_a_second_explains_table_5_and_no_faster_one_does() -> None:
@@ -124,13 +141,21 @@ def test_a_position_once_a_second_explains_table_5_and_no_faster_one_does() -> N
 
 
 def by_hand(values: tuple[float, ...], rpm: int, shared: bool) -> float:
-    """Log likelihood of three misses, by drawing the moment between two positions a second apart, 1/m."""
+    """Log likelihood of three misses, by drawing the moment between two positions a second
+    apart, 1/m."""
     rng = np.random.default_rng(3)
     phase_s, drops = rng.uniform(0.0, 1.0, 40_000), np.array(published.DROP_S[rpm])
     left_s = drops - drops.mean()
-    by_phase = [np.exp(-0.5 * ((value - 4.25 / 3.6 * (phase_s[:, None] + left_s)) / 0.05) ** 2).mean(axis=1)
-                / (0.05 * np.sqrt(2.0 * np.pi)) for value in values]
-    return float(np.log(np.prod(by_phase, axis=0).mean()) if shared else sum(np.log(one.mean()) for one in by_phase))
+    by_phase = [
+        np.exp(-0.5 * ((value - 4.25 / 3.6 * (phase_s[:, None] + left_s)) / 0.05) ** 2).mean(axis=1)
+        / (0.05 * np.sqrt(2.0 * np.pi))
+        for value in values
+    ]
+    return float(
+        np.log(np.prod(by_phase, axis=0).mean())
+        if shared
+        else sum(np.log(one.mean()) for one in by_phase)
+    )
 
 
 def test_table_5_refutes_that_replicates_met_the_boundary_alike() -> None:
@@ -140,14 +165,22 @@ def test_table_5_refutes_that_replicates_met_the_boundary_alike() -> None:
         assert fits[name].log_likelihood == pytest.approx(said, abs=0.06)
         drawn = sum(by_hand(values, rpm, shared) for rpm, values in published.CORRECTED_M.items())
         assert fits[name].log_likelihood == pytest.approx(drawn, abs=0.5)
-    assert wider_apart(Machine(), fits[ONCE_A_SECOND].reading, published.CORRECTED_M) < 0.03, "nor does it say all"
+    assert wider_apart(Machine(), fits[ONCE_A_SECOND].reading, published.CORRECTED_M) < 0.03, (
+        "nor does it say all"
+    )
 
 
-def test_a_speed_is_hardly_likelier_than_a_delay_once_the_rigs_slope_is_known_as_badly_as_it_is() -> None:
+def test_a_speed_is_hardly_likelier_than_a_delay_with_the_rigs_slope_uncertain() -> None:
     odds = speed_or_delay()
-    assert (odds.speed_kmh, odds.delay_s) == (pytest.approx(5.27, abs=0.01), pytest.approx(0.453, abs=0.005))
+    assert (odds.speed_kmh, odds.delay_s) == (
+        pytest.approx(5.27, abs=0.01),
+        pytest.approx(0.453, abs=0.005),
+    )
     assert odds.speed_to_delay == pytest.approx(2.4, abs=0.1)
-    assert odds.delay_at_4_5_s == pytest.approx(0.32, abs=0.005) and 1.0 < odds.speed_to_delay_at_4_5 < 1.5
+    assert (
+        odds.delay_at_4_5_s == pytest.approx(0.32, abs=0.005)
+        and 1.0 < odds.speed_to_delay_at_4_5 < 1.5
+    )
 
 
 def test_the_rise_is_that_of_a_start_and_not_the_parameter_behind_it() -> None:
@@ -160,40 +193,66 @@ def test_the_rise_is_that_of_a_start_and_not_the_parameter_behind_it() -> None:
 def test_table_5_is_as_likely_with_two_fitted_spreads_and_no_mechanism() -> None:
     """By the same normal written out with its covariance, at the fitted spreads and near them."""
     rival = fitted_rival(published.CORRECTED_M)
-    assert (rival.between_m, rival.within_m) == (pytest.approx(0.316, abs=0.001), pytest.approx(0.260, abs=0.001))
+    assert (rival.between_m, rival.within_m) == (
+        pytest.approx(0.316, abs=0.001),
+        pytest.approx(0.260, abs=0.001),
+    )
 
     def log_likelihood(between: float, within: float) -> float:
-        cov = within ** 2 * np.eye(3) + between ** 2
-        left = [np.array(values) - (np.mean(published.LAG_M[rpm]) - 4.25 / 3.6 * (2.2118 - 8.3e-3 * rpm))
-                for rpm, values in published.CORRECTED_M.items()]
-        return float(sum(-0.5 * (one @ np.linalg.solve(cov, one) + np.linalg.slogdet(2.0 * np.pi * cov)[1])
-                         for one in left))
-    assert rival.log_likelihood == pytest.approx(log_likelihood(rival.between_m, rival.within_m), abs=1e-6)
-    assert all(rival.log_likelihood > log_likelihood(rival.between_m * a, rival.within_m * b)
-               for a, b in ((0.9, 1.0), (1.1, 1.0), (1.0, 0.9), (1.0, 1.1)))
+        cov = within**2 * np.eye(3) + between**2
+        left = [
+            np.array(values)
+            - (np.mean(published.LAG_M[rpm]) - 4.25 / 3.6 * (2.2118 - 8.3e-3 * rpm))
+            for rpm, values in published.CORRECTED_M.items()
+        ]
+        return float(
+            sum(
+                -0.5 * (one @ np.linalg.solve(cov, one) + np.linalg.slogdet(2.0 * np.pi * cov)[1])
+                for one in left
+            )
+        )
+
+    assert rival.log_likelihood == pytest.approx(
+        log_likelihood(rival.between_m, rival.within_m), abs=1e-6
+    )
+    assert all(
+        rival.log_likelihood > log_likelihood(rival.between_m * a, rival.within_m * b)
+        for a, b in ((0.9, 1.0), (1.1, 1.0), (1.0, 0.9), (1.0, 1.1))
+    )
     assert rival.penalised == pytest.approx(-10.5, abs=0.05)
 
 
 def test_table_3_holds_little_of_the_nitrogen_that_eq_2_takes_to_be_found(crop: Crop) -> None:
-    """FA: a third of 225 kg urea and 150 kg of 18-46-0, and 393.3 kg urea; 124.7 kg more grain of 2.39 % N."""
+    """FA: a third of 225 kg urea and 150 kg of 18-46-0, and 393.3 kg urea; 124.7 kg more grain
+    of 2.39 % N."""
     assert [round(100.0 * one.share, 1) for one in grain_n()] == [1.4, 3.0, 8.6]
-    assert grain_n()[0].given_kg_ha == pytest.approx((225 * 0.45 + 150 * 0.18) / 3 + 23.6 / 0.06 * 0.45)
+    assert grain_n()[0].given_kg_ha == pytest.approx(
+        (225 * 0.45 + 150 * 0.18) / 3 + 23.6 / 0.06 * 0.45
+    )
     said = next(claim for claim in claims_of(crop)["decision"] if claim.where == "eq 2, table 3")
     assert said.agrees is False and said.obtained == "0.014, 0.030, 0.086"
 
 
 def test_every_element_is_where_the_table_says() -> None:
     root = Path(__file__).parents[2]
-    commands = {one.name or one.callback.__name__.replace("_", "-") for one in app.registered_commands}
+    commands = {
+        one.name or one.callback.__name__.replace("_", "-") for one in app.registered_commands
+    }
     commands |= {one.name for one in app.registered_groups}
     for paper, element, here, where, remark in ELEMENTS:
         assert here in (YES, PARTLY, NO) and paper in (DECISION, LAG, POINT)
         assert (where or here == NO) and (remark or here == YES), element
         for place in filter(None, where.split("; ")):
-            known = place.split()[1] in commands if place.startswith("topdress ") else (root / place).exists()
+            known = (
+                place.split()[1] in commands
+                if place.startswith("topdress ")
+                else (root / place).exists()
+            )
             assert known, (element, place)
     assert {element for _, element, here, _, _ in ELEMENTS if here == NO} >= {
-        "EDEM simulation of granules", "camera and program that see the plant"}
+        "EDEM simulation of granules",
+        "camera and program that see the plant",
+    }
 
 
 def test_28_kg_more_nitrogen_is_of_the_applied_amounts() -> None:
@@ -203,27 +262,46 @@ def test_28_kg_more_nitrogen_is_of_the_applied_amounts() -> None:
 def test_sampling_prefers_one_hertz_in_both(crop: Crop) -> None:
     (table, changes), words = sampling(1)
     assert "1 Hz in the paper's figures and 1 Hz in 28 of 30 draws of ours" in words[0]
-    assert table.rows[4][5:7] == (pytest.approx(10.7, abs=0.3), pytest.approx(0.7, abs=0.15)), "a draw alone: 11.61"
+    assert table.rows[4][5:7] == (pytest.approx(10.7, abs=0.3), pytest.approx(0.7, abs=0.15)), (
+        "a draw alone: 11.61"
+    )
     assert "twice the s.d. of a draw" in claims_of(crop)["decision"][1].within
     assert changes.rows[0][1:] == pytest.approx((1.25, 1.79, 3.68, 4.39), abs=0.01)
-    assert table.rows[0][5] is None                     # the published CV at 2 Hz is an input of the canopy
+    # the published CV at 2 Hz is an input of the canopy
+    assert table.rows[0][5] is None
 
 
 def test_table_2_forward_from_the_ndvi_that_is_printed(crop: Crop) -> None:
-    """FC: 0.546, 18.9 kg published. 0.359 exp(324.4 x 0.546 / 82) = 3.113 t/ha leaves 320.2 kg/ha at the mean."""
+    """FC: 0.546, 18.9 kg published. 0.359 exp(324.4 x 0.546 / 82) = 3.113 t/ha leaves 320.2
+    kg/ha at the mean."""
     table, _ = forward_targets(crop)
-    assert table.rows[0] == ("FC", 18.9, pytest.approx(19.21, abs=0.01), pytest.approx(18.80, abs=0.01),
-                             pytest.approx(17.02, abs=0.01), pytest.approx(18.95, abs=0.01))
-    verdicts = {claim.says.rpartition(": ")[2]: claim.agrees for claim in claims_of(crop)["decision"]
-                if "from its NDVI" in claim.says}
-    assert verdicts == {"smooth rate at the mean": False, "smooth rate over the canopy": True,
-                        "grades over the canopy": False, "one grade, of the mean": True}
+    assert table.rows[0] == (
+        "FC",
+        18.9,
+        pytest.approx(19.21, abs=0.01),
+        pytest.approx(18.80, abs=0.01),
+        pytest.approx(17.02, abs=0.01),
+        pytest.approx(18.95, abs=0.01),
+    )
+    verdicts = {
+        claim.says.rpartition(": ")[2]: claim.agrees
+        for claim in claims_of(crop)["decision"]
+        if "from its NDVI" in claim.says
+    }
+    assert verdicts == {
+        "smooth rate at the mean": False,
+        "smooth rate over the canopy": True,
+        "grades over the canopy": False,
+        "one grade, of the mean": True,
+    }
 
 
 def test_the_point_papers_delays_and_shaft_speeds() -> None:
     obtained = {row[0]: row[2] for row in delays().rows}
-    assert obtained["vision"] is None and obtained["link"] is None                 # inputs
-    assert all(row[1] == pytest.approx(row[2], abs=0.005) for row in delays().rows if row[2] is not None)
+    assert obtained["vision"] is None and obtained["link"] is None  # inputs
+    assert all(
+        row[1] == pytest.approx(row[2], abs=0.005) for row in delays().rows if row[2] is not None
+    )
     assert all(row[1] == pytest.approx(row[2], rel=0.006) for row in microsteps().rows)
 
 
@@ -231,11 +309,16 @@ def test_the_page_is_written_whole(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     pytest.importorskip("matplotlib", reason="matplotlib is not installed")
     from console.cli import reproduce
     from control.papers.lag import lag_section
+
     monkeypatch.setattr(reproduce, "run_papers", lambda seed: [lag_section(Machine())])
     told = topdress("reproduce", "--out", tmp_path / "r")
     assert told.exit_code == 0, told.stderr
     page = (tmp_path / "r" / "reproduce.html").read_text()
-    assert page.count("<svg") == 4 and "position at 1 Hz" in page and "http" not in page.replace("http-equiv", "")
+    assert (
+        page.count("<svg") == 4
+        and "position at 1 Hz" in page
+        and "http" not in page.replace("http-equiv", "")
+    )
     assert len(list((tmp_path / "r").glob("*.csv"))) == 14
     anchors = set(re.findall(r'href="#([^"]+)"', page))
     assert anchors and all(page.count(f'id="{anchor}"') == 1 for anchor in anchors)
@@ -245,15 +328,20 @@ def claims_of(crop: Crop) -> dict[str, list[Claim]]:
     (table, _), _ = sampling(1)
     forward, _ = forward_targets(crop)
     simulated = Table("", (), tuple((plot, *(0.0,) * 9) for plot in published.APPLIED), ())
-    return {"decision": decision_claims(crop, table, forward, simulated), "lag": lag_claims(Machine()),
-            "points": points_claims(point_lag(120.0, 99.8, 1.0))}
+    return {
+        "decision": decision_claims(crop, table, forward, simulated),
+        "lag": lag_claims(Machine()),
+        "points": points_claims(point_lag(120.0, 99.8, 1.0)),
+    }
 
 
 def test_every_equation_table_and_figure_has_a_row(crop: Crop) -> None:
     has = {"decision": (5, 3, 7), "lag": (6, 6, 10), "points": (5, 1, 5)}
     for paper, claims in claims_of(crop).items():
         where = " ".join(claim.where for claim in claims)
-        where = where.replace("eq 4, 5", "eq 4 eq 5").replace("figures 5 to 8", "figure 5 figure 6 figure 7 figure 8")
+        where = where.replace("eq 4, 5", "eq 4 eq 5").replace(
+            "figures 5 to 8", "figure 5 figure 6 figure 7 figure 8"
+        )
         for word, count in zip(("eq", "table", "figure"), has[paper], strict=True):
             missing = [n for n in range(1, count + 1) if not re.search(rf"{word} {n}\b", where)]
             assert not missing, (paper, word, missing)
@@ -271,28 +359,42 @@ def test_every_verdict_prints_its_tolerance_and_why(crop: Crop) -> None:
     for claims in claims_of(crop).values():
         for claim in claims:
             assert (claim.agrees is None) == (claim.within == ""), claim
-            assert claim.agrees is None or re.fullmatch(r"(none|the sign|[\d.]+.*): .+", claim.within), claim
+            assert claim.agrees is None or re.fullmatch(
+                r"(none|the sign|[\d.]+.*): .+", claim.within
+            ), claim
     with pytest.raises(ValueError, match="agrees True, within ''"):
         ledger("paper", [Claim("table 9", "a figure", "3", "3", How.RECOMPUTED, True)])
 
 
 def test_what_the_machine_file_was_fitted_to_is_not_said_to_be_simulated(crop: Crop) -> None:
     how = {claim.where: claim.how for claim in lag_claims(Machine())}
-    assert how["table 2"] is How.FITTED and how["table 3"] is How.FITTED and how["table 1"] is How.SIMULATED
+    assert (
+        how["table 2"] is How.FITTED
+        and how["table 3"] is How.FITTED
+        and how["table 1"] is How.SIMULATED
+    )
 
 
 def test_yields_follow_from_the_samples_as_far_as_these_are_rounded(crop: Crop) -> None:
-    said = {claim.says.split()[2]: claim.agrees for claim in claims_of(crop)["decision"]
-            if "from its sample" in claim.says}
+    said = {
+        claim.says.split()[2]: claim.agrees
+        for claim in claims_of(crop)["decision"]
+        if "from its sample" in claim.says
+    }
     assert said == {"CK": False, "FA": True, "FB": True, "FC": False, "CP": True}
 
 
 def test_field_times_of_table_4_were_made_at_4_5_km_h_and_its_detector_is_early(crop: Crop) -> None:
     said = {claim.says: claim for claim in lag_claims(Machine())}
     assert said["L = v T / 3.6: table 4's field times from table 1's distances"].obtained == (
-        "4.500 km/h (4.499 to 4.501 in 10 of 10 rows)")
+        "4.500 km/h (4.499 to 4.501 in 10 of 10 rows)"
+    )
     early = said["why the detector differs: it misses the first granules"]
-    assert early.agrees is False and early.obtained == "detected less field -0.31 s" and "10 of 10" in early.remark
+    assert (
+        early.agrees is False
+        and early.obtained == "detected less field -0.31 s"
+        and "10 of 10" in early.remark
+    )
 
 
 def test_the_field_lag_is_that_of_table_1_and_not_of_table_4() -> None:
@@ -301,13 +403,18 @@ def test_the_field_lag_is_that_of_table_1_and_not_of_table_4() -> None:
 
 
 def test_printed_yields_do_not_follow_from_the_sample_weights() -> None:
-    assert [row[4] for row in yields().rows] == pytest.approx([6020.0, 6120.0, 6320.0, 7020.0, 7120.0])
+    assert [row[4] for row in yields().rows] == pytest.approx(
+        [6020.0, 6120.0, 6320.0, 7020.0, 7120.0]
+    )
     assert yields().rows[0][7] == pytest.approx(2277.0, abs=1.0)
 
 
 def test_eq_2_is_right_and_eq_5_halves_the_way() -> None:
     asked = []
-    assert cells_that_agree(cell=lambda at, half: asked.append(at) or paper_cell(at, half)) == (1001, 1001)
+    assert cells_that_agree(cell=lambda at, half: asked.append(at) or paper_cell(at, half)) == (
+        1001,
+        1001,
+    )
     assert asked == pytest.approx(np.linspace(0.0, 100.0, 1001))
     rows = boundary_table().rows
     assert rows[0][1:] == (pytest.approx(10.0, abs=0.01), pytest.approx(20.0, abs=0.01))

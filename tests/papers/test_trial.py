@@ -1,4 +1,6 @@
-"""`topdress trial`: a simulated trial whose machine gives 7 % too much, weighed by the truth, found again by plot."""
+"""`topdress trial`: a simulated trial whose machine gives 7 % too much, weighed by the truth,
+found again by plot."""
+
 from __future__ import annotations
 
 import csv
@@ -23,17 +25,22 @@ JOB = """format: topdress-job/1
 id: trial
 flow_trim: false
 field: {title: Trial, boundary_m: [[0, 0], [0, 60], [4.8, 60], [4.8, 0]]}
-simulated: {passes: 2, pass_length_m: 60, speed_kmh: 4.5, canopy: {mean_ndvi: 0.52, cv_percent: 9.5, correlation_m: 1}}
+simulated: {passes: 2, pass_length_m: 60, speed_kmh: 4.5, 
+            canopy: {mean_ndvi: 0.52, cv_percent: 9.5, correlation_m: 1}}
 """
-NAMES = ("A-1", "B-1")                      # the first and the second pass, from 5 to 55 m north
+# the first and the second pass, from 5 to 55 m north
+NAMES = ("A-1", "B-1")
 
 
 class Driven(NamedTuple):
     folder: Path
-    fallen_kg: dict[str, float]             # by the machine's own truth
+    fallen_kg: dict[str, float]  # by the machine's own truth
 
     def __getattr__(self, name: str) -> Path:
-        return self.folder / {"plots": "plots.geojson", "log": "run.csv", "weights": "weights.csv"}[name]
+        return (
+            self.folder
+            / {"plots": "plots.geojson", "log": "run.csv", "weights": "weights.csv"}[name]
+        )
 
 
 def outline(k: int) -> list[list[float]]:
@@ -50,21 +57,35 @@ def plots_file(path: Path, names: tuple[str, ...] = NAMES) -> Path:
 def driven(tmp_path_factory: pytest.TempPathFactory) -> Driven:
     folder = tmp_path_factory.mktemp("trial")
     (folder / "job.yaml").write_text(JOB)
-    ran = topdress("simulate", "--job", folder / "job.yaml", "--seconds", "140", "--seed", "3", "--effect",
-                   "flow.gain=7", "--out", folder / "run.csv")
+    ran = topdress(
+        "simulate",
+        "--job",
+        folder / "job.yaml",
+        "--seconds",
+        "140",
+        "--seed",
+        "3",
+        "--effect",
+        "flow.gain=7",
+        "--out",
+        folder / "run.csv",
+    )
     assert ran.exit_code == 0, ran.output
     with (folder / "run.truth.csv").open() as file:
         rows = [{key: float(value) for key, value in row.items()} for row in csv.DictReader(file)]
     fallen = dict.fromkeys(NAMES, 0.0)
     for before, row in pairwise(rows):
         lands_north = row["north_m"] + (1.0 if row["east_m"] < 2.4 else -1.0) * (
-            row["landed_place_m"] - row["place_m"])
+            row["landed_place_m"] - row["place_m"]
+        )
         name = NAMES[int(row["east_m"] > 2.4)]
         if 5.0 < lands_north < 55.0:
             fallen[name] += row["flow_kg_s"] * (row["time_s"] - before["time_s"])
     plots_file(folder / "plots.geojson")
-    (folder / "weights.csv").write_text("plot,treatment,applied_kg,sample_kg,sample_m2\n" + "".join(
-        f"{name},{name[0]},{fallen[name]:.4f},3.0,5\n{name},,,3.1,5\n" for name in NAMES))
+    (folder / "weights.csv").write_text(
+        "plot,treatment,applied_kg,sample_kg,sample_m2\n"
+        + "".join(f"{name},{name[0]},{fallen[name]:.4f},3.0,5\n{name},,,3.1,5\n" for name in NAMES)
+    )
     return Driven(folder, fallen)
 
 
@@ -72,15 +93,22 @@ def test_the_machines_7_percent_are_found_again(driven: Driven) -> None:
     trial = read_trial(driven.plots, driven.log, driven.weights)
     for plot in trial.plots:
         assert plot.area_m2 == pytest.approx(120.0, rel=1e-3) and plot.treatment == plot.name[0]
-        assert plot.weighed_kg / plot.target_kg == pytest.approx(1.07, abs=0.02), "the control error of table 2"
-        assert plot.logged_kg / plot.weighed_kg == pytest.approx(1.0 / 1.07, abs=0.01), "the log cannot know"
+        assert plot.weighed_kg / plot.target_kg == pytest.approx(1.07, abs=0.02), (
+            "the control error of table 2"
+        )
+        assert plot.logged_kg / plot.weighed_kg == pytest.approx(1.0 / 1.07, abs=0.01), (
+            "the log cannot know"
+        )
         assert plot.samples_kg_ha == pytest.approx((6000.0, 6200.0))
 
 
 def test_readings_are_counted_where_the_heads_look(driven: Driven) -> None:
-    """50 m at 1.25 m/s and 2 Hz are 80 readings; those of the first pass picked by hand, 4.5 m before the antenna."""
+    """50 m at 1.25 m/s and 2 Hz are 80 readings; those of the first pass picked by hand, 4.5 m
+    before the antenna."""
     trial = read_trial(driven.plots, driven.log, driven.weights)
-    assert trial.hz == pytest.approx(2.0, rel=0.01) and all(len(plot.before) in range(76, 85) for plot in trial.plots)
+    assert trial.hz == pytest.approx(2.0, rel=0.01) and all(
+        len(plot.before) in range(76, 85) for plot in trial.plots
+    )
     with driven.log.open() as file:
         rows = list(csv.DictReader(line for line in file if not line.startswith("#")))
     seen: list[float] = []
@@ -97,7 +125,9 @@ def test_readings_are_counted_where_the_heads_look(driven: Driven) -> None:
 def test_the_decision_rate_is_that_of_the_papers_own_rule(driven: Driven) -> None:
     trial = read_trial(driven.plots, driven.log, driven.weights)
     choice = choice_of(trial)
-    assert choice is not None and choice.frequency_hz == min(choice.departure, key=lambda hz: choice.departure[hz])
+    assert choice is not None and choice.frequency_hz == min(
+        choice.departure, key=lambda hz: choice.departure[hz]
+    )
     few = trial._replace(plots=tuple(plot._replace(before=plot.before[:5]) for plot in trial.plots))
     assert choice_of(few) is None and "too few" in trial_section(few).words[0]
 
@@ -105,13 +135,25 @@ def test_the_decision_rate_is_that_of_the_papers_own_rule(driven: Driven) -> Non
 def test_one_page(driven: Driven) -> None:
     pytest.importorskip("matplotlib", reason="matplotlib is not installed")
     page = driven.folder / "trial.html"
-    arguments = ["trial", str(driven.plots), str(driven.log), str(driven.weights), "--after", str(driven.log),
-                 "--out", str(page)]
+    arguments = [
+        "trial",
+        str(driven.plots),
+        str(driven.log),
+        str(driven.weights),
+        "--after",
+        str(driven.log),
+        "--out",
+        str(page),
+    ]
     told = topdress(*arguments, "--control", "A")
     assert told.exit_code == 0, told.output
     assert "target.decision_hz" in told.stdout and "the paper's are +7.17 and 8.42 %" in told.stdout
     text = page.read_text()
-    assert text.count("<svg") == 3 and "Canopy index by plot" in text and "what each has more than A" in text
+    assert (
+        text.count("<svg") == 3
+        and "Canopy index by plot" in text
+        and "what each has more than A" in text
+    )
     assert "target.decision_hz" in json.loads(topdress(*arguments, "--json").stdout)["words"][0]
     wrong = topdress(*arguments, "--control", "C", "--force")
     assert wrong.exit_code == 2 and "--control C: allowed is one of A, B" in wrong.output
@@ -123,8 +165,15 @@ def plot(name: str, *samples: float, kg: float = 20.0) -> Plot:
 
 def test_differences_of_yields_have_the_interval_of_plots() -> None:
     """Welch's, of plots: samples of one plot are no replicates."""
-    plots = (plot("CK-0", 6000.0, 6100.0, kg=0.0), plot("CK-1", 5900.0, kg=0.0), plot("CK-2", 6200.0, kg=0.0),
-             plot("FA-0", 6500.0), plot("FA-1", 6800.0, 7000.0), plot("FA-2", 6400.0), plot("CP-0", 7000.0))
+    plots = (
+        plot("CK-0", 6000.0, 6100.0, kg=0.0),
+        plot("CK-1", 5900.0, kg=0.0),
+        plot("CK-2", 6200.0, kg=0.0),
+        plot("FA-0", 6500.0),
+        plot("FA-1", 6800.0, 7000.0),
+        plot("FA-2", 6400.0),
+        plot("CP-0", 7000.0),
+    )
     table = trial_section(Trial(plots, 2.0, 0.45, 23.9)).tables[-1]
     rows = {row[0]: row for row in table.rows}
     ours, others = [6500.0, 6900.0, 6400.0], [6050.0, 5900.0, 6200.0]
@@ -136,10 +185,16 @@ def test_differences_of_yields_have_the_interval_of_plots() -> None:
 
 
 def test_the_papers_own_table_3_comes_out_of_it() -> None:
-    """Its printed yields, one plot a treatment: the same shares as on the papers' page, without the base."""
-    plots = tuple(plot(f"{name}-0", kg_ha, kg=published.APPLIED.get(name, (0.0,) * 3)[2])
-                  for name, (_, _, kg_ha) in published.YIELDS.items() if name != "CP")
-    rows = {row[0]: row for row in trial_section(Trial(plots, 2.0, 0.45, 23.9), "CK").tables[-1].rows}
+    """Its printed yields, one plot a treatment: the same shares as on the papers' page, without
+    the base."""
+    plots = tuple(
+        plot(f"{name}-0", kg_ha, kg=published.APPLIED.get(name, (0.0,) * 3)[2])
+        for name, (_, _, kg_ha) in published.YIELDS.items()
+        if name != "CP"
+    )
+    rows = {
+        row[0]: row for row in trial_section(Trial(plots, 2.0, 0.45, 23.9), "CK").tables[-1].rows
+    }
     assert [round(rows[name][5], 1) for name in ("FA", "FB", "FC")] == [124.7, 311.9, 999.6]
 
 
@@ -148,7 +203,10 @@ BAD_WEIGHTS = {
     "below_0": ("plot,applied_kg\nA-1,-3\n", "row 1: applied_kg -3: allowed is 0 or more"),
     "no_area": ("plot,sample_kg\nA-1,3\n", "row 1: sample_m2 missing"),
     "area_0": ("plot,sample_kg,sample_m2\nA-1,3,0\n", "sample_m2 0: allowed is 0.01 or more"),
-    "two_treatments": ("plot,treatment,applied_kg\nA-1,x,3\nA-1,y,3\n", "treatment 'y': allowed is 'x'"),
+    "two_treatments": (
+        "plot,treatment,applied_kg\nA-1,x,3\nA-1,y,3\n",
+        "treatment 'y': allowed is 'x'",
+    ),
     "no_plot": ("name,applied_kg\nA-1,3\n", "column plot missing"),
     "nothing": ("plot,remark\nA-1,wet\n", "neither applied_kg nor sample_kg"),
 }

@@ -1,5 +1,6 @@
-"""A prescription given as points of an even lattice, in tables and files of shapes: cells, area and kilograms by
-shapely; what is no lattice is one line."""
+"""A prescription given as points of an even lattice, in tables and files of shapes: cells, area
+and kilograms by shapely; what is no lattice is one line."""
+
 from __future__ import annotations
 
 from pathlib import Path
@@ -24,13 +25,23 @@ PLANE = TangentPlane(34.8, 113.6)
 RATES = (120.0, 180.5, 240.0, 300.0)
 
 
-def lattice(columns: int = 12, rows: int = 9, wide: float = 10.0, high: float = 10.0, heading: float = 0.0,
-            seed: int = 1, gaps: float = 0.15) -> tuple[np.ndarray, np.ndarray]:
+def lattice(
+    columns: int = 12,
+    rows: int = 9,
+    wide: float = 10.0,
+    high: float = 10.0,
+    heading: float = 0.0,
+    seed: int = 1,
+    gaps: float = 0.15,
+) -> tuple[np.ndarray, np.ndarray]:
     """Middles (n, 2), m, and rates (n,), as a field's outline leaves them."""
     rng = np.random.default_rng(seed)
     i, j = (axis.ravel() for axis in np.meshgrid(np.arange(columns), np.arange(rows)))
     turn = np.radians(heading)
-    along, aside = np.array([np.cos(turn), -np.sin(turn)]) * wide, np.array([np.sin(turn), np.cos(turn)]) * high
+    along, aside = (
+        np.array([np.cos(turn), -np.sin(turn)]) * wide,
+        np.array([np.sin(turn), np.cos(turn)]) * high,
+    )
     places = i[:, None] * along + j[:, None] * aside
     kept = rng.permutation(len(places))[: round((1.0 - gaps) * len(places))]
     return places[kept], rng.choice(RATES, len(kept))
@@ -46,17 +57,37 @@ def sums(path: Path, choice: RateChoice | None = None) -> tuple[float, float]:
     return sum(one.area_ha for one in shares), sum(one.mass_kg for one in shares)
 
 
-def by_shapely(places: np.ndarray, rates: np.ndarray, wide: float, high: float, heading: float) -> tuple[float, float]:
+def by_shapely(
+    places: np.ndarray, rates: np.ndarray, wide: float, high: float, heading: float
+) -> tuple[float, float]:
     turn = np.radians(heading)
-    along, aside = np.array([np.cos(turn), -np.sin(turn)]) * wide, np.array([np.sin(turn), np.cos(turn)]) * high
-    cells = [shapely.Polygon([at - (along + aside) / 2, at + (along - aside) / 2, at + (along + aside) / 2,
-                              at - (along - aside) / 2]) for at in places]
+    along, aside = (
+        np.array([np.cos(turn), -np.sin(turn)]) * wide,
+        np.array([np.sin(turn), np.cos(turn)]) * high,
+    )
+    cells = [
+        shapely.Polygon(
+            [
+                at - (along + aside) / 2,
+                at + (along - aside) / 2,
+                at + (along + aside) / 2,
+                at - (along - aside) / 2,
+            ]
+        )
+        for at in places
+    ]
     area = np.array([cell.area for cell in cells]) / 1e4
     return float(shapely.union_all(cells, grid_size=1e-6).area / 1e4), float(area @ rates)
 
 
-def csv_of(path: Path, lat_lon: np.ndarray, rates: np.ndarray, header: str = "lat,lon,rate", digits: int = 9,
-           encoding: str = "utf-8") -> Path:
+def csv_of(
+    path: Path,
+    lat_lon: np.ndarray,
+    rates: np.ndarray,
+    header: str = "lat,lon,rate",
+    digits: int = 9,
+    encoding: str = "utf-8",
+) -> Path:
     sign = ";" if ";" in header else "\t" if "\t" in header else ","
     lines = [header]
     for (lat, lon), rate in zip(lat_lon.tolist(), rates.tolist(), strict=True):
@@ -66,8 +97,10 @@ def csv_of(path: Path, lat_lon: np.ndarray, rates: np.ndarray, header: str = "la
     return path
 
 
-@pytest.mark.parametrize(("wide", "high", "heading"), [(10.0, 10.0, 0.0), (10.0, 30.0, 0.0), (24.0, 6.0, 33.0),
-                                                       (5.0, 5.0, 45.0), (15.0, 15.0, 88.0)])
+@pytest.mark.parametrize(
+    ("wide", "high", "heading"),
+    [(10.0, 10.0, 0.0), (10.0, 30.0, 0.0), (24.0, 6.0, 33.0), (5.0, 5.0, 45.0), (15.0, 15.0, 88.0)],
+)
 @pytest.mark.parametrize("digits", [9, 7])
 def test_area_and_kilograms_of_any_lattice(tmp_path, wide, high, heading, digits):
     places, rates = lattice(wide=wide, high=high, heading=heading)
@@ -88,22 +121,41 @@ def test_a_lattice_that_is_even_in_degrees(tmp_path):
 def test_every_point_keeps_its_rate_at_its_place(tmp_path):
     places, rates = lattice(heading=20.0)
     read = read_prescription(csv_of(tmp_path / "points.csv", degrees(places), rates))
-    zones = {tuple(np.round(shapely.Polygon(zone.rings_deg[0]).centroid.coords[0], 7)): zone.rate_kg_ha
-             for zone in read.data.zones}
+    zones = {
+        tuple(np.round(shapely.Polygon(zone.rings_deg[0]).centroid.coords[0], 7)): zone.rate_kg_ha
+        for zone in read.data.zones
+    }
     assert len(zones) == len(places)
     for (lat, lon), rate in zip(degrees(places).tolist(), rates.tolist(), strict=True):
-        inside = [value for (y, x), value in zones.items() if abs(y - lat) < 1e-6 and abs(x - lon) < 1e-6]
+        inside = [
+            value for (y, x), value in zones.items() if abs(y - lat) < 1e-6 and abs(x - lon) < 1e-6
+        ]
         assert inside == [rate]
 
 
-@pytest.mark.parametrize("header", [
-    "Latitude;Longitude;Rate (kg/ha)", "lat\tlon\tTgt_Rate", "Breite;Länge;Sollmenge", "纬度,经度,施肥量",
-    "LATITUDE,LONGITUDE,rate_lb_ac"])
+@pytest.mark.parametrize(
+    "header",
+    [
+        "Latitude;Longitude;Rate (kg/ha)",
+        "lat\tlon\tTgt_Rate",
+        "Breite;Länge;Sollmenge",
+        "纬度,经度,施肥量",
+        "LATITUDE,LONGITUDE,rate_lb_ac",
+    ],
+)
 def test_tables_in_other_words_and_dress(tmp_path, header):
     places, rates = lattice()
-    path = csv_of(tmp_path / "p.csv", degrees(places), rates, header, encoding="gb18030" if "纬" in header else "utf-8")
+    path = csv_of(
+        tmp_path / "p.csv",
+        degrees(places),
+        rates,
+        header,
+        encoding="gb18030" if "纬" in header else "utf-8",
+    )
     factor = 0.45359237 / 0.40468564224 if "lb" in header else 1.0
-    assert sums(path)[1] == pytest.approx(factor * by_shapely(places, rates, 10.0, 10.0, 0.0)[1], rel=2e-4)
+    assert sums(path)[1] == pytest.approx(
+        factor * by_shapely(places, rates, 10.0, 10.0, 0.0)[1], rel=2e-4
+    )
 
 
 def test_a_sheet_with_a_title_is_read_too(tmp_path):
@@ -111,8 +163,15 @@ def test_a_sheet_with_a_title_is_read_too(tmp_path):
     lat_lon = degrees(places)
     path = tmp_path / "points.xlsx"
     book = openpyxl.Workbook()
-    for row in [["North field"], [], ["lat", "lon", "rate"],
-                *([lat, lon, rate] for (lat, lon), rate in zip(lat_lon.tolist(), rates.tolist(), strict=True))]:
+    for row in [
+        ["North field"],
+        [],
+        ["lat", "lon", "rate"],
+        *(
+            [lat, lon, rate]
+            for (lat, lon), rate in zip(lat_lon.tolist(), rates.tolist(), strict=True)
+        ),
+    ]:
         book.active.append(row)
     book.save(path)
     assert sums(path)[1] == pytest.approx(by_shapely(places, rates, 10.0, 10.0, 0.0)[1], rel=2e-4)
@@ -127,12 +186,21 @@ def test_points_of_geojson_and_shapefile(tmp_path, ending):
         with shapefile.Writer(str(path), shapeType=shapefile.POINT) as out:
             out.field("ZONE", "N", 6)
             out.field("TGT_RATE", "N", 12, 3)
-            for k, ((lat, lon), rate) in enumerate(zip(lat_lon.tolist(), rates.tolist(), strict=True)):
+            for k, ((lat, lon), rate) in enumerate(
+                zip(lat_lon.tolist(), rates.tolist(), strict=True)
+            ):
                 out.point(lon, lat)
                 out.record(k, rate)
     else:
-        geojson(path, *(feature([lon, lat], "Point", zone=k, Tgt_Rate=rate) for k, ((lat, lon), rate) in enumerate(
-            zip(lat_lon.tolist(), rates.tolist(), strict=True))))
+        geojson(
+            path,
+            *(
+                feature([lon, lat], "Point", zone=k, Tgt_Rate=rate)
+                for k, ((lat, lon), rate) in enumerate(
+                    zip(lat_lon.tolist(), rates.tolist(), strict=True)
+                )
+            ),
+        )
     area, mass = sums(path)
     true_area, true_mass = by_shapely(places, rates, 10.0, 10.0, 12.0)
     assert area == pytest.approx(true_area, rel=2e-4) and mass == pytest.approx(true_mass, rel=2e-4)
@@ -153,8 +221,10 @@ def test_which_column_is_the_rate_is_asked_as_ever(tmp_path):
 def test_thousands_beside_a_decimal_comma(tmp_path):
     places, _rates = lattice()
     lat_lon = degrees(places)
-    lines = ["lat;lon;rate"] + [f"{lat:.7f};{lon:.7f};1.250".replace(".", ",", 2).replace("1,250", "1.250")
-                                for lat, lon in lat_lon.tolist()]
+    lines = ["lat;lon;rate"] + [
+        f"{lat:.7f};{lon:.7f};1.250".replace(".", ",", 2).replace("1,250", "1.250")
+        for lat, lon in lat_lon.tolist()
+    ]
     path = tmp_path / "p.csv"
     path.write_text("\n".join(lines) + "\n")
     assert {zone.rate_kg_ha for zone in read_prescription(path).data.zones} == {1250.0}
@@ -166,21 +236,34 @@ def scattered(seed: int) -> np.ndarray:
 
 def staggered() -> np.ndarray:
     places, _rates = lattice(gaps=0.0)
-    return places + np.column_stack((5.0 * (np.round(places[:, 1] / 10.0) % 2), np.zeros(len(places))))
+    return places + np.column_stack(
+        (5.0 * (np.round(places[:, 1] / 10.0) % 2), np.zeros(len(places)))
+    )
 
 
 def driven() -> np.ndarray:
     along = np.arange(0.0, 150.0, 1.4)
     rng = np.random.default_rng(3)
-    return np.concatenate([np.column_stack((np.full(len(along), 12.0 * k), along + rng.uniform(0.0, 1.4)))
-                           for k in range(8)]) + rng.normal(0.0, 0.05, (8 * len(along), 2))
+    return np.concatenate(
+        [
+            np.column_stack((np.full(len(along), 12.0 * k), along + rng.uniform(0.0, 1.4)))
+            for k in range(8)
+        ]
+    ) + rng.normal(0.0, 0.05, (8 * len(along), 2))
 
 
-@pytest.mark.parametrize(("places", "said"), [
-    (scattered(1), "no even lattice"), (staggered(), "no even lattice"), (driven(), "no even lattice"),
-    (np.column_stack((np.arange(20) * 10.0, np.zeros(20))), "one row"), (np.zeros((9, 2)), "share their place"),
-    (np.array([[0.0, 0.0], [10.0, 0.0], [0.0, 10.0]]), "3 points: 4 are the least"),
-], ids=["scattered", "staggered", "driven", "one row", "one place", "three"])
+@pytest.mark.parametrize(
+    ("places", "said"),
+    [
+        (scattered(1), "no even lattice"),
+        (staggered(), "no even lattice"),
+        (driven(), "no even lattice"),
+        (np.column_stack((np.arange(20) * 10.0, np.zeros(20))), "one row"),
+        (np.zeros((9, 2)), "share their place"),
+        (np.array([[0.0, 0.0], [10.0, 0.0], [0.0, 10.0]]), "3 points: 4 are the least"),
+    ],
+    ids=["scattered", "staggered", "driven", "one row", "one place", "three"],
+)
 def test_what_is_no_lattice_is_one_line(tmp_path, places, said):
     path = csv_of(tmp_path / "p.csv", degrees(places), np.full(len(places), 200.0))
     with pytest.raises(Refused, match=said) as trouble:
@@ -205,7 +288,9 @@ def test_a_log_is_still_a_log(tmp_path):
 
 def test_a_lattice_of_many_points(tmp_path):
     i, j = (axis.ravel() for axis in np.meshgrid(np.arange(200), np.arange(150)))
-    frame = pl.DataFrame({"lat": 34.8 + 0.0001 * j, "lon": 113.6 + 0.0001 * i, "rate": 100.0 + (i + j) % 5})
+    frame = pl.DataFrame(
+        {"lat": 34.8 + 0.0001 * j, "lon": 113.6 + 0.0001 * i, "rate": 100.0 + (i + j) % 5}
+    )
     path = tmp_path / "large.csv"
     frame.write_csv(path)
     assert len(read_prescription(path).data.zones) == 30_000

@@ -1,4 +1,6 @@
-"""The whole loop on a map: steps land at the cells' edges; what a job names is found and laid on its plane."""
+"""The whole loop on a map: steps land at the cells' edges; what a job names is found and laid
+on its plane."""
+
 from __future__ import annotations
 
 import csv
@@ -51,16 +53,24 @@ def setup() -> Setup:
 @pytest.fixture(scope="module")
 def grid() -> Prescription:
     chequered = np.indices((12, 12)).sum(axis=0) % 2
-    return Prescription(GridMap(frame_m((-20.0, -20.0), 10.0, 10.0), np.where(chequered, 420.0, 240.0)), Fallbacks())
+    return Prescription(
+        GridMap(frame_m((-20.0, -20.0), 10.0, 10.0), np.where(chequered, 420.0, 240.0)), Fallbacks()
+    )
 
 
 def driven(setup: Setup, grid: Prescription, look_ahead: bool) -> tuple[list[float], ControlLoop]:
     """Place errors of one oblique pass of 50 m at 6 km/h, by the begin of each step's row."""
-    job = Job(target=Wanted(source=TargetSource.MAP, map="made here"), look_ahead=look_ahead,
-              simulated=Simulated(speed_kmh=6.0, passes=1, refill_at_kg=0.0))
+    job = Job(
+        target=Wanted(source=TargetSource.MAP, map="made here"),
+        look_ahead=look_ahead,
+        simulated=Simulated(speed_kmh=6.0, passes=1, refill_at_kg=0.0),
+    )
     profile = MapProfile(grid, TangentPlane(job.field.origin_lat_deg, job.field.origin_lon_deg))
     plant = Plant(setup.machine, job, 1, 0.05, path=Way([Leg(3.3, 1.7, HEADING_DEG, 100.0, 0.0)]))
-    loop, record = control_loop(setup.machine, setup.crop, setup.rule, job, prescription=profile), Record()
+    loop, record = (
+        control_loop(setup.machine, setup.crop, setup.rule, job, prescription=profile),
+        Record(),
+    )
     for step in simulated_run(plant, loop, 40.0):
         record.add(step)
     columns = record.columns()
@@ -72,7 +82,11 @@ def driven(setup: Setup, grid: Prescription, look_ahead: bool) -> tuple[list[flo
         at = float(np.interp(change.place_m, columns["track_m"], columns["driven_m"]))
         nearest = min(true, key=lambda d: abs(d - at))
         if abs(nearest - at) < 0.5 and at > 12.0:
-            fired.append(change._replace(place_m=float(np.interp(nearest, columns["driven_m"], columns["track_m"]))))
+            fired.append(
+                change._replace(
+                    place_m=float(np.interp(nearest, columns["driven_m"], columns["track_m"]))
+                )
+            )
     misses, _ = place_errors(columns, fired, landing(columns, 2.4), 2.4)
     return misses.tolist(), loop
 
@@ -83,22 +97,35 @@ def test_steps_land_at_the_edges_of_the_cells(setup: Setup, grid: Prescription) 
     assert max(map(abs, misses)) < 0.35
 
 
-def test_a_start_before_the_first_course_is_no_lost_position(setup: Setup, grid: Prescription) -> None:
+def test_a_start_before_the_first_course_is_no_lost_position(
+    setup: Setup, grid: Prescription
+) -> None:
     """RTK stands fixed, the tractor too: no alarm, nothing flows; on the way the map is applied."""
     stands = (SpeedChange(at_s=0.0, speed_kmh=0.0), SpeedChange(at_s=4.0, speed_kmh=6.0))
-    job = Job(target=Wanted(source=TargetSource.MAP, map="made here"),
-              simulated=Simulated(passes=1, speed_changes=stands))
+    job = Job(
+        target=Wanted(source=TargetSource.MAP, map="made here"),
+        simulated=Simulated(passes=1, speed_changes=stands),
+    )
     profile = MapProfile(grid, TangentPlane(job.field.origin_lat_deg, job.field.origin_lon_deg))
     plant = Plant(setup.machine, job, 1, 0.05, path=Way([Leg(3.3, 1.7, HEADING_DEG, 100.0, 0.0)]))
     loop = control_loop(setup.machine, setup.crop, setup.rule, job, prescription=profile)
-    ticks = [step.tick for step in simulated_run(plant, loop, 20.0, [(1.0, Order(Do.READY)), (2.0, Order(Do.START))])]
+    ticks = [
+        step.tick
+        for step in simulated_run(
+            plant, loop, 20.0, [(1.0, Order(Do.READY)), (2.0, Order(Do.START))]
+        )
+    ]
     assert "position_lost" not in {alarm.id for tick in ticks for alarm in tick.alarms}
     standing = [tick for tick in ticks if tick.row.state == "working" and tick.row.time_s < 4.0]
-    assert standing and all(tick.row.shaft_rpm_cmd == 0.0 and "course_unknown" in tick.why_no_flow for tick in standing)
+    assert standing and all(
+        tick.row.shaft_rpm_cmd == 0.0 and "course_unknown" in tick.why_no_flow for tick in standing
+    )
     assert max(tick.row.shaft_rpm_cmd or 0.0 for tick in ticks) > 10.0
 
 
-def test_without_the_look_ahead_they_land_a_lag_distance_late(setup: Setup, grid: Prescription) -> None:
+def test_without_the_look_ahead_they_land_a_lag_distance_late(
+    setup: Setup, grid: Prescription
+) -> None:
     misses, _ = driven(setup, grid, look_ahead=False)
     assert len(misses) >= 3
     assert np.median(misses) == pytest.approx(1.667 * 2.0, abs=0.6)
@@ -119,8 +146,12 @@ def map_file(tmp_path: Path) -> Path:
 
 
 def test_a_jobs_map_lies_on_the_fields_plane(map_file: Path) -> None:
-    ground = Ground(origin_lat_deg=34.28, origin_lon_deg=119.88, boundary_m=((0, 0), (50, 0), (50, 50)))
-    profile = map_of_job(Job(target=Wanted(source=TargetSource.MAP, map="map.geojson"), field=ground), map_file)
+    ground = Ground(
+        origin_lat_deg=34.28, origin_lon_deg=119.88, boundary_m=((0, 0), (50, 0), (50, 50))
+    )
+    profile = map_of_job(
+        Job(target=Wanted(source=TargetSource.MAP, map="map.geojson"), field=ground), map_file
+    )
     assert profile is not None
     assert (profile.plane.lat_deg, profile.plane.lon_deg) == (34.28, 119.88)
     assert profile.prescription.at((10.0, 10.0)).rate_kg_ha == 200.0
@@ -144,18 +175,23 @@ def test_plants_from_csv_and_geojson(tmp_path: Path) -> None:
     assert again is not None and len(again.places_m) == 1
 
 
-@pytest.mark.parametrize(("text", "words"), [
-    ("lat,lon\n1,2\n", "column lat_deg missing"), ("lat_deg,lon_deg\n", "no plants"),
-    ("lat_deg,lon_deg\n1,x\n", "line 2: 1, x: allowed are numbers"),
-    ("lat_deg,lon_deg\n95,10\n", "plant 1: 95, 10: allowed are degrees")])
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("lat,lon\n1,2\n", "column lat_deg missing"),
+        ("lat_deg,lon_deg\n", "no plants"),
+        ("lat_deg,lon_deg\n1,x\n", "line 2: 1, x: allowed are numbers"),
+        ("lat_deg,lon_deg\n95,10\n", "plant 1: 95, 10: allowed are degrees"),
+    ],
+)
 def test_broken_plant_lists_are_said_in_one_line(tmp_path: Path, text: str, words: str) -> None:
     (tmp_path / "p.csv").write_text(text)
     with pytest.raises(Refused, match=words):
         plants_of_job(Job(target=Wanted(plants="p.csv")), tmp_path)
 
 
-# --- A job with a map through the commands: simulated, replayed, refused in one line where the map is not there ------
-
+# --- A job with a map through the commands: simulated, replayed, refused in one line where the
+# map is not there ------
 
 
 def invoke(*words: Any) -> str:
@@ -184,32 +220,44 @@ def test_the_shipped_job_is_right() -> None:
     assert "ok (topdress-job/1)" in invoke("check", "map_demo")
 
 
-def test_a_run_follows_the_map_and_its_replay_finds_the_map_again(job: Path, tmp_path: Path) -> None:
+def test_a_run_follows_the_map_and_its_replay_finds_the_map_again(
+    job: Path, tmp_path: Path
+) -> None:
     log, again = tmp_path / "logs" / "a.csv", tmp_path / "again.csv"
     invoke("simulate", "--job", job, "--seconds", 70, "--out", log)
     rows = rows_of(log)
     by_map = [row for row in rows if row["target_source"] == "map"]
     assert len(by_map) > 800
     assert {"360", "270"} <= {str(round(float(row["target_rate_kg_ha"]))) for row in by_map}
-    assert str(job.with_suffix(".geojson")) in read_log(log).meta.sha256        # type: ignore[union-attr]
+    assert str(job.with_suffix(".geojson")) in read_log(log).meta.sha256  # type: ignore[union-attr]
     invoke("replay", log, "--headless", "--out", again)
     sources = [row["target_source"] for row in rows_of(again)]
-    assert sum(a == row["target_source"] for a, row in zip(sources, rows, strict=True)) > 0.99 * len(rows)
+    assert sum(
+        a == row["target_source"] for a, row in zip(sources, rows, strict=True)
+    ) > 0.99 * len(rows)
     shutil.move(job.with_suffix(".geojson"), log.parent)
     invoke("replay", log, "--headless", "--out", tmp_path / "beside.csv")
     (log.parent / "map_demo.geojson").unlink()
     result = topdress("replay", log, "--headless", "--out", tmp_path / "none.csv")
     assert result.exit_code == 2
-    assert "map_demo.geojson: not there" in result.output and len(result.output.strip().splitlines()) == 1
+    assert (
+        "map_demo.geojson: not there" in result.output
+        and len(result.output.strip().splitlines()) == 1
+    )
 
 
 def test_a_map_that_is_missing_is_one_line(job: Path, tmp_path: Path) -> None:
     job.with_suffix(".geojson").unlink()
     result = topdress("simulate", "--job", job, "--seconds", "5")
     assert result.exit_code == 2
-    assert "map_demo.geojson: not there" in result.output and len(result.output.strip().splitlines()) == 1
+    assert (
+        "map_demo.geojson: not there" in result.output
+        and len(result.output.strip().splitlines()) == 1
+    )
     with pytest.raises(ValueError, match=r"map_demo\.geojson: not there"):
-        assemble(Options((str(job),), tmp_path / "w.json", log=str(tmp_path / "run.csv")), lambda: 0.0)
+        assemble(
+            Options((str(job),), tmp_path / "w.json", log=str(tmp_path / "run.csv")), lambda: 0.0
+        )
 
 
 def test_map_mode_without_a_map_is_said_by_check(job: Path) -> None:
@@ -223,7 +271,9 @@ def test_the_worker_takes_the_source_map_live_only_with_a_map(job: Path, tmp_pat
     job.write_text(job.read_text().replace("  source: map ", "  source: canopy "))
     for name, accepted in ((str(job), True), ("demo", False)):
         config = (name,) if accepted else ()
-        parts = assemble(Options(config, tmp_path / "w.json", log=str(tmp_path / f"{accepted}.csv")), lambda: 0.0)
+        parts = assemble(
+            Options(config, tmp_path / "w.json", log=str(tmp_path / f"{accepted}.csv")), lambda: 0.0
+        )
         answer = parts.loop.order(Order(Do.SOURCE, "map"))
         assert answer.accepted == accepted
         assert answer.why == ("" if accepted else "source_not_ready")
@@ -231,27 +281,39 @@ def test_the_worker_takes_the_source_map_live_only_with_a_map(job: Path, tmp_pat
         parts.writer.close()
 
 
-# --- A map that lies elsewhere gives its outside rate everywhere: START is refused unless the operator wants that.
+# --- A map that lies elsewhere gives its outside rate everywhere: START is refused unless the
+# operator wants that.
 
 OUTSIDE = Fallbacks(default_kg_ha=180.0, outside_kg_ha=157.0)
 PLANE = TangentPlane(34.28, 119.88)
 
 
 def square(south_m: float, west_m: float, size_m: float = 400.0) -> MapData:
-    corners = [(west_m, south_m), (west_m + size_m, south_m), (west_m + size_m, south_m + size_m),
-               (west_m, south_m + size_m)]
-    return MapData(zones=(Zone(250.0, (np.array([PLANE.to_deg(*corner) for corner in corners]),)),), fallbacks=OUTSIDE)
+    corners = [
+        (west_m, south_m),
+        (west_m + size_m, south_m),
+        (west_m + size_m, south_m + size_m),
+        (west_m, south_m + size_m),
+    ]
+    return MapData(
+        zones=(Zone(250.0, (np.array([PLANE.to_deg(*corner) for corner in corners]),)),),
+        fallbacks=OUTSIDE,
+    )
 
 
 class Work(Closed):
-    """The simulated machine, which starts at the field's south-western corner and works northwards; `seen`: by GNSS."""
+    """The simulated machine, which starts at the field's south-western corner and works
+    northwards; `seen`: by GNSS."""
 
     def __init__(self, data: MapData, with_field: bool = False, seen: bool = True) -> None:
         setup = load_setup("huanghai", "map_demo", dt.date(2026, 4, 1))
         job = with_simulated_field(setup.job, setup.machine)
         field = job.field.model_copy(update={} if with_field else {"boundary_m": ()})
-        super().__init__(setup, known={"job": job.model_copy(update={"field": field})},
-                         loop={"prescription": MapProfile(on_plane(data, PLANE), PLANE)})
+        super().__init__(
+            setup,
+            known={"job": job.model_copy(update={"field": field})},
+            loop={"prescription": MapProfile(on_plane(data, PLANE), PLANE)},
+        )
         self.seen = seen
         self.run(1.0)
         assert self.order(Do.READY).accepted
@@ -271,7 +333,9 @@ def test_start_is_refused_and_says_how_far_and_what_it_would_give(away, with_fie
     answer = work.order(Do.START)
     name, details = read_refusal(answer.why)
     assert not answer.accepted and name == "map_elsewhere"
-    assert details["outside_kg_ha"] == "157" and float(details["away_m"]) == pytest.approx(max(away), abs=60.0)
+    assert details["outside_kg_ha"] == "157" and float(details["away_m"]) == pytest.approx(
+        max(away), abs=60.0
+    )
     assert work.run(10.0).row.state == "ready" and work.kg == 0.0
 
 
@@ -288,7 +352,7 @@ def test_it_is_taken_where_the_outside_rate_is_wanted_until_stop():
 
 def test_a_place_that_comes_after_start_stops_the_flow():
     work = Work(square(50_000.0, 0.0), seen=False)
-    assert work.order(Do.START).accepted        # nobody knows where the machine is
+    assert work.order(Do.START).accepted  # nobody knows where the machine is
     work.seen = True
     tick = work.run(10.0)
     assert work.kg == 0.0 and "map_elsewhere" in tick.why_no_flow
@@ -316,19 +380,31 @@ def test_in_a_field_that_the_map_covers_in_part_every_place_is_near():
     assert work.order(Do.START).accepted
     assert work.order(Do.HOLD).accepted
     away = Work(square(100.0, 0.0, 30.0))
-    assert not away.order(Do.START).accepted        # without a field the map alone says where
+    assert not away.order(Do.START).accepted  # without a field the map alone says where
 
 
-@pytest.mark.parametrize("place", [(50.0, 20.0), (250.0, 20.0), (-130.0, -70.0), (20_000.0, 9_000.0)])
+@pytest.mark.parametrize(
+    "place", [(50.0, 20.0), (250.0, 20.0), (-130.0, -70.0), (20_000.0, 9_000.0)]
+)
 def test_distances_to_cells_and_to_zones_are_the_same(place):
     """150 m by 90 m of cells of which every other has a rate, and the same cells as zones."""
     south, west = PLANE.to_deg(0.0, 0.0)
     cell_lat, cell_lon = 30.0 / 110_922.0, 30.0 / 92_070.0
     rates = np.where((np.arange(15) % 2 == 0).reshape(3, 5), 100.0, np.nan)
     grid = GridMap(frame_deg(PLANE, south, west, cell_lat, cell_lon, 3, 5), rates)
-    rings = [[np.array([PLANE.to_m(south + (r + i) * cell_lat, west + (c + j) * cell_lon)
-                        for i, j in ((0, 0), (0, 1), (1, 1), (1, 0))])]
-             for r in range(3) for c in range(5) if (5 * r + c) % 2 == 0]
+    rings = [
+        [
+            np.array(
+                [
+                    PLANE.to_m(south + (r + i) * cell_lat, west + (c + j) * cell_lon)
+                    for i, j in ((0, 0), (0, 1), (1, 1), (1, 0))
+                ]
+            )
+        ]
+        for r in range(3)
+        for c in range(5)
+        if (5 * r + c) % 2 == 0
+    ]
     zones = ZoneMap(rings, np.full(len(rings), 100.0))
     assert grid.away_m(place) == pytest.approx(zones.away_m(place), rel=2e-3, abs=0.05)
     assert grid.away_m((15.0, 15.0)) == zones.away_m((15.0, 15.0)) == 0.0
@@ -344,5 +420,7 @@ def test_a_field_of_the_map_itself_counts_as_the_map():
     data = square(300.0, 0.0)
     corners = ((-50.0, -50.0), (400.0, -50.0), (400.0, 800.0), (-50.0, 800.0))
     ring = np.array([PLANE.to_deg(*corner) for corner in corners])
-    assert on_plane(dataclasses.replace(data, fields_deg=((ring,),)), PLANE).away_m((0.0, 0.0)) == 0.0
+    assert (
+        on_plane(dataclasses.replace(data, fields_deg=((ring,),)), PLANE).away_m((0.0, 0.0)) == 0.0
+    )
     assert on_plane(data, PLANE).away_m((0.0, 0.0)) == pytest.approx(300.0, abs=0.5)

@@ -1,4 +1,6 @@
-"""What of a map is not applied as it stands is said: before work, while working, in log, summary, export and report."""
+"""What of a map is not applied as it stands is said: before work, while working, in log,
+summary, export and report."""
+
 from __future__ import annotations
 
 import csv
@@ -33,7 +35,7 @@ from tests.command import topdress
 from tests.geojson import feature, geojson
 
 LAT, LON, STEP = 34.28, 119.88, 0.0005
-LIMIT = 500.0                   # of the shipped crop
+LIMIT = 500.0  # of the shipped crop
 
 
 def square(south: float, west: float, north: float, east: float) -> Floats:
@@ -42,95 +44,151 @@ def square(south: float, west: float, north: float, east: float) -> Floats:
 
 def strips(folder: Path, rates: tuple[float, ...], south: float = LAT) -> Path:
     """Strips from south to north over the shipped job's field."""
-    geojson(folder / "map.geojson", *(
-        feature([[[LON, a], [LON + 0.001, a], [LON + 0.001, a + STEP], [LON, a + STEP], [LON, a]]], rate=rate)
-        for k, rate in enumerate(rates) for a in [south + k * STEP]))
+    geojson(
+        folder / "map.geojson",
+        *(
+            feature(
+                [[[LON, a], [LON + 0.001, a], [LON + 0.001, a + STEP], [LON, a + STEP], [LON, a]]],
+                rate=rate,
+            )
+            for k, rate in enumerate(rates)
+            for a in [south + k * STEP]
+        ),
+    )
     text = shipped("jobs")["map_demo"].read_text().replace("map_demo.geojson", "map.geojson")
     (folder / "job.yaml").write_text(text)
     return folder / "job.yaml"
 
 
-# -- above the crop's limit -------------------------------------------------------------------------------------------
+# -- above the crop's limit
+# -------------------------------------------------------------------------------------------
+
 
 @pytest.fixture(scope="module")
 def cut(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
     """Log and output of a run on a map with 1000 kg/ha."""
     folder = tmp_path_factory.mktemp("cut")
     log = folder / "run.csv"
-    result = topdress("simulate", "--job", strips(folder, (1000.0, 300.0, 1000.0)), "--seconds", "120", "--out", log,
-                      "--summary")
+    result = topdress(
+        "simulate",
+        "--job",
+        strips(folder, (1000.0, 300.0, 1000.0)),
+        "--seconds",
+        "120",
+        "--out",
+        log,
+        "--summary",
+    )
     assert result.exit_code == 0, result.output
     return log, result.output
 
 
 def rows_of(log: Path) -> list[dict[str, str]]:
     with log.open(newline="") as file:
-        return [row for row in csv.DictReader(file) if row["state"] == "working" and row["target_source"] == "map"]
+        return [
+            row
+            for row in csv.DictReader(file)
+            if row["state"] == "working" and row["target_source"] == "map"
+        ]
 
 
 def test_the_log_tells_what_was_wanted_and_the_alarm_that_it_was_cut(cut: tuple[Path, str]) -> None:
     rows = rows_of(cut[0])
     assert {row["target_rate_kg_ha"] for row in rows} == {"1000.0", "300.0"}
-    assert all(("target_cut" in row["alarms"]) or row["target_rate_kg_ha"] == "300.0" for row in rows[50:])
-    settled = [float(row["applied_rate_kg_ha"]) for row in rows[100:] if row["target_rate_kg_ha"] == "1000.0"]
+    assert all(
+        ("target_cut" in row["alarms"]) or row["target_rate_kg_ha"] == "300.0" for row in rows[50:]
+    )
+    settled = [
+        float(row["applied_rate_kg_ha"])
+        for row in rows[100:]
+        if row["target_rate_kg_ha"] == "1000.0"
+    ]
     assert np.median(settled) == pytest.approx(LIMIT, rel=0.05), "what flows keeps to the limit"
 
 
-def test_the_summary_the_export_and_the_report_miss_the_plan_by_what_was_cut(cut: tuple[Path, str],
-                                                                            tmp_path: Path) -> None:
+def test_the_summary_the_export_and_the_report_miss_the_plan_by_what_was_cut(
+    cut: tuple[Path, str], tmp_path: Path
+) -> None:
     log, said = cut
     assert "above the crop's limit: 500 kg/ha are applied there" in said and "target_cut" in said
     told = json.loads(topdress("map", log, "--json").stdout)
     known = [row for row in rows_of(log) if row["target_rate_kg_ha"] == "1000.0"]
     share = len(known) / len(rows_of(log))
-    assert told["error_percent"] == pytest.approx(100.0 * ((500 * share + 300 * (1 - share)) / (
-        1000 * share + 300 * (1 - share)) - 1.0), abs=2.0)
+    assert told["error_percent"] == pytest.approx(
+        100.0 * ((500 * share + 300 * (1 - share)) / (1000 * share + 300 * (1 - share)) - 1.0),
+        abs=2.0,
+    )
     assert told["cut_at_crop_limit"]["limit_kg_ha"] == LIMIT
-    assert told["cut_at_crop_limit"]["less_kg"] == pytest.approx(500.0 * told["cut_at_crop_limit"]["area_ha"])
+    assert told["cut_at_crop_limit"]["less_kg"] == pytest.approx(
+        500.0 * told["cut_at_crop_limit"]["area_ha"]
+    )
     text = topdress("map", log, "--out", tmp_path / "r.html").output
     assert "wanted up to 1000 kg/ha: the crop's limit of 500 was applied there" in text
     page = html.unescape((tmp_path / "r.html").read_text())
     assert "above the crop's limit" in page and "kg less than wanted" in page
 
 
-@pytest.mark.parametrize(("language", "words"), [
-    ("en", "1000 kg/ha are wanted here; the crop's limit of 500 kg/ha is applied."),
-    ("zh", "按作物上限 500 kg/ha 施用")])
+@pytest.mark.parametrize(
+    ("language", "words"),
+    [
+        ("en", "1000 kg/ha are wanted here; the crop's limit of 500 kg/ha is applied."),
+        ("zh", "按作物上限 500 kg/ha 施用"),
+    ],
+)
 def test_the_operator_reads_it(language: str, words: str) -> None:
     use(language)
     try:
-        alarm = Alarm("target_cut", Severity.AMBER, 0.0, False, (("planned_kg_ha", 1000), ("limit_kg_ha", 500)))
+        alarm = Alarm(
+            "target_cut",
+            Severity.AMBER,
+            0.0,
+            False,
+            (("planned_kg_ha", 1000), ("limit_kg_ha", 500)),
+        )
         assert words in alarm_words(alarm).text
     finally:
         use("en")
 
 
-# -- before work ------------------------------------------------------------------------------------------------------
+# -- before work
+# --------------------------------------------------------------------------------------------------
+
 
 def facts_check(job: Path) -> Any:
     launcher = Launcher([str(job)], [], 1, 20.0, None, job.with_name("trouble"))
     facts = JobFiles(launcher, job.parent).facts()
-    return next((check for check in checks(None, 0.0, facts, "", None, METRIC) if check.label == "map"), None)
+    return next(
+        (check for check in checks(None, 0.0, facts, "", None, METRIC) if check.label == "map"),
+        None,
+    )
 
 
 def test_the_check_list_says_rates_above_the_limit_and_a_map_elsewhere(tmp_path: Path) -> None:
     above = facts_check(strips(tmp_path, (1000.0, 300.0, 1000.0)))
     assert above.level == LOOK and "1000 kg/ha, above the crop's limit" in above.text
     away = facts_check(strips(tmp_path, (300.0,), south=35.0))
-    assert away.level == LOOK and "79.7 km away from the field: nothing of it is applied" in away.text
+    assert (
+        away.level == LOOK and "79.7 km away from the field: nothing of it is applied" in away.text
+    )
     (tmp_path / "map.geojson").unlink()
     gone = facts_check(tmp_path / "job.yaml")
     assert gone.level == STOP and "not there" in gone.text
 
 
 def test_a_job_without_a_map_has_no_such_line() -> None:
-    assert not [check for check in checks(None, 0.0, replace(FACTS), "", None, METRIC) if check.label == "map"]
+    assert not [
+        check
+        for check in checks(None, 0.0, replace(FACTS), "", None, METRIC)
+        if check.label == "map"
+    ]
 
 
 def test_check_reads_the_map_that_a_job_names(tmp_path: Path) -> None:
     job = strips(tmp_path, (1000.0,))
     fine = topdress("check", job)
-    assert fine.exit_code == 0 and "note:" in fine.output and "above the crop's limit" in fine.output
+    assert (
+        fine.exit_code == 0 and "note:" in fine.output and "above the crop's limit" in fine.output
+    )
     (tmp_path / "map.geojson").unlink()
     gone = topdress("check", job)
     assert gone.exit_code != 0 and "map.geojson: not there" in gone.output
@@ -141,13 +199,19 @@ def test_check_reads_the_map_that_a_job_names(tmp_path: Path) -> None:
 
 def test_ground_is_counted_as_it_lies() -> None:
     """Against shapely on the same plane: outside, without a rate, in two zones, above the limit."""
-    zones = (Zone(100.0, (square(40.0, 116.0, 40.001, 116.001),)),
-             Zone(700.0, (square(40.0, 116.0005, 40.001, 116.0015),)),
-             Zone(900.0, (square(40.0, 116.0, 40.001, 116.001),)))
+    zones = (
+        Zone(100.0, (square(40.0, 116.0, 40.001, 116.001),)),
+        Zone(700.0, (square(40.0, 116.0005, 40.001, 116.0015),)),
+        Zone(900.0, (square(40.0, 116.0, 40.001, 116.001),)),
+    )
     data, plane = MapData(zones), TangentPlane(40.0, 116.0)
-    first, second, _ = (shapely.Polygon(plane.many_to_m(z.rings_deg[0][:, 0], z.rings_deg[0][:, 1])) for z in zones)
+    first, second, _ = (
+        shapely.Polygon(plane.many_to_m(z.rings_deg[0][:, 0], z.rings_deg[0][:, 1])) for z in zones
+    )
     field = shapely.Polygon([(-10.0, -10.0), (100.0, -10.0), (100.0, 50.0), (-10.0, 50.0)])
-    found = map_check(data, LIMIT, Boundary([(float(e), float(n)) for e, n in field.exterior.coords[:-1]]), plane)
+    found = map_check(
+        data, LIMIT, Boundary([(float(e), float(n)) for e, n in field.exterior.coords[:-1]]), plane
+    )
     own = second.difference(first)
     assert found.mapped_ha == pytest.approx(first.union(second).area / 1e4)
     assert found.overlap_ha == pytest.approx(first.area / 1e4)
@@ -158,40 +222,56 @@ def test_ground_is_counted_as_it_lies() -> None:
     assert found.highest_kg_ha == 700.0, "the third zone lies wholly under the first"
     shares = statistics(data)
     assert [share.rate_kg_ha for share in shares] == [100.0, 700.0]
-    assert sum(share.area_ha for share in shares) == pytest.approx(first.union(second).area / 1e4, rel=1e-4)
+    assert sum(share.area_ha for share in shares) == pytest.approx(
+        first.union(second).area / 1e4, rel=1e-4
+    )
 
 
 def test_a_map_that_fits_has_nothing_to_be_said() -> None:
     grid = GridDeg(40.0, 116.0, 1e-4, 1e-4, np.full((5, 5), 200.0))
     assert map_words(map_check(MapData(grid=grid), LIMIT), METRIC) == ()
-    zones = (Zone(100.0, (square(40.0, 116.0, 40.001, 116.001),)),
-             Zone(200.0, (square(40.0, 116.001, 40.001, 116.002),)))
+    zones = (
+        Zone(100.0, (square(40.0, 116.0, 40.001, 116.001),)),
+        Zone(200.0, (square(40.0, 116.001, 40.001, 116.002),)),
+    )
     assert map_words(map_check(MapData(zones), LIMIT), METRIC) == ()
 
 
 def test_every_sentence_has_its_chinese(tmp_path: Path) -> None:
-    zones = (Zone(100.0, (square(40.0, 116.0, 40.001, 116.001),)),
-             Zone(700.0, (square(40.0, 116.0005, 40.001, 116.0015),)))
+    zones = (
+        Zone(100.0, (square(40.0, 116.0, 40.001, 116.001),)),
+        Zone(700.0, (square(40.0, 116.0005, 40.001, 116.0015),)),
+    )
     field = Boundary([(-10.0, -10.0), (100.0, -10.0), (100.0, 50.0), (-10.0, 50.0)])
     far = Boundary([(1e4, 0.0), (2e4, 0.0), (2e4, 1e4)])
     use("zh")
     try:
-        said = [text for where in (field, far) for text in map_words(
-            map_check(MapData(zones), LIMIT, where, TangentPlane(40.0, 116.0)), METRIC)]
+        said = [
+            text
+            for where in (field, far)
+            for text in map_words(
+                map_check(MapData(zones), LIMIT, where, TangentPlane(40.0, 116.0)), METRIC
+            )
+        ]
     finally:
         use("en")
     assert len(said) == 5
     assert all(any("一" <= letter <= "鿿" for letter in text) for text in said)
 
 
-# -- what a file holds beside --------------------------------------------------------------------------------------
+# -- what a file holds beside
+# --------------------------------------------------------------------------------------
 
 HEAD = '<ISO11783_TaskData VersionMajor="4" VersionMinor="3" DataTransferOrigin="1">'
-GRID = ('<TSK A="TSK1" G="1" H="0" I="0" J="0"><TZN A="0"><PDV A="0006" B="0" E="VPN1"/></TZN>'
-        '<TZN A="1"><PDV A="0006" B="12000" E="VPN1"/>{polygon}</TZN>'
-        '<GRD A="40.0" B="116.0" C="0.0001" D="0.0001" E="1" F="2" G="GRD00001" I="1"/></TSK>')
-POLYGON = ('<PLN A="2"><LSG A="1"><PNT A="2" C="40.0" D="116.0"/><PNT A="2" C="40.0" D="116.001"/>'
-           '<PNT A="2" C="40.001" D="116.0"/></LSG></PLN>')
+GRID = (
+    '<TSK A="TSK1" G="1" H="0" I="0" J="0"><TZN A="0"><PDV A="0006" B="0" E="VPN1"/></TZN>'
+    '<TZN A="1"><PDV A="0006" B="12000" E="VPN1"/>{polygon}</TZN>'
+    '<GRD A="40.0" B="116.0" C="0.0001" D="0.0001" E="1" F="2" G="GRD00001" I="1"/></TSK>'
+)
+POLYGON = (
+    '<PLN A="2"><LSG A="1"><PNT A="2" C="40.0" D="116.0"/><PNT A="2" C="40.0" D="116.001"/>'
+    '<PNT A="2" C="40.001" D="116.0"/></LSG></PLN>'
+)
 
 
 def task(folder: Path, body: str, offset: int = 0, cells: bytes = b"\x00\x01") -> Path:
@@ -202,7 +282,9 @@ def task(folder: Path, body: str, offset: int = 0, cells: bytes = b"\x00\x01") -
 
 
 def test_polygons_beside_a_grid_are_said(tmp_path: Path) -> None:
-    found = [f.text for f in read_prescription(task(tmp_path, GRID.format(polygon=POLYGON))).findings]
+    found = [
+        f.text for f in read_prescription(task(tmp_path, GRID.format(polygon=POLYGON))).findings
+    ]
     assert found == ["1 zone with a polygon next to the grid not used: the grid holds (zones 1)"]
     assert read_prescription(task(tmp_path, GRID.format(polygon=""))).findings == ()
 
@@ -216,8 +298,10 @@ def test_an_offset_of_the_presentation_is_a_question(tmp_path: Path) -> None:
     folder = task(tmp_path, GRID.format(polygon=""), offset=500)
     with pytest.raises(RateQuestion, match="an offset of 500 added, 6 kg/ha as presented"):
         read_prescription(folder)
-    by_ddi, shown = (read_prescription(folder, RateChoice(rate_from=which)).data.grid          # type: ignore[arg-type]
-                     for which in ("ddi", "presentation"))
+    by_ddi, shown = (
+        read_prescription(folder, RateChoice(rate_from=which)).data.grid  # type: ignore[arg-type]
+        for which in ("ddi", "presentation")
+    )
     assert by_ddi is not None and by_ddi.rate_kg_ha.max() == 120.0
     assert shown is not None and shown.rate_kg_ha.max() == 125.0
 
@@ -225,10 +309,14 @@ def test_an_offset_of_the_presentation_is_a_question(tmp_path: Path) -> None:
 def test_columns_that_are_not_used_are_said(tmp_path: Path) -> None:
     ring = [[116.0, 40.0], [116.001, 40.0], [116.0, 40.001], [116.0, 40.0]]
     file = geojson(tmp_path / "m.geojson", feature([ring], rate=100, ID=7, offset_m=3.0))
-    assert [f.text for f in read_prescription(file).findings] == ["2 columns not used: ID, offset_m"]
+    assert [f.text for f in read_prescription(file).findings] == [
+        "2 columns not used: ID, offset_m"
+    ]
 
 
-# --- `topdress map` as a person types it -----------------------------------------------------------------------------
+# --- `topdress map` as a person types it
+# -----------------------------------------------------------------------------
+
 
 @pytest.fixture
 def square_field(tmp_path: Path) -> Path:
@@ -245,7 +333,17 @@ def test_a_map_is_told(square_field: Path) -> None:
 
 @pytest.mark.parametrize("out", ["o.geojson", "o.shp", "o.zip", "task"])
 def test_a_map_is_converted(square_field: Path, tmp_path: Path, out: str) -> None:
-    told = topdress("map", square_field, "--out", tmp_path / "new" / out, "--unit", "g/m2", "--scale", "0.1", "--json")
+    told = topdress(
+        "map",
+        square_field,
+        "--out",
+        tmp_path / "new" / out,
+        "--unit",
+        "g/m2",
+        "--scale",
+        "0.1",
+        "--json",
+    )
     assert told.exit_code == 0
     assert json.loads(told.stdout)["mass_kg"] == pytest.approx(189.63, abs=0.01)
     again = read_prescription(tmp_path / "new" / out)
@@ -253,13 +351,28 @@ def test_a_map_is_converted(square_field: Path, tmp_path: Path, out: str) -> Non
 
 
 def test_fallbacks_go_along_to_a_task(square_field: Path, tmp_path: Path) -> None:
-    topdress("map", square_field, "--out", tmp_path / "o.zip", "--default", "90", "--outside", "1", "--lost", "45")
+    topdress(
+        "map",
+        square_field,
+        "--out",
+        tmp_path / "o.zip",
+        "--default",
+        "90",
+        "--outside",
+        "1",
+        "--lost",
+        "45",
+    )
     assert tuple(read_prescription(tmp_path / "o.zip").data.fallbacks) == (90.0, 1.0, 45.0)
 
 
-@pytest.mark.parametrize("words", [("--unit", "bags"), ("--column", "dose"), ("--rate-from", "guess"),
-                                   ("--out", "x.pdf")])
-def test_what_cannot_be_is_one_line_and_no_success(square_field: Path, words: tuple[str, str]) -> None:
+@pytest.mark.parametrize(
+    "words",
+    [("--unit", "bags"), ("--column", "dose"), ("--rate-from", "guess"), ("--out", "x.pdf")],
+)
+def test_what_cannot_be_is_one_line_and_no_success(
+    square_field: Path, words: tuple[str, str]
+) -> None:
     told = topdress("map", square_field, *words)
     assert told.exit_code != 0
     assert told.stdout == ""
@@ -275,10 +388,21 @@ def test_the_source_is_never_written_over(square_field: Path) -> None:
 
 def test_zones_are_merged_by_a_step_of_rate_and_keep_their_mass(tmp_path: Path) -> None:
     rates = np.random.default_rng(7).uniform(90.0, 130.0, 400)
-    strips = [[[116.0 + 1e-5 * k, 40.0], [116.0 + 1e-5 * (k + 1), 40.0], [116.0 + 1e-5 * (k + 1), 40.001],
-               [116.0 + 1e-5 * k, 40.001], [116.0 + 1e-5 * k, 40.0]] for k in range(400)]
+    strips = [
+        [
+            [116.0 + 1e-5 * k, 40.0],
+            [116.0 + 1e-5 * (k + 1), 40.0],
+            [116.0 + 1e-5 * (k + 1), 40.001],
+            [116.0 + 1e-5 * k, 40.001],
+            [116.0 + 1e-5 * k, 40.0],
+        ]
+        for k in range(400)
+    ]
     file, out = tmp_path / "fine.geojson", tmp_path / "few.kml"
-    geojson(file, *(feature([ring], rate=rate) for rate, ring in zip(rates.tolist(), strips, strict=True)))
+    geojson(
+        file,
+        *(feature([ring], rate=rate) for rate, ring in zip(rates.tolist(), strips, strict=True)),
+    )
     told = topdress("map", file, "--merge", 5, "--outside", 30, "--out", out, "--json")
     assert told.exit_code == 0, told.output
     said, whole = json.loads(told.stdout), json.loads(topdress("map", file, "--json").stdout)
@@ -286,7 +410,10 @@ def test_zones_are_merged_by_a_step_of_rate_and_keep_their_mass(tmp_path: Path) 
     assert 9 <= len({share["rate_kg_ha"] for share in said["rates"]}) <= 10 and said["zones"] < 400
     texts = {one["id"]: one["text"] for one in said["findings"]}
     assert "400 zones merged to" in texts["merged"] and "as much mass" in texts["merged"]
-    assert "outside, " in texts["not_written"] and ".kml has no place for rates" in texts["not_written"]
+    assert (
+        "outside, " in texts["not_written"]
+        and ".kml has no place for rates" in texts["not_written"]
+    )
     for step in (0, -5):
         refused = topdress("map", file, "--merge", step, "--out", tmp_path / "none.kml")
         assert refused.exit_code == 2 and "allowed is a step above 0" in refused.output
@@ -296,4 +423,7 @@ def test_zones_are_merged_by_a_step_of_rate_and_keep_their_mass(tmp_path: Path) 
 def test_a_zone_that_crosses_itself_is_put_right_and_said(tmp_path: Path) -> None:
     ring = [[116.0, 40.0], [116.001, 40.001], [116.001, 40.0], [116.0, 40.001], [116.0, 40.0]]
     told = topdress("map", geojson(tmp_path / "bow.geojson", feature([ring], rate=100)))
-    assert "altogether   0.4741 ha" in told.stdout and "1 zone with edges that cross: what they enclose" in told.stdout
+    assert (
+        "altogether   0.4741 ha" in told.stdout
+        and "1 zone with edges that cross: what they enclose" in told.stdout
+    )

@@ -1,4 +1,6 @@
-"""Point mode through the whole loop on the simulated bench: doses at plants, told to the log, learned, stopped."""
+"""Point mode through the whole loop on the simulated bench: doses at plants, told to the log,
+learned, stopped."""
+
 from __future__ import annotations
 
 import datetime as dt
@@ -19,7 +21,12 @@ from control.field.totals import NOTHING
 from control.geodesy import TangentPlane, direction
 from control.orders import Do, Order, TargetSource
 from control.readings import DoseOrder, PlantSeen
-from control.simulation.assembly import control_loop, point_source, simulated_machine, with_simulated_field
+from control.simulation.assembly import (
+    control_loop,
+    point_source,
+    simulated_machine,
+    with_simulated_field,
+)
 from control.simulation.closed_loop import simulated_run
 from control.simulation.dose_watch import DoseErrors, DoseWatch
 from control.simulation.point_run import PointTruth, point_run
@@ -40,14 +47,18 @@ def bench() -> Setup:
 
 
 def job_of(bench: Setup, sim: dict[str, Any] | None = None, **target: Any) -> Job:
-    job = bench.job.model_copy(update={
-        "target": bench.job.target.model_copy(update=target),
-        "simulated": bench.job.simulated.model_copy(update=sim or {})})
+    job = bench.job.model_copy(
+        update={
+            "target": bench.job.target.model_copy(update=target),
+            "simulated": bench.job.simulated.model_copy(update=sim or {}),
+        }
+    )
     return with_simulated_field(job, bench.machine)
 
 
-def driven(bench: Setup, job: Job, seconds: float, orders: Any = None, plants: PlantList | None = None
-           ) -> tuple[DoseErrors, list[Any]]:
+def driven(
+    bench: Setup, job: Job, seconds: float, orders: Any = None, plants: PlantList | None = None
+) -> tuple[DoseErrors, list[Any]]:
     plant = simulated_machine(bench.machine, job, 1, TICK_S, plants=plants)
     loop = control_loop(bench.machine, bench.crop, bench.rule, job, plants=plants)
     watch = DoseWatch(plant.plants_m, 3, 0.01)
@@ -65,17 +76,26 @@ def test_doses_fall_at_the_plants_of_a_camera_and_learning_takes_the_bias_out(be
     assert learned.plants > 200 and learned.missed <= 2 and learned.doubled == 0
     assert learned.dose_g == pytest.approx(0.917 * 25.0 / 3.0, rel=0.01), "a third of a turn"
     assert abs(learned.mean_m) < 0.012 and learned.p95_m < 0.08
-    assert fixed.mean_m == pytest.approx(-0.083, abs=0.03), "half a turn of the shaft, as the paper counts it"
+    assert fixed.mean_m == pytest.approx(-0.083, abs=0.03), (
+        "half a turn of the shaft, as the paper counts it"
+    )
     assert learned.p50_m < 0.5 * fixed.p50_m
     assert events(ticks)["dose 120"] == learned.doses
     rows = [tick.row for tick in ticks if tick.row.state == "working"]
-    assert {row.target_source for row in rows if row.events and "dose 120" in row.events} == {"point"}
+    assert {row.target_source for row in rows if row.events and "dose 120" in row.events} == {
+        "point"
+    }
     assert all(row.target_rate_kg_ha is None for row in rows if row.target_source == "point")
-    assert all(row.shaft_rpm_cmd == 0.0 and row.opening_mm_cmd == 25.0 for row in rows), "doses, no speed"
+    assert all(row.shaft_rpm_cmd == 0.0 and row.opening_mm_cmd == 25.0 for row in rows), (
+        "doses, no speed"
+    )
     assert not any(row.alarms for row in rows)
-    assert all(change.after.rate_kg_ha == 0.0 for tick in ticks for change in tick.fired), "no rate changes"
+    assert all(change.after.rate_kg_ha == 0.0 for tick in ticks for change in tick.fired), (
+        "no rate changes"
+    )
     assert rows[-1].hopper_kg is not None and ticks[-1].metres_left_m == pytest.approx(
-        rows[-1].hopper_kg / (0.00764 / 0.25), rel=0.1)
+        rows[-1].hopper_kg / (0.00764 / 0.25), rel=0.1
+    )
 
 
 def test_doses_fall_at_the_plants_of_a_list_and_none_outside_the_field(bench: Setup) -> None:
@@ -90,20 +110,39 @@ def test_doses_fall_at_the_plants_of_a_list_and_none_outside_the_field(bench: Se
     assert found.missed <= missed
 
 
-@pytest.mark.parametrize(("asked", "sent"), [
-    (DoseOrder(120.0, 60.0), DoseOrder(120.0, 60.0)), (DoseOrder(9e9, 9e9), DoseOrder(3600.0, 201.0)),
-    (DoseOrder(math.nan, 60.0), None), (DoseOrder(120.0, math.inf), None), (DoseOrder(-5.0, 60.0), None)])
+@pytest.mark.parametrize(
+    ("asked", "sent"),
+    [
+        (DoseOrder(120.0, 60.0), DoseOrder(120.0, 60.0)),
+        (DoseOrder(9e9, 9e9), DoseOrder(3600.0, 201.0)),
+        (DoseOrder(math.nan, 60.0), None),
+        (DoseOrder(120.0, math.inf), None),
+        (DoseOrder(-5.0, 60.0), None),
+    ],
+)
 def test_a_dose_passes_the_last_gate_or_is_not_commanded_whatever_asks_for_it(
-        bench: Setup, monkeypatch: pytest.MonkeyPatch, asked: DoseOrder, sent: DoseOrder | None) -> None:
-    """Plants that are due in every tick, also where no flow is allowed, of an angle and a speed that no drive has."""
+    bench: Setup, monkeypatch: pytest.MonkeyPatch, asked: DoseOrder, sent: DoseOrder | None
+) -> None:
+    """Plants that are due in every tick, also where no flow is allowed, of an angle and a speed
+    that no drive has."""
+
     def always(points: PointSource, time_s: float, track_m: float, *_: Any) -> Due:
         points.given.append(CommandedDose(time_s, track_m, 0.0, 0.0, time_s))
         return Due(asked, ())
 
     monkeypatch.setattr(PointSource, "tick", always)
-    _, ticks = driven(bench, job_of(bench, {"passes": 1}), 20.0, [
-        (2.0, Order(Do.READY)), (4.0, Order(Do.START)), (12.0, Order(Do.HOLD)), (15.0, Order(Do.START)),
-        (17.0, Order(Do.STOP))])
+    _, ticks = driven(
+        bench,
+        job_of(bench, {"passes": 1}),
+        20.0,
+        [
+            (2.0, Order(Do.READY)),
+            (4.0, Order(Do.START)),
+            (12.0, Order(Do.HOLD)),
+            (15.0, Order(Do.START)),
+            (17.0, Order(Do.STOP)),
+        ],
+    )
     stopped = [tick for tick in ticks if tick.why_no_flow]
     assert {tick.row.state for tick in stopped} == {"off", "ready", "working", "held"}
     assert {tick.command.dose for tick in stopped} == {None}
@@ -131,18 +170,31 @@ def test_plants_dosed_before_a_power_cut_are_passed_by(bench: Setup, no_double: 
     assert any(north < 5.8 for north in dosed) and any(north > 12.2 for north in dosed), dosed[-1]
     if no_double:
         assert not again and spread > 50
-        assert not [north for north in missed if 6.2 < north < 11.0], "nothing is missed where nothing is owed"
+        assert not [north for north in missed if 6.2 < north < 11.0], (
+            "nothing is missed where nothing is owed"
+        )
     else:
         assert len(again) >= 8 and spread == 0
 
 
 def test_held_and_off_the_shaft_gets_no_dose(bench: Setup) -> None:
-    _, ticks = driven(bench, job_of(bench), 40.0, orders=[
-        (4.0, Order(Do.READY)), (4.1, Order(Do.START)), (25.0, Order(Do.HOLD)), (32.0, Order(Do.READY)),
-        (32.1, Order(Do.START))])
+    _, ticks = driven(
+        bench,
+        job_of(bench),
+        40.0,
+        orders=[
+            (4.0, Order(Do.READY)),
+            (4.1, Order(Do.START)),
+            (25.0, Order(Do.HOLD)),
+            (32.0, Order(Do.READY)),
+            (32.1, Order(Do.START)),
+        ],
+    )
     by_state = {(tick.row.state, tick.command.dose is not None) for tick in ticks}
     assert ("working", True) in by_state and ("held", False) in by_state
-    assert not any("dose_missed" in (tick.row.events or "") for tick in ticks if tick.row.state != "working")
+    assert not any(
+        "dose_missed" in (tick.row.events or "") for tick in ticks if tick.row.state != "working"
+    )
     assert not {("held", True), ("ready", True), ("off", True)} & by_state
     again = [tick.row.time_s for tick in ticks if tick.command.dose and tick.row.time_s > 32.0]
     assert again and again[0] < 33.5
@@ -152,7 +204,9 @@ def test_the_source_point_can_be_ordered_only_with_plants(bench: Setup) -> None:
     with_plants = control_loop(bench.machine, bench.crop, bench.rule, job_of(bench))
     assert with_plants.order(Order(Do.SOURCE, "manual")).accepted
     assert with_plants.order(Order(Do.SOURCE, "point")).accepted
-    none = control_loop(bench.machine, bench.crop, bench.rule, job_of(bench, source=TargetSource.MANUAL))
+    none = control_loop(
+        bench.machine, bench.crop, bench.rule, job_of(bench, source=TargetSource.MANUAL)
+    )
     assert none.order(Order(Do.SOURCE, "point")).why == "source_not_ready"
     assert none.order(Order(Do.DOSE_ERROR, 0.1)).why == "no_dose_landed"
     assert with_plants.order(Order(Do.DOSE_ERROR, 9.0)).why == "dose_error_out_of_range"
@@ -162,39 +216,71 @@ def test_the_source_point_can_be_ordered_only_with_plants(bench: Setup) -> None:
 def measured(tmp_path: Path) -> Path:
     """Doses of a day before, 0.12 m late at every speed."""
     path = tmp_path / "doses.csv"
-    path.write_text("error_m,speed_mps\n" + "".join(
-        f"{0.12 + 0.01 * (k % 3 - 1)},{0.6 + 0.1 * (k % 5)}\n" for k in range(30)))
+    path.write_text(
+        "error_m,speed_mps\n"
+        + "".join(f"{0.12 + 0.01 * (k % 3 - 1)},{0.6 + 0.1 * (k % 5)}\n" for k in range(30))
+    )
     return path
 
 
-def test_a_file_of_measured_errors_feeds_the_threshold_as_orders_do(bench: Setup, measured: Path) -> None:
+def test_a_file_of_measured_errors_feeds_the_threshold_as_orders_do(
+    bench: Setup, measured: Path
+) -> None:
     job = job_of(bench, dose_errors=measured.name)
-    loop = control_loop(bench.machine, bench.crop, bench.rule, job, **placed_of_job(job, measured.parent, bench.machine,
-                                                                                    "ndvi"))
+    loop = control_loop(
+        bench.machine,
+        bench.crop,
+        bench.rule,
+        job,
+        **placed_of_job(job, measured.parent, bench.machine, "ndvi"),
+    )
     assert loop.threshold is not None and loop.threshold.doses == 30
     assert loop.threshold.at(0.8) == pytest.approx(0.12, abs=0.02)
     fixed = job_of(bench, dose_errors=measured.name, learn_threshold=False)
-    still = control_loop(bench.machine, bench.crop, bench.rule, fixed, **placed_of_job(
-        fixed, measured.parent, bench.machine, "ndvi"))
-    assert still.threshold is not None and still.threshold.at(0.8) == 0.0, "it stays 0 where nothing is to be learned"
+    still = control_loop(
+        bench.machine,
+        bench.crop,
+        bench.rule,
+        fixed,
+        **placed_of_job(fixed, measured.parent, bench.machine, "ndvi"),
+    )
+    assert still.threshold is not None and still.threshold.at(0.8) == 0.0, (
+        "it stays 0 where nothing is to be learned"
+    )
 
 
-@pytest.mark.parametrize(("text", "said"), [
-    ("error_m,speed_mps\n0.1,0.8\n3.0,0.8\n", "line 3: 3 m at 0.8 m/s: allowed are errors and thresholds of at most"),
-    ("error_m,speed_mps\n0.1,0\n", "speeds above 0 to 10 m/s"),
-    ("error_m,speed_mps\n0.1,\n", "line 2: 0.1, : allowed are numbers"),
-    ("error_m\n0.1\n", "column speed_mps missing"), (None, "not there: allowed is a table"),
-], ids=["too_far", "standing", "empty", "no_speed", "no_file"])
-def test_errors_that_teach_nothing(text: str | None, said: str, bench: Setup, measured: Path) -> None:
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (
+            "error_m,speed_mps\n0.1,0.8\n3.0,0.8\n",
+            "line 3: 3 m at 0.8 m/s: allowed are errors and thresholds of at most",
+        ),
+        ("error_m,speed_mps\n0.1,0\n", "speeds above 0 to 10 m/s"),
+        ("error_m,speed_mps\n0.1,\n", "line 2: 0.1, : allowed are numbers"),
+        ("error_m\n0.1\n", "column speed_mps missing"),
+        (None, "not there: allowed is a table"),
+    ],
+    ids=["too_far", "standing", "empty", "no_speed", "no_file"],
+)
+def test_errors_that_teach_nothing(
+    text: str | None, said: str, bench: Setup, measured: Path
+) -> None:
     measured.unlink() if text is None else measured.write_text(text)
     with pytest.raises(PrescriptionError) as caught:
-        placed_of_job(job_of(bench, dose_errors=measured.name), measured.parent, bench.machine, "ndvi")
+        placed_of_job(
+            job_of(bench, dose_errors=measured.name), measured.parent, bench.machine, "ndvi"
+        )
     assert said in str(caught.value) and "\n" not in str(caught.value)
 
 
 def test_a_nudge_makes_every_dose_larger(bench: Setup) -> None:
-    _, ticks = driven(bench, job_of(bench), 25.0, orders=[
-        (4.0, Order(Do.READY)), (4.1, Order(Do.START)), (4.2, Order(Do.NUDGE, 10.0))])
+    _, ticks = driven(
+        bench,
+        job_of(bench),
+        25.0,
+        orders=[(4.0, Order(Do.READY)), (4.1, Order(Do.START)), (4.2, Order(Do.NUDGE, 10.0))],
+    )
     doses = {tick.command.dose for tick in ticks} - {None}
     assert doses == {DoseOrder(132.0, 99.8)}
 
@@ -210,9 +296,17 @@ def test_a_picture_is_placed_where_the_outlet_was_when_it_was_taken(bench: Setup
 
 @pytest.mark.exam
 def test_too_fast_for_the_spacing_plants_are_missed_and_said(bench: Setup) -> None:
-    slow, _ = driven(bench, job_of(bench, {"speed_kmh": 2.4, "plants": Plants(spacing_m=0.25)}), 60.0)
-    fast, ticks = driven(bench, job_of(bench, {"speed_kmh": 5.4, "plants": Plants(spacing_m=0.25),
-                                               "camera": Camera(ahead_m=8.0)}), 60.0)
+    slow, _ = driven(
+        bench, job_of(bench, {"speed_kmh": 2.4, "plants": Plants(spacing_m=0.25)}), 60.0
+    )
+    fast, ticks = driven(
+        bench,
+        job_of(
+            bench,
+            {"speed_kmh": 5.4, "plants": Plants(spacing_m=0.25), "camera": Camera(ahead_m=8.0)},
+        ),
+        60.0,
+    )
     assert slow.missed <= 2
     assert fast.missed > 0.2 * fast.plants
     assert abs(events(ticks)["dose_missed busy"] - fast.missed) <= 6
@@ -241,51 +335,82 @@ def test_a_shaft_that_turns_without_a_dose_is_an_alarm(bench: Setup) -> None:
     job = job_of(bench, {"plants": Plants(spacing_m=10.0)})
     plant = Runaway(simulated_machine(bench.machine, job, 1, TICK_S), 30.0)
     loop = control_loop(bench.machine, bench.crop, bench.rule, job)
-    ticks = [step.tick for step in simulated_run(plant, loop, 45.0)]       # type: ignore[arg-type]
+    ticks = [step.tick for step in simulated_run(plant, loop, 45.0)]  # type: ignore[arg-type]
     alarms = {tick.row.time_s: tick.row.alarms or "" for tick in ticks}
     assert not any(text for at, text in alarms.items() if at < 30.0), "doses alone raise none"
     assert any("shaft_turns" in text for at, text in alarms.items() if 30.0 < at < 33.0)
 
 
 def test_the_speed_limit_is_shown_when_it_is_exceeded(bench: Setup) -> None:
-    _, ticks = driven(bench, job_of(bench, {"speed_kmh": 5.4, "plants": Plants(spacing_m=0.25, scatter_percent=0.0)}),
-                      40.0)
+    _, ticks = driven(
+        bench,
+        job_of(bench, {"speed_kmh": 5.4, "plants": Plants(spacing_m=0.25, scatter_percent=0.0)}),
+        40.0,
+    )
     assert ticks[-1].usable_speed_mps == pytest.approx(1.0, abs=0.05)
     _, ticks = driven(bench, job_of(bench, {"speed_kmh": 2.7}), 40.0)
     assert ticks[-1].usable_speed_mps is None
 
 
 @pytest.mark.exam
-def test_the_summary_compares_with_and_without_the_threshold_and_the_log_replays(bench: Setup, tmp_path: Path) -> None:
+def test_the_summary_compares_with_and_without_the_threshold_and_the_log_replays(
+    bench: Setup, tmp_path: Path
+) -> None:
     plane = TangentPlane(34.28, 119.88)
-    (tmp_path / "plants.csv").write_text("lat_deg,lon_deg\n" + "".join(
-        "{:.9f},{:.9f}\n".format(*plane.to_deg(0.3, way)) for way in np.arange(0.4, 60.0, 0.4)))
+    (tmp_path / "plants.csv").write_text(
+        "lat_deg,lon_deg\n"
+        + "".join(
+            "{:.9f},{:.9f}\n".format(*plane.to_deg(0.3, way)) for way in np.arange(0.4, 60.0, 0.4)
+        )
+    )
     (tmp_path / "job.yaml").write_text(
         "format: topdress-job/1\ncrop: huanghai_wheat\nflow_trim: false\n"
         "target: {source: point, plants: plants.csv}\n"
-        "simulated: {speed_kmh: 3.6, pass_length_m: 60.0, passes: 1, hopper_kg: 20.0, refill_at_kg: 1.0}\n")
+        "simulated: {speed_kmh: 3.6, pass_length_m: 60.0, passes: 1, hopper_kg: 20.0, "
+        "refill_at_kg: 1.0}\n"
+    )
     log, job = tmp_path / "log.csv", tmp_path / "job.yaml"
-    done = topdress("simulate", "--machine", "bench", "--job", job, "--seconds", "70", "--json", "--out", log,
-                    "--effect", "lag.offset=0.2")
+    done = topdress(
+        "simulate",
+        "--machine",
+        "bench",
+        "--job",
+        job,
+        "--seconds",
+        "70",
+        "--json",
+        "--out",
+        log,
+        "--effect",
+        "lag.offset=0.2",
+    )
     assert done.exit_code == 0, done.output
     told = json.loads(done.output.splitlines()[-1])
     assert told["without_threshold"]["mean_m"] == pytest.approx(0.2 - 0.07, abs=0.04)
     assert abs(told["with_threshold"]["mean_m"]) < 0.03
     assert told["with_threshold"]["missed"] == 0 and told["with_threshold"]["plants"] > 120
     text = topdress("simulate", "--machine", "bench", "--job", job, "--seconds", "20", "--summary")
-    assert "learned threshold  dose error p50" in text.output and "without threshold  dose error p50" in text.output
+    assert (
+        "learned threshold  dose error p50" in text.output
+        and "without threshold  dose error p50" in text.output
+    )
     again = tmp_path / "again.csv"
     assert topdress("replay", log, "--headless", "--out", again).exit_code == 0
-    assert again.read_text().count("dose 120") == pytest.approx(log.read_text().count("dose 120"), abs=1)
+    assert again.read_text().count("dose 120") == pytest.approx(
+        log.read_text().count("dose 120"), abs=1
+    )
 
 
 def test_a_run_without_a_plant_list_is_refused_in_one_line(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="a camera has no driver yet"):
-        assemble(Options(("bench", "points_demo"), tmp_path / "w.json", log=str(tmp_path / "a.csv")), lambda: 0.0)
+        assemble(
+            Options(("bench", "points_demo"), tmp_path / "w.json", log=str(tmp_path / "a.csv")),
+            lambda: 0.0,
+        )
 
 
-# --- Point mode: the lag's four parts, doses at their moment, each plant once, the threshold learned, the speed
-# limit.
+# --- Point mode: the lag's four parts, doses at their moment, each plant once, the threshold
+# learned, the speed limit.
 
 LAG = point_lag(120.0, 99.8, 1.0)
 
@@ -343,10 +468,11 @@ def test_nothing_is_dosed_at_standstill() -> None:
 def test_a_plant_seen_again_is_the_same_plant() -> None:
     row = row_of(5.0, 5.3)
     row.look([SeenPlant(1.0, 4.02), SeenPlant(1.0, 4.31)], 5.15)
-    assert row.places_m == pytest.approx([5.0, 5.303])        # the first is dosed already and stays
+    # the first is dosed already and stays
+    assert row.places_m == pytest.approx([5.0, 5.303])
     assert row.after(5.0) == pytest.approx(5.303)
     row.look([SeenPlant(1.0, 3.0)], 5.15)
-    assert len(row.places_m) == 2                             # far behind the last dose: too late to be new
+    assert len(row.places_m) == 2  # far behind the last dose: too late to be new
     row.forget(5.2)
     assert row.places_m == pytest.approx([5.303])
 
@@ -358,8 +484,11 @@ def test_plants_of_a_list_lie_in_the_strip_ahead() -> None:
     plants = PlantList([plane.to_deg(e, n) for e, n in places], plane)
     for heading in (0.0, 33.0, 200.0):
         east, north = direction(heading)
-        wanted = sorted(ahead for ahead, aside in (
-            (e * east + n * north, e * north - n * east) for e, n in places) if 0 < ahead <= 9.0 and abs(aside) <= 0.3)
+        wanted = sorted(
+            ahead
+            for ahead, aside in ((e * east + n * north, e * north - n * east) for e, n in places)
+            if 0 < ahead <= 9.0 and abs(aside) <= 0.3
+        )
         assert plants.ahead_m((0.0, 0.0), heading, 9.0, 0.3) == pytest.approx(wanted, abs=1e-6)
         assert wanted
 

@@ -1,4 +1,6 @@
-"""Cells and zones: what holds at a place, and the crossings along oblique lines, against walking the line in steps."""
+"""Cells and zones: what holds at a place, and the crossings along oblique lines, against
+walking the line in steps."""
+
 from __future__ import annotations
 
 import itertools
@@ -31,13 +33,20 @@ from control.targets.rate_map import GridMap, ZoneMap, frame_deg, frame_m
 STEP_M = 0.02
 
 
-def walked(prescription: Prescription, start: tuple[float, float], heading: float, far: float) -> list[Target]:
+def walked(
+    prescription: Prescription, start: tuple[float, float], heading: float, far: float
+) -> list[Target]:
     ways = np.arange(STEP_M / 2, far, STEP_M)
-    return prescription.targets_at(np.asarray(start) + ways[:, None] * np.asarray(direction(heading)))
+    return prescription.targets_at(
+        np.asarray(start) + ways[:, None] * np.asarray(direction(heading))
+    )
 
 
-def agree(prescription: Prescription, start: tuple[float, float], heading: float, far: float = 40.0) -> None:
-    """Every walked step has the target of its stretch, but for slivers, shared between their neighbours."""
+def agree(
+    prescription: Prescription, start: tuple[float, float], heading: float, far: float = 40.0
+) -> None:
+    """Every walked step has the target of its stretch, but for slivers, shared between their
+    neighbours."""
     stretches = prescription.ahead(start, heading, far)
     begins = [s.distance_m for s in stretches]
     targets = walked(prescription, start, heading, far)
@@ -63,7 +72,9 @@ def _runs(targets: list[Target]) -> Iterator[tuple[int, list[Target]]]:
         first += len(members)
 
 
-@pytest.mark.parametrize("heading", [0.0, 90.0, 180.0, 270.0, 7.0, 33.3, 45.0, 91.0, 146.0, 200.5, 300.0, 359.0])
+@pytest.mark.parametrize(
+    "heading", [0.0, 90.0, 180.0, 270.0, 7.0, 33.3, 45.0, 91.0, 146.0, 200.5, 300.0, 359.0]
+)
 def test_stretches_of_a_grid_are_those_walked(chequered: Prescription, heading: float) -> None:
     rng = np.random.default_rng(int(heading))
     for _ in range(6):
@@ -71,18 +82,27 @@ def test_stretches_of_a_grid_are_those_walked(chequered: Prescription, heading: 
 
 
 def test_border_cells_end_at_the_fields_edge(chequered: Prescription) -> None:
-    """Northwards at 50.5 m east: the last change is where the line meets the field's edge, in the middle of a cell."""
+    """Northwards at 50.5 m east: the last change is where the line meets the field's edge, in
+    the middle of a cell."""
     out = [s for s in chequered.ahead((50.5, 80.0), 0.0, 40.0) if s.target.rate_kg_ha == 5.0]
-    edge = Boundary([(61.0, 116.0), (7.0, 88.0), (61.0, 88.0)]).crossings_m(50.5, 100.0, 0.0)[0] + 100.0
+    edge = (
+        Boundary([(61.0, 116.0), (7.0, 88.0), (61.0, 88.0)]).crossings_m(50.5, 100.0, 0.0)[0]
+        + 100.0
+    )
     assert len(out) == 1
     assert out[0].distance_m + 80.0 == pytest.approx(edge, abs=1e-6)
     assert edge % 10.0 > 0.5
 
 
-def test_inside_without_a_value_outside_and_lost_have_their_own_rates(chequered: Prescription) -> None:
+def test_inside_without_a_value_outside_and_lost_have_their_own_rates(
+    chequered: Prescription,
+) -> None:
     hole = np.full((12, 12), np.nan)
-    bare = Prescription(GridMap(frame_m((0, 0), 10, 10), hole), Fallbacks(80.0, 5.0, 60.0),
-                        [Boundary([(4.0, 3.0), (113.0, 8.0), (61.0, 116.0)])])
+    bare = Prescription(
+        GridMap(frame_m((0, 0), 10, 10), hole),
+        Fallbacks(80.0, 5.0, 60.0),
+        [Boundary([(4.0, 3.0), (113.0, 8.0), (61.0, 116.0)])],
+    )
     assert bare.at((50.0, 50.0)) == Target(80.0, TargetSource.FALLBACK)
     assert chequered.at((1.0, 1.0)) == Target(5.0, TargetSource.FALLBACK)
     assert chequered.at((math.nan, 1.0)) == Target(60.0, TargetSource.FALLBACK)
@@ -91,7 +111,9 @@ def test_inside_without_a_value_outside_and_lost_have_their_own_rates(chequered:
 
 
 def test_a_turned_metre_grid_has_rows_along_its_heading() -> None:
-    grid = GridMap(frame_m((100.0, 200.0), 4.0, 2.0, heading_deg=30.0), np.arange(6.0).reshape(3, 2))
+    grid = GridMap(
+        frame_m((100.0, 200.0), 4.0, 2.0, heading_deg=30.0), np.arange(6.0).reshape(3, 2)
+    )
     for row in range(3):
         for column in range(2):
             place = offset((100.0, 200.0), 30.0, 2.0 * row + 0.1, 4.0 * column + 3.9)
@@ -99,9 +121,17 @@ def test_a_turned_metre_grid_has_rows_along_its_heading() -> None:
 
 
 def test_a_grid_in_degrees_keeps_its_cells_in_degrees() -> None:
-    """Far from the plane's origin, near cell edges: the cell is the one that latitude and longitude say."""
+    """Far from the plane's origin, near cell edges: the cell is the one that latitude and
+    longitude say."""
     plane = TangentPlane(48.1436, 15.1421)
-    south, west, lat_step, lon_step, rows, columns = 48.1333, 15.1313, 1.1178e-4, 1.1184e-4, 178, 236
+    south, west, lat_step, lon_step, rows, columns = (
+        48.1333,
+        15.1313,
+        1.1178e-4,
+        1.1184e-4,
+        178,
+        236,
+    )
     rates = np.arange(float(rows * columns)).reshape(rows, columns)
     grid = GridMap(frame_deg(plane, south, west, lat_step, lon_step, rows, columns), rates)
     rng = np.random.default_rng(1)
@@ -122,7 +152,12 @@ def patchwork() -> Prescription:
     rng = np.random.default_rng(3)
     for i in range(10):
         for j in range(10):
-            w, s, e, n = 12.0 * i + 0.01, 12.0 * j + 0.01, 12.0 * (i + 1) - 0.01, 12.0 * (j + 1) - 0.01
+            w, s, e, n = (
+                12.0 * i + 0.01,
+                12.0 * j + 0.01,
+                12.0 * (i + 1) - 0.01,
+                12.0 * (j + 1) - 0.01,
+            )
             rings += [[np.array([(w, s), (e, s), (w, n)])], [np.array([(e, s), (e, n), (w, n)])]]
             rates += rng.uniform(100, 400, 2).round(1).tolist()
     rings[0].append(np.array([(2.0, 2.0), (5.0, 2.0), (2.0, 5.0)]))
@@ -157,8 +192,14 @@ def test_an_outline_that_crosses_itself_is_what_it_encloses() -> None:
 def test_statistics_of_a_grid_and_of_the_same_ground_as_zones() -> None:
     south, west, step = 40.0, 116.0, 1e-4
     grid = GridDeg(south, west, step, step, np.array([[100.0, 200.0], [np.nan, 100.0]]))
-    cells = [Zone(rate, (np.array([(a, b), (a + step, b), (a + step, b + step), (a, b + step)]),))
-             for a, b, rate in [(south, west, 100.0), (south, west + step, 200.0), (south + step, west + step, 100.0)]]
+    cells = [
+        Zone(rate, (np.array([(a, b), (a + step, b), (a + step, b + step), (a, b + step)]),))
+        for a, b, rate in [
+            (south, west, 100.0),
+            (south, west + step, 200.0),
+            (south + step, west + step, 100.0),
+        ]
+    ]
     as_grid, as_zones = statistics(MapData(grid=grid)), statistics(MapData(zones=tuple(cells)))
     cell_ha = step * 111_035 * step * 85_394 / 1e4
     assert [s.rate_kg_ha for s in as_grid] == [100.0, 200.0]
@@ -166,7 +207,14 @@ def test_statistics_of_a_grid_and_of_the_same_ground_as_zones() -> None:
     assert as_grid[1].mass_kg == pytest.approx(200.0 * cell_ha, rel=1e-3)
     for one, other in zip(as_grid, as_zones, strict=True):
         assert one.area_ha == pytest.approx(other.area_ha, rel=1e-9)
-    half = np.array([(south, west), (south + step, west), (south + step, west + step / 2), (south, west + step / 2)])
+    half = np.array(
+        [
+            (south, west),
+            (south + step, west),
+            (south + step, west + step / 2),
+            (south, west + step / 2),
+        ]
+    )
     clipped = statistics(MapData(grid=grid, fields_deg=((half,),)))
     assert [s.area_ha for s in clipped] == [pytest.approx(0.5 * cell_ha, rel=1e-3)]
 
@@ -178,16 +226,25 @@ def test_a_map_is_zones_or_a_grid() -> None:
 
 def test_on_plane_carries_field_and_fallbacks() -> None:
     ring = np.array([(40.0, 116.0), (40.001, 116.0), (40.001, 116.001), (40.0, 116.001)])
-    data = MapData(zones=(Zone(150.0, (ring[:3],)),), fallbacks=Fallbacks(90.0, 3.0, 0.0), fields_deg=((ring,),))
+    data = MapData(
+        zones=(Zone(150.0, (ring[:3],)),),
+        fallbacks=Fallbacks(90.0, 3.0, 0.0),
+        fields_deg=((ring,),),
+    )
     prescription = on_plane(data, TangentPlane(40.0, 116.0))
     plane = data.plane()
     assert plane.lat_deg == pytest.approx(40.0005)
     inside_zone = TangentPlane(40.0, 116.0).to_m(40.0009, 116.0001)
     inside_field = TangentPlane(40.0, 116.0).to_m(40.0001, 116.0009)
-    assert [prescription.at(p).rate_kg_ha for p in (inside_zone, inside_field, (-5.0, 0.0))] == [150.0, 90.0, 3.0]
+    assert [prescription.at(p).rate_kg_ha for p in (inside_zone, inside_field, (-5.0, 0.0))] == [
+        150.0,
+        90.0,
+        3.0,
+    ]
 
 
-# --- Map mode along the track: changes made stay, the rest is seen anew; edges, jitter, turns and lost positions.
+# --- Map mode along the track: changes made stay, the rest is seen anew; edges, jitter, turns
+# and lost positions.
 
 START = Target(0.0, TargetSource.NONE)
 
@@ -212,8 +269,15 @@ def profile(chequered: Prescription) -> MapProfile:
     return MapProfile(chequered, TangentPlane(34.0, 119.0))
 
 
-def drive(profile: MapProfile, start: tuple[float, float], heading: float, way_m: float, lag_m: float = 2.6,
-          jitter: tuple[float, float] = (0.0, 0.0), step_m: float = 0.06) -> list[Fired]:
+def drive(
+    profile: MapProfile,
+    start: tuple[float, float],
+    heading: float,
+    way_m: float,
+    lag_m: float = 2.6,
+    jitter: tuple[float, float] = (0.0, 0.0),
+    step_m: float = 0.06,
+) -> list[Fired]:
     rng = np.random.default_rng(5)
     queue = ChangeQueue(START)
     fired = []
@@ -233,8 +297,10 @@ def test_each_edge_fires_once_a_lag_distance_before_it(profile: MapProfile, head
     for change, stretch in zip(fired, wanted, strict=False):
         assert change.place_m == pytest.approx(stretch.distance_m, abs=1e-6)
         assert change.after == stretch.target
-        assert change.place_m - change.track_m == pytest.approx(2.6, abs=0.061) or len(
-            [f for f in fired if f.track_m == change.track_m]) > 1
+        assert (
+            change.place_m - change.track_m == pytest.approx(2.6, abs=0.061)
+            or len([f for f in fired if f.track_m == change.track_m]) > 1
+        )
     assert abs(len(fired) - len(wanted)) <= 1
 
 
@@ -257,14 +323,16 @@ def test_what_holds_after_a_sharp_turn_is_taken_over(profile: MapProfile) -> Non
     profile.look(4.0, 35.0, 39.0, 0.0, queue.fired_to_m)
     queue.advance(profile, 0.0, 4.0, Fixed(2.6))
     held = profile.prescription.at((35.0, 45.0))
-    assert queue.holding == held                       # made for the cell to the north
-    profile.look(4.5, 35.0, 39.4, 90.0, queue.fired_to_m)      # turned away from it before reaching it
+    assert queue.holding == held  # made for the cell to the north
+    # turned away from it before reaching it
+    profile.look(4.5, 35.0, 39.4, 90.0, queue.fired_to_m)
     queue.advance(profile, 0.0, 4.5, Fixed(2.6))
     assert queue.holding == profile.prescription.at((36.0, 39.4))
 
 
 def test_the_way_ahead_bends_with_the_turn(profile: MapProfile) -> None:
-    """On a right turn of 8 m radius the edge to the east is met along the arc, the one straight ahead never."""
+    """On a right turn of 8 m radius the edge to the east is met along the arc, the one straight
+    ahead never."""
     radius = 8.0
     turn = math.degrees(1.0) / radius
     profile.look(0.0, 22.0, 25.0, 0.0, float("-inf"), turn_deg_m=turn)
@@ -273,8 +341,10 @@ def test_the_way_ahead_bends_with_the_turn(profile: MapProfile) -> None:
     while (change := profile.next_change(after, 14.0, holding)) is not None:
         changes.append(change)
         holding, after = change.target, change.place_m
-    arc = [(22.0 + radius * (1 - math.cos(s / radius)), 25.0 + radius * math.sin(s / radius))
-           for s in np.arange(0.0, 14.0, 0.01)]
+    arc = [
+        (22.0 + radius * (1 - math.cos(s / radius)), 25.0 + radius * math.sin(s / radius))
+        for s in np.arange(0.0, 14.0, 0.01)
+    ]
     on_arc = profile.prescription.targets_at(arc)
     true = [0.01 * k for k in range(1, len(arc)) if on_arc[k] != on_arc[k - 1]]
     assert angle > 0.0
@@ -286,7 +356,9 @@ def test_a_lost_position_has_its_rate_and_is_found_again(profile: MapProfile) ->
     here = profile.at(1.0)
     profile.lost()
     assert profile.at(1.0) == Target(60.0, TargetSource.FALLBACK)
-    assert profile.next_change(1.0, 10.0, here) == TargetChange(1.0, Target(60.0, TargetSource.FALLBACK))
+    assert profile.next_change(1.0, 10.0, here) == TargetChange(
+        1.0, Target(60.0, TargetSource.FALLBACK)
+    )
     profile.look(1.0, 35.0, 36.0, 0.0, 1.0)
     assert profile.at(1.5) == here
 
@@ -298,6 +370,8 @@ def test_what_was_passed_stays_known_behind(profile: MapProfile) -> None:
 
 
 def test_a_map_without_changes_needs_none() -> None:
-    flat = Prescription(GridMap(frame_m((-500.0, -500.0), 10.0, 10.0), np.full((100, 100), 250.0)), Fallbacks())
+    flat = Prescription(
+        GridMap(frame_m((-500.0, -500.0), 10.0, 10.0), np.full((100, 100), 250.0)), Fallbacks()
+    )
     fired = drive(MapProfile(flat, TangentPlane(34.0, 119.0)), (0.0, 0.0), 33.0, 100.0)
     assert [f.after for f in fired] == [Target(250.0, TargetSource.MAP)]

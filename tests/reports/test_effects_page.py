@@ -1,4 +1,5 @@
 """The page of effects is the catalogue, and nothing else."""
+
 from __future__ import annotations
 
 from pathlib import Path
@@ -11,16 +12,24 @@ PAGE = Path(__file__).parents[2] / "docs" / "effects.md"
 
 
 def test_page_is_the_catalogue() -> None:
-    assert PAGE.read_text(encoding="utf-8") == markdown(CATALOGUE), \
+    assert PAGE.read_text(encoding="utf-8") == markdown(CATALOGUE), (
         "write it again: topdress effects --markdown docs/effects.md"
+    )
 
 
 def test_page_says_all_of_each_effect() -> None:
     text = markdown(CATALOGUE)
     for effect_id, entry in CATALOGUE.items():
         part = text.split(f"### {effect_id}\n")[1].split("\n##")[0]
-        for said in (entry.effect.title, entry.effect.physics, entry.effect.source, entry.effect.advice,
-                     entry.effect.separate, entry.effect.unit, *entry.effect.seen_in):
+        for said in (
+            entry.effect.title,
+            entry.effect.physics,
+            entry.effect.source,
+            entry.effect.advice,
+            entry.effect.separate,
+            entry.effect.unit,
+            *entry.effect.seen_in,
+        ):
             assert said in part
     assert text.count("\n### ") == len(CATALOGUE)
 

@@ -1,4 +1,5 @@
 """A working day of twelve hours: what is kept of it is bounded (docs/limits.md)."""
+
 from __future__ import annotations
 
 import pickle
@@ -22,7 +23,7 @@ from tests.app.made_up.run import run_frames
 
 DAY_S = 12 * 3600.0
 SPEED_MPS, PASS_M, WIDTH_M = 1.25, 300.0, 2.4
-MB_A_HECTARE, EDGES_MB = 1.7, 6.0       # of both bitmaps, as the page has it
+MB_A_HECTARE, EDGES_MB = 1.7, 6.0  # of both bitmaps, as the page has it
 
 
 def place(time_s: float) -> tuple[tuple[float, float], float]:
@@ -33,11 +34,17 @@ def place(time_s: float) -> tuple[tuple[float, float], float]:
 
 def test_the_live_check_keeps_45_minutes_however_fast_they_come():
     """Also where the log's clock stands still."""
-    check = LiveCheck(Machine(), lambda since, now_s: [], lambda columns, machine: (_ for _ in ()).throw(ValueError))
+    check = LiveCheck(
+        Machine(),
+        lambda since, now_s: [],
+        lambda columns, machine: (_ for _ in ()).throw(ValueError),
+    )
     most = 0
     for begin_s in np.arange(0.0, DAY_S, 5.0):
         time_s = begin_s + np.arange(100) * 0.05
-        check.add({"time_s": time_s, "speed_mps": np.ones(100), "state": np.full(100, "working", object)})
+        check.add(
+            {"time_s": time_s, "speed_mps": np.ones(100), "state": np.full(100, "working", object)}
+        )
         if check.due:
             check.look()
         most = max(most, sum(len(piece["time_s"]) for piece in check._rows))
@@ -47,17 +54,27 @@ def test_the_live_check_keeps_45_minutes_however_fast_they_come():
     assert sum(len(piece["time_s"]) for piece in check._rows) == check._kept <= MOST_ROWS
     whole = np.zeros((400_000, 2))
     check.add({"time_s": whole[:, 0] + DAY_S, "speed_mps": whole[:, 1]})
-    assert check._kept <= MOST_ROWS and all(column.base is None for column in check._rows[-1].values()), "a copy"
+    assert check._kept <= MOST_ROWS and all(
+        column.base is None for column in check._rows[-1].values()
+    ), "a copy"
 
 
 def test_the_console_remembers_no_more_of_twelve_hours():
-    """A frame every 4 s; live there are five a second, which lie in the same pieces of the coarser levels."""
+    """A frame every 4 s; live there are five a second, which lie in the same pieces of the
+    coarser levels."""
     history, frame = History(), run_frames(1.0)[0]
     before = history.series.bytes
     for time_s in range(0, int(DAY_S), 4):
         (east, north), heading = place(time_s)
-        history.add(replace(frame, seq=time_s, at_s=time_s, place_m=(east, north),
-                            row=frame.row._replace(time_s=float(time_s), heading_deg=heading)))
+        history.add(
+            replace(
+                frame,
+                seq=time_s,
+                at_s=time_s,
+                place_m=(east, north),
+                row=frame.row._replace(time_s=float(time_s), heading_deg=heading),
+            )
+        )
     assert len(history.points) == TREND_POINTS and history.series.bytes == before < 25e6
     assert history.worked.tiles <= MOST_TILES * len(CELLS_M)
     assert history.series.start_s == 0.0, "the whole day is on the trend"
@@ -76,7 +93,9 @@ def test_the_worker_s_ground_grows_with_the_ground_alone():
     for time_s in np.arange(0.0, DAY_S / 4.0, 3.0):
         at, heading = place(time_s)
         own.lay(at, heading, True)
-    assert len(pickle.dumps(own)) / 1e6 == pytest.approx(kept_mb[1], rel=1e-3), "the same ground again"
+    assert len(pickle.dumps(own)) / 1e6 == pytest.approx(kept_mb[1], rel=1e-3), (
+        "the same ground again"
+    )
     assert ceil(hectares) == 13
 
 
@@ -87,7 +106,9 @@ def test_what_waits_for_a_disk_that_hangs_is_bounded(tmp_path):
     class Tick:
         row = LogRow(1.0)
 
-    keeper = Keeper(Path(tmp_path / "a.resume.json"), Machine(), Snapshot("a.csv"), Loop(), lambda: "", 50)
+    keeper = Keeper(
+        Path(tmp_path / "a.resume.json"), Machine(), Snapshot("a.csv"), Loop(), lambda: "", 50
+    )
     for _ in range(100):
         keeper.take(Tick())
     assert keeper._handed.qsize() == 50

@@ -1,4 +1,6 @@
-"""Jobs that were left, by place: which field they lie on, on whose plane, and what a start there knows of them."""
+"""Jobs that were left, by place: which field they lie on, on whose plane, and what a start
+there knows of them."""
+
 from __future__ import annotations
 
 import datetime as dt
@@ -27,11 +29,21 @@ def kept(folder, name="west", box=(0.0, 50.0, 0.0, 20.0), origin=HOME, **known):
     """A job that has spread a rectangle (west, east, south, north) of its plane."""
     west, east, south, north = box
     cells = np.ones((round((north - south) / 0.25), round((east - west) / 0.25)), dtype=np.bool_)
-    snapshot = Snapshot(str(folder / f"{name}.csv"), job=name, simulated=True, origin_deg=origin,
-                        saved_utc=NOW.isoformat(), sums=Sums(area_ha=cells.size * 0.0625 / 1e4, kg=30.0),
-                        ground=Raster(west, south, 0.25, cells), place_m=(east, north), heading_deg=0.0,
-                        track=((west, south, 0.0, 300.0),))
-    snapshot = Snapshot(**{one: getattr(snapshot, one) for one in Snapshot.__dataclass_fields__} | known)
+    snapshot = Snapshot(
+        str(folder / f"{name}.csv"),
+        job=name,
+        simulated=True,
+        origin_deg=origin,
+        saved_utc=NOW.isoformat(),
+        sums=Sums(area_ha=cells.size * 0.0625 / 1e4, kg=30.0),
+        ground=Raster(west, south, 0.25, cells),
+        place_m=(east, north),
+        heading_deg=0.0,
+        track=((west, south, 0.0, 300.0),),
+    )
+    snapshot = Snapshot(
+        **{one: getattr(snapshot, one) for one in Snapshot.__dataclass_fields__} | known
+    )
     resume.write(folder / f"{name}.resume.json", snapshot)
     return snapshot
 
@@ -40,19 +52,32 @@ def job(origin=HOME, ring=SQUARE) -> Job:
     return Job(field=Ground(origin_lat_deg=origin[0], origin_lon_deg=origin[1], boundary_m=ring))
 
 
-@pytest.mark.parametrize(("field", "goes_on"), [
-    (job(), True),
-    # on a plane of its own
-    (job(TangentPlane(*HOME).to_deg(-30.0, -40.0), tuple((e + 30.0, n + 40.0) for e, n in SQUARE)), True),
-    (job(ring=((-5.0, -5.0), (60.0, -5.0), (60.0, 30.0), (-5.0, 30.0))), True),         # a boundary that was driven
-    (job(ring=((40.0, 0.0), (90.0, 0.0), (90.0, 90.0), (40.0, 90.0))), False),          # a part of it: the ground alone
-    (job(ring=((60.0, 0.0), (90.0, 0.0), (90.0, 90.0), (60.0, 90.0))), None),           # next to it
-    (job((34.9, 119.9)), None),
-    (Job(), True),                                                                      # no field is known: asked
-])
+@pytest.mark.parametrize(
+    ("field", "goes_on"),
+    [
+        (job(), True),
+        # on a plane of its own
+        (
+            job(
+                TangentPlane(*HOME).to_deg(-30.0, -40.0),
+                tuple((e + 30.0, n + 40.0) for e, n in SQUARE),
+            ),
+            True,
+        ),
+        # a boundary that was driven
+        (job(ring=((-5.0, -5.0), (60.0, -5.0), (60.0, 30.0), (-5.0, 30.0))), True),
+        # a part of it: the ground alone
+        (job(ring=((40.0, 0.0), (90.0, 0.0), (90.0, 90.0), (40.0, 90.0))), False),
+        (job(ring=((60.0, 0.0), (90.0, 0.0), (90.0, 90.0), (60.0, 90.0))), None),  # next to it
+        (job((34.9, 119.9)), None),
+        (Job(), True),  # no field is known: asked
+    ],
+)
 def test_the_field_is_known_by_its_place(tmp_path, field, goes_on):
     kept(tmp_path)
-    assert [one.goes_on for one in jobs_here(tmp_path, field, True, NOW)] == ([] if goes_on is None else [goes_on])
+    assert [one.goes_on for one in jobs_here(tmp_path, field, True, NOW)] == (
+        [] if goes_on is None else [goes_on]
+    )
     assert jobs_here(tmp_path, field, False, NOW) == [], "what was simulated lies on no real field"
 
 
@@ -66,13 +91,23 @@ def test_on_another_plane_the_same_places_are_done(tmp_path):
     before = kept(tmp_path, box=(200.0, 260.0, 300.0, 340.0))
     own, plane = TangentPlane(*HOME), TangentPlane(HOME[0] + 0.02, HOME[1] - 0.05)
     moved = on_plane(before, plane)
-    for east, north, done in ((201.0, 301.0, True), (259.0, 339.0, True), (230.0, 320.0, True), (199.0, 320.0, False),
-                              (230.0, 341.0, False), (261.0, 320.0, False)):
+    for east, north, done in (
+        (201.0, 301.0, True),
+        (259.0, 339.0, True),
+        (230.0, 320.0, True),
+        (199.0, 320.0, False),
+        (230.0, 341.0, False),
+        (261.0, 320.0, False),
+    ):
         place = plane.to_m(*own.to_deg(east, north))
-        column, row = ((at - edge) // 0.25 for at, edge in zip(place, (moved.ground.west_m, moved.ground.south_m),
-                                                               strict=True))
+        column, row = (
+            (at - edge) // 0.25
+            for at, edge in zip(place, (moved.ground.west_m, moved.ground.south_m), strict=True)
+        )
         rows, columns = moved.ground.done.shape
-        assert (0 <= row < rows and 0 <= column < columns and moved.ground.done[int(row), int(column)]) == done
+        assert (
+            0 <= row < rows and 0 <= column < columns and moved.ground.done[int(row), int(column)]
+        ) == done
     assert moved.ground.done.sum() == pytest.approx(before.ground.done.sum(), rel=0.005)
     assert moved.place_m == pytest.approx(plane.to_m(*own.to_deg(260.0, 340.0)), abs=0.002)
     assert moved.track[0][:2] == pytest.approx(plane.to_m(*own.to_deg(200.0, 300.0)), abs=0.06)
@@ -81,7 +116,9 @@ def test_on_another_plane_the_same_places_are_done(tmp_path):
 
 def start(folder, config, log="new"):
     """A worker put together."""
-    parts = assemble(Options(config, folder / "w.json", log=str(folder / f"{log}.csv")), lambda: 0.0)
+    parts = assemble(
+        Options(config, folder / "w.json", log=str(folder / f"{log}.csv")), lambda: 0.0
+    )
     parts.writer.close()
     return parts
 
@@ -92,23 +129,47 @@ def done_before(loop, place):
 
 @pytest.fixture
 def jobs(tmp_path):
-    """A job of the demo's field with other words and rules in it, and the same on a field far away."""
+    """A job of the demo's field with other words and rules in it, and the same on a field far
+    away."""
     demo = load(shipped("jobs")["demo"], JOB).model
     far = demo.field.model_copy(update={"origin_lat_deg": 35.0})
-    save(tmp_path / "mapped.yaml", demo.model_copy(update={"id": "mapped", "title": "Mapped", "strategy": "balanced",
-                                                           "crop": "osu_winter_wheat_2002"}), JOB, "")
+    save(
+        tmp_path / "mapped.yaml",
+        demo.model_copy(
+            update={
+                "id": "mapped",
+                "title": "Mapped",
+                "strategy": "balanced",
+                "crop": "osu_winter_wheat_2002",
+            }
+        ),
+        JOB,
+        "",
+    )
     save(tmp_path / "far.yaml", demo.model_copy(update={"field": far}), JOB, "")
     return tmp_path
 
 
-@pytest.mark.parametrize(("config", "goes_on"), [((), True), (("mapped.yaml",), True), (("far.yaml",), False)])
+@pytest.mark.parametrize(
+    ("config", "goes_on"), [((), True), (("mapped.yaml",), True), (("far.yaml",), False)]
+)
 def test_a_start_knows_what_is_done_on_its_field(jobs, config, goes_on):
-    """Whatever file was taken: a new log had forgotten it, and the ground got its material twice."""
+    """Whatever file was taken: a new log had forgotten it, and the ground got its material
+    twice."""
     width_m = 2.4
-    start(jobs, (), "west")            # its sidecar says with which files
-    kept(jobs, box=(-0.5 * width_m, 0.5 * width_m, 0.0, 20.0), strategy="speed_first", place_m=(0.0, 20.0))
+    start(jobs, (), "west")  # its sidecar says with which files
+    kept(
+        jobs,
+        box=(-0.5 * width_m, 0.5 * width_m, 0.0, 20.0),
+        strategy="speed_first",
+        place_m=(0.0, 20.0),
+    )
     loop = start(jobs, tuple(str(jobs / one) for one in config)).loop
-    assert [done_before(loop, place) for place in ((0.0, 10.0), (1.1, 19.0), (0.0, 21.0))] == [goes_on, goes_on, False]
+    assert [done_before(loop, place) for place in ((0.0, 10.0), (1.1, 19.0), (0.0, 21.0))] == [
+        goes_on,
+        goes_on,
+        False,
+    ]
     assert loop.totals.applied_kg == (30.0 if goes_on else 0.0)
     assert loop.strategy == ("opening_first" if config else "speed_first")
 
@@ -120,7 +181,8 @@ def test_an_ended_job_is_another_pass(jobs):
 
 
 def test_a_part_of_a_field_that_another_job_has_done_gets_no_more(jobs):
-    """A quarter of what the other job has spread lies here: its ground counts, its totals do not."""
+    """A quarter of what the other job has spread lies here: its ground counts, its totals do
+    not."""
     kept(jobs, box=(-60.0, 20.0, 0.0, 20.0))
     parts = start(jobs, ())
     assert done_before(parts.loop, (10.0, 10.0)) and parts.loop.totals.applied_kg == 0.0
@@ -133,4 +195,6 @@ def test_nitrogen_of_two_products_is_the_sum_of_both():
     then = Totaliser(2.4, 0.27, first.sums)
     then.add(10.0, 1.0, 100.0)
     assert then.snapshot().applied_n_kg == pytest.approx((0.46 + 0.27) * first.applied_kg)
-    assert Totaliser(2.4, 0.27, first.sums._replace(n_kg=None)).applied_n_kg == pytest.approx(0.27 * first.applied_kg)
+    assert Totaliser(2.4, 0.27, first.sums._replace(n_kg=None)).applied_n_kg == pytest.approx(
+        0.27 * first.applied_kg
+    )

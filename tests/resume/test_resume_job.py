@@ -1,4 +1,6 @@
-"""A job that is cut off and goes on: totals, ground, what is not done a second time, and that it is off."""
+"""A job that is cut off and goes on: totals, ground, what is not done a second time, and that
+it is off."""
+
 from __future__ import annotations
 
 import datetime as dt
@@ -45,8 +47,14 @@ def morning(tmp_path_factory):
     return run(folder / "a.csv", 90.0, cut=True)
 
 
-def run(log: Path, until_s: float, resumed: Path | None = None, cut: bool = False,
-        orders: dict[float, Order] | None = None, work: bool = True):
+def run(
+    log: Path,
+    until_s: float,
+    resumed: Path | None = None,
+    cut: bool = False,
+    orders: dict[float, Order] | None = None,
+    work: bool = True,
+):
     """On an injected clock, faster than real."""
     now_s, given = 0.0, dict(orders or {})
     frames = []
@@ -67,11 +75,13 @@ def run(log: Path, until_s: float, resumed: Path | None = None, cut: bool = Fals
                 raise PowerCut
             host.stop("enough")
 
-    parts = assemble(Options((), log.parent / "w.json", log=str(log), resume=resumed), lambda: now_s)
+    parts = assemble(
+        Options((), log.parent / "w.json", log=str(log), resume=resumed), lambda: now_s
+    )
     host = Host(parts, lambda: now_s, sleep)
     real_work = parts.writer.after_writing
     if cut:
-        host.close = lambda why: None           # the process is gone: nobody closes anything
+        host.close = lambda why: None  # the process is gone: nobody closes anything
     try:
         host.run()
     except PowerCut:
@@ -114,9 +124,14 @@ def test_what_is_kept_of_a_morning(morning):
     frames, parts = morning
     kept = resume.read(resume.snapshot_path(parts.writer.path))
     last = frames[-1]
-    assert kept.worth_going_on and kept.logs_before == () and kept.strategy == "opening_first" and kept.simulated
+    assert (
+        kept.worth_going_on
+        and kept.logs_before == ()
+        and kept.strategy == "opening_first"
+        and kept.simulated
+    )
     assert kept.area_ha == pytest.approx(last.area_ha, rel=0.1)
-    area = kept.ground.done.sum() * kept.ground.cell_m ** 2 / 10_000
+    area = kept.ground.done.sum() * kept.ground.cell_m**2 / 10_000
     assert area == pytest.approx(kept.area_ha, rel=0.08)
     assert kept.moves > 10 and parts.keeper.tally.moves >= kept.moves
     assert kept.origin_deg == pytest.approx((34.28, 119.88))
@@ -128,36 +143,56 @@ def test_the_job_goes_on_where_it_stopped(morning, tmp_path):
     frames, later = run(tmp_path / "b.csv", 40.0, resumed=snapshot)
     assert frames[0].row.state == "off", "all else is the operator's act"
     assert frames[0].area_ha == pytest.approx(before[-1].area_ha, rel=0.01)
-    assert frames[-1].area_ha > before[-1].area_ha + 0.005 and frames[-1].totals.worked_s > before[-1].totals.worked_s
+    assert (
+        frames[-1].area_ha > before[-1].area_ha + 0.005
+        and frames[-1].totals.worked_s > before[-1].totals.worked_s
+    )
     assert frames[-1].totals.cuc_percent is not None
     log = later.writer.path
-    assert log.name == "b.csv" and meta_from_yaml(log.with_suffix(".yaml").read_text()).extra["resumes"] == str(
-        parts.writer.path)
+    assert log.name == "b.csv" and meta_from_yaml(log.with_suffix(".yaml").read_text()).extra[
+        "resumes"
+    ] == str(parts.writer.path)
     kept = resume.read(resume.snapshot_path(log))
     assert kept.logs_before == (str(parts.writer.path),) and kept.area_ha > before[-1].area_ha
-    assert kept.began_utc == resume.read(snapshot).began_utc and frames[-1].tally.log_before == str(parts.writer.path)
+    assert kept.began_utc == resume.read(snapshot).began_utc and frames[-1].tally.log_before == str(
+        parts.writer.path
+    )
     north = [frame.place_m[1] for frame in frames if frame.place_m is not None]
-    assert abs(north[0] - before[-1].place_m[1]) < 3.0, "the simulated tractor stands where it stopped"
+    assert abs(north[0] - before[-1].place_m[1]) < 3.0, (
+        "the simulated tractor stands where it stopped"
+    )
 
 
-@pytest.mark.parametrize(("told", "second_dose"), [
-    (None, False), pytest.param(Order(Do.ALLOW_OUTSIDE, True), False, marks=pytest.mark.exam),
-    (Order(Do.NO_DOUBLE, False), True)])
-def test_what_is_done_gets_a_second_dose_only_by_the_order_for_it(morning, tmp_path, told, second_dose):
+@pytest.mark.parametrize(
+    ("told", "second_dose"),
+    [
+        (None, False),
+        pytest.param(Order(Do.ALLOW_OUTSIDE, True), False, marks=pytest.mark.exam),
+        (Order(Do.NO_DOUBLE, False), True),
+    ],
+)
+def test_what_is_done_gets_a_second_dose_only_by_the_order_for_it(
+    morning, tmp_path, told, second_dose
+):
     """The machine stands 30 m before the place where it stopped, and works."""
     before, parts = morning
     kept = resume.read(resume.snapshot_path(parts.writer.path))
     stopped = before[-1].place_m[1]
     data = json.loads(resume.snapshot_path(parts.writer.path).read_text())
     data["place_m"] = [kept.place_m[0], stopped - 30.0]
-    data["time_s"] = data["sums_s"] = 1e9            # the tail is in it
+    data["time_s"] = data["sums_s"] = 1e9  # the tail is in it
     moved = tmp_path / "moved.resume.json"
     moved.write_text(json.dumps(data))
-    _frames, later = run(tmp_path / "c.csv", 45.0, resumed=moved, orders={} if told is None else {2.0: told})
-    plane_rows = [row for row in read_log(later.writer.path).rows() if row.state == "working" and row.lat_deg]
-    north = [(row.lat_deg - 34.28) * 110_920.0 - 2.0 for row in plane_rows]           # of the outlets
+    _frames, later = run(
+        tmp_path / "c.csv", 45.0, resumed=moved, orders={} if told is None else {2.0: told}
+    )
+    plane_rows = [
+        row for row in read_log(later.writer.path).rows() if row.state == "working" and row.lat_deg
+    ]
+    # of the outlets
+    north = [(row.lat_deg - 34.28) * 110_920.0 - 2.0 for row in plane_rows]
     given = [(n, row.shaft_rpm or 0.0) for n, row in zip(north, plane_rows, strict=True)]
-    done_to = stopped - 8.0                          # the last 5 s are not in this snapshot
+    done_to = stopped - 8.0  # the last 5 s are not in this snapshot
     assert (max(rpm for n, rpm in given if n < done_to - 3.0) > 20.0) is second_dose
     assert max(rpm for n, rpm in given if n > stopped + 3.0) > 20.0
 
@@ -174,10 +209,16 @@ def test_the_tail_of_the_log_closes_the_gap(morning):
 
 
 def test_refills_holds_and_the_end_of_the_job_are_kept(tmp_path):
-    orders = {12.0: Order(Do.HOLD), 20.0: Order(Do.REFILL, 250.0), 21.0: Order(Do.MARK, "job finished")}
+    orders = {
+        12.0: Order(Do.HOLD),
+        20.0: Order(Do.REFILL, 250.0),
+        21.0: Order(Do.MARK, "job finished"),
+    }
     _frames, parts = run(tmp_path / "a.csv", 30.0, orders=orders)
     kept = resume.read(resume.snapshot_path(parts.writer.path))
-    assert [kg for _utc, kg in kept.refills] == [250.0] and parts.keeper.tally.refills == kept.refills
+    assert [kg for _utc, kg in kept.refills] == [
+        250.0
+    ] and parts.keeper.tally.refills == kept.refills
     assert 5.0 < kept.held_s < 25.0 and kept.finished and parts.keeper.tally.finished
     assert left(tmp_path) is None, "a job that was ended is not offered"
 
@@ -188,9 +229,16 @@ def test_a_machine_that_only_stood_there_leaves_nothing(tmp_path):
 
 
 def test_a_snapshot_survives_its_file(tmp_path):
-    written = Snapshot("a.csv", began_utc="2026-03-18T06:00:00+00:00", saved_utc="2026-03-18T07:00:00+00:00",
-                       config=("x.yaml",), sums=Sums(1.0, 0.5, 150.0, 3.0, 4.0, 5.0, ((3, 0.5, 150.0),)),
-                       refills=(("t", 250.0),), place_m=(1.0, 2.0), track=((1.0, 2.0, 0.0, 300.0),))
+    written = Snapshot(
+        "a.csv",
+        began_utc="2026-03-18T06:00:00+00:00",
+        saved_utc="2026-03-18T07:00:00+00:00",
+        config=("x.yaml",),
+        sums=Sums(1.0, 0.5, 150.0, 3.0, 4.0, 5.0, ((3, 0.5, 150.0),)),
+        refills=(("t", 250.0),),
+        place_m=(1.0, 2.0),
+        track=((1.0, 2.0, 0.0, 300.0),),
+    )
     resume.write(tmp_path / "a.resume.json", written)
     again = resume.read(tmp_path / "a.resume.json")
     for name in Snapshot.__dataclass_fields__:
@@ -200,7 +248,9 @@ def test_a_snapshot_survives_its_file(tmp_path):
     assert resume.read(tmp_path / "a.resume.json").finished
 
 
-@pytest.mark.parametrize("text", ["", "{}", "[1]", '{"format": "topdress-resume/1"}', '{"format": "other/2"}'])
+@pytest.mark.parametrize(
+    "text", ["", "{}", "[1]", '{"format": "topdress-resume/1"}', '{"format": "other/2"}']
+)
 def test_what_is_no_snapshot_is_named_in_one_line(tmp_path, text):
     path = tmp_path / "a.resume.json"
     path.write_text(text)
@@ -211,14 +261,20 @@ def test_what_is_no_snapshot_is_named_in_one_line(tmp_path, text):
 
 
 def test_jobs_that_were_left_are_found_the_newest_first(tmp_path):
-    """Not those that were ended, gone on with in a later log, or left more than two weeks ago; an ended one hides its
-    own parts, not what was left on another field."""
+    """Not those that were ended, gone on with in a later log, or left more than two weeks ago;
+    an ended one hides its own parts, not what was left on another field."""
     import os
+
     now = dt.datetime.now(dt.UTC)
 
     def keep(number, name, **known):
         path = tmp_path / f"{name}.resume.json"
-        resume.write(path, Snapshot(str(tmp_path / f"{name}.csv"), sums=Sums(area_ha=known.pop("ha", 1.0)), **known))
+        resume.write(
+            path,
+            Snapshot(
+                str(tmp_path / f"{name}.csv"), sums=Sums(area_ha=known.pop("ha", 1.0)), **known
+            ),
+        )
         os.utime(path, (number, number))
 
     keep(1, "old", saved_utc=(now - dt.timedelta(days=15)).isoformat())
@@ -234,7 +290,9 @@ def test_jobs_that_were_left_are_found_the_newest_first(tmp_path):
 
 
 def test_a_cut_in_the_first_second_of_work_leaves_something_to_go_on_with(tmp_path):
-    keeper = Keeper(tmp_path / "x.resume.json", Machine(), Snapshot("x.csv", sums=Sums()), Loop(), lambda: "")
+    keeper = Keeper(
+        tmp_path / "x.resume.json", Machine(), Snapshot("x.csv", sums=Sums()), Loop(), lambda: ""
+    )
     keeper.take(Standing(LogRow(1.0, shaft_rpm_cmd=0.0, state="working")))
     keeper.work(False)
     assert left(tmp_path) is None
@@ -246,20 +304,33 @@ def test_a_cut_in_the_first_second_of_work_leaves_something_to_go_on_with(tmp_pa
 
 def test_a_job_whose_log_was_cut_short_has_both_as_its_parts(tmp_path):
     first, second = str(tmp_path / "x.csv"), str(tmp_path / "x-2.csv")
-    keeper = Keeper(tmp_path / "x.resume.json", Machine(), Snapshot(first, sums=Sums(area_ha=1.0)), Loop(), lambda: "")
+    keeper = Keeper(
+        tmp_path / "x.resume.json",
+        Machine(),
+        Snapshot(first, sums=Sums(area_ha=1.0)),
+        Loop(),
+        lambda: "",
+    )
     keeper.take(Standing(LogRow(1.0, state="working", shaft_rpm_cmd=40.0)))
     keeper.work(False)
     keeper.follow(second)
     keeper.take(Standing(LogRow(1.1, state="working", shaft_rpm_cmd=40.0)))
     keeper.work(False)
     path, kept = left(tmp_path)
-    assert path.name == "x-2.resume.json" and (kept.log_path, kept.logs_before) == (second, (first,))
-    assert len(list(resume.open_jobs(tmp_path, dt.datetime.now(dt.UTC)))) == 1 and keeper.tally.log_before == first
+    assert path.name == "x-2.resume.json" and (kept.log_path, kept.logs_before) == (
+        second,
+        (first,),
+    )
+    assert (
+        len(list(resume.open_jobs(tmp_path, dt.datetime.now(dt.UTC)))) == 1
+        and keeper.tally.log_before == first
+    )
 
 
 def test_a_clock_set_back_does_not_bring_an_older_job_forward(tmp_path):
     import os
     import time
+
     hour_ns = 3_600_000_000_000
     resume.write(tmp_path / "a.resume.json", Snapshot("a.csv", sums=Sums(area_ha=1.0)))
     os.utime(tmp_path / "a.resume.json", ns=(time.time_ns() + hour_ns, time.time_ns() + hour_ns))
@@ -283,23 +354,34 @@ def test_totals_that_go_on_are_those_of_one_run():
 
 
 def test_the_workers_option():
-    assert options_from(["--run-file", "w.json", "--resume", "a.resume.json"]).resume == Path("a.resume.json")
+    assert options_from(["--run-file", "w.json", "--resume", "a.resume.json"]).resume == Path(
+        "a.resume.json"
+    )
 
 
 def test_what_fell_after_the_last_row_is_counted_and_said(morning, tmp_path):
-    """A board goes on for a second without its host, then its shaft runs down, then what is in the air lands."""
+    """A board goes on for a second without its host, then its shaft runs down, then what is in
+    the air lands."""
     _frames, parts = morning
     kept = resume.read(resume.snapshot_path(parts.writer.path))
     machine = Machine()
     known, beyond = (with_tail(kept, machine, 0.46, stops_s) for stops_s in (None, 1.0))
     last = list(read_log(parts.writer.path).rows())[-1]
     assert last.shaft_rpm_cmd > 0.0 and last.state == "working"
-    flow_kg_s = last.applied_rate_kg_ha * last.flow_trim * machine.geometry.working_width_m * last.speed_used_mps / 1e4
+    flow_kg_s = (
+        last.applied_rate_kg_ha
+        * last.flow_trim
+        * machine.geometry.working_width_m
+        * last.speed_used_mps
+        / 1e4
+    )
     assert known.after_cut_kg == 0.0 and 1.2 * flow_kg_s < beyond.after_cut_kg < 1.8 * flow_kg_s
     assert beyond.sums.kg - known.sums.kg == pytest.approx(beyond.after_cut_kg)
-    more_m2 = (beyond.ground.done.sum() - known.ground.done.sum()) * known.ground.cell_m ** 2
+    more_m2 = (beyond.ground.done.sum() - known.ground.done.sum()) * known.ground.cell_m**2
     metres = more_m2 / machine.geometry.working_width_m
-    assert 2.5 * last.speed_used_mps < metres < 4.5 * last.speed_used_mps, "a second, run-down and fall"
+    assert 2.5 * last.speed_used_mps < metres < 4.5 * last.speed_used_mps, (
+        "a second, run-down and fall"
+    )
     longer = with_tail(kept, machine, 0.46, 4.0)
     assert longer.after_cut_kg - beyond.after_cut_kg == pytest.approx(3.0 * flow_kg_s, rel=0.05)
 
@@ -308,7 +390,9 @@ def test_the_scale_says_what_it_lost_over_the_cut(morning, tmp_path):
     _frames, parts = morning
     kept = json.loads(resume.snapshot_path(parts.writer.path).read_text())
     data = kept | {"after_cut_kg": 0.17, "cut_hopper_kg": 100.0}
-    keeper = Keeper(tmp_path / "x.resume.json", Machine(), _read(tmp_path, data), parts.loop, lambda: "")
+    keeper = Keeper(
+        tmp_path / "x.resume.json", Machine(), _read(tmp_path, data), parts.loop, lambda: ""
+    )
     assert (keeper.tally.after_cut_kg, keeper.tally.after_cut_scale_kg) == (0.17, None)
     for number in range(120):
         keeper.take(Standing(LogRow(0.05 * number, hopper_kg=99.8, shaft_rpm_cmd=0.0, state="off")))
@@ -325,13 +409,18 @@ def test_a_job_goes_on_after_a_quit_too(tmp_path):
     assert kept.quit and kept.worth_going_on and left(tmp_path)[0] == path
     later, _parts = run(tmp_path / "b.csv", 5.0)
     assert later[0].area_ha == pytest.approx(frames[-1].area_ha, rel=0.02)
-    assert not resume.read(resume.snapshot_path(tmp_path / "b.csv")).quit, "told to stop, but not by anybody's QUIT"
+    assert not resume.read(resume.snapshot_path(tmp_path / "b.csv")).quit, (
+        "told to stop, but not by anybody's QUIT"
+    )
 
 
-# --- The book of a run's alarms --------------------------------------------------------------------------------------
+# --- The book of a run's alarms
+# --------------------------------------------------------------------------------------
 
 RED = Alarm("shaft_silent", Severity.RED, 1.0)
-AMBER = Alarm("hopper_low", Severity.AMBER, 2.0, False, (("hopper_kg", 18.0), ("metres_left", 640.0)))
+AMBER = Alarm(
+    "hopper_low", Severity.AMBER, 2.0, False, (("hopper_kg", 18.0), ("metres_left", 640.0))
+)
 
 
 def test_first_last_times_and_acknowledged():
@@ -340,10 +429,20 @@ def test_first_last_times_and_acknowledged():
     assert book.see(2.0, "t2", (RED, AMBER))[0].id == "hopper_low"
     assert book.see(3.0, "t3", (RED._replace(acknowledged=True), AMBER)) == ()
     book.see(4.0, "t4", (AMBER,))
-    assert [one.id for one in book.see(9.0, "t9", (RED, AMBER))] == ["shaft_silent"], "it came again"
+    assert [one.id for one in book.see(9.0, "t9", (RED, AMBER))] == ["shaft_silent"], (
+        "it came again"
+    )
     red, amber = book.records
-    assert (red.id, red.first_utc, red.last_utc, red.times, red.stands) == ("shaft_silent", "t1", "t9", 2, True)
-    assert red.acknowledged_utc == "t3" and not red.acknowledged, "what came anew is not acknowledged"
+    assert (red.id, red.first_utc, red.last_utc, red.times, red.stands) == (
+        "shaft_silent",
+        "t1",
+        "t9",
+        2,
+        True,
+    )
+    assert red.acknowledged_utc == "t3" and not red.acknowledged, (
+        "what came anew is not acknowledged"
+    )
     assert (amber.first_s, amber.last_s, amber.times) == (2.0, 9.0, 1)
 
 
@@ -351,7 +450,10 @@ def test_standing_before_gone_and_red_before_amber():
     book = AlarmBook()
     book.see(1.0, None, (AMBER,))
     book.see(2.0, None, (RED,))
-    assert [(one.id, one.stands) for one in book.records] == [("shaft_silent", True), ("hopper_low", False)]
+    assert [(one.id, one.stands) for one in book.records] == [
+        ("shaft_silent", True),
+        ("hopper_low", False),
+    ]
     book.see(3.0, None, (AMBER,))
     assert [one.id for one in book.records] == ["hopper_low", "shaft_silent"]
 
@@ -365,18 +467,29 @@ def test_records_survive_a_file_and_the_time_before_is_added():
     later.see(0.5, "2026-03-18T07:00:00Z", (RED,))
     later.add_before(kept)
     red, amber = later.records
-    assert red.stands and red.first_utc == "2026-03-18T06:00:00Z" and red.last_utc == "2026-03-18T07:00:00Z"
+    assert (
+        red.stands
+        and red.first_utc == "2026-03-18T06:00:00Z"
+        and red.last_utc == "2026-03-18T07:00:00Z"
+    )
     assert amber.id == "hopper_low" and not amber.stands
     assert AlarmBook(kept).see(5.0, "t", (RED,))[0].times == 2
 
 
-# --- Strips that were measured on the way are still known after a power cut ------------------------------------------
+# --- Strips that were measured on the way are still known after a power cut
+# ------------------------------------------
+
 
 def test_the_job_goes_on_with_its_strips(tmp_path):
     setup = load_setup("huanghai", "demo", dt.date(2014, 3, 7))
     path = tmp_path / "a.resume.json"
-    keeper = Keeper(path, setup.machine, Snapshot(str(tmp_path / "a.csv")), Loop(),
-                    lambda: "2026-03-18T06:00:00+00:00")
+    keeper = Keeper(
+        path,
+        setup.machine,
+        Snapshot(str(tmp_path / "a.csv")),
+        Loop(),
+        lambda: "2026-03-18T06:00:00+00:00",
+    )
     keeper.take(Standing(LogRow(0.0, state="working", shaft_rpm_cmd=50.0)))
     keeper.take(Standing(LogRow(1.0, state="working", events="mark;strip nrich 0.66 0.0041 38")))
     keeper.take(Standing(LogRow(2.0, state="working", events="strip check 0.55;strip check x")))
@@ -397,7 +510,8 @@ def test_a_snapshot_of_before_has_no_strips_and_the_trim_that_nobody_reads(tmp_p
     assert resume.read(path).ndvi_nrich is None
 
 
-# --- Ground that is done: how it grows and is kept -------------------------------------------------------------------
+# --- Ground that is done: how it grows and is kept
+# -------------------------------------------------------------------
 
 MACHINE = Machine()
 WIDTH_M = MACHINE.geometry.working_width_m
@@ -406,7 +520,13 @@ FALL_M = drop_s(MACHINE.fall, 60.0) * SPEED_MPS
 NORTH_M = np.arange(0.0, 60.0, 0.1)
 
 
-def drive(done: Done, north_m: tuple[float, float], east_m: float = 0.0, rpm: float = 60.0, at_s: float = 0.0) -> float:
+def drive(
+    done: Done,
+    north_m: tuple[float, float],
+    east_m: float = 0.0,
+    rpm: float = 60.0,
+    at_s: float = 0.0,
+) -> float:
     """Due north at 2 m/s; returns the time at the end."""
     for north in np.arange(*north_m, SPEED_MPS * STEP_S):
         done.pass_over(at_s, (east_m, float(north)), 0.0, rpm, 300.0)
@@ -433,7 +553,7 @@ def one_pass():
 
 def test_only_where_something_landed_is_done_and_it_lands_later(one_pass):
     ground = one_pass.raster()
-    area_m2 = ground.done.sum() * ground.cell_m ** 2
+    area_m2 = ground.done.sum() * ground.cell_m**2
     assert area_m2 == pytest.approx(30.0 * WIDTH_M, rel=0.06)
     landed = np.flatnonzero(done_at(ground, [(0.0, north) for north in NORTH_M]))
     fall_m = NORTH_M[landed[0]] - 10.0
@@ -453,12 +573,18 @@ def test_kept_and_read_back_it_is_the_same_and_two_parts_are_one(one_pass):
     later = Done(MACHINE, again, tuple(one_pass.track))
     drive(later, (100.0, 130.0), east_m=-70.0)
     both = later.raster()
-    assert done_at(both, [(0.0, 25.0), (-70.0, 115.0), (-35.0, 60.0)]).tolist() == [True, True, False]
+    assert done_at(both, [(0.0, 25.0), (-70.0, 115.0), (-35.0, 60.0)]).tolist() == [
+        True,
+        True,
+        False,
+    ]
     assert both.done.sum() > 1.8 * first.done.sum()
     assert len(later.track) > len(one_pass.track)
 
 
-@pytest.mark.parametrize("change", [{"bits": "AAAA"}, {"rows": 0}, {"cell_m": -1.0}, {"columns": 7}])
+@pytest.mark.parametrize(
+    "change", [{"bits": "AAAA"}, {"rows": 0}, {"cell_m": -1.0}, {"columns": 7}]
+)
 def test_ground_that_was_not_kept_whole_is_refused(one_pass, change):
     with pytest.raises((ValueError, KeyError)):
         unpacked(packed(one_pass.raster()) | change)
@@ -469,7 +595,9 @@ def test_a_long_day_is_thinned_not_forgotten():
     for k in range(int(TRACK_PLACES * 1.5)):
         done.pass_over(0.5 * k, (0.0, 1.0 * k), 0.0, 60.0, 300.0)
     norths = [spot[1] for spot in done.track]
-    assert len(norths) <= TRACK_PLACES and norths[0] < 5.0 and norths[-1] > TRACK_PLACES * 1.5 - 10.0
+    assert (
+        len(norths) <= TRACK_PLACES and norths[0] < 5.0 and norths[-1] > TRACK_PLACES * 1.5 - 10.0
+    )
 
 
 def test_an_empty_raster_joins_with_anything():

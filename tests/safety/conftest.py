@@ -1,4 +1,5 @@
 """A machine at work that each test disturbs."""
+
 from __future__ import annotations
 
 from typing import Any

@@ -1,4 +1,5 @@
 """Nothing but finite numbers inside the limits reaches a drive."""
+
 from __future__ import annotations
 
 from math import exp, inf, isfinite, nan
@@ -11,7 +12,9 @@ from control.orders import Do, State
 from control.readings import DoseOrder, DriveCommand
 from control.safety import Commanded, DriveLimits, limited, limited_dose
 
-LIMITS = DriveLimits(shaft_min_rpm=10.0, shaft_max_rpm=90.0, opening_min_mm=5.0, opening_max_mm=50.0)
+LIMITS = DriveLimits(
+    shaft_min_rpm=10.0, shaft_max_rpm=90.0, opening_min_mm=5.0, opening_max_mm=50.0
+)
 ANY = st.floats(allow_nan=True, allow_infinity=True)
 
 
@@ -27,22 +30,30 @@ def test_any_number_comes_out_finite_and_inside(shaft_rpm, opening_mm, flow_allo
 
 @given(st.just(0.0) | st.floats(10.0, 90.0), st.floats(5.0, 50.0))
 def test_a_command_inside_the_limits_is_not_touched(shaft_rpm, opening_mm):
-    assert limited(DriveCommand(shaft_rpm, opening_mm), LIMITS, True) == DriveCommand(shaft_rpm, opening_mm)
+    assert limited(DriveCommand(shaft_rpm, opening_mm), LIMITS, True) == DriveCommand(
+        shaft_rpm, opening_mm
+    )
 
 
-@pytest.mark.parametrize(("wanted_rpm", "sent_rpm"), [
-    (-3.0, 0.0), (4.9, 0.0), (5.0, 10.0), (9.9, 10.0), (90.1, 90.0), (1e308, 90.0)])
+@pytest.mark.parametrize(
+    ("wanted_rpm", "sent_rpm"),
+    [(-3.0, 0.0), (4.9, 0.0), (5.0, 10.0), (9.9, 10.0), (90.1, 90.0), (1e308, 90.0)],
+)
 def test_shaft_limits(wanted_rpm, sent_rpm):
     assert limited(DriveCommand(wanted_rpm, 20.0), LIMITS, True).shaft_rpm == sent_rpm
 
 
-@pytest.mark.parametrize("cmd", [DriveCommand(nan, 40.0), DriveCommand(50.0, inf), DriveCommand(nan, nan)])
+@pytest.mark.parametrize(
+    "cmd", [DriveCommand(nan, 40.0), DriveCommand(50.0, inf), DriveCommand(nan, nan)]
+)
 def test_without_sense_the_shaft_stops_and_the_gate_stays(cmd):
     assert limited(cmd, LIMITS, True, opening_now_mm=22.0) == DriveCommand(0.0, 22.0)
 
 
 def test_without_flow_the_shaft_stops_and_the_gate_stays():
-    assert limited(DriveCommand(70.0, 40.0), LIMITS, False, opening_now_mm=22.0) == DriveCommand(0.0, 22.0)
+    assert limited(DriveCommand(70.0, 40.0), LIMITS, False, opening_now_mm=22.0) == DriveCommand(
+        0.0, 22.0
+    )
     assert limited(DriveCommand(70.0, 40.0), LIMITS, False) == DriveCommand(0.0, 40.0)
 
 
@@ -66,12 +77,18 @@ def test_a_dose_inside_the_limits_is_not_touched():
     assert limited_dose(DoseOrder(120.0, 70.0), LIMITS, False) is None
 
 
-# --- Drives that do not stand though told to: seen in every state, and nothing that obeys is taken for it ------------
+# --- Drives that do not stand though told to: seen in every state, and nothing that obeys is
+# taken for it ------------
 
 STANDS = Commanded(turn=False, flow=False, opening_mm=15.0)
-BY_STATE = {State.OFF: (), State.READY: (Do.READY,), State.WORKING: (Do.READY, Do.START),
-            State.HELD: (Do.READY, Do.START, Do.HOLD), State.CALIBRATING: (Do.READY, Do.CALIBRATE),
-            State.FAULT: (Do.READY,)}
+BY_STATE = {
+    State.OFF: (),
+    State.READY: (Do.READY,),
+    State.WORKING: (Do.READY, Do.START),
+    State.HELD: (Do.READY, Do.START, Do.HOLD),
+    State.CALIBRATING: (Do.READY, Do.CALIBRATE),
+    State.FAULT: (Do.READY,),
+}
 
 
 def brought_to(new_run, state, **standing):
@@ -88,11 +105,20 @@ def brought_to(new_run, state, **standing):
 
 
 @pytest.mark.parametrize("state", State)
-@pytest.mark.parametrize(("alarm", "wrong"), [
-    ("shaft_turns", {"shaft_rpm": 70.0}), ("gate_opens", {"opening_mm": 30.0}),
-    ("valve_open", {"valves": (False, True)})])
-def test_said_in_every_state_and_leaves_none_in_which_the_drives_have_power(new_run, state, alarm, wrong):
-    commanded = STANDS._replace(enabled=state in (State.WORKING, State.HELD, State.CALIBRATING), valves=(False, False))
+@pytest.mark.parametrize(
+    ("alarm", "wrong"),
+    [
+        ("shaft_turns", {"shaft_rpm": 70.0}),
+        ("gate_opens", {"opening_mm": 30.0}),
+        ("valve_open", {"valves": (False, True)}),
+    ],
+)
+def test_said_in_every_state_and_leaves_none_in_which_the_drives_have_power(
+    new_run, state, alarm, wrong
+):
+    commanded = STANDS._replace(
+        enabled=state in (State.WORKING, State.HELD, State.CALIBRATING), valves=(False, False)
+    )
     run, standing = brought_to(new_run, state, commanded=commanded)
     for _ in range(100):
         if run.safety.state is State.CALIBRATING:
@@ -123,20 +149,22 @@ def test_it_stays_until_somebody_has_seen_it(new_run):
 
 @pytest.mark.parametrize("tau_s", [0.05, 0.5, 1.5, 3.0])
 def test_a_shaft_that_runs_down_is_none(new_run, tau_s):
-    """Up to three seconds' time constant: the slowest that a machine file may have beside its own."""
+    """Up to three seconds' time constant: the slowest that a machine file may have beside its
+    own."""
     run, standing = turning_at_100(new_run)
     for k in range(200):
         after_s = k * run.period_s
         rpm = 100.0 * exp(-max(0.0, after_s - 0.4) / tau_s)
         if after_s >= 5.0 and rpm >= 2.0:
-            break                           # longer than any run-down may last
+            break  # longer than any run-down may last
         commanded = STANDS._replace(expected_rpm=0.0 if after_s > 0.9 else 50.0)
         run.tick(**(standing | {"shaft_rpm": rpm, "commanded": commanded}))
         assert run.alarm_ids() == [], after_s
 
 
 def test_one_that_is_stopped_within_its_dead_time_turns_up_and_down_again(new_run):
-    """A quarter of a second later than the machine model has it: no reading is below the first one until it stands."""
+    """A quarter of a second later than the machine model has it: no reading is below the first
+    one until it stands."""
     run, standing = turning_at_100(new_run)
     run.tick(1.0, **(standing | {"commanded": Commanded(), "shaft_rpm": 0.0}))
     for k in range(60):
@@ -144,6 +172,7 @@ def test_one_that_is_stopped_within_its_dead_time_turns_up_and_down_again(new_ru
 
         def turns(at_s: float) -> float:
             return max(0.0, min(200.0 * (at_s - 0.1), 200.0 * (0.9 - at_s)))
+
         commanded = STANDS._replace(expected_rpm=turns(after_s + 0.25))
         run.tick(**(standing | {"shaft_rpm": turns(after_s), "commanded": commanded}))
         assert run.alarm_ids() == [], after_s
@@ -152,7 +181,7 @@ def test_one_that_is_stopped_within_its_dead_time_turns_up_and_down_again(new_ru
 def test_one_that_slows_down_for_ever_is_said_after_five_seconds(new_run):
     run, standing = turning_at_100(new_run)
     for k in range(140):
-        run.tick(**(standing | {"shaft_rpm": 100.0 * 0.98 ** k}))
+        run.tick(**(standing | {"shaft_rpm": 100.0 * 0.98**k}))
     assert "shaft_turns" in run.alarm_ids()
 
 

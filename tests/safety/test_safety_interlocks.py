@@ -1,4 +1,5 @@
 """Each interlock alone stops flow, and flow comes back when it is gone."""
+
 from __future__ import annotations
 
 from math import inf, nan
@@ -33,7 +34,11 @@ FORBIDDEN = [
 def test_one_interlock_alone_stops_flow_and_lets_it_return(working, interlock, changes):
     run = working()
     verdict = run.tick(**changes)
-    assert (verdict.state, verdict.flow_allowed, verdict.why_no_flow) == (State.WORKING, False, (interlock,))
+    assert (verdict.state, verdict.flow_allowed, verdict.why_no_flow) == (
+        State.WORKING,
+        False,
+        (interlock,),
+    )
     assert run.tick().flow_allowed
 
 
@@ -50,7 +55,9 @@ def test_no_flow_when_not_working(new_run):
     assert run.tick().why_no_flow == ("not_working",)
 
 
-@pytest.mark.parametrize("source", [TargetSource.CANOPY, TargetSource.MANUAL, TargetSource.FALLBACK])
+@pytest.mark.parametrize(
+    "source", [TargetSource.CANOPY, TargetSource.MANUAL, TargetSource.FALLBACK]
+)
 def test_position_is_needed_in_map_and_point_mode_only(working, source):
     assert working().tick(position_ok=False, target_source=source).flow_allowed
 
@@ -64,7 +71,10 @@ def test_a_speed_that_is_not_believed_goes_on_with_flow_and_begins_none(working,
     run, doubt = working(), {"speed_doubt": SpeedDoubt(refused, 100.0, 100.0, 5.0, 1.25, 1.0)}
     assert run.tick(2.0, **doubt).flow_allowed
     run.tick(1.0, speed_mps=0.0, wheel_mps=5.0, **doubt)
-    assert run.tick(3.0, wheel_mps=5.0, **doubt).why_no_flow in (("low_speed",), ("course_unknown",))
+    assert run.tick(3.0, wheel_mps=5.0, **doubt).why_no_flow in (
+        ("low_speed",),
+        ("course_unknown",),
+    )
     assert run.tick(1.0).flow_allowed
 
 
@@ -85,23 +95,44 @@ def test_flow_starts_above_half_and_stops_below_0_3(working):
     assert run.tick(speed_mps=0.51).flow_allowed
 
 
-# Flow from a walking creep on, with START held: it lands a lag later, where the machine is then. From a standstill on.
+# Flow from a walking creep on, with START held: it lands a lag later, where the machine is
+# then. From a standstill on.
 LAUNCHED = {
     "from the creep on while START is held": (
-        tick(0.3, speed_mps=0.25, flows=False), creep(flows=True), tick(0.6, speed_mps=0.25, flows=False),
-        creep(flows=True)),
-    "not at a standstill however long it is held": (creep(2.0, speed_mps=0.0, why=("standstill",)),),
+        tick(0.3, speed_mps=0.25, flows=False),
+        creep(flows=True),
+        tick(0.6, speed_mps=0.25, flows=False),
+        creep(flows=True),
+    ),
+    "not at a standstill however long it is held": (
+        creep(2.0, speed_mps=0.0, why=("standstill",)),
+    ),
     "not while it hardly moves": (creep(2.0, speed_mps=0.05, flows=False),),
-    **{f"not where one sensor does not say so: {still}": (creep(**still, flows=False),) for still in (
-        {"gnss_mps": 0.05}, {"wheel_mps": 0.05}, {"gnss_age_s": 5.0}, {"fix_quality": 0})},
+    **{
+        f"not where one sensor does not say so: {still}": (creep(**still, flows=False),)
+        for still in (
+            {"gnss_mps": 0.05},
+            {"wheel_mps": 0.05},
+            {"gnss_age_s": 5.0},
+            {"fix_quality": 0},
+        )
+    },
     "for three seconds and not again under the same press": (
-        creep(2.6, flows=True), creep(1.0, flows=False), tick(0.6, speed_mps=0.25), creep(flows=True)),
+        creep(2.6, flows=True),
+        creep(1.0, flows=False),
+        tick(0.6, speed_mps=0.25),
+        creep(flows=True),
+    ),
     "the course must be known since it stood": (creep(course_deg=None, why=("low_speed",)),),
     "and forwards": (creep(course_deg=270.0, why=("reversing",)),),
     "the work switch holds": (creep(work_switch=False, why=("work_switch_up",)),),
     "a press that outlived work does not begin it again": (
-        order(Do.START, True), order(Do.HOLD), order(Do.START, True, refused="start_held"), tick(0.6),
-        order(Do.START, True)),
+        order(Do.START, True),
+        order(Do.HOLD),
+        order(Do.START, True, refused="start_held"),
+        tick(0.6),
+        order(Do.START, True),
+    ),
 }
 
 
@@ -110,8 +141,16 @@ def test_launching(working, name):
     play(working(), (tick(1.0, speed_mps=0.0), *LAUNCHED[name]))
 
 
-@pytest.mark.parametrize("one_still", [
-    {"gnss_mps": 0.05}, {"wheel_mps": 0.05}, {"gnss_age_s": 5.0}, {"wheel_age_s": 5.0}, {"fix_quality": 0}])
+@pytest.mark.parametrize(
+    "one_still",
+    [
+        {"gnss_mps": 0.05},
+        {"wheel_mps": 0.05},
+        {"gnss_age_s": 5.0},
+        {"wheel_age_s": 5.0},
+        {"fix_quality": 0},
+    ],
+)
 def test_both_speed_sensors_must_move_to_start_but_one_is_enough_to_go_on(working, one_still):
     run = working()
     assert run.tick(**one_still).flow_allowed
@@ -136,33 +175,59 @@ AGAIN = (order(Do.STOP), order(Do.READY), order(Do.START))
 # From work on, due east.
 GOES_ON = {
     "backwards after a standstill: no flow until forwards again": (
-        stop_and_go(270.0, why=("reversing",)), tick(5.0, course_deg=265.0, why=("reversing",)),
-        stop_and_go(88.0, flows=True)),
+        stop_and_go(270.0, why=("reversing",)),
+        tick(5.0, course_deg=265.0, why=("reversing",)),
+        stop_and_go(88.0, flows=True),
+    ),
     "north is no flip": (tick(0.5, course_deg=350.0), stop_and_go(10.0, flows=True)),
     "a turn without a standstill is none": (tick(5.0, course_deg=270.0, flows=True),),
-    "a quick shuttle counts": (tick(speed_mps=0.1, course_deg=90.0), tick(0.5, course_deg=270.0, why=("reversing",))),
+    "a quick shuttle counts": (
+        tick(speed_mps=0.1, course_deg=90.0),
+        tick(0.5, course_deg=270.0, why=("reversing",)),
+    ),
     # the wheel stops for 0.3 s and goes backwards while GNSS still tells of going forwards
     "a GNSS speed late by a second does not hide it": (
-        tick(0.3, wheel_mps=0.0, speed_used_mps=0.0), tick(0.7, gnss_mps=1.0), tick(0.2, gnss_mps=0.1),
-        tick(0.5, course_deg=270.0, why=("reversing",))),
+        tick(0.3, wheel_mps=0.0, speed_used_mps=0.0),
+        tick(0.7, gnss_mps=1.0),
+        tick(0.2, gnss_mps=0.1),
+        tick(0.5, course_deg=270.0, why=("reversing",)),
+    ),
     "the operator may allow reversing until STOP": (
-        stop_and_go(270.0), order(Do.ALLOW_REVERSE, True), tick(course_deg=270.0, flows=True), *AGAIN,
-        tick(course_deg=270.0, why=("reversing",))),
+        stop_and_go(270.0),
+        order(Do.ALLOW_REVERSE, True),
+        tick(course_deg=270.0, flows=True),
+        *AGAIN,
+        tick(course_deg=270.0, why=("reversing",)),
+    ),
     "the operator may allow landing outside": (
-        order(Do.ALLOW_OUTSIDE, True), tick(landing_inside=False, flows=True), order(Do.ALLOW_OUTSIDE, False),
-        tick(landing_inside=False, flows=False)),
-    "with a dead wheel the operator may go on by a GNSS that speaks ten times a second, until STOP": (
-        tick(1.0, wheel_mps=0.0, gnss_period_s=0.1, why=("standstill",)), order(Do.ALLOW_NO_WHEEL, True),
-        order(Do.ACKNOWLEDGE, ""), tick(0.5, wheel_mps=0.0, gnss_period_s=0.1, flows=True, alarms=("wheel_fault",)),
+        order(Do.ALLOW_OUTSIDE, True),
+        tick(landing_inside=False, flows=True),
+        order(Do.ALLOW_OUTSIDE, False),
+        tick(landing_inside=False, flows=False),
+    ),
+    "with a dead wheel the operator may go on by a GNSS that speaks ten times a second, "
+    "until STOP": (
+        tick(1.0, wheel_mps=0.0, gnss_period_s=0.1, why=("standstill",)),
+        order(Do.ALLOW_NO_WHEEL, True),
+        order(Do.ACKNOWLEDGE, ""),
+        tick(0.5, wheel_mps=0.0, gnss_period_s=0.1, flows=True, alarms=("wheel_fault",)),
         tick(20.0, wheel_mps=0.0, gnss_period_s=0.1, flows=True),
         tick(0.5, wheel_mps=0.0, gnss_period_s=0.2, why=("standstill",)),
         tick(0.5, wheel_mps=0.0, gnss_period_s=0.1, flows=True),
-        tick(0.2, wheel_mps=0.0, gnss_period_s=0.1, speed_mps=0.25, gnss_mps=0.25, why=("low_speed",)),
+        tick(
+            0.2, wheel_mps=0.0, gnss_period_s=0.1, speed_mps=0.25, gnss_mps=0.25, why=("low_speed",)
+        ),
         tick(0.6, wheel_mps=0.0, gnss_period_s=0.1, gnss_age_s=1.1, why=("standstill",)),
-        *AGAIN, tick(0.5, wheel_mps=0.0, gnss_period_s=0.1, why=("standstill",))),
+        *AGAIN,
+        tick(0.5, wheel_mps=0.0, gnss_period_s=0.1, why=("standstill",)),
+    ),
     "the operator may want the outside rate of a map elsewhere until STOP": (
-        order(Do.ALLOW_MAP_ELSEWHERE, 1.0, refused="yes_or_no"), order(Do.ALLOW_MAP_ELSEWHERE, True),
-        tick(map_elsewhere=True, flows=True), *AGAIN, tick(map_elsewhere=True, why=("map_elsewhere",))),
+        order(Do.ALLOW_MAP_ELSEWHERE, 1.0, refused="yes_or_no"),
+        order(Do.ALLOW_MAP_ELSEWHERE, True),
+        tick(map_elsewhere=True, flows=True),
+        *AGAIN,
+        tick(map_elsewhere=True, why=("map_elsewhere",)),
+    ),
 }
 
 
@@ -175,14 +240,22 @@ def test_a_receiver_without_courses_is_not_judged(new_run):
     play(new_run(), (order(Do.READY), order(Do.START), tick(1.0, course_deg=None, flows=True)))
 
 
-@pytest.mark.parametrize(("course_deg", "flow"), [(205.0, True), (215.0, False), (-25.0, True), (325.0, False)])
+@pytest.mark.parametrize(
+    ("course_deg", "flow"), [(205.0, True), (215.0, False), (-25.0, True), (325.0, False)]
+)
 def test_the_flip_is_more_than_120_degrees_either_way(working, course_deg, flow):
     play(working(), (stop_and_go(course_deg, flows=flow),))
 
 
 def test_no_flow_before_the_new_course_is_known(working):
-    play(working(), (tick(2.0, speed_mps=0.0), tick(1.0, course_deg=None, why=("course_unknown",)),
-                     tick(0.5, flows=True)))
+    play(
+        working(),
+        (
+            tick(2.0, speed_mps=0.0),
+            tick(1.0, course_deg=None, why=("course_unknown",)),
+            tick(0.5, flows=True),
+        ),
+    )
 
 
 def test_without_a_log_work_goes_on_only_if_the_operator_says_so(working):
@@ -192,4 +265,6 @@ def test_without_a_log_work_goes_on_only_if_the_operator_says_so(working):
     assert run.order(Do.GO_ON_UNLOGGED, True).accepted
     assert run.tick(log_ok=False).flow_allowed
     run.tick()
-    assert run.tick(log_ok=False).why_no_flow == ("log_failed",), "asked anew after the log had recovered"
+    assert run.tick(log_ok=False).why_no_flow == ("log_failed",), (
+        "asked anew after the log had recovered"
+    )

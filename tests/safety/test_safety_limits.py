@@ -1,4 +1,5 @@
 """Every limit changes what happens: no constant that nothing reads."""
+
 from __future__ import annotations
 
 from dataclasses import fields, replace
@@ -25,6 +26,7 @@ def alarms(seconds=0.05, **changes):
     def observe(run):
         run.tick(seconds, **changes)
         return run.alarm_ids()
+
     return observe
 
 
@@ -32,6 +34,7 @@ def start_again(**changes):
     def observe(run):
         run.tick(speed_mps=0.2)
         return run.tick(0.5, **changes).flow_allowed
+
     return observe
 
 
@@ -39,6 +42,7 @@ def reverse(**changes):
     def observe(run):
         run.tick(1.0, speed_mps=0.0)
         return run.tick(0.5, **changes).flow_allowed
+
     return observe
 
 
@@ -51,6 +55,7 @@ def calibrate(changes, seconds=0.05):
         if not run.order(Do.CALIBRATE, 100.0).accepted:
             return "refused"
         return run.tick(seconds, speed_mps=0.0).state
+
     return observe
 
 
@@ -60,7 +65,8 @@ def calibrate_then_move(run):
 
 
 def creep_backwards(run):
-    """Backwards at walking pace after a stop: too slow for its course to be believed by a higher limit."""
+    """Backwards at walking pace after a stop: too slow for its course to be believed by a
+    higher limit."""
     run.tick(1.0, speed_mps=0.0)
     run.tick(0.2, gnss_mps=0.4, wheel_mps=0.6, speed_used_mps=0.6, course_deg=270.0)
     return run.verdict.why_no_flow
@@ -68,12 +74,14 @@ def creep_backwards(run):
 
 def launch(seconds=0.3, every_s=0.2, **changes):
     """Stand, then creep at 0.25 m/s with START held, the course known."""
+
     def observe(run):
         run.tick(1.0, speed_mps=0.0)
         for _ in range(round(seconds / every_s)):
             run.order(Do.START, True)
             run.tick(every_s, **({"speed_mps": 0.25} | changes))
         return run.verdict.why_no_flow
+
     return observe
 
 
@@ -98,6 +106,7 @@ def gate_opens_by(mm):
         run.tick(commanded=STANDS, shaft_rpm=0.0)
         run.tick(3.0, commanded=STANDS, shaft_rpm=0.0, opening_mm=15.0 + mm)
         return run.alarm_ids()
+
     return observe
 
 
@@ -111,12 +120,14 @@ def dead_wheel(run):
 
 def slowing_down(seconds):
     """A shaft that loses a tenth of its speed every 0.1 s."""
+
     def observe(run):
         rpm = 100.0
         for _ in range(round(seconds / run.period_s)):
             rpm *= 0.95
             run.tick(commanded=STANDS, shaft_rpm=max(3.0, rpm))
         return run.alarm_ids()
+
     return observe
 
 
@@ -134,7 +145,11 @@ CHANGES = [
     ("wheel_silent_s", 2.0, start_again(wheel_age_s=1.5)),
     ("wheel_fault_speed_mps", 1.0, alarms(1.0, wheel_mps=0.0, gnss_mps=0.8)),
     ("wheel_fault_s", 2.0, alarms(1.0, wheel_mps=0.0, gnss_mps=0.8)),
-    ("speeds_differ_s", 3.0, state(speed_doubt=SpeedDoubt(Doubted.EITHER, 100.0, 104.0, 2.5, 1.25, 1.0))),
+    (
+        "speeds_differ_s",
+        3.0,
+        state(speed_doubt=SpeedDoubt(Doubted.EITHER, 100.0, 104.0, 2.5, 1.25, 1.0)),
+    ),
     ("reverse_flip_deg", 170.0, reverse(course_deg=240.0)),
     ("course_speed_mps", 0.5, creep_backwards),
     ("drive_silent_s", 1.0, state(shaft_age_s=0.8)),
@@ -151,7 +166,11 @@ CHANGES = [
     ("run_down_max_s", 1.5, slowing_down(2.0)),
     ("stand_confirm_s", 4.0, alarms(3.0, commanded=STANDS)),
     ("gate_stands_mm", 9.0, gate_opens_by(5.0)),
-    ("valve_closes_s", 9.0, alarms(5.0, commanded=STANDS._replace(valves=(False,)), shaft_rpm=0.0, valves=(True,))),
+    (
+        "valve_closes_s",
+        9.0,
+        alarms(5.0, commanded=STANDS._replace(valves=(False,)), shaft_rpm=0.0, valves=(True,)),
+    ),
     ("drive_far_percent", 40.0, alarms(3.0, commanded=TURNS, shaft_rpm=90.0)),
     ("drive_far_s", 5.0, alarms(3.0, commanded=TURNS, shaft_rpm=90.0)),
     ("shaft_off_percent", 15.0, alarms(11.0, commanded=TURNS, shaft_rpm=63.0)),
@@ -161,7 +180,11 @@ CHANGES = [
     ("scale_silent_s", 5.0, alarms(scale_age_s=3.0)),
     ("console_hold_s", 5.0, state(console_age_s=3.0)),
     ("console_off_s", 90.0, state(console_age_s=70.0)),
-    ("rate_floor_kg_ha", 10.0, alarms(4.0, applied_rate_kg_ha=24.0, expected_rate_kg_ha=20.0, target_rate_kg_ha=20.0)),
+    (
+        "rate_floor_kg_ha",
+        10.0,
+        alarms(4.0, applied_rate_kg_ha=24.0, expected_rate_kg_ha=20.0, target_rate_kg_ha=20.0),
+    ),
     ("rate_amber_percent", 15.0, alarms(4.0, applied_rate_kg_ha=336.0)),
     ("rate_amber_s", 5.0, alarms(4.0, applied_rate_kg_ha=336.0)),
     ("rate_red_percent", 30.0, alarms(4.0, applied_rate_kg_ha=375.0)),
@@ -181,7 +204,9 @@ CHANGES = [
 ]
 
 
-@pytest.mark.parametrize(("name", "value", "observe"), CHANGES, ids=[f"{i}-{c[0]}" for i, c in enumerate(CHANGES)])
+@pytest.mark.parametrize(
+    ("name", "value", "observe"), CHANGES, ids=[f"{i}-{c[0]}" for i, c in enumerate(CHANGES)]
+)
 def test_a_changed_limit_changes_behaviour(working, name, value, observe):
     assert observe(working()) != observe(working(**{name: value}))
 
@@ -190,32 +215,76 @@ def test_no_limit_is_forgotten():
     assert {name for name, _, _ in CHANGES} == {f.name for f in fields(SafetyLimits)}
 
 
-@pytest.mark.parametrize(("name", "value", "cmd"), [
-    ("shaft_min_rpm", 20.0, DriveCommand(15.0, 20.0)), ("shaft_max_rpm", 50.0, DriveCommand(60.0, 20.0)),
-    ("opening_min_mm", 5.0, DriveCommand(50.0, 2.0)), ("opening_max_mm", 30.0, DriveCommand(50.0, 40.0))])
+@pytest.mark.parametrize(
+    ("name", "value", "cmd"),
+    [
+        ("shaft_min_rpm", 20.0, DriveCommand(15.0, 20.0)),
+        ("shaft_max_rpm", 50.0, DriveCommand(60.0, 20.0)),
+        ("opening_min_mm", 5.0, DriveCommand(50.0, 2.0)),
+        ("opening_max_mm", 30.0, DriveCommand(50.0, 40.0)),
+    ],
+)
 def test_a_changed_drive_limit_changes_the_command(name, value, cmd):
-    assert limited(cmd, DriveLimits(), True) != limited(cmd, replace(DriveLimits(), **{name: value}), True)
+    assert limited(cmd, DriveLimits(), True) != limited(
+        cmd, replace(DriveLimits(), **{name: value}), True
+    )
 
 
 def test_the_defaults_are_the_published_table():
     limits = SafetyLimits()
-    assert (limits.start_speed_mps, limits.stop_speed_mps, limits.standstill_hold_s) == (0.5, 0.3, 10.0)
-    assert (limits.drive_silent_s, limits.gnss_silent_s, limits.gnss_silent_periods) == (0.5, 0.5, 2.5)
-    assert (limits.speed_silent_s, limits.wheel_silent_s, limits.wheel_fault_speed_mps) == (2.0, 0.8, 0.5)
+    assert (limits.start_speed_mps, limits.stop_speed_mps, limits.standstill_hold_s) == (
+        0.5,
+        0.3,
+        10.0,
+    )
+    assert (limits.drive_silent_s, limits.gnss_silent_s, limits.gnss_silent_periods) == (
+        0.5,
+        0.5,
+        2.5,
+    )
+    assert (limits.speed_silent_s, limits.wheel_silent_s, limits.wheel_fault_speed_mps) == (
+        2.0,
+        0.8,
+        0.5,
+    )
     assert (limits.ndvi_silent_s, limits.heads_min) == (2.0, 4)
     assert (limits.console_hold_s, limits.console_off_s) == (2.0, 60.0)
     assert (limits.rate_amber_percent, limits.rate_amber_s) == (10.0, 3.0)
-    assert (limits.rate_red_percent, limits.rate_red_s, limits.rate_floor_kg_ha) == (20.0, 2.0, 50.0)
+    assert (limits.rate_red_percent, limits.rate_red_s, limits.rate_floor_kg_ha) == (
+        20.0,
+        2.0,
+        50.0,
+    )
     assert (limits.calibrate_speed_mps, limits.calibrate_fault_speed_mps) == (0.1, 0.2)
     assert (limits.calibrate_max_s, limits.calibrate_confirm_s) == (120.0, 0.5)
     assert limits.reverse_flip_deg == 120.0
 
 
-@pytest.mark.parametrize(("kind", "change", "message"), [
-    (SafetyLimits, {"drive_silent_s": float("nan")}, "drive_silent_s is nan; allowed is a finite number of at least 0"),
-    (SafetyLimits, {"ndvi_silent_s": -1.0}, "ndvi_silent_s is -1.0; allowed is a finite number of at least 0"),
-    (SafetyLimits, {"stop_speed_mps": 0.6}, "stop_speed_mps is 0.6; allowed is at most start_speed_mps, 0.5"),
-    (DriveLimits, {"opening_min_mm": 70.0}, "opening_min_mm is 70.0; allowed is at most opening_max_mm, 60.0")])
+@pytest.mark.parametrize(
+    ("kind", "change", "message"),
+    [
+        (
+            SafetyLimits,
+            {"drive_silent_s": float("nan")},
+            "drive_silent_s is nan; allowed is a finite number of at least 0",
+        ),
+        (
+            SafetyLimits,
+            {"ndvi_silent_s": -1.0},
+            "ndvi_silent_s is -1.0; allowed is a finite number of at least 0",
+        ),
+        (
+            SafetyLimits,
+            {"stop_speed_mps": 0.6},
+            "stop_speed_mps is 0.6; allowed is at most start_speed_mps, 0.5",
+        ),
+        (
+            DriveLimits,
+            {"opening_min_mm": 70.0},
+            "opening_min_mm is 70.0; allowed is at most opening_max_mm, 60.0",
+        ),
+    ],
+)
 def test_senseless_limits_are_refused_in_one_line(kind, change, message):
     with pytest.raises(ValueError) as refused:
         kind(**change)

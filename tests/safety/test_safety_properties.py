@@ -1,7 +1,9 @@
 """Hypothesis tries to break the interlocks: any orders, any situations, in any sequence.
 
-What is demanded is written here a second time, straight from the published rules, with a memory of its own.
+What is demanded is written here a second time, straight from the published rules, with a memory
+of its own.
 """
+
 from __future__ import annotations
 
 import json
@@ -33,47 +35,103 @@ AGES = (0.0, 0.1, 0.4, 0.6, 1.9, 2.2, 70.0, nan)
 SPEEDS = (0.0, 0.05, 0.15, 0.22, 0.25, 0.35, 0.45, 0.55, 1.25)
 YES_NO = (True, False)
 
-SAYS = (NOTHING_SAID, ScaleSays(unordered_kg=1.0), ScaleSays(share=0.2), ScaleSays(share=nan), ScaleSays(outlets=2),
-        ScaleSays(beyond_percent=inf), ScaleSays(trimmed_percent=nan), ScaleSays(off_kg=nan))
+SAYS = (
+    NOTHING_SAID,
+    ScaleSays(unordered_kg=1.0),
+    ScaleSays(share=0.2),
+    ScaleSays(share=nan),
+    ScaleSays(outlets=2),
+    ScaleSays(beyond_percent=inf),
+    ScaleSays(trimmed_percent=nan),
+    ScaleSays(off_kg=nan),
+)
 DISTURBANCES = {
-    "speed_mps": SPEEDS, "gnss_mps": (*SPEEDS, *ODD, None), "wheel_mps": (*SPEEDS, *ODD),
-    "speed_used_mps": (*SPEEDS, *ODD, None), "course_deg": (0.0, 90.0, 180.0, 270.0, None, nan),
-    "gnss_age_s": AGES, "wheel_age_s": AGES, "shaft_age_s": AGES, "gate_age_s": AGES, "scale_age_s": AGES,
-    "fix_quality": (0, 1, 4), "gnss_period_s": (0.1, 1.0, nan, inf, 0.0),
-    "hopper_kg": (0.0, 0.4, 20.0, 31.0, 200.0, nan), "work_switch": (True, False, None), "wheel_standstill": YES_NO,
-    "target_source": tuple(TargetSource), "position_ok": YES_NO, "landing_inside": (True, False, None),
-    "valid_heads": (None, 0, 3, 4, 6), "ndvi_age_s": (None, *AGES), "expected_rate_kg_ha": (None, 0.0, 300.0, *ODD),
-    "applied_rate_kg_ha": (None, 0.0, 335.0, 400.0, 2000.0, *ODD), "scale": SAYS,
-    "target_rate_kg_ha": (0.0, 300.0, *ODD), "metres_left_m": (None, 55.0, *ODD), "usable_speed_mps": (None, 1.0, *ODD),
-    "console_age_s": (None, 0.1, 1.9, 2.1, 59.0, 61.0, nan), "log_ok": YES_NO,
+    "speed_mps": SPEEDS,
+    "gnss_mps": (*SPEEDS, *ODD, None),
+    "wheel_mps": (*SPEEDS, *ODD),
+    "speed_used_mps": (*SPEEDS, *ODD, None),
+    "course_deg": (0.0, 90.0, 180.0, 270.0, None, nan),
+    "gnss_age_s": AGES,
+    "wheel_age_s": AGES,
+    "shaft_age_s": AGES,
+    "gate_age_s": AGES,
+    "scale_age_s": AGES,
+    "fix_quality": (0, 1, 4),
+    "gnss_period_s": (0.1, 1.0, nan, inf, 0.0),
+    "hopper_kg": (0.0, 0.4, 20.0, 31.0, 200.0, nan),
+    "work_switch": (True, False, None),
+    "wheel_standstill": YES_NO,
+    "target_source": tuple(TargetSource),
+    "position_ok": YES_NO,
+    "landing_inside": (True, False, None),
+    "valid_heads": (None, 0, 3, 4, 6),
+    "ndvi_age_s": (None, *AGES),
+    "expected_rate_kg_ha": (None, 0.0, 300.0, *ODD),
+    "applied_rate_kg_ha": (None, 0.0, 335.0, 400.0, 2000.0, *ODD),
+    "scale": SAYS,
+    "target_rate_kg_ha": (0.0, 300.0, *ODD),
+    "metres_left_m": (None, 55.0, *ODD),
+    "usable_speed_mps": (None, 1.0, *ODD),
+    "console_age_s": (None, 0.1, 1.9, 2.1, 59.0, 61.0, nan),
+    "log_ok": YES_NO,
 }
 EVERY_ONE = [{name: value} for name, values in DISTURBANCES.items() for value in values]
-CHANGES = st.one_of(st.just({}), st.lists(st.sampled_from(EVERY_ONE), max_size=3).map(
-    lambda singles: {name: value for single in singles for name, value in single.items()}))
-ORDERS = st.sampled_from([
-    Order(Do.READY), Order(Do.START), Order(Do.START, True), Order(Do.HOLD), Order(Do.STOP),
-    Order(Do.CALIBRATE), Order(Do.CALIBRATE, 1.0),
-    Order(Do.CALIBRATE, nan), Order(Do.RELEASE), Order(Do.ACKNOWLEDGE, ""), Order(Do.ACKNOWLEDGE, "log_failed"),
-    Order(Do.ALLOW_REVERSE, True), Order(Do.ALLOW_REVERSE, False), Order(Do.ALLOW_OUTSIDE, True),
-    Order(Do.ALLOW_OUTSIDE, "yes"), Order(Do.GO_ON_UNLOGGED, True), Order(Do.GO_ON_UNLOGGED, False),
-    Order(Do.REFILL, 100.0), Order(Do.REFILL, nan), Order(Do.NUDGE, 5.0)])
+CHANGES = st.one_of(
+    st.just({}),
+    st.lists(st.sampled_from(EVERY_ONE), max_size=3).map(
+        lambda singles: {name: value for single in singles for name, value in single.items()}
+    ),
+)
+ORDERS = st.sampled_from(
+    [
+        Order(Do.READY),
+        Order(Do.START),
+        Order(Do.START, True),
+        Order(Do.HOLD),
+        Order(Do.STOP),
+        Order(Do.CALIBRATE),
+        Order(Do.CALIBRATE, 1.0),
+        Order(Do.CALIBRATE, nan),
+        Order(Do.RELEASE),
+        Order(Do.ACKNOWLEDGE, ""),
+        Order(Do.ACKNOWLEDGE, "log_failed"),
+        Order(Do.ALLOW_REVERSE, True),
+        Order(Do.ALLOW_REVERSE, False),
+        Order(Do.ALLOW_OUTSIDE, True),
+        Order(Do.ALLOW_OUTSIDE, "yes"),
+        Order(Do.GO_ON_UNLOGGED, True),
+        Order(Do.GO_ON_UNLOGGED, False),
+        Order(Do.REFILL, 100.0),
+        Order(Do.REFILL, nan),
+        Order(Do.NUDGE, 5.0),
+    ]
+)
 STEPS_S = st.sampled_from([0.01, 0.05, 0.05, 0.2, 0.5, 1.0])
 BY_TICK = {
-    State.OFF: {State.OFF}, State.FAULT: {State.FAULT},
+    State.OFF: {State.OFF},
+    State.FAULT: {State.FAULT},
     State.READY: {State.READY, State.FAULT, State.OFF},
     State.WORKING: {State.WORKING, State.HELD, State.FAULT, State.OFF},
     State.HELD: {State.HELD, State.FAULT, State.OFF},
     State.CALIBRATING: {State.CALIBRATING, State.READY, State.FAULT, State.OFF},
 }
 BY_ORDER = {
-    (State.OFF, Do.READY): State.READY, (State.HELD, Do.READY): State.READY, (State.FAULT, Do.READY): State.READY,
-    (State.READY, Do.START): State.WORKING, (State.HELD, Do.START): State.WORKING,
-    (State.WORKING, Do.HOLD): State.HELD, (State.CALIBRATING, Do.HOLD): State.READY,
-    (State.CALIBRATING, Do.RELEASE): State.READY, (State.READY, Do.CALIBRATE): State.CALIBRATING,
+    (State.OFF, Do.READY): State.READY,
+    (State.HELD, Do.READY): State.READY,
+    (State.FAULT, Do.READY): State.READY,
+    (State.READY, Do.START): State.WORKING,
+    (State.HELD, Do.START): State.WORKING,
+    (State.WORKING, Do.HOLD): State.HELD,
+    (State.CALIBRATING, Do.HOLD): State.READY,
+    (State.CALIBRATING, Do.RELEASE): State.READY,
+    (State.READY, Do.CALIBRATE): State.CALIBRATING,
 } | {(state, Do.STOP): State.OFF for state in State}
 
-ALLOWANCES = {Do.ALLOW_OUTSIDE: "outside_allowed", Do.ALLOW_REVERSE: "reverse_allowed",
-              Do.GO_ON_UNLOGGED: "unlogged_allowed"}
+ALLOWANCES = {
+    Do.ALLOW_OUTSIDE: "outside_allowed",
+    Do.ALLOW_REVERSE: "reverse_allowed",
+    Do.GO_ON_UNLOGGED: "unlogged_allowed",
+}
 
 
 def fresh(reading, now_s, limit_s):
@@ -99,8 +157,9 @@ class Rules(RuleBasedStateMachine):
         self.started = False
         self.stopped_since_course = False
         self.backwards = False
-        self.start_s = -inf                     # START last told to be held
-        self.launched_s = None                  # since when it flows under it, slower than a start
+        self.start_s = -inf  # START last told to be held
+        # since when it flows under it, slower than a start
+        self.launched_s = None
         self.course_since_stood = False
         self.creeps = False
 
@@ -108,7 +167,8 @@ class Rules(RuleBasedStateMachine):
         """Most of what matters happens where random orders alone seldom get."""
         self.tick({}, 0.05)
         self.give_order(Order(Do.ACKNOWLEDGE))
-        self.give_order(Order(Do.REFILL, 1.0))      # the good situation's scale stands still: no missing flow yet
+        # the good situation's scale stands still: no missing flow yet
+        self.give_order(Order(Do.REFILL, 1.0))
         for do in (Do.RELEASE, Do.STOP, Do.READY):
             self.give_order(Order(do))
         if state in (State.WORKING, State.HELD):
@@ -132,9 +192,13 @@ class Rules(RuleBasedStateMachine):
         self.tick({"speed_mps": 0.2}, 0.05)
         self.tick(dict(change), 0.05)
 
-    @rule(every_s=st.sampled_from([0.05, 0.2, 0.45, 0.6]), times=st.sampled_from([1, 4, 20]),
-          speed_mps=st.sampled_from([0.05, 0.15, 0.22, 0.25, 0.45]), course_deg=st.sampled_from([90.0, 270.0, None]),
-          change=st.one_of(st.just({}), st.sampled_from(EVERY_ONE)))
+    @rule(
+        every_s=st.sampled_from([0.05, 0.2, 0.45, 0.6]),
+        times=st.sampled_from([1, 4, 20]),
+        speed_mps=st.sampled_from([0.05, 0.15, 0.22, 0.25, 0.45]),
+        course_deg=st.sampled_from([90.0, 270.0, None]),
+        change=st.one_of(st.just({}), st.sampled_from(EVERY_ONE)),
+    )
     def launch(self, every_s, times, speed_mps, course_deg, change):
         """START held while the machine creeps, with one thing odd."""
         self.bring_to(State.WORKING)
@@ -153,7 +217,10 @@ class Rules(RuleBasedStateMachine):
                 self.now_s += 0.05
         self.give_order(Order(Do.CALIBRATE, 1.0))
 
-    @rule(state=st.sampled_from([s for s in State if s is not State.OFF]), age_s=st.sampled_from([2.1, 61.0]))
+    @rule(
+        state=st.sampled_from([s for s in State if s is not State.OFF]),
+        age_s=st.sampled_from([2.1, 61.0]),
+    )
     def leave_the_console(self, state, age_s):
         self.bring_to(state)
         self.tick({"console_age_s": age_s, "speed_mps": 0.0}, 0.05)
@@ -168,14 +235,21 @@ class Rules(RuleBasedStateMachine):
 
     @rule(drive=st.sampled_from(["shaft_age_s", "gate_age_s"]))
     def a_drive_never_heard(self, drive):
-        """Within its half second of grace a drive that never spoke is no fault yet, and no flow either."""
+        """Within its half second of grace a drive that never spoke is no fault yet, and no flow
+        either."""
         for do in (Do.STOP, Do.ACKNOWLEDGE, Do.READY, Do.START):
             self.give_order(Order(do))
         self.tick({drive: NEVER}, 0.05)
 
-    @rule(state=st.sampled_from([State.WORKING, State.WORKING, *(s for s in State if s is not State.OFF)]),
-          change=st.sampled_from(EVERY_ONE), ticks=st.sampled_from([1, 3]), source=st.sampled_from(list(TargetSource)),
-          allowance=st.sampled_from([None, Do.ALLOW_OUTSIDE, Do.ALLOW_REVERSE]))
+    @rule(
+        state=st.sampled_from(
+            [State.WORKING, State.WORKING, *(s for s in State if s is not State.OFF)]
+        ),
+        change=st.sampled_from(EVERY_ONE),
+        ticks=st.sampled_from([1, 3]),
+        source=st.sampled_from(list(TargetSource)),
+        allowance=st.sampled_from([None, Do.ALLOW_OUTSIDE, Do.ALLOW_REVERSE]),
+    )
     def disturb(self, state, change, ticks, source, allowance):
         """One thing goes wrong in a known state, and comes right again."""
         self.bring_to(state)
@@ -228,7 +302,9 @@ class Rules(RuleBasedStateMachine):
         if order.do is Do.STOP:
             self.outside_allowed = self.unlogged_allowed = self.reverse_allowed = False
         elif order.do is Do.CALIBRATE:
-            assert before is State.READY or self.now_s - self.calibrate_s < 0.5, "let go, and yet goes on"
+            assert before is State.READY or self.now_s - self.calibrate_s < 0.5, (
+                "let go, and yet goes on"
+            )
             self.calibrate_s = self.now_s
             if before is State.READY:
                 self.calibrate_ends_s = self.now_s + (order.value or 120.0)
@@ -242,7 +318,10 @@ class Rules(RuleBasedStateMachine):
         for _ in range(ticks):
             self.tick(dict(changes), step_s)
 
-    @rule(slowest_mps=st.sampled_from([0.0, 0.25]), course_deg=st.sampled_from([0.0, 90.0, 180.0, 270.0]))
+    @rule(
+        slowest_mps=st.sampled_from([0.0, 0.25]),
+        course_deg=st.sampled_from([0.0, 90.0, 180.0, 270.0]),
+    )
     def stop_and_go_on(self, slowest_mps, course_deg):
         self.tick({"speed_mps": slowest_mps}, 0.05)
         self.tick({"course_deg": course_deg}, 0.05)
@@ -267,12 +346,21 @@ class Rules(RuleBasedStateMachine):
         self.check_flow()
 
     def follow_motion(self, s):
-        """Backwards or not, started or not: a course flip above 120 degrees across a standstill; 0.5 and 0.3 m/s."""
+        """Backwards or not, started or not: a course flip above 120 degrees across a
+        standstill; 0.5 and 0.3 m/s."""
         fix = s.measurements.gnss
-        period_s = s.gnss_period_s if s.gnss_period_s <= 2.0 else (2.0 if s.gnss_period_s > 2.0 else 0.0)
+        period_s = (
+            s.gnss_period_s if s.gnss_period_s <= 2.0 else (2.0 if s.gnss_period_s > 2.0 else 0.0)
+        )
         heard = self.now_s - fix.time_s <= max(0.5, 2.5 * period_s) and fix.fix_quality > 0
-        speed = fix.speed_mps if heard and fix.speed_mps is not None and isfinite(fix.speed_mps) else None
-        course_known = fix.heading_deg is not None and isfinite(fix.heading_deg) and fix.time_s != self.epoch_s
+        speed = (
+            fix.speed_mps
+            if heard and fix.speed_mps is not None and isfinite(fix.speed_mps)
+            else None
+        )
+        course_known = (
+            fix.heading_deg is not None and isfinite(fix.heading_deg) and fix.time_s != self.epoch_s
+        )
         self.new_course, self.course_before = False, self.course_deg is not None
         if speed is not None and speed >= 0.2 and course_known:
             self.new_course, self.epoch_s = True, fix.time_s
@@ -288,10 +376,24 @@ class Rules(RuleBasedStateMachine):
         wheel = s.measurements.wheel_speed_mps
         standing = s.wheel_standstill or (used_ok and used < 0.1)
         self.course_since_stood = not standing and (self.course_since_stood or self.new_course)
-        creeping = fresh(wheel, self.now_s, 0.8) and wheel.value >= 0.1 and speed is not None and speed >= 0.1
-        self.creeps = creeping and used_ok and not s.wheel_standstill and (
-            self.reverse_allowed or self.course_since_stood or not self.course_before)
-        both = fresh(wheel, self.now_s, 0.8) and wheel.value >= 0.3 and speed is not None and speed >= 0.3
+        creeping = (
+            fresh(wheel, self.now_s, 0.8)
+            and wheel.value >= 0.1
+            and speed is not None
+            and speed >= 0.1
+        )
+        self.creeps = (
+            creeping
+            and used_ok
+            and not s.wheel_standstill
+            and (self.reverse_allowed or self.course_since_stood or not self.course_before)
+        )
+        both = (
+            fresh(wheel, self.now_s, 0.8)
+            and wheel.value >= 0.3
+            and speed is not None
+            and speed >= 0.3
+        )
         if s.wheel_standstill or not used_ok or used < 0.3:
             self.started = False
         elif used >= 0.5 and both:
@@ -312,8 +414,10 @@ class Rules(RuleBasedStateMachine):
             assert self.now_s - self.calibrate_s < 0.5 and self.now_s < self.calibrate_ends_s
             return
         if not self.started:
-            assert self.now_s - self.start_s < 0.5 and self.creeps, \
-                "flow before 0.5 m/s with both sensors moving, or after less than 0.3 m/s, and START not held"
+            assert self.now_s - self.start_s < 0.5 and self.creeps, (
+                "flow before 0.5 m/s with both sensors moving, or after less than 0.3 m/s, "
+                "and START not held"
+            )
             self.launched_s = self.now_s if self.launched_s is None else self.launched_s
             assert self.now_s - self.launched_s < 3.0, "a launch has its time"
         assert s.position_ok or s.target_source not in BY_PLACE
@@ -334,15 +438,27 @@ class Rules(RuleBasedStateMachine):
         reds = [a.severity is Severity.RED for a in self.verdict.alarms]
         assert reds == sorted(reds, reverse=True)
         assert self.unseen_red <= set(ids), "a red alarm went before anybody saw it"
-        self.unseen_red = {a.id for a in self.verdict.alarms if a.severity is Severity.RED and not a.acknowledged}
+        self.unseen_red = {
+            a.id for a in self.verdict.alarms if a.severity is Severity.RED and not a.acknowledged
+        }
 
-    @rule(shaft_rpm=st.floats(), opening_mm=st.floats(),
-          valves=st.lists(st.sampled_from([True, False, None, nan, 1, "1"]), max_size=16))
+    @rule(
+        shaft_rpm=st.floats(),
+        opening_mm=st.floats(),
+        valves=st.lists(st.sampled_from([True, False, None, nan, 1, "1"]), max_size=16),
+    )
     def send(self, shaft_rpm, opening_mm, valves):
         assume(self.verdict is not None)
         limits = DriveLimits()
-        sent = limited(DriveCommand(shaft_rpm, opening_mm), limits, self.verdict.flow_allowed, opening_now_mm=20.0)
-        assert sent.shaft_rpm == 0.0 or limits.shaft_min_rpm <= sent.shaft_rpm <= limits.shaft_max_rpm
+        sent = limited(
+            DriveCommand(shaft_rpm, opening_mm),
+            limits,
+            self.verdict.flow_allowed,
+            opening_now_mm=20.0,
+        )
+        assert (
+            sent.shaft_rpm == 0.0 or limits.shaft_min_rpm <= sent.shaft_rpm <= limits.shaft_max_rpm
+        )
         assert limits.opening_min_mm <= sent.opening_mm <= limits.opening_max_mm
         assert self.verdict.flow_allowed or sent == DriveCommand(0.0, 20.0, None)
         opened = limited_valves(tuple(valves), self.verdict.flow_allowed)
@@ -355,8 +471,13 @@ class Rules(RuleBasedStateMachine):
             assert self.verdict.state is self.state
 
 
-QUICK = settings(max_examples=150, stateful_step_count=25, deadline=None, derandomize=True,
-                 suppress_health_check=list(HealthCheck))
+QUICK = settings(
+    max_examples=150,
+    stateful_step_count=25,
+    deadline=None,
+    derandomize=True,
+    suppress_health_check=list(HealthCheck),
+)
 
 
 def test_nothing_breaks_the_rules():
@@ -370,7 +491,8 @@ def test_nothing_breaks_the_rules_with_a_work_switch():
 @pytest.mark.parametrize("has_work_switch", [False, True])
 @pytest.mark.parametrize("state", [state for state in State if state is not State.OFF])
 def test_every_single_disturbance_in_every_state(state, has_work_switch):
-    """No chance in this one: each value of each disturbance, in each state and, at work, in each mode."""
+    """No chance in this one: each value of each disturbance, in each state and, at work, in
+    each mode."""
     for source in TargetSource if state is State.WORKING else (TargetSource.MAP,):
         for change in EVERY_ONE:
             rules = Rules(has_work_switch)
@@ -381,16 +503,21 @@ def test_every_single_disturbance_in_every_state(state, has_work_switch):
             rules.start_again_with_one_thing_odd(change)
 
 
-# --- A check is cheap enough for 100 ticks a second and for hours in tests. Figures: docs/safety.md ------------------
+# --- A check is cheap enough for 100 ticks a second and for hours in tests. Figures:
+# docs/safety.md ------------------
+
 
 def test_a_check_costs_little(working):
-    """Below 60 us on an idle core; the bound is wider because test machines are shared. The processor's time alone."""
+    """Below 60 us on an idle core; the bound is wider because test machines are shared. The
+    processor's time alone."""
     run = working()
-    situations = [good_situation(run.now_s + 0.05 * k, hopper_kg=200.0 - 0.005 * k) for k in range(1, 2001)]
+    situations = [
+        good_situation(run.now_s + 0.05 * k, hopper_kg=200.0 - 0.005 * k) for k in range(1, 2001)
+    ]
     best_s = float("inf")
     for start in range(0, 2000, 200):
         begun = thread_time()
-        for s in situations[start:start + 200]:
+        for s in situations[start : start + 200]:
             verdict = run.safety.check(s.measurements.time_s, s)
         best_s = min(best_s, (thread_time() - begun) / 200)
         assert verdict.flow_allowed

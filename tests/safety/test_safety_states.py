@@ -1,4 +1,5 @@
 """The states: which orders and which losses move between them."""
+
 from __future__ import annotations
 
 from math import nan
@@ -33,11 +34,17 @@ def in_state(state, new_run, working, calibrating):
 
 
 ALLOWED = {
-    (State.OFF, Do.READY): State.READY, (State.HELD, Do.READY): State.READY, (State.FAULT, Do.READY): State.READY,
-    (State.READY, Do.READY): State.READY, (State.READY, Do.START): State.WORKING,
-    (State.HELD, Do.START): State.WORKING, (State.WORKING, Do.START): State.WORKING,
-    (State.WORKING, Do.HOLD): State.HELD, (State.HELD, Do.HOLD): State.HELD,
-    (State.CALIBRATING, Do.HOLD): State.READY, (State.CALIBRATING, Do.RELEASE): State.READY,
+    (State.OFF, Do.READY): State.READY,
+    (State.HELD, Do.READY): State.READY,
+    (State.FAULT, Do.READY): State.READY,
+    (State.READY, Do.READY): State.READY,
+    (State.READY, Do.START): State.WORKING,
+    (State.HELD, Do.START): State.WORKING,
+    (State.WORKING, Do.START): State.WORKING,
+    (State.WORKING, Do.HOLD): State.HELD,
+    (State.HELD, Do.HOLD): State.HELD,
+    (State.CALIBRATING, Do.HOLD): State.READY,
+    (State.CALIBRATING, Do.RELEASE): State.READY,
     (State.CALIBRATING, Do.CALIBRATE): State.CALIBRATING,
     **{(state, Do.STOP): State.OFF for state in State},
     **{(state, Do.RELEASE): state for state in State if state is not State.CALIBRATING},
@@ -60,7 +67,9 @@ def test_an_order_of_another_room_is_refused(working):
     assert working().order(Do.NUDGE, 5.0).why == "not_for_safety"
 
 
-@pytest.mark.parametrize("do", [Do.ALLOW_REVERSE, Do.ALLOW_OUTSIDE, Do.GO_ON_UNLOGGED, Do.ALLOW_NO_WHEEL])
+@pytest.mark.parametrize(
+    "do", [Do.ALLOW_REVERSE, Do.ALLOW_OUTSIDE, Do.GO_ON_UNLOGGED, Do.ALLOW_NO_WHEEL]
+)
 @pytest.mark.parametrize("value", ["yes", 1.0, 1, None])
 def test_an_allowance_is_yes_or_no_and_nothing_like_it(working, do, value):
     run = working()
@@ -75,45 +84,94 @@ NO_SPEED, OLD_SPEEDS = {"speed_used_mps": None}, {"gnss_age_s": 2.1, "wheel_age_
 # From work on.
 AT_WORK = {
     "ten seconds at standstill hold, and driving on does not leave held": (
-        tick(9.9, speed_mps=0.0, state=WORKING), tick(0.2, speed_mps=0.0, state=HELD, why_state="standstill"),
-        tick(5.0, state=HELD), order(Do.START), tick(flows=True)),
+        tick(9.9, speed_mps=0.0, state=WORKING),
+        tick(0.2, speed_mps=0.0, state=HELD, why_state="standstill"),
+        tick(5.0, state=HELD),
+        order(Do.START),
+        tick(flows=True),
+    ),
     "console: two seconds of silence hold and sixty switch off": (
-        tick(console_age_s=1.9, flows=True), tick(console_age_s=2.1, state=HELD, why_state="console_silent"),
-        tick(console_age_s=59.9, state=HELD), tick(console_age_s=60.1, state=OFF, why_state="console_gone")),
+        tick(console_age_s=1.9, flows=True),
+        tick(console_age_s=2.1, state=HELD, why_state="console_silent"),
+        tick(console_age_s=59.9, state=HELD),
+        tick(console_age_s=60.1, state=OFF, why_state="console_gone"),
+    ),
     "a console that returns finds it held": (tick(console_age_s=3.0), tick(5.0, state=HELD)),
     "a console's age that is no number is silence": (tick(console_age_s=nan, state=HELD),),
     "headless needs no console": (tick(console_age_s=None, flows=True),),
-    "fault stays fault without a console": (tick(shaft_age_s=1.0), tick(console_age_s=100.0, state=FAULT)),
+    "fault stays fault without a console": (
+        tick(shaft_age_s=1.0),
+        tick(console_age_s=100.0, state=FAULT),
+    ),
     "off ends every allowance": (
-        order(Do.ALLOW_OUTSIDE, True), tick(console_age_s=61.0), order(Do.READY), order(Do.ACKNOWLEDGE),
-        order(Do.START), tick(landing_inside=False, flows=False)),
+        order(Do.ALLOW_OUTSIDE, True),
+        tick(console_age_s=61.0),
+        order(Do.READY),
+        order(Do.ACKNOWLEDGE),
+        order(Do.START),
+        tick(landing_inside=False, flows=False),
+    ),
     "both speeds silent: held after two seconds without any": (
         tick(1.9, **NO_SPEED, state=WORKING, why=("speed_silent",)),
-        tick(0.3, **NO_SPEED, state=HELD, why_state="speed_silent")),
+        tick(0.3, **NO_SPEED, state=HELD, why_state="speed_silent"),
+    ),
     "a last speed is good for two seconds": (
-        tick(gnss_age_s=1.9, wheel_age_s=1.9, flows=True), tick(**OLD_SPEEDS, state=HELD)),
+        tick(gnss_age_s=1.9, wheel_age_s=1.9, flows=True),
+        tick(**OLD_SPEEDS, state=HELD),
+    ),
     "the wheel's speed is enough": (tick(gnss_age_s=NEVER, wheel_age_s=0.1, flows=True),),
     "GNSS's speed is enough": (tick(gnss_age_s=0.1, wheel_age_s=NEVER, flows=True),),
-    **{f"{drive}: half a second is a fault": (
-        tick(**{f"{drive}_age_s": 0.49}, flows=True),
-        tick(**{f"{drive}_age_s": 0.51}, state=FAULT, why_state=f"{drive}_silent", why=("not_working", "drive_silent")),
-        tick(5.0, state=FAULT)) for drive in DRIVES},
-    **{f"{drive}: fault is left by order only once the cause is gone": (
-        tick(**{f"{drive}_age_s": 0.6}), order(Do.READY, refused=f"cause_lives;alarm={drive}_silent"), tick(),
-        order(Do.READY), order(Do.START, refused=f"acknowledge_first;alarm={drive}_silent"), order(Do.ACKNOWLEDGE),
-        order(Do.START)) for drive in DRIVES},
-    **{f"{drive}: a reading that is no number or has no time is silence": (
-        tick(**{f"{drive}_age_s": nan}, state=FAULT),) for drive in DRIVES},
+    **{
+        f"{drive}: half a second is a fault": (
+            tick(**{f"{drive}_age_s": 0.49}, flows=True),
+            tick(
+                **{f"{drive}_age_s": 0.51},
+                state=FAULT,
+                why_state=f"{drive}_silent",
+                why=("not_working", "drive_silent"),
+            ),
+            tick(5.0, state=FAULT),
+        )
+        for drive in DRIVES
+    },
+    **{
+        f"{drive}: fault is left by order only once the cause is gone": (
+            tick(**{f"{drive}_age_s": 0.6}),
+            order(Do.READY, refused=f"cause_lives;alarm={drive}_silent"),
+            tick(),
+            order(Do.READY),
+            order(Do.START, refused=f"acknowledge_first;alarm={drive}_silent"),
+            order(Do.ACKNOWLEDGE),
+            order(Do.START),
+        )
+        for drive in DRIVES
+    },
+    **{
+        f"{drive}: a reading that is no number or has no time is silence": (
+            tick(**{f"{drive}_age_s": nan}, state=FAULT),
+        )
+        for drive in DRIVES
+    },
 }
 # From the very start on.
 NEW = {
     "a start at standstill has ten seconds to move": (
-        order(Do.READY), tick(60.0, speed_mps=0.0), order(Do.START), tick(9.8, speed_mps=0.0, state=WORKING),
-        tick(0.3, speed_mps=0.0, state=HELD)),
-    **{f"{drive}: never heard is a fault half a second after off": (
-        tick(5.0, **{f"{drive}_age_s": NEVER}, state=OFF), order(Do.READY), order(Do.START),
-        tick(0.4, **{f"{drive}_age_s": NEVER}, state=WORKING, why=("drive_silent",)),
-        tick(0.2, **{f"{drive}_age_s": NEVER}, state=FAULT)) for drive in DRIVES},
+        order(Do.READY),
+        tick(60.0, speed_mps=0.0),
+        order(Do.START),
+        tick(9.8, speed_mps=0.0, state=WORKING),
+        tick(0.3, speed_mps=0.0, state=HELD),
+    ),
+    **{
+        f"{drive}: never heard is a fault half a second after off": (
+            tick(5.0, **{f"{drive}_age_s": NEVER}, state=OFF),
+            order(Do.READY),
+            order(Do.START),
+            tick(0.4, **{f"{drive}_age_s": NEVER}, state=WORKING, why=("drive_silent",)),
+            tick(0.2, **{f"{drive}_age_s": NEVER}, state=FAULT),
+        )
+        for drive in DRIVES
+    },
 }
 
 
@@ -129,23 +187,51 @@ def test_from_the_start_on(new_run, name):
 
 @pytest.mark.parametrize("state", [READY, HELD, State.CALIBRATING])
 @pytest.mark.parametrize("drive", DRIVES)
-def test_a_silent_drive_is_a_fault_from_other_states_too(state, drive, new_run, working, calibrating):
+def test_a_silent_drive_is_a_fault_from_other_states_too(
+    state, drive, new_run, working, calibrating
+):
     run = in_state(state, new_run, working, calibrating)
     assert run.tick(speed_mps=0.0, **{f"{drive}_age_s": 0.6}).state is FAULT
 
 
 class TestCalibrating:
-    @pytest.mark.parametrize("steps", [
-        pytest.param((tick(speed_mps=0.0, **NO_SPEED, landing_inside=False, state=State.CALIBRATING, flows=True),),
-                     id="flow without speed and field"),
-        pytest.param((order(Do.RELEASE), tick(speed_mps=0.0, state=READY, flows=False)), id="release stops at once"),
-        pytest.param((tick(speed_mps=0.0, work_switch=False, why=("work_switch_up",)),),
-                     id="the work switch still counts")])
+    @pytest.mark.parametrize(
+        "steps",
+        [
+            pytest.param(
+                (
+                    tick(
+                        speed_mps=0.0,
+                        **NO_SPEED,
+                        landing_inside=False,
+                        state=State.CALIBRATING,
+                        flows=True,
+                    ),
+                ),
+                id="flow without speed and field",
+            ),
+            pytest.param(
+                (order(Do.RELEASE), tick(speed_mps=0.0, state=READY, flows=False)),
+                id="release stops at once",
+            ),
+            pytest.param(
+                (tick(speed_mps=0.0, work_switch=False, why=("work_switch_up",)),),
+                id="the work switch still counts",
+            ),
+        ],
+    )
     def test_what_flows(self, calibrating, steps):
         play(calibrating(), steps)
 
-    @pytest.mark.parametrize("moving", [
-        {"wheel_mps": 0.11}, {"gnss_mps": 0.11}, {"gnss_age_s": 9.0}, {"wheel_age_s": 9.0, "wheel_mps": 0.01}])
+    @pytest.mark.parametrize(
+        "moving",
+        [
+            {"wheel_mps": 0.11},
+            {"gnss_mps": 0.11},
+            {"gnss_age_s": 9.0},
+            {"wheel_age_s": 9.0, "wheel_mps": 0.01},
+        ],
+    )
     def test_begins_only_with_both_sensors_known_and_still(self, new_run, moving):
         run = new_run()
         run.order(Do.READY)
@@ -160,10 +246,18 @@ class TestCalibrating:
         run.ticks += 20
         assert not run.order(Do.CALIBRATE).accepted
 
-    @pytest.mark.parametrize(("both", "silent", "other_mps", "accepted"), [
-        (True, "gnss_age_s", 0.0, False), (False, "gnss_age_s", 0.0, True), (False, "wheel_age_s", 0.0, True),
-        (False, "gnss_age_s", 0.15, False)])
-    def test_one_speed_is_enough_only_where_the_other_is_not_fitted(self, new_run, both, silent, other_mps, accepted):
+    @pytest.mark.parametrize(
+        ("both", "silent", "other_mps", "accepted"),
+        [
+            (True, "gnss_age_s", 0.0, False),
+            (False, "gnss_age_s", 0.0, True),
+            (False, "wheel_age_s", 0.0, True),
+            (False, "gnss_age_s", 0.15, False),
+        ],
+    )
+    def test_one_speed_is_enough_only_where_the_other_is_not_fitted(
+        self, new_run, both, silent, other_mps, accepted
+    ):
         run = new_run(both_speeds_to_start=both)
         run.order(Do.READY)
         run.tick(speed_mps=other_mps, **{silent: 5.0})
@@ -225,7 +319,9 @@ class TestCalibrating:
 
 
 @pytest.mark.parametrize("cause", ["drive_fault", "drive_stopped"])
-def test_a_faulty_or_stopped_drive_leaves_no_flow_and_no_way_back_while_it_lasts(working, calibrating, cause):
+def test_a_faulty_or_stopped_drive_leaves_no_flow_and_no_way_back_while_it_lasts(
+    working, calibrating, cause
+):
     run = working()
     verdict = run.tick(**{cause: True})
     assert (verdict.state, verdict.flow_allowed, verdict.why_state) == (State.FAULT, False, cause)
@@ -238,7 +334,8 @@ def test_a_faulty_or_stopped_drive_leaves_no_flow_and_no_way_back_while_it_lasts
 
 
 def test_both_speeds_silent_is_held_after_two_seconds_though_the_wheel_counts_as_standing(working):
-    """A wheel that was not heard for 0.8 s stops the flow at once; that must not hide that nobody knows the speed."""
+    """A wheel that was not heard for 0.8 s stops the flow at once; that must not hide that
+    nobody knows the speed."""
     run = working()
     at_s = run.now_s
 
@@ -255,8 +352,14 @@ def test_both_speeds_silent_is_held_after_two_seconds_though_the_wheel_counts_as
 
 
 def test_what_a_check_does_not_judge_is_remembered_as_it_was(working):
-    """Each field that orders alone write: a check that forgot one would forget when START was held, or calibrating."""
-    written = {"left_off_s": -7.0, "calibrate_s": -6.0, "calibrate_until_s": 5.0, "start_held_s": -4.0}
+    """Each field that orders alone write: a check that forgot one would forget when START was
+    held, or calibrating."""
+    written = {
+        "left_off_s": -7.0,
+        "calibrate_s": -6.0,
+        "calibrate_until_s": 5.0,
+        "start_held_s": -4.0,
+    }
     run = working()
     run.safety._memory = run.safety.memory._replace(**written)
     run.tick()

@@ -1,4 +1,5 @@
 """`topdress serve` for real: server, two tabs and a worker, each a process of its own."""
+
 from __future__ import annotations
 
 import asyncio
@@ -62,14 +63,26 @@ def free_port():
 
 @pytest.fixture
 def served(tmp_path, free_port, monkeypatch):
-    """A worker on the simulated machine and a server; gives (where the worker listens, the server's address)."""
+    """A worker on the simulated machine and a server; gives (where the worker listens, the
+    server's address)."""
     runtime = tmp_path / "runtime"
     runtime.mkdir(mode=0o700)
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(runtime))
     monkeypatch.setenv("HOME", str(tmp_path))
-    where = start_worker(["--log", str(tmp_path / "run.csv")], tmp_path / "trouble.txt", timeout_s=60.0)
-    server = subprocess.Popen([sys.executable, "-c", "from console.cli import main; main()", "serve", "--port",
-                               str(free_port)], stdout=subprocess.DEVNULL)
+    where = start_worker(
+        ["--log", str(tmp_path / "run.csv")], tmp_path / "trouble.txt", timeout_s=60.0
+    )
+    server = subprocess.Popen(
+        [
+            sys.executable,
+            "-c",
+            "from console.cli import main; main()",
+            "serve",
+            "--port",
+            str(free_port),
+        ],
+        stdout=subprocess.DEVNULL,
+    )
     yield where, f"http://127.0.0.1:{free_port}"
     server.send_signal(signal.SIGTERM)
     try:
@@ -93,7 +106,8 @@ class Tab:
                 self.text += message.data.decode("utf-8", "replace")
 
     async def until(self, words, timeout_s=60.0, again=""):
-        """again: pressed each second until then, for a line of others may stand where the answer did."""
+        """again: pressed each second until then, for a line of others may stand where the
+        answer did."""
         async with asyncio.timeout(timeout_s):
             while words not in self.text:
                 assert not self.reading.done(), f"closed: {self.text[-400:]}"
@@ -119,14 +133,20 @@ async def test_two_tabs_look_at_the_worker_and_change_nothing(served):
     where, address = served
     async with aiohttp.ClientSession() as session:
         status, page = await page_of(session, address)
-        assert status == 200 and f"ws://{address.removeprefix('http://')}/ws" in page and "https://" not in page
+        assert (
+            status == 200
+            and f"ws://{address.removeprefix('http://')}/ws" in page
+            and "https://" not in page
+        )
         async with session.get(f"{address}/static/js/textual.js") as script:
             assert script.status == 200
         with pytest.raises(aiohttp.WSServerHandshakeError, match="403"):
             await session.ws_connect(f"{address}/ws", headers={"Origin": "http://evil.example"})
         async with session.get(address, headers={"Host": "evil.example"}) as refused:
             assert refused.status == 403
-        tabs = [Tab(await session.ws_connect(f"{address}/ws?width=120&height=40")) for _two in (1, 2)]
+        tabs = [
+            Tab(await session.ws_connect(f"{address}/ws?width=120&height=40")) for _two in (1, 2)
+        ]
         for tab in tabs:
             await tab.until("VIEW ONLY")
         looking = Link(where.looking_only())
@@ -151,7 +171,8 @@ async def test_two_tabs_look_at_the_worker_and_change_nothing(served):
 @pytest.mark.exam
 @posix
 async def test_a_tab_that_operates_does_not_keep_the_machine_working(served, tmp_path):
-    """The order is taken, but two seconds after the last word of a console the worker holds: no order puts that off."""
+    """The order is taken, but two seconds after the last word of a console the worker holds: no
+    order puts that off."""
     where, _address = served
     tab = TabLink(where)
     task = asyncio.create_task(tab.run())
@@ -169,13 +190,28 @@ async def test_a_tab_that_operates_does_not_keep_the_machine_working(served, tmp
     task.cancel()
 
 
-# --- without processes -----------------------------------------------------------------------------------------------
+# --- without processes
+# -----------------------------------------------------------------------------------------------
 
-@pytest.mark.parametrize(("asked", "allowed"), [
-    ("127.0.0.1:8000", True), ("localhost:8000", True), ("192.168.1.7:8000", True), ("[::1]:8000", True),
-    ("cab.farm:8000", True), ("evil.example:8000", False), ("", False), (f"{socket.gethostname()}:8000", True),
-    ('127.0.0.1:8000"><script>alert(1)</script>', False), ("evil.example@127.0.0.1:8000", False),
-    ("127.0.0.1:80:80", False), ("[::1]x:8000", False), ("localhost\\@evil.example", False)])
+
+@pytest.mark.parametrize(
+    ("asked", "allowed"),
+    [
+        ("127.0.0.1:8000", True),
+        ("localhost:8000", True),
+        ("192.168.1.7:8000", True),
+        ("[::1]:8000", True),
+        ("cab.farm:8000", True),
+        ("evil.example:8000", False),
+        ("", False),
+        (f"{socket.gethostname()}:8000", True),
+        ('127.0.0.1:8000"><script>alert(1)</script>', False),
+        ("evil.example@127.0.0.1:8000", False),
+        ("127.0.0.1:80:80", False),
+        ("[::1]x:8000", False),
+        ("localhost\\@evil.example", False),
+    ],
+)
 def test_only_names_of_this_machine_lead_here(asked, allowed):
     assert host_allowed(asked, "cab.farm") is allowed
 
@@ -185,13 +221,21 @@ async def test_nothing_of_a_request_stands_in_the_page_as_it_came(monkeypatch):
     monkeypatch.setattr(server_module, "host_allowed", lambda *_: True)
     server = TabletServer(["x"], "127.0.0.1", 0)
     evil = '"><script>alert(1)</script>'
-    request = SimpleNamespace(host=f"127.0.0.1:8000{evil}", secure=False, query={"name": evil, "fontsize": evil})
+    request = SimpleNamespace(
+        host=f"127.0.0.1:8000{evil}", secure=False, query={"name": evil, "fontsize": evil}
+    )
     page = (await server.handle_index(request)).text
     assert "alert(1)</script>" not in page and "&quot;&gt;&lt;script&gt;alert(1)" in page
 
 
 def test_numbers_out_of_a_query_are_held_in_range():
-    assert [number(text, 16, 8, 40) for text in (None, "x", "1", "20", "999")] == [16, 16, 8, 20, 40]
+    assert [number(text, 16, 8, 40) for text in (None, "x", "1", "20", "999")] == [
+        16,
+        16,
+        8,
+        20,
+        40,
+    ]
 
 
 def test_a_token_file_is_made_for_its_owner_alone_or_checked(tmp_path):
@@ -222,14 +266,20 @@ def test_limits_come_from_the_log_of_the_job_at_work(tmp_path):
     assert options_of(WorkerAddress(1, None, 1, "", str(log))) == {} and options_of(None) == {}
     meta = run_meta({"flow": {"full_kg": 280.0}}, {"max_rate_kg_ha": 450.0})
     log.with_suffix(".yaml").write_text(meta_to_yaml(meta), encoding="utf-8")
-    assert options_of(WorkerAddress(1, None, 1, "", str(log))) == {"limits_kg_ha": (0.0, 450.0), "hopper_kg": 280.0}
+    assert options_of(WorkerAddress(1, None, 1, "", str(log))) == {
+        "limits_kg_ha": (0.0, 450.0),
+        "hopper_kg": 280.0,
+    }
 
 
 class Said:
-    """A tab's socket that says what it is given, and a service that notes what reaches the console."""
+    """A tab's socket that says what it is given, and a service that notes what reaches the
+    console."""
 
     def __init__(self, *messages):
-        self.messages = [SimpleNamespace(type=aiohttp.web.WSMsgType.TEXT, data=text) for text in messages]
+        self.messages = [
+            SimpleNamespace(type=aiohttp.web.WSMsgType.TEXT, data=text) for text in messages
+        ]
         self.sizes, self.bytes, self.pongs = [], [], []
 
     async def __aiter__(self):
@@ -246,9 +296,17 @@ class Said:
         self.pongs.append(data)
 
 
-@pytest.mark.parametrize(("width", "height", "told"), [
-    ("1e9", "1e9", (MOST_COLUMNS, MOST_ROWS)), ("-5", "0", (1, 1)), ('"x"', "null", (80, 24)), ("[]", "{}", (80, 24)),
-    ("1e400", "NaN", (80, 24)), ("9" * 300, "40", (MOST_COLUMNS, 40))])
+@pytest.mark.parametrize(
+    ("width", "height", "told"),
+    [
+        ("1e9", "1e9", (MOST_COLUMNS, MOST_ROWS)),
+        ("-5", "0", (1, 1)),
+        ('"x"', "null", (80, 24)),
+        ("[]", "{}", (80, 24)),
+        ("1e400", "NaN", (80, 24)),
+        ("9" * 300, "40", (MOST_COLUMNS, 40)),
+    ],
+)
 async def test_a_window_stays_bounded_after_the_first_message_too(width, height, told):
     tab = Said(f'["resize", {{"width": {width}, "height": {height}}}]')
     await TabletServer(["x"], "127.0.0.1", 0)._process_messages(tab, tab)
@@ -271,7 +329,8 @@ async def socket_of(server):
         await runner.cleanup()
 
 
-STUBBORN = ["sh", "-c", "trap '' TERM; sleep 60 & sleep 60; sleep 60"]       # with a child of its own
+# with a child of its own
+STUBBORN = ["sh", "-c", "trap '' TERM; sleep 60 & sleep 60; sleep 60"]
 
 
 def group(server):
@@ -287,8 +346,12 @@ def group(server):
 
 
 def running(pids):
-    return {pid for pid in pids if Path(f"/proc/{pid}").exists()
-            and Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"}
+    return {
+        pid
+        for pid in pids
+        if Path(f"/proc/{pid}").exists()
+        and Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    }
 
 
 linux = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="counts processes in /proc")
@@ -299,16 +362,27 @@ async def test_what_is_no_message_of_the_page_ends_the_tab_alone(monkeypatch):
     """Also where its console hangs: it is killed, and its place is free again."""
     monkeypatch.setattr(tab_module, "QUIT_S", 0.1)
     server = TabletServer(["sleep", "60"], "127.0.0.1", 0)
-    wrong = {"[": 1008, "{}": 1008, "7": 1008, "[]": 1008, "[" * 5000: 1008, '["resize", 7]': 1008, '["stdin"]': 1008,
-             '["resize", {}]': 1008, f'["stdin", "{"x" * MESSAGE_BYTES}"]': 1009}
+    wrong = {
+        "[": 1008,
+        "{}": 1008,
+        "7": 1008,
+        "[]": 1008,
+        "[" * 5000: 1008,
+        '["resize", 7]': 1008,
+        '["stdin"]': 1008,
+        '["resize", {}]': 1008,
+        f'["stdin", "{"x" * MESSAGE_BYTES}"]': 1009,
+    }
     async with socket_of(server) as (session, address), asyncio.timeout(120.0):
         other = await session.ws_connect(address)
         for message, code in wrong.items():
             tab = await session.ws_connect(address)
             await tab.send_str(message)
-            assert (await tab.receive()).type == aiohttp.WSMsgType.CLOSE and tab.close_code == code, message[:20]
+            assert (
+                await tab.receive()
+            ).type == aiohttp.WSMsgType.CLOSE and tab.close_code == code, message[:20]
             await tab.close()
-            while server.tabs > 1:              # until its console has ended
+            while server.tabs > 1:  # until its console has ended
                 await asyncio.sleep(0.02)
         await other.send_json(["ping", "still here"])
         assert await other.receive_json() == ["pong", "still here"]
@@ -319,21 +393,23 @@ async def test_what_is_no_message_of_the_page_ends_the_tab_alone(monkeypatch):
 
 @linux
 async def test_no_more_tabs_than_the_computer_carries_counted_until_they_have_ended():
-    """20 tabs opened and closed left 20 programs of 75 MB, for what was killed was the shell before them."""
+    """20 tabs opened and closed left 20 programs of 75 MB, for what was killed was the shell
+    before them."""
     server = TabletServer(STUBBORN, "127.0.0.1", 0)
     async with socket_of(server) as (session, address), asyncio.timeout(120.0):
         tabs = [await session.ws_connect(address) for _ in range(TABS)]
         with pytest.raises(aiohttp.WSServerHandshakeError, match="503"):
             await session.ws_connect(address)
-        while len(pids := group(server)) < 3 * TABS:            # shell and two sleeps each
+        while len(pids := group(server)) < 3 * TABS:  # shell and two sleeps each
             await asyncio.sleep(0.02)
         closed_s = time.monotonic()
         for tab in tabs:
             await tab.close()
         while server.tabs:
-            assert server.tabs >= len(running(pids)) / 3        # a place is free only once its console has ended
+            # a place is free only once its console has ended
+            assert server.tabs >= len(running(pids)) / 3
             await asyncio.sleep(0.02)
-        assert time.monotonic() - closed_s < 4.0                # 2 s, and room for a busy machine
+        assert time.monotonic() - closed_s < 4.0  # 2 s, and room for a busy machine
         assert not running(pids)
 
 
@@ -350,14 +426,16 @@ async def test_ctrl_c_ends_all_consoles_within_two_seconds():
         await server.on_shutdown(None)
         assert time.monotonic() - began_s < 2.0
         async with asyncio.timeout(30.0):
-            while running(pids):            # killed; a busy machine takes a moment to clear a group away
+            # killed; a busy machine takes a moment to clear a group away
+            while running(pids):
                 await asyncio.sleep(0.02)
 
 
 @linux
 @pytest.mark.parametrize("asleep", [False, True], ids=["reads", "asleep"])
 async def test_ctrl_c_leaves_no_socket_for_which_the_web_server_waits(asleep):
-    """It waited half a second for requests that go on, and as long again for those it had cut short."""
+    """It waited half a second for requests that go on, and as long again for those it had cut
+    short."""
     server = TabletServer(STUBBORN, "127.0.0.1", 0)
     async with socket_of(server) as (session, address), asyncio.timeout(120.0):
         tabs = [await session.ws_connect(address) for _ in range(TABS)]
@@ -365,20 +443,34 @@ async def test_ctrl_c_leaves_no_socket_for_which_the_web_server_waits(asleep):
             await asyncio.sleep(0.02)
         reading = [] if asleep else [asyncio.create_task(tab.receive()) for tab in tabs]
         await server.on_shutdown(None)
-        assert all([(await one).type is aiohttp.WSMsgType.CLOSE and (await one).data == 1001 for one in reading])
+        assert all(
+            [
+                (await one).type is aiohttp.WSMsgType.CLOSE and (await one).data == 1001
+                for one in reading
+            ]
+        )
         for _turn in range(20):
             await asyncio.sleep(0)
-        assert server.tabs == 0             # no request goes on
+        assert server.tabs == 0  # no request goes on
 
 
 @posix
 def test_a_tab_ends_with_its_server_however_that_ended():
-    program = ("import os, threading, time; from console.cli.tablet import end_with; os.setsid();"
-               "threading.Thread(target=end_with, args=(int(os.environ['SERVER']),), daemon=True).start();"
-               "print(os.getpid(), flush=True); time.sleep(60)")
+    program = (
+        "import os, threading, time; from console.cli.tablet import end_with; os.setsid();"
+        "threading.Thread(target=end_with, args=(int(os.environ['SERVER']),), daemon=True).start();"
+        "print(os.getpid(), flush=True); time.sleep(60)"
+    )
     server = subprocess.Popen(
-        [sys.executable, "-c", "import os, subprocess, sys; os.environ['SERVER'] = str(os.getpid());"
-         f"subprocess.run([sys.executable, '-c', {program!r}])"], stdout=subprocess.PIPE, text=True)
+        [
+            sys.executable,
+            "-c",
+            "import os, subprocess, sys; os.environ['SERVER'] = str(os.getpid());"
+            f"subprocess.run([sys.executable, '-c', {program!r}])",
+        ],
+        stdout=subprocess.PIPE,
+        text=True,
+    )
     tab = int(server.stdout.readline())
     server.kill()
     server.wait()
@@ -409,7 +501,9 @@ def test_messages_are_taken_no_faster_than_anybody_types():
 def test_a_wrong_key_makes_every_tab_of_its_address_wait(tmp_path):
     now_s = [100.0]
     path = tmp_path / "run" / "waits.json"
-    one, other = (Key("right", lambda: now_s[0], SharedWaits(path, "192.168.1.7")) for _ in range(2))
+    one, other = (
+        Key("right", lambda: now_s[0], SharedWaits(path, "192.168.1.7")) for _ in range(2)
+    )
     assert "not the tablet" in one.wrong("guess")
     assert "wait" in other.wrong("right"), "also a tab that was loaded again"
     now_s[0] += 1.1
@@ -420,7 +514,14 @@ def test_a_wrong_key_makes_every_tab_of_its_address_wait(tmp_path):
     with take_lock(path.with_suffix(".lock")):
         assert "wait" in one.wrong("right"), "one guess at a time over all tabs"
     now_s[0] += 0.1
-    for spoilt in (b"", b"[1]", b"[60, 1e9]", b"{}", b'{"192.168.1.7": 7}', b'{"192.168.1.7": [NaN, 1e400]}'):
+    for spoilt in (
+        b"",
+        b"[1]",
+        b"[60, 1e9]",
+        b"{}",
+        b'{"192.168.1.7": 7}',
+        b'{"192.168.1.7": [NaN, 1e400]}',
+    ):
         path.write_bytes(spoilt)
         assert one.wrong("right") == ""
     path.write_text(f'{{"192.168.1.7": [10, {now_s[0] + 1e6}]}}')
@@ -440,45 +541,64 @@ def test_wrong_keys_of_one_address_keep_nobody_at_another_out_and_nobody_out_for
             now_s[0] += 0.5
         assert tab("192.168.1.7").wrong("right") == "", "the owner, elsewhere"
         assert tab("::ffff:192.168.1.66").left_s is None
-        owner = tab("192.168.1.66")                     # behind the same tunnel
+        owner = tab("192.168.1.66")  # behind the same tunnel
         assert "wait" in owner.wrong("right") and owner.left_s <= MOST_WAIT_S
         now_s[0] += owner.left_s / 2.0
         other = tab("192.168.1.66")
         assert "wait" in other.wrong("again"), "who comes later waits too"
         now_s[0] += owner.left_s
-        if guess % 2:                                   # a wrong key is judged first: the owner's turn is not put off
+        # a wrong key is judged first: the owner's turn is not put off
+        if guess % 2:
             assert "not the tablet" in other.wrong("again")
         assert owner.wrong("right") == ""
     for host in range(300):
         assert "not the tablet" in tab(f"10.1.{host // 256}.{host % 256}").wrong("guess")
-    assert len(json.loads(path.read_text())) <= MOST_ADDRESSES + 1 and path.stat().st_size < MOST_BYTES
+    assert (
+        len(json.loads(path.read_text())) <= MOST_ADDRESSES + 1 and path.stat().st_size < MOST_BYTES
+    )
     assert "wait" in tab("10.1.1.43").wrong("right"), "the newest are kept"
 
 
-@pytest.mark.parametrize(("address", "counted"), [
-    ("192.168.1.7", "192.168.1.7"), ("::ffff:192.168.1.7", "192.168.1.7"), ("fd00::1:2:3:4", "fd00::/64"),
-    ("fd00::9:9:9:9", "fd00::/64"), ("::1", "::/64"), ("", "")])
+@pytest.mark.parametrize(
+    ("address", "counted"),
+    [
+        ("192.168.1.7", "192.168.1.7"),
+        ("::ffff:192.168.1.7", "192.168.1.7"),
+        ("fd00::1:2:3:4", "fd00::/64"),
+        ("fd00::9:9:9:9", "fd00::/64"),
+        ("::1", "::/64"),
+        ("", ""),
+    ],
+)
 def test_an_address_of_ipv6_counts_as_its_network(address, counted):
     assert counted_as(address) == counted
 
 
-# --- a crowd at the door ---------------------------------------------------------------------------------------------
+# --- a crowd at the door
+# ---------------------------------------------------------------------------------------------
+
 
 @contextlib.asynccontextmanager
 async def listening(free_port, **room):
-    """The whole server; gives how often a half-open connection from an address can be made, and what became of it."""
+    """The whole server; gives how often a half-open connection from an address can be made, and
+    what became of it."""
     server = TabletServer(["sleep", "60"], "127.0.0.1", free_port, server_module.Room(**room))
     task = asyncio.create_task(server._serve())
     made = []
 
     async def half(source="127.0.0.1"):
-        reader, writer = await asyncio.open_connection("127.0.0.1", free_port, local_addr=(source, 0))
+        reader, writer = await asyncio.open_connection(
+            "127.0.0.1", free_port, local_addr=(source, 0)
+        )
         writer.write(b"GET / HTTP/1.1\r\nHost: 127.0.0.1")
         made.append(writer)
         return reader
 
     async def page():
-        async with aiohttp.ClientSession() as session, session.get(f"http://127.0.0.1:{free_port}/") as answer:
+        async with (
+            aiohttp.ClientSession() as session,
+            session.get(f"http://127.0.0.1:{free_port}/") as answer,
+        ):
             return answer.status, (await answer.text()).rstrip().endswith("</html>")
 
     try:
@@ -508,7 +628,9 @@ async def ended(reader):
 
 
 @linux
-async def test_half_open_connections_take_neither_all_places_nor_those_of_another_address(free_port):
+async def test_half_open_connections_take_neither_all_places_nor_those_of_another_address(
+    free_port,
+):
     """With 1,100 of them no page came, and 292 MB of traces were written in a minute."""
     async with listening(free_port, connections=10) as (half, page, socket_address):
         other = await half("127.0.0.2")
@@ -525,8 +647,10 @@ async def test_half_open_connections_take_neither_all_places_nor_those_of_anothe
 
 
 async def test_a_connection_that_is_no_tab_has_its_time(free_port):
-    async with (listening(free_port, connection_s=0.3, looked_s=0.05) as (half, page, socket_address),
-                aiohttp.ClientSession() as session):
+    async with (
+        listening(free_port, connection_s=0.3, looked_s=0.05) as (half, page, socket_address),
+        aiohttp.ClientSession() as session,
+    ):
         tab, silent = await session.ws_connect(socket_address), await half()
         assert not await ended(silent)
         await asyncio.sleep(0.5)
@@ -542,20 +666,32 @@ def test_what_the_server_says_fills_no_disk():
     few = server_module.Few(lambda: now_s[0])
 
     def said(text):
-        record = logging.LogRecord("asyncio", logging.ERROR, "f", 1, "%s", (text,), (OSError, OSError(text), None))
+        record = logging.LogRecord(
+            "asyncio", logging.ERROR, "f", 1, "%s", (text,), (OSError, OSError(text), None)
+        )
         return few.filter(record) and (record.getMessage(), record.exc_info)
 
     heard = [said("out of files") for _ in range(10_000)]
-    assert heard[0] == ("out of files", None) and sum(map(bool, heard)) == server_module.LINES_A_MINUTE
+    assert (
+        heard[0] == ("out of files", None) and sum(map(bool, heard)) == server_module.LINES_A_MINUTE
+    )
     now_s[0] = 61.0
-    assert said("again") == (f"again ({10_000 - server_module.LINES_A_MINUTE} more before it)", None)
+    assert said("again") == (
+        f"again ({10_000 - server_module.LINES_A_MINUTE} more before it)",
+        None,
+    )
 
 
 @posix
 def test_a_tab_has_little_memory_and_no_first_claim_on_the_processor():
-    program = ("import os, resource; from console.cli.tablet import bounded; before = os.nice(0); bounded();"
-               "print(os.nice(0) - before, resource.getrlimit(resource.RLIMIT_AS)[0])")
-    said = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True).stdout.split()
+    program = (
+        "import os, resource; from console.cli.tablet import bounded; before = os.nice(0); "
+        "bounded();"
+        "print(os.nice(0) - before, resource.getrlimit(resource.RLIMIT_AS)[0])"
+    )
+    said = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=True
+    ).stdout.split()
     assert int(said[0]) > 0 and int(said[1]) == TAB_BYTES
 
 
@@ -578,7 +714,8 @@ async def test_a_tab_has_the_name_that_its_address_says_or_where_it_is():
                 async with session.get(f"{address}/{named}") as answer:
                     page = await answer.text()
                 socket = re.search(r'data-session-websocket-url="ws(:[^"]*)"', page).group(1)
-                await session.ws_connect(f"http{socket}?width=100&height=40")       # as the page's script does
+                # as the page's script does
+                await session.ws_connect(f"http{socket}?width=100&height=40")
     finally:
         await runner.cleanup()
     assert heard == [("tablet 127.0.0.1", 100), ("Ann Li", 100), ("><script> /../", 100)]

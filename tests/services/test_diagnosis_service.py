@@ -1,4 +1,6 @@
-"""The Diagnosis page's files and processes: lists, one real diagnosis, cancel, adopt, export, the separating run."""
+"""The Diagnosis page's files and processes: lists, one real diagnosis, cancel, adopt, export,
+the separating run."""
+
 from __future__ import annotations
 
 import datetime as dt
@@ -28,7 +30,10 @@ from tests.app.made_up.diagnosis import having, sample_found
 
 CATCH = "shaft_rpm,opening_mm,duration_s,mass_kg\n" + "".join(
     f"{rpm},{mm},60,{1.06 * 5.5e-3 * rpm * mm * (1.0 + 0.002 * (-1) ** k):.4f}\n"
-    for k, (rpm, mm) in enumerate((rpm, mm) for rpm in (20, 40, 60, 80) for mm in (10, 20, 30) for _twice in (1, 2)))
+    for k, (rpm, mm) in enumerate(
+        (rpm, mm) for rpm in (20, 40, 60, 80) for mm in (10, 20, 30) for _twice in (1, 2)
+    )
+)
 
 
 @pytest.fixture
@@ -50,13 +55,22 @@ def files(folder, tmp_path):
 
 def test_what_can_be_diagnosed_is_listed_newest_first(files, folder):
     found = files.sources(str(folder / "run.csv"))
-    assert [(one.name, one.kind, one.working) for one in found] == [("run.csv", "run", True),
-                                                                     ("catch.csv", "catch", False)]
+    assert [(one.name, one.kind, one.working) for one in found] == [
+        ("run.csv", "run", True),
+        ("catch.csv", "catch", False),
+    ]
     assert found[1].size == "0.4 kB" and found[1].changed.startswith("2023-11-1")
 
 
-@pytest.mark.parametrize(("path", "said"), [("", "no file is named"), ("none.csv", "No such file"),
-                                            ("notes.md", "neither a run log"), (".", "neither a run log")])
+@pytest.mark.parametrize(
+    ("path", "said"),
+    [
+        ("", "no file is named"),
+        ("none.csv", "No such file"),
+        ("notes.md", "neither a run log"),
+        (".", "neither a run log"),
+    ],
+)
 def test_a_typed_path_that_will_not_do_is_refused_in_one_line(files, folder, path, said):
     with pytest.raises(ValueError, match=said) as caught:
         files.source(str(folder / path) if path else path)
@@ -70,7 +84,9 @@ def caught(tmp_path_factory):
     (here / "catch.csv").write_text(CATCH, encoding="utf-8")
     service = DiagnosisFiles([here], own=here / "own")
     told: list[tuple[float, str]] = []
-    found = service.diagnose(service.source(str(here / "catch.csv")), None, lambda *said: told.append(said), Stop())
+    found = service.diagnose(
+        service.source(str(here / "catch.csv")), None, lambda *said: told.append(said), Stop()
+    )
     return service, found, told
 
 
@@ -78,12 +94,17 @@ def test_a_catch_test_is_diagnosed_by_a_process_of_its_own(caught):
     _service, found, told = caught
     data = found.found.data
     assert (data.kind, data.rows, data.machine) == ("catch", 24, "huanghai")
-    gain, over = next((cause, drawn.over) for cause, drawn in zip(found.found.causes, found.drawn, strict=True)
-                      if cause.id == "flow.gain")
+    gain, over = next(
+        (cause, drawn.over)
+        for cause, drawn in zip(found.found.causes, found.drawn, strict=True)
+        if cause.id == "flow.gain"
+    )
     assert gain.size.value == pytest.approx(6.0, abs=0.5) and over is not None
     assert np.abs(over.after).max() < np.abs(over.before).max()
     shares = [share for share, _stage in told]
-    assert shares == sorted(shares) and {"reading", "search", "report"} <= {stage for _share, stage in told}
+    assert shares == sorted(shares) and {"reading", "search", "report"} <= {
+        stage for _share, stage in told
+    }
 
 
 def test_adopting_writes_a_new_machine_with_its_provenance_and_overwrites_nothing(caught):
@@ -120,10 +141,16 @@ def test_there_is_a_machine_file_for_each_choice_and_none_for_nothing(caught):
 def test_of_undecided_causes_any_may_be_picked_and_of_many_one_at_a_time():
     first, second = sample_found().found.causes
     open_ = tuple(replace(first, id=f"flow.{number}") for number in range(6))
-    found = having(sample_found()._replace(adoptable=("flow.0", "flow.1", "shaft.voltage_sag")),
-                   causes=(*open_[:2], second))
-    assert list(selections(found)) == [("shaft.voltage_sag",), ("flow.0", "shaft.voltage_sag"),
-                                       ("flow.1", "shaft.voltage_sag"), ("flow.0", "flow.1", "shaft.voltage_sag")]
+    found = having(
+        sample_found()._replace(adoptable=("flow.0", "flow.1", "shaft.voltage_sag")),
+        causes=(*open_[:2], second),
+    )
+    assert list(selections(found)) == [
+        ("shaft.voltage_sag",),
+        ("flow.0", "shaft.voltage_sag"),
+        ("flow.1", "shaft.voltage_sag"),
+        ("flow.0", "flow.1", "shaft.voltage_sag"),
+    ]
     many = having(found._replace(adoptable=tuple(one.id for one in open_)), causes=open_)
     assert list(selections(many)) == [(one.id,) for one in open_], "nothing alone makes no file"
     suspected = replace(open_[0], rivals=(), probability=0.4)
@@ -147,16 +174,22 @@ def test_what_has_no_driven_run_says_so(caught):
 def test_data_that_cannot_be_used_is_one_line(files, folder):
     with pytest.raises(ValueError) as caught:
         files.diagnose(files.source(str(folder / "run.csv")), None, lambda *_: None, Stop())
-    assert str(caught.value).strip() and "\n" not in str(caught.value) and "Traceback" not in str(caught.value)
+    assert (
+        str(caught.value).strip()
+        and "\n" not in str(caught.value)
+        and "Traceback" not in str(caught.value)
+    )
 
 
 def test_cancelling_ends_the_process_at_once(files, folder):
-    def used_s() -> float:                             # processor's time of processes that have ended
+    def used_s() -> float:  # processor's time of processes that have ended
         return os.times().children_user + os.times().children_system
 
     stop, begun_s = Stop(), used_s()
     with pytest.raises(WorkStopped):
-        files.diagnose(files.source(str(folder / "catch.csv")), None, lambda share, stage: stop.set(), stop)
+        files.diagnose(
+            files.source(str(folder / "catch.csv")), None, lambda share, stage: stop.set(), stop
+        )
     already = Stop()
     already.set()
     with pytest.raises(WorkStopped):
@@ -164,30 +197,71 @@ def test_cancelling_ends_the_process_at_once(files, folder):
     assert used_s() - begun_s < 3.0
 
 
-# --- what may be adopted ---------------------------------------------------------------------------------------------
+# --- what may be adopted
+# ---------------------------------------------------------------------------------------------
 
-def cause(effect_id: str, value: float | None = 5.0, onset_s: float | None = None, scope: str | None = None,
-          until_s: float | None = None, grows: bool = False) -> Cause:
-    return Cause(effect_id, Size(value, None, None, "%"), onset_s, 0.9, (), None, "", FieldCost(None, None), scope,
-                 until_s, grows)
+
+def cause(
+    effect_id: str,
+    value: float | None = 5.0,
+    onset_s: float | None = None,
+    scope: str | None = None,
+    until_s: float | None = None,
+    grows: bool = False,
+) -> Cause:
+    return Cause(
+        effect_id,
+        Size(value, None, None, "%"),
+        onset_s,
+        0.9,
+        (),
+        None,
+        "",
+        FieldCost(None, None),
+        scope,
+        until_s,
+        grows,
+    )
 
 
 def test_scoped_late_and_sizeless_effects_are_refused():
-    found = Diagnosis(Data("t.csv", "lag", 9, None, "m"), (), "named",
-                      (cause("lag.offset", scope="t.csv after"), cause("flow.gain"),
-                       cause("shaft.stall", 100.0), cause("scale.gain", None),
-                       cause("shaft.gain", onset_s=60.0), cause("gate.offset", until_s=60.0),
-                       cause("gate.gain", grows=True)), (), (), None, (), None)
+    found = Diagnosis(
+        Data("t.csv", "lag", 9, None, "m"),
+        (),
+        "named",
+        (
+            cause("lag.offset", scope="t.csv after"),
+            cause("flow.gain"),
+            cause("shaft.stall", 100.0),
+            cause("scale.gain", None),
+            cause("shaft.gain", onset_s=60.0),
+            cause("gate.offset", until_s=60.0),
+            cause("gate.gain", grows=True),
+        ),
+        (),
+        (),
+        None,
+        (),
+        None,
+    )
     kept, refused = sorted_out(found)
     assert kept == ("flow.gain",)
-    assert [why.split(":")[0] for why in refused] == ["lag.offset", "shaft.stall", "scale.gain", "shaft.gain",
-                                                       "gate.offset", "gate.gain"]
+    assert [why.split(":")[0] for why in refused] == [
+        "lag.offset",
+        "shaft.stall",
+        "scale.gain",
+        "shaft.gain",
+        "gate.offset",
+        "gate.gain",
+    ]
     assert "ended during the run" in refused[4] and "grew during the run" in refused[5]
     assert [one.id for one in adoptable(found)] == ["lag.offset", "flow.gain"]
     assert "holds in the rows of t.csv after only" in refused[0] and "during the run" in refused[1]
 
 
-# --- the separating run ----------------------------------------------------------------------------------------------
+# --- the separating run
+# ----------------------------------------------------------------------------------------------
+
 
 @pytest.fixture(scope="module")
 def huanghai():
@@ -199,9 +273,13 @@ def test_every_planned_manoeuvre_can_be_driven(huanghai):
     assert not drivable("") and not drivable("weigh_by_hand")
 
 
-@pytest.mark.parametrize(("manoeuvre", "column", "wanted"), [
-    ("stairs", "shaft_rpm", {20.0, 40.0, 60.0, 80.0}),
-    pytest.param("openings", "opening_mm", {10.0, 20.0, 30.0, 40.0}, marks=pytest.mark.exam)])
+@pytest.mark.parametrize(
+    ("manoeuvre", "column", "wanted"),
+    [
+        ("stairs", "shaft_rpm", {20.0, 40.0, 60.0, 80.0}),
+        pytest.param("openings", "opening_mm", {10.0, 20.0, 30.0, 40.0}, marks=pytest.mark.exam),
+    ],
+)
 def test_staircases_are_driven_standing_a_minute_each_step(huanghai, manoeuvre, column, wanted):
     setup = load_setup("huanghai", "demo", dt.date.today())
     drive = drive_of(manoeuvre, setup.job, huanghai)
@@ -209,18 +287,27 @@ def test_staircases_are_driven_standing_a_minute_each_step(huanghai, manoeuvre, 
     step_s = 0.1
     plant = simulated_machine(huanghai, job, 1, step_s)
     loop = control_loop(huanghai, setup.crop, setup.rule, job)
-    rows = [step.tick.row for step in simulated_run(plant, loop, drive.seconds, orders=drive.orders)]
+    rows = [
+        step.tick.row for step in simulated_run(plant, loop, drive.seconds, orders=drive.orders)
+    ]
     assert max(row.speed_mps or 0.0 for row in rows) < 0.2
-    busy = [row for row in rows if row.state == State.CALIBRATING and (row.shaft_rpm_cmd or 0.0) > 0.0]
-    spent = {place: step_s * sum(abs((getattr(row, f"{column}_cmd") or 0.0) - place) < 2.0 for row in busy)
-             for place in wanted}
+    busy = [
+        row for row in rows if row.state == State.CALIBRATING and (row.shaft_rpm_cmd or 0.0) > 0.0
+    ]
+    spent = {
+        place: step_s
+        * sum(abs((getattr(row, f"{column}_cmd") or 0.0) - place) < 2.0 for row in busy)
+        for place in wanted
+    }
     assert all(100.0 < seconds <= 120.0 for seconds in spent.values()), spent
 
 
 def test_the_job_file_of_a_separating_run_reads_back(files, tmp_path, huanghai):
     found = sample_found()
     slope = next(one for one in manoeuvres(huanghai) if one.id == "slope")
-    on_slope = having(found._replace(drives="slope"), next_run=replace(found.found.next_run, plan=slope.plan))
+    on_slope = having(
+        found._replace(drives="slope"), next_run=replace(found.found.next_run, plan=slope.plan)
+    )
     path = Path(files.write_run(on_slope))
     job = load(path, JOB).model
     assert job.simulated.slope_deg == 4.0 and not job.flow_trim and job.title == slope.plan
@@ -233,20 +320,34 @@ def test_an_adopted_file_is_compared_before_and_after_on_another_log(tmp_path):
     from control.machine.history import noted
     from control.machine.machine import with_effect
     from drivers.files.config import save
+
     rng, time_s = np.random.default_rng(1), np.arange(0.0, 120.0, 0.02)
     command = np.repeat(rng.uniform(100.0, 600.0, 60).round(), 100)
-    read = 1.05 * np.concatenate((command[:10], command[:-10])) + 2.0 * rng.standard_normal(len(time_s))
+    read = 1.05 * np.concatenate((command[:10], command[:-10])) + 2.0 * rng.standard_normal(
+        len(time_s)
+    )
     log = tmp_path / "other.csv"
-    log.write_text("time_s,shaft_rpm_cmd,shaft_rpm\n" + "".join(
-        f"{t:.2f},{c:g},{y:.2f}\n" for t, c, y in zip(time_s, command, read, strict=True)))
+    log.write_text(
+        "time_s,shaft_rpm_cmd,shaft_rpm\n"
+        + "".join(f"{t:.2f},{c:g},{y:.2f}\n" for t, c, y in zip(time_s, command, read, strict=True))
+    )
     before = load("drive_alone", MACHINE).model
     after, place = with_effect(before, "shaft.gain", 5.0), tmp_path / "new.yaml"
     save(place, noted(before, after, data="run.csv", date="2026-07-09"), MACHINE)
     service, told = DiagnosisFiles([tmp_path], own=tmp_path / "own"), []
-    found = service.compare(str(place), service.source(str(log)), lambda *said: told.append(said), Stop())
+    found = service.compare(
+        str(place), service.source(str(log)), lambda *said: told.append(said), Stop()
+    )
     shaft = found.rows[0]
-    assert (shaft.channel, shaft.unit) == ("shaft", "r/min") and shaft.new < shaft.old and shaft.low > 0.0
-    assert Path(found.report).parent == tmp_path / "own" / "reports" and "<svg" in Path(found.report).read_text()
+    assert (
+        (shaft.channel, shaft.unit) == ("shaft", "r/min")
+        and shaft.new < shaft.old
+        and shaft.low > 0.0
+    )
+    assert (
+        Path(found.report).parent == tmp_path / "own" / "reports"
+        and "<svg" in Path(found.report).read_text()
+    )
     assert [share for share, _ in told] == sorted(share for share, _ in told) and len(told) > 2
     stop = Stop()
     stop.set()

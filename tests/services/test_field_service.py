@@ -1,4 +1,6 @@
-"""The picture of a frame's field, read from what stands beside its run log; and a what-if of that log, cancelled."""
+"""The picture of a frame's field, read from what stands beside its run log; and a what-if of
+that log, cancelled."""
+
 from __future__ import annotations
 
 import dataclasses
@@ -27,8 +29,19 @@ def write(path: Path, setup: Setup, rows: int = 300, boundary: bool = True) -> P
     meta = run_meta(setup.machine, setup.crop, job, seed=1, extra={"job_folder": str(setup.folder)})
     writer = PlainLogWriter(path, meta)
     for k in range(rows):
-        writer.append(LogRow(time_s=k / 20, lat_deg=34.28, lon_deg=119.88, heading_deg=0.0, fix_quality=4,
-                             speed_mps=0.0, wheel_speed_mps=0.0, ndvi=0.5, state="off"))
+        writer.append(
+            LogRow(
+                time_s=k / 20,
+                lat_deg=34.28,
+                lon_deg=119.88,
+                heading_deg=0.0,
+                fix_quality=4,
+                speed_mps=0.0,
+                wheel_speed_mps=0.0,
+                ndvi=0.5,
+                state="off",
+            )
+        )
     writer.close()
     return path
 
@@ -49,11 +62,16 @@ def test_outline_and_plan_of_the_job_in_the_log(tmp_path, setup):
     assert (box.east_m - box.west_m, box.north_m - box.south_m) == pytest.approx((24 * 2.4, 150.0))
     assert picture.area_ha == pytest.approx(0.864) and picture.width_m == 2.4
     assert picture.planned.rate_kg_ha.size <= MOST_CELLS
-    assert set(np.unique(picture.planned.rate_kg_ha[np.isfinite(picture.planned.rate_kg_ha)])) == {180.0, 270.0, 360.0}
+    assert set(np.unique(picture.planned.rate_kg_ha[np.isfinite(picture.planned.rate_kg_ha)])) == {
+        180.0,
+        270.0,
+        360.0,
+    }
 
 
 def test_the_plan_is_what_the_loop_works_on(tmp_path, setup):
     from drivers.files.prescriptions.for_job import map_of_job
+
     job = with_simulated_field(setup.job, setup.machine)
     picture = field_picture(frame_of(write(tmp_path / "a.csv", setup)))
     profile = map_of_job(job, setup.folder)
@@ -65,7 +83,9 @@ def test_the_plan_is_what_the_loop_works_on(tmp_path, setup):
 
 
 def test_a_canopy_job_has_an_outline_and_no_plan(tmp_path):
-    picture = field_picture(frame_of(write(tmp_path / "a.csv", load_setup("huanghai", "demo", dt.date(2026, 3, 18)))))
+    picture = field_picture(
+        frame_of(write(tmp_path / "a.csv", load_setup("huanghai", "demo", dt.date(2026, 3, 18))))
+    )
     assert picture.planned is None and picture.rings_m
 
 
@@ -102,12 +122,31 @@ def test_a_cancelled_what_if_stops_at_its_next_row(tmp_path, setup):
 
 
 def test_where_the_map_says_nothing_nothing_is_planned(tmp_path, setup):
-    ring = [[119.88, 34.28], [119.8802, 34.28], [119.8802, 34.2805], [119.88, 34.2805], [119.88, 34.28]]
-    zone = {"type": "Feature", "properties": {"rate_kg_ha": 200.0},
-            "geometry": {"type": "Polygon", "coordinates": [ring]}}
-    corner = {"type": "Feature", "properties": {"rate_kg_ha": 100.0}, "geometry": {"type": "Polygon", "coordinates": [
-        [[119.8804, 34.2810], [119.8805, 34.2810], [119.8805, 34.2811], [119.8804, 34.2810]]]}}
-    (tmp_path / "map_demo.geojson").write_text(json.dumps({"type": "FeatureCollection", "features": [zone, corner]}))
+    ring = [
+        [119.88, 34.28],
+        [119.8802, 34.28],
+        [119.8802, 34.2805],
+        [119.88, 34.2805],
+        [119.88, 34.28],
+    ]
+    zone = {
+        "type": "Feature",
+        "properties": {"rate_kg_ha": 200.0},
+        "geometry": {"type": "Polygon", "coordinates": [ring]},
+    }
+    corner = {
+        "type": "Feature",
+        "properties": {"rate_kg_ha": 100.0},
+        "geometry": {
+            "type": "Polygon",
+            "coordinates": [
+                [[119.8804, 34.2810], [119.8805, 34.2810], [119.8805, 34.2811], [119.8804, 34.2810]]
+            ],
+        },
+    }
+    (tmp_path / "map_demo.geojson").write_text(
+        json.dumps({"type": "FeatureCollection", "features": [zone, corner]})
+    )
     planned = field_picture(frame_of(write(tmp_path / "a.csv", setup))).planned
     assert planned.at(5.0, 20.0) == 200.0 and planned.at(30.0, 20.0) is None
     assert planned.ends == (100.0, 200.0)

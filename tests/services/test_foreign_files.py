@@ -1,4 +1,6 @@
-"""Logs of other machines on the Diagnosis page: listed, brought in where that is certain, else asked about."""
+"""Logs of other machines on the Diagnosis page: listed, brought in where that is certain, else
+asked about."""
+
 from __future__ import annotations
 
 import shutil
@@ -30,7 +32,9 @@ def test_files_that_may_be_logs_are_listed_as_such(folder: Path, tmp_path: Path)
     (folder / "planter.import.yaml").write_text("format: topdress-import/1\n", encoding="utf-8")
     found = DiagnosisFiles([folder], own=tmp_path / "own").sources("")
     assert {one.name: one.kind for one in found} == dict.fromkeys(
-        ("planter.csv", "tractor.csv", "applied.geojson", "shopping.csv", "planter.import.yaml"), IMPORT)
+        ("planter.csv", "tractor.csv", "applied.geojson", "shopping.csv", "planter.import.yaml"),
+        IMPORT,
+    )
     assert not is_listed(Path("run.truth.csv")) and not is_listed(Path("machine.yaml"))
     assert is_listed(Path("TASKDATA.XML"))
 
@@ -45,14 +49,23 @@ def test_what_is_certain_becomes_a_new_log_each_time(folder: Path, tmp_path: Pat
     assert sorted(file.name for file in folder.glob("*.yaml")) == []
 
 
-def test_open_questions_are_asked_until_the_import_file_is_edited(folder: Path, tmp_path: Path) -> None:
+def test_open_questions_are_asked_until_the_import_file_is_edited(
+    folder: Path, tmp_path: Path
+) -> None:
     logs, place = tmp_path / "logs", folder / "planter.import.yaml"
     for picked in (folder / "planter.csv", folder / "planter.csv", place):
         with pytest.raises(OpenQuestions) as asked:
             brought_in(picked, logs)
-        assert asked.value.import_file == str(place) and "what 100 % is in mm" in asked.value.questions[0]
+        assert (
+            asked.value.import_file == str(place)
+            and "what 100 % is in mm" in asked.value.questions[0]
+        )
         assert not logs.exists()
-    text = place.read_text(encoding="utf-8").replace("full: }", "full: 60}").replace("  # opening_mm:", "  opening_mm:")
+    text = (
+        place.read_text(encoding="utf-8")
+        .replace("full: }", "full: 60}")
+        .replace("  # opening_mm:", "  opening_mm:")
+    )
     place.write_text(text, encoding="utf-8")
     for picked, name in ((folder / "planter.csv", "planter.csv"), (place, "planter-2.csv")):
         log, notes = brought_in(picked, logs)
@@ -64,7 +77,9 @@ def test_open_questions_are_asked_until_the_import_file_is_edited(folder: Path, 
 def test_an_import_file_without_its_file_is_refused(folder: Path, tmp_path: Path) -> None:
     alone = folder / "gone.import.yaml"
     alone.write_text("format: topdress-import/1\n", encoding="utf-8")
-    with pytest.raises(ValueError, match=r"must stand next to it as gone\.csv or alike; there: none"):
+    with pytest.raises(
+        ValueError, match=r"must stand next to it as gone\.csv or alike; there: none"
+    ):
         brought_in(alone, tmp_path)
     (folder / "broken.parquet").write_bytes(b"no table")
     with pytest.raises(Refused, match="not readable as Parquet"):
@@ -77,11 +92,16 @@ def test_the_page_diagnoses_a_foreign_file_by_its_process(folder: Path, tmp_path
     source = service.source(str(folder / "tractor.csv"))
     found = service.diagnose(source, None, lambda share, stage: told.append(stage), Stop())
     assert source.kind == IMPORT and found.source == "tractor.csv" and found.found.data.rows > 100
-    assert Path(found.found.data.path) == tmp_path / "own" / "logs" / "tractor.csv" and "importing" in told
+    assert (
+        Path(found.found.data.path) == tmp_path / "own" / "logs" / "tractor.csv"
+        and "importing" in told
+    )
     assert any("65535" in note for note in found.found.findings)
     with pytest.raises(OpenQuestions, match="opening_mm"):
         service.diagnose(service.source(str(folder / "planter.csv")), None, lambda *_: None, Stop())
     (folder / "broken.parquet").write_bytes(b"no table")
     with pytest.raises(ValueError, match="not readable as Parquet") as caught:
-        service.diagnose(service.source(str(folder / "broken.parquet")), None, lambda *_: None, Stop())
+        service.diagnose(
+            service.source(str(folder / "broken.parquet")), None, lambda *_: None, Stop()
+        )
     assert "\n" not in str(caught.value) and "Traceback" not in str(caught.value)

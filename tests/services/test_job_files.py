@@ -1,4 +1,5 @@
 """The Job screen's desk on real files: facts, new job files, what is offered after a power cut."""
+
 from __future__ import annotations
 
 import asyncio
@@ -70,9 +71,19 @@ def test_a_start_that_fails_leaves_the_files_of_before(desk, launcher):
 
 def test_facts_of_what_is_shipped(desk):
     facts = desk.facts()
-    assert facts.setup.crop.name.startswith("Winter wheat") and facts.setup.crop.warnings and facts.shipped_machine
-    assert facts.setup.rule.ndvi_nrich is None and facts.setup.crop.fixed_yield_t_ha == pytest.approx(6.73)
-    assert facts.field_ha == pytest.approx(8.64, abs=0.01) and facts.setup.job.target.source == "canopy"
+    assert (
+        facts.setup.crop.name.startswith("Winter wheat")
+        and facts.setup.crop.warnings
+        and facts.shipped_machine
+    )
+    assert (
+        facts.setup.rule.ndvi_nrich is None
+        and facts.setup.crop.fixed_yield_t_ha == pytest.approx(6.73)
+    )
+    assert (
+        facts.field_ha == pytest.approx(8.64, abs=0.01)
+        and facts.setup.job.target.source == "canopy"
+    )
     assert Path(facts.job_file) == shipped("jobs")["demo"] and facts.job_file == facts.jobs[0].value
     assert {file.label for file in facts.crops} >= {"huanghai_wheat", "osu_durum_2006"}
 
@@ -82,11 +93,19 @@ def test_the_strip_goes_into_a_new_job_file_that_is_used_next(desk, launcher, tm
     path = Path(desk.take_strip(StripValue("nrich", 0.71, 0.004, 38)))
     assert "standard error 0.0040, 38 samples" in path.read_text(encoding="utf-8")
     assert path.parent == tmp_path / "jobs" and launcher.config == (str(path),)
-    assert load(path, JOB).model.ndvi_nrich == 0.71 and shipped("jobs")["demo"].read_bytes() == before
+    assert (
+        load(path, JOB).model.ndvi_nrich == 0.71 and shipped("jobs")["demo"].read_bytes() == before
+    )
     facts = desk.facts()
-    assert facts.setup.rule.ndvi_nrich == facts.setup.job.ndvi_nrich == 0.71 and facts.job_file == str(path)
+    assert (
+        facts.setup.rule.ndvi_nrich == facts.setup.job.ndvi_nrich == 0.71
+        and facts.job_file == str(path)
+    )
     both = load(Path(desk.take_strip(StripValue("check", 0.55))), JOB).model
-    assert (both.ndvi_nrich, both.ndvi_check) == (0.71, 0.55) and desk.facts().setup.rule.ndvi_check == 0.55
+    assert (both.ndvi_nrich, both.ndvi_check) == (
+        0.71,
+        0.55,
+    ) and desk.facts().setup.rule.ndvi_check == 0.55
 
 
 def test_a_map_beside_the_job_is_found_from_the_new_file_too(desk, launcher):
@@ -111,7 +130,11 @@ def test_another_crop_and_machine(desk, launcher):
 def test_what_cannot_be_used_is_one_line_and_changes_nothing(desk, launcher, tmp_path):
     bad = tmp_path / "bad.yaml"
     bad.write_text("format: topdress-machine/1\nid: 7\n")
-    for kind, value in (("machine", str(bad)), ("job", str(bad)), ("crop", str(tmp_path / "none.yaml"))):
+    for kind, value in (
+        ("machine", str(bad)),
+        ("job", str(bad)),
+        ("crop", str(tmp_path / "none.yaml")),
+    ):
         with pytest.raises(ValueError, match=r"\.yaml: ") as caught:
             desk.take(kind, value)
         assert "\n" not in str(caught.value)
@@ -125,7 +148,10 @@ def test_a_job_that_was_cut_off_is_offered_for_two_weeks(desk, launcher, tmp_pat
 
     def keep(days: float) -> None:
         saved = (now - dt.timedelta(days=days)).isoformat()
-        resume.write(path, Snapshot("a.csv", began_utc=saved, saved_utc=saved, job="west", sums=Sums(area_ha=1.2)))
+        resume.write(
+            path,
+            Snapshot("a.csv", began_utc=saved, saved_utc=saved, job="west", sums=Sums(area_ha=1.2)),
+        )
 
     assert desk.offer() is None
     keep(1.0)
@@ -144,8 +170,17 @@ def test_a_shipped_file_by_its_name_is_the_same_file(tmp_path):
 async def test_begin_anew_is_not_asked_again(desk, launcher):
     launcher.logs.mkdir(exist_ok=True)
     saved = dt.datetime.now(dt.UTC).isoformat()
-    resume.write(resume.snapshot_path(launcher.logs / "a.csv"),
-                 Snapshot("a.csv", began_utc=saved, saved_utc=saved, sums=Sums(area_ha=1.2), config=("demo",), seed=7))
+    resume.write(
+        resume.snapshot_path(launcher.logs / "a.csv"),
+        Snapshot(
+            "a.csv",
+            began_utc=saved,
+            saved_utc=saved,
+            sums=Sums(area_ha=1.2),
+            config=("demo",),
+            seed=7,
+        ),
+    )
     offer = desk.offer()
     await desk.resume(offer)
     assert launcher.starts == [(("demo",), 7, Path(offer.path))]
@@ -153,33 +188,61 @@ async def test_begin_anew_is_not_asked_again(desk, launcher):
     assert launcher.starts[-1][2] is None and desk.offer() is None
 
 
-@pytest.mark.parametrize(("box", "far", "anew", "named"), [
-    ((0.0, 60.0), False, False, True), ((0.0, 60.0), False, True, False), ((0.0, 60.0), True, False, False),
-    ((-60.0, 20.0), False, False, False)])
-async def test_a_start_with_another_file_goes_on_with_what_was_left_on_its_field(desk, launcher, tmp_path, box, far,
-                                                                                 anew, named):
+@pytest.mark.parametrize(
+    ("box", "far", "anew", "named"),
+    [
+        ((0.0, 60.0), False, False, True),
+        ((0.0, 60.0), False, True, False),
+        ((0.0, 60.0), True, False, False),
+        ((-60.0, 20.0), False, False, False),
+    ],
+)
+async def test_a_start_with_another_file_goes_on_with_what_was_left_on_its_field(
+    desk, launcher, tmp_path, box, far, anew, named
+):
     """Anew: that job is ended, and asked about no more. What lies elsewhere is no concern of it."""
     demo = load(shipped("jobs")["demo"], JOB).model
-    field = demo.field.model_copy(update={"origin_lat_deg": 36.0 if far else demo.field.origin_lat_deg})
-    save(tmp_path / "other.yaml", demo.model_copy(update={"field": field, "strategy": "balanced"}), JOB, "")
+    field = demo.field.model_copy(
+        update={"origin_lat_deg": 36.0 if far else demo.field.origin_lat_deg}
+    )
+    save(
+        tmp_path / "other.yaml",
+        demo.model_copy(update={"field": field, "strategy": "balanced"}),
+        JOB,
+        "",
+    )
     launcher.logs.mkdir(exist_ok=True)
     path = resume.snapshot_path(launcher.logs / "a.csv")
     west, east = box
-    resume.write(path, Snapshot("a.csv", saved_utc=dt.datetime.now(dt.UTC).isoformat(), simulated=True, job="Mine",
-                                sums=Sums(area_ha=0.12), origin_deg=(34.28, 119.88), ground=Raster(
-                                    west, 0.0, 0.25, np.ones((80, round((east - west) / 0.25)), dtype=np.bool_))))
+    resume.write(
+        path,
+        Snapshot(
+            "a.csv",
+            saved_utc=dt.datetime.now(dt.UTC).isoformat(),
+            simulated=True,
+            job="Mine",
+            sums=Sums(area_ha=0.12),
+            origin_deg=(34.28, 119.88),
+            ground=Raster(
+                west, 0.0, 0.25, np.ones((80, round((east - west) / 0.25)), dtype=np.bool_)
+            ),
+        ),
+    )
     desk.take("job", str(tmp_path / "other.yaml"))
     assert (desk.offer() is None) is far
     await desk.restart(anew)
     assert [(config, resumed) for config, _, resumed in launcher.starts] == [
-        ((str(tmp_path / "other.yaml"),), path if named else None)]
+        ((str(tmp_path / "other.yaml"),), path if named else None)
+    ]
     assert resume.read(path).finished is anew and (desk.offer() is None) is (far or anew)
 
 
 def test_the_files_of_a_worker_that_runs_are_its_logs(launcher, tmp_path):
     job = shipped("jobs")["map_demo"]
     log = tmp_path / "run.csv"
-    PlainLogWriter(log, run_meta(sha256={str(job): "x", str(shipped("crops")["huanghai_wheat"]): "y"})).close()
+    PlainLogWriter(
+        log, run_meta(sha256={str(job): "x", str(shipped("crops")["huanghai_wheat"]): "y"})
+    ).close()
     launcher.config = ("mine.yaml", str(job))
     assert launcher.adopt(str(log)) == ("mine.yaml",), "what is not used is said"
     assert launcher.config == (str(job),)
@@ -203,23 +266,38 @@ def test_an_export_of_nothing_is_one_line(desk, tmp_path):
     with pytest.raises((ValueError, OSError)) as caught:
         desk.export(str(log), ".geojson", lambda done, of, what: None, lambda: False)
     assert "\n" not in str(caught.value) and "run.csv" in str(caught.value)
-    assert desk.export(str(log), ".csv", lambda done, of, what: None, lambda: True) == (), "cancelled before it began"
+    assert desk.export(str(log), ".csv", lambda done, of, what: None, lambda: True) == (), (
+        "cancelled before it began"
+    )
     assert desk.free_bytes(os.fspath(log)) > 0 and earlier(str(log)) is None
 
 
 def field_of_zones(path: Path, names: tuple[str, ...] = ("rate",)) -> Path:
     """Two zones of about a hectare each on the shipped demo's field."""
     import json
+
     corner = (119.8805, 34.2805)
     features = []
     for number, rate in enumerate((200.0, 320.0)):
         west, east = corner[0] + 0.001 * number, corner[0] + 0.001 * (number + 1)
-        ring = [[west, corner[1]], [east, corner[1]], [east, corner[1] + 0.001], [west, corner[1] + 0.001],
-                [west, corner[1]]]
-        features.append({"type": "Feature", "properties": {name: rate + k for k, name in enumerate(names)},
-                         "geometry": {"type": "Polygon", "coordinates": [ring]}})
+        ring = [
+            [west, corner[1]],
+            [east, corner[1]],
+            [east, corner[1] + 0.001],
+            [west, corner[1] + 0.001],
+            [west, corner[1]],
+        ]
+        features.append(
+            {
+                "type": "Feature",
+                "properties": {name: rate + k for k, name in enumerate(names)},
+                "geometry": {"type": "Polygon", "coordinates": [ring]},
+            }
+        )
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(json.dumps({"type": "FeatureCollection", "features": features}), encoding="utf-8")
+    path.write_text(
+        json.dumps({"type": "FeatureCollection", "features": features}), encoding="utf-8"
+    )
     return path
 
 
@@ -232,7 +310,7 @@ def test_a_prescription_is_looked_at_and_then_taken_in_kilograms_of_ours(desk, l
     assert launcher.config == () and not (tmp_path / "maps").exists(), "looking changes nothing"
     job = load(Path(desk.take_map(seen)), JOB).model
     assert job.target.source == "map" and Path(job.target.map).parent == tmp_path / "maps"
-    stick.unlink()                                          # the stick is pulled
+    stick.unlink()  # the stick is pulled
     assert desk.facts().setup.job.target.source == "canopy", "until the worker starts again with it"
     desk.drop()
     asyncio.run(desk.restart())
@@ -240,20 +318,29 @@ def test_a_prescription_is_looked_at_and_then_taken_in_kilograms_of_ours(desk, l
     desk.take("job", str(next((tmp_path / "jobs").iterdir())))
     asyncio.run(desk.restart())
     facts = desk.facts()
-    assert facts.setup.job.target.source == "map" and facts.map_trouble == "" and facts.map_check is not None
+    assert (
+        facts.setup.job.target.source == "map"
+        and facts.map_trouble == ""
+        and facts.map_check is not None
+    )
 
 
 def test_a_map_takes_the_place_of_a_held_mean_and_stays_under_the_heads(desk, tmp_path):
-    """A map has its own mean; a job that lets the heads move around a map goes on doing so with another one."""
-    for target, source in (({"hold_mean_kg_ha": 250.0}, "map"),
-                           ({"source": "map_and_canopy", "map": "old.geojson"}, "map_and_canopy")):
+    """A map has its own mean; a job that lets the heads move around a map goes on doing so with
+    another one."""
+    for target, source in (
+        ({"hold_mean_kg_ha": 250.0}, "map"),
+        ({"source": "map_and_canopy", "map": "old.geojson"}, "map_and_canopy"),
+    ):
         data = load("demo", JOB).model.model_dump(mode="json")
         job = Job.model_validate(data | {"target": data["target"] | target})
         save(tmp_path / "job.yaml", job, JOB)
         shutil.copy(shipped("jobs")["map_demo"].with_suffix(".geojson"), tmp_path / "old.geojson")
         desk.take("job", str(tmp_path / "job.yaml"))
         asyncio.run(desk.restart())
-        new = load(Path(desk.take_map(desk.preview(str(tmp_path / "old.geojson"), MapReading()))), JOB).model
+        new = load(
+            Path(desk.take_map(desk.preview(str(tmp_path / "old.geojson"), MapReading()))), JOB
+        ).model
         assert (new.target.source, new.target.hold_mean_kg_ha) == (source, None)
 
 
@@ -277,13 +364,17 @@ def test_maps_are_found_on_a_stick_and_not_searched_for_without_end(tmp_path):
     field_of_zones(stick / "a" / "b" / "c" / "d" / "deep.geojson")
     (stick / "letter.txt").write_text("no map", encoding="utf-8")
     found = maps_in(((stick, "STICK"), (tmp_path / "gone", "gone")))
-    assert {one.name for one in found} == {"north.geojson", "TASKDATA"} and {one.where for one in found} == {"STICK"}
+    assert {one.name for one in found} == {"north.geojson", "TASKDATA"} and {
+        one.where for one in found
+    } == {"STICK"}
 
 
 def test_names_go_into_a_new_job_and_come_back(desk, launcher):
     desk.take_names(JobNames("Li Ming", "East farm", "division 2", "urea 46-0-0", "Ann"))
     asyncio.run(desk.restart())
-    assert desk.facts().names == JobNames("Li Ming", "East farm", "division 2", "urea 46-0-0", "Ann")
+    assert desk.facts().names == JobNames(
+        "Li Ming", "East farm", "division 2", "urea 46-0-0", "Ann"
+    )
     with pytest.raises(ValueError, match="client"):
         desk.take_names(JobNames("x" * 200))
 
@@ -291,28 +382,45 @@ def test_names_go_into_a_new_job_and_come_back(desk, launcher):
 def test_a_job_s_card(desk, launcher, tmp_path):
     desk.take_strip(StripValue("nrich", 0.71))
     launcher.logs.mkdir(exist_ok=True)
-    resume.write(resume.snapshot_path(launcher.logs / "a.csv"), Snapshot(
-        "a.csv", saved_utc="2026-03-18T07:02:00+00:00", config=launcher.config, sums=Sums(area_ha=1.2)))
-    (tmp_path / "jobs" / "broken.yaml").write_text("format: topdress-job/1\nid: 7\n", encoding="utf-8")
+    resume.write(
+        resume.snapshot_path(launcher.logs / "a.csv"),
+        Snapshot(
+            "a.csv",
+            saved_utc="2026-03-18T07:02:00+00:00",
+            config=launcher.config,
+            sums=Sums(area_ha=1.2),
+        ),
+    )
+    (tmp_path / "jobs" / "broken.yaml").write_text(
+        "format: topdress-job/1\nid: 7\n", encoding="utf-8"
+    )
     listed = desk.cards()
     cards = {file.label: card for file, card in listed}
     assert listed[0][0].value == launcher.config[0] and cards["broken"] is None
     mine, by_map = listed[0][1], cards["map_demo"]
     assert (mine.field, mine.crop, mine.map) == ("Huanghai, division 2", "huanghai_wheat", "")
     assert (mine.done_ha, mine.worked_utc[:10]) == (1.2, "2026-03-18")
-    assert by_map.map == "map_demo.geojson" and by_map.picture.planned is not None and by_map.worked_utc == ""
+    assert (
+        by_map.map == "map_demo.geojson"
+        and by_map.picture.planned is not None
+        and by_map.worked_utc == ""
+    )
 
 
 def test_a_job_that_is_changed_stays_the_same_job_with_a_history(desk, launcher, tmp_path):
     jobs = tmp_path / "jobs"
 
     def versions():
-        return [load(path, JOB).model.ndvi_nrich for path in sorted((jobs / "history").glob("*.yaml"))]
+        return [
+            load(path, JOB).model.ndvi_nrich for path in sorted((jobs / "history").glob("*.yaml"))
+        ]
 
     desk.take_strip(StripValue("nrich", 0.71))
     desk.take_strip(StripValue("nrich", 0.72))
     desk.take_names(JobNames(client="Li Ming"))
-    assert load(jobs / "demo.yaml", JOB).model.client == "" == desk.facts().setup.job.client, "nothing has it yet"
+    assert load(jobs / "demo.yaml", JOB).model.client == "" == desk.facts().setup.job.client, (
+        "nothing has it yet"
+    )
     desk.drop()
     assert versions() == [0.71], "what was not taken is not kept"
     desk.take_names(JobNames(client="Li Ming"))
@@ -322,19 +430,37 @@ def test_a_job_that_is_changed_stays_the_same_job_with_a_history(desk, launcher,
     with pytest.raises(WorkerFailed):
         asyncio.run(desk.restart())
     job = load(jobs / "demo.yaml", JOB).model
-    assert (job.id, job.client, job.ndvi_nrich) == ("demo", "Li Ming", 0.72) and "huanghai" in job.crop
+    assert (job.id, job.client, job.ndvi_nrich) == (
+        "demo",
+        "Li Ming",
+        0.72,
+    ) and "huanghai" in job.crop
     assert [path.name for path in jobs.glob("*.yaml")] == ["demo.yaml"]
     assert launcher.config == (str(jobs / "demo.yaml"),)
     said = (jobs / "demo.yaml").read_text(encoding="utf-8").splitlines()[:4]
     assert said[0] == "# From demo.yaml." and [line.split(" ", 3)[3] for line in said[1:]] == [
-        "N-rich strip: NDVI 0.7100", "N-rich strip: NDVI 0.7200", "Names given in the cab"]
+        "N-rich strip: NDVI 0.7100",
+        "N-rich strip: NDVI 0.7200",
+        "Names given in the cab",
+    ]
 
 
 def _geojson(path, *corners):
     ring = [list(corner) for corner in (*corners, corners[0])]
-    path.write_text(json.dumps({"type": "FeatureCollection", "features": [
-        {"type": "Feature", "properties": {"rate kg/ha": 200},
-         "geometry": {"type": "Polygon", "coordinates": [ring]}}]}))
+    path.write_text(
+        json.dumps(
+            {
+                "type": "FeatureCollection",
+                "features": [
+                    {
+                        "type": "Feature",
+                        "properties": {"rate kg/ha": 200},
+                        "geometry": {"type": "Polygon", "coordinates": [ring]},
+                    }
+                ],
+            }
+        )
+    )
     return str(path)
 
 
@@ -348,16 +474,25 @@ def test_what_is_no_prescription_map_says_what_it_is(desk, tmp_path):
     for name, what in (("notes.csv", "this is a PDF document"), ("worker.json", "type None")):
         with pytest.raises(ValueError) as raised:
             desk.preview(str(tmp_path / name), MapReading())
-        assert str(raised.value).startswith("not a prescription map: ") and what in str(raised.value)
+        assert str(raised.value).startswith("not a prescription map: ") and what in str(
+            raised.value
+        )
 
 
 def test_swapped_latitude_and_longitude_are_named(desk, tmp_path):
-    """Degrees beyond 90 cannot be latitudes; within them the job's own field tells (the demo's: 34.28, 119.88)."""
-    with pytest.raises(ValueError, match=r"^latitude and longitude look swapped: latitudes up to 120, "):
+    """Degrees beyond 90 cannot be latitudes; within them the job's own field tells (the demo's:
+    34.28, 119.88)."""
+    with pytest.raises(
+        ValueError, match=r"^latitude and longitude look swapped: latitudes up to 120, "
+    ):
         desk.preview(_geojson(tmp_path / "a.geojson", *_square(34.28, 119.88)), MapReading())
     with pytest.raises(ValueError, match=r"^coordinates up to 500"):
-        desk.preview(_geojson(tmp_path / "m.geojson", *_square(500_000.0, 3_800_000.0, 100.0)), MapReading())
-    assert not desk.preview(_geojson(tmp_path / "b.geojson", *_square(119.88, 34.28)), MapReading()).check.away_m
+        desk.preview(
+            _geojson(tmp_path / "m.geojson", *_square(500_000.0, 3_800_000.0, 100.0)), MapReading()
+        )
+    assert not desk.preview(
+        _geojson(tmp_path / "b.geojson", *_square(119.88, 34.28)), MapReading()
+    ).check.away_m
 
 
 def test_a_map_of_small_degrees_that_is_swapped_is_seen_by_the_field():
@@ -365,8 +500,11 @@ def test_a_map_of_small_degrees_that_is_swapped_is_seen_by_the_field():
     plane = TangentPlane(48.0, 16.0)
     field = Boundary(((0.0, 0.0), (200.0, 0.0), (200.0, 200.0), (0.0, 200.0)))
     right = np.array([(48.0, 16.0), (48.001, 16.0), (48.001, 16.001), (48.0, 16.001)])
-    zones = {False: Zone(200.0, (right,)), True: Zone(200.0, (right[:, ::-1].copy(),)),
-             None: Zone(200.0, (right + 1.0,))}
+    zones = {
+        False: Zone(200.0, (right,)),
+        True: Zone(200.0, (right[:, ::-1].copy(),)),
+        None: Zone(200.0, (right + 1.0,)),
+    }
     found = {name: map_check(MapData((zone,)), 500.0, field, plane) for name, zone in zones.items()}
     assert [found[name].swapped for name in (False, True, None)] == [False, True, False]
     assert map_words(found[True], METRIC)[0].startswith("latitude and longitude look swapped")
@@ -374,19 +512,28 @@ def test_a_map_of_small_degrees_that_is_swapped_is_seen_by_the_field():
 
 
 SQUARE = "POLYGON ((119.88 34.28, 119.881 34.28, 119.881 34.281, 119.88 34.28))"
+SWAPPED = SQUARE.replace("119.88", "x").replace("34.28", "119.88").replace("x", "34.28")
 REFUSED = {
-    "notes.pdf": b"%PDF-1.4", "pic.png": b"\x89PNG\r\n", "page.html": b"<!doctype html><html></html>", "empty.csv": b"",
-    "old.gz": b"\x1f\x8b\x08\0", "worker.json": b'{"type": "None"}', "plain.csv": b"a,b\n1,2\n",
-    "none.csv": f'wkt,rate_kg_ha\n"{SQUARE}",\n'.encode(), "word.csv": f'wkt,rate_kg_ha\n"{SQUARE}",many\n'.encode(),
+    "notes.pdf": b"%PDF-1.4",
+    "pic.png": b"\x89PNG\r\n",
+    "page.html": b"<!doctype html><html></html>",
+    "empty.csv": b"",
+    "old.gz": b"\x1f\x8b\x08\0",
+    "worker.json": b'{"type": "None"}',
+    "plain.csv": b"a,b\n1,2\n",
+    "none.csv": f'wkt,rate_kg_ha\n"{SQUARE}",\n'.encode(),
+    "word.csv": f'wkt,rate_kg_ha\n"{SQUARE}",many\n'.encode(),
     "much.csv": f'wkt,rate_kg_ha\n"{SQUARE}",90000\n'.encode(),
-    "swapped.csv": f'wkt,rate_kg_ha\n"{SQUARE.replace("119.88", "x").replace("34.28", "119.88").replace("x", "34.28")}"'
-                   ',200\n'.encode(),
+    "swapped.csv": f'wkt,rate_kg_ha\n"{SWAPPED}",200\n'.encode(),
     "short.csv": f'wkt,rate_kg_ha\n"{SQUARE}"\n'.encode(),
     "srid.csv": f'wkt,rate_kg_ha\n"SRID=3857;{SQUARE}",9\n'.encode(),
-    "uneven.csv": b"lat,lon,rate kg/ha\n34.28,119.88,90\n34.2811,119.8803,90\n34.2817,119.8818,90\n34.29,119.9,90\n",
-    "ring.geojson": b'{"type": "FeatureCollection", "features": [{"type": "Feature", "properties": {"rate": 9}, '
-                    b'"geometry": {"type": "Polygon", "coordinates": [[[1, 2], [3, 4]]]}}]}',
-    "TASKDATA.XML": b'<ISO11783_TaskData><TSK A="TSK1"/></ISO11783_TaskData>', "none.zip": b"PK\5\6" + bytes(18),
+    "uneven.csv": b"lat,lon,rate kg/ha\n34.28,119.88,90\n34.2811,119.8803,90\n"
+    b"34.2817,119.8818,90\n34.29,119.9,90\n",
+    "ring.geojson": b'{"type": "FeatureCollection", "features": [{"type": "Feature", '
+    b'"properties": {"rate": 9}, '
+    b'"geometry": {"type": "Polygon", "coordinates": [[[1, 2], [3, 4]]]}}]}',
+    "TASKDATA.XML": b'<ISO11783_TaskData><TSK A="TSK1"/></ISO11783_TaskData>',
+    "none.zip": b"PK\5\6" + bytes(18),
 }
 
 
@@ -395,8 +542,26 @@ def test_a_refused_map_is_refused_in_chinese_on_a_chinese_screen(desk, tmp_path)
     import re
 
     from console.locale import use
-    kept = {"pdf", "csv", "wkt", "gzip", "json", "html", "png", "kg", "ha", "featurecollection", "rate", "many",
-            "none", "gz", "srid", "wgs", "ddi"}
+
+    kept = {
+        "pdf",
+        "csv",
+        "wkt",
+        "gzip",
+        "json",
+        "html",
+        "png",
+        "kg",
+        "ha",
+        "featurecollection",
+        "rate",
+        "many",
+        "none",
+        "gz",
+        "srid",
+        "wgs",
+        "ddi",
+    }
     left = {}
     use("zh")
     try:
@@ -413,16 +578,28 @@ def test_a_refused_map_is_refused_in_chinese_on_a_chinese_screen(desk, tmp_path)
     assert left == {}
 
 
-# --- Only what may be a map is listed: by its ending and its first bytes ---------------------------------------------
+# --- Only what may be a map is listed: by its ending and its first bytes
+# ---------------------------------------------
+
 
 @pytest.fixture
 def stick(tmp_path):
     square = [[[119.88, 34.28], [119.881, 34.28], [119.881, 34.281], [119.88, 34.28]]]
-    feature = {"type": "Feature", "properties": {"rate": 150}, "geometry": {"type": "Polygon", "coordinates": square}}
-    (tmp_path / "a.geojson").write_text(json.dumps({"type": "FeatureCollection", "features": [feature]}))
+    feature = {
+        "type": "Feature",
+        "properties": {"rate": 150},
+        "geometry": {"type": "Polygon", "coordinates": square},
+    }
+    (tmp_path / "a.geojson").write_text(
+        json.dumps({"type": "FeatureCollection", "features": [feature]})
+    )
     (tmp_path / "worker.json").write_text('{"pid": 4711, "token": "x"}')
-    (tmp_path / "run.csv").write_text("time_s,lat_deg,lon_deg,applied_rate_kg_ha\n0,34.28,119.88,100\n")
-    (tmp_path / "cells.csv").write_text("latitude,longitude,rate\n34.28,119.88,100\n34.2801,119.88,120\n")
+    (tmp_path / "run.csv").write_text(
+        "time_s,lat_deg,lon_deg,applied_rate_kg_ha\n0,34.28,119.88,100\n"
+    )
+    (tmp_path / "cells.csv").write_text(
+        "latitude,longitude,rate\n34.28,119.88,100\n34.2801,119.88,120\n"
+    )
     with zipfile.ZipFile(tmp_path / "photos.zip", "w") as archive:
         archive.writestr("a.jpg", b"")
     with zipfile.ZipFile(tmp_path / "map.zip", "w") as archive:
@@ -439,10 +616,16 @@ def test_only_maps_are_listed(stick):
 
 def test_folders_first_then_maps(stick):
     names = [one.name for one in entries(stick)]
-    assert names[0] == ".." and names[1] == "deep/" and set(names[2:]) == {"a.geojson", "cells.csv", "map.zip"}
+    assert (
+        names[0] == ".."
+        and names[1] == "deep/"
+        and set(names[2:]) == {"a.geojson", "cells.csv", "map.zip"}
+    )
 
 
-@pytest.mark.parametrize(("rates", "said"), [([120.0, 260.0], ""), ([40_000.0], "far above"), ([0.15], "less than"),
-                                             ([0.0], "")])
+@pytest.mark.parametrize(
+    ("rates", "said"),
+    [([120.0, 260.0], ""), ([40_000.0], "far above"), ([0.15], "less than"), ([0.0], "")],
+)
 def test_rates_that_no_field_gets_are_asked_about(rates, said):
     assert (said in implausible(rates, 500.0)) and bool(implausible(rates, 500.0)) == bool(said)

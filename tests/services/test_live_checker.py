@@ -1,4 +1,6 @@
-"""The live check beside the console: it says what it finds, and its death, slowness or noise touches nobody."""
+"""The live check beside the console: it says what it finds, and its death, slowness or noise
+touches nobody."""
+
 import errno
 import json
 import os
@@ -42,18 +44,28 @@ def waited(ask: Any, want: Any, timeout_s: float = 30.0) -> Any:
 
 def test_what_the_check_says_is_at_hand(tmp_path: Path) -> None:
     said = json.dumps({"departure": FOUND._asdict(), "at_s": 700.0})
-    checker = LiveChecker(program(tmp_path, f"print('no json'); print({said!r}, flush=True); sys.stdin.read()\n"))
+    checker = LiveChecker(
+        program(tmp_path, f"print('no json'); print({said!r}, flush=True); sys.stdin.read()\n")
+    )
     assert waited(lambda: checker.latest("a.csv"), FOUND) == FOUND
-    assert checker.latest("") is None                       # no log any more: the process is ended
+    assert checker.latest("") is None  # no log any more: the process is ended
     checker.close()
 
 
 @pytest.mark.skipif(not hasattr(signal, "SIGSTOP"), reason="no signals of this kind here")
-def test_a_check_that_is_frozen_keeps_nobody_waiting_and_one_that_dies_is_started_again(tmp_path: Path) -> None:
+def test_a_check_that_is_frozen_keeps_nobody_waiting_and_one_that_dies_is_started_again(
+    tmp_path: Path,
+) -> None:
     said = json.dumps({"departure": FOUND._asdict(), "at_s": 700.0})
     pid_file = tmp_path / "pid"
-    checker = LiveChecker(program(tmp_path, f"open({str(pid_file)!r}, 'w').write(str(os.getpid()))\n"
-                                            f"print({said!r}, flush=True); sys.stdin.read()\n"), again_s=0.05)
+    checker = LiveChecker(
+        program(
+            tmp_path,
+            f"open({str(pid_file)!r}, 'w').write(str(os.getpid()))\n"
+            f"print({said!r}, flush=True); sys.stdin.read()\n",
+        ),
+        again_s=0.05,
+    )
     assert waited(lambda: checker.latest("a.csv"), FOUND) == FOUND
     first = int(pid_file.read_text())
     os.kill(first, signal.SIGSTOP)
@@ -73,8 +85,11 @@ def test_a_program_that_is_not_there_says_nothing() -> None:
 
 
 def test_the_real_one_ends_with_its_stdin(tmp_path: Path) -> None:
-    child = subprocess.Popen([sys.executable, "-m", "console.services.live_check", str(tmp_path / "not-there.csv")],
-                             stdin=subprocess.PIPE, cwd=Path(__file__).parents[2])
+    child = subprocess.Popen(
+        [sys.executable, "-m", "console.services.live_check", str(tmp_path / "not-there.csv")],
+        stdin=subprocess.PIPE,
+        cwd=Path(__file__).parents[2],
+    )
     assert child.stdin is not None
     child.stdin.close()
     assert child.wait(60) == 0
@@ -83,11 +98,14 @@ def test_the_real_one_ends_with_its_stdin(tmp_path: Path) -> None:
 @pytest.fixture
 def looks(monkeypatch: pytest.MonkeyPatch) -> Callable[[Callable[[float], Departure | None]], None]:
     """Looks that find nothing, or at a time what a function says of it; they cost nothing."""
+
     def find(found: Callable[[float], Departure | None]) -> None:
         def look(self: watch.LiveCheck) -> Departure | None:
             self._looked_s = self.now_s
             return found(self.now_s)
+
         monkeypatch.setattr(watch.LiveCheck, "look", look)
+
     find(lambda now_s: None)
     return find
 
@@ -123,17 +141,23 @@ def test_a_growing_log_gives_whole_new_rows_only(path: Path) -> None:
     assert growing.more() is None
     grow(path, "00,1.25\n" + rows(6, 8))
     more = growing.more()
-    assert more is not None and more["time_s"].tolist() == [0.5, 0.6, 0.7] and more["speed_mps"][0] == 1.2
-    path.write_text(HEADER + "0.0,1.0,1.0\n")                               # another log in its place
+    assert (
+        more is not None
+        and more["time_s"].tolist() == [0.5, 0.6, 0.7]
+        and more["speed_mps"][0] == 1.2
+    )
+    path.write_text(HEADER + "0.0,1.0,1.0\n")  # another log in its place
     assert times(growing) == [0.0]
 
 
-def test_another_log_in_its_place_is_read_from_its_beginning_however_long_it_is(path: Path, tmp_path: Path) -> None:
+def test_another_log_in_its_place_is_read_from_its_beginning_however_long_it_is(
+    path: Path, tmp_path: Path
+) -> None:
     path.write_text(HEADER + rows(100, 110))
     growing, other = GrowingLog(path), tmp_path / "other.csv"
     growing.more()
     other.write_text(HEADER + rows(0, 40))
-    other.replace(path)                                                       # rotated: longer than what was read
+    other.replace(path)  # rotated: longer than what was read
     assert times(growing) == pytest.approx([0.1 * k for k in range(40)])
 
 
@@ -150,6 +174,7 @@ def test_a_full_disk_is_nothing_to_it(path: Path, monkeypatch: pytest.MonkeyPatc
 
     def full(*_: object, **__: object) -> None:
         raise OSError(errno.ENOSPC, "No space left on device")
+
     with monkeypatch.context() as patched:
         patched.setattr(tempfile, "TemporaryDirectory", full)
         assert len(times(GrowingLog(path))) == 10
@@ -166,8 +191,9 @@ def test_a_new_log_is_checked_from_its_beginning(path: Path, tmp_path: Path) -> 
             other.replace(path)
         replaced.append(True)
         return len(replaced) < 3
+
     looked = [look.at_s for look in followed(path, "huanghai", wait)]
-    assert len([at_s for at_s in looked if at_s < 400.0]) == 6               # three of each log
+    assert len([at_s for at_s in looked if at_s < 400.0]) == 6  # three of each log
     assert looked[-1] < 400.0
 
 
@@ -178,7 +204,11 @@ def test_a_clock_that_jumps_far_ahead_costs_nothing() -> None:
 
 
 def test_logs_of_other_programs_and_stores_are_followed_too(path: Path, tmp_path: Path) -> None:
-    head = (Path(__file__).parents[2] / "docs/examples/import/tractor.csv").read_bytes().splitlines(keepends=True)
+    head = (
+        (Path(__file__).parents[2] / "docs/examples/import/tractor.csv")
+        .read_bytes()
+        .splitlines(keepends=True)
+    )
     path.write_bytes(b"".join(head[:101]))
     growing = GrowingLog(path)
     first = times(growing)
@@ -198,11 +228,15 @@ def test_rows_at_once_are_gone_through_as_they_would_have_come(path: Path) -> No
 
 
 def test_what_departed_before_it_was_started_is_not_said_as_if_it_did_now(
-        path: Path, looks: Any, capsys: pytest.CaptureFixture[str]) -> None:
-    """A console that is started again goes through the rows of the morning: only what stands now is said."""
+    path: Path, looks: Any, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A console that is started again goes through the rows of the morning: only what stands
+    now is said."""
     looks(lambda now_s: FOUND if now_s < 500.0 else None)
+
     def end(_: float) -> None:
         raise OSError("enough")
+
     path.write_text(HEADER + rows(0, 6300))
     live_check.main([str(path), "huanghai"], end)
     lines = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
@@ -219,25 +253,32 @@ def test_a_log_that_is_read_in_parts_is_behind_until_the_last(path: Path) -> Non
 
 
 def foreign(count: int, begin: int = 0) -> str:
-    return "".join(f"2026-05-01 08:{k // 1200:02d}:{k // 20 % 60:02d}.{k % 20 * 50:03d};{5.0 + 0.1 * (k % 9):.2f};"
-                   f"{60 + k // 40 % 7};{60 + (k - 6) // 40 % 7 + 0.2 * (k % 3):.1f}\n"
-                   for k in range(begin, begin + count))
+    return "".join(
+        "2026-05-01 "
+        f"08:{k // 1200:02d}:{k // 20 % 60:02d}.{k % 20 * 50:03d};{5.0 + 0.1 * (k % 9):.2f};"
+        f"{60 + k // 40 % 7};{60 + (k - 6) // 40 % 7 + 0.2 * (k % 3):.1f}\n"
+        for k in range(begin, begin + count)
+    )
 
 
 FOREIGN_HEAD = "Time;Ground speed [km/h];Shaft speed set [1/min];Shaft speed actual [1/min]\n"
 
 
-def test_of_a_foreign_log_only_the_new_lines_are_brought_in(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """At 20 Hz in steps of 5 s: rows as of the whole, each line read a few times and not at each look."""
+def test_of_a_foreign_log_only_the_new_lines_are_brought_in(
+    path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """At 20 Hz in steps of 5 s: rows as of the whole, each line read a few times and not at
+    each look."""
     read_bytes, before = [0], text.read_text
 
     def counted(where: Path, said: Any) -> Any:
         read_bytes[0] += where.stat().st_size
         return before(where, said)
+
     monkeypatch.setattr(text, "read_text", counted)
     path.write_text(FOREIGN_HEAD)
     growing, found = GrowingLog(path), list[float]()
-    assert growing.more() is None                       # a header alone: it is waited for rows
+    assert growing.more() is None  # a header alone: it is waited for rows
     for step in range(24):
         grow(path, foreign(100, 100 * step))
         found += times(growing)
@@ -246,17 +287,18 @@ def test_of_a_foreign_log_only_the_new_lines_are_brought_in(path: Path, monkeypa
 
 
 @pytest.mark.parametrize("kind", ["own", "foreign"])
-@pytest.mark.parametrize("bad", ["\0\0\x01\xff;,;\"\n", "0.45,abc,,,\n", ";;;;;;;;;;;;;\n"])
+@pytest.mark.parametrize("bad", ['\0\0\x01\xff;,;"\n', "0.45,abc,,,\n", ";;;;;;;;;;;;;\n"])
 def test_a_damaged_line_is_left_out_and_counted(path: Path, kind: str, bad: str) -> None:
     def some(begin: int, end: int) -> str:
         return rows(begin, end) if kind == "own" else foreign(end - begin, begin)
+
     path.write_text((HEADER if kind == "own" else FOREIGN_HEAD) + some(0, 200))
     growing = GrowingLog(path)
     seen = len(times(growing))
     with path.open("ab") as file:
         file.write(some(200, 240).encode() + bad.encode("latin-1") + some(240, 300).encode())
     seen += len(times(growing))
-    assert seen >= 299 and growing.damaged <= 1                              # the reader itself may pass over one
+    assert seen >= 299 and growing.damaged <= 1  # the reader itself may pass over one
     grow(path, some(300, 320))
     assert len(times(growing)) == 20
 
@@ -271,18 +313,23 @@ def test_a_log_that_no_longer_grows_is_said_once(path: Path) -> None:
         if waits[0] == 30:
             grow(path, rows(100, 110))
         return waits[0] < 40
+
     list(followed(path, "huanghai", wait, said.append))
-    assert [one.split(": ", 1)[1] for one in said] == ["no new row for 60 s: it no longer grows; still watched",
-                                                       "it grows again"]
+    assert [one.split(": ", 1)[1] for one in said] == [
+        "no new row for 60 s: it no longer grows; still watched",
+        "it grows again",
+    ]
 
 
 def test_a_foreign_log_is_followed_by_its_import_file(path: Path) -> None:
-    path.with_name("import.yaml").write_text("format: topdress-import/1\ntime: {column: t, counts: s}\ncolumns:\n"
-                                             "  shaft_rpm_cmd: {from: S, unit: 1/min}\n"
-                                             "  shaft_rpm: {from: I, unit: 1/min}\n")
+    path.with_name("import.yaml").write_text(
+        "format: topdress-import/1\ntime: {column: t, counts: s}\ncolumns:\n"
+        "  shaft_rpm_cmd: {from: S, unit: 1/min}\n"
+        "  shaft_rpm: {from: I, unit: 1/min}\n"
+    )
     lines = [f"{0.5 * k};{60 + k % 7};{60 + k % 5}\n" for k in range(120)]
     path.write_text("t;S;I\n" + "".join(lines[:100]))
     growing = GrowingLog(path)
-    assert len(growing.more()["shaft_rpm"]) == 100                           # type: ignore[index, arg-type]
+    assert len(growing.more()["shaft_rpm"]) == 100  # type: ignore[index, arg-type]
     grow(path, "".join(lines[100:]))
     assert times(growing) == [0.5 * k for k in range(100, 120)]

@@ -1,4 +1,6 @@
-"""Files of other days on the Map page: what our own exports, a monitor and a combine wrote lies where it was done."""
+"""Files of other days on the Map page: what our own exports, a monitor and a combine wrote lies
+where it was done."""
+
 from __future__ import annotations
 
 import json
@@ -26,7 +28,9 @@ SECONDS = 60
 def run(tmp_path_factory) -> RunLog:
     folder = tmp_path_factory.mktemp("layers")
     log = folder / "run.csv"
-    made = topdress("simulate", "--job", "map_demo", "--seconds", SECONDS, "--seed", "3", "--out", log)
+    made = topdress(
+        "simulate", "--job", "map_demo", "--seconds", SECONDS, "--seed", "3", "--out", log
+    )
     assert made.exit_code == 0, made.output
     return read_rows(log)
 
@@ -44,7 +48,9 @@ def exported(run: RunLog, name: str) -> Path:
     return path
 
 
-@pytest.mark.parametrize("name", ["run.csv", "applied.geojson", "applied.shp", "applied.zip", "applied.csv"])
+@pytest.mark.parametrize(
+    "name", ["run.csv", "applied.geojson", "applied.shp", "applied.zip", "applied.csv"]
+)
 def test_our_own_files_lie_where_it_was_done(run, frame, name):
     path = run.path if name == "run.csv" else exported(run, name)
     laid = MapLayers().lay(str(path), frame)
@@ -55,18 +61,27 @@ def test_our_own_files_lie_where_it_was_done(run, frame, name):
     assert laid.worked.box.north_m == pytest.approx(own.box.north_m, abs=3.0)
     for place in ((frame.place_m[0], frame.place_m[1] - back_m) for back_m in (20.0, 45.0)):
         pixel = Pixels(1, 1, 2.0, place[0] - 1.0, place[1] + 1.0)
-        one, other = (float(Ground(worked, pixel).layer(MapLayer.APPLIED)[0, 0]) for worked in (laid.worked, own))
+        one, other = (
+            float(Ground(worked, pixel).layer(MapLayer.APPLIED)[0, 0])
+            for worked in (laid.worked, own)
+        )
         assert one == pytest.approx(other, rel=0.1)
     assert laid.worked.width_m == pytest.approx(2.4)
     assert laid.worked.rate_ends[1] == pytest.approx(own.rate_ends[1], rel=0.05)
 
 
 def test_a_combine_s_yield_is_laid_by_its_own_scale(run, frame, tmp_path):
-    lines = ["Longitude,Latitude,Crop Flow(M)(kg/s),GPS Time(UTC)(s),Swth Wdth(m),Moisture(%),Speed(km/h)"]
+    lines = [
+        "Longitude,Latitude,Crop Flow(M)(kg/s),GPS Time(UTC)(s),Swth "
+        "Wdth(m),Moisture(%),Speed(km/h)"
+    ]
     for k, row in enumerate(run.rows()):
         if row.lat_deg is not None and k % 20 == 0:
-            lines.append(f"{row.lon_deg:.9f},{row.lat_deg:.9f},{2.5 + 0.0005 * k:.3f},{1773900000 + k // 20},6.0,14.2,"
-                         f"{3.6 * (row.speed_mps or 0.0):.2f}")
+            lines.append(
+                f"{row.lon_deg:.9f},{row.lat_deg:.9f},{2.5 + 0.0005 * k:.3f},"
+                f"{1773900000 + k // 20},6.0,14.2,"
+                f"{3.6 * (row.speed_mps or 0.0):.2f}"
+            )
     path = tmp_path / "yield.csv"
     path.write_text("\n".join(lines) + "\n")
     laid = MapLayers().lay(str(path), frame)
@@ -76,17 +91,46 @@ def test_a_combine_s_yield_is_laid_by_its_own_scale(run, frame, tmp_path):
     assert scale.low <= 2.5 < 3.0 <= scale.high <= 3.5 and scale.unit == "kg/s"
 
 
-@pytest.mark.parametrize(("name", "text", "said"), [
-    ("zones.geojson", json.dumps({"type": "FeatureCollection", "features": [{
-        "type": "Feature", "properties": {"rate": 100}, "geometry": {
-            "type": "Polygon", "coordinates": [[[0, 0], [0, 1], [1, 1], [0, 0]]]}}]}), "a map of areas is read by"),
-    ("notes.csv", "time_s,comment\n0,a\n1,b\n", "no places in it"),
-    ("temp.csv", "time_s,lat_deg,lon_deg,oil_temp\n0,34.28,119.88,70\n1,34.28001,119.88,71\n", "no rate, no NDVI"),
-    ("broken.geojson", "{", "broken.geojson"),
-    ("us.csv", "Longitude,Latitude,Date,Time,Applied Rate(lb/ac),Speed(mph)\n" + "".join(
-        f"119.88,34.28{k:03d},03/07/2014,08:00:{k:02d},{180 + k},3.7\n" for k in range(20)),
-     "us.csv: Diagnosis asks about it first: time"),
-], ids=["areas", "no places", "no rate", "half a file", "which day"])
+@pytest.mark.parametrize(
+    ("name", "text", "said"),
+    [
+        (
+            "zones.geojson",
+            json.dumps(
+                {
+                    "type": "FeatureCollection",
+                    "features": [
+                        {
+                            "type": "Feature",
+                            "properties": {"rate": 100},
+                            "geometry": {
+                                "type": "Polygon",
+                                "coordinates": [[[0, 0], [0, 1], [1, 1], [0, 0]]],
+                            },
+                        }
+                    ],
+                }
+            ),
+            "a map of areas is read by",
+        ),
+        ("notes.csv", "time_s,comment\n0,a\n1,b\n", "no places in it"),
+        (
+            "temp.csv",
+            "time_s,lat_deg,lon_deg,oil_temp\n0,34.28,119.88,70\n1,34.28001,119.88,71\n",
+            "no rate, no NDVI",
+        ),
+        ("broken.geojson", "{", "broken.geojson"),
+        (
+            "us.csv",
+            "Longitude,Latitude,Date,Time,Applied Rate(lb/ac),Speed(mph)\n"
+            + "".join(
+                f"119.88,34.28{k:03d},03/07/2014,08:00:{k:02d},{180 + k},3.7\n" for k in range(20)
+            ),
+            "us.csv: Diagnosis asks about it first: time",
+        ),
+    ],
+    ids=["areas", "no places", "no rate", "half a file", "which day"],
+)
 def test_what_is_no_such_file_is_one_line(frame, tmp_path, name, text, said):
     path = tmp_path / name
     path.write_text(text)
@@ -98,6 +142,7 @@ def test_what_is_no_such_file_is_one_line(frame, tmp_path, name, text, said):
 
 def test_files_are_listed_without_the_log_that_is_written(run, tmp_path):
     from console.services.diagnosis import DiagnosisFiles
+
     layers = MapLayers(DiagnosisFiles([run.path.parent], own=tmp_path))
     exported(run, "applied.geojson"), exported(run, "applied.zip")
     (run.path.parent / "holiday.zip").write_bytes(b"PK")

@@ -38,15 +38,23 @@ def rig(fake: ModuleType) -> Callable[..., SimpleNamespace]:
     """A host on fakes and a clock that only `sleep` and the test move."""
 
     def make(**options: Any) -> SimpleNamespace:
-        made = SimpleNamespace(now_s=0.0, slept=[], bench=fake.FakeBench(), loop=fake.FakeLoop(),
-                               writer=fake.FakeWriter(), on_sleep=lambda: None)
+        made = SimpleNamespace(
+            now_s=0.0,
+            slept=[],
+            bench=fake.FakeBench(),
+            loop=fake.FakeLoop(),
+            writer=fake.FakeWriter(),
+            on_sleep=lambda: None,
+        )
 
         def sleep(seconds: float) -> None:
             made.slept.append(seconds)
             made.now_s += seconds
             made.on_sleep()
 
-        parts = Assembly(made.bench, made.loop, made.writer, Names("job", "huanghai", "wheat", "run.csv", True))
+        parts = Assembly(
+            made.bench, made.loop, made.writer, Names("job", "huanghai", "wheat", "run.csv", True)
+        )
         made.host = Host(parts, lambda: made.now_s, sleep, **options)
         return made
 
@@ -55,13 +63,18 @@ def rig(fake: ModuleType) -> Callable[..., SimpleNamespace]:
 
 @pytest.fixture
 def running(tmp_path: Path) -> Iterator[Callable[..., WorkerAddress]]:
-    """Start real worker processes on the fake machine; those still running are ended after the test."""
+    """Start real worker processes on the fake machine; those still running are ended after the
+    test."""
     started: list[WorkerAddress] = []
 
     def start(*args: str, name: str = "worker", **options: Any) -> WorkerAddress:
-        where = start_worker(["--log", str(tmp_path / f"{name}.log"), *args], tmp_path / f"{name}.trouble",
-                             run_file=tmp_path / "run" / f"{name}.json", program=("-P", str(FAKE)),
-                             **{"timeout_s": 60.0, **options})
+        where = start_worker(
+            ["--log", str(tmp_path / f"{name}.log"), *args],
+            tmp_path / f"{name}.trouble",
+            run_file=tmp_path / "run" / f"{name}.json",
+            program=("-P", str(FAKE)),
+            **{"timeout_s": 60.0, **options},
+        )
         started.append(where)
         return where
 
@@ -78,8 +91,8 @@ async def attach() -> AsyncIterator[Callable[[WorkerAddress], Any]]:
 
     async def to(where: WorkerAddress) -> Link:
         link = Link(where)
-        link.task = asyncio.create_task(link.run())    # type: ignore[attr-defined]
-        tasks.append(link.task)                        # type: ignore[attr-defined]
+        link.task = asyncio.create_task(link.run())  # type: ignore[attr-defined]
+        tasks.append(link.task)  # type: ignore[attr-defined]
         await asyncio.wait_for(link.attached.wait(), 30)
         return link
 

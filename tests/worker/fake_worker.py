@@ -1,7 +1,10 @@
-"""A worker whose machine is a fake: the real program around it. Run as a program, or loaded by conftest.
+"""A worker whose machine is a fake: the real program around it. Run as a program, or loaded by
+conftest.
 
-The fake log says what the loop was told: one JSON line a tick, written by a thread of its own as the real log is.
+The fake log says what the loop was told: one JSON line a tick, written by a thread of its own
+as the real log is.
 """
+
 from __future__ import annotations
 
 import json
@@ -89,7 +92,8 @@ class FakeBench:
 
 
 class FakeLoop:
-    """Follows start, hold and stop; holds when the console is silent for two seconds; keeps what it was told."""
+    """Follows start, hold and stop; holds when the console is silent for two seconds; keeps
+    what it was told."""
 
     def __init__(self) -> None:
         self.state = "ready"
@@ -97,7 +101,7 @@ class FakeLoop:
         self.ages: list[float | None] = []
         self.log_oks: list[bool] = []
         self.logs_cut: list[str] = []
-        self.events: list[str] = []               # of the next row
+        self.events: list[str] = []  # of the next row
         self.break_at_tick: int | None = None
         self.not_finite = False
         self.totaliser = Totaliser(2.4, 0.46)
@@ -115,11 +119,15 @@ class FakeLoop:
             raise RuntimeError("cannot digest")
         if order.do is Do.MANUAL_RATE and isinstance(order.value, float) and order.value > 600.0:
             return Answer(False, "rate_above_limit")
-        self.state = {Do.START: "working", Do.HOLD: "held", Do.STOP: "off"}.get(order.do, self.state)
+        self.state = {Do.START: "working", Do.HOLD: "held", Do.STOP: "off"}.get(
+            order.do, self.state
+        )
         self.events += [order.do.value, f"{order.do.value}_by {by}"]
         return Answer(True)
 
-    def tick(self, measurements: Measurements, console_age_s: float | None, log_ok: bool) -> FakeTick:
+    def tick(
+        self, measurements: Measurements, console_age_s: float | None, log_ok: bool
+    ) -> FakeTick:
         if self.break_at_tick == len(self.ages):
             raise RuntimeError("the loop broke")
         self.ages.append(console_age_s)
@@ -129,12 +137,21 @@ class FakeLoop:
         if console_age_s is not None and console_age_s > HELD_AFTER_S and self.state == "working":
             self.state = "held"
         if self.state == "held":
-            alarms = (Alarm("console_silent", Severity.RED, measurements.time_s, details=(("age_s", 2.0),)),)
+            alarms = (
+                Alarm(
+                    "console_silent", Severity.RED, measurements.time_s, details=(("age_s", 2.0),)
+                ),
+            )
         working = self.state == "working"
         events, self.events = self.events, []
-        row = LogRow(measurements.time_s, state=self.state, shaft_rpm=float("nan") if self.not_finite else 50.0,
-                     speed_mps=console_age_s,           # the fake log has no column for the console's age
-                     events=";".join(events) or None)
+        row = LogRow(
+            measurements.time_s,
+            state=self.state,
+            shaft_rpm=float("nan") if self.not_finite else 50.0,
+            # the fake log has no column for the console's age
+            speed_mps=console_age_s,
+            events=";".join(events) or None,
+        )
         return FakeTick(row, DriveCommand(70.0 if working else 0.0, 20.0), working, alarms)
 
 
@@ -159,12 +176,13 @@ class FakeWriter:
 
 
 class LineWriter(FakeWriter):
-    """On disk, by a thread of its own, a batch every half second: rows not flushed at the end would be missing."""
+    """On disk, by a thread of its own, a batch every half second: rows not flushed at the end
+    would be missing."""
 
     def __init__(self, path: str) -> None:
         super().__init__()
         self._queue: queue.SimpleQueue[LogRow | None] = queue.SimpleQueue()
-        self._file = open(path, "w", encoding="utf-8")    # noqa: SIM115
+        self._file = open(path, "w", encoding="utf-8")  # noqa: SIM115
         self._thread = threading.Thread(target=self._work, name="log")
         self._thread.start()
 
@@ -182,8 +200,17 @@ class LineWriter(FakeWriter):
                 self._file.write("end\n")
                 self._file.close()
                 return
-            self._file.write(json.dumps({"time_s": row.time_s, "state": row.state, "age_s": row.speed_mps,
-                                         "events": row.events}) + "\n")
+            self._file.write(
+                json.dumps(
+                    {
+                        "time_s": row.time_s,
+                        "state": row.state,
+                        "age_s": row.speed_mps,
+                        "events": row.events,
+                    }
+                )
+                + "\n"
+            )
             if self._queue.empty():
                 time.sleep(0.1)
                 self._file.flush()
@@ -193,7 +220,9 @@ def assemble(options: Options, clock: Clock) -> Assembly:
     if "refuse" in options.config:
         raise ValueError("cab.yaml: key gnss.port: value 7: allowed: a port name")
     writer = LineWriter(options.log) if options.log else FakeWriter()
-    return Assembly(FakeBench(), FakeLoop(), writer, Names("job", "huanghai", "wheat", options.log or "", True))
+    return Assembly(
+        FakeBench(), FakeLoop(), writer, Names("job", "huanghai", "wheat", options.log or "", True)
+    )
 
 
 if __name__ == "__main__":

@@ -1,4 +1,5 @@
 """The worker with everything real in it: loop, log, cab and the simulated machine behind bytes."""
+
 from __future__ import annotations
 
 import asyncio
@@ -32,7 +33,10 @@ def test_the_simulated_machine_from_power_on_to_spreading(tmp_path):
         host.console_heard()
         state = host.newest.row.state if host.newest else None
         if now_s > 5.0 and state in ("off", "ready"):
-            host.ask(Order(Do.READY if state == "off" else Do.START), lambda answer, _: said.append(answer))
+            host.ask(
+                Order(Do.READY if state == "off" else Do.START),
+                lambda answer, _: said.append(answer),
+            )
         if now_s > 40.0:
             host.stop("enough")
 
@@ -44,16 +48,28 @@ def test_the_simulated_machine_from_power_on_to_spreading(tmp_path):
     working = [row for row in log.rows() if row.state == "working"]
     assert len(working) > 500, said
     assert max(row.applied_rate_kg_ha or 0.0 for row in working) > 100.0
-    assert {device.name for device in host.newest.devices} == {"gnss", *(f"head_{n}" for n in range(1, 7)), "board"}
+    assert {device.name for device in host.newest.devices} == {
+        "gnss",
+        *(f"head_{n}" for n in range(1, 7)),
+        "board",
+    }
     assert all(device.accepted > 50 and device.rejected == 0 for device in host.newest.devices)
     last = list(log.rows())[-1]
-    assert last.state == "off" and last.shaft_rpm_cmd == 0.0 and last.time_s == pytest.approx(40.0, abs=0.2)
+    assert (
+        last.state == "off"
+        and last.shaft_rpm_cmd == 0.0
+        and last.time_s == pytest.approx(40.0, abs=0.2)
+    )
     assert host.newest.simulated and host.newest.machine and host.newest.job and host.newest.crop
 
 
 async def test_the_real_program_on_the_simulated_machine(tmp_path, attach):
-    where = await asyncio.to_thread(start_worker, ["--log", str(tmp_path / "run.csv"), "--seed", "3"],
-                                    tmp_path / "trouble", run_file=tmp_path / "run" / "w.json")
+    where = await asyncio.to_thread(
+        start_worker,
+        ["--log", str(tmp_path / "run.csv"), "--seed", "3"],
+        tmp_path / "trouble",
+        run_file=tmp_path / "run" / "w.json",
+    )
     link = await attach(where)
     assert (await link.order(Order(Do.READY))).accepted
     assert link.newest.log_path == where.log_path == str(tmp_path / "run.csv")
@@ -76,7 +92,7 @@ from console.worker.host import Host
 from console.worker.options import Options
 import console.worker.__main__
 now = [0.0]
-parts = assemble(Options((), Path('w.json'), log={str(tmp_path / 'run.csv')!r}), lambda: now[0])
+parts = assemble(Options((), Path('w.json'), log={str(tmp_path / "run.csv")!r}), lambda: now[0])
 host = Host(parts, lambda: now[0], lambda s: None)
 for k in range(100):
     now[0] = 0.05 * k
@@ -84,19 +100,24 @@ for k in range(100):
 host.close('')
 print(*{{m.split('.')[0] for m in sys.modules}})
 """
-    ended = subprocess.run([sys.executable, "-P", "-c", code], capture_output=True, text=True, timeout=60)
+    ended = subprocess.run(
+        [sys.executable, "-P", "-c", code], capture_output=True, text=True, timeout=60
+    )
     assert ended.returncode == 0, ended.stderr
     assert not set(ended.stdout.split()) & set(HEAVY)
 
 
-@pytest.mark.parametrize(("files", "more", "said"), [
-    (("nowhere",), {}, "nowhere"),
-    (("huanghai_wheat",), {}, "name it in the job file"),
-    (("demo", "demo"), {}, "a second file"),
-    (("cab.yaml",), {}, "board.baud: value 1"),
-    (("good_cab.yaml",), {"effects": ("flow.gain=8",)}, "simulated machine only"),
-    ((), {"effects": ("flow.gian=8",)}, "flow.gian"),
-])
+@pytest.mark.parametrize(
+    ("files", "more", "said"),
+    [
+        (("nowhere",), {}, "nowhere"),
+        (("huanghai_wheat",), {}, "name it in the job file"),
+        (("demo", "demo"), {}, "a second file"),
+        (("cab.yaml",), {}, "board.baud: value 1"),
+        (("good_cab.yaml",), {"effects": ("flow.gain=8",)}, "simulated machine only"),
+        ((), {"effects": ("flow.gian=8",)}, "flow.gian"),
+    ],
+)
 def test_what_is_wrong_is_said(tmp_path, monkeypatch, files, more, said):
     monkeypatch.chdir(tmp_path)
     Path("cab.yaml").write_text("format: topdress-cab/1\nboard: {port: COM3, baud: 1}\n")
@@ -116,5 +137,7 @@ def test_a_log_in_a_loop_of_links_is_said(tmp_path):
 
 
 def test_a_wrong_option_reaches_the_console_as_one_line(tmp_path):
-    with pytest.raises(WorkerFailed, match=r"did not start: topdress worker: --log run\.txt: allowed is a name"):
+    with pytest.raises(
+        WorkerFailed, match=r"did not start: topdress worker: --log run\.txt: allowed is a name"
+    ):
         start_worker(["--log", "run.txt"], tmp_path / "trouble", run_file=tmp_path / "w.json")

@@ -1,4 +1,6 @@
-"""Several at one machine: who is attached and who ordered what, on every screen and in the log's events."""
+"""Several at one machine: who is attached and who ordered what, on every screen and in the
+log's events."""
+
 from __future__ import annotations
 
 import asyncio
@@ -12,7 +14,15 @@ import textwrap
 
 import pytest
 
-from console.attached import NAME_CHARACTERS, Attached, Ordered, cleaned, orders_in, own_name, unlike
+from console.attached import (
+    NAME_CHARACTERS,
+    Attached,
+    Ordered,
+    cleaned,
+    orders_in,
+    own_name,
+    unlike,
+)
 from console.cli.tablet import TabLink
 from console.frame import from_json
 from console.link import Link
@@ -53,8 +63,12 @@ async def test_two_consoles_and_two_tablets_see_each_other_and_who_ordered(runni
     tablet = await join(TabLink(where, "tablet Ann"))
     looks = await join(TabLink(where.looking_only(), "tablet office"))
     everybody = (ann, lab, tablet, looks)
-    wanted = {Attached("ann@cab pts/3", False, True, True), Attached("lab@cab pts/4", False, True, True),
-              Attached("tablet Ann", True, True, False), Attached("tablet office", True, False, False)}
+    wanted = {
+        Attached("ann@cab pts/3", False, True, True),
+        Attached("lab@cab pts/4", False, True, True),
+        Attached("tablet Ann", True, True, False),
+        Attached("tablet office", True, False, False),
+    }
     for link in everybody:
         await until(lambda link=link: set(link.newest.attached) == wanted)
     assert await ann.order(Order(Do.START)) == Answer(True)
@@ -62,17 +76,29 @@ async def test_two_consoles_and_two_tablets_see_each_other_and_who_ordered(runni
     assert await looks.order(Order(Do.STOP)) == Answer(False, "unauthorised")
     assert await lab.order(Order(Do.HOLD)) == Answer(True)
     for link in everybody:
-        await until(lambda link=link: [one[:3:2] for one in link.newest.ordered] == [
-            ("start", "ann@cab pts/3"), ("nudge", "tablet Ann"), ("hold", "lab@cab pts/4")])
+        await until(
+            lambda link=link: (
+                [one[:3:2] for one in link.newest.ordered]
+                == [("start", "ann@cab pts/3"), ("nudge", "tablet Ann"), ("hold", "lab@cab pts/4")]
+            )
+        )
     lab.task.cancel()
     await until(lambda: "lab@cab pts/4" not in names(ann))
     await ann.stop_worker()
     events = events_of(log_of(where))
-    assert events[:3] == ["attached ann@cab pts/3, console", "attached lab@cab pts/4, console",
-                          "attached tablet Ann, tablet"]
+    assert events[:3] == [
+        "attached ann@cab pts/3, console",
+        "attached lab@cab pts/4, console",
+        "attached tablet Ann, tablet",
+    ]
     assert "attached tablet office, tablet, looks only" in events
-    for event in ("start_by ann@cab pts/3", "nudge_by tablet Ann", "hold_by lab@cab pts/4", "left lab@cab pts/4",
-                  "stop_by ann@cab pts/3"):
+    for event in (
+        "start_by ann@cab pts/3",
+        "nudge_by tablet Ann",
+        "hold_by lab@cab pts/4",
+        "left lab@cab pts/4",
+        "stop_by ann@cab pts/3",
+    ):
         assert events.count(event) == 1
     assert not any(event.startswith("stop_by tablet") for event in events)
 
@@ -93,13 +119,17 @@ CONSOLE = textwrap.dedent("""
 
 def console_of(where, name):
     there = {"port": where.port, "token": where.token, "pid": where.pid}
-    process = subprocess.Popen([sys.executable, "-P", "-c", CONSOLE, json.dumps(there), name], stdout=subprocess.PIPE)
+    process = subprocess.Popen(
+        [sys.executable, "-P", "-c", CONSOLE, json.dumps(there), name], stdout=subprocess.PIPE
+    )
     assert process.stdout is not None and process.stdout.readline() == b"attached\n"
     return process
 
 
 @posix
-async def test_one_of_two_consoles_goes_and_the_machine_goes_on_the_last_goes_and_it_is_held(running, join, log_of):
+async def test_one_of_two_consoles_goes_and_the_machine_goes_on_the_last_goes_and_it_is_held(
+    running, join, log_of
+):
     """A tablet that operates stays open all the time: it keeps nothing working."""
     where = running()
     tablet = await join(TabLink(where, "tablet Ann"))
@@ -117,7 +147,8 @@ async def test_one_of_two_consoles_goes_and_the_machine_goes_on_the_last_goes_an
         await until(lambda: names(tablet) == ["tablet Ann"])
         at_s = tablet.newest.at_s
         await until(lambda: tablet.newest.row.state == "held")
-        assert 0.5 < tablet.newest.at_s - at_s < 4.0        # its last word was up to 1 s old on a busy machine
+        # its last word was up to 1 s old on a busy machine
+        assert 0.5 < tablet.newest.at_s - at_s < 4.0
         assert tablet.newest.alarms[0].id == "console_silent"
     finally:
         for one in (first, second):
@@ -126,7 +157,9 @@ async def test_one_of_two_consoles_goes_and_the_machine_goes_on_the_last_goes_an
     await tablet.stop_worker()
     events = events_of(log_of(where))
     assert events.index("left first") < events.index("left second")
-    assert not any(event.startswith("hold_by") for event in events), "nobody ordered it: the alarm says why"
+    assert not any(event.startswith("hold_by") for event in events), (
+        "nobody ordered it: the alarm says why"
+    )
 
 
 @posix
@@ -146,7 +179,8 @@ async def test_a_console_that_freezes_is_silent_and_heard_again(running, join, l
     await until(lambda: names(own) == ["own"])
     await own.stop_worker()
     events = events_of(log_of(where))
-    said = [one for one in events if one.endswith(" other")]            # on a busy machine it may be late once more
+    # on a busy machine it may be late once more
+    said = [one for one in events if one.endswith(" other")]
     assert said[:2] == ["silent other", "heard other"] and said[-1] == "left other"
 
 
@@ -168,9 +202,14 @@ async def test_a_console_of_before_says_no_name_and_takes_the_frames_as_ever(run
     own = await join(Link(where, "own"))
     with socket.create_connection(("127.0.0.1", where.port), timeout=5) as old:
         old.sendall(json.dumps({"id": 1, "token": where.token, "ask": "look"}).encode() + b"\n")
-        old.sendall(json.dumps({"id": 2, "token": where.token, "do": "hold", "value": None}).encode() + b"\n")
+        old.sendall(
+            json.dumps({"id": 2, "token": where.token, "do": "hold", "value": None}).encode()
+            + b"\n"
+        )
         await until(lambda: names(own) == ["own", "console"])
-        await until(lambda: own.newest.ordered and own.newest.ordered[-1][:3:2] == ("hold", "console"))
+        await until(
+            lambda: own.newest.ordered and own.newest.ordered[-1][:3:2] == ("hold", "console")
+        )
         said = old.makefile("rb")
         lines = [json.loads(said.readline()) for _four in range(4)]
     assert {"answer": 1, "accepted": True, "why": ""} in lines, "no name was said: none is answered"
@@ -179,7 +218,9 @@ async def test_a_console_of_before_says_no_name_and_takes_the_frames_as_ever(run
 def test_a_frame_of_a_worker_of_before_has_nobody_and_one_of_a_later_one_has_more_of_each():
     plain = {"seq": 1, "at_s": 0.0, "row": {"time_s": 0.0}, "consoles": 2}
     assert from_json(plain).attached == ()
-    assert from_json(plain | {"attached": [{"name": "ann", "seat": 2}]}).attached == (Attached("ann"),)
+    assert from_json(plain | {"attached": [{"name": "ann", "seat": 2}]}).attached == (
+        Attached("ann"),
+    )
 
 
 async def test_who_comes_and_goes_without_the_token_fills_no_log(running, join, log_of):
@@ -187,21 +228,37 @@ async def test_who_comes_and_goes_without_the_token_fills_no_log(running, join, 
     own = await join(Link(where, "own"))
     for number in range(20):
         with socket.create_connection(("127.0.0.1", where.port), timeout=5) as stranger:
-            stranger.sendall(json.dumps({"id": 1, "ask": "look", "name": f"stranger {number}"}).encode() + b"\n")
+            stranger.sendall(
+                json.dumps({"id": 1, "ask": "look", "name": f"stranger {number}"}).encode() + b"\n"
+            )
             await asyncio.sleep(0.05)
     await own.stop_worker()
     assert not any("stranger" in event for event in events_of(log_of(where)))
 
 
-@pytest.mark.parametrize(("said", "name"), [
-    ("ann@cab pts/3", "ann@cab pts/3"), ("a;stop_by b,c", "a stop_by b c"), ("\x1b[2J\nann\t", "[2J ann"),
-    ("x" * 99, "x" * NAME_CHARACTERS), (None, ""), (7, ""), ("  ", ""), ("李师傅", "李师傅")])
+@pytest.mark.parametrize(
+    ("said", "name"),
+    [
+        ("ann@cab pts/3", "ann@cab pts/3"),
+        ("a;stop_by b,c", "a stop_by b c"),
+        ("\x1b[2J\nann\t", "[2J ann"),
+        ("x" * 99, "x" * NAME_CHARACTERS),
+        (None, ""),
+        (7, ""),
+        ("  ", ""),
+        ("李师傅", "李师傅"),
+    ],
+)
 def test_a_name_breaks_neither_the_log_nor_the_screen(said, name):
     assert cleaned(said) == name
 
 
 def test_names_that_are_taken_get_a_number():
-    assert unlike("a", []) == "a" and unlike("a", ["a"]) == "a #2" and unlike("a", ["a", "a #2"]) == "a #3"
+    assert (
+        unlike("a", []) == "a"
+        and unlike("a", ["a"]) == "a #2"
+        and unlike("a", ["a", "a #2"]) == "a #3"
+    )
     assert len(unlike("x" * NAME_CHARACTERS, ["x" * NAME_CHARACTERS])) <= NAME_CHARACTERS
 
 
@@ -214,5 +271,8 @@ def test_a_console_is_named_by_its_user_computer_and_terminal_or_as_it_is_given(
 
 def test_orders_are_read_out_of_a_cell_of_events():
     cell = "nudge 5.0;nudge_by ann;mark start_by nobody;hold;hold_by tablet 2;refill 50;left ann"
-    assert list(orders_in(cell, 3.0)) == [Ordered("nudge", "5.0", "ann", 3.0), Ordered("hold", "", "tablet 2", 3.0)]
+    assert list(orders_in(cell, 3.0)) == [
+        Ordered("nudge", "5.0", "ann", 3.0),
+        Ordered("hold", "", "tablet 2", 3.0),
+    ]
     assert list(orders_in(None, 0.0)) == []

@@ -1,4 +1,5 @@
 """One connection of the link, over a pair of sockets."""
+
 from __future__ import annotations
 
 import asyncio
@@ -74,7 +75,9 @@ def test_so_many_refusals_at_once_then_one_a_while():
     assert [patience.spend(1000.0) for _ in range(REFUSALS + 1)] == [True] * REFUSALS + [False]
 
 
-# --- The console's end of a worker that is still coming up -----------------------------------------------------------
+# --- The console's end of a worker that is still coming up
+# -----------------------------------------------------------
+
 
 async def test_it_is_a_link_once_the_worker_is_there(running: Callable[..., WorkerAddress]) -> None:
     coming: Future[WorkerAddress] = Future()

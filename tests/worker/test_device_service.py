@@ -1,4 +1,5 @@
 """What is ordered of single devices, on memory lines and an injected clock."""
+
 from __future__ import annotations
 
 import time
@@ -26,9 +27,16 @@ def made(tmp_path):
     line = DeviceLine("head_1", "greenseeker", host, Counts())
     bench = SimpleNamespace(line=lambda name: line if name == "head_1" else None)
     files = SideFiles()
-    made = SimpleNamespace(line=line, device=device, files=files, now_s=0.0, opened=[],
-                           desk=DeviceService(bench, str(tmp_path / "run.csv"), files, lambda *a: made.opener(*a),
-                                              1_000))
+    made = SimpleNamespace(
+        line=line,
+        device=device,
+        files=files,
+        now_s=0.0,
+        opened=[],
+        desk=DeviceService(
+            bench, str(tmp_path / "run.csv"), files, lambda *a: made.opener(*a), 1_000
+        ),
+    )
 
     def order(do, state="ready", name="head_1"):
         return made.desk.order(DeviceOrder(name, do), made.now_s, state)
@@ -62,7 +70,12 @@ def test_disconnect_and_connect(made):
     assert made.order(DeviceDo.DISCONNECT).accepted
     made.run(0.2, said=HEAD)
     status = made.line.status(made.now_s)
-    assert (status.connected, status.last_error, status.bytes_in, made.line.plugged) == (False, "unplugged", 0, False)
+    assert (status.connected, status.last_error, status.bytes_in, made.line.plugged) == (
+        False,
+        "unplugged",
+        0,
+        False,
+    )
     assert made.order(DeviceDo.TEST) == (False, "device_disconnected;device=head_1")
     assert made.order(DeviceDo.CONNECT).accepted
     made.run(0.2, said=HEAD)
@@ -91,11 +104,17 @@ def test_a_capture_holds_what_came_and_went_with_times(made, tmp_path):
     text = path.read_bytes()
     assert text.decode().splitlines() == [
         "# topdress-capture/1 head_1 greenseeker head_1:host",
-        "0.150 < 0,0.5,0.512,0.61,0\\r\\n", "0.200 < 0,0.5,0.512,0.61,0\\r\\n", "0.200 > ?\\r\\n", "0.250 < ha"]
+        "0.150 < 0,0.5,0.512,0.61,0\\r\\n",
+        "0.200 < 0,0.5,0.512,0.61,0\\r\\n",
+        "0.200 > ?\\r\\n",
+        "0.250 < ha",
+    ]
     assert received(text) == HEAD * 2 + b"ha"
     assert made.desk.capture_path("head_1") == ""
     made.order(DeviceDo.CAPTURE)
-    assert made.desk.capture_path("head_1").endswith("run.head_1.2.capture"), "the one before stays as it is"
+    assert made.desk.capture_path("head_1").endswith("run.head_1.2.capture"), (
+        "the one before stays as it is"
+    )
 
 
 def test_a_capture_ends_by_itself_before_it_fills_the_disk(made, tmp_path):
@@ -122,7 +141,11 @@ def test_a_test_says_what_speaks_there(made):
     made.run(0.2, said=HEAD)
     found = settled(made)
     assert (found.protocol, found.baud, found.rejected, found.said) == (
-        "greenseeker", None, 0, HEAD.decode().strip())
+        "greenseeker",
+        None,
+        0,
+        HEAD.decode().strip(),
+    )
     assert found.accepted >= 29 and made.line.port.state().connects == 1, "the line was not touched"
 
 
@@ -132,10 +155,14 @@ def test_a_silent_line_is_silent(made):
     assert settled(made) == DeviceTest(False, said="silent")
 
 
-@pytest.mark.parametrize(("state", "found"), [("ready", ("greenseeker", 9600)), ("working", ("", None))])
+@pytest.mark.parametrize(
+    ("state", "found"), [("ready", ("greenseeker", 9600)), ("working", ("", None))]
+)
 def test_a_serial_line_is_tried_at_other_rates_but_not_under_work(made, monkeypatch, state, found):
     """What comes at the configured rate is rubbish; at 9600 Bd it is a head."""
-    monkeypatch.setattr(device_service.probe.probe, "__defaults__", (time.monotonic, time.sleep, 0.1))
+    monkeypatch.setattr(
+        device_service.probe.probe, "__defaults__", (time.monotonic, time.sleep, 0.1)
+    )
     made.line.baud = 38400
     plugged = []
 
@@ -153,5 +180,7 @@ def test_a_serial_line_is_tried_at_other_rates_but_not_under_work(made, monkeypa
     if state == "working":
         assert not plugged and result.said
     else:
-        assert set(plugged) == {("head_1:host", "unplugged")}, "one program at a time has a serial port"
+        assert set(plugged) == {("head_1:host", "unplugged")}, (
+            "one program at a time has a serial port"
+        )
     assert made.line.port.state().connected, "and it is given back"

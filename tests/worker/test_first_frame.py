@@ -1,4 +1,5 @@
 """What a console waits for until its first number: neither for modules nor for the next frame."""
+
 from __future__ import annotations
 
 import asyncio
@@ -14,10 +15,12 @@ from console.worker.link_server import LinkServer
 
 async def test_who_comes_gets_the_newest_frame_at_once(rig):
     made = rig()
-    made.host.tick(0.0)                         # one frame, and none after it
+    made.host.tick(0.0)  # one frame, and none after it
     server = LinkServer(made.host, "key")
     server.start()
-    links = [Link(WorkerAddress(server.port, "key", os.getpid()), name) for name in ("first", "second")]
+    links = [
+        Link(WorkerAddress(server.port, "key", os.getpid()), name) for name in ("first", "second")
+    ]
     tasks = []
     try:
         for link in links:
@@ -39,6 +42,7 @@ async def test_the_first_numbers_move_at_once_though_the_machine_stands(rig):
     def stands(*given, **named):
         made_of = turns(*given, **named)
         return dataclasses.replace(made_of, row=made_of.row._replace(shaft_rpm=0.0))
+
     made.loop.tick = stands
     made.host.tick(0.0)
     server = LinkServer(made.host, "key")
@@ -47,11 +51,12 @@ async def test_the_first_numbers_move_at_once_though_the_machine_stands(rig):
     task, seen = asyncio.create_task(link.run()), set()
     try:
         await asyncio.wait_for(link.attached.wait(), 5.0)
-        for k in range(1, 21):                  # a second
+        for k in range(1, 21):  # a second
             made.host.tick(0.05 * k)
             await asyncio.sleep(0.05)
             seen.add(link.newest.seq)
-        assert len(seen) >= 6, seen                     # ten a second, on a busy machine too; standing it is two
+        # ten a second, on a busy machine too; standing it is two
+        assert len(seen) >= 6, seen
     finally:
         task.cancel()
         await asyncio.gather(task, return_exceptions=True)
@@ -60,17 +65,38 @@ async def test_the_first_numbers_move_at_once_though_the_machine_stands(rig):
 
 def loaded_with(modules: str, *heavy: str) -> str:
     """Which of some modules a fresh interpreter has loaded after importing others."""
-    said = subprocess.run([sys.executable, "-c", f"import sys, {modules}; "
-                           f"print([name for name in {heavy} if name in sys.modules])"],
-                          capture_output=True, text=True, check=True)
+    said = subprocess.run(
+        [
+            sys.executable,
+            "-c",
+            f"import sys, {modules}; print([name for name in {heavy} if name in sys.modules])",
+        ],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
     return said.stdout.strip()
 
 
 def test_the_right_to_be_the_worker_is_taken_before_the_modules_are_read():
     """A new lock settles for 0.4 s: they come up meanwhile."""
-    assert loaded_with("console.worker.__main__", "numpy", "pydantic", "yaml", "control.loop", "drivers.cab") == "[]"
+    assert (
+        loaded_with(
+            "console.worker.__main__", "numpy", "pydantic", "yaml", "control.loop", "drivers.cab"
+        )
+        == "[]"
+    )
 
 
 def test_the_worker_is_started_before_the_console_reads_what_it_draws_with():
-    assert loaded_with("console.cli.run, console.cli.screens, console.running, console.services.launcher",
-                       "asyncio", "textual", "numpy", "yaml", "console.app") == "[]"
+    assert (
+        loaded_with(
+            "console.cli.run, console.cli.screens, console.running, console.services.launcher",
+            "asyncio",
+            "textual",
+            "numpy",
+            "yaml",
+            "console.app",
+        )
+        == "[]"
+    )

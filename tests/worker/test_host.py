@@ -1,4 +1,5 @@
 """The tick sequence on an injected clock: nothing here waits."""
+
 from __future__ import annotations
 
 from itertools import pairwise
@@ -25,18 +26,47 @@ def test_a_tick_measures_decides_commands_logs_and_shows(rig):
     ask(r, Order(Do.START))
     r.host.tick(0.25)
     frame = r.host.newest
-    assert r.bench.commands[-1][0] == 0.25 and r.bench.commands[-1][1].shaft_rpm == 70.0 and r.bench.commands[-1][2]
-    assert r.writer.rows[-1] is frame.row and frame.row.state == "working" and frame.row.time_s == 0.25
-    assert (frame.job, frame.machine, frame.crop, frame.log_path) == ("job", "huanghai", "wheat", "run.csv")
-    assert frame.simulated and frame.dropped_heads == (3,) and frame.place_m == (1.0, 2.0) and frame.notes == ("note",)
+    assert (
+        r.bench.commands[-1][0] == 0.25
+        and r.bench.commands[-1][1].shaft_rpm == 70.0
+        and r.bench.commands[-1][2]
+    )
+    assert (
+        r.writer.rows[-1] is frame.row and frame.row.state == "working" and frame.row.time_s == 0.25
+    )
+    assert (frame.job, frame.machine, frame.crop, frame.log_path) == (
+        "job",
+        "huanghai",
+        "wheat",
+        "run.csv",
+    )
+    assert (
+        frame.simulated
+        and frame.dropped_heads == (3,)
+        and frame.place_m == (1.0, 2.0)
+        and frame.notes == ("note",)
+    )
     assert frame.metres_left_m == 120.0 and frame.area_ha == 1.25 and frame.applied_kg == 300.0
-    assert (frame.gnss_age_s, frame.gnss_hz, frame.look_ahead, frame.flow_trim_on) == (0.1, 10.0, True, False)
-    assert (frame.why_no_flow, frame.why_state, frame.allow) == (("low_speed",), "start", Allowances(outside=True))
+    assert (frame.gnss_age_s, frame.gnss_hz, frame.look_ahead, frame.flow_trim_on) == (
+        0.1,
+        10.0,
+        True,
+        False,
+    )
+    assert (frame.why_no_flow, frame.why_state, frame.allow) == (
+        ("low_speed",),
+        "start",
+        Allowances(outside=True),
+    )
     assert (frame.no_double, frame.threshold_m, frame.strips) == (False, -0.12, (0.66, None))
     assert (frame.ordered_source, frame.manual_rate_kg_ha) == ("map", 90.0)
     assert frame.sections == (SectionState(True), SectionState(False, "done"))
     assert (frame.head_ndvi, frame.bench) == ((0.5, None), (50.0, 20.0, 3.0, 117.0))
-    assert frame.devices[0].name == "board" and frame.devices[0].rejected == 1 and frame.devices[0].last_raw == "$"
+    assert (
+        frame.devices[0].name == "board"
+        and frame.devices[0].rejected == 1
+        and frame.devices[0].last_raw == "$"
+    )
 
 
 def test_totals_are_made_anew_once_a_second(rig):
@@ -61,7 +91,9 @@ def test_deadlines_are_absolute(rig):
     r.bench.measure = slow
     r.on_sleep = lambda: r.host.stop("enough") if len(r.writer.rows) == 100 else None
     r.host.run()
-    assert [round(row.time_s, 6) for row in r.writer.rows] == [round(0.05 * k, 6) for k in range(101)]
+    assert [round(row.time_s, 6) for row in r.writer.rows] == [
+        round(0.05 * k, 6) for k in range(101)
+    ]
     assert r.host.period.summary()["max_ms"] < 1e-6
     assert r.host.period.summary()["busy_max_ms"] == pytest.approx(3.0)
 
@@ -98,7 +130,11 @@ def test_nobody_for_sixty_seconds_is_off_and_exit(rig):
     r = rig(hz=1.0)
     ask(r, Order(Do.START))
     assert r.host.run() == "orphaned"
-    assert r.writer.rows[-1].time_s == 61.0 and r.writer.rows[-1].state == "off" and r.writer.rows[-2].state == "held"
+    assert (
+        r.writer.rows[-1].time_s == 61.0
+        and r.writer.rows[-1].state == "off"
+        and r.writer.rows[-2].state == "held"
+    )
     assert r.bench.commands[-1][1:] == (None, False)
     assert r.bench.closed and r.writer.closed and r.host.ended == "orphaned"
 
@@ -120,7 +156,11 @@ def test_stop_between_ticks_still_logs_a_row_off(rig):
     r.host.tick(0.0)
     r.host.stop("SIGTERM")
     assert r.host.run() == "SIGTERM"
-    assert r.loop.orders[-1] == Order(Do.STOP) and r.writer.rows[-1].state == "off" and r.host.newest.row.state == "off"
+    assert (
+        r.loop.orders[-1] == Order(Do.STOP)
+        and r.writer.rows[-1].state == "off"
+        and r.host.newest.row.state == "off"
+    )
 
 
 def test_a_loop_that_breaks_in_a_tick_stops_the_drives_and_goes_on(rig, capsys):
@@ -142,7 +182,8 @@ def test_a_loop_that_breaks_in_a_tick_stops_the_drives_and_goes_on(rig, capsys):
     for number in range(4, 8):
         r.host.tick(0.05 * number)
     assert [row.state for row in r.writer.rows] == ["working"] * 3 + ["off"] * 2
-    assert broken == [False] * 4 + [True] * 3 + [False]             # safety is told, once it can be told
+    # safety is told, once it can be told
+    assert broken == [False] * 4 + [True] * 3 + [False]
     assert capsys.readouterr().err.count("RuntimeError: the loop broke") == 1
 
 
@@ -168,7 +209,9 @@ def test_what_stands_beside_the_loop_costs_no_tick(rig):
     def broken(*_):
         raise RuntimeError("broken")
 
-    r.writer.append = r.host._device_service.tick = r.host.lag.tick = r.host._device_service.order = broken
+    r.writer.append = r.host._device_service.tick = r.host.lag.tick = (
+        r.host._device_service.order
+    ) = broken
     said = ask(r, DeviceOrder("board", DeviceDo.TEST))
     r.host.ask(Order(Do.MARK), broken)
     r.host.tick(0.0)
@@ -178,7 +221,11 @@ def test_what_stands_beside_the_loop_costs_no_tick(rig):
 
 def test_orders_are_answered_by_the_next_tick(rig):
     r = rig()
-    good, limit, bad = ask(r, Order(Do.START)), ask(r, Order(Do.MANUAL_RATE, 900.0)), ask(r, Order(Do.REFILL, 1.0))
+    good, limit, bad = (
+        ask(r, Order(Do.START)),
+        ask(r, Order(Do.MANUAL_RATE, 900.0)),
+        ask(r, Order(Do.REFILL, 1.0)),
+    )
     assert not good
     r.host.tick(0.0)
     assert good == [(Answer(True), {})]
@@ -200,7 +247,10 @@ def test_alive_stats_and_quit(rig):
 def test_requests_cannot_make_a_tick_long(rig):
     r = rig()
     said = []
-    taken = [r.host.ask(Ask.ALIVE, lambda *_: said.append(1)) for _ in range(limits.REQUESTS_WAITING + 10)]
+    taken = [
+        r.host.ask(Ask.ALIVE, lambda *_: said.append(1))
+        for _ in range(limits.REQUESTS_WAITING + 10)
+    ]
     assert taken.count(False) == 10
     r.host.tick(0.0)
     assert len(said) == limits.REQUESTS_A_TICK
@@ -212,12 +262,13 @@ def test_what_stops_the_machine_waits_behind_nothing(rig, stop):
     ask(r, Order(Do.START))
     r.host.tick(0.0)
     others = [ask(r, Order(Do.NUDGE, 1.0)) for _ in range(limits.REQUESTS_WAITING)]
-    stopped = ask(r, stop)                                           # `ask` sees to it that it is not refused
+    stopped = ask(r, stop)  # `ask` sees to it that it is not refused
     after = [r.host.ask(Ask.ALIVE, lambda *_: None) for _ in range(3)]
     r.host.tick(0.05)
     assert after == [False] * 3
     assert stopped == [(Answer(True), {})]
-    assert all(len(one) == 1 for one in others)                      # in the order they came: none overtakes the stop
+    # in the order they came: none overtakes the stop
+    assert all(len(one) == 1 for one in others)
     if stop is not Ask.QUIT:
         assert r.loop.orders[-1] == stop
 
@@ -241,13 +292,16 @@ def test_log_trouble_reaches_the_loop(rig):
 
 
 def test_a_disk_that_fails_by_turns_is_no_log():
-    """Flow went off and on with it, for 3 s of every 8: the first time it is forgiven at once, then after a minute."""
+    """Flow went off and on with it, for 3 s of every 8: the first time it is forgiven at once,
+    then after a minute."""
     steady = Steady()
     seen = [steady.take(0.1 * k, k < 50 or k % 80 >= 30) for k in range(1500)]
     turns = [k for k in range(1, len(seen)) if seen[k] != seen[k - 1]]
     assert turns == [80, 110, 160]
     assert [steady.take(150.0 + k, True) for k in (0, 55, 61)] == [False, False, True]
-    assert [steady.take(300.0 + 0.1 * k, k > 30) for k in range(40)][-9:] == [True] * 9, "long after, it is the first"
+    assert [steady.take(300.0 + 0.1 * k, k > 30) for k in range(40)][-9:] == [True] * 9, (
+        "long after, it is the first"
+    )
 
 
 def test_a_log_that_was_cut_short_is_said_and_followed(rig):

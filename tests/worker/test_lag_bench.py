@@ -1,4 +1,6 @@
-"""The lag test inside the worker: the real loop, cab, board and rig programs on a standing simulated machine."""
+"""The lag test inside the worker: the real loop, cab, board and rig programs on a standing
+simulated machine."""
+
 from __future__ import annotations
 
 import datetime as dt
@@ -31,23 +33,44 @@ class Rig:
 
     def __init__(self, log_path, fake, speed_kmh=0.0):
         setup = load_setup("huanghai", "demo", dt.date(2014, 3, 7))
-        values = setup.job.simulated.model_dump() | {"speed_changes": ({"at_s": 0.0, "speed_kmh": speed_kmh},)}
-        job = with_simulated_field(setup.job.model_copy(update={"simulated": Simulated.model_validate(values)}),
-                                   setup.machine)
+        values = setup.job.simulated.model_dump() | {
+            "speed_changes": ({"at_s": 0.0, "speed_kmh": speed_kmh},)
+        }
+        job = with_simulated_field(
+            setup.job.model_copy(update={"simulated": Simulated.model_validate(values)}),
+            setup.machine,
+        )
         self.now_s = 0.0
         self.machine = setup.machine
         self.plant = simulated_machine(setup.machine, job, 1, STEP_S)
-        pairs = {name: memory_pair(name, lambda: self.now_s) for name in ("gnss", "heads", "board", "rig")}
+        pairs = {
+            name: memory_pair(name, lambda: self.now_s)
+            for name in ("gnss", "heads", "board", "rig")
+        }
         self.virtual = VirtualMachine(
-            self.plant, pairs["gnss"][1], [pairs["heads"][1]], pairs["board"][1], 0.0, multiplexed=True,
-            extras=[VirtualLagRig(pairs["rig"][1], lambda: self.plant.truth)])
-        cab = Cab(CabConfig.model_validate({"gnss": {"port": "gnss"}, "board": {"port": "board"},
-                                            "lag_rig": {"port": "rig"}}),
-                  lambda: self.now_s, lambda url, baud, clock: pairs[url][0])
+            self.plant,
+            pairs["gnss"][1],
+            [pairs["heads"][1]],
+            pairs["board"][1],
+            0.0,
+            multiplexed=True,
+            extras=[VirtualLagRig(pairs["rig"][1], lambda: self.plant.truth)],
+        )
+        cab = Cab(
+            CabConfig.model_validate(
+                {"gnss": {"port": "gnss"}, "board": {"port": "board"}, "lag_rig": {"port": "rig"}}
+            ),
+            lambda: self.now_s,
+            lambda url, baud, clock: pairs[url][0],
+        )
         loop = control_loop(setup.machine, setup.crop, setup.rule, job)
         self.writer = fake.FakeWriter()
-        self.host = Host(Assembly(cab, loop, self.writer, Names(log_path=str(log_path))), lambda: self.now_s,
-                         lambda _: None, hz=50.0)
+        self.host = Host(
+            Assembly(cab, loop, self.writer, Names(log_path=str(log_path))),
+            lambda: self.now_s,
+            lambda _: None,
+            hz=50.0,
+        )
         self.held = False
 
     def ask(self, what):
@@ -81,9 +104,13 @@ def bench(tmp_path, fake):
 
 def test_the_test_measures_while_the_button_is_held_and_its_table_calibrates(bench, tmp_path):
     assert bench.ask(Ask.LAG_TEST).accepted
-    bench.host.lag.begin(tmp_path / "run.lag.1.csv", Plan((10.0, 40.0, 70.0), repeats=2, settle_s=2.5))
+    bench.host.lag.begin(
+        tmp_path / "run.lag.1.csv", Plan((10.0, 40.0, 70.0), repeats=2, settle_s=2.5)
+    )
     view = bench.run(5.0).lag_test
-    assert (view.phase, view.runs) == ("settling", ()) and not any(row.shaft_rpm_cmd for row in bench.writer.rows)
+    assert (view.phase, view.runs) == ("settling", ()) and not any(
+        row.shaft_rpm_cmd for row in bench.writer.rows
+    )
     bench.held = True
     view = bench.run(60.0).lag_test
     assert (view.phase, view.progress, view.left_out, len(view.runs)) == ("done", 1.0, 0, 6)
@@ -93,9 +120,12 @@ def test_the_test_measures_while_the_button_is_held_and_its_table_calibrates(ben
     bench.host.close("end")
     table = read_bench_table(tmp_path / "run.lag.1.csv", None)
     assert (table.kind, table.rows, view.table_path) == ("lag", 6, str(tmp_path / "run.lag.1.csv"))
-    assert [tuple(row) for row in zip(*(table.columns[name] for name in ("shaft_rpm", "response_s", "drop_s")),
-                                      strict=True)] == pytest.approx(
-        [tuple(round(value, 3) for value in run) for run in view.runs])
+    assert [
+        tuple(row)
+        for row in zip(
+            *(table.columns[name] for name in ("shaft_rpm", "response_s", "drop_s")), strict=True
+        )
+    ] == pytest.approx([tuple(round(value, 3) for value in run) for run in view.runs])
     _, line = fit_lag(table, bench.machine)
     assert line.measured == "drop_s" and line.rows_used == 6
 
@@ -118,7 +148,11 @@ def test_a_hopper_of_runs_needs_more_than_one_press_of_two_minutes(bench, tmp_pa
     bench.host.lag.begin(tmp_path / "t.csv", Plan((40.0,), repeats=1, settle_s=125.0))
     bench.held = True
     frame = bench.run(121.0)
-    assert (frame.row.state, frame.why_state, frame.lag_test.runs) == ("ready", "calibration_time", ())
+    assert (frame.row.state, frame.why_state, frame.lag_test.runs) == (
+        "ready",
+        "calibration_time",
+        (),
+    )
 
 
 def test_an_ended_test_stops_the_shaft_and_leaves_the_run_to_the_operator(bench, tmp_path):
@@ -166,8 +200,16 @@ class Hand:
 def attend(bench, tmp_path, no_key=False, repeats=1):
     """The command's own attendant at the bench, `go(seconds)` with whatever its hand does."""
     hand = Hand()
-    attended = Attended(hand, tmp_path / "table.csv", Plan((40.0,), repeats=repeats, settle_s=2.5), opening_mm=20.0,
-                        no_key=no_key, with_gnss=True, clock=lambda: bench.now_s, sleep=lambda _: None)
+    attended = Attended(
+        hand,
+        tmp_path / "table.csv",
+        Plan((40.0,), repeats=repeats, settle_s=2.5),
+        opening_mm=20.0,
+        no_key=no_key,
+        with_gnss=True,
+        clock=lambda: bench.now_s,
+        sleep=lambda _: None,
+    )
     attended.host = bench.host
 
     def go(seconds):
@@ -190,7 +232,11 @@ def test_the_command_turns_the_shaft_only_while_the_key_is_down(bench, tmp_path)
     assert go(2.0).row.state == "ready", "a stray press turns nothing"
     hand.down = True
     frame = go(3.4)
-    assert (frame.row.state, frame.row.shaft_rpm_cmd, frame.row.opening_mm_cmd) == ("calibrating", 40.0, 20.0)
+    assert (frame.row.state, frame.row.shaft_rpm_cmd, frame.row.opening_mm_cmd) == (
+        "calibrating",
+        40.0,
+        20.0,
+    )
     hand.down = False
     assert go(0.5).row.shaft_rpm_cmd == 0.0, "commanded off within half a second of letting go"
     go(1.0)
@@ -210,7 +256,9 @@ def test_without_a_key_it_goes_on_in_runs_of_two_minutes(bench, tmp_path):
     assert attended.measured == 25 and attended.trouble == ""
     assert max(run.elapsed_s for run in states if run) <= 120.0
     events = [event for row in bench.writer.rows for event in (row.events or "").split(";")]
-    assert events.count("calibrate") > 1 and events.count("release") == events.count("calibrate") - 1
+    assert (
+        events.count("calibrate") > 1 and events.count("release") == events.count("calibrate") - 1
+    )
 
 
 def test_a_fault_ends_the_test_with_its_reason(bench, tmp_path):

@@ -1,4 +1,6 @@
-"""`topdress live` reads a working machine: on stdout, on its socket, by a broker; the page says every field."""
+"""`topdress live` reads a working machine: on stdout, on its socket, by a broker; the page says
+every field."""
+
 from __future__ import annotations
 
 import asyncio
@@ -35,10 +37,25 @@ def live(tmp_path: Path) -> Iterator[Callable[..., subprocess.Popen[str]]]:
     (tmp_path / "topdress").symlink_to(tmp_path / "run", target_is_directory=True)
 
     def start(*words: str) -> subprocess.Popen[str]:
-        program = (sys.executable, "-P", "-c", "from console.cli import main; main()", "live", *words)
-        started.append(subprocess.Popen(program, env=os.environ | {"XDG_RUNTIME_DIR": str(tmp_path)}, text=True,
-                                        stdout=subprocess.PIPE, stderr=subprocess.PIPE))
+        program = (
+            sys.executable,
+            "-P",
+            "-c",
+            "from console.cli import main; main()",
+            "live",
+            *words,
+        )
+        started.append(
+            subprocess.Popen(
+                program,
+                env=os.environ | {"XDG_RUNTIME_DIR": str(tmp_path)},
+                text=True,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.PIPE,
+            )
+        )
         return started[-1]
+
     yield start
     for one in started:
         one.kill()
@@ -52,6 +69,7 @@ def working(running: Callable[..., WorkerAddress], attach: Callable[..., Any]) -
         for do in (Do.READY, Do.START):
             assert (await link.order(Order(do))).accepted
         return link
+
     return at_work
 
 
@@ -60,8 +78,9 @@ def free_port() -> int:
         return int(one.getsockname()[1])
 
 
-async def test_stdout_and_socket_say_the_row_and_nothing_is_heard(working: Callable[[], Any],
-                                                                  live: Callable[..., Any]) -> None:
+async def test_stdout_and_socket_say_the_row_and_nothing_is_heard(
+    working: Callable[[], Any], live: Callable[..., Any]
+) -> None:
     link = await working()
     told = live("--port", "0")
     port = int((await asyncio.to_thread(told.stderr.readline)).rpartition(":")[2])
@@ -77,9 +96,12 @@ async def test_stdout_and_socket_say_the_row_and_nothing_is_heard(working: Calla
 
 
 @pytest.mark.skipif(MOSQUITTO is None, reason="no mosquitto here")
-async def test_a_broker_reads_a_working_machine(working: Callable[[], Any], live: Callable[..., Any]) -> None:
+async def test_a_broker_reads_a_working_machine(
+    working: Callable[[], Any], live: Callable[..., Any]
+) -> None:
     from paho.mqtt.client import Client, MQTTMessage
     from paho.mqtt.enums import CallbackAPIVersion
+
     await working()
     port, heard = free_port(), dict[str, list[str]]()
     broker = subprocess.Popen([str(MOSQUITTO), "-p", str(port)], stderr=subprocess.DEVNULL)
@@ -87,6 +109,7 @@ async def test_a_broker_reads_a_working_machine(working: Callable[[], Any], live
 
     def take(_client: Client, _given: Any, message: MQTTMessage) -> None:
         heard.setdefault(message.topic, []).append(message.payload.decode())
+
     try:
         told = live("--quiet", "--mqtt", f"mqtt://127.0.0.1:{port}/farm/one", "--every", "0.5")
         reader.on_message = take
@@ -103,7 +126,7 @@ async def test_a_broker_reads_a_working_machine(working: Callable[[], Any], live
         lines = [json.loads(one) for one in heard["farm/one/frame"]]
         assert heard["farm/one/online"] == ["1"] and {one["state"] for one in lines} == {"working"}
         assert min(b["time_s"] - a["time_s"] for a, b in pairwise(lines)) > 0.4
-        told.kill()                                     # the broker says what it cannot say any more
+        told.kill()  # the broker says what it cannot say any more
         while heard["farm/one/online"] != ["1", "0"] and time.monotonic() < until_s + 10.0:
             await asyncio.sleep(0.1)
         assert heard["farm/one/online"] == ["1", "0"]
@@ -118,11 +141,25 @@ def test_the_page_says_every_field_and_the_example_is_taken() -> None:
     rows = [row.split("|")[1] for row in page.splitlines() if row.startswith("| `")]
     assert [name for row in rows for name in re.findall(r"`(\w+)`", row)] == list(FIELDS)
     url = re.findall(r"mqtt://\S+", page)[0]
-    assert (_split(url).username, _split(url).hostname, _split(url).path) == ("cab", "barn.local", "/farm/spreader")
+    assert (_split(url).username, _split(url).hostname, _split(url).path) == (
+        "cab",
+        "barn.local",
+        "/farm/spreader",
+    )
 
 
-@pytest.mark.parametrize("url", ["http://a/b", "mqtt://", "mqtt://a:x/b", "mqtt://u:secret@a/b", "mqtt://a/b/#",
-                                 "mqtt://a/+", "mqtt://a:0/b"])
+@pytest.mark.parametrize(
+    "url",
+    [
+        "http://a/b",
+        "mqtt://",
+        "mqtt://a:x/b",
+        "mqtt://u:secret@a/b",
+        "mqtt://a/b/#",
+        "mqtt://a/+",
+        "mqtt://a:0/b",
+    ],
+)
 def test_a_url_that_is_none_is_refused_without_its_password(url: str) -> None:
     with pytest.raises(CommandError, match="allowed is mqtt://USER@HOST:PORT/TOPIC") as refused:
         _split(url)

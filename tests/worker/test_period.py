@@ -28,7 +28,7 @@ def test_the_ends_of_the_range():
 
 def test_period_error_is_early_or_late_alike():
     punctuality = Punctuality(0.05)
-    for now_s in (0.0, 0.05, 0.11, 0.15):           # 0, 10 ms late, 10 ms early
+    for now_s in (0.0, 0.05, 0.11, 0.15):  # 0, 10 ms late, 10 ms early
         punctuality.began(now_s)
         punctuality.ended(now_s, now_s + 0.002)
     said = punctuality.summary()

@@ -1,4 +1,5 @@
 """"""
+
 from __future__ import annotations
 
 import json
@@ -20,19 +21,60 @@ from drivers.files.lock import take_lock
 
 
 def test_a_frame_comes_back_as_it_was():
-    frame = Frame(3, 1.5, LogRow(1.5, state="working", ndvi_3=0.61), alarms=(
-        Alarm("rate_off", Severity.AMBER, 1.0, details=(("percent", 12.0), ("word", "x"))),), dropped_heads=(2,),
-        place_m=(1.0, 2.0), notes=("n",),
-        devices=(DeviceView("gnss", "COM3", "nmea", True, 0.1, 10.0, 5, 1, "$GPGGA", 2, 5000, 30, "late",
-                            (("bad_checksum", 1),), False, "run.gnss.1.capture",
-                            DeviceTest(False, "nmea0183", 9600, 12, 1, "$GPGGA")),),
-        lag_test=LagTestView("running", 40.0, 3, 0.25, ((10.0, 0.38, 1.7), (20.0, 0.38, 1.6)), 1, "late",
-                             "x.lag.1.csv"),
-        why_no_flow=("low_speed", "reversing"), why_state="standstill", allow=Allowances(outside=True),
-        no_double=False, threshold_m=0.04, strips=Strips(0.66, None), ordered_source="map", manual_rate_kg_ha=90.0,
+    frame = Frame(
+        3,
+        1.5,
+        LogRow(1.5, state="working", ndvi_3=0.61),
+        alarms=(
+            Alarm("rate_off", Severity.AMBER, 1.0, details=(("percent", 12.0), ("word", "x"))),
+        ),
+        dropped_heads=(2,),
+        place_m=(1.0, 2.0),
+        notes=("n",),
+        devices=(
+            DeviceView(
+                "gnss",
+                "COM3",
+                "nmea",
+                True,
+                0.1,
+                10.0,
+                5,
+                1,
+                "$GPGGA",
+                2,
+                5000,
+                30,
+                "late",
+                (("bad_checksum", 1),),
+                False,
+                "run.gnss.1.capture",
+                DeviceTest(False, "nmea0183", 9600, 12, 1, "$GPGGA"),
+            ),
+        ),
+        lag_test=LagTestView(
+            "running",
+            40.0,
+            3,
+            0.25,
+            ((10.0, 0.38, 1.7), (20.0, 0.38, 1.6)),
+            1,
+            "late",
+            "x.lag.1.csv",
+        ),
+        why_no_flow=("low_speed", "reversing"),
+        why_state="standstill",
+        allow=Allowances(outside=True),
+        no_double=False,
+        threshold_m=0.04,
+        strips=Strips(0.66, None),
+        ordered_source="map",
+        manual_rate_kg_ha=90.0,
         sources=("canopy", "map"),
-        totals=Totals(1.0, 300.0, 138.0, 310.0, 600.0, 300.0, 4.0, 96.0, None), head_ndvi=(0.5, None, 0.6),
-        bench=BenchRun(50.0, 25.0, 3.2, 116.8))
+        totals=Totals(1.0, 300.0, 138.0, 310.0, 600.0, 300.0, 4.0, 96.0, None),
+        head_ndvi=(0.5, None, 0.6),
+        bench=BenchRun(50.0, 25.0, 3.2, 116.8),
+    )
     assert from_json(json.loads(wire.framed(frame))) == frame
 
 
@@ -51,14 +93,24 @@ def test_one_value_that_is_not_finite_does_not_blind_the_console():
 
 
 def test_every_message_is_one_line():
-    for line in (wire.greeting(7), wire.answered(1, Answer(False, "a\nb"), {"stats": {"x": 1}}),
-                 wire.framed(Frame(1, 0.0, LogRow(0.0, events="mark a\nb")))):
+    for line in (
+        wire.greeting(7),
+        wire.answered(1, Answer(False, "a\nb"), {"stats": {"x": 1}}),
+        wire.framed(Frame(1, 0.0, LogRow(0.0, events="mark a\nb"))),
+    ):
         assert line.endswith(b"\n") and line.count(b"\n") == 1
 
 
 def test_what_a_newer_worker_adds_anywhere_is_passed_over():
-    frame = Frame(3, 1.5, LogRow(1.5), alarms=(Alarm("rate_off", Severity.AMBER, 1.0), Alarm("x", Severity.RED, 2.0)),
-                  devices=(DeviceView("gnss", "COM3", "nmea", True, 0.1, 10.0, 5, 1),), totals=None, strips=Strips(0.6))
+    frame = Frame(
+        3,
+        1.5,
+        LogRow(1.5),
+        alarms=(Alarm("rate_off", Severity.AMBER, 1.0), Alarm("x", Severity.RED, 2.0)),
+        devices=(DeviceView("gnss", "COM3", "nmea", True, 0.1, 10.0, 5, 1),),
+        totals=None,
+        strips=Strips(0.6),
+    )
     newer = json.loads(wire.framed(frame))
     for place in (newer, newer["row"], newer["alarms"][1], newer["devices"][0], newer["strips"]):
         place["of_tomorrow"] = {"a": 1}
@@ -71,12 +123,16 @@ def test_a_frame_that_is_none_is_one_line():
         from_json(broken)
 
 
-# --- The right to be the worker of a run file: what a start waits for ------------------------------------------------
+# --- The right to be the worker of a run file: what a start waits for
+# ------------------------------------------------
+
 
 def waited(path, now_s=None):
     """Seconds that a start at such a time of the computer's clock waited."""
     slept: list[float] = []
-    with run_file.held(path, lambda: time.time() if now_s is None else now_s, slept.append) as right:
+    with run_file.held(
+        path, lambda: time.time() if now_s is None else now_s, slept.append
+    ) as right:
         right.confirm()
     return slept
 
@@ -92,15 +148,19 @@ def test_a_clean_start_waits_for_nobody(tmp_path):
     assert waited(path, time.time() + run_file.YOUNG_S + 0.1) == []
 
 
-@pytest.mark.parametrize("later_s", [0.0, 1.5, -3600.0], ids=["at once", "a busy computer", "its clock was put back"])
+@pytest.mark.parametrize(
+    "later_s", [0.0, 1.5, -3600.0], ids=["at once", "a busy computer", "its clock was put back"]
+)
 def test_a_lock_that_somebody_just_made_anew_is_not_believed(tmp_path, later_s):
-    """By a console that looked: the worker under which the lock was removed has not locked this one yet."""
+    """By a console that looked: the worker under which the lock was removed has not locked this
+    one yet."""
     path = tmp_path / "worker.json"
     take_lock(path.with_suffix(".lock")).close()
     assert waited(path, time.time() + later_s) == [pytest.approx(run_file.SETTLED_S, abs=0.2)]
 
 
-# --- When frames are told: seldom while the machine stands, often while it moves, at once where a word changes -------
+# --- When frames are told: seldom while the machine stands, often while it moves, at once where
+# a word changes -------
 
 TICK_S = 0.05
 STANDS = Frame(seq=0, at_s=0.0, row=LogRow(0.0, state="off", hopper_kg=300.0), tally=Tally())
@@ -109,16 +169,27 @@ LISTENS = DeviceView("gnss", "p", "nmea", True, 0.0, 10.0, 1, 0, test=DeviceTest
 
 def told_in_10_s(frame: Frame) -> int:
     telling = Telling()
-    return sum(telling.due(replace(frame, seq=k, at_s=k * TICK_S, row=frame.row._replace(
-        time_s=k * TICK_S, hopper_kg=300.0 - 0.01 * (k % 7)))) for k in range(200))
+    return sum(
+        telling.due(
+            replace(
+                frame,
+                seq=k,
+                at_s=k * TICK_S,
+                row=frame.row._replace(time_s=k * TICK_S, hopper_kg=300.0 - 0.01 * (k % 7)),
+            )
+        )
+        for k in range(200)
+    )
 
 
 def test_a_machine_that_stands_is_told_twice_a_second_whatever_its_sensors_noise():
     assert told_in_10_s(STANDS) == round(10.0 / STANDS_S)
 
 
-@pytest.mark.parametrize("row", [{"state": "working"}, {"state": "calibrating"}, {"speed_used_mps": 0.2},
-                                 {"shaft_rpm": 12.0}])
+@pytest.mark.parametrize(
+    "row",
+    [{"state": "working"}, {"state": "calibrating"}, {"speed_used_mps": 0.2}, {"shaft_rpm": 12.0}],
+)
 def test_a_machine_that_moves_is_told_ten_times_a_second(row):
     assert told_in_10_s(replace(STANDS, row=STANDS.row._replace(**row))) == round(10.0 / MOVES_S)
 
@@ -127,10 +198,20 @@ def test_a_device_that_is_listened_to_is_told_as_often():
     assert told_in_10_s(replace(STANDS, devices=(LISTENS,))) == round(10.0 / MOVES_S)
 
 
-@pytest.mark.parametrize("changed", [
-    {"alarms": (Alarm("gnss_silent", Severity.AMBER, 1.0, False),)}, {"why_no_flow": ("standstill",)},
-    {"allow": Allowances(reverse=True)}, {"look_ahead": False}, {"consoles": 2}, {"log_path": "other.csv"},
-    {"devices": (LISTENS,)}, {"dropped_heads": (3,)}, {"tally": Tally(moves=1)}])
+@pytest.mark.parametrize(
+    "changed",
+    [
+        {"alarms": (Alarm("gnss_silent", Severity.AMBER, 1.0, False),)},
+        {"why_no_flow": ("standstill",)},
+        {"allow": Allowances(reverse=True)},
+        {"look_ahead": False},
+        {"consoles": 2},
+        {"log_path": "other.csv"},
+        {"devices": (LISTENS,)},
+        {"dropped_heads": (3,)},
+        {"tally": Tally(moves=1)},
+    ],
+)
 def test_what_changes_is_told_at_once(changed):
     telling = Telling()
     assert telling.due(STANDS)
@@ -141,8 +222,12 @@ def test_what_changes_is_told_at_once(changed):
 def test_an_event_and_a_state_are_told_at_once():
     telling = Telling()
     telling.due(STANDS)
-    assert telling.due(replace(STANDS, seq=1, at_s=TICK_S, row=STANDS.row._replace(events="mark:x")))
-    assert telling.due(replace(STANDS, seq=2, at_s=2.0 * TICK_S, row=STANDS.row._replace(state="ready")))
+    assert telling.due(
+        replace(STANDS, seq=1, at_s=TICK_S, row=STANDS.row._replace(events="mark:x"))
+    )
+    assert telling.due(
+        replace(STANDS, seq=2, at_s=2.0 * TICK_S, row=STANDS.row._replace(state="ready"))
+    )
 
 
 def test_after_a_console_came_it_is_told_as_while_the_machine_moves_for_two_seconds():

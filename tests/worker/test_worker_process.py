@@ -1,4 +1,5 @@
 """The real program in a process of its own, on a fake machine, over loopback."""
+
 from __future__ import annotations
 
 import asyncio
@@ -22,7 +23,13 @@ from console.cli.tablet import TabLink
 from console.link import Link, WorkerGone
 from console.locale import use
 from console.running import WorkerAddress, WorkerFailed, find_running, start_worker
-from console.worker.limits import CLIENTS_LOOKING, CLIENTS_NEW, CLIENTS_WITH_KEY, LINE_BYTES, REFUSALS
+from console.worker.limits import (
+    CLIENTS_LOOKING,
+    CLIENTS_NEW,
+    CLIENTS_WITH_KEY,
+    LINE_BYTES,
+    REFUSALS,
+)
 from control.orders import Answer, Do, Order
 from drivers.files.lock import take_lock
 from tests.waiting import until
@@ -51,15 +58,23 @@ def answers(client: socket.socket, n: int) -> list[dict]:
 async def test_attach_and_order(running, attach, log_of):
     where = running()
     link = await attach(where)
-    assert link.newest.row.state == "ready" and link.newest.machine == "huanghai" and link.newest.simulated
+    assert (
+        link.newest.row.state == "ready"
+        and link.newest.machine == "huanghai"
+        and link.newest.simulated
+    )
     assert await link.order(Order(Do.START)) == Answer(True)
     await until(lambda: link.newest.row.state == "working")
     assert await link.order(Order(Do.MANUAL_RATE, 900.0)) == Answer(False, "rate_above_limit")
     refused = await link.order(Order(Do.REFILL, 5.0))
-    assert not refused.accepted and refused.why.startswith("internal_error: refill 5.0: RuntimeError")
+    assert not refused.accepted and refused.why.startswith(
+        "internal_error: refill 5.0: RuntimeError"
+    )
     assert await link.order(Order(Do.HOLD)) == Answer(True)
     await until(lambda: link.newest.alarms)
-    assert link.newest.alarms[0].id == "console_silent" and link.newest.alarms[0].details == (("age_s", 2.0),)
+    assert link.newest.alarms[0].id == "console_silent" and link.newest.alarms[0].details == (
+        ("age_s", 2.0),
+    )
     await link.stop_worker()
     with pytest.raises(WorkerGone):
         await link.task
@@ -80,7 +95,9 @@ async def test_the_frame_tells_how_many_consoles_keep_the_machine_working(runnin
     await until(lambda: first.newest.consoles == 1)
 
 
-async def test_frames_of_a_shaft_that_turns_come_at_ten_hertz_and_the_worker_hears_of_us(running, attach, log_of):
+async def test_frames_of_a_shaft_that_turns_come_at_ten_hertz_and_the_worker_hears_of_us(
+    running, attach, log_of
+):
     where = running("--hz", "100")
     link = await attach(where)
     seen = set()
@@ -89,7 +106,8 @@ async def test_frames_of_a_shaft_that_turns_come_at_ten_hertz_and_the_worker_hea
         seen.add(link.newest.seq)
         await asyncio.sleep(0.005)
     assert 7 <= len(seen) <= 13
-    assert sum(row["age_s"] < 0.3 for row in log_of(where)) > 40       # a word every 0.1 s, twenty times the need
+    # a word every 0.1 s, twenty times the need
+    assert sum(row["age_s"] < 0.3 for row in log_of(where)) > 40
     stats = await link.stats()
     assert stats["hz"] == pytest.approx(100.0) and stats["ticks"] > 50 and stats["clients"] == 1
     assert 0.0 < stats["p50_ms"] <= stats["p99_ms"] <= stats["p999_ms"] <= stats["max_ms"]
@@ -128,19 +146,25 @@ CONSOLE = textwrap.dedent("""
 
 
 @posix
-async def test_console_killed_frozen_or_closed_is_held_after_two_seconds(running, attach, log_of, tmp_path):
-    """Four consoles, each with a worker of its own, end in four ways at the same time; somebody looks on each time."""
+async def test_console_killed_frozen_or_closed_is_held_after_two_seconds(
+    running, attach, log_of, tmp_path
+):
+    """Four consoles, each with a worker of its own, end in four ways at the same time; somebody
+    looks on each time."""
 
     async def one(how: str) -> None:
         where = running(name=how)
         say = json.dumps({"port": where.port, "token": where.token, "pid": where.pid})
-        console = subprocess.Popen([sys.executable, "-P", "-c", CONSOLE, say], stdout=subprocess.PIPE)
+        console = subprocess.Popen(
+            [sys.executable, "-P", "-c", CONSOLE, say], stdout=subprocess.PIPE
+        )
         try:
             assert await asyncio.to_thread(console.stdout.readline) == b"working\n"
             watcher = await attach(where.looking_only())
             os.kill(console.pid, getattr(signal, how))
             await until(lambda: watcher.newest.row.state == "held")
-            await until(lambda: log_of(where)[-1]["state"] == "held")     # the log's own thread is a little behind
+            # the log's own thread is a little behind
+            await until(lambda: log_of(where)[-1]["state"] == "held")
         finally:
             console.kill()
             console.wait()
@@ -148,8 +172,9 @@ async def test_console_killed_frozen_or_closed_is_held_after_two_seconds(running
         rows = log_of(where)
         assert 2.0 < next(row for row in rows if row["state"] == "held")["age_s"] < 3.0
         gaps = [b["time_s"] - a["time_s"] for a, b in pairwise(rows)]
-        assert max(gaps) < 1.0                                            # the loop did not even stumble
-        assert find_running(tmp_path / "run" / f"{how}.json") == where    # and a new console may attach
+        assert max(gaps) < 1.0  # the loop did not even stumble
+        # and a new console may attach
+        assert find_running(tmp_path / "run" / f"{how}.json") == where
 
     async def detached() -> None:
         where = running(name="detached")
@@ -158,9 +183,10 @@ async def test_console_killed_frozen_or_closed_is_held_after_two_seconds(running
         owner.task.cancel()
         left_s = time.monotonic()
         await until(lambda: watcher.newest.row.state == "held")
-        assert 1.8 < time.monotonic() - left_s < 6.0                # its last word was up to 0.1 s old
+        assert 1.8 < time.monotonic() - left_s < 6.0  # its last word was up to 0.1 s old
         again = await attach(where)
-        await until(lambda: again.newest.row.speed_mps < 1.0)       # the fake shows the console's age there
+        # the fake shows the console's age there
+        await until(lambda: again.newest.row.speed_mps < 1.0)
 
     await asyncio.gather(one("SIGKILL"), one("SIGSTOP"), one("SIGHUP"), detached())
 
@@ -176,7 +202,7 @@ async def test_worker_killed_is_told_at_once(running, attach):
     with pytest.raises(WorkerGone, match="connection to the machine broke off"):
         await link.task
     assert time.monotonic() - killed < 1.5
-    with pytest.raises(WorkerGone):          # nobody waits for an answer that cannot come
+    with pytest.raises(WorkerGone):  # nobody waits for an answer that cannot come
         if (await waiting).accepted:
             raise WorkerGone("answered before the kill")
 
@@ -184,6 +210,7 @@ async def test_worker_killed_is_told_at_once(running, attach):
 @pytest.mark.parametrize("last", [b'{"frame": "cut off he', b"no message\n", b"x" * 2_000_000])
 async def test_a_worker_that_ends_in_the_middle_of_a_line_is_gone(last):
     """Killed while it sends; what raised another error left the console without word of it."""
+
     async def cut_off(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         await reader.readline()
         writer.write(last)
@@ -223,7 +250,7 @@ async def test_terminate_is_a_clean_stop_and_ctrl_c_is_nothing(running, attach, 
     os.kill(where.pid, signal.SIGTERM)
     with pytest.raises(WorkerGone):
         await asyncio.wait_for(link.task, 30)
-    assert link.newest.row.state == "off"                       # the last frame still came
+    assert link.newest.row.state == "off"  # the last frame still came
     run_file = Path(where.log_path).parent / "run" / "worker.json"
     await until(lambda: not run_file.exists())
     rows = log_of(where)
@@ -246,7 +273,7 @@ async def test_rubbish_is_counted_answered_and_harmless(running, attach):
     good = json.dumps({"id": 5, "token": where.token, "do": "hold"}).encode()
     client.sendall(b"\x00\xff{]\n\n[1,2]\n" + b"[" * 30_000 + b"\n" + good[:20])
     time.sleep(0.05)
-    client.sendall(good[20:] + b"\n")                            # split anywhere
+    client.sendall(good[20:] + b"\n")  # split anywhere
     said = answers(client, 4)
     assert [m["accepted"] for m in said] == [False, False, False, True] and said[-1]["answer"] == 5
     flood = raw(where)
@@ -279,7 +306,7 @@ async def test_a_client_that_never_reads_stalls_nobody(running, attach):
     stats = await link.stats()
     assert stats["dropped_frames"] >= 3
     assert stats["skipped"] < 5
-    assert link.newest.seq - first > 80                           # 100 ticks went by
+    assert link.newest.seq - first > 80  # 100 ticks went by
     assert await link.order(Order(Do.START)) == Answer(True)
     lazy.close()
 
@@ -303,9 +330,10 @@ STRANGER = textwrap.dedent("""
 """)
 
 
-@pytest.mark.exam                   # eight programs that compute for three seconds
+@pytest.mark.exam  # eight programs that compute for three seconds
 async def test_stop_does_not_wait_behind_strangers_who_flood(running, attach):
-    """Each line of theirs was parsed and answered before a word of the console was read: 1.3 s with eight of them."""
+    """Each line of theirs was parsed and answered before a word of the console was read: 1.3 s
+    with eight of them."""
     where = running()
     link = await attach(where)
     crowd = [subprocess.Popen([sys.executable, "-c", STRANGER, str(where.port)]) for _ in range(8)]
@@ -318,10 +346,10 @@ async def test_stop_does_not_wait_behind_strangers_who_flood(running, attach):
             took.append(time.monotonic() - began_s)
             await asyncio.sleep(0.1)
         assert sorted(took)[4] < 0.4
-        assert link.newest.row.speed_mps < 1.5                        # the fake shows the console's age there
+        assert link.newest.row.speed_mps < 1.5  # the fake shows the console's age there
         stats = await link.stats(10.0)
         assert stats["clients_put_aside"] >= 8 and stats["malformed"] < 8 * REFUSALS * 10
-        assert (await attach(where)).newest is not None               # and a second console gets in
+        assert (await attach(where)).newest is not None  # and a second console gets in
     finally:
         for one in crowd:
             one.kill()
@@ -342,7 +370,8 @@ async def test_a_client_that_only_looks_is_put_aside_when_it_goes_on_asking(runn
 
 
 async def test_a_console_that_floods_costs_the_others_little(running, attach):
-    """With the key: never put aside, and never more than its lines a turn; stop is taken before all that waits."""
+    """With the key: never put aside, and never more than its lines a turn; stop is taken before
+    all that waits."""
     where = running()
     link = await attach(where)
     client = raw(where)
@@ -376,7 +405,8 @@ def closed(client: socket.socket) -> bool:
 
 
 async def test_strangers_who_say_nothing_take_no_place(running, attach, tmp_path):
-    """As many as a worker has places, all idle: it stays found, no second one starts, its console gets in."""
+    """As many as a worker has places, all idle: it stays found, no second one starts, its
+    console gets in."""
     where = running()
     crowd = [raw(where) for _ in range(CLIENTS_NEW)]
     assert all(c.recv(100).startswith(b'{"hello"') for c in crowd)
@@ -387,7 +417,7 @@ async def test_strangers_who_say_nothing_take_no_place(running, attach, tmp_path
     link = await attach(where)
     assert await link.order(Order(Do.START)) == Answer(True)
     await until(lambda: link.newest.row.state == "working")
-    assert await asyncio.to_thread(closed, crowd[-1])           # none of them is kept
+    assert await asyncio.to_thread(closed, crowd[-1])  # none of them is kept
     stats = await link.stats()
     assert stats["clients_silent"] >= CLIENTS_NEW and stats["clients"] == 1
     for client in crowd:
@@ -409,14 +439,18 @@ async def test_who_only_looks_never_takes_the_place_of_a_console(running, attach
 
 
 async def test_orders_do_not_keep_the_machine_working(running, attach, log_of):
-    """A tablet with the key that orders without end, beside a console that froze: the machine worked for 9.7 s."""
+    """A tablet with the key that orders without end, beside a console that froze: the machine
+    worked for 9.7 s."""
     where = running()
     watcher = await attach(where.looking_only())
     client = raw(where)
     began_s = time.monotonic()
     for number in range(40):
         do = "start" if number == 0 else "strategy"
-        client.sendall(json.dumps({"id": number, "token": where.token, "do": do, "value": None}).encode() + b"\n")
+        client.sendall(
+            json.dumps({"id": number, "token": where.token, "do": do, "value": None}).encode()
+            + b"\n"
+        )
         await asyncio.sleep(0.1)
         if watcher.newest.row.state == "held":
             break
@@ -435,7 +469,8 @@ async def test_a_sign_of_life_without_the_key_keeps_no_machine_working(running, 
     console.task.cancel()
     began_s = time.monotonic()
     while watcher.newest.row.state == "working" and time.monotonic() - began_s < 10.0:
-        with contextlib.closing(raw(where)) as client:      # a new one each time: who is refused is put aside
+        # a new one each time: who is refused is put aside
+        with contextlib.closing(raw(where)) as client:
             client.sendall(json.dumps({"id": 1, "token": token, "ask": "alive"}).encode() + b"\n")
             await asyncio.sleep(0.3)
     assert watcher.newest.row.state == "held" and time.monotonic() - began_s < 3.5
@@ -459,8 +494,8 @@ async def test_a_tablets_tab_that_operates_keeps_no_machine_working(running, att
 
 
 async def test_the_console_lives_as_its_event_loop_turns(running, attach):
-    """A loop that stands for 1.65 s is heard in time, for its word before was fresh, and not half a second old; one
-    that stands longer is not."""
+    """A loop that stands for 1.65 s is heard in time, for its word before was fresh, and not
+    half a second old; one that stands longer is not."""
     where = running()
     link, watcher = await attach(where), await attach(where.looking_only())
     await link.order(Order(Do.START))
@@ -476,7 +511,9 @@ async def test_looking_with_the_key_does_not_keep_the_machine_working(running, a
     client = raw(where)
     for number in range(15):
         with contextlib.suppress(OSError):
-            client.sendall(json.dumps({"id": number, "token": where.token, "ask": "look"}).encode() + b"\n")
+            client.sendall(
+                json.dumps({"id": number, "token": where.token, "ask": "look"}).encode() + b"\n"
+            )
         await asyncio.sleep(0.1)
     assert log_of(where)[-1] == {"end": True}
     client.close()
@@ -504,14 +541,18 @@ def test_without_its_run_file_a_worker_still_is_the_only_one(tmp_path, running):
     os.kill(where.pid, signal.SIGSTOP)
     try:
         (tmp_path / "run" / "worker.json").unlink()
-        with pytest.raises(WorkerFailed, match="did not start: topdress worker: a machine runs already"):
+        with pytest.raises(
+            WorkerFailed, match="did not start: topdress worker: a machine runs already"
+        ):
             running()
     finally:
         os.kill(where.pid, signal.SIGCONT)
 
 
 @posix
-@pytest.mark.parametrize("removed", [["worker.lock"], ["worker.lock", "worker.json"]], ids=["lock", "both"])
+@pytest.mark.parametrize(
+    "removed", [["worker.lock"], ["worker.lock", "worker.json"]], ids=["lock", "both"]
+)
 def test_a_worker_whose_lock_was_removed_still_is_the_only_one(running, tmp_path, removed):
     """The second one locked a file of the same name, and two workers drove one machine."""
     where = running()
@@ -519,18 +560,23 @@ def test_a_worker_whose_lock_was_removed_still_is_the_only_one(running, tmp_path
     for _time in range(2):
         for name in removed:
             (run_file.parent / name).unlink()
-        with pytest.raises(WorkerFailed, match=f"a machine runs already on this computer .program {where.pid}"):
+        with pytest.raises(
+            WorkerFailed, match=f"a machine runs already on this computer .program {where.pid}"
+        ):
             running()
         assert find_running(run_file) == where
     until_s = time.monotonic() + 5.0
-    while (lock := take_lock(run_file.with_suffix(".lock"))) is not None:       # it locks the new file
+    # it locks the new file
+    while (lock := take_lock(run_file.with_suffix(".lock"))) is not None:
         lock.close()
         assert time.monotonic() < until_s
         time.sleep(0.05)
 
 
 @posix
-def test_a_console_that_looks_removes_no_run_file_of_a_worker_whose_lock_was_removed(running, tmp_path):
+def test_a_console_that_looks_removes_no_run_file_of_a_worker_whose_lock_was_removed(
+    running, tmp_path
+):
     where = running()
     run_file = tmp_path / "run" / "worker.json"
     for _time in range(5):
@@ -542,9 +588,15 @@ def test_a_console_that_looks_removes_no_run_file_of_a_worker_whose_lock_was_rem
 def test_the_run_file_is_private_and_found(running, tmp_path):
     where = running()
     run_file = tmp_path / "run" / "worker.json"
-    assert run_file.stat().st_mode & 0o777 == 0o600 and run_file.parent.stat().st_mode & 0o777 == 0o700
+    assert (
+        run_file.stat().st_mode & 0o777 == 0o600 and run_file.parent.stat().st_mode & 0o777 == 0o700
+    )
     assert find_running(run_file) == where
-    assert where.log_path.endswith("worker.log") and where.started.endswith("Z") and len(where.token) == 32
+    assert (
+        where.log_path.endswith("worker.log")
+        and where.started.endswith("Z")
+        and len(where.token) == 32
+    )
     with pytest.raises(WorkerFailed, match=f"runs already on this computer .program {where.pid}"):
         running()
 
@@ -563,14 +615,18 @@ async def test_a_file_left_by_a_dead_worker_is_removed(running, attach, tmp_path
 
 
 async def test_what_became_of_the_worker_is_said_in_the_language_of_the_screen(tmp_path):
-    """It stood in English over a Chinese dialog, which is the one of all that has to be understood."""
+    """It stood in English over a Chinese dialog, which is the one of all that has to be
+    understood."""
     run_file = tmp_path / "worker.json"
     run_file.write_text("{}")
     use("zh")
     try:
         with pytest.raises(WorkerGone, match="与机器的连接中断了"):
             await Link(WorkerAddress(1, "x", 4711, "")).run()
-        with take_lock(run_file.with_suffix(".lock")), pytest.raises(WorkerFailed, match="或结束该程序"):
+        with (
+            take_lock(run_file.with_suffix(".lock")),
+            pytest.raises(WorkerFailed, match="或结束该程序"),
+        ):
             find_running(run_file)
     finally:
         use("en")
@@ -593,8 +649,18 @@ def test_a_port_taken_over_by_another_worker_is_not_ours(running, tmp_path):
 def test_a_worker_that_runs_mends_its_run_file(running, tmp_path):
     where = running()
     run_file = tmp_path / "run" / "worker.json"
-    for text in (None, "", "{", "[]", '{"port": "x"}', '{"port": 1}', '{"port": 1e400}', "[" * 9999,
-                 '{"port": 1, "token": "x", "pid": 1}', '{"port": 70000, "token": "x", "pid": 1}'):
+    for text in (
+        None,
+        "",
+        "{",
+        "[]",
+        '{"port": "x"}',
+        '{"port": 1}',
+        '{"port": 1e400}',
+        "[" * 9999,
+        '{"port": 1, "token": "x", "pid": 1}',
+        '{"port": 70000, "token": "x", "pid": 1}',
+    ):
         run_file.unlink()
         if text is not None:
             run_file.write_text(text)
@@ -614,9 +680,14 @@ def test_a_wrong_run_file_that_nobody_mends_is_said(tmp_path, text):
 
 @posix
 def test_a_port_that_drips_is_not_waited_for(tmp_path):
-    """A byte now and then, and never a whole line: each is answered before the time of a single read is over."""
+    """A byte now and then, and never a whole line: each is answered before the time of a single
+    read is over."""
     run_file = tmp_path / "worker.json"
-    with socket.create_server(("127.0.0.1", 0)) as dripping, take_lock(run_file.with_suffix(".lock")):
+    with (
+        socket.create_server(("127.0.0.1", 0)) as dripping,
+        take_lock(run_file.with_suffix(".lock")),
+    ):
+
         def drip() -> None:
             with contextlib.suppress(OSError), dripping.accept()[0] as visitor:
                 for _ in range(40):
@@ -628,7 +699,8 @@ def test_a_port_that_drips_is_not_waited_for(tmp_path):
         began_s = time.monotonic()
         with pytest.raises(WorkerFailed, match="does not answer"):
             find_running(run_file)
-        assert time.monotonic() - began_s < 2.0          # half a second, and room for a busy machine; 4 s without
+        # half a second, and room for a busy machine; 4 s without
+        assert time.monotonic() - began_s < 2.0
 
 
 @pytest.mark.parametrize("text", ["", "{", "[]", '{"port": "x"}', '{"port": 1}', "\x00"])
@@ -639,10 +711,16 @@ def test_a_spoilt_run_file_is_removed(tmp_path, text):
     assert find_running(run_file) is None
 
 
-@pytest.mark.parametrize(("args", "said"), [
-    (["--config", "refuse"], "topdress worker: cab.yaml: key gnss.port: value 7: allowed: a port name"),
-    (["--hz", "200"], "200: allowed are 1 to 100"),
-])
+@pytest.mark.parametrize(
+    ("args", "said"),
+    [
+        (
+            ["--config", "refuse"],
+            "topdress worker: cab.yaml: key gnss.port: value 7: allowed: a port name",
+        ),
+        (["--hz", "200"], "200: allowed are 1 to 100"),
+    ],
+)
 def test_a_worker_that_cannot_start_says_why_in_one_line(running, tmp_path, args, said):
     with pytest.raises(WorkerFailed, match="did not start: .*" + said):
         running(*args)
@@ -652,6 +730,11 @@ def test_a_worker_that_cannot_start_says_why_in_one_line(running, tmp_path, args
 def test_a_worker_that_says_nothing_is_ended(tmp_path):
     began = time.monotonic()
     with pytest.raises(WorkerFailed, match="said nothing for"):
-        start_worker([], tmp_path / "trouble", run_file=tmp_path / "w.json", timeout_s=0.2,
-                     program=("-c", "import time; time.sleep(60)"))
+        start_worker(
+            [],
+            tmp_path / "trouble",
+            run_file=tmp_path / "w.json",
+            timeout_s=0.2,
+            program=("-c", "import time; time.sleep(60)"),
+        )
     assert time.monotonic() - began < 30.0

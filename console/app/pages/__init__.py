@@ -1,1 +1,2 @@
-"""A folder for each page: its screen, its keys with what they do, its words, its own widgets and styles."""
+"""A folder for each page: its screen, its keys with what they do, its words, its own widgets
+and styles."""

@@ -1,25 +1,51 @@
-"""All pages of the console, by the word that their actions carry; each is imported and made when first wanted."""
+"""All pages of the console, by the word that their actions carry; each is imported and made
+when first wanted."""
+
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from importlib import import_module
 from types import ModuleType
 
-from console.app.action import CALIBRATE, DEVICES, DIAGNOSIS, JOB, MAP, REPLAY, RUN, SETTINGS, TRENDS
+from console.app.action import (
+    CALIBRATE,
+    DEVICES,
+    DIAGNOSIS,
+    JOB,
+    MAP,
+    REPLAY,
+    RUN,
+    SETTINGS,
+    TRENDS,
+)
 from console.app.pages.page import Page
 from console.app.pages.replay.service import ReplayJob
 from console.app.services import Services
 
-SCREENS = {RUN: "RunScreen", MAP: "MapScreen", TRENDS: "TrendsScreen", DEVICES: "DevicesScreen",
-           CALIBRATE: "CalibrateScreen", REPLAY: "ReplayScreen", DIAGNOSIS: "DiagnosisScreen", JOB: "JobScreen",
-           SETTINGS: "SettingsScreen"}
+SCREENS = {
+    RUN: "RunScreen",
+    MAP: "MapScreen",
+    TRENDS: "TrendsScreen",
+    DEVICES: "DevicesScreen",
+    CALIBRATE: "CalibrateScreen",
+    REPLAY: "ReplayScreen",
+    DIAGNOSIS: "DiagnosisScreen",
+    JOB: "JobScreen",
+    SETTINGS: "SettingsScreen",
+}
 
 
 class Pages(Mapping[str, Page]):
-    """One of each. begin: is called with every page that is made. They are composed when they are first turned to."""
+    """One of each. begin: is called with every page that is made. They are composed when they
+    are first turned to."""
 
-    def __init__(self, replay: ReplayJob | None, services: Services, begin: Callable[[str, Page], None]) -> None:
-        self._needs: dict[str, tuple[object, ...]] = {CALIBRATE: (services.calibrate,), REPLAY: (replay,)}
+    def __init__(
+        self, replay: ReplayJob | None, services: Services, begin: Callable[[str, Page], None]
+    ) -> None:
+        self._needs: dict[str, tuple[object, ...]] = {
+            CALIBRATE: (services.calibrate,),
+            REPLAY: (replay,),
+        }
         self._begin = begin
         self.made: dict[str, Page] = {}
 

@@ -1,4 +1,5 @@
 """A page that shows the machine at work, or a log in its place."""
+
 from __future__ import annotations
 
 from console.app import words
@@ -22,9 +23,11 @@ EMPTY_MAP = MapView(EMPTY_GROUND, 0, None, EMPTY_SCALE, MapCamera(0.0, 0.0, 1.0)
 
 
 class LogPage(Page):
-    """Alarms of a machine that works meanwhile come before the log's, and are said to be its own."""
+    """Alarms of a machine that works meanwhile come before the log's, and are said to be its
+    own."""
 
-    wants_log = False              # a log in the machine's place, where both can be shown
+    # a log in the machine's place, where both can be shown
+    wants_log = False
 
     def replayed(self) -> ReplayJob | None:
         """The log to show; None: the machine."""
@@ -56,7 +59,9 @@ class LogPage(Page):
         view = view._replace(status=view.status._replace(lead=_("REPLAY")))
         if live is not None and live.alarms:
             shown = alarms(live, self.app.utc_offset_s, self.app.units)
-            lines = tuple(line._replace(place=f"{_('MACHINE')} {line.place}") for line in shown.lines)
+            lines = tuple(
+                line._replace(place=f"{_('MACHINE')} {line.place}") for line in shown.lines
+            )
             return view._replace(alarms=shown._replace(lines=lines))
         return view
 
@@ -66,7 +71,10 @@ class LogPage(Page):
         other = live is not None and self.seen(self.app.clock())[0] is not live
         if live is None or not other:
             return super().marks()
-        return (f"{_('MACHINE')}: {words.state_word(live.row.state, live.why_state)}", *super().marks())
+        return (
+            f"{_('MACHINE')}: {words.state_word(live.row.state, live.why_state)}",
+            *super().marks(),
+        )
 
     def points(self) -> tuple[Point, ...]:
         """Of the trend of target and applied rate."""
@@ -74,7 +82,9 @@ class LogPage(Page):
         if job is None:
             return self.app.history.recent()
         source = job.source
-        return points_of(source.frames, source.first_index(source.at_s - TREND_SPAN_S), source.index)
+        return points_of(
+            source.frames, source.first_index(source.at_s - TREND_SPAN_S), source.index
+        )
 
     def series(self) -> TrendSeries:
         return self.app.history.series if self.replayed() is None else self.log_history().series
@@ -96,21 +106,45 @@ class LogPage(Page):
             worked.width_m, worked.sections = picture.width_m, picture.sections
         return worked, picture
 
-    def map_view(self, frame: Frame | None, age_s: float, layer: MapLayer, camera: MapCamera,
-                 laid: LaidFile | None = None) -> MapView:
+    def map_view(
+        self,
+        frame: Frame | None,
+        age_s: float,
+        layer: MapLayer,
+        camera: MapCamera,
+        laid: LaidFile | None = None,
+    ) -> MapView:
         """What a map shows of a frame, and of a file that is laid on it."""
         worked, picture = self.ground(frame)
         most_kg_ha = self.app.crop_limits_kg_ha[1] if self.replayed() is None else None
-        scale = scale_of(layer, worked, picture, self.app.units, laid.rate_ends if laid is not None else None,
-                         most_kg_ha)
+        scale = scale_of(
+            layer,
+            worked,
+            picture,
+            self.app.units,
+            laid.rate_ends if laid is not None else None,
+            most_kg_ha,
+        )
         by = laid.scale(scale) if laid is not None else None
-        return MapView(worked, worked.version, picture, scale, camera,
-                       frame.place_m if frame else None, frame.row.heading_deg if frame else None,
-                       stale=age_s > STALE_S, lines=self.app.guide.drawn(camera),
-                       laid=LaidView(laid.worked, by) if laid is not None and by is not None else None)
+        return MapView(
+            worked,
+            worked.version,
+            picture,
+            scale,
+            camera,
+            frame.place_m if frame else None,
+            frame.row.heading_deg if frame else None,
+            stale=age_s > STALE_S,
+            lines=self.app.guide.drawn(camera),
+            laid=LaidView(laid.worked, by) if laid is not None and by is not None else None,
+        )
 
     def whole(self, frame: Frame | None) -> Box | None:
         """What a map of everything holds: field, worked ground, machine."""
         worked, picture = self.ground(frame)
-        place = Box(*frame.place_m, *frame.place_m) if frame is not None and frame.place_m is not None else None
+        place = (
+            Box(*frame.place_m, *frame.place_m)
+            if frame is not None and frame.place_m is not None
+            else None
+        )
         return around(picture.box if picture is not None else None, worked.box, place)

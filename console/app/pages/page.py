@@ -1,4 +1,6 @@
-"""What every screen has: state and alarms above, pages and keys below, and how often it is looked at."""
+"""What every screen has: state and alarms above, pages and keys below, and how often it is
+looked at."""
+
 from __future__ import annotations
 
 from typing import TYPE_CHECKING, ClassVar
@@ -20,14 +22,21 @@ from console.app.widgets.alarm_bar import AlarmBar, rows_needed
 from console.app.widgets.key_bar import KeyBar, KeysView
 from console.app.widgets.panel import Drawn, Panel, fit, line, wrapped
 from console.app.widgets.rates import Small, SmallView
-from console.app.widgets.status_line import PageBar, PagesView, StatusLine, TourBar, TourView, rows_of
+from console.app.widgets.status_line import (
+    PageBar,
+    PagesView,
+    StatusLine,
+    TourBar,
+    TourView,
+    rows_of,
+)
 from console.frame import Frame
 from console.locale import _
 
 
 class NoticeRows(Panel[str]):
-    """Over the last rows of a page, above the keys: what was refused or done, where the row next to them is too
-    short."""
+    """Over the last rows of a page, above the keys: what was refused or done, where the row
+    next to them is too short."""
 
     def lines(self, view: str, width: int, height: int) -> list[Content]:
         return [line((fit(f" {row}", width), "bold reverse")) for row in wrapped(view, width - 2)]
@@ -42,8 +51,8 @@ class NoticeRows(Panel[str]):
 
 
 class CompanyBar(Panel[CompanyView | None]):
-    """A row under the alarms while somebody else is at the machine too: the latest order and whose it is, then who is
-    there. A click lists everybody."""
+    """A row under the alarms while somebody else is at the machine too: the latest order and
+    whose it is, then who is there. A click lists everybody."""
 
     def lines(self, view: CompanyView | None, width: int, height: int) -> list[Content]:
         if view is None:
@@ -60,21 +69,26 @@ if TYPE_CHECKING:
     from console.app.app import TopdressApp
 
 LEAST_COLUMNS, LEAST_ROWS = 80, 24
-PORTRAIT_COLUMNS, PORTRAIT = 60, (RUN, MAP, JOB)    # on a narrow and high screen these stand under the numbers
-HUGE_COLUMNS, HUGE_ROWS = 150, 46      # from here on numerals and state are drawn twice as large
+# on a narrow and high screen these stand under the numbers
+PORTRAIT_COLUMNS, PORTRAIT = 60, (RUN, MAP, JOB)
+# from here on numerals and state are drawn twice as large
+HUGE_COLUMNS, HUGE_ROWS = 150, 46
 MIDDLE_ROWS, TALL_ROWS = 28, 36
 ALARM_ROWS, MOST_ALARM_ROWS = 3, 7
-ALARM_ROWS_LOW = {REPLAY: (1, 2), DIAGNOSIS: (2, 2)}    # at low and middle height, as their style sheets have it
-GONE_AGE_S = 1.1               # old enough to be greyed
+# at low and middle height, as their style sheets have it
+ALARM_ROWS_LOW = {REPLAY: (1, 2), DIAGNOSIS: (2, 2)}
+GONE_AGE_S = 1.1  # old enough to be greyed
 
 
 class Page(Screen[None]):
-    """A screen reached by a key of its own. A subclass gives `where`, `body` and what it shows; its keys stand next to
-    it in `keys.py`. Below 80 x 24 state, alarms, the machine's numbers and keys are left; on a narrow screen with the
-    height, a tablet on end, Run, Map and Job too."""
+    """A screen reached by a key of its own. A subclass gives `where`, `body` and what it shows;
+    its keys stand next to it in `keys.py`. Below 80 x 24 state, alarms, the machine's numbers
+    and keys are left; on a narrow screen with the height, a tablet on end, Run, Map and Job
+    too."""
 
     AUTO_FOCUS = ""
-    BINDINGS: ClassVar = [Binding("tab", "app.do('pages')", id="pages", show=False)]    # else Textual moves the focus
+    # else Textual moves the focus
+    BINDINGS: ClassVar = [Binding("tab", "app.do('pages')", id="pages", show=False)]
     where: ClassVar[str] = ANYWHERE
     HORIZONTAL_BREAKPOINTS = [(0, "-tiny-columns"), (LEAST_COLUMNS, "-narrow"), (100, "-wide")]
     VERTICAL_BREAKPOINTS = [(0, "-tiny-rows"), (LEAST_ROWS, "-low"), (28, "-middle"), (36, "-tall")]
@@ -111,8 +125,12 @@ class Page(Screen[None]):
     def on_resize(self, event: events.Resize) -> None:
         width, height = event.size
         self.set_class(width >= HUGE_COLUMNS and height >= HUGE_ROWS, "-huge")
-        self.set_class(PORTRAIT_COLUMNS <= width < LEAST_COLUMNS and height >= TALL_ROWS and self.where in PORTRAIT,
-                       "-portrait")
+        self.set_class(
+            PORTRAIT_COLUMNS <= width < LEAST_COLUMNS
+            and height >= TALL_ROWS
+            and self.where in PORTRAIT,
+            "-portrait",
+        )
         self.hurry()
 
     def perform(self, action: Action) -> None:
@@ -135,12 +153,14 @@ class Page(Screen[None]):
             drawn.refresh()
 
     def tick(self, now_s: float) -> None:
-        """Look at what is new; called often, does only what is due. A subclass adds its own panels to it."""
+        """Look at what is new; called often, does only what is due. A subclass adds its own
+        panels to it."""
         if self.numbers.due(now_s):
             self.show_numbers(self.view_at(now_s))
 
     def view_at(self, now_s: float) -> RunView:
-        """What is known now: a page never says less, or other, than the one before it, also not while it is made."""
+        """What is known now: a page never says less, or other, than the one before it, also not
+        while it is made."""
         frame, age_s = self.seen(now_s)
         view = self.seen_view(frame, age_s)
         if frame is None and self.app.source is None and self.where != REPLAY:
@@ -159,15 +179,34 @@ class Page(Screen[None]):
         """State, alarms, keys; a subclass adds its numbers."""
         self.query_one("#status", StatusLine).show(view.status)
         self.query_one("#alarms", AlarmBar).show(view.alarms)
-        in_full = self.where == RUN or self.size.height >= TALL_ROWS       # else it hides what is at fault: the board
+        # else it hides what is at fault: the board
+        in_full = self.where == RUN or self.size.height >= TALL_ROWS
         self.set_class(bool(view.alarms.fault and view.alarms.lines) and in_full, "-fault")
         self._room_for_alarms(view.alarms)
         small = self.query_one("#small", Small)
         if small.display:
-            page = "" if self.where in (RUN, REPLAY) or self.has_class("-portrait") else next(
-                (_(one.label) for one in self.app.page_actions if one.id == f"{self.where}_screen"), "")
-            small.show(SmallView(view.rates, view.tiles, _("{columns} x {rows} shows the whole page").format(
-                columns=LEAST_COLUMNS, rows=LEAST_ROWS), page))
+            page = (
+                ""
+                if self.where in (RUN, REPLAY) or self.has_class("-portrait")
+                else next(
+                    (
+                        _(one.label)
+                        for one in self.app.page_actions
+                        if one.id == f"{self.where}_screen"
+                    ),
+                    "",
+                )
+            )
+            small.show(
+                SmallView(
+                    view.rates,
+                    view.tiles,
+                    _("{columns} x {rows} shows the whole page").format(
+                        columns=LEAST_COLUMNS, rows=LEAST_ROWS
+                    ),
+                    page,
+                )
+            )
         company, others = self.query_one("#company", CompanyBar), self.app.company_view()
         company.display = others is not None
         company.show(others)
@@ -175,13 +214,20 @@ class Page(Screen[None]):
         self.show_keys()
 
     def _room_for_alarms(self, shown: AlarmsView) -> None:
-        """More rows than the style sheet's where the worst alarm needs them to be read to its end."""
+        """More rows than the style sheet's where the worst alarm needs them to be read to its
+        end."""
         bar = self.query_one("#alarms", AlarmBar)
         low, middle = ALARM_ROWS_LOW.get(self.where, (ALARM_ROWS, ALARM_ROWS))
         rows = self.size.height
         least = low if rows < MIDDLE_ROWS else middle if rows < TALL_ROWS else ALARM_ROWS
-        need = rows_needed(shown, self.size.width, todo=least >= ALARM_ROWS) if shown.lines or shown.urgent else 0
-        height = min(need, MOST_ALARM_ROWS) if need > least and not self.has_class("-fault") else None
+        need = (
+            rows_needed(shown, self.size.width, todo=least >= ALARM_ROWS)
+            if shown.lines or shown.urgent
+            else 0
+        )
+        height = (
+            min(need, MOST_ALARM_ROWS) if need > least and not self.has_class("-fault") else None
+        )
         if bar.styles.inline.height != (None if height is None else Scalar.from_number(height)):
             bar.styles.height = height
 
@@ -198,7 +244,9 @@ class Page(Screen[None]):
         off = frozenset(action.id for action in offered if action.bar and self.app.why_not(action))
         keys, text = self.query_one("#keys", KeyBar), self.app.notice_text
         keys.show(KeysView(offered, self.app.locked, text, self.app.why_no_stop(), off))
-        self.query_one("#notice", NoticeRows).say(text, keys.room_for_notice(offered), self.size.width)
+        self.query_one("#notice", NoticeRows).say(
+            text, keys.room_for_notice(offered), self.size.width
+        )
         self.query_one("#pages", PageBar).show(PagesView(self.app.page_actions, self.where))
 
     def marks(self) -> tuple[str, ...]:

@@ -1,4 +1,5 @@
 """What Run and Replay share: the panels and where they stand at each size."""
+
 from __future__ import annotations
 
 from textual import events
@@ -33,14 +34,17 @@ class MapTitle(Panel[str]):
         await self.run_action("app.do('map_screen')")
 
 
-COARSEST_M = 3.0          # of a pixel: a larger field is not shown whole, the map follows the machine
-GAP_S = 2.5               # a longer time without a row is a gap
-AGAIN_S = 0.5             # without a new frame: as often as a machine that stands tells one
-GRAPH_POINTS = 60         # of the small graph under a tile
+# of a pixel: a larger field is not shown whole, the map follows the machine
+COARSEST_M = 3.0
+GAP_S = 2.5  # a longer time without a row is a gap
+# without a new frame: as often as a machine that stands tells one
+AGAIN_S = 0.5
+GRAPH_POINTS = 60  # of the small graph under a tile
 
 
 class PanelScreen(LogPage):
-    """Trends go below 36 rows, then the map below 100 columns. cursor_s: where the trend is read off, s of the run."""
+    """Trends go below 36 rows, then the map below 100 columns. cursor_s: where the trend is
+    read off, s of the run."""
 
     cursor_s: float | None = None
 
@@ -60,11 +64,14 @@ class PanelScreen(LogPage):
         with Vertical(id="right"):
             yield MapTitle(self.app.units.rate.name, id="map-title")
             yield FieldMap(EMPTY_MAP, id="map")
-            yield MapLegend(LegendView(EMPTY_MAP.scale, 1.0, self.app.units.distance, False), id="map-legend")
+            yield MapLegend(
+                LegendView(EMPTY_MAP.scale, 1.0, self.app.units.distance, False), id="map-legend"
+            )
             yield Items(view.items, id="items-side")
 
     def tick(self, now_s: float) -> None:
-        """Between two frames next to nothing changes; all that does is drawn at once, for each drawing costs."""
+        """Between two frames next to nothing changes; all that does is drawn at once, for each
+        drawing costs."""
         frame, age_s = self.seen(now_s)
         looked_s, hurried = self.numbers.last_s, None in (self.plots.last_s, self.maps.last_s)
         soon = looked_s is not None and 0.0 <= now_s - looked_s < AGAIN_S and age_s <= STALE_S
@@ -78,21 +85,30 @@ class PanelScreen(LogPage):
         if self.maps.due(now_s) and self.query_one("#right").display:
             self._show_map(frame, age_s)
 
-    # --- the trend, and what is read off it ---------------------------------------------------------------------
+    # --- the trend, and what is read off it
+    # ---------------------------------------------------------------------
 
     def _show_trend(self, frame: Frame | None, stale: bool) -> None:
         if self.query_one("#trend").display:
             points = self.points()
-            self.query_one("#trend", Trend).show(TrendView(points, self.app.units.rate, stale,
-                                                           read=self._read(points, frame)))
+            self.query_one("#trend", Trend).show(
+                TrendView(points, self.app.units.rate, stale, read=self._read(points, frame))
+            )
         graphs = self.query_one("#tile-graphs", TileGraphs)
         if graphs.display:
             series = self.series()
             end_s = frame.row.time_s if frame is not None else 0.0
             begin_s = end_s - TREND_SPAN_S
             drawn = (series.stretch(channel, begin_s, end_s, GRAPH_POINTS) for channel in CHANNELS)
-            graphs.show(GraphsView(tuple(graph(one.time_s.tolist(), one.mean.tolist(), begin_s, TREND_SPAN_S)
-                                         for one in drawn), stale))
+            graphs.show(
+                GraphsView(
+                    tuple(
+                        graph(one.time_s.tolist(), one.mean.tolist(), begin_s, TREND_SPAN_S)
+                        for one in drawn
+                    ),
+                    stale,
+                )
+            )
 
     def _read(self, points: tuple[Point, ...], frame: Frame | None) -> CursorReading | None:
         """The values in force at the cursor; it goes where its time leaves the trend."""
@@ -101,20 +117,32 @@ class PanelScreen(LogPage):
         if not points[-1].time_s - TREND_SPAN_S <= self.cursor_s <= points[-1].time_s:
             self.cursor_s = None
             return None
-        before = [point for point in points if self.cursor_s - GAP_S <= point.time_s <= self.cursor_s]
-        target, applied = (before[-1].target_kg_ha, before[-1].applied_kg_ha) if before else (None, None)
+        before = [
+            point for point in points if self.cursor_s - GAP_S <= point.time_s <= self.cursor_s
+        ]
+        target, applied = (
+            (before[-1].target_kg_ha, before[-1].applied_kg_ha) if before else (None, None)
+        )
         unit, back_s = self.app.units.rate, frame.row.time_s - self.cursor_s
-        return CursorReading(self.cursor_s, wall_clock(frame.row.utc, self.app.utc_offset_s, back_s) or duration(
-            self.cursor_s), unit.text(target), unit.text(applied))
+        return CursorReading(
+            self.cursor_s,
+            wall_clock(frame.row.utc, self.app.utc_offset_s, back_s) or duration(self.cursor_s),
+            unit.text(target),
+            unit.text(applied),
+        )
 
     def move_cursor(self, cells: int) -> None:
         """By so many cells of the trend; the first step takes it to the newest value."""
         points = self.points()
         if points:
             end_s = points[-1].time_s
-            cell_s = TREND_SPAN_S / max(1, columns_of(self.query_one("#trend").content_size.width) - 1)
+            cell_s = TREND_SPAN_S / max(
+                1, columns_of(self.query_one("#trend").content_size.width) - 1
+            )
             at_s = end_s if self.cursor_s is None else self.cursor_s
-            self._point(max(end_s - TREND_SPAN_S, points[0].time_s, min(end_s, at_s + cells * cell_s)))
+            self._point(
+                max(end_s - TREND_SPAN_S, points[0].time_s, min(end_s, at_s + cells * cell_s))
+            )
 
     def drop_cursor(self) -> None:
         self._point(None)
@@ -138,7 +166,8 @@ class PanelScreen(LogPage):
     def on_trend_left(self, event: Trend.Left) -> None:
         self.drop_cursor()
 
-    # --- the map ------------------------------------------------------------------------------------------------
+    # --- the map
+    # ----------------------------------------------------------------------------------------------
 
     def _show_map(self, frame: Frame | None, age_s: float) -> None:
         units, field_map = self.app.units, self.query_one("#map", FieldMap)
@@ -148,8 +177,13 @@ class PanelScreen(LogPage):
         field_map.show(view)
         self.query_one("#map-title", MapTitle).show(units.rate.name)
         self.query_one("#map-legend", MapLegend).show(
-            LegendView(view.scale, camera.metres, units.distance,
-                      view.picture is not None and view.picture.planned is not None))
+            LegendView(
+                view.scale,
+                camera.metres,
+                units.distance,
+                view.picture is not None and view.picture.planned is not None,
+            )
+        )
 
     def _camera(self, frame: Frame | None, before: MapCamera, columns: int, rows: int) -> MapCamera:
         """Everything at once where that can be read, else the ground round the machine."""

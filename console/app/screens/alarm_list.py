@@ -1,4 +1,5 @@
 """All alarms of the run: first, last, how often, acknowledged when, and what to do."""
+
 from __future__ import annotations
 
 from typing import ClassVar
@@ -18,8 +19,10 @@ from control.orders import Severity
 
 class AlarmList(ModalScreen[None]):
     AUTO_FOCUS = "#alarm-scroll"
-    BINDINGS: ClassVar = [Binding("escape,exclamation_mark,enter", "close", show=False),
-                          Binding("ctrl+y", "app.do('copy')", id="copy", show=False)]
+    BINDINGS: ClassVar = [
+        Binding("escape,exclamation_mark,enter", "close", show=False),
+        Binding("ctrl+y", "app.do('copy')", id="copy", show=False),
+    ]
 
     def __init__(self, title: str, entries: tuple[AlarmEntry, ...]) -> None:
         super().__init__()
@@ -40,10 +43,17 @@ class AlarmList(ModalScreen[None]):
         parts: list[Part] = []
         for entry in self.entries:
             name = "red" if entry.severity is Severity.RED else "amber"
-            style = "bold $background on $foreground" if entry.gone else (
-                f"bold $on-alarm-{name} on $alarm-{name}" if entry.stands else "bold")
+            style = (
+                "bold $background on $foreground"
+                if entry.gone
+                else (f"bold $on-alarm-{name} on $alarm-{name}" if entry.stands else "bold")
+            )
             place = f"{entry.place}: " if entry.place else ""
-            parts += [(f" {entry.symbol} {entry.word} ", style), (f" {place}{entry.text}", "bold"), "\n"]
+            parts += [
+                (f" {entry.symbol} {entry.word} ", style),
+                (f" {place}{entry.text}", "bold"),
+                "\n",
+            ]
             parts += [(f"     {entry.when}\n", "$muted")]
             if entry.todo:
                 parts += [f"     {entry.todo}\n"]

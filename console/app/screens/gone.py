@@ -1,4 +1,5 @@
 """The control worker is gone: said at once and big, with what to do."""
+
 from __future__ import annotations
 
 from textual.app import ComposeResult
@@ -9,19 +10,33 @@ from console.locale import _
 
 
 class GoneScreen(ChoiceDialog):
-    """Dismissed with "start", "attach", or None: go on looking at the last values. No line is marked at first: Enter
-    alone does nothing here."""
+    """Dismissed with "start", "attach", or None: go on looking at the last values. No line is
+    marked at first: Enter alone does nothing here."""
 
     def __init__(self, why: str, can_start: bool, can_attach: bool) -> None:
-        offered = ((can_start, Choice("start", _("start it again"))),
-                   (can_attach, Choice("attach", _("join the one that runs"))))
-        super().__init__(f"✖  {_('NO CONNECTION TO THE MACHINE')}", [one for there, one in offered if there], "", why,
-                         at=-1)
+        offered = (
+            (can_start, Choice("start", _("start it again"))),
+            (can_attach, Choice("attach", _("join the one that runs"))),
+        )
+        super().__init__(
+            f"✖  {_('NO CONNECTION TO THE MACHINE')}",
+            [one for there, one in offered if there],
+            "",
+            why,
+            at=-1,
+        )
         self.add_class("gone")
 
     def body(self) -> ComposeResult:
-        yield Static(_("No order reaches the machine from here. Drives stop by themselves after about a second; "
-                       "use the hard-wired stop if they do not."), classes="dialog-text", markup=False)
+        yield Static(
+            _(
+                "No order reaches the machine from here. Drives stop by themselves after "
+                "about a second; "
+                "use the hard-wired stop if they do not."
+            ),
+            classes="dialog-text",
+            markup=False,
+        )
         yield from super().body()
 
     def buttons(self) -> ComposeResult:

@@ -1,4 +1,6 @@
-"""F1: what every key does, and what the signs mean; a word typed after / leaves the lines that hold it."""
+"""F1: what every key does, and what the signs mean; a word typed after / leaves the lines that
+hold it."""
+
 from __future__ import annotations
 
 from typing import ClassVar
@@ -17,8 +19,14 @@ from console.locale import N_, _
 
 # Words of the pages that no bag and no tractor has; a line each.
 WORDS = (
-    N_("look-ahead: a change of the rate is ordered before its place, by as far as granules take to the ground."),
-    N_("scale trim: 1.02 says that by the hopper scale 2 % more flows than by the machine file; it is allowed for."),
+    N_(
+        "look-ahead: a change of the rate is ordered before its place, by as far as "
+        "granules take to the ground."
+    ),
+    N_(
+        "scale trim: 1.02 says that by the hopper scale 2 % more flows than by the machine "
+        "file; it is allowed for."
+    ),
     N_("nudge: so many percent more or less than the target, until it is taken away."),
     N_("fallback: the crop file's rate, where neither canopy nor map says one."),
     N_("headland: no work there; nothing is owed."),
@@ -28,13 +36,19 @@ WORDS = (
     N_("CV: how uneven, in percent of the mean. C_uc: how even, 100 % is the same everywhere."),
     N_("N-rich strip: a strip that got enough nitrogen; the rule compares the field with it."),
     N_("adopt: write what was found into the machine file, so that the console allows for it."),
-    N_("what if: the log computed once more, as it would have been with another strategy, crop or machine."),
+    N_(
+        "what if: the log computed once more, as it would have been with another strategy, "
+        "crop or machine."
+    ),
 )
 
 
 class HelpScreen(ModalScreen[None]):
     AUTO_FOCUS = "#help-scroll"
-    BINDINGS: ClassVar = [Binding("escape,f1,enter", "close", show=False), Binding("slash", "search", show=False)]
+    BINDINGS: ClassVar = [
+        Binding("escape,f1,enter", "close", show=False),
+        Binding("slash", "search", show=False),
+    ]
 
     def __init__(self, shown: tuple[Action, ...]) -> None:
         super().__init__()
@@ -43,16 +57,30 @@ class HelpScreen(ModalScreen[None]):
     def compose(self) -> ComposeResult:
         with VerticalScroll(id="help-scroll", classes="dialog wide"):
             yield Static(_("Keys of this screen"), classes="dialog-title", markup=False)
-            yield Input("", placeholder=_("/ searches"), id="help-search", classes="name-input", compact=True)
+            yield Input(
+                "",
+                placeholder=_("/ searches"),
+                id="help-search",
+                classes="name-input",
+                compact=True,
+            )
             yield Static(self._keys(), id="help-keys")
             yield Static(_("Words"), classes="dialog-title", markup=False)
             yield Static("\n".join(map(_, WORDS)), id="help-words", markup=False)
             yield Static(_("Signs"), classes="dialog-title", markup=False)
-            yield Static("\n".join((
-                _("Orange, ✖, ALARM: flow is stopped or about to be; acknowledge it.  Blue, !, CAUTION: work goes on."),
-                _("Grey: older than 1 s.  --: not known.  The error bar is full at 30 %."),
-                _("The console is not a safety part: the machine needs a hard-wired stop."),
-            )), markup=False)
+            yield Static(
+                "\n".join(
+                    (
+                        _(
+                            "Orange, ✖, ALARM: flow is stopped or about to be; acknowledge "
+                            "it.  Blue, !, CAUTION: work goes on."
+                        ),
+                        _("Grey: older than 1 s.  --: not known.  The error bar is full at 30 %."),
+                        _("The console is not a safety part: the machine needs a hard-wired stop."),
+                    )
+                ),
+                markup=False,
+            )
             yield Static(f"Esc  {_('close')}", classes="dialog-hint", markup=False)
 
     def action_search(self) -> None:
@@ -68,15 +96,24 @@ class HelpScreen(ModalScreen[None]):
     def _keys(self, wanted: str = "") -> Content:
         """The lines that hold every word that is wanted, in key, name or what it does."""
         words = wanted.lower().split()
-        shown = [action for action in self.shown
-                 if all(word in f"{action.shown} {_(action.label)} {_(action.help)}".lower() for word in words)]
+        shown = [
+            action
+            for action in self.shown
+            if all(
+                word in f"{action.shown} {_(action.label)} {_(action.help)}".lower()
+                for word in words
+            )
+        ]
         if not shown:
             return Content(_("no key does this on this page"))
         width = max(cell_len(_(action.label)) for action in self.shown) + 3
         parts: list[Part] = []
         for action in shown:
-            parts += [(fit(f" {action.shown}", 7), "bold $primary"), (fit(_(action.label), width), "bold"),
-                      f"{_(action.help)}\n"]
+            parts += [
+                (fit(f" {action.shown}", 7), "bold $primary"),
+                (fit(_(action.label), width), "bold"),
+                f"{_(action.help)}\n",
+            ]
         return Content.assemble(*parts)
 
     def action_close(self) -> None:

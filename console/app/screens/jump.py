@@ -1,4 +1,6 @@
-"""Letters over whatever can be clicked; typing them clicks it. Hold and STOP work meanwhile and are never covered."""
+"""Letters over whatever can be clicked; typing them clicks it. Hold and STOP work meanwhile and
+are never covered."""
+
 from __future__ import annotations
 
 import string
@@ -17,12 +19,13 @@ from console.app.action import ANYWHERE, CALIBRATE, DEVICES, RUN
 from console.app.widgets.canvas import Canvas
 from console.app.widgets.panel import Panel
 
-ACT_ON_THE_MACHINE = (ANYWHERE, RUN, DEVICES, CALIBRATE)      # their letters begin, stop or change something out there
+# their letters begin, stop or change something out there
+ACT_ON_THE_MACHINE = (ANYWHERE, RUN, DEVICES, CALIBRATE)
 
 
 def letters(bound: Mapping[str, Set[str]]) -> str:
-    """Letters and digits for labels: none that has an action on the machine, whatever page is open, so that
-    one too many does nothing there. bound: keys that have an action, by page."""
+    """Letters and digits for labels: none that has an action on the machine, whatever page is
+    open, so that one too many does nothing there. bound: keys that have an action, by page."""
     taken = frozenset[str]().union(*(bound[where] for where in ACT_ON_THE_MACHINE))
     return "".join(one for one in string.ascii_lowercase + string.digits if one not in taken)
 
@@ -47,7 +50,9 @@ class Place(NamedTuple):
 
 def places_of(screen: Screen[object]) -> tuple[Place, ...]:
     """What can be clicked and is in sight, from the top left to the bottom right."""
-    found = (Place(widget, at, widget.content_region.offset + at) for widget, at in _clickable(screen))
+    found = (
+        Place(widget, at, widget.content_region.offset + at) for widget, at in _clickable(screen)
+    )
     seen = [one for one in found if screen.region.contains_point(one.seen) and _on_top(screen, one)]
     return tuple(sorted(seen, key=lambda one: (one.seen.y, one.seen.x)))
 
@@ -72,8 +77,21 @@ def press(place: Place) -> None:
     elif isinstance(place.widget, Input):
         place.widget.focus()
     else:
-        place.widget.post_message(events.Click(place.widget, place.at.x, place.at.y, 0, 0, 1, False, False, False,
-                                               place.seen.x, place.seen.y))
+        place.widget.post_message(
+            events.Click(
+                place.widget,
+                place.at.x,
+                place.at.y,
+                0,
+                0,
+                1,
+                False,
+                False,
+                False,
+                place.seen.x,
+                place.seen.y,
+            )
+        )
 
 
 class JumpScreen(ModalScreen[Place | None]):

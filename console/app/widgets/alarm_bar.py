@@ -1,4 +1,5 @@
 """The alarms: word, symbol, text, place, first time, what to do. A click acknowledges."""
+
 from __future__ import annotations
 
 from rich.cells import cell_len
@@ -10,12 +11,13 @@ from console.app.widgets.panel import Panel, Part, fit, fullest, line, wrapped
 from console.locale import _
 from control.orders import Severity
 
-LEAST_BIG = 7              # rows: from here on a fault is written out
+LEAST_BIG = 7  # rows: from here on a fault is written out
 
 
 def _styles(alarm: AlarmLine) -> tuple[str, str]:
-    """Of the word, and of the rest of the row. The whole row is in colour only while somebody still has to look; the
-    word alone stays so while the cause is there, and is black where it is gone."""
+    """Of the word, and of the rest of the row. The whole row is in colour only while somebody
+    still has to look; the word alone stays so while the cause is there, and is black where it
+    is gone."""
     name = "red" if alarm.severity is Severity.RED else "amber"
     colour = f"$on-alarm-{name} on $alarm-{name}"
     if alarm.gone:
@@ -28,32 +30,43 @@ def _cells(parts: list[tuple[str, str]]) -> int:
 
 
 class AlarmBar(Panel[AlarmsView]):
-    """The worst alarm is written out (what it is; what to do), the next ones follow as far as there is room for all of
-    a row. A fault has a form of its own where the page gives it the rows."""
+    """The worst alarm is written out (what it is; what to do), the next ones follow as far as
+    there is room for all of a row. A fault has a form of its own where the page gives it the
+    rows."""
 
     def lines(self, view: AlarmsView, width: int, height: int) -> list[Content]:
         if not view.lines:
             style = "bold $background on $foreground" if view.urgent else "$muted"
-            return [Content.assemble((fit(f"   {row}", width), style)) for row in _calm(view, width)[:height]]
+            return [
+                Content.assemble((fit(f"   {row}", width), style))
+                for row in _calm(view, width)[:height]
+            ]
         if view.fault and height >= LEAST_BIG:
             return self._fault(view, width, height)
         return _rows(view.lines, width, height)
 
     def _fault(self, view: AlarmsView, width: int, height: int) -> list[Content]:
-        """What is wrong, where, since when, and what to do about it, step by step; the other alarms below."""
+        """What is wrong, where, since when, and what to do about it, step by step; the other
+        alarms below."""
         alarm = next((one for one in view.lines if one.id == view.fault), view.lines[0])
         colour = "$on-alarm-red on $alarm-red"
 
         def band(text: str, end: str = "") -> Content:
-            return line((fit(f"  {text}", width - cell_len(end)), f"bold {colour}"), (end, f"bold {colour}"))
+            return line(
+                (fit(f"  {text}", width - cell_len(end)), f"bold {colour}"), (end, f"bold {colour}")
+            )
 
         since = f"{_since(alarm)}  "
         steps = [alarm.todo] if alarm.todo else []
         if not alarm.acknowledged:
             steps.append(_("A: acknowledge the alarm."))
         steps.append(_("R: make the machine ready; it stays in fault while the cause is there."))
-        rows = [band(""), band(f"{alarm.symbol}  {_('FAULT')}   {alarm.place}", since),
-                *(band(row) for row in wrapped(alarm.text, width - 3)), band("")]
+        rows = [
+            band(""),
+            band(f"{alarm.symbol}  {_('FAULT')}   {alarm.place}", since),
+            *(band(row) for row in wrapped(alarm.text, width - 3)),
+            band(""),
+        ]
         rows.append(line((fit(f"  {alarm.gone or _('The cause is still there.')}", width), "bold")))
         for number, step in enumerate(steps, 1):
             for index, text in enumerate(wrapped(step, max(10, width - 8))):
@@ -93,8 +106,9 @@ def _calm(view: AlarmsView, width: int) -> list[str]:
 
 
 def _rows(alarms: tuple[AlarmLine, ...], width: int, height: int) -> list[Content]:
-    """The worst one written out, the next ones as far as there is room for whole rows; the rest is counted."""
-    rows = _written(alarms[0], width, height > 1)[:max(1, height)]
+    """The worst one written out, the next ones as far as there is room for whole rows; the rest
+    is counted."""
+    rows = _written(alarms[0], width, height > 1)[: max(1, height)]
     for index, alarm in enumerate(alarms[1:], 1):
         left, room = len(alarms) - index, height - len(rows)
         text = _written(alarm, width, False)
@@ -104,15 +118,26 @@ def _rows(alarms: tuple[AlarmLine, ...], width: int, height: int) -> list[Conten
         more = f" {_('+{count} more').format(count=left - 1)} " if left > 1 else ""
         one = _one_row(alarm, width, more)
         if room > 0:
-            rows.append(one or line((f" {_('+{count} more').format(count=left)}  {_('! shows all')} ", "bold reverse")))
+            rows.append(
+                one
+                or line(
+                    (
+                        f" {_('+{count} more').format(count=left)}  {_('! shows all')} ",
+                        "bold reverse",
+                    )
+                )
+            )
         elif len(_written(alarms[0], width, False)) == 1:
-            rows[0] = _one_row(alarms[0], width, f" {_('+{count} more').format(count=left)} ") or rows[0]
+            rows[0] = (
+                _one_row(alarms[0], width, f" {_('+{count} more').format(count=left)} ") or rows[0]
+            )
         break
     return rows
 
 
 def _one_row(alarm: AlarmLine, width: int, more: str) -> Content | None:
-    """Word, text and when in one row, the last only where there is room; None where even the text has none."""
+    """Word, text and when in one row, the last only where there is room; None where even the
+    text has none."""
     word, style = _styles(alarm)
     left = [(f" {alarm.symbol} {alarm.word} ", word), (f" {_placed(alarm)} ", style)]
     rest = [(more, "bold reverse")] if more else []
@@ -124,7 +149,8 @@ def _one_row(alarm: AlarmLine, width: int, more: str) -> Content | None:
 
 
 def _written(alarm: AlarmLine, width: int, todo: bool) -> list[Content]:
-    """As many rows as the text takes, then those of what is to be done, with who has to look at the end."""
+    """As many rows as the text takes, then those of what is to be done, with who has to look at
+    the end."""
     word, style = _styles(alarm)
     bold = style if style.startswith("bold") else f"bold {style}"
     first = _one_row(alarm, width, "")
@@ -132,8 +158,13 @@ def _written(alarm: AlarmLine, width: int, todo: bool) -> list[Content]:
     if first is None:
         lead = f" {alarm.symbol} {alarm.word} "
         texts = wrapped(_placed(alarm), width - cell_len(lead) - 2)
-        rows = [line((lead if not k else " " * cell_len(lead), word), (fit(f" {text}", width - cell_len(lead)), style))
-                for k, text in enumerate(texts)]
+        rows = [
+            line(
+                (lead if not k else " " * cell_len(lead), word),
+                (fit(f" {text}", width - cell_len(lead)), style),
+            )
+            for k, text in enumerate(texts)
+        ]
     if not todo:
         return rows
     hint = f" {_acknowledging(alarm)} " if _acknowledging(alarm) else ""
@@ -152,7 +183,11 @@ def _placed(alarm: AlarmLine) -> str:
 
 def _since(alarm: AlarmLine) -> str:
     """A time of day where it is known, else for how long."""
-    return f"{alarm.since} ({alarm.lasted})" if alarm.since else _("for {duration}").format(duration=alarm.lasted)
+    return (
+        f"{alarm.since} ({alarm.lasted})"
+        if alarm.since
+        else _("for {duration}").format(duration=alarm.lasted)
+    )
 
 
 def _when(alarm: AlarmLine) -> tuple[str, ...]:
@@ -160,7 +195,12 @@ def _when(alarm: AlarmLine) -> tuple[str, ...]:
     seen = f"{_('acknowledged')}  " if alarm.acknowledged else ""
     if alarm.gone:
         return f"{seen}{alarm.gone}", alarm.gone
-    return (f"{seen}{_since(alarm)}", *((f"{seen}{alarm.since}",) if alarm.since else ()), _since(alarm), alarm.since)
+    return (
+        f"{seen}{_since(alarm)}",
+        *((f"{seen}{alarm.since}",) if alarm.since else ()),
+        _since(alarm),
+        alarm.since,
+    )
 
 
 def _acknowledging(alarm: AlarmLine) -> str:

@@ -1,4 +1,6 @@
-"""The base of drawn panels: whole rows of segments, painted once per view, size and theme, then served by row."""
+"""The base of drawn panels: whole rows of segments, painted once per view, size and theme, then
+served by row."""
+
 from __future__ import annotations
 
 from typing import TypeVar
@@ -30,4 +32,6 @@ class Canvas(Drawn[V, Strip]):
 
     def text_strip(self, width: int, *parts: tuple[str, Style]) -> Strip:
         """A row of texts, cut or filled to `width`."""
-        return Strip([Segment(text, style) for text, style in parts]).adjust_cell_length(width, self.rich_style)
+        return Strip([Segment(text, style) for text, style in parts]).adjust_cell_length(
+            width, self.rich_style
+        )

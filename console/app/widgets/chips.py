@@ -1,4 +1,6 @@
-"""What can be done now, as keys with words over one or more rows: a click does it, one kind runs while it is held."""
+"""What can be done now, as keys with words over one or more rows: a click does it, one kind
+runs while it is held."""
+
 from __future__ import annotations
 
 from typing import NamedTuple
@@ -12,7 +14,8 @@ from console.app.widgets.panel import Panel, Part, line
 
 
 class Chip(NamedTuple):
-    """action: its id. on: can be done now. lead: the next thing to do. held: runs while the mouse button is down."""
+    """action: its id. on: can be done now. lead: the next thing to do. held: runs while the
+    mouse button is down."""
 
     action: str
     key: str
@@ -23,7 +26,8 @@ class Chip(NamedTuple):
 
 
 def placed(chips: tuple[Chip, ...], width: int) -> tuple[tuple[Chip, int, int, int], ...]:
-    """Each chip with its row, its first cell and its width; a chip that does not fit begins the next row."""
+    """Each chip with its row, its first cell and its width; a chip that does not fit begins the
+    next row."""
     found, row, start = [], 0, 0
     for chip in chips:
         cells = cell_len(text_of(chip))
@@ -35,7 +39,8 @@ def placed(chips: tuple[Chip, ...], width: int) -> tuple[tuple[Chip, int, int, i
 
 
 def text_of(chip: Chip) -> str:
-    """` Y make ready `, `>Y make ready ` where it is next, `(Y make ready)` where it is not possible now."""
+    """` Y make ready `, `>Y make ready ` where it is next, `(Y make ready)` where it is not
+    possible now."""
     first, last = ("(", ")") if not chip.on else (">", " ") if chip.lead else (" ", " ")
     return f"{first}{chip.key} {chip.label}{last}"
 
@@ -59,8 +64,14 @@ class Chips(Panel[tuple[Chip, ...]]):
 
     _held = ""
 
-    def __init__(self, view: tuple[Chip, ...], *, id: str | None = None, classes: str | None = None,
-                 large: bool = False) -> None:
+    def __init__(
+        self,
+        view: tuple[Chip, ...],
+        *,
+        id: str | None = None,
+        classes: str | None = None,
+        large: bool = False,
+    ) -> None:
         """large: all in one row, three rows high where there is the height."""
         super().__init__(view, id=id, classes=classes)
         self.large = large
@@ -89,13 +100,22 @@ class Chips(Panel[tuple[Chip, ...]]):
 
     def at(self, x: int, y: int) -> Chip | None:
         y = 0 if self._tall(self.content_size.height) else y
-        return next((chip for chip, row, start, cells in placed(self.view, self.content_size.width)
-                     if row == y and start <= x < start + cells), None)
+        return next(
+            (
+                chip
+                for chip, row, start, cells in placed(self.view, self.content_size.width)
+                if row == y and start <= x < start + cells
+            ),
+            None,
+        )
 
     def places(self) -> tuple[tuple[int, int], ...]:
         """None that runs only while it is held down."""
-        return tuple((start, row) for chip, row, start, _cells in placed(self.view, self.content_size.width)
-                     if not chip.held and row < self.content_size.height)
+        return tuple(
+            (start, row)
+            for chip, row, start, _cells in placed(self.view, self.content_size.width)
+            if not chip.held and row < self.content_size.height
+        )
 
     async def on_click(self, event: events.Click) -> None:
         event.stop()

@@ -1,5 +1,6 @@
-"""One list for all questions: numbered lines, as many as there is room for around the marked one, a bar and a count
-where there are more. A click marks."""
+"""One list for all questions: numbered lines, as many as there is room for around the marked
+one, a bar and a count where there are more. A click marks."""
+
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -17,11 +18,13 @@ from console.app.map_ink import small_map
 from console.app.widgets.panel import PickList, fit, line, right, wrapped
 from console.locale import _
 
-THUMB, THUMB_GAP = (9, 4), 2        # columns and rows of a field's picture, and blanks between it and a label
+# columns and rows of a field's picture, and blanks between it and a label
+THUMB, THUMB_GAP = (9, 4), 2
+
 
 class Choice(NamedTuple):
-    """why: why it cannot be taken now, and how it could be; empty where it can. A label may have several lines.
-    picture: drawn next to it, small."""
+    """why: why it cannot be taken now, and how it could be; empty where it can. A label may
+    have several lines. picture: drawn next to it, small."""
 
     value: str
     label: str
@@ -39,7 +42,8 @@ class _Row(NamedTuple):
 
 
 class ChoicesView(NamedTuple):
-    """at: which is marked, -1: none yet. now: the value in force. wrong: what was typed and is no number of a line."""
+    """at: which is marked, -1: none yet. now: the value in force. wrong: what was typed and is
+    no number of a line."""
 
     choices: tuple[Choice, ...]
     at: int
@@ -67,19 +71,41 @@ class ChoiceList(PickList[ChoicesView]):
         scrolls = room < len(rows)
         shown = []
         bar = _bar(first, room, len(rows)) if scrolls else ()
-        for place, (index, head, drawn, text) in enumerate(rows[first:first + room]):
-            style = "bold $on-select on $select" if index == view.at else "$muted" if view.choices[index].why else ""
+        for place, (index, head, drawn, text) in enumerate(rows[first : first + room]):
+            style = (
+                "bold $on-select on $select"
+                if index == view.at
+                else "$muted"
+                if view.choices[index].why
+                else ""
+            )
             on_mark = index == view.at
-            shown.append(line((head, style), *(
-                (cell, style if not own or (on_mark and " on " not in own) else own) for cell, own in drawn),
-                (fit(text, max(0, width - scrolls - cell_len(head) - len(drawn))), style),
-                (bar[place], "$muted") if scrolls else ""))
+            shown.append(
+                line(
+                    (head, style),
+                    *(
+                        (cell, style if not own or (on_mark and " on " not in own) else own)
+                        for cell, own in drawn
+                    ),
+                    (fit(text, max(0, width - scrolls - cell_len(head) - len(drawn))), style),
+                    (bar[place], "$muted") if scrolls else "",
+                )
+            )
         if view.wrong:
-            said = _("no line {typed} here: 1 to {count}").format(typed=view.wrong, count=len(view.choices))
+            said = _("no line {typed} here: 1 to {count}").format(
+                typed=view.wrong, count=len(view.choices)
+            )
             shown.append(line((fit(f" ! {said}", width), "bold $on-alarm-red on $alarm-red")))
         elif scrolls:
             at = "--" if view.at < 0 else f"{view.at + 1}"
-            shown.append(line((right(_("{at} of {count}").format(at=at, count=len(view.choices)), width), "$muted")))
+            shown.append(
+                line(
+                    (
+                        right(_("{at} of {count}").format(at=at, count=len(view.choices)), width),
+                        "$muted",
+                    )
+                )
+            )
         return shown
 
     def _rows(self, view: ChoicesView, width: int) -> list[_Row]:
@@ -97,7 +123,14 @@ class ChoiceList(PickList[ChoicesView]):
             head = f"{'>' if index == view.at else ' '} {index + 1:>{digits}}  "
             texts = [row for text in label.split("\n") for row in wrapped(text, room)]
             for drawn, text in zip_longest(self._thumb(choice.picture), texts):
-                found.append(_Row(index, head, blank if drawn is None else [*drawn, *blank[THUMB[0]:]], text or ""))
+                found.append(
+                    _Row(
+                        index,
+                        head,
+                        blank if drawn is None else [*drawn, *blank[THUMB[0] :]],
+                        text or "",
+                    )
+                )
                 head = " " * indent
         return found
 
@@ -108,7 +141,8 @@ class ChoiceList(PickList[ChoicesView]):
         return self._thumbs[key]
 
     def _window(self, view: ChoicesView, width: int, height: int) -> tuple[list[_Row], int, int]:
-        """All rows, the first that is shown, and how many are: the marked one is among them with all its lines."""
+        """All rows, the first that is shown, and how many are: the marked one is among them
+        with all its lines."""
         rows = self._rows(view, width)
         room = height if len(rows) + bool(view.wrong) <= height else height - 1
         marked = [row for row, (index, *_rest) in enumerate(rows) if index == max(0, view.at)]
@@ -117,7 +151,7 @@ class ChoiceList(PickList[ChoicesView]):
 
     def things(self) -> Sequence[int | None]:
         rows, first, room = self._window(self.view, *self.content_size)
-        return [row.choice for row in rows[first:first + room]]
+        return [row.choice for row in rows[first : first + room]]
 
     def on_mouse_scroll_down(self, event: events.MouseScrollDown) -> None:
         event.stop()

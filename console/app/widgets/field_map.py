@@ -1,4 +1,5 @@
 """A map that is alive. Only rows that changed are drawn again."""
+
 from __future__ import annotations
 
 from typing import ClassVar
@@ -50,8 +51,11 @@ class FieldMap(Canvas[MapView]):
         found = codes(self.view, self.pixels())
         old = self._codes
         fresh = old is None or old.shape != found.shape or len(self._drawn) != height
-        changed = list(range(height)) if fresh or old is None else np.flatnonzero(
-            (found != old).any(axis=1)).tolist()
+        changed = (
+            list(range(height))
+            if fresh or old is None
+            else np.flatnonzero((found != old).any(axis=1)).tolist()
+        )
         if fresh:
             self._drawn = [Strip.blank(width)] * height
         for row in changed:
@@ -59,8 +63,14 @@ class FieldMap(Canvas[MapView]):
         self._codes = found
         self.rows_drawn += len(changed)
         view = self.view
-        if view.place is None and view.worked.box is None and (view.picture is None or view.picture.box is None):
-            self._drawn[height // 2] = self.text_strip(width, (f" {_('no position yet')}", self.style("map--muted")))
+        if (
+            view.place is None
+            and view.worked.box is None
+            and (view.picture is None or view.picture.box is None)
+        ):
+            self._drawn[height // 2] = self.text_strip(
+                width, (f" {_('no position yet')}", self.style("map--muted"))
+            )
             changed = list(range(height))
         return changed
 
@@ -72,13 +82,21 @@ class FieldMap(Canvas[MapView]):
             one = self._segments.get(code)
             if one is None:
                 one = self._segments[code] = self._segment(code)
-            segments.append(one if end - begin == 1 else Segment(one.text * (end - begin), one.style))
+            segments.append(
+                one if end - begin == 1 else Segment(one.text * (end - begin), one.style)
+            )
         return Strip(segments, width)
 
     def _dress(self) -> None:
         """Forget segments that were made for other colours."""
         laid = self.view.laid.scale if self.view.laid is not None else None
-        wanted = (self.view.scale.layer, laid and laid.layer, self.app.theme, self.view.stale, few_colours(self.app))
+        wanted = (
+            self.view.scale.layer,
+            laid and laid.layer,
+            self.app.theme,
+            self.view.stale,
+            few_colours(self.app),
+        )
         if wanted != self._dressed_for:
             self._dressed_for = wanted
             self._segments.clear()
@@ -87,5 +105,11 @@ class FieldMap(Canvas[MapView]):
 
     def _segment(self, code: int) -> Segment:
         text, fore, back = self._ink.cell(code)
-        return Segment(text, self.rich_style + Style(color=Color.from_rgb(*fore) if fore else None,
-                                                     bgcolor=Color.from_rgb(*back) if back else None))
+        return Segment(
+            text,
+            self.rich_style
+            + Style(
+                color=Color.from_rgb(*fore) if fore else None,
+                bgcolor=Color.from_rgb(*back) if back else None,
+            ),
+        )

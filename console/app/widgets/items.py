@@ -1,4 +1,5 @@
 """Labels and values: one column where there is room, else two to a row."""
+
 from __future__ import annotations
 
 from rich.cells import cell_len
@@ -7,7 +8,7 @@ from textual.content import Content
 from console.app.view import Item
 from console.app.widgets.panel import Panel, Part, fit, fullest, line
 
-APART = "  "            # between the parts of a value
+APART = "  "  # between the parts of a value
 
 
 class Items(Panel[tuple[Item, ...]]):
@@ -15,22 +16,34 @@ class Items(Panel[tuple[Item, ...]]):
         columns = 1 if len(view) <= height else 2
         each = width // columns
         count = -(-len(view) // columns)
-        label_widths = [max((cell_len(item.label) for item in view[first:first + count]), default=0) + 2
-                        for first in range(0, len(view), max(1, count))]
+        label_widths = [
+            max((cell_len(item.label) for item in view[first : first + count]), default=0) + 2
+            for first in range(0, len(view), max(1, count))
+        ]
         rows, left = [], height - count
         for row in range(count):
-            cells = [_cell(item, each, label_width, left) for item, label_width in zip(
-                view[row::count], label_widths, strict=False)]
+            cells = [
+                _cell(item, each, label_width, left)
+                for item, label_width in zip(view[row::count], label_widths, strict=False)
+            ]
             high = max(len(cell) for cell in cells)
             left -= high - 1
-            rows += [line(*(part for cell in cells for part in (
-                cell[number] if number < len(cell) else [(" " * each, "")]))) for number in range(high)]
+            rows += [
+                line(
+                    *(
+                        part
+                        for cell in cells
+                        for part in (cell[number] if number < len(cell) else [(" " * each, "")])
+                    )
+                )
+                for number in range(high)
+            ]
         return rows
 
 
 def _cell(item: Item, width: int, label_width: int, more: int) -> list[list[Part]]:
-    """Rows of label and value. A value that has no room moves together, then its parts take rows of their own, `more`
-    at most."""
+    """Rows of label and value. A value that has no room moves together, then its parts take
+    rows of their own, `more` at most."""
     style = "$stale" if item.value.stale else "bold"
     room = width - label_width - 1
     text = fullest((item.value.text, item.value.text.replace(APART, " ")), room)
@@ -38,6 +51,11 @@ def _cell(item: Item, width: int, label_width: int, more: int) -> list[list[Part
     if cell_len(text) > room:
         parts = item.value.text.split(APART)
         whole = len(parts) - max(0, len(parts) - 1 - more)
-        texts = [*parts[:whole - 1], APART.join(parts[whole - 1:])]
-    return [[(fit(f" {item.label if not number else ''}", label_width), "$muted"),
-             (fit(f" {one}", width - label_width), style)] for number, one in enumerate(texts)]
+        texts = [*parts[: whole - 1], APART.join(parts[whole - 1 :])]
+    return [
+        [
+            (fit(f" {item.label if not number else ''}", label_width), "$muted"),
+            (fit(f" {one}", width - label_width), style),
+        ]
+        for number, one in enumerate(texts)
+    ]

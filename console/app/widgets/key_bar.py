@@ -1,4 +1,6 @@
-"""The bottom row: keys and what they do, clickable; for some seconds, what was just refused or done."""
+"""The bottom row: keys and what they do, clickable; for some seconds, what was just refused or
+done."""
+
 from __future__ import annotations
 
 from typing import NamedTuple
@@ -16,12 +18,14 @@ class KeysView(NamedTuple):
     actions: tuple[Action, ...]
     locked: bool
     notice: str
-    why_none: str = ""         # why hold and STOP are not among the actions
-    off: frozenset[str] = frozenset()      # ids of actions that cannot be done now
+    why_none: str = ""  # why hold and STOP are not among the actions
+    off: frozenset[str] = frozenset()  # ids of actions that cannot be done now
 
 
-URGENT = ("hold", "stop")                  # in their places also next to a notice and under a dialog
-ALWAYS = (*URGENT, "pages", "palette")     # with the last two everything else can be reached by mouse at any width
+# in their places also next to a notice and under a dialog
+URGENT = ("hold", "stop")
+# with the last two everything else can be reached by mouse at any width
+ALWAYS = (*URGENT, "pages", "palette")
 
 
 def laid_out(actions: tuple[Action, ...], width: int) -> tuple[tuple[Action, int, int], ...]:
@@ -30,7 +34,8 @@ def laid_out(actions: tuple[Action, ...], width: int) -> tuple[tuple[Action, int
     cells = {action.id: cell_len(f" {action.shown} {_(action.label)} ") for action in ordered}
     always = [name for name in ALWAYS if name in cells]
     while len(always) > len(URGENT) and sum(cells[name] for name in always) > width:
-        always.remove(always[-2] if always[-1] == "palette" else always[-1])      # the palette leads to the pages too
+        # the palette leads to the pages too
+        always.remove(always[-2] if always[-1] == "palette" else always[-1])
     room = width - sum(cells[name] for name in always)
     placed, start = [], 0
     for action in ordered:
@@ -63,19 +68,27 @@ class KeyBar(Panel[KeysView]):
                 key = word = "bold $on-stop on $stop"
             parts += [(f"{first}{action.shown} ", key), (f"{_(action.label)}{last}", word)]
         left = max(0, width - (placed[-1][1] + placed[-1][2] if placed else 0))
-        said = view.notice and cell_len(view.notice) < left         # else it has rows of its own above
-        rest = (fit(f" {view.notice}", left), "bold reverse") if said else (" " * left, "on $keybar")
+        # else it has rows of its own above
+        said = view.notice and cell_len(view.notice) < left
+        rest = (
+            (fit(f" {view.notice}", left), "bold reverse") if said else (" " * left, "on $keybar")
+        )
         air = line(*((" " * cell_len(text), style) for text, style in (*parts, rest)))
-        return [*[air] * (height - 1), line(*parts, rest)]          # a finger is wider than a row of letters
+        # a finger is wider than a row of letters
+        return [*[air] * (height - 1), line(*parts, rest)]
 
     @staticmethod
     def _placed(view: KeysView, width: int) -> tuple[tuple[Action, int, int], ...]:
-        """Next to a notice only hold and STOP, where they always are: first. Why they are not there comes first too."""
+        """Next to a notice only hold and STOP, where they always are: first. Why they are not
+        there comes first too."""
         if view.notice:
             return tuple(one for one in laid_out(view.actions, width) if one[0].id in URGENT)
         kept = laid_out(tuple(action for action in view.actions if action.id in ALWAYS), width)
         start = min(cell_len(_why(view)), width - sum(cells for _action, _start, cells in kept))
-        return tuple((action, start + at, cells) for action, at, cells in laid_out(view.actions, width - start))
+        return tuple(
+            (action, start + at, cells)
+            for action, at, cells in laid_out(view.actions, width - start)
+        )
 
     def room_for_notice(self, actions: tuple[Action, ...]) -> int:
         """Cells next to hold and STOP."""
@@ -92,8 +105,11 @@ class KeyBar(Panel[KeysView]):
 
     def places(self) -> tuple[tuple[int, int], ...]:
         """All but hold and STOP, which have their keys at any time and are never covered."""
-        return tuple((start, 0) for action, start, _cells in self._placed(self.view, self.content_size.width)
-                     if action.id not in URGENT)
+        return tuple(
+            (start, 0)
+            for action, start, _cells in self._placed(self.view, self.content_size.width)
+            if action.id not in URGENT
+        )
 
     async def on_click(self, event: events.Click) -> None:
         event.stop()

@@ -1,4 +1,5 @@
 """One row under a map: what its colours mean, and how long a stretch of it is."""
+
 from __future__ import annotations
 
 from typing import ClassVar, NamedTuple
@@ -29,13 +30,19 @@ class LegendView(NamedTuple):
     planned: bool
 
 
-def ramp_of(on: Widget, scale: LayerScale, cells: int, levels: str, share: float = 1.0) -> list[tuple[str, Style]]:
-    """The colours of a scale; characters where there are too few. share: of them over the background of `on`."""
+def ramp_of(
+    on: Widget, scale: LayerScale, cells: int, levels: str, share: float = 1.0
+) -> list[tuple[str, Style]]:
+    """The colours of a scale; characters where there are too few. share: of them over the
+    background of `on`."""
     base = on.rich_style
     if few_colours(on.app):
         return [(levels, base)]
     ground = rgb_of(base.bgcolor, (0, 0, 0))
-    colours = [Color.from_rgb(*mixed(scale.colour(step / (cells - 1)), ground, share)) for step in range(cells)]
+    colours = [
+        Color.from_rgb(*mixed(scale.colour(step / (cells - 1)), ground, share))
+        for step in range(cells)
+    ]
     return [("█", base + Style(color=colour, bgcolor=colour)) for colour in colours]
 
 
@@ -58,6 +65,16 @@ class MapLegend(Canvas[LegendView]):
         room -= cell_len(unit)
         planned = planned if cell_len(planned) + _LEAST_CELLS <= room else ""
         levels = LEVELS_ERROR if scale.layer is MapLayer.ERROR else LEVELS_DONE
-        ramp = ramp_of(self, scale, max(_LEAST_CELLS, min(_MOST_CELLS, room - cell_len(planned))), levels)
-        return [self.text_strip(width, (low, muted), *ramp, (f"{high}{unit}{planned}  ", muted),
-                                ("▀" * _BAR_CELLS, muted), (bar, muted))]
+        ramp = ramp_of(
+            self, scale, max(_LEAST_CELLS, min(_MOST_CELLS, room - cell_len(planned))), levels
+        )
+        return [
+            self.text_strip(
+                width,
+                (low, muted),
+                *ramp,
+                (f"{high}{unit}{planned}  ", muted),
+                ("▀" * _BAR_CELLS, muted),
+                (bar, muted),
+            )
+        ]

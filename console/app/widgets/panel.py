@@ -1,4 +1,6 @@
-"""The base of all panels: one frozen view in, rows out, and only those rows are drawn that look other than before."""
+"""The base of all panels: one frozen view in, rows out, and only those rows are drawn that look
+other than before."""
+
 from __future__ import annotations
 
 import re
@@ -21,7 +23,8 @@ V = TypeVar("V")
 R = TypeVar("R")
 K = TypeVar("K")
 Part = str | tuple[str, str]
-# Where a text may be broken: between words, and between any two Chinese characters; but no row begins with these.
+# Where a text may be broken: between words, and between any two Chinese characters; but no row
+# begins with these.
 _PIECES = re.compile(r"[ \t]+|[⺀-鿿　-〿＀-￯]|[^\s⺀-鿿　-〿＀-￯]+")
 _NOT_FIRST = "，。；：、！？）」』】》"
 
@@ -59,7 +62,9 @@ class Drawn(Widget, Generic[V, R]):
         elif changed := self._changed():
             self.refresh(*(Region(0, row, self.content_size.width, 1) for row in changed))
 
-    def refresh(self, *regions: Region, repaint: bool = True, layout: bool = False, recompose: bool = False) -> Self:
+    def refresh(
+        self, *regions: Region, repaint: bool = True, layout: bool = False, recompose: bool = False
+    ) -> Self:
         if not regions:
             self._drawn_for = None
         return super().refresh(*regions, repaint=repaint, layout=layout, recompose=recompose)
@@ -68,18 +73,29 @@ class Drawn(Widget, Generic[V, R]):
         """What is to be seen, made once for a view, a size and a theme."""
         if self._drawn_for is None or self._drawn_for != self._wanted():
             width, height = self.content_size
-            self._drawn, self._drawn_for = self.lines(self.view, width, height)[:height], self._wanted()
+            self._drawn, self._drawn_for = (
+                self.lines(self.view, width, height)[:height],
+                self._wanted(),
+            )
         return self._drawn
 
     def lines(self, view: V, width: int, height: int) -> Sequence[R]:
-        """The rows: of a panel each of exactly or less than `width` cells, of a canvas all `width` cells wide."""
+        """The rows: of a panel each of exactly or less than `width` cells, of a canvas all
+        `width` cells wide."""
         raise NotImplementedError
 
     def _changed(self) -> list[int]:
         """Numbers of the rows that the view has made other than they were."""
         before, self._drawn_for = self._drawn, None
-        return [row for row, (old, new) in enumerate(zip_longest(before, self.drawn())) if not (
-            old.is_same(new) if isinstance(old, Content) and isinstance(new, Content) else old == new)]
+        return [
+            row
+            for row, (old, new) in enumerate(zip_longest(before, self.drawn()))
+            if not (
+                old.is_same(new)
+                if isinstance(old, Content) and isinstance(new, Content)
+                else old == new
+            )
+        ]
 
     def _wanted(self) -> object:
         return self.content_size, self.app.theme
@@ -98,7 +114,11 @@ class Panel(Drawn[V, Content]):
     def render_line(self, y: int) -> Strip:
         """Textual's own would lay out all rows anew for one that is other than before."""
         rows = self.drawn()
-        laid = Visual.to_strips(self, rows[y], self.size.width, 1, self.visual_style) if y < len(rows) else []
+        laid = (
+            Visual.to_strips(self, rows[y], self.size.width, 1, self.visual_style)
+            if y < len(rows)
+            else []
+        )
         return laid[0] if laid else Strip.blank(self.size.width, self.visual_style.rich_style)
 
 
@@ -126,13 +146,17 @@ def line(*parts: Part) -> Content:
 
 
 def solid(text: str, colour: str, off: str = "") -> list[Part]:
-    """Parts of a drawing of blocks in one colour; full blocks also get it as background, so that no seams show.
+    """Parts of a drawing of blocks in one colour; full blocks also get it as background, so
+    that no seams show.
 
-    colour, off: theme variables of the blocks and of what lies between them, e.g. "$target", "$track".
+    colour, off: theme variables of the blocks and of what lies between them, e.g. "$target",
+    "$track".
     """
     back = f" on {off}" if off else ""
-    return [(run, f"{colour} on {colour}" if run[0] == "█" else f"{colour}{back}")
-            for run in re.findall("█+|[^█]+", text)]
+    return [
+        (run, f"{colour} on {colour}" if run[0] == "█" else f"{colour}{back}")
+        for run in re.findall("█+|[^█]+", text)
+    ]
 
 
 def in_row(texts: Iterable[tuple[K, str]], start: int = 0) -> tuple[tuple[K, str, int], ...]:
@@ -171,11 +195,15 @@ def fullest(forms: Iterable[str], width: int) -> str:
 
 def right(text: str, width: int) -> str:
     """Exactly `width` cells, flush right."""
-    return " " * max(0, width - cell_len(text)) + text if cell_len(text) <= width else fit(text, width)
+    return (
+        " " * max(0, width - cell_len(text)) + text if cell_len(text) <= width else fit(text, width)
+    )
 
 
 def spread(left: list[Part], end: list[Part], width: int) -> Content:
-    """One row with parts at its left and right ends; what does not fit is lost from the left parts' end."""
+    """One row with parts at its left and right ends; what does not fit is lost from the left
+    parts' end."""
+
     def cells(parts: list[Part]) -> int:
         return sum(cell_len(part if isinstance(part, str) else part[0]) for part in parts)
 
@@ -192,7 +220,8 @@ def spread(left: list[Part], end: list[Part], width: int) -> Content:
 
 
 def wrapped(text: str, width: int) -> list[str]:
-    """Rows of `text`, each at most `width` cells; a word that is longer is cut. No row begins with a full stop."""
+    """Rows of `text`, each at most `width` cells; a word that is longer is cut. No row begins
+    with a full stop."""
     if width < 2:
         return []
     rows: list[list[str]] = [[]]

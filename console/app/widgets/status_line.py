@@ -1,4 +1,5 @@
 """The top row: state, strategy, source of the target, marks, time."""
+
 from __future__ import annotations
 
 from collections.abc import Callable
@@ -14,7 +15,8 @@ from console.app.widgets.panel import Panel, Part, at_cell, fit, in_row, line, s
 from console.locale import _
 
 
-# Rows under the alarms: what the guided tour asks for, and how to skip or end it. The last row is clickable.
+# Rows under the alarms: what the guided tour asks for, and how to skip or end it. The last row
+# is clickable.
 class TourView(NamedTuple):
     number: int
     of: int
@@ -39,16 +41,29 @@ class TourBar(Panel[TourView | None]):
         (_skip_id, skip, start), (_end_id, end, _start) = ends(width)
         style = "$background on $primary"
         lead = fit(f" {_('guided tour')} {view.number}/{view.of}", start)
-        return [*(line((fit(f" {row}", width), f"bold {style}")) for row in wrapped(view.text, width - 2)),
-                line((lead, style), (skip, "bold reverse"), (end, "bold reverse"))]
+        return [
+            *(
+                line((fit(f" {row}", width), f"bold {style}"))
+                for row in wrapped(view.text, width - 2)
+            ),
+            line((lead, style), (skip, "bold reverse"), (end, "bold reverse")),
+        ]
 
     def places(self) -> tuple[tuple[int, int], ...]:
         last = self.content_size.height - 1
-        return tuple((start, last) for _action, _text, start in ends(self.content_size.width)) if self.view else ()
+        return (
+            tuple((start, last) for _action, _text, start in ends(self.content_size.width))
+            if self.view
+            else ()
+        )
 
     async def on_click(self, event: events.Click) -> None:
         event.stop()
-        action = at_cell(ends(self.content_size.width), event.x) if event.y == self.content_size.height - 1 else None
+        action = (
+            at_cell(ends(self.content_size.width), event.x)
+            if event.y == self.content_size.height - 1
+            else None
+        )
         if action is not None:
             await self.run_action(f"app.do('{action}')")
 
@@ -63,13 +78,17 @@ class PagesView(NamedTuple):
 
 class PageBar(Panel[PagesView]):
     def lines(self, view: PagesView, width: int, height: int) -> list[Content]:
-        parts: list[Part] = [(text, "bold reverse" if name == f"{view.where}_screen" else "$muted")
-                             for name, text, _start in self._row(width)]
+        parts: list[Part] = [
+            (text, "bold reverse" if name == f"{view.where}_screen" else "$muted")
+            for name, text, _start in self._row(width)
+        ]
         return [line(*parts)]
 
     def _row(self, width: int) -> tuple[tuple[str, str, int], ...]:
         """Ids of the actions that fit."""
-        row = in_row((action.id, f" {action.shown} {_(action.label)} ") for action in self.view.actions)
+        row = in_row(
+            (action.id, f" {action.shown} {_(action.label)} ") for action in self.view.actions
+        )
         return tuple(one for one in row if one[2] + cell_len(one[1]) <= width)
 
     def places(self) -> tuple[tuple[int, int], ...]:
@@ -83,8 +102,11 @@ class PageBar(Panel[PagesView]):
 
 
 GIVES_WAY: tuple[Callable[[StatusView], StatusView], ...] = (
-    lambda view: view._replace(elapsed=""), lambda view: view._replace(clock=""),
-    lambda view: view._replace(strategy=""), lambda view: view._replace(source=""))
+    lambda view: view._replace(elapsed=""),
+    lambda view: view._replace(clock=""),
+    lambda view: view._replace(strategy=""),
+    lambda view: view._replace(source=""),
+)
 
 
 def with_room(view: StatusView, width: int) -> StatusView:
@@ -100,8 +122,11 @@ def _cells(view: StatusView) -> int:
     """Of one row, blanks between its parts included."""
     chips = (view.lead, f"{view.symbol} {view.word}", view.silent, *view.marks)
     time = "  ".join(text for text in (view.elapsed, view.clock) if text)
-    return sum(cell_len(text) + 3 for text in chips if text) + sum(
-        cell_len(text) + 2 for text in (view.strategy, view.source) if text) + (cell_len(time) + 1 if time else 0)
+    return (
+        sum(cell_len(text) + 3 for text in chips if text)
+        + sum(cell_len(text) + 2 for text in (view.strategy, view.source) if text)
+        + (cell_len(time) + 1 if time else 0)
+    )
 
 
 class StatusLine(Panel[StatusView]):
@@ -111,7 +136,11 @@ class StatusLine(Panel[StatusView]):
         state = view.state if view.state else "off"
         view = with_room(view, width)
         left: list[Part] = [(f" {view.lead} ", "bold reverse"), " "] if view.lead else []
-        chip = f"bold $on-state-{state} on $state-{state}" if not view.silent else "bold $background on $stale"
+        chip = (
+            f"bold $on-state-{state} on $state-{state}"
+            if not view.silent
+            else "bold $background on $stale"
+        )
         left += [(f" {view.symbol} {view.word} ", chip), " "]
         for word in (view.strategy, view.source):
             if word:
@@ -129,5 +158,8 @@ class StatusLine(Panel[StatusView]):
         chip_text = f"     {view.symbol}   {word}     "
         blank = " " * cell_len(chip_text)
         at = 2 if view.lead else 0
-        return [line((blank, chip)), spread([(chip_text, chip), " ", *left[:at], *left[at + 2:]], end, width),
-                line((blank, chip))]
+        return [
+            line((blank, chip)),
+            spread([(chip_text, chip), " ", *left[:at], *left[at + 2 :]], end, width),
+            line((blank, chip)),
+        ]

@@ -1,4 +1,5 @@
 """Speed, shaft, opening, hopper: a label, numerals of 3 rows, and what was commanded or is left."""
+
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -17,9 +18,11 @@ from console.app.widgets.panel import Panel, Part, fit, fullest, line, solid, sp
 from console.locale import _
 
 
-# The NDVI heads as small bars, the dropped ones marked, with the fused value that the decision used.
+# The NDVI heads as small bars, the dropped ones marked, with the fused value that the decision
+# used.
 def bar(share: float, width: int) -> tuple[str, str]:
-    """The filled and the empty part of a bar of `width` cells: half as high as its row, so that bars stay apart."""
+    """The filled and the empty part of a bar of `width` cells: half as high as its row, so that
+    bars stay apart."""
     full = round(max(0.0, min(1.0, share)) * width)
     return "▄" * full, "▁" * (width - full)
 
@@ -29,13 +32,22 @@ class HeadsPanel(Panel[HeadsView]):
 
     def lines(self, view: HeadsView, width: int, height: int) -> list[Content]:
         style = "$stale" if view.fused.stale else "bold"
-        rows = [spread([(" NDVI ", "bold"), (view.fused.text, style)], [(f"{view.valid} ", "$muted")], width)]
+        rows = [
+            spread(
+                [(" NDVI ", "bold"), (view.fused.text, style)],
+                [(f"{view.valid} ", "$muted")],
+                width,
+            )
+        ]
         half = width // 2
         count = (len(view.heads) + 1) // 2
         for row in range(count):
             parts: list[Part] = []
-            for head in (view.heads[row], view.heads[row + count]) if row + count < len(view.heads) else (
-                    view.heads[row],):
+            for head in (
+                (view.heads[row], view.heads[row + count])
+                if row + count < len(view.heads)
+                else (view.heads[row],)
+            ):
                 parts += self._head(head, half, view.fused.stale)
             rows.append(line(*parts))
         return rows
@@ -45,19 +57,31 @@ class HeadsPanel(Panel[HeadsView]):
         room = width - 11
         if head.dropped:
             word = f" ✖ {_('dropped')} "
-            return [(f" {head.number} ", "bold $on-alarm-amber on $alarm-amber"), " ",
-                    (fit(word, room), "$on-alarm-amber on $alarm-amber"), (f" {head.value:>5} ", "$stale")]
+            return [
+                (f" {head.number} ", "bold $on-alarm-amber on $alarm-amber"),
+                " ",
+                (fit(word, room), "$on-alarm-amber on $alarm-amber"),
+                (f" {head.value:>5} ", "$stale"),
+            ]
         style = "$stale" if stale else "$target"
         full, rest = bar(head.share or 0.0, room)
-        return [(f" {head.number} ", "bold"), " ", (full, style), (rest, "$muted"),
-                (f" {head.value:>5} ", "$stale" if stale else "")]
+        return [
+            (f" {head.number} ", "bold"),
+            " ",
+            (full, style),
+            (rest, "$muted"),
+            (f" {head.value:>5} ", "$stale" if stale else ""),
+        ]
 
 
-# How the values of the tiles ran over the last minutes: a small graph under each tile, where the terminal is large.
-CHANNELS = ("speed_used_mps", "shaft_rpm", "opening_mm", "hopper_kg")      # of the tiles, in their order
-LEAST_SHARE = 0.05             # of the largest value: less than that is shown as a flat line, not as a mountain
+# How the values of the tiles ran over the last minutes: a small graph under each tile, where
+# the terminal is large. of the tiles, in their order
+CHANNELS = ("speed_used_mps", "shaft_rpm", "opening_mm", "hopper_kg")
+# of the largest value: less than that is shown as a flat line, not as a mountain
+LEAST_SHARE = 0.05
 
-Graph = tuple[tuple[float, float | None], ...]       # (share of the time, share of the height); None breaks the line
+# (share of the time, share of the height); None breaks the line
+Graph = tuple[tuple[float, float | None], ...]
 
 
 class GraphsView(NamedTuple):
@@ -74,9 +98,13 @@ def graph(times_s: Sequence[float], values: Sequence[float], from_s: float, span
     least = LEAST_SHARE * max(abs(low), abs(high)) or 1.0
     if high - low < least:
         low, high = 0.5 * (low + high) - 0.5 * least, 0.5 * (low + high) + 0.5 * least
-    return tuple((round((time_s - from_s) / span_s, 3),
-                  round((value - low) / (high - low), 2) if value == value else None)
-                 for time_s, value in zip(times_s, values, strict=True))
+    return tuple(
+        (
+            round((time_s - from_s) / span_s, 3),
+            round((value - low) / (high - low), 2) if value == value else None,
+        )
+        for time_s, value in zip(times_s, values, strict=True)
+    )
 
 
 class TileGraphs(Canvas[GraphsView]):
@@ -90,9 +118,15 @@ class TileGraphs(Canvas[GraphsView]):
         for row in range(height):
             segments: list[Segment] = []
             for cells in dots:
-                drawn = "".join(chr(BLANK | cells[place]) if (place := (column, row)) in cells else " "
-                                for column in range(each - 2))
-                segments += [Segment(" ", self.rich_style), Segment(drawn, style), Segment(" ", self.rich_style)]
+                drawn = "".join(
+                    chr(BLANK | cells[place]) if (place := (column, row)) in cells else " "
+                    for column in range(each - 2)
+                )
+                segments += [
+                    Segment(" ", self.rich_style),
+                    Segment(drawn, style),
+                    Segment(" ", self.rich_style),
+                ]
             rows.append(Strip(segments).adjust_cell_length(width, self.rich_style))
         return rows
 
@@ -118,7 +152,8 @@ class Tiles(Panel[tuple[Tile, ...]]):
 
 
 def _drawn(text: str, scale: int, width: int) -> tuple[str, ...]:
-    """Large numerals; plain ones in the middle row where they have no room: a number that is cut is another number."""
+    """Large numerals; plain ones in the middle row where they have no room: a number that is
+    cut is another number."""
     drawn = draw(text, scale)
     if len(drawn[0]) <= width:
         return drawn

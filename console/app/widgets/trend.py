@@ -1,4 +1,6 @@
-"""Target and applied rate over the last two minutes, in braille: 2 x 4 dots a cell. A click reads a time off."""
+"""Target and applied rate over the last two minutes, in braille: 2 x 4 dots a cell. A click
+reads a time off."""
+
 from __future__ import annotations
 
 from collections.abc import Iterator
@@ -23,7 +25,8 @@ _AXIS = 6
 
 
 class CursorReading(NamedTuple):
-    """What the cursor reads: its time of the run, s, and in words; the values that were in force then."""
+    """What the cursor reads: its time of the run, s, and in words; the values that were in
+    force then."""
 
     time_s: float
     time: str
@@ -45,8 +48,16 @@ def columns_of(width: int) -> int:
 
 
 class Trend(Canvas[TrendView]):
-    COMPONENT_CLASSES: ClassVar[set[str]] = {"trend--target", "trend--applied", "trend--muted", "trend--title",
-                                             "trend--stale", "trend--band", "trend--stale-band", "trend--cursor"}
+    COMPONENT_CLASSES: ClassVar[set[str]] = {
+        "trend--target",
+        "trend--applied",
+        "trend--muted",
+        "trend--title",
+        "trend--stale",
+        "trend--band",
+        "trend--stale-band",
+        "trend--cursor",
+    }
 
     class Pointed(Message):
         """The plot was clicked at this share of its span."""
@@ -80,20 +91,38 @@ class Trend(Canvas[TrendView]):
         now_s = view.points[-1].time_s if view.points else 0.0
 
         def line(of: int) -> list[tuple[float, float | None]]:
-            return [(1 - (now_s - point.time_s) / view.span_s,
-                     None if (rate := point[of]) is None else (rate * unit.per_si - low) / (high - low))
-                    for point in view.points]
+            return [
+                (
+                    1 - (now_s - point.time_s) / view.span_s,
+                    None
+                    if (rate := point[of]) is None
+                    else (rate * unit.per_si - low) / (high - low),
+                )
+                for point in view.points
+            ]
 
         targets = trace(line(1), plot_columns, plot_rows)
         applieds = trace(line(2), plot_columns, plot_rows)
         read, cursor = view.read, None
         if read is not None:
             cursor = round((1 - (now_s - read.time_s) / view.span_s) * (plot_columns - 1))
-        at = () if read is None else (("   ", muted), (f" {read.time} ", self.style("trend--cursor")))
-        rows = [self.text_strip(
-            width, (f" {_('trend')} ", self.style("trend--title")), (f"{unit.name}   ", muted),
-            ("▄▄▄", on_band), (f" {_('target')}{_after(read and read.target)}   ", target_style),
-            ("⠤⠤⠤ ", applied_style), (f"{_('applied')}{_after(read and read.applied)}", applied_style), *at)]
+        at = (
+            ()
+            if read is None
+            else (("   ", muted), (f" {read.time} ", self.style("trend--cursor")))
+        )
+        rows = [
+            self.text_strip(
+                width,
+                (f" {_('trend')} ", self.style("trend--title")),
+                (f"{unit.name}   ", muted),
+                ("▄▄▄", on_band),
+                (f" {_('target')}{_after(read and read.target)}   ", target_style),
+                ("⠤⠤⠤ ", applied_style),
+                (f"{_('applied')}{_after(read and read.applied)}", applied_style),
+                *at,
+            )
+        ]
         labels = {0: f"{high:.0f}", plot_rows - 1: f"{low:.0f}"}
         if plot_rows >= 5:
             labels[(plot_rows - 1) // 2] = f"{(low + high) / 2:.0f}"
@@ -101,8 +130,10 @@ class Trend(Canvas[TrendView]):
             segments = [Segment(right(labels.get(row, ""), _AXIS - 1) + " ", muted)]
             cells = list(self._cells(row, plot_columns, targets, applieds, on_band, applied_style))
             if cursor is not None and 0 <= cursor < plot_columns:
-                cells[cursor] = Segment("│" if cells[cursor].text == " " else cells[cursor].text,
-                                        self.style("trend--cursor"))
+                cells[cursor] = Segment(
+                    "│" if cells[cursor].text == " " else cells[cursor].text,
+                    self.style("trend--cursor"),
+                )
             segments += cells
             rows.append(Strip(segments).adjust_cell_length(width, plain))
         start = f"-{duration(view.span_s)}"
@@ -110,25 +141,38 @@ class Trend(Canvas[TrendView]):
         now = _("now")
         gap = plot_columns // 2 - len(start) - len(middle) // 2
         rest = right(now, plot_columns - len(start) - gap - len(middle))
-        rows.append(self.text_strip(width, (" " * _AXIS + start + " " * gap + middle + rest, muted)))
+        rows.append(
+            self.text_strip(width, (" " * _AXIS + start + " " * gap + middle + rest, muted))
+        )
         return rows
 
-    def _cells(self, row: int, columns: int, targets: Dots, applieds: Dots, target_style: Style, applied_style: Style
-               ) -> Iterator[Segment]:
-        """Cells that the target passes are tinted, and solid where the applied rate, in dots, does not lie over it: the
-        two are told apart without colour too."""
+    def _cells(
+        self,
+        row: int,
+        columns: int,
+        targets: Dots,
+        applieds: Dots,
+        target_style: Style,
+        applied_style: Style,
+    ) -> Iterator[Segment]:
+        """Cells that the target passes are tinted, and solid where the applied rate, in dots,
+        does not lie over it: the two are told apart without colour too."""
         tinted = applied_style + Style(bgcolor=target_style.bgcolor)
         for column in range(columns):
             target, applied = targets.get((column, row), 0), applieds.get((column, row), 0)
             if applied:
                 yield Segment(chr(BLANK | applied), tinted if target else applied_style)
             else:
-                yield Segment(_solid(target) if target else " ", target_style if target else applied_style)
+                yield Segment(
+                    _solid(target) if target else " ", target_style if target else applied_style
+                )
 
 
 def _solid(dots: int) -> str:
     """The half of a cell that these dots lie in; both halves of one that they pass through."""
-    upper, lower = (dots & sum(left | right for left, right in half) for half in (BITS[:2], BITS[2:]))
+    upper, lower = (
+        dots & sum(left | right for left, right in half) for half in (BITS[:2], BITS[2:])
+    )
     return "█" if upper and lower else "▀" if upper else "▄"
 
 

@@ -1,10 +1,12 @@
 """Whether what a model leaves is noise: checks that hold for every channel and log, at one level.
 
-A posterior compares models; it does not say that the best of them is any good. Each check asks how probable a feature
-of the residual is under the noise that the machine file leads one to expect (Box, JRSS A 143, 1980, 383; Gelman, Meng
-and Stern, Statistica Sinica 6, 1996, 733). The noise's two strengths have log-normal priors; what stands at one
-frequency is held against the largest of as many chi-squares as there are frequencies.
+A posterior compares models; it does not say that the best of them is any good. Each check asks
+how probable a feature of the residual is under the noise that the machine file leads one to
+expect (Box, JRSS A 143, 1980, 383; Gelman, Meng and Stern, Statistica Sinica 6, 1996, 733). The
+noise's two strengths have log-normal priors; what stands at one frequency is held against the
+largest of as many chi-squares as there are frequencies.
 """
+
 from __future__ import annotations
 
 import numpy as np
@@ -15,35 +17,43 @@ from .noise import Noise, NoisePrior, Segments, start, strengths
 
 Array = npt.NDArray[np.float64]
 
-LEVEL = 0.002               # of a false alarm, of one check of one channel: one healthy log in some hundred
-FILE_SD = 0.3               # of the logarithm of a machine file's noise: of some seven readings (GUM, table E.1)
-OUTER = 0.2                 # of a series, either side, that no correlation hangs on (Wilcox 1993)
-FEWEST_PAIRS = 10           # of two series that are held against each other
-MIN_PERIODS = 5.0           # of a frequency within the log: what comes round less often is drift
+# of a false alarm, of one check of one channel: one healthy log in some hundred
+LEVEL = 0.002
+# of the logarithm of a machine file's noise: of some seven readings (GUM, table E.1)
+FILE_SD = 0.3
+# of a series, either side, that no correlation hangs on (Wilcox 1993)
+OUTER = 0.2
+FEWEST_PAIRS = 10  # of two series that are held against each other
+# of a frequency within the log: what comes round less often is drift
+MIN_PERIODS = 5.0
 
 
 def is_loud(noise: Noise, prior: NoisePrior, left: Array | None = None) -> bool:
-    """Whether the fast noise, or all that is left (banded coefficients (m,)), is stronger than the machine file's noise
-    can be: in a short log a noise of long memory need not be strong to be large."""
+    """Whether the fast noise, or all that is left (banded coefficients (m,)), is stronger than
+    the machine file's noise can be: in a short log a noise of long memory need not be strong to
+    be large."""
     return _beyond(_strongest(noise, prior, left), prior.spread[0])
 
 
 def times_louder(noise: Noise, prior: NoisePrior, left: Array) -> float:
-    """How many times the machine file's noise what is left (m,) is, where that is more than the file's figure can be
-    off by itself; else 0. A sensor may be so loud, but somebody has to say so: a drive may, too."""
+    """How many times the machine file's noise what is left (m,) is, where that is more than the
+    file's figure can be off by itself; else 0. A sensor may be so loud, but somebody has to say
+    so: a drive may, too."""
     off = _strongest(noise, prior, left)
     return float(np.exp(off)) if _beyond(off, FILE_SD) else 0.0
 
 
 def _strongest(noise: Noise, prior: NoisePrior, left: Array | None) -> float:
-    """Logarithm of the fast noise, or of all that is left if that is more, over the machine file's."""
-    beyond = float(np.mean(left ** 2)) - prior.floor_sd ** 2 if left is not None and len(left) else 0.0
+    """Logarithm of the fast noise, or of all that is left if that is more, over the machine
+    file's."""
+    beyond = float(np.mean(left**2)) - prior.floor_sd**2 if left is not None and len(left) else 0.0
     strongest = max(noise.theta[0], 0.5 * float(np.log(beyond)) if beyond > 0.0 else -np.inf)
     return float(strongest - start(prior).theta[0])
 
 
 def drifts(noise: Noise, prior: NoisePrior) -> bool:
-    """Whether the slow noise is stronger, with the fast one fitted, than a sensor's drift can be."""
+    """Whether the slow noise is stronger, with the fast one fitted, than a sensor's drift can
+    be."""
     fast = max(noise.theta[0], start(prior).theta[0])
     return _beyond(noise.theta[2] - fast - float(np.log(prior.slow_share)), prior.spread[2])
 
@@ -53,12 +63,14 @@ def _beyond(off: float, sd: float) -> bool:
 
 
 def by_chance_together(one: Array, other: Array, level: float = 1.0) -> float:
-    """Probability that two series (n,) which have nothing to do with each other rise and fall together as much as these
-    do: the correlation of the one, its outer fifths held at their edges (Wilcox, Psychometrika 58, 1993), with the
-    ranks of the other, and so many independent pairs as the memory of both leaves of them (Pyper and Peterman, Can. J.
-    Fish. Aquat. Sci. 55, 1998, 2127). Ranks of both would see an order in a rounded reading: what lies a hundredth of
-    a step higher comes after all others of that step, and the mean says nothing of it. level : above it the pairs are
-    counted as if they were all independent, which says less than the probability is."""
+    """Probability that two series (n,) which have nothing to do with each other rise and fall
+    together as much as these do: the correlation of the one, its outer fifths held at their
+    edges (Wilcox, Psychometrika 58, 1993), with the ranks of the other, and so many independent
+    pairs as the memory of both leaves of them (Pyper and Peterman, Can. J. Fish. Aquat. Sci.
+    55, 1998, 2127). Ranks of both would see an order in a rounded reading: what lies a
+    hundredth of a step higher comes after all others of that step, and the mean says nothing of
+    it. level : above it the pairs are counted as if they were all independent, which says less
+    than the probability is."""
     count = float(len(one))
     if count < FEWEST_PAIRS:
         return 1.0
@@ -85,18 +97,23 @@ def _ranks(series: Array) -> Array:
 def _by_chance(rho: float, pairs: float) -> float:
     """Of a correlation of so many independent pairs: Student's t, from two sides."""
     free = pairs - 2.0
-    return 2.0 * float(stdtr(free, -abs(rho) * np.sqrt(free / max(1e-12, 1.0 - rho * rho)))) if free > 0.0 else 1.0
+    return (
+        2.0 * float(stdtr(free, -abs(rho) * np.sqrt(free / max(1e-12, 1.0 - rho * rho))))
+        if free > 0.0
+        else 1.0
+    )
 
 
 def _memory(series: Array) -> Array:
     """Correlation of a series (n,) of mean 0 with itself, by lag (n,)."""
     power = np.abs(np.fft.rfft(series, 2 * len(series))) ** 2
-    by_lag = np.fft.irfft(power)[:len(series)]
+    by_lag = np.fft.irfft(power)[: len(series)]
     return np.asarray(by_lag / max(by_lag[0], 1e-300))
 
 
 def by_chance_taken(left: Array, columns: Array) -> float:
-    """Probability that columns (k, n) that have nothing to do with a white series (n,) take as much off it (F)."""
+    """Probability that columns (k, n) that have nothing to do with a white series (n,) take as
+    much off it (F)."""
     basis, strength, _ = np.linalg.svd(columns.T, full_matrices=False)
     basis = basis[:, strength > 1e-6 * strength.max(initial=1e-300)]
     free = len(left) - basis.shape[1]
@@ -107,14 +124,21 @@ def by_chance_taken(left: Array, columns: Array) -> float:
     return float(fdtrc(basis.shape[1], free, ratio))
 
 
-def line_s(left: Array, noise: Noise, prior: NoisePrior, cut: Segments, step_s: float) -> float | None:
-    """Period of a frequency that stands out of the noise in banded coefficients (m,), s; None where none does."""
-    power = left ** 2 / strengths(noise, prior, cut, step_s)
-    omega = np.concatenate([np.pi * np.arange(end - begin) / (end - begin) for begin, end in cut.bounds])[cut.order]
+def line_s(
+    left: Array, noise: Noise, prior: NoisePrior, cut: Segments, step_s: float
+) -> float | None:
+    """Period of a frequency that stands out of the noise in banded coefficients (m,), s; None
+    where none does."""
+    power = left**2 / strengths(noise, prior, cut, step_s)
+    omega = np.concatenate(
+        [np.pi * np.arange(end - begin) / (end - begin) for begin, end in cut.bounds]
+    )[cut.order]
     power = np.where(omega * cut.length > 2.0 * np.pi * MIN_PERIODS, power, 0.0)
     if not len(power):
         return None
     at = int(np.argmax(power))
-    if omega[at] <= 0.0 or np.log(2.0 * len(power)) + log_ndtr(-float(np.sqrt(power[at]))) > np.log(LEVEL):
+    if omega[at] <= 0.0 or np.log(2.0 * len(power)) + log_ndtr(-float(np.sqrt(power[at]))) > np.log(
+        LEVEL
+    ):
         return None
     return float(2.0 * np.pi / omega[at] * step_s)

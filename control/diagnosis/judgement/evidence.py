@@ -1,4 +1,6 @@
-"""Data and columns of coupled channels compressed to band products; likelihood of any choice of columns from them."""
+"""Data and columns of coupled channels compressed to band products; likelihood of any choice of
+columns from them."""
+
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
@@ -12,11 +14,14 @@ from .gaussian import Array, Gaussian, Indices, Sizes
 from .noise import Noise
 from .noise_fit import SLOWER
 
-Z90 = 1.645                 # half an interval of 90 % in s.d.
+Z90 = 1.645  # half an interval of 90 % in s.d.
 MAX_ROUNDS = 15
-CALM = 5.0                  # times less than usual: the drift of a calm noise, where fits start
-QUICK_S = (0.2, 1.0)        # of a fast part that is not white, where fits start
-SETTLED = 0.05              # of the log-likelihood: less is no gain of a further round
+# times less than usual: the drift of a calm noise, where fits start
+CALM = 5.0
+# of a fast part that is not white, where fits start
+QUICK_S = (0.2, 1.0)
+# of the log-likelihood: less is no gain of a further round
+SETTLED = 0.05
 
 
 class MeasuredChannel(Protocol):
@@ -35,17 +40,20 @@ class MeasuredChannel(Protocol):
 class Role(Enum):
     """What a column is in a problem."""
 
-    TOLERANCE = "tolerance"         # a nominal value of the machine file, open within its tolerance
-    TRAIT = "trait"                 # the same value, unlike from case to case
-    READING = "reading"             # what a reading leaves open: level, refills, rounding, time stamps, heads
-    SLOPE = "slope"                 # of the prediction in a part's size
-    FORM = "form"                   # smooth shape of a variable, or of a part's form
-    CANDIDATE = "candidate"         # one unit of an effect that is tried
-    TRACE = "trace"                 # the whole of what a part does
+    # a nominal value of the machine file, open within its tolerance
+    TOLERANCE = "tolerance"
+    TRAIT = "trait"  # the same value, unlike from case to case
+    # what a reading leaves open: level, refills, rounding, time stamps, heads
+    READING = "reading"
+    SLOPE = "slope"  # of the prediction in a part's size
+    FORM = "form"  # smooth shape of a variable, or of a part's form
+    CANDIDATE = "candidate"  # one unit of an effect that is tried
+    TRACE = "trace"  # the whole of what a part does
 
 
 class Label(NamedTuple):
-    """What a column stands for. name : the nominal value's key, or the effect's id. part : its place, or -1."""
+    """What a column stands for. name : the nominal value's key, or the effect's id. part : its
+    place, or -1."""
 
     role: Role
     name: str = ""
@@ -53,20 +61,21 @@ class Label(NamedTuple):
 
 
 class Column(NamedTuple):
-    """What one unit of something does to the channels: cosine coefficients by channel (absent: nothing)."""
+    """What one unit of something does to the channels: cosine coefficients by channel (absent:
+    nothing)."""
 
     label: Label
     coefficients: Mapping[str, Array]
-    sd: float                       # prior s.d. of its amplitude; inf: free
-    mean: float = 0.0               # prior mean of its amplitude
+    sd: float  # prior s.d. of its amplitude; inf: free
+    mean: float = 0.0  # prior mean of its amplitude
 
 
 class Products(NamedTuple):
     """Band products of one channel; row and column 0 are the data."""
 
     channel: MeasuredChannel
-    gram: Array                     # (bands, 1 + p, 1 + p)
-    columns: Indices                # their places in the problem's list (p,)
+    gram: Array  # (bands, 1 + p, 1 + p)
+    columns: Indices  # their places in the problem's list (p,)
 
     @property
     def known(self) -> tuple[noises.NoisePrior, noises.Segments, float]:
@@ -82,13 +91,15 @@ class Products(NamedTuple):
 
 
 class Problem(NamedTuple):
-    """Everything that a likelihood needs: columns by their labels, their priors, and their products with the data."""
+    """Everything that a likelihood needs: columns by their labels, their priors, and their
+    products with the data."""
 
     labels: tuple[Label, ...]
-    sd: Array                       # (q,)
-    mean: Array                     # (q,)
+    sd: Array  # (q,)
+    mean: Array  # (q,)
     products: tuple[Products, ...]
-    log_weight: float = 0.0         # of the priors, where their s.d. are those of heavy tails (`prior.log_of_size`)
+    # of the priors, where their s.d. are those of heavy tails (`prior.log_of_size`)
+    log_weight: float = 0.0
 
     def places(self, role: Role) -> list[int]:
         """Places of the columns of one role."""
@@ -99,7 +110,9 @@ class Problem(NamedTuple):
         size = len(self.labels)
         a, s = np.zeros((size, size)), np.zeros(size)
         for one in self.products:
-            total = np.tensordot(1.0 / noises.variances(noise[one.channel.name], *one.known), one.gram, axes=1)
+            total = np.tensordot(
+                1.0 / noises.variances(noise[one.channel.name], *one.known), one.gram, axes=1
+            )
             a[np.ix_(one.columns, one.columns)] += total[1:, 1:]
             s[one.columns] += total[1:, 0]
         return Gaussian(a, s)
@@ -110,28 +123,45 @@ class Problem(NamedTuple):
 
 
 class Fit(NamedTuple):
-    amplitude: Array                # of the chosen columns (k,)
-    covariance: Array               # (k, k)
-    log_likelihood: float           # noise fitted, priors included
-    log_evidence: float             # the same with the amplitudes integrated (Laplace), but for those without a prior
+    amplitude: Array  # of the chosen columns (k,)
+    covariance: Array  # (k, k)
+    log_likelihood: float  # noise fitted, priors included
+    # the same with the amplitudes integrated (Laplace), but for those without a prior
+    log_evidence: float
     noise: dict[str, Noise]
 
 
-def problem(channels: Sequence[MeasuredChannel], data: Mapping[str, Array], columns: Sequence[Column]) -> Problem:
+def problem(
+    channels: Sequence[MeasuredChannel], data: Mapping[str, Array], columns: Sequence[Column]
+) -> Problem:
     """`data`: cosine coefficients of the residual by channel."""
     products = []
     for channel in channels:
         here = [k for k, column in enumerate(columns) if channel.name in column.coefficients]
-        stack = np.stack([data[channel.name], *(columns[k].coefficients[channel.name] for k in here)])
-        products.append(Products(channel, noises.band_products(stack, stack, channel.cut), np.array(here, np.int64)))
-    return Problem(tuple(c.label for c in columns), np.array([c.sd for c in columns]),
-                   np.array([c.mean for c in columns]), tuple(products))
+        stack = np.stack(
+            [data[channel.name], *(columns[k].coefficients[channel.name] for k in here)]
+        )
+        products.append(
+            Products(
+                channel, noises.band_products(stack, stack, channel.cut), np.array(here, np.int64)
+            )
+        )
+    return Problem(
+        tuple(c.label for c in columns),
+        np.array([c.sd for c in columns]),
+        np.array([c.mean for c in columns]),
+        tuple(products),
+    )
 
 
-def fitted(p: Problem, chosen: Indices, noise: Mapping[str, Noise], rounds: int = MAX_ROUNDS) -> Fit:
-    """Most probable amplitudes and noise together: each in turn until nothing is gained, at most `rounds` times.
+def fitted(
+    p: Problem, chosen: Indices, noise: Mapping[str, Noise], rounds: int = MAX_ROUNDS
+) -> Fit:
+    """Most probable amplitudes and noise together: each in turn until nothing is gained, at
+    most `rounds` times.
 
-    A drift and a constant can stand for each other, so that the way from one to the other is slow.
+    A drift and a constant can stand for each other, so that the way from one to the other is
+    slow.
     """
     now = dict(noise)
     sizes, before = p.sizes(chosen, now), -np.inf
@@ -148,33 +178,54 @@ def fitted(p: Problem, chosen: Indices, noise: Mapping[str, Noise], rounds: int 
     return Fit(sizes.b, sizes.cov, value, value + float(sizes.log_occam), now)
 
 
-def best_fitted(p: Problem, chosen: Indices, noise: Mapping[str, Noise], channels: Sequence[MeasuredChannel]) -> Fit:
+def best_fitted(
+    p: Problem, chosen: Indices, noise: Mapping[str, Noise], channels: Sequence[MeasuredChannel]
+) -> Fit:
     """The better of two fits: from the noise given and from its calm version.
 
     What one hypothesis left of the noise may be far from where another must start.
     """
-    return max((fitted(p, chosen, start) for start in (noise, calm(noise, channels))),
-               key=lambda fit: fit.log_evidence)
+    return max(
+        (fitted(p, chosen, start) for start in (noise, calm(noise, channels))),
+        key=lambda fit: fit.log_evidence,
+    )
 
 
-def first_noise(p: Problem, chosen: Indices, noise: Mapping[str, Noise],
-                channels: Sequence[MeasuredChannel]) -> dict[str, Noise]:
-    """The noise from which models of a group are fitted: the best of fits from a quick and from a slower fast part, for
-    the likelihood has a mode at either."""
-    starts = [dict(noise), *({c.name: Noise((noise[c.name].theta[0], float(np.log(quick_s)), *noise[c.name].theta[2:]))
-                              for c in channels} for quick_s in QUICK_S)]
+def first_noise(
+    p: Problem, chosen: Indices, noise: Mapping[str, Noise], channels: Sequence[MeasuredChannel]
+) -> dict[str, Noise]:
+    """The noise from which models of a group are fitted: the best of fits from a quick and from
+    a slower fast part, for the likelihood has a mode at either."""
+    starts = [
+        dict(noise),
+        *(
+            {
+                c.name: Noise(
+                    (noise[c.name].theta[0], float(np.log(quick_s)), *noise[c.name].theta[2:])
+                )
+                for c in channels
+            }
+            for quick_s in QUICK_S
+        ),
+    ]
     return max((fitted(p, chosen, one) for one in starts), key=lambda fit: fit.log_evidence).noise
 
 
-def adapted(p: Problem, chosen: Indices, amplitude: Array, noise: Mapping[str, Noise]) -> dict[str, Noise]:
+def adapted(
+    p: Problem, chosen: Indices, amplitude: Array, noise: Mapping[str, Noise]
+) -> dict[str, Noise]:
     """A noise with each band's own factor as the residual of chosen columns says."""
-    return {one.channel.name: noises.with_bands(one.power(chosen, amplitude), noise[one.channel.name], *one.known)
-            for one in p.products}
+    return {
+        one.channel.name: noises.with_bands(
+            one.power(chosen, amplitude), noise[one.channel.name], *one.known
+        )
+        for one in p.products
+    }
 
 
 def calm(noise: Mapping[str, Noise], channels: Sequence[MeasuredChannel]) -> dict[str, Noise]:
-    """A noise whose slow part is no stronger than the machine file's: where a fit must start that is to tell a steady
-    effect from a drift."""
+    """A noise whose slow part is no stronger than the machine file's: where a fit must start
+    that is to tell a steady effect from a drift."""
     found = {}
     for channel in channels:
         here, usual = noise[channel.name].theta, noises.start(channel.prior).theta
@@ -183,7 +234,9 @@ def calm(noise: Mapping[str, Noise], channels: Sequence[MeasuredChannel]) -> dic
     return found
 
 
-def taken_off(banded: Mapping[str, Array], columns: Sequence[Column], amplitude: Array) -> dict[str, Array]:
+def taken_off(
+    banded: Mapping[str, Array], columns: Sequence[Column], amplitude: Array
+) -> dict[str, Array]:
     """What columns with their amplitudes leave of banded coefficients, (m,) by channel."""
     left = {name: values.copy() for name, values in banded.items()}
     for size, column in zip(amplitude, columns, strict=True):
@@ -194,13 +247,21 @@ def taken_off(banded: Mapping[str, Array], columns: Sequence[Column], amplitude:
 
 def power_left(p: Problem, channel: str, chosen: Indices, amplitude: Array) -> float:
     """Sum of squares that the chosen columns with their amplitudes leave of one channel."""
-    return next(float(np.sum(one.power(chosen, amplitude))) for one in p.products if one.channel.name == channel)
+    return next(
+        float(np.sum(one.power(chosen, amplitude)))
+        for one in p.products
+        if one.channel.name == channel
+    )
 
 
 def _value(p: Problem, chosen: Indices, amplitude: Array, noise: Mapping[str, Noise]) -> float:
-    of_sizes = p.log_weight - 0.5 * float(np.sum(((amplitude - p.mean[chosen]) / p.sd[chosen]) ** 2))
-    return of_sizes + sum(noises.log_likelihood(one.power(chosen, amplitude), noise[one.channel.name], *one.known)
-                          for one in p.products)
+    of_sizes = p.log_weight - 0.5 * float(
+        np.sum(((amplitude - p.mean[chosen]) / p.sd[chosen]) ** 2)
+    )
+    return of_sizes + sum(
+        noises.log_likelihood(one.power(chosen, amplitude), noise[one.channel.name], *one.known)
+        for one in p.products
+    )
 
 
 def projected(p: Problem, fixed: Indices, noise: Mapping[str, Noise]) -> Gaussian:

@@ -1,12 +1,17 @@
-"""The noise's spectrum and its fit, compiled: under every model and at every look it is fitted anew.
+"""The noise's spectrum and its fit, compiled: under every model and at every look it is fitted
+anew.
 
-See `noise` for what the numbers are; theta : log s.d. and log correlation time of the fast and the slow component.
+See `noise` for what the numbers are; theta : log s.d. and log correlation time of the fast and
+the slow component.
 
-No first-order spectrum is quite right. The variance of each band is therefore the spectrum's times a factor of its own
-with an inverse-gamma prior about 1, integrated: each band's coefficients then follow a Student t with `BAND_DOF`
-degrees of freedom (Roever, Meyer and Christensen, Classical and Quantum Gravity 28, 2011, 015010). A sensor that hums
-in one band, or drifts more than it should, is louder there and counts the less, at every frequency by the same rule.
+No first-order spectrum is quite right. The variance of each band is therefore the spectrum's
+times a factor of its own with an inverse-gamma prior about 1, integrated: each band's
+coefficients then follow a Student t with `BAND_DOF` degrees of freedom (Roever, Meyer and
+Christensen, Classical and Quantum Gravity 28, 2011, 015010). A sensor that hums in one band, or
+drifts more than it should, is louder there and counts the less, at every frequency by the same
+rule.
 """
+
 from __future__ import annotations
 
 import numpy as np
@@ -16,27 +21,33 @@ from control.machine.compiled import compiled
 
 Array = npt.NDArray[np.float64]
 
-MOVED = 1e-4                # of theta, for a slope
-LITTLE_DRIFT = 3.0          # of the logarithm of a drift's s.d., where it is less than usual (1 s.d.)
-HALVINGS = 6                # of a step that gains nothing
-LONGEST_STEP = 1.5          # of theta, at once
-SETTLED = 1e-3              # of the log-likelihood
-SLOWER = 5.0                # times, at least, that the slow part remembers longer: else they are one part twice
-BAND_DOF = 20.0             # a band's s.d. is known from the spectrum to 1 / sqrt(2 BAND_DOF), some 16 %
+MOVED = 1e-4  # of theta, for a slope
+# of the logarithm of a drift's s.d., where it is less than usual (1 s.d.)
+LITTLE_DRIFT = 3.0
+HALVINGS = 6  # of a step that gains nothing
+LONGEST_STEP = 1.5  # of theta, at once
+SETTLED = 1e-3  # of the log-likelihood
+# times, at least, that the slow part remembers longer: else they are one part twice
+SLOWER = 5.0
+# a band's s.d. is known from the spectrum to 1 / sqrt(2 BAND_DOF), some 16 %
+BAND_DOF = 20.0
 
 
 @compiled
-def spectrum_run(theta: Array, floor_sd: float, walk_sd: float, cos: Array, count: float, step_s: float) -> Array:
-    """Variance of one coefficient in each band (bands,). cos : of its frequency. count : of all coefficients.
+def spectrum_run(
+    theta: Array, floor_sd: float, walk_sd: float, cos: Array, count: float, step_s: float
+) -> Array:
+    """Variance of one coefficient in each band (bands,). cos : of its frequency. count : of all
+    coefficients.
 
-    That of the mean is had exactly: over a log shorter than a component's memory it is far less than the spectrum at
-    frequency 0.
+    That of the mean is had exactly: over a log shorter than a component's memory it is far less
+    than the spectrum at frequency 0.
     """
-    total = np.full(len(cos), floor_sd ** 2)
+    total = np.full(len(cos), floor_sd**2)
     if walk_sd > 0.0:
         lowest = (np.pi / max(2.0, count)) ** 2
         for band in range(len(cos)):
-            total[band] += walk_sd ** 2 / max(2.0 - 2.0 * cos[band], lowest)
+            total[band] += walk_sd**2 / max(2.0 - 2.0 * cos[band], lowest)
     for k in (0, 2):
         rho = np.exp(-step_s / np.exp(theta[k + 1]))
         power = np.exp(2.0 * theta[k]) * (1.0 - rho * rho)
@@ -44,23 +55,31 @@ def spectrum_run(theta: Array, floor_sd: float, walk_sd: float, cos: Array, coun
         of_mean = 2.0 * (longer - 1.0 + np.exp(-longer)) / (longer * longer)
         for band in range(len(cos)):
             there = power / (1.0 - 2.0 * rho * cos[band] + rho * rho)
-            total[band] += there if cos[band] < 1.0 else min(there, count * np.exp(2.0 * theta[k]) * of_mean)
+            total[band] += (
+                there if cos[band] < 1.0 else min(there, count * np.exp(2.0 * theta[k]) * of_mean)
+            )
     return total
 
 
 @compiled
 def width(k: int, off: float, spread: float) -> float:
-    """S.d. of the prior of theta's k-th number on the side where it stands: many sensors hardly drift at all."""
+    """S.d. of the prior of theta's k-th number on the side where it stands: many sensors hardly
+    drift at all."""
     return LITTLE_DRIFT if k == 2 and off < 0.0 else spread
 
 
 @compiled
-def value_run(theta: Array, power: Array, members: Array, strength: Array, centre: Array, spread: Array) -> float:
-    """Log-likelihood of residual band powers, Student t in each band, the prior of theta included."""
+def value_run(
+    theta: Array, power: Array, members: Array, strength: Array, centre: Array, spread: Array
+) -> float:
+    """Log-likelihood of residual band powers, Student t in each band, the prior of theta
+    included."""
     total = 0.0
     for band in range(len(power)):
-        total -= 0.5 * ((BAND_DOF + members[band]) * np.log1p(power[band] / (BAND_DOF * strength[band]))
-                        + members[band] * np.log(strength[band]))
+        total -= 0.5 * (
+            (BAND_DOF + members[band]) * np.log1p(power[band] / (BAND_DOF * strength[band]))
+            + members[band] * np.log(strength[band])
+        )
     for k in range(4):
         away = (theta[k] - centre[k]) / width(k, theta[k] - centre[k], spread[k])
         total -= 0.5 * away * away
@@ -87,10 +106,12 @@ def moved_by(theta: Array, step: Array, part: float) -> Array:
 
 @compiled
 def solved(matrix: Array, right: Array) -> Array:
-    """x of matrix x = right, by elimination with the largest pivot of each column; both are written over.
+    """x of matrix x = right, by elimination with the largest pivot of each column; both are
+    written over.
 
-    Here in place of numpy's, which is two thirds of all that a first diagnosis on a machine would wait for compiling.
-    Raises LinAlgError where a number is not finite, or the matrix is singular.
+    Here in place of numpy's, which is two thirds of all that a first diagnosis on a machine
+    would wait for compiling. Raises LinAlgError where a number is not finite, or the matrix is
+    singular.
     """
     size = len(right)
     for k in range(size):
@@ -99,7 +120,9 @@ def solved(matrix: Array, right: Array) -> Array:
             if abs(matrix[row, k]) > abs(matrix[pivot, k]):
                 pivot = row
         if not 0.0 < abs(matrix[pivot, k]) < np.inf:
-            raise np.linalg.LinAlgError("the step of a noise's fit leads beyond what a computer can hold")
+            raise np.linalg.LinAlgError(
+                "the step of a noise's fit leads beyond what a computer can hold"
+            )
         for column in range(size):
             matrix[k, column], matrix[pivot, column] = matrix[pivot, column], matrix[k, column]
         right[k], right[pivot] = right[pivot], right[k]
@@ -116,10 +139,21 @@ def solved(matrix: Array, right: Array) -> Array:
 
 
 @compiled
-def step_run(theta: Array, power: Array, members: Array, cos: Array, strength: Array, floor_sd: float, walk_sd: float,
-             centre: Array, spread: Array, step_s: float) -> Array:
+def step_run(
+    theta: Array,
+    power: Array,
+    members: Array,
+    cos: Array,
+    strength: Array,
+    floor_sd: float,
+    walk_sd: float,
+    centre: Array,
+    spread: Array,
+    step_s: float,
+) -> Array:
     """The step of theta that Fisher scoring asks for (4,)."""
-    bands, count = len(power), total_of(members)    # number by number: whole arrays take long to compile
+    # number by number: whole arrays take long to compile
+    bands, count = len(power), total_of(members)
     slopes = np.empty((4, bands))
     for k in range(4):
         moved = theta.copy()
@@ -132,7 +166,9 @@ def step_run(theta: Array, power: Array, members: Array, cos: Array, strength: A
         off = theta[k] - centre[k]
         pulled = 0.0
         for band in range(bands):
-            louder = (BAND_DOF + members[band]) * power[band] / (BAND_DOF * strength[band] + power[band])
+            louder = (
+                (BAND_DOF + members[band]) * power[band] / (BAND_DOF * strength[band] + power[band])
+            )
             pulled += slopes[k, band] * (louder - members[band])
         gradient[k] = 0.5 * pulled - off / width(k, off, spread[k]) ** 2
         for other in range(4):
@@ -150,14 +186,26 @@ def step_run(theta: Array, power: Array, members: Array, cos: Array, strength: A
 
 
 @compiled
-def fit_run(start: Array, power: Array, members: Array, cos: Array, floor_sd: float, walk_sd: float, centre: Array,
-            spread: Array, step_s: float, rounds: int) -> Array:
+def fit_run(
+    start: Array,
+    power: Array,
+    members: Array,
+    cos: Array,
+    floor_sd: float,
+    walk_sd: float,
+    centre: Array,
+    spread: Array,
+    step_s: float,
+    rounds: int,
+) -> Array:
     """Fisher scoring with step halving from `start`: the most probable theta (4,)."""
     theta, count = start.copy(), total_of(members)
     strength = spectrum_run(theta, floor_sd, walk_sd, cos, count, step_s)
     best = value_run(theta, power, members, strength, centre, spread)
     for _ in range(rounds):
-        step = step_run(theta, power, members, cos, strength, floor_sd, walk_sd, centre, spread, step_s)
+        step = step_run(
+            theta, power, members, cos, strength, floor_sd, walk_sd, centre, spread, step_s
+        )
         tried, part = best - 1.0, 1.0
         for _ in range(HALVINGS):
             moved = moved_by(theta, step, part)

@@ -1,18 +1,23 @@
-"""The sequential test: has an effect started within the last minutes? A look predicts the rows that are new.
+"""The sequential test: has an effect started within the last minutes? A look predicts the rows
+that are new.
 
-At each look every effect of the catalogue is tried with every time of beginning in the window, on the residual whitened
-by the noise that is fitted to it, with the drift of the hour before (`runs/changepoint.py`). The statistic is that of
-Shiryaev and Roberts: likelihood ratios summed over all times of beginning, with sizes and effects integrated over their
-priors. Without a change its mean grows by one with each sample, so that it stays below A for A samples in the mean
-(Pollak, Annals of Statistics 15, 1987, 749); a window costs it nothing that counts (Lai, IEEE Transactions on
-Information Theory 44, 1998, 2917). The bar is therefore the time between false alarms.
+At each look every effect of the catalogue is tried with every time of beginning in the window,
+on the residual whitened by the noise that is fitted to it, with the drift of the hour before
+(`runs/changepoint.py`). The statistic is that of Shiryaev and Roberts: likelihood ratios summed
+over all times of beginning, with sizes and effects integrated over their priors. Without a
+change its mean grows by one with each sample, so that it stays below A for A samples in the
+mean (Pollak, Annals of Statistics 15, 1987, 749); a window costs it nothing that counts (Lai,
+IEEE Transactions on Information Theory 44, 1998, 2917). The bar is therefore the time between
+false alarms.
 
-A piece is the newest rows with some before them, in which the stages come to where they are: what a drive or a tube
-remembers is over within seconds. Its residuals and what each effect does are taken in bins of a second, at which every
-effect that is a straight line in its size still shows whole, and are put behind those of the pieces before. What a
-scale reads is a sum: its pieces are kept as changes from bin to bin. Dead times, bands and play are no straight lines
-in their sizes and are taken for each other in so short a stretch: they wait for a full diagnosis.
+A piece is the newest rows with some before them, in which the stages come to where they are:
+what a drive or a tube remembers is over within seconds. Its residuals and what each effect does
+are taken in bins of a second, at which every effect that is a straight line in its size still
+shows whole, and are put behind those of the pieces before. What a scale reads is a sum: its
+pieces are kept as changes from bin to bin. Dead times, bands and play are no straight lines in
+their sizes and are taken for each other in so short a stretch: they wait for a full diagnosis.
 """
+
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
@@ -24,7 +29,14 @@ import numpy.typing as npt
 
 from control.diagnosis.effects import ROWS, FoundBy
 from control.diagnosis.judgement.evidence import Column, Role, best_fitted, problem
-from control.diagnosis.judgement.noise import Noise, NoisePrior, coefficients, segments, series_of, start
+from control.diagnosis.judgement.noise import (
+    Noise,
+    NoisePrior,
+    coefficients,
+    segments,
+    series_of,
+    start,
+)
 from control.diagnosis.judgement.prior import COURSE, course_of
 from control.diagnosis.runs.changepoint import best_begins, that_may_begin
 from control.diagnosis.runs.channels import ChannelSeries, channels
@@ -39,34 +51,45 @@ from control.diagnosis.runs.search import Candidate, candidates
 from control.machine.machine import Machine
 
 Array = npt.NDArray[np.float64]
-Rows = Callable[[float], Mapping[str, npt.NDArray[Any]]]      # since a time: columns of a run log
+# since a time: columns of a run log
+Rows = Callable[[float], Mapping[str, npt.NDArray[Any]]]
 
-WINDOW_S = 600.0            # in which an effect begins: a level takes minutes to show a flow
+# in which an effect begins: a level takes minutes to show a flow
+WINDOW_S = 600.0
 BIN_S = 1.0
-COMES_TO_S = 15.0           # before its new rows a piece begins: the slowest drive is there by then
+# before its new rows a piece begins: the slowest drive is there by then
+COMES_TO_S = 15.0
 COMES_TO_ROWS = 2 * MIN_ROWS
-NOT_YET_S = 2.0             # the last of the rows: smoothing has not seen what follows
+# the last of the rows: smoothing has not seen what follows
+NOT_YET_S = 2.0
 LEAST_BINS = 60
-BETWEEN_S = 1000 * 3600.0   # of work, in the mean, until the test alone says of a healthy machine that something began:
-                            # ten times what the line promises, as no noise is quite what a model says
-BAR = log(BETWEEN_S / BIN_S * len(GROUPS))      # of the logarithm of the statistic, a sample a bin, in any group
-MATTERS = BAR               # of twice the log-likelihood: half of what passes; what gains less is had less exactly
-SEEN_S = 20.0               # that a beginning is seen for, at least: a late answer or a stop passes sooner
-LEARNT_S = (300.0, 3900.0)  # before now: looks of which the drift is learnt; what begins now is in none of them
-LATER_S = 10.0              # a fill that began less than so long before the end of a piece may not be over
+# of work, in the mean, until the test alone says of a healthy machine that something began: ten
+# times what the line promises, as no noise is quite what a model says
+BETWEEN_S = 1000 * 3600.0
+# of the logarithm of the statistic, a sample a bin, in any group
+BAR = log(BETWEEN_S / BIN_S * len(GROUPS))
+# of twice the log-likelihood: half of what passes; what gains less is had less exactly
+MATTERS = BAR
+# that a beginning is seen for, at least: a late answer or a stop passes sooner
+SEEN_S = 20.0
+# before now: looks of which the drift is learnt; what begins now is in none of them
+LEARNT_S = (300.0, 3900.0)
+# a fill that began less than so long before the end of a piece may not be over
+LATER_S = 10.0
 
-Key = tuple[str, str, int | None]       # role or effect, name, member or place
+Key = tuple[str, str, int | None]  # role or effect, name, member or place
 
 
 class Lines(NamedTuple):
-    """One channel of one piece or of all, in bins. Of what adds up (`sums`) the changes from bin to bin are kept."""
+    """One channel of one piece or of all, in bins. Of what adds up (`sums`) the changes from
+    bin to bin are kept."""
 
     like: ChannelSeries
-    at_s: Array                         # middle of each bin, of the log (m,)
-    measured: Array                     # (copies, m)
-    lines: dict[Key, Array]             # prediction, columns, traces: (copies, m)
+    at_s: Array  # middle of each bin, of the log (m,)
+    measured: Array  # (copies, m)
+    lines: dict[Key, Array]  # prediction, columns, traces: (copies, m)
     sums: frozenset[Key]
-    columns: dict[Key, Column]          # with their priors
+    columns: dict[Key, Column]  # with their priors
     candidates: dict[Key, Candidate]
 
 
@@ -77,8 +100,9 @@ class ChangePoint(NamedTuple):
     """The likeliest beginning in one group of channels."""
 
     group: str
-    part: EffectInstance        # its onset in s of the log
-    evidence: float             # that anything began: logarithm of the statistic of Shiryaev and Roberts
+    part: EffectInstance  # its onset in s of the log
+    # that anything began: logarithm of the statistic of Shiryaev and Roberts
+    evidence: float
 
 
 class Rolling:
@@ -87,16 +111,19 @@ class Rolling:
     def __init__(self, machine: Machine, window_s: float = WINDOW_S) -> None:
         self._machine, self._window_s = machine, window_s
         self._kept: dict[str, dict[str, Lines]] = {}
-        self._until_s = -np.inf         # what is before is kept
+        self._until_s = -np.inf  # what is before is kept
         self._move: Move | None = None
-        self._whole = True              # the next piece is the whole window
+        self._whole = True  # the next piece is the whole window
         self._tried = _tried(machine)
-        self._noises: dict[str, list[tuple[float, Noise]]] = {}     # fitted at each look, by channel
+        # fitted at each look, by channel
+        self._noises: dict[str, list[tuple[float, Noise]]] = {}
 
     def __call__(self, rows: Rows, now_s: float) -> list[ChangePoint]:
-        """For each group of channels that the rows can show, what likeliest began within the last minutes.
+        """For each group of channels that the rows can show, what likeliest began within the
+        last minutes.
 
-        rows : columns of a run log since a time. Raises ValueError in one line where nothing can be judged.
+        rows : columns of a run log since a time. Raises ValueError in one line where nothing
+        can be judged.
         """
         self._take(rows, now_s)
         return [found for group in self._kept if (found := self._best(group)) is not None]
@@ -114,10 +141,16 @@ class Rolling:
             from_s = self._until_s - COMES_TO_S
             piece = rows(from_s)
             if len(piece["time_s"]) < COMES_TO_ROWS:
-                piece = rows(now_s - (now_s - from_s) * COMES_TO_ROWS / max(1, len(piece["time_s"])) - COMES_TO_S)
+                piece = rows(
+                    now_s
+                    - (now_s - from_s) * COMES_TO_ROWS / max(1, len(piece["time_s"]))
+                    - COMES_TO_S
+                )
         if until_s <= self._until_s:
             return
-        self._whole = self._put(_of_piece(piece, self._machine, self._move, self._tried, self._until_s, until_s))
+        self._whole = self._put(
+            _of_piece(piece, self._machine, self._move, self._tried, self._until_s, until_s)
+        )
         self._until_s = until_s
 
     def _put(self, piece: _NewBins) -> bool:
@@ -127,7 +160,9 @@ class Rolling:
             return True
         for group, new in piece.groups.items():
             before = self._kept.get(group, {})
-            self._kept[group] = before | {name: _joined(before.get(name), one) for name, one in new.items()}
+            self._kept[group] = before | {
+                name: _joined(before.get(name), one) for name, one in new.items()
+            }
         return piece.unfinished
 
     def _best(self, group: str) -> ChangePoint | None:
@@ -151,23 +186,39 @@ class Rolling:
             rows = [one.measured - _whole(one, PREDICTED), *(_whole(one, key) for key in open_)]
             left, *columns = coefficients(np.array(rows).reshape(len(rows), -1), channel.cut)
             banded[channel.name] = left
-            base += [one.columns[key]._replace(coefficients={channel.name: column})
-                     for key, column in zip(open_, columns, strict=True)]
+            base += [
+                one.columns[key]._replace(coefficients={channel.name: column})
+                for key, column in zip(open_, columns, strict=True)
+            ]
         noise = {channel.name: start(channel.prior) for channel in series}
         p = problem(series, banded, base)
         fit = best_fitted(p, np.arange(len(base)), noise, series)
         usual = {name: self._usual(name, one) for name, one in fit.noise.items()}
-        found = best_begins(series, banded, base, [usual], list(tried.values()), [traces[key] for key in tried],
-                            matters=MATTERS, end_s=SEEN_S)
+        found = best_begins(
+            series,
+            banded,
+            base,
+            [usual],
+            list(tried.values()),
+            [traces[key] for key in tried],
+            matters=MATTERS,
+            end_s=SEEN_S,
+        )
         if not found:
             return None
         times = sum(len(one.at_s) for one in members)
-        odds = [one.evidence + log(COURSE[course_of(one.part.onset_s, None, one.part.grows)]) for one in found]
+        odds = [
+            one.evidence + log(COURSE[course_of(one.part.onset_s, None, one.part.grows)])
+            for one in found
+        ]
         prior = log(sum(COURSE[word] for word in ("begins", "grows")) * len(tried))
-        return ChangePoint(group, found[0].part, float(np.logaddexp.reduce(odds)) - prior + log(times))
+        return ChangePoint(
+            group, found[0].part, float(np.logaddexp.reduce(odds)) - prior + log(times)
+        )
 
     def _usual(self, name: str, now: Noise) -> Noise:
-        """The noise of a channel with the drift that the last hour had: what begins now is in its own noise too.
+        """The noise of a channel with the drift that the last hour had: what begins now is in
+        its own noise too.
 
         Until minutes of the log are known, the noise as it is fitted now.
         """
@@ -178,12 +229,13 @@ class Rolling:
         learnt = [one for at_s, one in looks if at_s <= self._until_s - LEARNT_S[0]]
         if not learnt:
             return now
-        drift = 0.5 * float(np.log(np.mean([one.slow_sd ** 2 for one in learnt])))
+        drift = 0.5 * float(np.log(np.mean([one.slow_sd**2 for one in learnt])))
         return Noise((*now.theta[:2], drift, float(np.mean([one.theta[3] for one in learnt]))))
 
 
 class _NewBins(NamedTuple):
-    """groups : the new bins. broken : they cannot be put behind older ones. unfinished : nothing can be put behind."""
+    """groups : the new bins. broken : they cannot be put behind older ones. unfinished :
+    nothing can be put behind."""
 
     groups: dict[str, dict[str, Lines]]
     broken: bool
@@ -191,25 +243,39 @@ class _NewBins(NamedTuple):
 
 
 def _tried(machine: Machine) -> dict[str, list[Candidate]]:
-    """The effects that are looked for, by channel that shows them: those that are a straight line in their size."""
+    """The effects that are looked for, by channel that shows them: those that are a straight
+    line in their size."""
     found: dict[str, list[Candidate]] = {}
     for names in GROUPS.values():
         every = candidates(names, machine, len(HEADS), False)
-        for one in that_may_begin([c for c in every if ROWS[c.part.id].probe is not None
-                                   and ROWS[c.part.id].found_by is not FoundBy.ONSET]):
+        for one in that_may_begin(
+            [
+                c
+                for c in every
+                if ROWS[c.part.id].probe is not None
+                and ROWS[c.part.id].found_by is not FoundBy.ONSET
+            ]
+        ):
             usual = one._replace(usual=ROWS[one.part.id].on(machine).usual)
             for channel in ROWS[one.part.id].channels:
                 found.setdefault(channel, []).append(usual)
     return found
 
 
-def _of_piece(columns: Mapping[str, npt.NDArray[Any]], machine: Machine, move: Move | None,
-              tried: Mapping[str, Sequence[Candidate]], from_s: float, until_s: float) -> _NewBins:
+def _of_piece(
+    columns: Mapping[str, npt.NDArray[Any]],
+    machine: Machine,
+    move: Move | None,
+    tried: Mapping[str, Sequence[Candidate]],
+    from_s: float,
+    until_s: float,
+) -> _NewBins:
     """The bins of some rows between two times of the log."""
     begin_s = float(np.asarray(columns["time_s"])[0])
 
     def ordered(log: Clean, _: Machine) -> Clean:
         return moved(log, move)
+
     _, data, _ = series_of_log(columns, machine, ordered)
     seen = channels(data, machine)
     found: dict[str, dict[str, Lines]] = {}
@@ -218,20 +284,32 @@ def _of_piece(columns: Mapping[str, npt.NDArray[Any]], machine: Machine, move: M
         if members:
             model = GroupModel(members, machine, data)
             open_ = nuisance_columns(model)
-            found[group] = {one.name: _lines(model, one, open_, tried[one.name], begin_s, from_s, until_s)
-                            for one in members}
+            found[group] = {
+                one.name: _lines(model, one, open_, tried[one.name], begin_s, from_s, until_s)
+                for one in members
+            }
     broken = unfinished = False
     if data.hopper is not None:
-        steps_s = [begin_s + float(data.hopper.time_s[at]) for at in (*data.hopper.jumps,
-                                                                      *(end for end, _ in data.hopper.gaps))]
+        steps_s = [
+            begin_s + float(data.hopper.time_s[at])
+            for at in (*data.hopper.jumps, *(end for end, _ in data.hopper.gaps))
+        ]
         broken = any(at_s > from_s - BIN_S for at_s in steps_s)
         unfinished = any(at_s > until_s - LATER_S for at_s in steps_s)
     return _NewBins(found, broken, unfinished)
 
 
-def _lines(model: GroupModel, channel: ChannelSeries, open_: Sequence[Column], tried: Sequence[Candidate],
-           begin_s: float, from_s: float, until_s: float) -> Lines:
-    """One channel: its prediction, what readings and tolerances leave `open_`, and what each effect does."""
+def _lines(
+    model: GroupModel,
+    channel: ChannelSeries,
+    open_: Sequence[Column],
+    tried: Sequence[Candidate],
+    begin_s: float,
+    from_s: float,
+    until_s: float,
+) -> Lines:
+    """One channel: its prediction, what readings and tolerances leave `open_`, and what each
+    effect does."""
     rows: dict[Key, Array] = {PREDICTED: model.predicted(())[channel.name]}
     sums: set[Key] = {PREDICTED} if channel.name == "scale" else set()
     columns: dict[Key, Column] = {}
@@ -239,22 +317,35 @@ def _lines(model: GroupModel, channel: ChannelSeries, open_: Sequence[Column], t
     for k, column in enumerate(open_):
         if channel.name in column.coefficients:
             key: Key = (column.label.role.value, column.label.name, k)
-            rows[key], columns[key] = series_of(column.coefficients[channel.name], channel.cut), column
+            rows[key], columns[key] = (
+                series_of(column.coefficients[channel.name], channel.cut),
+                column,
+            )
             if channel.name == "scale" and column.label.role is Role.TOLERANCE:
                 sums.add(key)
     for one in tried:
         if (one.part.member or 0) <= model.heads:
             key = (one.part.id, "", one.part.member)
-            rows[key], kept[key] = model.run((one.part,), only=(channel.name,))[channel.name] - rows[PREDICTED], one
+            rows[key], kept[key] = (
+                model.run((one.part,), only=(channel.name,))[channel.name] - rows[PREDICTED],
+                one,
+            )
             if adds_up(one.part, channel.name):
                 sums.add(key)
     at_s, measured, lines = _binned(channel, begin_s, from_s, until_s, rows, sums)
     return Lines(channel, at_s, measured, lines, frozenset(sums), columns, kept)
 
 
-def _binned(channel: ChannelSeries, begin_s: float, from_s: float, until_s: float, rows: Mapping[Key, Array],
-            sums: Collection[Key]) -> tuple[Array, Array, dict[Key, Array]]:
-    """Middles of the bins between two times, (m,), and what was measured and each row, (copies, m): means over bins."""
+def _binned(
+    channel: ChannelSeries,
+    begin_s: float,
+    from_s: float,
+    until_s: float,
+    rows: Mapping[Key, Array],
+    sums: Collection[Key],
+) -> tuple[Array, Array, dict[Key, Array]]:
+    """Middles of the bins between two times, (m,), and what was measured and each row, (copies,
+    m): means over bins."""
     at_s = begin_s + channel.grid.even_s
     width = max(BIN_S, channel.grid.step_s)
     place = np.floor(at_s / width + 1e-6).astype(np.int64)
@@ -264,28 +355,42 @@ def _binned(channel: ChannelSeries, begin_s: float, from_s: float, until_s: floa
     means = np.add.reduceat(stack, starts, axis=2) / count
     middle_s = np.add.reduceat(at_s, starts) / count
     new = (middle_s > from_s) & (middle_s <= until_s)
-    lines = {key: (np.diff(one, axis=1, prepend=one[:, :1]) if key in sums else one)[:, new]
-             for key, one in zip(rows, means[1:], strict=True)}
+    lines = {
+        key: (np.diff(one, axis=1, prepend=one[:, :1]) if key in sums else one)[:, new]
+        for key, one in zip(rows, means[1:], strict=True)
+    }
     return middle_s[new], means[0][:, new], lines
 
 
 def _joined(before: Lines | None, new: Lines) -> Lines:
-    """One behind the other; a line that only one of them has is dropped, but a step stays as it was last."""
+    """One behind the other; a line that only one of them has is dropped, but a step stays as it
+    was last."""
     if before is None or before.measured.shape[0] != new.measured.shape[0]:
         return new
-    lines = {key: np.concatenate((one, new.lines[key]), axis=1) for key, one in before.lines.items()
-             if key in new.lines}
+    lines = {
+        key: np.concatenate((one, new.lines[key]), axis=1)
+        for key, one in before.lines.items()
+        if key in new.lines
+    }
     for key, one in before.lines.items():
         if key not in new.lines and key not in before.candidates:
-            lines[key] = np.concatenate((one, np.repeat(one[:, -1:], len(new.at_s), axis=1)), axis=1)
-    return before._replace(at_s=np.concatenate((before.at_s, new.at_s)),
-                           measured=np.concatenate((before.measured, new.measured), axis=1), lines=lines)
+            lines[key] = np.concatenate(
+                (one, np.repeat(one[:, -1:], len(new.at_s), axis=1)), axis=1
+            )
+    return before._replace(
+        at_s=np.concatenate((before.at_s, new.at_s)),
+        measured=np.concatenate((before.measured, new.measured), axis=1),
+        lines=lines,
+    )
 
 
 def _since(one: Lines, since_s: float) -> Lines:
     begin = int(np.searchsorted(one.at_s, since_s))
-    return one._replace(at_s=one.at_s[begin:], measured=one.measured[:, begin:],
-                        lines={key: line[:, begin:] for key, line in one.lines.items()})
+    return one._replace(
+        at_s=one.at_s[begin:],
+        measured=one.measured[:, begin:],
+        lines={key: line[:, begin:] for key, line in one.lines.items()},
+    )
 
 
 def _whole(one: Lines, key: Key) -> Array:
@@ -300,13 +405,21 @@ def _series(one: Lines) -> ChannelSeries:
     in_bin = max(1, round(BIN_S / like.grid.step_s))
     grid = Grid(one.at_s, np.arange(count), one.at_s, one.at_s, step_s, True)
     bounds = tuple((k * count, (k + 1) * count) for k in range(like.copies))
-    return like._replace(measured=one.measured.ravel(), grid=grid, cut=segments(count * like.copies, bounds),
-                         prior=_of_means(like.prior, like.grid.step_s, in_bin))
+    return like._replace(
+        measured=one.measured.ravel(),
+        grid=grid,
+        cut=segments(count * like.copies, bounds),
+        prior=_of_means(like.prior, like.grid.step_s, in_bin),
+    )
 
 
 def _of_means(prior: NoisePrior, step_s: float, in_bin: int) -> NoisePrior:
     """The noise of means over so many samples: of a first-order one, and of a white floor."""
     apart = np.abs(np.subtract.outer(np.arange(in_bin), np.arange(in_bin)))
     share = float(np.sqrt(np.mean(np.exp(-apart * step_s / prior.fast_s))))
-    return prior._replace(fast_sd=share * prior.fast_sd, floor_sd=prior.floor_sd / np.sqrt(in_bin),
-                          slow_share=prior.slow_share / share, walk_sd=prior.walk_sd * np.sqrt(in_bin))
+    return prior._replace(
+        fast_sd=share * prior.fast_sd,
+        floor_sd=prior.floor_sd / np.sqrt(in_bin),
+        slow_share=prior.slow_share / share,
+        walk_sd=prior.walk_sd * np.sqrt(in_bin),
+    )

@@ -1,9 +1,11 @@
 """The error of a machine file on blocks of a log that its numbers were not fitted to.
 
-What a block's rows have to do with a number is had from the slopes at the file itself: without the block least squares
-would have it elsewhere, by as much as the file's number is moved (the one-step jackknife: Miller, Biometrika 61, 1974,
-1). No number is fitted anew, so that what is judged is the file.
+What a block's rows have to do with a number is had from the slopes at the file itself: without
+the block least squares would have it elsewhere, by as much as the file's number is moved (the
+one-step jackknife: Miller, Biometrika 61, 1974, 1). No number is fitted anew, so that what is
+judged is the file.
 """
+
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
@@ -23,12 +25,15 @@ from .on_log import OnLog
 Array = npt.NDArray[np.float64]
 Rows = npt.NDArray[np.int64]
 
-BLOCKS = 8                  # of a log: each longer than the noise remembers
-STEP = 0.02                 # of a number, by which it is moved for its slope
-RIDGE = 1e-9                # of a number's information: what two numbers share stays where it is
-LAST_BITS = 1e-9            # of a standard error: what kernels of matrix products may differ by
+BLOCKS = 8  # of a log: each longer than the noise remembers
+STEP = 0.02  # of a number, by which it is moved for its slope
+# of a number's information: what two numbers share stays where it is
+RIDGE = 1e-9
+# of a standard error: what kernels of matrix products may differ by
+LAST_BITS = 1e-9
 KNEE = "ends"
-LINEAR = ("slope", "bend", "below", "above", "sine", "cosine", "level")     # of a term's coefficients
+# of a term's coefficients
+LINEAR = ("slope", "bend", "below", "above", "sine", "cosine", "level")
 
 
 class Number(NamedTuple):
@@ -43,8 +48,9 @@ class Number(NamedTuple):
 
 
 class BlockErrors(NamedTuple):
-    """A machine file on a log. rms : by channel, of the whole log. blocks : by channel, the mean square error of each
-    block (BLOCKS,), its numbers moved by what the block had to say of them. sd : of its numbers, by that."""
+    """A machine file on a log. rms : by channel, of the whole log. blocks : by channel, the
+    mean square error of each block (BLOCKS,), its numbers moved by what the block had to say of
+    them. sd : of its numbers, by that."""
 
     rms: dict[str, float]
     blocks: dict[str, Array]
@@ -54,48 +60,85 @@ class BlockErrors(NamedTuple):
 def numbers_of(machine: Machine, was: Machine) -> list[Number]:
     """The numbers that a file has beyond another: sizes of effects, coefficients of terms."""
     before, known = effect_sizes(was), set(was.terms)
-    found = [effect_number(name, machine, size) for name, size in effect_sizes(machine).items()
-             if size != before.get(name)]
-    return found + [number for term in machine.terms if term not in known for number in term_numbers(term)]
+    found = [
+        effect_number(name, machine, size)
+        for name, size in effect_sizes(machine).items()
+        if size != before.get(name)
+    ]
+    return found + [
+        number for term in machine.terms if term not in known for number in term_numbers(term)
+    ]
 
 
 def effect_number(name: str, machine: Machine, size: float) -> Number:
     entry = CATALOGUE[name]
     stage = getattr(machine, entry.stage)
     member = int(getattr(stage, entry.effect.member_field)) if entry.effect.member_field else None
-    low, high = reach(name, machine.model_copy(update={entry.stage: stage._replace(**{entry.field: entry.neutral})}))
-    return Number(name, size - entry.neutral, STEP * abs(size - entry.neutral), low, high,
-                lambda of, value: with_effect(of, name, min(high, max(low, value)), member))
+    low, high = reach(
+        name,
+        machine.model_copy(update={entry.stage: stage._replace(**{entry.field: entry.neutral})}),
+    )
+    return Number(
+        name,
+        size - entry.neutral,
+        STEP * abs(size - entry.neutral),
+        low,
+        high,
+        lambda of, value: with_effect(of, name, min(high, max(low, value)), member),
+    )
 
 
 def term_numbers(term: Term) -> list[Number]:
     """Of a term that a file has: its coefficients that it is linear in, of a table its values."""
     spread = max(map(abs, term.values), default=0.0)
-    knee = [_number(term, KNEE, term.coefficients["high_end"], STEP * term.coefficients["high_end"])] if is_knee(
-        term) else []
-    return knee + [_number(term, name, value, STEP * abs(value)) for name, value in term.coefficients.items()
-            if name in LINEAR and value != 0.0] + [
-        _number(term, k, value, STEP * spread) for k, value in enumerate(term.values) if spread > 0.0]
+    knee = (
+        [_number(term, KNEE, term.coefficients["high_end"], STEP * term.coefficients["high_end"])]
+        if is_knee(term)
+        else []
+    )
+    return (
+        knee
+        + [
+            _number(term, name, value, STEP * abs(value))
+            for name, value in term.coefficients.items()
+            if name in LINEAR and value != 0.0
+        ]
+        + [
+            _number(term, k, value, STEP * spread)
+            for k, value in enumerate(term.values)
+            if spread > 0.0
+        ]
+    )
 
 
 def is_knee(term: Term) -> bool:
     """Whether a term changes the slope of a curve beyond the same value either way."""
-    return term.form is Form.DEAD_ZONE and term.coefficients["low_end"] == -term.coefficients["high_end"]
+    return (
+        term.form is Form.DEAD_ZONE
+        and term.coefficients["low_end"] == -term.coefficients["high_end"]
+    )
 
 
 def _number(term: Term, which: str | int, value: float, step: float) -> Number:
     def turned(machine: Machine, to: float) -> Machine:
-        terms = tuple(_changed(one, which, to) if one.id == term.id else one for one in machine.terms)
+        terms = tuple(
+            _changed(one, which, to) if one.id == term.id else one for one in machine.terms
+        )
         return machine.model_copy(update={"terms": terms})
-    return Number(f"{term.id}.{which}", value, step, 1e-6 if which == KNEE else -np.inf, np.inf, turned)
+
+    return Number(
+        f"{term.id}.{which}", value, step, 1e-6 if which == KNEE else -np.inf, np.inf, turned
+    )
 
 
 def _changed(term: Term, which: str | int, to: float) -> Term:
     if which == KNEE:
-        return term.model_copy(update={"coefficients": {**term.coefficients, "low_end": -to, "high_end": to}})
+        return term.model_copy(
+            update={"coefficients": {**term.coefficients, "low_end": -to, "high_end": to}}
+        )
     if isinstance(which, str):
         return term.model_copy(update={"coefficients": {**term.coefficients, which: to}})
-    return term.model_copy(update={"values": (*term.values[:which], to, *term.values[which + 1:])})
+    return term.model_copy(update={"values": (*term.values[:which], to, *term.values[which + 1 :])})
 
 
 def errors(on_log: OnLog, machine: Machine, channels: Sequence[str]) -> dict[str, Array]:
@@ -104,36 +147,73 @@ def errors(on_log: OnLog, machine: Machine, channels: Sequence[str]) -> dict[str
     return {name: on_log.errors(name, predicted[name]) for name in channels}
 
 
-def slopes(on_log: OnLog, machine: Machine, channels: Sequence[str], numbers: Sequence[Number],
-           left: dict[str, Array]) -> dict[str, Array]:
+def slopes(
+    on_log: OnLog,
+    machine: Machine,
+    channels: Sequence[str],
+    numbers: Sequence[Number],
+    left: dict[str, Array],
+) -> dict[str, Array]:
     """What one unit of each number does to the prediction, by channel: (m, numbers)."""
     columns: dict[str, list[Array]] = {name: [] for name in channels}
     for number in numbers:
-        to = number.value + number.step if number.value + number.step <= number.high else number.value - number.step
+        to = (
+            number.value + number.step
+            if number.value + number.step <= number.high
+            else number.value - number.step
+        )
         moved = errors(on_log, number.turned(machine, to), channels)
         for name in channels:
             columns[name].append((left[name] - moved[name]) / (to - number.value))
-    return {name: np.array(several).reshape(len(several), len(left[name])).T for name, several in columns.items()}
+    return {
+        name: np.array(several).reshape(len(several), len(left[name])).T
+        for name, several in columns.items()
+    }
 
 
-def held(on_log: OnLog, machine: Machine, channels: Sequence[str], numbers: Sequence[Number],
-         usual: dict[str, float] | None = None, over: str = "") -> BlockErrors:
-    """A machine file on a log's channels. usual : by which mean square errors of channels are weighed; left out: its
-    own. over : recorded variable whose ranges are the blocks, in place of stretches of time: what a few levels of it
-    show, all of them seen in every stretch, says nothing of the levels between them."""
+def held(
+    on_log: OnLog,
+    machine: Machine,
+    channels: Sequence[str],
+    numbers: Sequence[Number],
+    usual: dict[str, float] | None = None,
+    over: str = "",
+) -> BlockErrors:
+    """A machine file on a log's channels. usual : by which mean square errors of channels are
+    weighed; left out: its own. over : recorded variable whose ranges are the blocks, in place
+    of stretches of time: what a few levels of it show, all of them seen in every stretch, says
+    nothing of the levels between them."""
     left = errors(on_log, machine, channels)
-    square = {name: float(np.mean(one ** 2)) if len(one) else 0.0 for name, one in left.items()}
+    square = {name: float(np.mean(one**2)) if len(one) else 0.0 for name, one in left.items()}
     rms = {name: float(np.sqrt(one)) for name, one in square.items()}
-    cuts = {name: in_ranges(on_log.at_errors(name, over, len(one))) if over else in_blocks(len(one))
-            for name, one in left.items()}
+    cuts = {
+        name: in_ranges(on_log.at_errors(name, over, len(one))) if over else in_blocks(len(one))
+        for name, one in left.items()
+    }
     if not numbers:
         return BlockErrors(rms, {name: by_block(left[name], cuts[name]) for name in channels})
     columns = slopes(on_log, machine, channels, numbers, left)
-    weight = {name: 1.0 / max(1e-300, (usual or square)[name] * max(1, len(left[name]))) for name in channels}
-    scale = np.sqrt(sum(weight[name] * np.sum(columns[name] ** 2, axis=0) for name in channels)) + 1e-150
-    each = [(sum(weight[name] * (x := columns[name][cuts[name][b]] / scale).T @ x for name in channels),
-             sum(weight[name] * (columns[name][cuts[name][b]] / scale).T @ left[name][cuts[name][b]]
-                 for name in channels)) for b in range(len(cuts[channels[0]]))]
+    weight = {
+        name: 1.0 / max(1e-300, (usual or square)[name] * max(1, len(left[name])))
+        for name in channels
+    }
+    scale = (
+        np.sqrt(sum(weight[name] * np.sum(columns[name] ** 2, axis=0) for name in channels))
+        + 1e-150
+    )
+    each = [
+        (
+            sum(
+                weight[name] * (x := columns[name][cuts[name][b]] / scale).T @ x
+                for name in channels
+            ),
+            sum(
+                weight[name] * (columns[name][cuts[name][b]] / scale).T @ left[name][cuts[name][b]]
+                for name in channels
+            ),
+        )
+        for b in range(len(cuts[channels[0]]))
+    ]
     ridge = RIDGE * np.eye(len(numbers))
     normal, right = sum(n for n, _ in each), sum(r for _, r in each)
     whole = np.linalg.solve(normal + ridge, right)
@@ -146,10 +226,12 @@ def held(on_log: OnLog, machine: Machine, channels: Sequence[str], numbers: Sequ
         moves.append(move)
         for name in channels:
             piece = left[name][cuts[name][b]] - columns[name][cuts[name][b]] @ move
-            blocks[name].append(float(np.mean(piece ** 2)) if len(piece) else 0.0)
+            blocks[name].append(float(np.mean(piece**2)) if len(piece) else 0.0)
     spread = np.array(moves) - np.mean(moves, axis=0)
-    sd = np.sqrt((len(each) - 1.0) / len(each) * np.sum(spread ** 2, axis=0))
-    return BlockErrors(rms, {name: np.array(several) for name, several in blocks.items()}, tuple(sd.tolist()))
+    sd = np.sqrt((len(each) - 1.0) / len(each) * np.sum(spread**2, axis=0))
+    return BlockErrors(
+        rms, {name: np.array(several) for name, several in blocks.items()}, tuple(sd.tolist())
+    )
 
 
 def in_blocks(count: int) -> list[Rows]:
@@ -159,8 +241,8 @@ def in_blocks(count: int) -> list[Rows]:
 
 
 def in_ranges(values: Array) -> list[Rows]:
-    """Samples by the range of a variable (m,) that they lie in, each level in one range: as many ranges as blocks, or
-    fewer where it has fewer levels."""
+    """Samples by the range of a variable (m,) that they lie in, each level in one range: as
+    many ranges as blocks, or fewer where it has fewer levels."""
     edges = np.unique(np.quantile(values, np.linspace(0.0, 1.0, BLOCKS + 1)[1:-1]))
     within = np.searchsorted(edges, values, side="right")
     return [np.flatnonzero(within == k) for k in range(len(edges) + 1)]
@@ -172,13 +254,21 @@ def by_block(left: Array, cuts: Sequence[Rows]) -> Array:
 
 
 def gained(one: BlockErrors, other: BlockErrors, usual: dict[str, float]) -> Array:
-    """By how much one file's error is below another's, block by block (BLOCKS,), as a share of what is usual; channels
-    taken together."""
-    return np.asarray(sum((other.blocks[name] - one.blocks[name]) / max(1e-300, usual[name]) for name in one.blocks))
+    """By how much one file's error is below another's, block by block (BLOCKS,), as a share of
+    what is usual; channels taken together."""
+    return np.asarray(
+        sum(
+            (other.blocks[name] - one.blocks[name]) / max(1e-300, usual[name])
+            for name in one.blocks
+        )
+    )
 
 
 def surely(gain: Array, errors: float = 1.0) -> bool:
-    """Whether a gain by blocks is above nothing by more than so many standard errors; one (Breiman, Friedman, Olshen
-    and Stone, Classification and Regression Trees, 1984, 3.4.3). Where one block alone has anything to say, its mean is
-    one standard error to the last bit: it counts."""
-    return bool(gain.mean() > (1.0 - LAST_BITS) * errors * np.std(gain, ddof=1) / np.sqrt(len(gain)))
+    """Whether a gain by blocks is above nothing by more than so many standard errors; one
+    (Breiman, Friedman, Olshen and Stone, Classification and Regression Trees, 1984, 3.4.3).
+    Where one block alone has anything to say, its mean is one standard error to the last bit:
+    it counts."""
+    return bool(
+        gain.mean() > (1.0 - LAST_BITS) * errors * np.std(gain, ddof=1) / np.sqrt(len(gain))
+    )

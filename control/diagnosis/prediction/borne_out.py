@@ -1,8 +1,11 @@
-"""What prediction bears out of a diagnosis: what a machine file may take up, and what of its words stands.
+"""What prediction bears out of a diagnosis: what a machine file may take up, and what of its
+words stands.
 
-Each group of channels is judged by itself: its stages are predicted from what was measured before them. Parts of a
-group were fitted together and go into the file together; where one is left out the others are fitted anew without it.
+Each group of channels is judged by itself: its stages are predicted from what was measured
+before them. Parts of a group were fitted together and go into the file together; where one is
+left out the others are fitted anew without it.
 """
+
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
@@ -16,7 +19,17 @@ from control.diagnosis.effects import ROWS
 from control.diagnosis.extend import extend, not_adoptable, taken_whole, term_not_adoptable
 from control.diagnosis.judgement.evidence import Z90
 from control.diagnosis.judgement.prior import NAMED
-from control.diagnosis.result import UNKNOWN, Cause, Diagnosis, Fitted, Predicted, Rival, Size, TermFound, Unexplained
+from control.diagnosis.result import (
+    UNKNOWN,
+    Cause,
+    Diagnosis,
+    Fitted,
+    Predicted,
+    Rival,
+    Size,
+    TermFound,
+    Unexplained,
+)
 from control.diagnosis.runs.hypothesis import EffectInstance
 from control.diagnosis.runs.model import GROUPS, hidden_within
 from control.diagnosis.runs.nominal_values import MAX_OFFSET_SD
@@ -30,20 +43,27 @@ from .rival import PlainRival as PlainRival
 
 Array = npt.NDArray[np.float64]
 
-CLEARLY = 1.1               # of mean square errors: less is no difference that a field shows ...
-LOUD = 1.0                  # ... nor what is not as loud as the sensor's own noise by the machine file ...
-SURE = 1.9                  # ... by so many standard errors: 95 % of Student's t by eight blocks
-EVEN = 0.5                  # a name is no likelier, where something that it does not hold predicts clearly better
+# of mean square errors: less is no difference that a field shows ...
+CLEARLY = 1.1
+# ... nor what is not as loud as the sensor's own noise by the machine file ...
+LOUD = 1.0
+# ... by so many standard errors: 95 % of Student's t by eight blocks
+SURE = 1.9
+# a name is no likelier, where something that it does not hold predicts clearly better
+EVEN = 0.5
 
 NOTHING_OFF: Mapping[str, float] = {}
 
-ALONE = "without what is left out it predicts this log no better than before: they were fitted together"
+ALONE = (
+    "without what is left out it predicts this log no better than before: they were fitted together"
+)
 WORSE = "the log itself is predicted no better with it"
 
 
 class Adoptable(NamedTuple):
-    """found : the diagnosis with what goes into a machine file, sizes as they are there. refused : (id, why) of the
-    causes that were chosen and do not. predicted : by channel, of the file and what it was held against."""
+    """found : the diagnosis with what goes into a machine file, sizes as they are there.
+    refused : (id, why) of the causes that were chosen and do not. predicted : by channel, of
+    the file and what it was held against."""
 
     found: Diagnosis
     refused: tuple[tuple[str, str], ...]
@@ -60,30 +80,60 @@ class _TriedFile(NamedTuple):
     held: BlockErrors
 
 
-def adoptable(on_log: OnLog, found: Diagnosis, chosen: Collection[str], read_off: Collection[str]) -> Adoptable:
-    """The chosen causes (by id) with the diagnosis' terms, as far as the file with them predicts better than the one
-    without. read_off : ids of effects that were taken out of the log before it was judged."""
-    kept = replace(found, causes=tuple(one for one in found.causes if one.id in chosen and one.id in read_off
-                                       and not not_adoptable(one)), terms=(), fitted=None)
+def adoptable(
+    on_log: OnLog, found: Diagnosis, chosen: Collection[str], read_off: Collection[str]
+) -> Adoptable:
+    """The chosen causes (by id) with the diagnosis' terms, as far as the file with them
+    predicts better than the one without. read_off : ids of effects that were taken out of the
+    log before it was judged."""
+    kept = replace(
+        found,
+        causes=tuple(
+            one
+            for one in found.causes
+            if one.id in chosen and one.id in read_off and not not_adoptable(one)
+        ),
+        terms=(),
+        fitted=None,
+    )
     refused: list[tuple[str, str]] = []
     said: list[Predicted] = []
     for channels in _groups(on_log):
         own = _own(found, channels, read_off)
         every = [one for one in own if not not_adoptable(one)]
-        terms = tuple(one for one in found.terms if _channel_of(one.stage) in channels and not term_not_adoptable(one))
-        whole = found.fitted if found.fitted is not None and found.fitted.channel in channels else None
+        terms = tuple(
+            one
+            for one in found.terms
+            if _channel_of(one.stage) in channels and not term_not_adoptable(one)
+        )
+        whole = (
+            found.fitted if found.fitted is not None and found.fitted.channel in channels else None
+        )
         of_rival = {_channel_of(one.stage) for one in terms if one.predicts_best}
-        every = [one for one in every if not taken_whole(found, one) and ROWS[one.id].channels[0] not in of_rival]
+        every = [
+            one
+            for one in every
+            if not taken_whole(found, one) and ROWS[one.id].channels[0] not in of_rival
+        ]
         picked = tuple(one for one in every if one.id in chosen)
         if not picked and not terms and whole is None:
             continue
-        usual, best = _best(on_log, found, channels, picked, terms, whole, refit=len(picked) < len(every))
+        usual, best = _best(
+            on_log, found, channels, picked, terms, whole, refit=len(picked) < len(every)
+        )
         if best is None:
             refused += [(one.id, ALONE if len(picked) < len(every) else WORSE) for one in picked]
             continue
-        kept = replace(kept, causes=(*kept.causes, *best.causes), terms=(*kept.terms, *best.terms),
-                       fitted=kept.fitted or best.fitted)
-        said += [Predicted(name, on_log.unit(name), usual[name] ** 0.5, best.held.rms[name]) for name in channels]
+        kept = replace(
+            kept,
+            causes=(*kept.causes, *best.causes),
+            terms=(*kept.terms, *best.terms),
+            fitted=kept.fitted or best.fitted,
+        )
+        said += [
+            Predicted(name, on_log.unit(name), usual[name] ** 0.5, best.held.rms[name])
+            for name in channels
+        ]
     order = [cause.id for cause in found.causes]
     kept = replace(kept, causes=tuple(sorted(kept.causes, key=lambda cause: order.index(cause.id))))
     return Adoptable(kept, tuple(refused), tuple(said))
@@ -96,27 +146,43 @@ def borne_out(on_log: OnLog, found: Diagnosis, read_off: Collection[str]) -> Dia
     worse = {name for name, _ in taken.refused}
     kept = {one.term["id"] for one in taken.found.terms}
     found = replace(
-        found, causes=tuple(_suspected(one, EVEN) if one.id in worse else one for one in found.causes),
-        terms=tuple(one if one.term["id"] in kept or term_not_adoptable(one) else replace(one, refused=WORSE)
-                    for one in found.terms))
+        found,
+        causes=tuple(_suspected(one, EVEN) if one.id in worse else one for one in found.causes),
+        terms=tuple(
+            one
+            if one.term["id"] in kept or term_not_adoptable(one)
+            else replace(one, refused=WORSE)
+            for one in found.terms
+        ),
+    )
     predicted, left = [], [*found.unexplained]
     findings = [f"{name}: {why}: it is only suspected" for name, why in taken.refused]
     for channel in (name for channels in _groups(on_log) for name in channels):
         found, one, more = _against_rival(on_log, found, taken.found, channel, read_off)
         predicted.append(one)
-        left += [each for each in more if not any((each.channel, each.variable) == (old.channel, old.variable)
-                                                  for old in left)]
+        left += [
+            each
+            for each in more
+            if not any((each.channel, each.variable) == (old.channel, old.variable) for old in left)
+        ]
         findings += [_ahead(one)] if more else []
     verdict = found.verdict
     if len(left) > len(found.unexplained):
         verdict = "unexplained"
     elif worse and verdict == "named":
         verdict = "ambiguous"
-    return replace(found, verdict=verdict, unexplained=tuple(left), predicted=tuple(predicted),
-                   findings=(*found.findings, *findings))
+    return replace(
+        found,
+        verdict=verdict,
+        unexplained=tuple(left),
+        predicted=tuple(predicted),
+        findings=(*found.findings, *findings),
+    )
 
 
-# -- what a file takes up ----------------------------------------------------------------------------------------------
+# -- what a file takes up
+# ----------------------------------------------------------------------------------------------
+
 
 def _groups(on_log: OnLog) -> list[tuple[str, ...]]:
     found = [tuple(name for name in names if name in on_log.seen) for names in GROUPS.values()]
@@ -124,40 +190,65 @@ def _groups(on_log: OnLog) -> list[tuple[str, ...]]:
 
 
 def _own(found: Diagnosis, channels: Collection[str], read_off: Collection[str]) -> list[Cause]:
-    return [one for one in found.causes if ROWS[one.id].channels[:1] and ROWS[one.id].channels[0] in channels
-            and one.id not in read_off]
+    return [
+        one
+        for one in found.causes
+        if ROWS[one.id].channels[:1]
+        and ROWS[one.id].channels[0] in channels
+        and one.id not in read_off
+    ]
 
 
 def _channel_of(stage: str) -> str:
     return next((channel for channel, name in STAGE.items() if name == stage), stage)
 
 
-def _best(on_log: OnLog, found: Diagnosis, channels: tuple[str, ...], causes: tuple[Cause, ...],
-          terms: tuple[TermFound, ...], whole: Fitted | None, refit: bool) -> tuple[dict[str, float],
-                                                                                    _TriedFile | None]:
-    """The simplest of nothing, the causes alone, and all of it, within one standard error of the best; None where that
-    is nothing, or where any channel of the log is predicted worse by it. refit : something that was fitted along is
-    left out. Along with it the mean square errors of the log's own file."""
+def _best(
+    on_log: OnLog,
+    found: Diagnosis,
+    channels: tuple[str, ...],
+    causes: tuple[Cause, ...],
+    terms: tuple[TermFound, ...],
+    whole: Fitted | None,
+    refit: bool,
+) -> tuple[dict[str, float], _TriedFile | None]:
+    """The simplest of nothing, the causes alone, and all of it, within one standard error of
+    the best; None where that is nothing, or where any channel of the log is predicted worse by
+    it. refit : something that was fitted along is left out. Along with it the mean square
+    errors of the log's own file."""
     nothing = held(on_log, on_log.machine, channels, ())
-    usual = {name: rms ** 2 for name, rms in nothing.rms.items()}
+    usual = {name: rms**2 for name, rms in nothing.rms.items()}
     of_rival = whole is not None or any(one.predicts_best for one in terms)
-    sets = [(causes, terms)] if of_rival or not (causes and terms) else [(causes, ()), (causes, terms)]
+    sets = (
+        [(causes, terms)] if of_rival or not (causes and terms) else [(causes, ()), (causes, terms)]
+    )
     tried = []
     for some, more in sets:
         one = _tried(on_log, found, channels, some, more, whole, refit, usual)
         tried += [one] if one is not None else []
     every = [nothing, *(one.held for one in tried)]
-    least = min(every, key=lambda one: sum(float(one.blocks[name].mean()) / max(1e-300, usual[name])
-                                           for name in channels))
+    least = min(
+        every,
+        key=lambda one: sum(
+            float(one.blocks[name].mean()) / max(1e-300, usual[name]) for name in channels
+        ),
+    )
     place = next(k for k, one in enumerate(every) if not surely(gained(least, one, usual)))
     if place == 0 or any(tried[place - 1].held.rms[name] > nothing.rms[name] for name in channels):
         return usual, None
     return usual, tried[place - 1]
 
 
-def _tried(on_log: OnLog, found: Diagnosis, channels: tuple[str, ...], causes: tuple[Cause, ...],
-           terms: tuple[TermFound, ...], whole: Fitted | None, refit: bool,
-           usual: dict[str, float]) -> _TriedFile | None:
+def _tried(
+    on_log: OnLog,
+    found: Diagnosis,
+    channels: tuple[str, ...],
+    causes: tuple[Cause, ...],
+    terms: tuple[TermFound, ...],
+    whole: Fitted | None,
+    refit: bool,
+    usual: dict[str, float],
+) -> _TriedFile | None:
     """A file as it would be written and read; None where no file may hold it."""
     machine = on_log.machine
     try:
@@ -171,11 +262,22 @@ def _tried(on_log: OnLog, found: Diagnosis, channels: tuple[str, ...], causes: t
     if refit:
         sds = {number.name: sd for number, sd in zip(numbers, judged.sd, strict=True)}
         was, now = effect_sizes(machine), effect_sizes(file)
-        causes = tuple(_resized(one, now.get(one.id, CATALOGUE[one.id].neutral)
-                                - was.get(one.id, CATALOGUE[one.id].neutral), sds.get(one.id, 0.0)) for one in causes)
+        causes = tuple(
+            _resized(
+                one,
+                now.get(one.id, CATALOGUE[one.id].neutral)
+                - was.get(one.id, CATALOGUE[one.id].neutral),
+                sds.get(one.id, 0.0),
+            )
+            for one in causes
+        )
         of_file = {term.id: term for term in file.terms}
-        terms = tuple(replace(one, term=of_file[one.term["id"]].model_dump(mode="json"))
-                      if one.term["id"] in of_file else one for one in terms)
+        terms = tuple(
+            replace(one, term=of_file[one.term["id"]].model_dump(mode="json"))
+            if one.term["id"] in of_file
+            else one
+            for one in terms
+        )
     return _TriedFile(causes, terms, whole, file, judged)
 
 
@@ -185,39 +287,61 @@ def as_written(machine: Machine) -> Machine:
 
 
 def _resized(cause: Cause, size: float, sd: float) -> Cause:
-    return replace(cause, size=replace(cause.size, value=size, low=size - Z90 * sd, high=size + Z90 * sd))
+    return replace(
+        cause, size=replace(cause.size, value=size, low=size - Z90 * sd, high=size + Z90 * sd)
+    )
 
 
-# -- what stands of the words ------------------------------------------------------------------------------------------
+# -- what stands of the words
+# ------------------------------------------------------------------------------------------
 
-def _against_rival(on_log: OnLog, found: Diagnosis, taken: Diagnosis, channel: str, read_off: Collection[str]
-                   ) -> tuple[Diagnosis, Predicted, list[Unexplained]]:
-    """The diagnosis held against the plain rival of one channel: its file is taken up where it wins, and where it is
-    clearly ahead of what is said nothing is named."""
+
+def _against_rival(
+    on_log: OnLog, found: Diagnosis, taken: Diagnosis, channel: str, read_off: Collection[str]
+) -> tuple[Diagnosis, Predicted, list[Unexplained]]:
+    """The diagnosis held against the plain rival of one channel: its file is taken up where it
+    wins, and where it is clearly ahead of what is said nothing is named."""
     nothing = held(on_log, on_log.machine, (channel,), ())
     said, file = _said(on_log, found, channel, read_off), _file(on_log, taken, channel)
     usual = {channel: max(1e-300, nothing.rms[channel] ** 2)}
-    errors = Predicted(channel, on_log.unit(channel), nothing.rms[channel], file.rms[channel], said.rms[channel])
+    errors = Predicted(
+        channel, on_log.unit(channel), nothing.rms[channel], file.rms[channel], said.rms[channel]
+    )
     own = [one for one in _own(found, (channel,), read_off) if ROWS[one.id].channels[0] == channel]
     open_ = bool(own) or any(channel == one.channel for one in found.unexplained)
     if min(said.rms[channel], file.rms[channel]) ** 2 <= (1.0 + LOUD) * on_log.noise(channel) ** 2:
-        return found, errors, []            # nothing can be ahead by as much as the noise
+        return found, errors, []  # nothing can be ahead by as much as the noise
     rival = rival_of(on_log, channel)
     if rival is None:
         return found, errors, []
-    within = {name: MAX_OFFSET_SD * hidden_within(name, on_log.machine) for name, _, _ in rival.sizes}
-    sound = {name: float(np.clip(size, -within[name], within[name])) for name, size, _ in rival.sizes if within[name]}
-    if sound:                   # what a sound machine may do by its file's tolerances, and as far, is ahead of nothing
-        said = min(said, _said(on_log, found, channel, read_off, sound), key=lambda one: one.rms[channel])
+    within = {
+        name: MAX_OFFSET_SD * hidden_within(name, on_log.machine) for name, _, _ in rival.sizes
+    }
+    sound = {
+        name: float(np.clip(size, -within[name], within[name]))
+        for name, size, _ in rival.sizes
+        if within[name]
+    }
+    # what a sound machine may do by its file's tolerances, and as far, is ahead of nothing
+    if sound:
+        said = min(
+            said, _said(on_log, found, channel, read_off, sound), key=lambda one: one.rms[channel]
+        )
         file = file if open_ else min(file, said, key=lambda one: one.rms[channel])
-    errors = replace(errors, rival=rival.held.rms[channel], over=rival.over or _OWN.get(channel, ()))
+    errors = replace(
+        errors, rival=rival.held.rms[channel], over=rival.over or _OWN.get(channel, ())
+    )
     over_said, over_file = gained(rival.held, said, usual), gained(rival.held, file, usual)
     noise = LOUD * on_log.noise(channel) ** 2 / usual[channel]
     ahead = _clearly(over_said, said, rival.held, channel) and float(over_said.mean()) > noise
-    stands = (any(one.id in {cause.id for cause in taken.causes} for one in own)
-              or any(_channel_of(one.stage) == channel for one in taken.terms))
-    if not (_clearly(over_file, file, rival.held, channel) and float(over_file.mean()) > noise
-            if stands or not open_ else surely(over_file)):
+    stands = any(one.id in {cause.id for cause in taken.causes} for one in own) or any(
+        _channel_of(one.stage) == channel for one in taken.terms
+    )
+    if not (
+        _clearly(over_file, file, rival.held, channel) and float(over_file.mean()) > noise
+        if stands or not open_
+        else surely(over_file)
+    ):
         return found, errors, []
     errors = replace(errors, file=rival.held.rms[channel])
     names = {name for name, _, _ in rival.sizes}
@@ -227,13 +351,27 @@ def _against_rival(on_log: OnLog, found: Diagnosis, taken: Diagnosis, channel: s
         sizes = {name: (size, sd) for name, size, sd in rival.sizes}
         causes = [_resized(one, *sizes[one.id]) if one in own else one for one in found.causes]
     else:
-        causes = [_suspected(one, min(EVEN, 1.0 - share)) if one in own and ahead else one for one in found.causes]
-    found = replace(found, causes=tuple(causes), terms=(
-        *(one for one in found.terms if _channel_of(one.stage) != channel),
-        *(_term_found(on_log, term, rival, share) for term in rival.terms)),
-        fitted=_fitted(on_log, rival, nothing) if rival.sizes else found.fitted)
-    left = [Unexplained(channel, name, share, said.rms[channel], on_log.noise(channel), errors.unit)
-            for name in errors.over] if ahead and not agree else []
+        causes = [
+            _suspected(one, min(EVEN, 1.0 - share)) if one in own and ahead else one
+            for one in found.causes
+        ]
+    found = replace(
+        found,
+        causes=tuple(causes),
+        terms=(
+            *(one for one in found.terms if _channel_of(one.stage) != channel),
+            *(_term_found(on_log, term, rival, share) for term in rival.terms),
+        ),
+        fitted=_fitted(on_log, rival, nothing) if rival.sizes else found.fitted,
+    )
+    left = (
+        [
+            Unexplained(channel, name, share, said.rms[channel], on_log.noise(channel), errors.unit)
+            for name in errors.over
+        ]
+        if ahead and not agree
+        else []
+    )
     return found, errors, left
 
 
@@ -241,28 +379,51 @@ _OWN = {"shaft": ("shaft_rpm",), "gate": ("opening_mm",)}
 
 
 def _clearly(gain: Array, one: BlockErrors, other: BlockErrors, channel: str) -> bool:
-    return surely(gain, SURE) and one.rms[channel] ** 2 > CLEARLY * float(other.blocks[channel].mean())
+    return surely(gain, SURE) and one.rms[channel] ** 2 > CLEARLY * float(
+        other.blocks[channel].mean()
+    )
 
 
-def _said(on_log: OnLog, found: Diagnosis, channel: str, read_off: Collection[str],
-          sound: Mapping[str, float] = NOTHING_OFF) -> BlockErrors:
-    """All that is said of a log, what is of this run alone included. sound : by how much nominal values are off, within
-    the machine file's tolerances."""
-    parts = tuple(EffectInstance(one.id, 1.0 if CATALOGUE[one.id].effect.onset_only else one.size.value, one.onset_s,
-                                 one.member, one.until_s, one.grows)
-                  for one in found.causes if one.size.value is not None and one.id not in read_off
-                  and channel in ROWS[one.id].channels)
+def _said(
+    on_log: OnLog,
+    found: Diagnosis,
+    channel: str,
+    read_off: Collection[str],
+    sound: Mapping[str, float] = NOTHING_OFF,
+) -> BlockErrors:
+    """All that is said of a log, what is of this run alone included. sound : by how much
+    nominal values are off, within the machine file's tolerances."""
+    parts = tuple(
+        EffectInstance(
+            one.id,
+            1.0 if CATALOGUE[one.id].effect.onset_only else one.size.value,
+            one.onset_s,
+            one.member,
+            one.until_s,
+            one.grows,
+        )
+        for one in found.causes
+        if one.size.value is not None
+        and one.id not in read_off
+        and channel in ROWS[one.id].channels
+    )
     parts = (*parts, *(EffectInstance(name, size) for name, size in sound.items()))
-    terms = tuple(Term.model_validate(one.term) for one in found.terms if _channel_of(one.stage) == channel)
+    terms = tuple(
+        Term.model_validate(one.term) for one in found.terms if _channel_of(one.stage) == channel
+    )
     machine = on_log.machine.model_copy(update={"terms": (*on_log.machine.terms, *terms)})
     left = on_log.errors(channel, on_log.predicted(machine, (channel,), parts)[channel])
-    return BlockErrors({channel: float(np.sqrt(np.mean(left ** 2))) if len(left) else 0.0},
-                       {channel: by_block(left, in_blocks(len(left)))})
+    return BlockErrors(
+        {channel: float(np.sqrt(np.mean(left**2))) if len(left) else 0.0},
+        {channel: by_block(left, in_blocks(len(left)))},
+    )
 
 
 def _file(on_log: OnLog, taken: Diagnosis, channel: str) -> BlockErrors:
     file = extend(on_log.machine, taken)
-    return held(on_log, file, (channel,), numbers_of(file, on_log.machine) if file != on_log.machine else ())
+    return held(
+        on_log, file, (channel,), numbers_of(file, on_log.machine) if file != on_log.machine else ()
+    )
 
 
 def _suspected(cause: Cause, most: float) -> Cause:
@@ -274,16 +435,23 @@ def _suspected(cause: Cause, most: float) -> Cause:
 
 
 def _fitted(on_log: OnLog, rival: PlainRival, nothing: BlockErrors) -> Fitted:
-    sizes = tuple((name, Size(size, size - Z90 * sd, size + Z90 * sd, unit_of(name, on_log.machine)))
-                  for name, size, sd in rival.sizes)
+    sizes = tuple(
+        (name, Size(size, size - Z90 * sd, size + Z90 * sd, unit_of(name, on_log.machine)))
+        for name, size, sd in rival.sizes
+    )
     before, after = (float(np.sqrt(one.blocks["shaft"].mean())) for one in (nothing, rival.held))
     return Fitted("shaft", sizes, before, after, on_log.unit("shaft"))
 
 
 def _term_found(on_log: OnLog, term: Term, rival: PlainRival, share: float) -> TermFound:
-    return TermFound(term.model_dump(mode="json"), term.stage, term.unit, share, 0.0, 0.0, share, (), True)
+    return TermFound(
+        term.model_dump(mode="json"), term.stage, term.unit, share, 0.0, 0.0, share, (), True
+    )
 
 
 def _ahead(one: Predicted) -> str:
-    return (f"{one.channel}: least squares over {', '.join(one.over)} predicts this log better than what is said: "
-            f"error {one.said:.3g} -> {one.rival:.3g} {one.unit}; no cause is named by that")
+    return (
+        f"{one.channel}: least squares over {', '.join(one.over)} predicts this log better "
+        "than what is said: "
+        f"error {one.said:.3g} -> {one.rival:.3g} {one.unit}; no cause is named by that"
+    )

@@ -1,4 +1,5 @@
 """A log as any machine file predicts it, on the rows that are judged."""
+
 from __future__ import annotations
 
 from collections.abc import Callable, Collection
@@ -23,7 +24,7 @@ from control.machine.term_sums import commanded_over_log, dead_times_s, over_log
 from control.machine.terms import COMMANDED_MM, COMMANDED_RPM
 
 Array = npt.NDArray[np.float64]
-Predict = Callable[[Schedule, float], Array]        # schedule, model step s -> (m,)
+Predict = Callable[[Schedule, float], Array]  # schedule, model step s -> (m,)
 
 
 class OnLog:
@@ -40,9 +41,11 @@ class OnLog:
             self.seen = channels(data, machine)
             self.inputs = term_inputs(log, self._every, machine)
 
-    def predicted(self, machine: Machine, only: Collection[str] | None = None, parts: Hypothesis = ()
-                  ) -> dict[str, Array]:
-        """What each channel would read: (m,) by channel. only : these. parts : further effects, in their course."""
+    def predicted(
+        self, machine: Machine, only: Collection[str] | None = None, parts: Hypothesis = ()
+    ) -> dict[str, Array]:
+        """What each channel would read: (m,) by channel. only : these. parts : further effects,
+        in their course."""
         steady = tuple(part for part in parts if not part.grows)
         found = self._run(machine, only, steady)
         for part in parts:
@@ -51,16 +54,19 @@ class OnLog:
                 grown = self._run(machine, own, (*steady, part._replace(onset_s=None, grows=False)))
                 without = self._run(machine, own, steady)
                 for name in own:
-                    found[name] = found[name] + in_course(grown[name] - without[name], self.seen[name], part)
+                    found[name] = found[name] + in_course(
+                        grown[name] - without[name], self.seen[name], part
+                    )
         return found
 
     def errors(self, channel: str, predicted: Array) -> Array:
-        """Measured less predicted of a channel, in the unit of its figure: of the scale the flow, which is what it is
-        read for."""
+        """Measured less predicted of a channel, in the unit of its figure: of the scale the
+        flow, which is what it is read for."""
         series = self.seen[channel]
         whole = HeldOut(series, series, (slice(0, len(series.measured)),))
         found = errors_of(whole, series.measured, series.measured - predicted)[3]
-        return np.ascontiguousarray(found.reshape(series.copies, -1).T).ravel()     # of several heads time by time
+        # of several heads time by time
+        return np.ascontiguousarray(found.reshape(series.copies, -1).T).ravel()
 
     def at_errors(self, channel: str, variable: str, count: int) -> Array:
         """A recorded variable where a channel's errors stand, of which there are `count`."""
@@ -74,46 +80,68 @@ class OnLog:
         return "kg/s" if channel == "scale" else self.seen[channel].unit
 
     def noise(self, channel: str) -> float:
-        """Standard deviation of a channel's errors where the machine file is right, by its own figures."""
+        """Standard deviation of a channel's errors where the machine file is right, by its own
+        figures."""
         prior = self.seen[channel].prior
-        of_two = np.sqrt(2.0) / FLOW_S if channel == "scale" else 1.0       # a flow is of two readings
-        return float(of_two * np.sqrt(prior.fast_sd ** 2 * (1.0 + prior.slow_share ** 2) + prior.floor_sd ** 2))
+        # a flow is of two readings
+        of_two = np.sqrt(2.0) / FLOW_S if channel == "scale" else 1.0
+        return float(
+            of_two * np.sqrt(prior.fast_sd**2 * (1.0 + prior.slow_share**2) + prior.floor_sd**2)
+        )
 
-    def _run(self, machine: Machine, only: Collection[str] | None, parts: Hypothesis) -> dict[str, Array]:
+    def _run(
+        self, machine: Machine, only: Collection[str] | None, parts: Hypothesis
+    ) -> dict[str, Array]:
         plan = schedule(stages_of(machine), parts)
         made = self._with_terms(machine)
-        return {name: made.get(name, series.predict)(plan, MOST_STEP_S) for name, series in self.seen.items()
-                if only is None or name in only}
+        return {
+            name: made.get(name, series.predict)(plan, MOST_STEP_S)
+            for name, series in self.seen.items()
+            if only is None or name in only
+        }
 
     def _with_terms(self, machine: Machine) -> dict[str, Predict]:
-        """The channels that the file's terms bear on, where these are not those of the file that the log was seen
-        with."""
-        if machine.terms == self.machine.terms and (not machine.terms
-                                                    or dead_times_s(machine) == dead_times_s(self.machine)):
+        """The channels that the file's terms bear on, where these are not those of the file
+        that the log was seen with."""
+        if machine.terms == self.machine.terms and (
+            not machine.terms or dead_times_s(machine) == dead_times_s(self.machine)
+        ):
             return {}
         data, every = self.data, self._every
         inputs = dict(self.inputs)
-        for name, command, dead_s in zip((COMMANDED_RPM, COMMANDED_MM), (every.command_rpm, every.command_mm),
-                                         dead_times_s(machine), strict=True):
+        for name, command, dead_s in zip(
+            (COMMANDED_RPM, COMMANDED_MM),
+            (every.command_rpm, every.command_mm),
+            dead_times_s(machine),
+            strict=True,
+        ):
             if np.isfinite(command).all():
                 inputs[name] = commanded_over_log(command, every.time_s, dead_s)
         more = over_log(machine.terms, inputs, every.time_s, term_run)
         found: dict[str, Predict] = {}
 
         def at(quantity: str, time_s: Array) -> Array | float:
-            return more[quantity][np.searchsorted(every.time_s, time_s)] if quantity in more else 0.0
+            return (
+                more[quantity][np.searchsorted(every.time_s, time_s)] if quantity in more else 0.0
+            )
+
         if (shaft := data.shaft) is not None:
-            found["shaft"] = _of_drive(shaft._replace(more=at("shaft_percent", shaft.time_s),
-                                                      more_rpm=at("shaft_rpm", shaft.time_s)))
+            found["shaft"] = _of_drive(
+                shaft._replace(
+                    more=at("shaft_percent", shaft.time_s), more_rpm=at("shaft_rpm", shaft.time_s)
+                )
+            )
         if (gate := data.gate) is not None:
             found["gate"] = _of_drive(gate._replace(more=at("gate_mm", gate.time_s)))
         if (hopper := data.hopper) is not None:
             percent, kg_s, kg = of_terms(every._replace(more=more), hopper.time_s)
-            found["scale"] = hopper_channel(hopper._replace(more_percent=percent, more_kg_s=kg_s, more_kg=kg),
-                                            self.machine).predict
+            found["scale"] = hopper_channel(
+                hopper._replace(more_percent=percent, more_kg_s=kg_s, more_kg=kg), self.machine
+            ).predict
         if (speed := data.speed) is not None:
-            found["speed"] = speed_channel(speed._replace(more_percent=at("wheel_percent", speed.time_s)),
-                                           self.machine).predict
+            found["speed"] = speed_channel(
+                speed._replace(more_percent=at("wheel_percent", speed.time_s)), self.machine
+            ).predict
         return found
 
 

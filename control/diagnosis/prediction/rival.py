@@ -1,12 +1,14 @@
 """The plain rival: what anybody would fit who knows no effects.
 
-Of a drive its curve (gain, zone, bend, another one backwards), lag and dead time; of every channel straight lines over
-the recorded variables, cells far out held at the ends of the others. Least squares over all rows alike (Tuo and Wu,
-Annals of Statistics 43, 2015, 2331: where no model is right, the sizes that make the residual most probable are not
-those that predict best); how much of it, the simplest within one standard error of the best on blocks that were left
-out. It is a machine file as any other: its curve is in the drive's own parameters, its lines are terms. Nothing of it
-is a named cause.
+Of a drive its curve (gain, zone, bend, another one backwards), lag and dead time; of every
+channel straight lines over the recorded variables, cells far out held at the ends of the
+others. Least squares over all rows alike (Tuo and Wu, Annals of Statistics 43, 2015, 2331:
+where no model is right, the sizes that make the residual most probable are not those that
+predict best); how much of it, the simplest within one standard error of the best on blocks that
+were left out. It is a machine file as any other: its curve is in the drive's own parameters,
+its lines are terms. Nothing of it is a named cause.
 """
+
 from __future__ import annotations
 
 import re
@@ -37,38 +39,66 @@ from control.machine.forms import Form
 from control.machine.machine import CATALOGUE, Machine, effect_sizes, of_nominal, with_effect
 from control.machine.terms import COMMANDED_MM, COMMANDED_RPM, Acts, Term, own_command
 
-from .blocks import KNEE, BlockErrors, errors, gained, held, numbers_of, slopes, surely, term_numbers
+from .blocks import (
+    KNEE,
+    BlockErrors,
+    errors,
+    gained,
+    held,
+    numbers_of,
+    slopes,
+    surely,
+    term_numbers,
+)
 from .on_log import OnLog
 
 Array = npt.NDArray[np.float64]
 
-CURVES = ((SHAFT_GAIN.id,), (SHAFT_GAIN.id, SHAFT_DEAD_ZONE.id),
-          (SHAFT_GAIN.id, SHAFT_DEAD_ZONE.id, SHAFT_SATURATION.id), (SHAFT_GAIN.id, SHAFT_DEAD_ZONE.id, KNEE))
-OFF_ZERO = ((SHAFT_GAIN.id, SHAFT_NEUTRAL.id), (SHAFT_GAIN.id, SHAFT_NEUTRAL.id, SHAFT_DEAD_ZONE.id),
-            (SHAFT_GAIN.id, SHAFT_NEUTRAL.id, SHAFT_SATURATION.id))     # ... that stand at another command than 0
+CURVES = (
+    (SHAFT_GAIN.id,),
+    (SHAFT_GAIN.id, SHAFT_DEAD_ZONE.id),
+    (SHAFT_GAIN.id, SHAFT_DEAD_ZONE.id, SHAFT_SATURATION.id),
+    (SHAFT_GAIN.id, SHAFT_DEAD_ZONE.id, KNEE),
+)
+OFF_ZERO = (
+    (SHAFT_GAIN.id, SHAFT_NEUTRAL.id),
+    (SHAFT_GAIN.id, SHAFT_NEUTRAL.id, SHAFT_DEAD_ZONE.id),
+    # ... that stand at another command than 0
+    (SHAFT_GAIN.id, SHAFT_NEUTRAL.id, SHAFT_SATURATION.id),
+)
 BACKWARDS = (SHAFT_BACK_GAIN.id, SHAFT_BACK_ZONE.id)
 MOVES = (SHAFT_DEAD_TIME.id, SHAFT_SLOW.id)
-ZONES = (0.05, 0.2)         # of the full command, from which a zone starts: 5 to 25 % are usual of motors by duty cycle
-STARTS_AT = 0.2             # of the usual size: inside the bounds, where every slope can be taken
-NUDGE = 0.01                # of the usual size: difference for a slope
-RUNS, AGAIN = 25, 6         # steps of a fit, and of one that goes on
-FINE = 1e-4                 # of the error and of the numbers: a fit that moves less has settled
-SHARES = 6                  # of its rows, by which a log's speeds are counted
+# of the full command, from which a zone starts: 5 to 25 % are usual of motors by duty cycle
+ZONES = (0.05, 0.2)
+# of the usual size: inside the bounds, where every slope can be taken
+STARTS_AT = 0.2
+NUDGE = 0.01  # of the usual size: difference for a slope
+RUNS, AGAIN = 25, 6  # steps of a fit, and of one that goes on
+# of the error and of the numbers: a fit that moves less has settled
+FINE = 1e-4
+# of its rows, by which a log's speeds are counted
+SHARES = 6
 MOST_LINES = 3
 MOST_STEPS = MOST_LINES + 1
-ENDS = (0.5, 99.5)          # per cent of a variable's values between which its line holds: single cells lie beyond
-LEAST_SHARE = 1e-3          # of what is left, that a line takes away
-LEVEL = 1.0                 # of a line at its middle, where its slope is taken: it is a straight line in it
-LONGEST_ID = 76             # letters; where another of the same name was adopted, it is given a number
+# per cent of a variable's values between which its line holds: single cells lie beyond
+ENDS = (0.5, 99.5)
+LEAST_SHARE = 1e-3  # of what is left, that a line takes away
+# of a line at its middle, where its slope is taken: it is a straight line in it
+LEVEL = 1.0
+# letters; where another of the same name was adopted, it is given a number
+LONGEST_ID = 76
 ACTS: dict[str, tuple[Acts, ...]] = {
-    "shaft": (Acts.SHAFT_RPM, Acts.SHAFT_PERCENT), "gate": (Acts.GATE_MM,), "scale": (Acts.FLOW_PERCENT,),
-    "speed": (Acts.WHEEL_PERCENT,)}
+    "shaft": (Acts.SHAFT_RPM, Acts.SHAFT_PERCENT),
+    "gate": (Acts.GATE_MM,),
+    "scale": (Acts.FLOW_PERCENT,),
+    "speed": (Acts.WHEEL_PERCENT,),
+}
 STAGE = {"scale": "flow"}
 
 
 class PlainRival(NamedTuple):
-    """The rival of one channel as a machine file. sizes : of effects, with their s.d. terms : its lines, the strongest
-    first."""
+    """The rival of one channel as a machine file. sizes : of effects, with their s.d. terms :
+    its lines, the strongest first."""
 
     machine: Machine
     held: BlockErrors
@@ -97,48 +127,87 @@ def rival_of(on_log: OnLog, channel: str) -> PlainRival | None:
         curved = curved or tried is not None
         if tried is None and len(lines) < MOST_LINES:
             line = _line(on_log, channel, machine, lines)
-            if line is not None and (tried := _with_line(on_log, channel, machine, line, best, usual)) is not None:
+            if (
+                line is not None
+                and (tried := _with_line(on_log, channel, machine, line, best, usual)) is not None
+            ):
                 lines.append(line)
         if tried is None:
             break
         machine, best = tried
-    if machine is on_log.machine or (curved and channel == "shaft" and not _over_ranges(
-            on_log, channel, machine, on_log.machine, own_command(channel, "shaft_rpm"), usual)):
+    if machine is on_log.machine or (
+        curved
+        and channel == "shaft"
+        and not _over_ranges(
+            on_log, channel, machine, on_log.machine, own_command(channel, "shaft_rpm"), usual
+        )
+    ):
         return None
     names = [number.name for number in numbers_of(machine, on_log.machine)]
     was, now = effect_sizes(on_log.machine), effect_sizes(machine)
-    sizes = tuple((name, now[name] - was.get(name, CATALOGUE[name].neutral), best.sd[names.index(name)])
-                  for name in now if name in names)
+    sizes = tuple(
+        (name, now[name] - was.get(name, CATALOGUE[name].neutral), best.sd[names.index(name)])
+        for name in now
+        if name in names
+    )
     known = {term.id for term in on_log.machine.terms}
-    return PlainRival(machine, best, sizes, tuple(term for term in machine.terms if term.id not in known))
+    return PlainRival(
+        machine, best, sizes, tuple(term for term in machine.terms if term.id not in known)
+    )
 
 
-def _with_line(on_log: OnLog, channel: str, machine: Machine, line: Term, best: BlockErrors, usual: dict[str, float]
-               ) -> tuple[Machine, BlockErrors] | None:
-    """A file with one line more, all its numbers fitted again; None where that is not surely better."""
+def _with_line(
+    on_log: OnLog,
+    channel: str,
+    machine: Machine,
+    line: Term,
+    best: BlockErrors,
+    usual: dict[str, float],
+) -> tuple[Machine, BlockErrors] | None:
+    """A file with one line more, all its numbers fitted again; None where that is not surely
+    better."""
     tried = machine.model_copy(update={"terms": (*machine.terms, line)})
     tried = fitted(on_log, (channel,), tried, AGAIN)
     after = held(on_log, tried, (channel,), numbers_of(tried, on_log.machine), usual)
     stands = surely(gained(after, best, usual)) and _over_ranges(
-        on_log, channel, tried, machine, own_command(STAGE.get(channel, channel), line.variables[0]), usual)
+        on_log,
+        channel,
+        tried,
+        machine,
+        own_command(STAGE.get(channel, channel), line.variables[0]),
+        usual,
+    )
     return (tried, after) if stands else None
 
 
-def _over_ranges(on_log: OnLog, channel: str, machine: Machine, without: Machine, over: str, usual: dict[str, float]
-                 ) -> bool:
-    """Whether a file is surely better than one with less on ranges of a variable that its numbers did not see."""
-    one, other = (held(on_log, file, (channel,), numbers_of(file, on_log.machine), usual, over)
-                  for file in (machine, without))
+def _over_ranges(
+    on_log: OnLog,
+    channel: str,
+    machine: Machine,
+    without: Machine,
+    over: str,
+    usual: dict[str, float],
+) -> bool:
+    """Whether a file is surely better than one with less on ranges of a variable that its
+    numbers did not see."""
+    one, other = (
+        held(on_log, file, (channel,), numbers_of(file, on_log.machine), usual, over)
+        for file in (machine, without)
+    )
     return surely(gained(one, other, usual))
 
 
 def fitted(on_log: OnLog, channels: Sequence[str], machine: Machine, runs: int) -> Machine:
-    """A file with what it has beyond the log's own where least squares over all rows has it, channels weighed by what
-    the log's own file leaves of them."""
-    from scipy.optimize import least_squares  # three tenths of a second: where it is asked for
+    """A file with what it has beyond the log's own where least squares over all rows has it,
+    channels weighed by what the log's own file leaves of them."""
+    # three tenths of a second: where it is asked for
+    from scipy.optimize import least_squares
+
     numbers = numbers_of(machine, on_log.machine)
-    weight = {name: 1.0 / max(1e-150, float(np.linalg.norm(one)))
-              for name, one in errors(on_log, on_log.machine, channels).items()}
+    weight = {
+        name: 1.0 / max(1e-150, float(np.linalg.norm(one)))
+        for name, one in errors(on_log, on_log.machine, channels).items()
+    }
     low, high = np.array([(number.low, number.high) for number in numbers]).T
     start = np.array([number.value for number in numbers])
     scale = np.array([max(number.step, 1e-12) / NUDGE for number in numbers])
@@ -150,23 +219,40 @@ def fitted(on_log: OnLog, channels: Sequence[str], machine: Machine, runs: int) 
         return turned
 
     def left(values: Array) -> Array:
-        return np.concatenate([weight[name] * one for name, one in errors(on_log, at(values), channels).items()])
+        return np.concatenate(
+            [weight[name] * one for name, one in errors(on_log, at(values), channels).items()]
+        )
 
     def jacobian(values: Array) -> Array:
-        there = [number._replace(value=float(value)) for number, value in zip(numbers, values, strict=True)]
+        there = [
+            number._replace(value=float(value))
+            for number, value in zip(numbers, values, strict=True)
+        ]
         now = at(values)
         columns = slopes(on_log, now, channels, there, errors(on_log, now, channels))
         return -np.concatenate([weight[name] * columns[name] for name in channels])
-    found = least_squares(left, np.clip(start, low + 1e-9, high - 1e-9), jacobian, (low, high), x_scale=scale,
-                          max_nfev=runs, ftol=FINE, xtol=FINE)
+
+    found = least_squares(
+        left,
+        np.clip(start, low + 1e-9, high - 1e-9),
+        jacobian,
+        (low, high),
+        x_scale=scale,
+        max_nfev=runs,
+        ftol=FINE,
+        xtol=FINE,
+    )
     return at(found.x)
 
 
-# -- the curve of a drive ----------------------------------------------------------------------------------------------
+# -- the curve of a drive
+# ----------------------------------------------------------------------------------------------
+
 
 def curves_of(on_log: OnLog) -> list[Hypothesis]:
-    """Curves of a drive in open loop, fitted along with its lag and dead time, from few numbers to all, as effects that
-    may be there: what makes one curve together is hardly seen one by one."""
+    """Curves of a drive in open loop, fitted along with its lag and dead time, from few numbers
+    to all, as effects that may be there: what makes one curve together is hardly seen one by
+    one."""
     if on_log.data.shaft is None:
         return []
     sets = [names for names in _sets(on_log) if KNEE not in names]
@@ -174,34 +260,50 @@ def curves_of(on_log: OnLog) -> list[Hypothesis]:
     if any(SHAFT_DEAD_ZONE.id in names for names in sets):
         for names, (_, file) in _fits(on_log, on_log.machine, sets).items():
             now = effect_sizes(file)
-            found += [tuple(EffectInstance(name, now.get(name, 0.0) - was.get(name, 0.0)) for name in names
-                            if name not in MOVES)]
+            found += [
+                tuple(
+                    EffectInstance(name, now.get(name, 0.0) - was.get(name, 0.0))
+                    for name in names
+                    if name not in MOVES
+                )
+            ]
     return found
 
 
-def _curve(on_log: OnLog, machine: Machine, best: BlockErrors, usual: dict[str, float]) -> tuple[Machine,
-                                                                                                 BlockErrors] | None:
-    """The simplest set of the drive's own numbers within one standard error of the best; None where none is surely
-    better than a file without."""
-    tried = [(machine, best), *((file, held(on_log, file, ("shaft",), numbers_of(file, on_log.machine), usual))
-                                for _, file in _fits(on_log, machine, _sets(on_log)).values())]
+def _curve(
+    on_log: OnLog, machine: Machine, best: BlockErrors, usual: dict[str, float]
+) -> tuple[Machine, BlockErrors] | None:
+    """The simplest set of the drive's own numbers within one standard error of the best; None
+    where none is surely better than a file without."""
+    tried = [
+        (machine, best),
+        *(
+            (file, held(on_log, file, ("shaft",), numbers_of(file, on_log.machine), usual))
+            for _, file in _fits(on_log, machine, _sets(on_log)).values()
+        ),
+    ]
     least = min(tried, key=lambda one: float(one[1].blocks["shaft"].mean()))
     chosen = next(one for one in tried if not surely(gained(least[1], one[1], usual)))
     return None if chosen[0] is machine else chosen
 
 
-def _fits(on_log: OnLog, machine: Machine, sets: Sequence[tuple[str, ...]]
-          ) -> dict[tuple[str, ...], tuple[float, Machine]]:
-    """Of each set of a drive's own numbers, from few to all: the sum of squares that a file with them leaves, and the
-    file. Each starts from the best smaller one."""
+def _fits(
+    on_log: OnLog, machine: Machine, sets: Sequence[tuple[str, ...]]
+) -> dict[tuple[str, ...], tuple[float, Machine]]:
+    """Of each set of a drive's own numbers, from few to all: the sum of squares that a file
+    with them leaves, and the file. Each starts from the best smaller one."""
     found: dict[tuple[str, ...], tuple[float, Machine]] = {}
     for names in sets:
-        _, _, smaller = max(((len(one), -left, one) for one, (left, _) in found.items() if set(one) < set(names)),
-                            default=(0, 0.0, ()))
+        _, _, smaller = max(
+            ((len(one), -left, one) for one, (left, _) in found.items() if set(one) < set(names)),
+            default=(0, 0.0, ()),
+        )
         new = [name for name in names if name not in smaller]
         files = []
         for share in ZONES if SHAFT_DEAD_ZONE.id in new else ZONES[:1]:
-            file = _started(found[smaller][1] if smaller else machine, on_log.data.shaft, new, share)
+            file = _started(
+                found[smaller][1] if smaller else machine, on_log.data.shaft, new, share
+            )
             file = fitted(on_log, ("shaft",), file, RUNS)
             files.append((float(np.sum(errors(on_log, file, ("shaft",))["shaft"] ** 2)), file))
         found[names] = min(files, key=lambda one: one[0])
@@ -214,21 +316,31 @@ def _started(machine: Machine, drive: Drive | None, names: Sequence[str], share:
         if name == KNEE:
             assert drive is not None
             half = 0.5 * float(np.max(np.abs(drive.command)))
-            knee = Term.model_validate({
-                "id": free_id("shaft.knee_shaft_rpm", [term.id for term in machine.terms]), "acts_on": Acts.SHAFT_RPM,
-                "form": Form.DEAD_ZONE, "over": [{"name": "shaft_rpm"}],
-                "coefficients": {"slope": -0.5, "low_end": -half, "high_end": half}})
+            knee = Term.model_validate(
+                {
+                    "id": free_id("shaft.knee_shaft_rpm", [term.id for term in machine.terms]),
+                    "acts_on": Acts.SHAFT_RPM,
+                    "form": Form.DEAD_ZONE,
+                    "over": [{"name": "shaft_rpm"}],
+                    "coefficients": {"slope": -0.5, "low_end": -half, "high_end": half},
+                }
+            )
             machine = machine.model_copy(update={"terms": (*machine.terms, knee)})
             continue
         low, high = reach(name, machine)
         zone = name == SHAFT_DEAD_ZONE.id
-        size = share * machine.limits.shaft_high_rpm if zone else STARTS_AT * ROWS[name].on(machine).usual
+        size = (
+            share * machine.limits.shaft_high_rpm
+            if zone
+            else STARTS_AT * ROWS[name].on(machine).usual
+        )
         machine = with_effect(machine, name, min(high, max(low, size)))
     return machine
 
 
 def _sets(on_log: OnLog) -> list[tuple[str, ...]]:
-    """Names of numbers that are fitted together, from few to all: of a curve no more than speeds were asked for."""
+    """Names of numbers that are fitted together, from few to all: of a curve no more than
+    speeds were asked for."""
     drive, machine = on_log.data.shaft, on_log.machine
     assert drive is not None
     speeds = len(np.unique(np.quantile(drive.command, np.linspace(0.0, 1.0, SHARES))))
@@ -240,18 +352,23 @@ def _sets(on_log: OnLog) -> list[tuple[str, ...]]:
     found = [moves] if moves else []
     for curve in curves:
         found += [(*curve, *moves), *([(*curve, *back, *moves)] if back and len(curve) > 1 else [])]
-    return sorted(dict.fromkeys(one for one in found if len(set(one) - set(moves)) <= speeds), key=len)
+    return sorted(
+        dict.fromkeys(one for one in found if len(set(one) - set(moves)) <= speeds), key=len
+    )
 
 
-# -- straight lines ----------------------------------------------------------------------------------------------------
+# -- straight lines
+# --------------------------------------------------------------------------------------------------
+
 
 def _line(on_log: OnLog, channel: str, machine: Machine, before: Sequence[Term]) -> Term | None:
-    """The line that takes most away from what a file leaves; None where none takes away what is worth a look."""
+    """The line that takes most away from what a file leaves; None where none takes away what is
+    worth a look."""
     left = errors(on_log, machine, (channel,))
     known = slopes(on_log, machine, (channel,), numbers_of(machine, on_log.machine), left)[channel]
     free = np.linalg.qr(known)[0] if known.shape[1] else np.empty((len(left[channel]), 0))
     rest = left[channel] - free @ (free.T @ left[channel])
-    best, most = None, LEAST_SHARE * float(np.sum(rest ** 2))
+    best, most = None, LEAST_SHARE * float(np.sum(rest**2))
     numbers = [number.name for number in numbers_of(machine, on_log.machine)]
     for term in _lines(on_log, channel, before, SHAFT_GAIN.id not in numbers):
         tried = machine.model_copy(update={"terms": (*machine.terms, term)})
@@ -259,36 +376,72 @@ def _line(on_log: OnLog, channel: str, machine: Machine, before: Sequence[Term])
         columns = slopes(on_log, tried, (channel,), own, errors(on_log, tried, (channel,)))[channel]
         columns = columns - free @ (free.T @ columns)
         sizes, *_ = np.linalg.lstsq(columns, rest, rcond=1e-9)
-        taken = float(np.sum(rest ** 2) - np.sum((rest - columns @ sizes) ** 2))
+        taken = float(np.sum(rest**2) - np.sum((rest - columns @ sizes) ** 2))
         if taken > most:
-            found = dict(zip([number.name.rpartition(".")[2] for number in own], sizes.tolist(), strict=True))
-            best, most = term.model_copy(update={"coefficients": {**term.coefficients, **found}}), taken
+            found = dict(
+                zip([number.name.rpartition(".")[2] for number in own], sizes.tolist(), strict=True)
+            )
+            best, most = (
+                term.model_copy(update={"coefficients": {**term.coefficients, **found}}),
+                taken,
+            )
     return best
 
 
 def _lines(on_log: OnLog, channel: str, before: Sequence[Term], level_open: bool) -> list[Term]:
-    """Lines over every recorded variable, of a size that can be seen. level_open : nothing else is their level."""
+    """Lines over every recorded variable, of a size that can be seen. level_open : nothing else
+    is their level."""
     stage, machine = STAGE.get(channel, channel), on_log.machine
     taken = {(term.acts_on, term.variables) for term in before}
-    never = {"time_s", *ANGLES, COMMANDED_RPM, COMMANDED_MM, *DOWNSTREAM[stage], *(
-        ("shaft_rpm",) if channel == "shaft" else ())}
+    never = {
+        "time_s",
+        *ANGLES,
+        COMMANDED_RPM,
+        COMMANDED_MM,
+        *DOWNSTREAM[stage],
+        *(("shaft_rpm",) if channel == "shaft" else ()),
+    }
     found = []
     for name in on_log.inputs:
         values = on_log.inputs.get(own_command(stage, name), np.empty(0))
         if name in never or not len(values) or not np.isfinite(values).all():
             continue
         low, middle, high = (float(one) for one in np.percentile(values, (ENDS[0], 50.0, ENDS[1])))
-        if not high - low > max(1e-9, of_nominal(machine, RANGES.get(name, ())) * MIN_RANGE.get(name, 0.0)):
+        if not high - low > max(
+            1e-9, of_nominal(machine, RANGES.get(name, ())) * MIN_RANGE.get(name, 0.0)
+        ):
             continue
         level = {"level": LEVEL} if level_open else {}
-        found += [_term(machine, acts, stage, name, {"slope": 1.0 / (high - low), "at": middle, **level}, (low, high))
-                  for acts in ACTS[channel] if (acts, (name,)) not in taken]
+        found += [
+            _term(
+                machine,
+                acts,
+                stage,
+                name,
+                {"slope": 1.0 / (high - low), "at": middle, **level},
+                (low, high),
+            )
+            for acts in ACTS[channel]
+            if (acts, (name,)) not in taken
+        ]
     return found
 
 
-def _term(machine: Machine, acts: Acts, stage: str, name: str, coefficients: dict[str, float],
-          valid: tuple[float, float]) -> Term:
+def _term(
+    machine: Machine,
+    acts: Acts,
+    stage: str,
+    name: str,
+    coefficients: dict[str, float],
+    valid: tuple[float, float],
+) -> Term:
     plain = re.sub(r"[^a-z0-9_.]+", "", f"{stage}.line_{name}".lower())[:LONGEST_ID]
-    return Term.model_validate({"id": free_id(plain, [term.id for term in machine.terms]), "acts_on": acts,
-                                "form": Form.SLOPE, "coefficients": coefficients,
-                                "over": [{"name": name, "valid": valid}]})
+    return Term.model_validate(
+        {
+            "id": free_id(plain, [term.id for term in machine.terms]),
+            "acts_on": acts,
+            "form": Form.SLOPE,
+            "coefficients": coefficients,
+            "over": [{"name": name, "valid": valid}],
+        }
+    )

@@ -1,4 +1,6 @@
-"""What of a diagnosis a machine file may take up: as much as predicts its log better (`prediction.borne_out`)."""
+"""What of a diagnosis a machine file may take up: as much as predicts its log better
+(`prediction.borne_out`)."""
+
 from __future__ import annotations
 
 from collections.abc import Collection
@@ -18,7 +20,8 @@ from .diagnose import series_of_log
 
 
 def adoptable_of(found: Diagnosis, chosen: Collection[str]) -> Adoptable:
-    """The chosen causes (by id) of a run log's diagnosis with its terms, as far as a file with them predicts better.
+    """The chosen causes (by id) of a run log's diagnosis with its terms, as far as a file with
+    them predicts better.
 
     Bench tables are returned as they are: their sizes are weighed over all models already.
     """
@@ -28,18 +31,28 @@ def adoptable_of(found: Diagnosis, chosen: Collection[str]) -> Adoptable:
     columns, machine = found.seen_with
     log, data, read_off = series_of_log(columns, machine)
     with np.errstate(all="ignore"):
-        taken = adoptable(OnLog(log, data, machine), found, chosen, {one.part.id for one in read_off})
+        taken = adoptable(
+            OnLog(log, data, machine), found, chosen, {one.part.id for one in read_off}
+        )
     worse = [one.id for one in taken.found.causes if not _reads_better(found, one)]
     return taken._replace(
-        found=replace(taken.found, causes=tuple(one for one in taken.found.causes if one.id not in worse)),
-        refused=(*taken.refused, *((name, WORSE) for name in worse)))
+        found=replace(
+            taken.found, causes=tuple(one for one in taken.found.causes if one.id not in worse)
+        ),
+        refused=(*taken.refused, *((name, WORSE) for name in worse)),
+    )
 
 
 def _reads_better(found: Diagnosis, cause: Cause) -> bool:
-    """Of what was read off the log before the search: whether its rows are predicted no worse with it. Steps of an
-    encoder in a prediction help where it is within a step, and add their own rounding where it is not."""
+    """Of what was read off the log before the search: whether its rows are predicted no worse
+    with it. Steps of an encoder in a prediction help where it is within a step, and add their
+    own rounding where it is not."""
     if ROWS[cause.id].found_by is not FoundBy.STEPS or found.seen_with is None:
         return True
     columns, machine = found.seen_with
-    seen = compared(columns, machine, extend(machine, replace(found, causes=(cause,), terms=(), fitted=None)))
-    return all(one.new <= one.old for one in seen.channels if one.channel == CATALOGUE[cause.id].stage)
+    seen = compared(
+        columns, machine, extend(machine, replace(found, causes=(cause,), terms=(), fitted=None))
+    )
+    return all(
+        one.new <= one.old for one in seen.channels if one.channel == CATALOGUE[cause.id].stage
+    )

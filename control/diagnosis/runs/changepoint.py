@@ -1,14 +1,17 @@
 """Effects that begin, grow, or come and go within a log: every time tried at once.
 
-The score test for a change point (Picard 1985, Advances in Applied Probability 17, 841; Andrews 1993, Econometrica 61,
-821): the gain of an effect that begins at t is (sum of residual x trace from t on)^2 / information, the residual
-weighted with the inverse of the noise's covariance. The sums are cumulative, so that one pass gives them for all t; the
-information changes slowly with t and is had exactly at a few times. A drift can follow a step well, but not its edge:
-the time must be exact for the step to tell.
+The score test for a change point (Picard 1985, Advances in Applied Probability 17, 841; Andrews
+1993, Econometrica 61, 821): the gain of an effect that begins at t is (sum of residual x trace
+from t on)^2 / information, the residual weighted with the inverse of the noise's covariance.
+The sums are cumulative, so that one pass gives them for all t; the information changes slowly
+with t and is had exactly at a few times. A drift can follow a step well, but not its edge: the
+time must be exact for the step to tell.
 
-Of an effect that is there from a to b the score is that from a less that from b, and the information is had from the
-inner products of what begins at a with what begins at b: first on a grid of times, then on finer ones about the best.
+Of an effect that is there from a to b the score is that from a less that from b, and the
+information is had from the inner products of what begins at a with what begins at b: first on a
+grid of times, then on finer ones about the best.
 """
+
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
@@ -32,24 +35,30 @@ from .whitened import WhitenedResidual
 Array = npt.NDArray[np.float64]
 
 # Numerical: how finely times are tried. A gain is of twice the log-likelihood.
-TIMES = (3, 8)              # at which the information is had exactly, the second where the gain may matter
-MAY_MATTER = 6.0            # gain from which on more times are tried: below the price of any beginning
-EDGES = 13                  # times of a log at which an effect that comes and goes may begin or end at first ...
-BETWEEN = 12                # ... times tried for each of these ...
-FINER = 4                   # ... and how much finer they are then, twice
-FEW = 4                     # best of those that touch the same channels, that are tried at finer times
+# at which the information is had exactly, the second where the gain may matter
+TIMES = (3, 8)
+# gain from which on more times are tried: below the price of any beginning
+MAY_MATTER = 6.0
+# times of a log at which an effect that comes and goes may begin or end at first ...
+EDGES = 13
+BETWEEN = 12  # ... times tried for each of these ...
+FINER = 4  # ... and how much finer they are then, twice
+# best of those that touch the same channels, that are tried at finer times
+FEW = 4
 
-END_S = 8.0                 # from either end of the log: no change point is looked for there
-MIN_SPAN_S = 20.0           # of an effect that ends again: less is one stretch of the log, which is no evidence
+# from either end of the log: no change point is looked for there
+END_S = 8.0
+# of an effect that ends again: less is one stretch of the log, which is no evidence
+MIN_SPAN_S = 20.0
 
 
 class Tried(NamedTuple):
     """A candidate with what one unit of it does all along."""
 
     candidate: Candidate
-    channels: tuple[ChannelSeries, ...]     # that it touches
-    summed: tuple[bool, ...]                # whether each channel adds up what it does
-    units: tuple[Array, ...]                # (copies, m) by channel
+    channels: tuple[ChannelSeries, ...]  # that it touches
+    summed: tuple[bool, ...]  # whether each channel adds up what it does
+    units: tuple[Array, ...]  # (copies, m) by channel
 
     @property
     def time_s(self) -> Array:
@@ -57,65 +66,108 @@ class Tried(NamedTuple):
         return max((c.grid.even_s for c in self.channels), key=len)
 
 
-def changes(columns: Columns, parts: Hypothesis, noise: dict[str, Noise], tried: Sequence[Candidate],
-            temporary: bool = False) -> list[ScoreTest]:
-    """Every candidate with the best time to begin, at once and growing: best first, noise as given and calm.
+def changes(
+    columns: Columns,
+    parts: Hypothesis,
+    noise: dict[str, Noise],
+    tried: Sequence[Candidate],
+    temporary: bool = False,
+) -> list[ScoreTest]:
+    """Every candidate with the best time to begin, at once and growing: best first, noise as
+    given and calm.
 
-    The gain is of twice the log-likelihood under a noise that is not fitted again. temporary : with temporary
-    effects, each with the best times to begin and to end.
+    The gain is of twice the log-likelihood under a noise that is not fitted again. temporary :
+    with temporary effects, each with the best times to begin and to end.
     """
     begins = that_may_begin(tried)
     if not begins:
         return []
     traces = [columns.model.difference(parts, candidate.part) for candidate in begins]
-    channels, banded, base = columns.model.channels, columns.model.banded_residual(parts), columns.of_hypothesis(parts)
+    channels, banded, base = (
+        columns.model.channels,
+        columns.model.banded_residual(parts),
+        columns.of_hypothesis(parts),
+    )
     p, every = problem(channels, banded, base), np.arange(len(base))
     fit = best_fitted(p, every, noise, channels)
     at_ease = adapted(p, every, fit.amplitude, calm(fit.noise, channels))
     under = [fit.noise] if at_ease == fit.noise else [fit.noise, at_ease]
     behind = [fit.log_evidence - fitted(p, every, one, rounds=0).log_evidence for one in under]
-    return best_begins(channels, banded, base, under, begins, traces, temporary=temporary, behind=behind)
+    return best_begins(
+        channels, banded, base, under, begins, traces, temporary=temporary, behind=behind
+    )
 
 
 def that_may_begin(tried: Sequence[Candidate]) -> list[Candidate]:
     """Those of some candidates that may begin in the middle of a log."""
-    return [c for c in tried if c.part.onset_s is None and ROWS[c.part.id].may_begin
-            and not CATALOGUE[c.part.id].effect.onset_only
-            and (ROWS[c.part.id].has_slope or ROWS[c.part.id].threshold)]
+    return [
+        c
+        for c in tried
+        if c.part.onset_s is None
+        and ROWS[c.part.id].may_begin
+        and not CATALOGUE[c.part.id].effect.onset_only
+        and (ROWS[c.part.id].has_slope or ROWS[c.part.id].threshold)
+    ]
 
 
-def best_begins(channels: Sequence[ChannelSeries], banded: dict[str, Array], base: Sequence[Column],
-                under: Sequence[dict[str, Noise]], begins: Sequence[Candidate], traces: Sequence[dict[str, Array]],
-                *, matters: float = MAY_MATTER, end_s: float = END_S, temporary: bool = False,
-                behind: Sequence[float] = (0.0, 0.0)) -> list[ScoreTest]:
-    """The same of series, however they were had. traces : what each candidate does all along, (m,) by channel.
+def best_begins(
+    channels: Sequence[ChannelSeries],
+    banded: dict[str, Array],
+    base: Sequence[Column],
+    under: Sequence[dict[str, Noise]],
+    begins: Sequence[Candidate],
+    traces: Sequence[dict[str, Array]],
+    *,
+    matters: float = MAY_MATTER,
+    end_s: float = END_S,
+    temporary: bool = False,
+    behind: Sequence[float] = (0.0, 0.0),
+) -> list[ScoreTest]:
+    """The same of series, however they were had. traces : what each candidate does all along,
+    (m,) by channel.
 
-    banded : cosine coefficients of the residual by channel. base : what the hypothesis can take up. under : noises, of
-    which each candidate has the one that speaks most for it; behind : their log evidence, less than the best's by so
-    much. matters : gain from which on more times are tried. end_s : from either end, where nothing is looked for.
+    banded : cosine coefficients of the residual by channel. base : what the hypothesis can take
+    up. under : noises, of which each candidate has the one that speaks most for it; behind :
+    their log evidence, less than the best's by so much. matters : gain from which on more times
+    are tried. end_s : from either end, where nothing is looked for.
     """
     residuals = [WhitenedResidual(channels, banded, base, noise) for noise in under]
     weighted = [{c.name: residual.weighted(c) for c in channels} for residual in residuals]
-    found, spans = list[tuple[int, ScoreTest]](), dict[tuple[Any, ...], list[tuple[ScoreTest, Tried, Array]]]()
+    found, spans = (
+        list[tuple[int, ScoreTest]](),
+        dict[tuple[Any, ...], list[tuple[ScoreTest, Tried, Array]]](),
+    )
     for candidate, trace in zip(begins, traces, strict=True):
         there = tuple(c for c in channels if c.name in trace)
         if not there:
             continue
-        one = Tried(candidate, there, tuple(adds_up(candidate.part, c.name) for c in there), tuple(
-            (trace[c.name] / candidate.part.size).reshape(c.copies, -1) for c in there))
+        one = Tried(
+            candidate,
+            there,
+            tuple(adds_up(candidate.part, c.name) for c in there),
+            tuple((trace[c.name] / candidate.part.size).reshape(c.copies, -1) for c in there),
+        )
         within = (float(one.time_s[0]) + end_s, float(one.time_s[-1]) - end_s)
         scores = _scores(weighted, one, grows=False)
         found += _begins(residuals, one, scores, within, matters, grows=False)
-        if ROWS[candidate.part.id].threshold:       # half the size does not do half as much
+        if ROWS[candidate.part.id].threshold:  # half the size does not do half as much
             continue
-        found += _begins(residuals, one, _scores(weighted, one, grows=True), within, matters, grows=True)
+        found += _begins(
+            residuals, one, _scores(weighted, one, grows=True), within, matters, grows=True
+        )
         if temporary and within[1] - within[0] >= 2.0 * MIN_SPAN_S:
-            for at, span in enumerate(_best_spans(residuals, one, scores, np.linspace(*within, EDGES), BETWEEN)):
+            for at, span in enumerate(
+                _best_spans(residuals, one, scores, np.linspace(*within, EDGES), BETWEEN)
+            ):
                 if span.gain >= matters:
-                    spans.setdefault((at, *(c.name for c in there), *one.summed), []).append((span, one, scores[at]))
+                    spans.setdefault((at, *(c.name for c in there), *one.summed), []).append(
+                        (span, one, scores[at])
+                    )
     for (at, *_), alike in spans.items():
         alike.sort(key=lambda each: -each[0].gain)
-        found += [(at, _finer(residuals[at], one, score, span, end_s)) for span, one, score in alike[:FEW]]
+        found += [
+            (at, _finer(residuals[at], one, score, span, end_s)) for span, one, score in alike[:FEW]
+        ]
         found += [(at, span) for span, _, _ in alike[FEW:]]
     best: dict[tuple[str, int | None, bool, bool], ScoreTest] = {}
     for at, test in found:
@@ -126,29 +178,47 @@ def best_begins(channels: Sequence[ChannelSeries], banded: dict[str, Array], bas
     return sorted(best.values(), key=lambda test: -test.evidence)
 
 
-def _likeliest(candidate: Candidate, score: Array, information: Array, places: int,
-               at: Callable[[int], dict[str, Any]]) -> ScoreTest:
+def _likeliest(
+    candidate: Candidate,
+    score: Array,
+    information: Array,
+    places: int,
+    at: Callable[[int], dict[str, Any]],
+) -> ScoreTest:
     """One candidate where it gains most, its evidence averaged over all places.
 
-    score, information : at each place where it is looked for (n,), of so many `places`. at : the times of a place.
+    score, information : at each place where it is looked for (n,), of so many `places`. at :
+    the times of a place.
     """
     information = np.maximum(information, 1e-12)
     size = np.clip(score / information, candidate.low, candidate.high)
-    if ROWS[candidate.part.id].threshold:       # half a threshold's column is not what half a threshold does
+    # half a threshold's column is not what half a threshold does
+    if ROWS[candidate.part.id].threshold:
         size = np.full(len(score), candidate.part.size)
-    gain = 2.0 * score * size - information * size ** 2
-    log_odds = 0.5 * (gain - np.log1p(information * candidate.usual ** 2))
-    # The log of a sum as it stands: scipy's logsumexp takes ten times as long, 2 % of a diagnosis of 24,000 rows.
+    gain = 2.0 * score * size - information * size**2
+    log_odds = 0.5 * (gain - np.log1p(information * candidate.usual**2))
+    # The log of a sum as it stands: scipy's logsumexp takes ten times as long, 2 % of a
+    # diagnosis of 24,000 rows.
     peak, best = float(log_odds.max()), int(np.argmax(gain))
     evidence = peak + float(np.log(np.sum(np.exp(log_odds - peak)) / places))
-    return ScoreTest(candidate.part._replace(size=float(size[best]), **at(best)), float(gain[best]), evidence,
-                     float(log_odds[best]) - evidence)
+    return ScoreTest(
+        candidate.part._replace(size=float(size[best]), **at(best)),
+        float(gain[best]),
+        evidence,
+        float(log_odds[best]) - evidence,
+    )
 
 
-def _begins(residuals: Sequence[WhitenedResidual], one: Tried, scores: Array, within: tuple[float, float],
-            matters: float, grows: bool) -> list[tuple[int, ScoreTest]]:
-    """The best time to begin under each noise, with the noise's place. scores : were it to begin at each time (noises,
-    m)."""
+def _begins(
+    residuals: Sequence[WhitenedResidual],
+    one: Tried,
+    scores: Array,
+    within: tuple[float, float],
+    matters: float,
+    grows: bool,
+) -> list[tuple[int, ScoreTest]]:
+    """The best time to begin under each noise, with the noise's place. scores : were it to
+    begin at each time (noises, m)."""
     inside = np.flatnonzero((one.time_s > within[0]) & (one.time_s < within[1]))
     if not len(inside):
         return []
@@ -158,17 +228,26 @@ def _begins(residuals: Sequence[WhitenedResidual], one: Tried, scores: Array, wi
         traces = _traces(one, exact_s, grows)
         for at in left:
             rows, taken = _whitened(residuals[at], one, traces)
-            exact = sum(np.einsum("ij,ij->i", whole, whole) for whole in rows) - np.sum(taken ** 2, axis=1)
+            exact = sum(np.einsum("ij,ij->i", whole, whole) for whole in rows) - np.sum(
+                taken**2, axis=1
+            )
             information = np.interp(one.time_s[inside], exact_s, exact)
-            found[at] = _likeliest(one.candidate, scores[at, inside], information, len(one.time_s),
-                                   lambda best: {"onset_s": float(one.time_s[inside[best]]), "grows": grows})
+            found[at] = _likeliest(
+                one.candidate,
+                scores[at, inside],
+                information,
+                len(one.time_s),
+                lambda best: {"onset_s": float(one.time_s[inside[best]]), "grows": grows},
+            )
         left = [at for at in left if found[at].gain >= matters]
         if not left:
             break
     return list(found.items())
 
 
-def _finer(residual: WhitenedResidual, one: Tried, score: Array, span: ScoreTest, end_s: float) -> ScoreTest:
+def _finer(
+    residual: WhitenedResidual, one: Tried, score: Array, span: ScoreTest, end_s: float
+) -> ScoreTest:
     """The best times to begin and to end about those of `span`."""
     first_s, last_s = float(one.time_s[0]) + end_s, float(one.time_s[-1]) - end_s
     apart_s = (last_s - first_s) / (EDGES - 1) / BETWEEN
@@ -176,21 +255,34 @@ def _finer(residual: WhitenedResidual, one: Tried, score: Array, span: ScoreTest
         assert span.part.onset_s is not None and span.part.until_s is not None
         apart_s /= FINER
         about_s = apart_s * np.arange(-FINER + 1, FINER)
-        about_s = np.clip(np.concatenate([span.part.onset_s + about_s, span.part.until_s + about_s]), first_s, last_s)
+        about_s = np.clip(
+            np.concatenate([span.part.onset_s + about_s, span.part.until_s + about_s]),
+            first_s,
+            last_s,
+        )
         finer = _best_spans([residual], one, score[None], np.unique(about_s))
-        if not finer:                           # the log is too short for two times so near
+        if not finer:  # the log is too short for two times so near
             break
         spent = max(finer[0].spent + 2.0 * np.log(FINER), span.spent)
         span = finer[0]._replace(spent=spent, evidence=finer[0].evidence + finer[0].spent - spent)
     return span
 
 
-def _best_spans(residuals: Sequence[WhitenedResidual], one: Tried, scores: Array, exact_s: Array,
-                between: int = 1) -> list[ScoreTest]:
-    """The best of all pairs of times under each noise; nothing where no two are far enough apart. exact_s : at which
-    inner products are had (edges,); between : so many times for each of these are tried, the products interpolated."""
-    edges_s = np.interp(np.arange((len(exact_s) - 1) * between + 1) / between, np.arange(len(exact_s)), exact_s)
-    shortest_s = MIN_SPAN_S if between == 1 else float(exact_s[1] - exact_s[0])     # interpolation is too coarse below
+def _best_spans(
+    residuals: Sequence[WhitenedResidual],
+    one: Tried,
+    scores: Array,
+    exact_s: Array,
+    between: int = 1,
+) -> list[ScoreTest]:
+    """The best of all pairs of times under each noise; nothing where no two are far enough
+    apart. exact_s : at which inner products are had (edges,); between : so many times for each
+    of these are tried, the products interpolated."""
+    edges_s = np.interp(
+        np.arange((len(exact_s) - 1) * between + 1) / between, np.arange(len(exact_s)), exact_s
+    )
+    # interpolation is too coarse below
+    shortest_s = MIN_SPAN_S if between == 1 else float(exact_s[1] - exact_s[0])
     begin, end = np.nonzero(edges_s[None, :] - edges_s[:, None] >= shortest_s)
     if not len(begin):
         return []
@@ -199,18 +291,29 @@ def _best_spans(residuals: Sequence[WhitenedResidual], one: Tried, scores: Array
         rows, taken = _whitened(residual, one, traces)
         exact = sum(whole @ whole.T for whole in rows) - taken @ taken.T
         own = np.interp(edges_s, exact_s, np.diag(exact))
-        half = np.array([np.interp(edges_s, exact_s, row) for row in exact])        # both ways: straight between times
+        # both ways: straight between times
+        half = np.array([np.interp(edges_s, exact_s, row) for row in exact])
         across = np.array([np.interp(edges_s, exact_s, row) for row in half.T])[end, begin]
         at_edges = np.interp(edges_s, one.time_s, score)
         information = own[begin] + own[end] - 2.0 * across
-        found.append(_likeliest(one.candidate, at_edges[begin] - at_edges[end], information, len(begin), lambda best: {
-            "onset_s": float(edges_s[begin[best]]), "until_s": float(edges_s[end[best]])}))
+        found.append(
+            _likeliest(
+                one.candidate,
+                at_edges[begin] - at_edges[end],
+                information,
+                len(begin),
+                lambda best: {
+                    "onset_s": float(edges_s[begin[best]]),
+                    "until_s": float(edges_s[end[best]]),
+                },
+            )
+        )
     return found
 
 
 def _scores(weighted: Sequence[Mapping[str, Array]], one: Tried, grows: bool) -> Array:
-    """By noise the sum of weighted residual x trace, were it to begin at each time of the finest channel: (noises,
-    m)."""
+    """By noise the sum of weighted residual x trace, were it to begin at each time of the
+    finest channel: (noises, m)."""
     scores = np.zeros((len(weighted), len(one.time_s)))
     for score, left in zip(scores, weighted, strict=True):
         for channel, unit, adds in zip(one.channels, one.units, one.summed, strict=True):
@@ -221,7 +324,8 @@ def _scores(weighted: Sequence[Mapping[str, Array]], one: Tried, grows: bool) ->
 
 
 def _sums_from(weighted: Array, time_s: Array, trace: Array, summed: bool, grows: bool) -> Array:
-    """Sum of weighted residual x trace, were it to begin at each sample: (m,). weighted, trace : (copies, m)."""
+    """Sum of weighted residual x trace, were it to begin at each sample: (m,). weighted, trace
+    : (copies, m)."""
     if not grows:
         level = trace.sum(axis=0) * _ahead(weighted) if summed else 0.0
         return np.asarray(_ahead(weighted * trace) - level)
@@ -241,15 +345,33 @@ def _ahead(values: Array) -> Array:
 
 
 def _traces(one: Tried, onsets_s: Array, grows: bool) -> list[Array]:
-    """What one unit does that begins at each time, the same under every noise: cosine coefficients (onsets, m) by
-    channel."""
-    return [coefficients(with_course(unit.ravel(), np.array([
-        course(channel, EffectInstance("", 1.0, float(at), grows=grows)) for at in onsets_s]), channel.copies, adds),
-        channel.cut) for channel, unit, adds in zip(one.channels, one.units, one.summed, strict=True)]
+    """What one unit does that begins at each time, the same under every noise: cosine
+    coefficients (onsets, m) by channel."""
+    return [
+        coefficients(
+            with_course(
+                unit.ravel(),
+                np.array(
+                    [
+                        course(channel, EffectInstance("", 1.0, float(at), grows=grows))
+                        for at in onsets_s
+                    ]
+                ),
+                channel.copies,
+                adds,
+            ),
+            channel.cut,
+        )
+        for channel, unit, adds in zip(one.channels, one.units, one.summed, strict=True)
+    ]
 
 
-def _whitened(residual: WhitenedResidual, one: Tried, traces: Sequence[Array]) -> tuple[list[Array], Array]:
-    """Traces whitened (onsets, m) by channel, and what the hypothesis takes up of them, in its basis (onsets,
-    columns)."""
-    found = [residual.white(channel, trace) for channel, trace in zip(one.channels, traces, strict=True)]
+def _whitened(
+    residual: WhitenedResidual, one: Tried, traces: Sequence[Array]
+) -> tuple[list[Array], Array]:
+    """Traces whitened (onsets, m) by channel, and what the hypothesis takes up of them, in its
+    basis (onsets, columns)."""
+    found = [
+        residual.white(channel, trace) for channel, trace in zip(one.channels, traces, strict=True)
+    ]
     return [white for white, _ in found], np.sum([own for _, own in found], axis=0)

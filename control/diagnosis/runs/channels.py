@@ -1,4 +1,5 @@
 """Each channel's prediction through the machine model, and what of the measurement it leaves."""
+
 from __future__ import annotations
 
 from collections.abc import Callable
@@ -44,18 +45,26 @@ from .speed_and_heads import HeadContrasts, TwoSpeeds
 from .stages import RunData
 
 Array = npt.NDArray[np.float64]
-FINE_S = 0.025              # rows of the speed stage: the true speed goes on between two readings
-Rows = Callable[[Schedule, float], Array]    # schedule, model step s -> (n, 2) at the log's rows
-MAX_CHAINED = 4             # refills of one log that are filled into the model
-SEAM_S = 20.0               # a longer gap between readings, times MAX_BRIDGED_STEPS, is a seam of windows
-OVER_FULL_KG = 5.0          # free in the model's hopper above the highest reading, on the nominal machine
-NO_DRIFT, NO_SPREAD = 0.01, 0.1         # of a noise that has no slow part: a share that nobody sees, known well
-WHITE_S = 0.02              # correlation time that stands for "none"
+# rows of the speed stage: the true speed goes on between two readings
+FINE_S = 0.025
+# schedule, model step s -> (n, 2) at the log's rows
+Rows = Callable[[Schedule, float], Array]
+# refills of one log that are filled into the model
+MAX_CHAINED = 4
+# a longer gap between readings, times MAX_BRIDGED_STEPS, is a seam of windows
+SEAM_S = 20.0
+# free in the model's hopper above the highest reading, on the nominal machine
+OVER_FULL_KG = 5.0
+# of a noise that has no slow part: a share that nobody sees, known well
+NO_DRIFT, NO_SPREAD = 0.01, 0.1
+WHITE_S = 0.02  # correlation time that stands for "none"
 
 # Narrowband noise of a speed sensor.
-QUICK_S = 4.5               # a longer period may be the ground's
-SLOWER = 1.5                # times that period: a damped oscillation reaches so far
-ABOUT = 4                   # bands on either side, an octave and more: their median does not move with one line
+QUICK_S = 4.5  # a longer period may be the ground's
+# times that period: a damped oscillation reaches so far
+SLOWER = 1.5
+# bands on either side, an octave and more: their median does not move with one line
+ABOUT = 4
 
 
 class ChannelSeries(NamedTuple):
@@ -63,17 +72,21 @@ class ChannelSeries(NamedTuple):
 
     name: str
     unit: str
-    measured: Array                                 # (m,)
-    predict: Callable[[Schedule, float], Array]     # schedule, model step s -> (m,)
+    measured: Array  # (m,)
+    predict: Callable[[Schedule, float], Array]  # schedule, model step s -> (m,)
     grid: Grid
     cut: Segments
     prior: NoisePrior
-    copies: int = 1                                 # series stacked one after the other (heads)
-    settled: bool = False                           # each sample is the settled answer to its command
+    copies: int = 1  # series stacked one after the other (heads)
+    # each sample is the settled answer to its command
+    settled: bool = False
 
 
-def switches(plan: Schedule, stage: str, time_s: Array) -> tuple[tuple[Any, ...], npt.NDArray[np.int64]]:
-    """Parameter sets of one stage and the rows from which they hold, always MAX_SWITCHES + 1 of them."""
+def switches(
+    plan: Schedule, stage: str, time_s: Array
+) -> tuple[tuple[Any, ...], npt.NDArray[np.int64]]:
+    """Parameter sets of one stage and the rows from which they hold, always MAX_SWITCHES + 1 of
+    them."""
     sets = [one.by_name[stage] for one in plan.sets]
     rows = [int(np.searchsorted(time_s, begin)) for begin in plan.from_s]
     while len(sets) <= MAX_SWITCHES:
@@ -88,25 +101,46 @@ def in_force(rows: npt.NDArray[np.int64], count: int) -> list[tuple[int, slice]]
     return [(k, slice(begin, end)) for k, (begin, end) in enumerate(pairwise(edges)) if begin < end]
 
 
-_STAGE: dict[str, tuple[Any, Any, Any]] = {        # the start is made anew for each run, which writes into it
-    "shaft": (shaft_run, shaft_start, ShaftOutput), "gate": (gate_run, gate_start, GateOutput)}
+# the start is made anew for each run, which writes into it
+_STAGE: dict[str, tuple[Any, Any, Any]] = {
+    "shaft": (shaft_run, shaft_start, ShaftOutput),
+    "gate": (gate_run, gate_start, GateOutput),
+}
 
 
 def drive_rows(drive: Drive) -> Rows:
-    """Shaft or gate asked for what the log asked: where it truly stood and what was read, r/min or mm."""
+    """Shaft or gate asked for what the log asked: where it truly stood and what was read, r/min
+    or mm."""
     count, command = len(drive.time_s), drive.command
     first, begin_s = float(command[0]), float(drive.clock_s[0])
     run_stage, start, output = _STAGE[drive.name]
     if drive.name == "shaft":
-        inputs = input_rows(ShaftInput, count, command_rpm=command, opening_mm=drive.loads_mm,
-                            supply_v=drive.supply_v, more_percent=drive.more, more_rpm=drive.more_rpm)
+        inputs = input_rows(
+            ShaftInput,
+            count,
+            command_rpm=command,
+            opening_mm=drive.loads_mm,
+            supply_v=drive.supply_v,
+            more_percent=drive.more,
+            more_rpm=drive.more_rpm,
+        )
     else:
         inputs = input_rows(GateInput, count, command_mm=command, more_mm=drive.more)
 
     def run(plan: Schedule, step_s: float) -> Array:
         sets, rows = switches(plan, drive.name, drive.time_s)
-        return np.asarray(run_stage(sets, rows, start(first, begin_s), output(first, first), inputs, drive.clock_s,
-                                    step_s))
+        return np.asarray(
+            run_stage(
+                sets,
+                rows,
+                start(first, begin_s),
+                output(first, first),
+                inputs,
+                drive.clock_s,
+                step_s,
+            )
+        )
+
     return run
 
 
@@ -116,12 +150,23 @@ def drive_channel(drive: Drive, machine: Machine) -> ChannelSeries:
 
     def predict(plan: Schedule, step_s: float) -> Array:
         return drive.grid.of(run(plan, step_s)[:, 1])
+
     sd = machine.noise.shaft_rpm if drive.name == "shaft" else machine.noise.opening_mm
     floor = max(_floor(drive.measured), drive.step / np.sqrt(12.0), 0.02 * sd)
     prior = NoisePrior(sd, WHITE_S, floor)
-    if drive.settled:           # each row is the mean of an answer: what one leaves the next knows nothing of
-        prior = prior._replace(slow_share=NO_DRIFT, spread=(prior.spread[0], NO_SPREAD, NO_SPREAD, NO_SPREAD))
-    found = _channel(drive.name, "r/min" if drive.name == "shaft" else "mm", drive.grid, drive.measured, predict, prior)
+    # each row is the mean of an answer: what one leaves the next knows nothing of
+    if drive.settled:
+        prior = prior._replace(
+            slow_share=NO_DRIFT, spread=(prior.spread[0], NO_SPREAD, NO_SPREAD, NO_SPREAD)
+        )
+    found = _channel(
+        drive.name,
+        "r/min" if drive.name == "shaft" else "mm",
+        drive.grid,
+        drive.measured,
+        predict,
+        prior,
+    )
     return found._replace(settled=True, cut=as_one_band(found.cut)) if drive.settled else found
 
 
@@ -134,15 +179,33 @@ def hopper_channel(h: Hopper, machine: Machine) -> ChannelSeries:
 
     def predict(plan: Schedule, step_s: float) -> Array:
         scales, rows = switches(plan, "scale", h.time_s)
-        seen = input_rows(ScaleInput, count, hopper_kg=levels(plan), time_s=read_s, pitch_deg=h.pitch_deg[:-1],
-                          more_kg=h.more_kg)
-        return h.grid.of(np.concatenate([scale_run(scales[k], seen[now]) for k, now in in_force(rows, count)]))
+        seen = input_rows(
+            ScaleInput,
+            count,
+            hopper_kg=levels(plan),
+            time_s=read_s,
+            pitch_deg=h.pitch_deg[:-1],
+            more_kg=h.more_kg,
+        )
+        return h.grid.of(
+            np.concatenate([scale_run(scales[k], seen[now]) for k, now in in_force(rows, count)])
+        )
+
     noise = machine.noise
     per_bin = max(1.0, h.grid.step_s / 0.05)
-    return _channel("scale", "kg", h.grid, h.reading_kg, predict,
-                    NoisePrior(noise.scale_kg, noise.scale_correlation_s,
-                               machine.scale.resolution_kg / np.sqrt(12.0 * per_bin),
-                               walk_sd=h.unseen * machine.flow.grams_per_rev_mm / 60_000.0))
+    return _channel(
+        "scale",
+        "kg",
+        h.grid,
+        h.reading_kg,
+        predict,
+        NoisePrior(
+            noise.scale_kg,
+            noise.scale_correlation_s,
+            machine.scale.resolution_kg / np.sqrt(12.0 * per_bin),
+            walk_sd=h.unseen * machine.flow.grams_per_rev_mm / 60_000.0,
+        ),
+    )
 
 
 def _hopper_levels(h: Hopper, over_full_kg: float) -> Callable[[Schedule], Array]:
@@ -155,41 +218,62 @@ def _hopper_levels(h: Hopper, over_full_kg: float) -> Callable[[Schedule], Array
     pieces = _pieces(h)
     refill_kg = h.refill_kg.copy()
     refill_kg[[begin for begin, _, _ in pieces]] = 0.0
-    share = refill_kg / LEAST_STEPS         # the model fills in what it is given in every one of its steps
+    # the model fills in what it is given in every one of its steps
+    share = refill_kg / LEAST_STEPS
 
     def levels(plan: Schedule) -> Array:
         flow_sets, rows = switches(plan, "flow", h.time_s)
         gates, _ = switches(plan, "gate", h.time_s)
-        offset = np.array([p.offset_mm for p in gates])[np.searchsorted(rows, np.arange(count), side="right")]
-        inputs = input_rows(FlowInput, count, shaft_rpm=h.shaft_rpm, pitch_deg=h.pitch_deg, refill_kg=share,
-                            opening_mm=np.where(turns, np.maximum(0.0, h.opening_mm - offset), h.opening_mm),
-                            more_percent=h.more_percent, more_kg_s=h.more_kg_s)
-        # The model's hopper is full at full_kg; a reading above that is taken down and put back on afterwards.
+        offset = np.array([p.offset_mm for p in gates])[
+            np.searchsorted(rows, np.arange(count), side="right")
+        ]
+        inputs = input_rows(
+            FlowInput,
+            count,
+            shaft_rpm=h.shaft_rpm,
+            pitch_deg=h.pitch_deg,
+            refill_kg=share,
+            opening_mm=np.where(turns, np.maximum(0.0, h.opening_mm - offset), h.opening_mm),
+            more_percent=h.more_percent,
+            more_kg_s=h.more_kg_s,
+        )
+        # The model's hopper is full at full_kg; a reading above that is taken down and put back
+        # on afterwards.
         over_kg = max(0.0, float(np.nanmax(h.reading_kg)) - flow_sets[0].full_kg + over_full_kg)
         hopper = np.empty(count - 1)
         for begin, end, start_kg in pieces:
             first = FlowOutput(0.0, start_kg - over_kg)
-            out = flow_run(flow_sets, rows - begin, flow_start(start_kg - over_kg, float(h.time_s[begin])), first,
-                           inputs[begin:end + 1], h.time_s[begin:end + 1], 1e9)
+            out = flow_run(
+                flow_sets,
+                rows - begin,
+                flow_start(start_kg - over_kg, float(h.time_s[begin])),
+                first,
+                inputs[begin : end + 1],
+                h.time_s[begin : end + 1],
+                1e9,
+            )
             read_at = h.read_at[begin:end]
             hopper[begin:end] = (1.0 - read_at) * out[:-1, 1] + read_at * out[1:, 1] + over_kg
         return hopper
+
     return levels
 
 
 def _pieces(h: Hopper) -> list[tuple[int, int, float]]:
-    """(first bin, last bin + 1, level at its begin in kg) of the stretches that are predicted in one go.
+    """(first bin, last bin + 1, level at its begin in kg) of the stretches that are predicted
+    in one go.
 
-    A few refills are filled into the model. Over many, a flow error adds up until the model's hopper runs empty or
-    over: it is then set to the level that was read after each, as it is after a long gap in which nobody knows what
-    was metered: unless that ends while the hopper is filled, when a reading tells no level.
+    A few refills are filled into the model. Over many, a flow error adds up until the model's
+    hopper runs empty or over: it is then set to the level that was read after each, as it is
+    after a long gap in which nobody knows what was metered: unless that ends while the hopper
+    is filled, when a reading tells no level.
     """
     count = len(h.time_s) - 1
     fills = h.jumps if len(h.jumps) > MAX_CHAINED else ()
     level_known = set(h.grid.rows.tolist())
     gap_ends = {end for end, _ in h.gaps if end in level_known}
     begins = [0, *sorted({j for j in (*fills, *gap_ends) if 0 < j < count})]
-    levels = [h.start_kg, *(_level(h.reading_kg[j:j + 6], h.start_kg) for j in begins[1:])]
+    levels = [h.start_kg, *(_level(h.reading_kg[j : j + 6], h.start_kg) for j in begins[1:])]
     return list(zip(begins, [*begins[1:], count], levels, strict=True))
 
 
@@ -199,22 +283,39 @@ def _level(reading_kg: Array, unknown_kg: float) -> float:
 
 
 def speed_rows(s: TwoSpeeds) -> Rows:
-    """Wheel and GNSS speed at the log's readings, m/s. The true speed runs on between them, in rows of FINE_S."""
+    """Wheel and GNSS speed at the log's readings, m/s. The true speed runs on between them, in
+    rows of FINE_S."""
     clock = joined(s.time_s, SEAM_S)
     fine_s = np.arange(clock[0], clock[-1] + FINE_S, FINE_S)
     in_log_s = np.interp(fine_s, clock, s.time_s)
     middle = fine_s + 0.5 * FINE_S
-    inputs = input_rows(SpeedInput, len(fine_s), speed_mps=np.interp(middle, clock, s.true_mps),
-                        working=np.interp(middle, clock, s.working), pitch_deg=np.interp(middle, clock, s.pitch_deg),
-                        more_percent=s.more_percent if isinstance(s.more_percent, float) else
-                        np.interp(middle, clock, s.more_percent))
+    inputs = input_rows(
+        SpeedInput,
+        len(fine_s),
+        speed_mps=np.interp(middle, clock, s.true_mps),
+        working=np.interp(middle, clock, s.working),
+        pitch_deg=np.interp(middle, clock, s.pitch_deg),
+        more_percent=s.more_percent
+        if isinstance(s.more_percent, float)
+        else np.interp(middle, clock, s.more_percent),
+    )
     at = np.minimum(len(fine_s) - 1, np.round((clock - clock[0]) / FINE_S).astype(int))
     first = float(s.true_mps[0])
 
     def run(plan: Schedule, step_s: float) -> Array:
         sets, rows = switches(plan, "speed", in_log_s)
-        return np.asarray(speed_run(sets, rows, speed_start(first, float(fine_s[0])), SpeedOutput(first, first), inputs,
-                                    fine_s, step_s)[at])
+        return np.asarray(
+            speed_run(
+                sets,
+                rows,
+                speed_start(first, float(fine_s[0])),
+                SpeedOutput(first, first),
+                inputs,
+                fine_s,
+                step_s,
+            )[at]
+        )
+
     return run
 
 
@@ -225,33 +326,61 @@ def speed_channel(s: TwoSpeeds, machine: Machine) -> ChannelSeries:
     def predict(plan: Schedule, step_s: float) -> Array:
         out = run(plan, step_s)
         return s.grid.of(out[:, 0] - out[:, 1])
+
     sd = float(np.hypot(machine.noise.gnss_mps, machine.noise.wheel_mps))
-    return _channel("speed", "m/s", s.grid, s.wheel_mps - s.gnss_mps, predict, NoisePrior(sd, WHITE_S, 0.05 * sd))
+    return _channel(
+        "speed",
+        "m/s",
+        s.grid,
+        s.wheel_mps - s.gnss_mps,
+        predict,
+        NoisePrior(sd, WHITE_S, 0.05 * sd),
+    )
 
 
 def heads_channel(h: HeadContrasts, machine: Machine) -> ChannelSeries:
     """Each head less the mean of all, one after the other."""
     used = np.flatnonzero(np.isfinite(h.ndvi).any(axis=1))
-    measured = (h.ndvi[used] - h.mean)
-    seen = [input_rows(HeadInput, len(h.time_s), ndvi=h.mean, head=float(head + 1), on_s=h.time_s) for head in used]
+    measured = h.ndvi[used] - h.mean
+    seen = [
+        input_rows(HeadInput, len(h.time_s), ndvi=h.mean, head=float(head + 1), on_s=h.time_s)
+        for head in used
+    ]
 
     def predict(plan: Schedule, step_s: float) -> Array:
         sets, rows = switches(plan, "heads", h.time_s)
         there = in_force(rows, len(h.time_s))
-        reads = np.array([np.concatenate([heads_run(sets[k], one[now]) for k, now in there]) for one in seen])
+        reads = np.array(
+            [np.concatenate([heads_run(sets[k], one[now]) for k, now in there]) for one in seen]
+        )
         return h.grid.of(reads - reads.mean(axis=0)).ravel()
+
     length = len(h.grid.even_s)
     bounds = tuple((k * length, (k + 1) * length) for k in range(len(used)))
     prior = NoisePrior(2.0 * machine.noise.ndvi, 3.0, 0.7 * machine.noise.ndvi)
-    return ChannelSeries("heads", "NDVI", h.grid.of(measured).ravel(), predict, h.grid,
-                         segments(length * len(used), bounds), prior, len(used))
+    return ChannelSeries(
+        "heads",
+        "NDVI",
+        h.grid.of(measured).ravel(),
+        predict,
+        h.grid,
+        segments(length * len(used), bounds),
+        prior,
+        len(used),
+    )
 
 
 def effort_bins(e: DriveEffort) -> Callable[[Schedule], Array]:
-    """How hard a drive works in the mean of each bin, in the machine file's unit, NaN of one that is left out: (m,)."""
+    """How hard a drive works in the mean of each bin, in the machine file's unit, NaN of one
+    that is left out: (m,)."""
     ways = _EFFORT[e.name]
-    inputs = input_rows(EffortInput, len(e.time_s), speed=e.speed, speed_per_s=e.speed_per_s,
-                        supply_share=e.supply_share)
+    inputs = input_rows(
+        EffortInput,
+        len(e.time_s),
+        speed=e.speed,
+        speed_per_s=e.speed_per_s,
+        supply_share=e.supply_share,
+    )
 
     def predict(plan: Schedule) -> Array:
         efforts, rows = switches(plan, "effort", e.time_s)
@@ -260,12 +389,20 @@ def effort_bins(e: DriveEffort) -> Callable[[Schedule], Array]:
         reads = []
         for k, now in in_force(rows, len(e.time_s)):
             seen = inputs[now].copy()
-            if e.name == "effort":          # the gate moves no material
+            if e.name == "effort":  # the gate moves no material
                 opening = np.maximum(0.0, e.opening_mm[now] - gates[k].offset_mm)
                 seen["grams_rev"], seen["packed_g_rev"] = flutes_run(
-                    flows[k], e.speed[now], opening, e.pitch_deg[now], e.share_full[now], e.time_s[now], e.refilled).T
+                    flows[k],
+                    e.speed[now],
+                    opening,
+                    e.pitch_deg[now],
+                    e.share_full[now],
+                    e.time_s[now],
+                    e.refilled,
+                ).T
             reads.append(ways(efforts[k], seen))
         return e.binned(np.concatenate(reads))
+
     return predict
 
 
@@ -275,16 +412,25 @@ def effort_channel(e: DriveEffort, machine: Machine) -> ChannelSeries:
 
     def predict(plan: Schedule, step_s: float) -> Array:
         return e.grid.of(bins(plan))
+
     noise = machine.noise.effort
     floor = noise / np.sqrt(max(1.0, e.rows_a_bin))
-    return _channel(e.name, machine.effort_unit, e.grid, e.binned(e.measured), predict, NoisePrior(noise, 1.0, floor))
+    return _channel(
+        e.name,
+        machine.effort_unit,
+        e.grid,
+        e.binned(e.measured),
+        predict,
+        NoisePrior(noise, 1.0, floor),
+    )
 
 
 _EFFORT = {"effort": shaft_effort_run, "gate_effort": gate_effort_run}
 
 
 def channels(data: RunData, machine: Machine) -> dict[str, ChannelSeries]:
-    """Every channel that the log can show, by name; flow and scale are read off the same reading."""
+    """Every channel that the log can show, by name; flow and scale are read off the same
+    reading."""
     found: dict[str, ChannelSeries] = {}
     if data.shaft is not None:
         found["shaft"] = drive_channel(data.shaft, machine)
@@ -301,8 +447,14 @@ def channels(data: RunData, machine: Machine) -> dict[str, ChannelSeries]:
     return found
 
 
-def _channel(name: str, unit: str, grid: Grid, measured: Array, predict: Callable[[Schedule, float], Array],
-             prior: NoisePrior) -> ChannelSeries:
+def _channel(
+    name: str,
+    unit: str,
+    grid: Grid,
+    measured: Array,
+    predict: Callable[[Schedule, float], Array],
+    prior: NoisePrior,
+) -> ChannelSeries:
     series = grid.of(measured)
     return ChannelSeries(name, unit, series, predict, grid, segments(len(series)), prior)
 
@@ -312,15 +464,20 @@ def _floor(measured: Array) -> float:
     known = np.unique(measured[np.isfinite(measured)][:20000])
     steps = np.diff(known)
     steps = steps[steps > 1e-9]
-    return float(np.percentile(steps, 5) / np.sqrt(12.0)) if len(steps) and len(known) < 2000 else 0.0
+    return (
+        float(np.percentile(steps, 5) / np.sqrt(12.0)) if len(steps) and len(known) < 2000 else 0.0
+    )
 
 
-def without_narrowband(seen: dict[str, ChannelSeries], machine: Machine) -> tuple[dict[str, ChannelSeries], list[str]]:
+def without_narrowband(
+    seen: dict[str, ChannelSeries], machine: Machine
+) -> tuple[dict[str, ChannelSeries], list[str]]:
     """The channels, the speed's without its narrowband noise; a sentence where there was any.
 
-    The two speeds are held against each other, and both have errors: shifted in time, the oscillation of one cancels
-    against itself, so that it passes for a latency; and a noise model of two first-order components takes the power of
-    its one line for noise at every frequency about it. No tractor swings as quickly, so that nothing is lost.
+    The two speeds are held against each other, and both have errors: shifted in time, the
+    oscillation of one cancels against itself, so that it passes for a latency; and a noise
+    model of two first-order components takes the power of its one line for noise at every
+    frequency about it. No tractor swings as quickly, so that nothing is lost.
     """
     if "speed" not in seen:
         return seen, []
@@ -333,23 +490,31 @@ def without_narrowband(seen: dict[str, ChannelSeries], machine: Machine) -> tupl
     if quick.all():
         return seen, []
     said = " and ".join(f"{period_s:.2g} s" for period_s in periods_s)
-    return ({**seen, "speed": channel._replace(cut=noises.leaving_out(channel.cut, quick))},
-            [f"speed: a sensor oscillates with a period of {said}; the speeds are compared over "
-             f"periods longer than {least_s:.2g} s"])
+    return (
+        {**seen, "speed": channel._replace(cut=noises.leaving_out(channel.cut, quick))},
+        [
+            f"speed: a sensor oscillates with a period of {said}; the speeds are compared over "
+            f"periods longer than {least_s:.2g} s"
+        ],
+    )
 
 
 def narrowband_periods_s(channel: ChannelSeries, machine: Machine) -> Array:
     """Periods at which the nominal machine leaves a quick line in a channel, s, longest first (k,).
 
-    A band's power over what the bands about it have is an F variable: its own coefficients, and those that its variance
-    is worth (`BAND_DOF`). All bands together have the level of the other checks.
+    A band's power over what the bands about it have is an F variable: its own coefficients, and
+    those that its variance is worth (`BAND_DOF`). All bands together have the level of the
+    other checks.
     """
     left = channel.measured - channel.predict(schedule(stages_of(machine), ()), MOST_STEP_S)
     cut, step_s = channel.cut, channel.grid.step_s
     power = np.add.reduceat(noises.coefficients(left, cut) ** 2, cut.starts)
     fitted = noises.fit(power, noises.start(channel.prior), channel.prior, cut, step_s)
     over = power / cut.members / noises.spectrum(np.array(fitted.theta), channel.prior, cut, step_s)
-    about = [np.r_[max(0, k - ABOUT):k, k + 1:min(len(over), k + 1 + ABOUT)] for k in range(len(over))]
+    about = [
+        np.r_[max(0, k - ABOUT) : k, k + 1 : min(len(over), k + 1 + ABOUT)]
+        for k in range(len(over))
+    ]
     usual = np.array([float(np.median(over[near])) if len(near) else np.inf for near in about])
     by_chance = fdtrc(cut.members, BAND_DOF, over / np.maximum(usual, 1e-300))
     stand_out = (by_chance < LEVEL / len(over)) & (cut.omega * QUICK_S > 2.0 * np.pi * step_s)

@@ -1,5 +1,6 @@
-"""What knowing a machine's effects gains in the field: two simulated runs of it. Apart from `gain`, for loop and plant
-take as long to load as all else that a diagnosis needs of control."""
+"""What knowing a machine's effects gains in the field: two simulated runs of it. Apart from
+`gain`, for loop and plant take as long to load as all else that a diagnosis needs of control."""
+
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -16,15 +17,27 @@ from control.simulation.errors import Errors, errors
 
 
 class LoopGain(NamedTuple):
-    """Rate and place error in the field of a machine that has the effects: controlled without and with knowing them."""
+    """Rate and place error in the field of a machine that has the effects: controlled without
+    and with knowing them."""
 
     before: Errors
     after: Errors
 
 
-def closed_loop_gain(nominal: Machine, extended: Machine, planted: Sequence[Planted], crop: Crop, rule: Rule, job: Job,
-                     *, seconds: float = 600.0, seed: int = 1, dt_s: float = 0.05) -> LoopGain:
-    """Rate and place error of two simulated runs of the same machine: control without and with knowing its effects.
+def closed_loop_gain(
+    nominal: Machine,
+    extended: Machine,
+    planted: Sequence[Planted],
+    crop: Crop,
+    rule: Rule,
+    job: Job,
+    *,
+    seconds: float = 600.0,
+    seed: int = 1,
+    dt_s: float = 0.05,
+) -> LoopGain:
+    """Rate and place error of two simulated runs of the same machine: control without and with
+    knowing its effects.
 
     Parameters
     ----------
@@ -44,6 +57,12 @@ def closed_loop_gain(nominal: Machine, extended: Machine, planted: Sequence[Plan
         plant = simulated_machine(nominal, at, seed, dt_s, planted)
         for step in simulated_run(plant, control_loop(known, crop, rule, at), seconds):
             record.add(step)
-        found.append(errors(record.columns(), record.fired, nominal.geometry.working_width_m,
-                            nominal.fall.lever_arm_m))
+        found.append(
+            errors(
+                record.columns(),
+                record.fired,
+                nominal.geometry.working_width_m,
+                nominal.fall.lever_arm_m,
+            )
+        )
     return LoopGain(*found)

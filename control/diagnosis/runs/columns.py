@@ -1,4 +1,6 @@
-"""What one unit of anything does to a group's channels: tolerances, slopes of parts, freedom of form, candidates."""
+"""What one unit of anything does to a group's channels: tolerances, slopes of parts, freedom of
+form, candidates."""
+
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -23,40 +25,67 @@ from .smooth import TABLES, series, span
 
 Array = npt.NDArray[np.float64]
 
-BENDS = (0.3, 0.15)         # of the size, by which a growth may differ from an even one: half-wave, whole wave (1 s.d.)
-WAVES = 2                   # half-waves of the shapes in which a size may go in time: up or down, and there and back
-TRAIT_SHARE = 0.5           # of a tolerance, by which it may differ from case to case within one machine
-REFILL_SD_KG = 0.5          # of what the operator wrote down; on the nominal machine, as the next
-WRITTEN = "refill"          # ... which has the tails of a Cauchy distribution: the wrong bag, or a slip of the pen
-UNKNOWN_KG = 20.0           # (1 s.d.) the level at the start, and a refill that nobody wrote down
-ROUNDING_SHARE = 0.1        # of an encoder's step: how well the mean error of rounding is known
-TURNS_SHARE = 1e-3          # of what a gain does at most: below, the shaft stands
-PACKED_SHARE = 0.5          # of what a blocked outlet loads the drive with (1 s.d.): nobody measured it
-MAX_KEPT = 200              # columns of candidates that are kept
-MOST_LATE = 8               # ... and sets of nuisances: one for each dead time
-LATENCY_STEP_S = 0.05       # difference for the slope of a GNSS reading's latency: half a row, as it is known
-DEAD_TIME = "dead_time_s"   # nominal value: with another one a drive moves later
+# of the size, by which a growth may differ from an even one: half-wave, whole wave (1 s.d.)
+BENDS = (0.3, 0.15)
+# half-waves of the shapes in which a size may go in time: up or down, and there and back
+WAVES = 2
+# of a tolerance, by which it may differ from case to case within one machine
+TRAIT_SHARE = 0.5
+# of what the operator wrote down; on the nominal machine, as the next
+REFILL_SD_KG = 0.5
+# ... which has the tails of a Cauchy distribution: the wrong bag, or a slip of the pen
+WRITTEN = "refill"
+# (1 s.d.) the level at the start, and a refill that nobody wrote down
+UNKNOWN_KG = 20.0
+# of an encoder's step: how well the mean error of rounding is known
+ROUNDING_SHARE = 0.1
+# of what a gain does at most: below, the shaft stands
+TURNS_SHARE = 1e-3
+# of what a blocked outlet loads the drive with (1 s.d.): nobody measured it
+PACKED_SHARE = 0.5
+MAX_KEPT = 200  # columns of candidates that are kept
+# ... and sets of nuisances: one for each dead time
+MOST_LATE = 8
+# difference for the slope of a GNSS reading's latency: half a row, as it is known
+LATENCY_STEP_S = 0.05
+# nominal value: with another one a drive moves later
+DEAD_TIME = "dead_time_s"
 
 
-def _column(model: GroupModel, label: Label, series_of_channel: dict[str, Array], sd: float = np.inf,
-            mean: float = 0.0) -> Column:
+def _column(
+    model: GroupModel,
+    label: Label,
+    series_of_channel: dict[str, Array],
+    sd: float = np.inf,
+    mean: float = 0.0,
+) -> Column:
     """A column of series (m,) by channel. sd, mean : prior of its amplitude."""
     cuts = {c.name: c.cut for c in model.channels}
-    return Column(label, {name: coefficients(one, cuts[name]) for name, one in series_of_channel.items()}, sd, mean)
+    return Column(
+        label,
+        {name: coefficients(one, cuts[name]) for name, one in series_of_channel.items()},
+        sd,
+        mean,
+    )
 
 
 def nuisance_columns(model: GroupModel, late: Hypothesis = ()) -> list[Column]:
-    """What is open under every hypothesis, channel by channel: tolerances, and what the readings leave open.
+    """What is open under every hypothesis, channel by channel: tolerances, and what the
+    readings leave open.
 
     late : steady parts of a hypothesis with which drives move later.
     """
-    return [column for channel in model.channels
-            for column in (*_of_tolerances(model, channel, late), *_of_readings(model, channel))]
+    return [
+        column
+        for channel in model.channels
+        for column in (*_of_tolerances(model, channel, late), *_of_readings(model, channel))
+    ]
 
 
 def _of_tolerances(model: GroupModel, channel: ChannelSeries, late: Hypothesis) -> list[Column]:
-    """Slopes of the prediction in the nominal values that may be off, where these stand now. Those of times show when
-    the drive moves: where a part has it move later, a slope without that part is where nothing moves."""
+    """Slopes of the prediction in the nominal values that may be off, where these stand now.
+    Those of times show when the drive moves: where a part has it move later, a slope without
+    that part is where nothing moves."""
     found: list[Column] = []
     here = tuple(part for part in late if channel.name in ROWS[part.id].channels)
     now = model.predicted(here)[channel.name]
@@ -66,19 +95,30 @@ def _of_tolerances(model: GroupModel, channel: ChannelSeries, late: Hypothesis) 
         value = getattr(model.base.by_name[n.stage], n.field) + n.step
         plan = schedule(model.base.put(n.stage, **{n.field: value}), here)
         change = (channel.predict(plan, MOST_STEP_S) - now) / n.step
-        found.append(_column(model, Label(Role.TOLERANCE, n.key), {channel.name: change}, n.sd,
-                             -model.offsets.get(n.key, 0.0)))
+        found.append(
+            _column(
+                model,
+                Label(Role.TOLERANCE, n.key),
+                {channel.name: change},
+                n.sd,
+                -model.offsets.get(n.key, 0.0),
+            )
+        )
         if channel.name == "shaft" and n.field != "gain_percent":
             found += _by_speed_and_way(model, n.key, change, now, TRAIT_SHARE * n.sd)
     return found
 
 
-def _by_speed_and_way(model: GroupModel, key: str, change: Array, rpm: Array, sd: float) -> list[Column]:
+def _by_speed_and_way(
+    model: GroupModel, key: str, change: Array, rpm: Array, sd: float
+) -> list[Column]:
     """The same tolerance, unlike at low and high speed and for rising and falling commands."""
     middle, half = 0.5 * float(rpm.max() + rpm.min()), 0.5 * float(np.ptp(rpm)) + 1e-9
     way = np.sign(np.gradient(rpm))
-    return [_column(model, Label(Role.TRAIT, key), {"shaft": change * (rpm - middle) / half}, sd),
-            _column(model, Label(Role.TRAIT, key), {"shaft": change * way}, sd)]
+    return [
+        _column(model, Label(Role.TRAIT, key), {"shaft": change * (rpm - middle) / half}, sd),
+        _column(model, Label(Role.TRAIT, key), {"shaft": change * way}, sd),
+    ]
 
 
 def _of_readings(model: GroupModel, channel: ChannelSeries) -> list[Column]:
@@ -92,13 +132,27 @@ def _of_readings(model: GroupModel, channel: ChannelSeries) -> list[Column]:
     if channel.name == "scale" and data.hopper is not None:
         bins, hopper = np.arange(len(data.hopper.reading_kg)), of_nominal(model.machine, HOPPER)
         steps = [channel.grid.of((bins >= jump).astype(np.float64)) for jump in data.hopper.jumps]
-        return [_column(model, label, {"scale": np.ones(len(channel.measured))}, hopper * UNKNOWN_KG),
-                *(_column(model, Label(Role.READING, WRITTEN) if written else label, {"scale": after},
-                          hopper * (REFILL_SD_KG if written else UNKNOWN_KG))
-                  for after, written in zip(steps, data.hopper.written, strict=True)),
-                *(_column(model, label, {"scale": channel.grid.of((bins >= end).astype(np.float64))},
-                          metered * model.machine.flow.grams_per_rev_mm / 60_000.0)
-                  for end, metered in data.hopper.gaps)]
+        return [
+            _column(model, label, {"scale": np.ones(len(channel.measured))}, hopper * UNKNOWN_KG),
+            *(
+                _column(
+                    model,
+                    Label(Role.READING, WRITTEN) if written else label,
+                    {"scale": after},
+                    hopper * (REFILL_SD_KG if written else UNKNOWN_KG),
+                )
+                for after, written in zip(steps, data.hopper.written, strict=True)
+            ),
+            *(
+                _column(
+                    model,
+                    label,
+                    {"scale": channel.grid.of((bins >= end).astype(np.float64))},
+                    metered * model.machine.flow.grams_per_rev_mm / 60_000.0,
+                )
+                for end, metered in data.hopper.gaps
+            ),
+        ]
     if channel.name == "speed":
         late = model.difference((), EffectInstance(effects.SPEED_GNSS_LATENCY.id, LATENCY_STEP_S))
         stamp = {name: change / LATENCY_STEP_S for name, change in late.items()}
@@ -108,24 +162,31 @@ def _of_readings(model: GroupModel, channel: ChannelSeries) -> list[Column]:
             found.append(_column(model, label, short, data.speed.unseen_percent))
         return found
     if channel.name == "heads":
-        ones = [model.difference((), EffectInstance(effects.CANOPY_HEAD_FOULED.id, 1.0, None, k + 1))
-                for k in range(model.heads)]
+        ones = [
+            model.difference((), EffectInstance(effects.CANOPY_HEAD_FOULED.id, 1.0, None, k + 1))
+            for k in range(model.heads)
+        ]
         return [_column(model, label, one, model.machine.tolerance.head_percent) for one in ones]
     return []
 
 
 class Forms:
-    """Columns of the smooth shapes of each stage over each recorded variable, made when first asked for."""
+    """Columns of the smooth shapes of each stage over each recorded variable, made when first
+    asked for."""
 
     def __init__(self, model: GroupModel) -> None:
         self._model = model
-        self._units = {stage: _unit(model, table.unit) for stage, table in TABLES.items()
-                       if table.channel in model.names and stage != "scale"}
+        self._units = {
+            stage: _unit(model, table.unit)
+            for stage, table in TABLES.items()
+            if table.channel in model.names and stage != "scale"
+        }
         self._made: dict[tuple[str, str], list[Column]] = {}
 
     def over(self, stage: str, variable: str, moves: Hypothesis = ()) -> list[Column]:
-        """Columns of a stage over a variable (empty: the variable hardly moves). moves : parts of a hypothesis that
-        change how the stage's drive moves: a form comes when the drive does."""
+        """Columns of a stage over a variable (empty: the variable hardly moves). moves : parts
+        of a hypothesis that change how the stage's drive moves: a form comes when the drive
+        does."""
         if moves:
             return self._columns(stage, variable, moves)
         if (stage, variable) not in self._made:
@@ -137,30 +198,48 @@ class Forms:
         over = span(data, variable, model.machine)
         if over is None or name not in model.names:
             return []
-        unit = _unit(model, TABLES[stage].unit, moves) if moves else self._units.get(stage, np.ones(1))
-        own = model.predicted(moves)[name] if moves and own_command(stage, variable) != variable else None
-        rows = series(stage, over, model.channel(name), unit, data=data, base=model.base,
-                      machine=model.machine, own=own)
+        unit = (
+            _unit(model, TABLES[stage].unit, moves) if moves else self._units.get(stage, np.ones(1))
+        )
+        own = (
+            model.predicted(moves)[name]
+            if moves and own_command(stage, variable) != variable
+            else None
+        )
+        rows = series(
+            stage,
+            over,
+            model.channel(name),
+            unit,
+            data=data,
+            base=model.base,
+            machine=model.machine,
+            own=own,
+        )
         return [_column(model, Label(Role.FORM), {name: row}) for row in rows]
 
 
 def _unit(model: GroupModel, part: EffectInstance, others: Hypothesis = ()) -> Array:
-    """What one unit of an effect does to the first channel that it moves, from the slope at its probe."""
+    """What one unit of an effect does to the first channel that it moves, from the slope at its
+    probe."""
     size = ROWS[part.id].on(model.machine).probe
     assert size is not None
     return next(iter(model.difference(others, part._replace(size=size)).values())) / size
 
 
 class Columns:
-    """Columns of a group's hypotheses, made by running its model; those of candidates are kept while it stands."""
+    """Columns of a group's hypotheses, made by running its model; those of candidates are kept
+    while it stands."""
 
     def __init__(self, model: GroupModel) -> None:
         self.model = model
         self.forms = Forms(model)
         self._kept: dict[tuple[Hypothesis, EffectInstance], Column] = {}
-        self._courses: dict[EffectInstance, Array] = {}       # of the shaft's gain, by when it is there
-        self._fixed: dict[Hypothesis, list[Column]] = {}        # by the parts with which drives move later
-        self._made_at = -1          # of the model's moves
+        # of the shaft's gain, by when it is there
+        self._courses: dict[EffectInstance, Array] = {}
+        # by the parts with which drives move later
+        self._fixed: dict[Hypothesis, list[Column]] = {}
+        self._made_at = -1  # of the model's moves
 
     def _refresh(self) -> None:
         if self._made_at != self.model.moves:
@@ -170,21 +249,35 @@ class Columns:
             self._fixed.clear()
 
     def fixed(self, parts: Hypothesis = ()) -> list[Column]:
-        """The nuisances, at the nominal values as they stand, but for those that a part of the hypothesis moves."""
+        """The nuisances, at the nominal values as they stand, but for those that a part of the
+        hypothesis moves."""
         self._refresh()
         moved = stood_for(parts)
-        return [*(c for c in self._nuisances(parts) if c.label.role is not Role.TOLERANCE or c.label.name not in moved),
-                *self.of_stops(parts)]
+        return [
+            *(
+                c
+                for c in self._nuisances(parts)
+                if c.label.role is not Role.TOLERANCE or c.label.name not in moved
+            ),
+            *self.of_stops(parts),
+        ]
 
     def of_stops(self, parts: Hypothesis) -> list[Column]:
         """Where each gate that stuck stands."""
-        return [self._where_it_stands(parts, part) for part in parts if part.id == effects.GATE_STUCK.id] + [
-            self._how_packed(parts) for part in parts
-            if part.id == effects.FLOW_BLOCKED_OUTLET.id and "effort" in self.model.names
-            and self.model.machine.effort.jam > 0.0]
+        return [
+            self._where_it_stands(parts, part) for part in parts if part.id == effects.GATE_STUCK.id
+        ] + [
+            self._how_packed(parts)
+            for part in parts
+            if part.id == effects.FLOW_BLOCKED_OUTLET.id
+            and "effort" in self.model.names
+            and self.model.machine.effort.jam > 0.0
+        ]
 
     def _nuisances(self, parts: Hypothesis) -> list[Column]:
-        late = tuple(part for part in parts if ROWS[part.id].moves == DEAD_TIME and part.onset_s is None)
+        late = tuple(
+            part for part in parts if ROWS[part.id].moves == DEAD_TIME and part.onset_s is None
+        )
         if late not in self._fixed:
             if len(self._fixed) > MOST_LATE:
                 self._fixed.clear()
@@ -192,20 +285,31 @@ class Columns:
         return self._fixed[late]
 
     def _where_it_stands(self, parts: Hypothesis, stuck: EffectInstance) -> Column:
-        """A gate that stuck within a move stands anywhere on the way that it goes from row to row. The first seconds
-        after a halt are left out of what is judged (HALT_S)."""
+        """A gate that stuck within a move stands anywhere on the way that it goes from row to
+        row. The first seconds after a halt are left out of what is judged (HALT_S)."""
         model, home = self.model, ROWS[effects.GATE_HOME_ERROR.id].on(self.model.machine)
         assert home.probe is not None
-        off = self.of_candidate(parts, EffectInstance(home.id, home.probe, (stuck.onset_s or 0.0) + HALT_S))
-        return off._replace(label=Label(Role.READING),
-                            sd=model.machine.gate.slew_mm_s * model.channel("gate").grid.step_s)
+        off = self.of_candidate(
+            parts, EffectInstance(home.id, home.probe, (stuck.onset_s or 0.0) + HALT_S)
+        )
+        return off._replace(
+            label=Label(Role.READING),
+            sd=model.machine.gate.slew_mm_s * model.channel("gate").grid.step_s,
+        )
 
     def _how_packed(self, parts: Hypothesis) -> Column:
-        """What stands before a closed outlet turns harder or easier, by the product and by how it closed."""
+        """What stands before a closed outlet turns harder or easier, by the product and by how
+        it closed."""
         jam = self.model.base.by_name["effort"].jam
-        harder = self.model.run(parts, self.model.base.put("effort", jam=jam + 1.0), ("effort",))["effort"]
-        return _column(self.model, Label(Role.READING), {"effort": harder - self.model.predicted(parts)["effort"]},
-                       PACKED_SHARE * jam)
+        harder = self.model.run(parts, self.model.base.put("effort", jam=jam + 1.0), ("effort",))[
+            "effort"
+        ]
+        return _column(
+            self.model,
+            Label(Role.READING),
+            {"effort": harder - self.model.predicted(parts)["effort"]},
+            PACKED_SHARE * jam,
+        )
 
     def slopes(self, parts: Hypothesis) -> list[Column]:
         """Slope of the prediction in each part's size, at the hypothesis."""
@@ -215,15 +319,26 @@ class Columns:
             if not row.has_slope:
                 continue
             step = _slope_step(part, model.machine)
-            moved = (*parts[:k], part._replace(size=part.size + step), *parts[k + 1:])
+            moved = (*parts[:k], part._replace(size=part.size + step), *parts[k + 1 :])
             now = model.predicted(parts)
-            change = {name: (one - now[name]) / step for name, one in model.run(moved, only=row.channels).items()}
-            found.append(_column(self.model, Label(Role.SLOPE, part.id, k), change,
-                                 sd_of_size(part.size, row.on(model.machine).usual), -part.size))
+            change = {
+                name: (one - now[name]) / step
+                for name, one in model.run(moved, only=row.channels).items()
+            }
+            found.append(
+                _column(
+                    self.model,
+                    Label(Role.SLOPE, part.id, k),
+                    change,
+                    sd_of_size(part.size, row.on(model.machine).usual),
+                    -part.size,
+                )
+            )
         return found
 
     def form_columns(self, parts: Hypothesis, slopes: Sequence[Column]) -> list[Column]:
-        """Freedom of form of each part: smooth shapes of its variable with a prior in proportion to its signal."""
+        """Freedom of form of each part: smooth shapes of its variable with a prior in
+        proportion to its signal."""
         found: list[Column] = []
         fixed = self.fixed(parts)
         for slope in slopes:
@@ -240,7 +355,9 @@ class Columns:
                 at = len(fixed) + 1 + k
                 ratio = max(own, 0.0) / max(normal[at, at], 1e-12) / len(wobbles)
                 sd = FORM_SHARE * abs(part.size) * np.sqrt(ratio)
-                free = wobble._replace(label=Label(Role.FORM, part.id, slope.label.part), sd=max(1e-9, float(sd)))
+                free = wobble._replace(
+                    label=Label(Role.FORM, part.id, slope.label.part), sd=max(1e-9, float(sd))
+                )
                 found.append(_less_slopes(free, slopes))
         return found
 
@@ -250,26 +367,50 @@ class Columns:
         if not part.grows or part.size == 0.0:
             return []
         there = tuple(other for other in parts if not other.grows)
-        steady, grown = model.predicted(there), model.predicted((*there, part._replace(onset_s=None, grows=False)))
+        steady, grown = (
+            model.predicted(there),
+            model.predicted((*there, part._replace(onset_s=None, grows=False))),
+        )
         channels = [c for c in model.channels if c.name in ROWS[part.id].channels]
         whole = {c.name: grown[c.name] - steady[c.name] for c in channels}
-        return [_column(model, Label(Role.FORM, part.id, k),
-                        {c.name: with_course(whole[c.name], np.sin(waves * np.pi * course(c, part)), c.copies,
-                                              adds_up(part, c.name)) / part.size for c in channels},
-                        max(1e-9, bend * abs(part.size)))
-                for waves, bend in enumerate(BENDS, start=1)]
+        return [
+            _column(
+                model,
+                Label(Role.FORM, part.id, k),
+                {
+                    c.name: with_course(
+                        whole[c.name],
+                        np.sin(waves * np.pi * course(c, part)),
+                        c.copies,
+                        adds_up(part, c.name),
+                    )
+                    / part.size
+                    for c in channels
+                },
+                max(1e-9, bend * abs(part.size)),
+            )
+            for waves, bend in enumerate(BENDS, start=1)
+        ]
 
     def _wobbles(self, parts: Hypothesis, part: EffectInstance) -> list[Column]:
-        """Shapes by which a part's form may differ, where and as it is there: over its own variable, and those of its
-        siblings."""
+        """Shapes by which a part's form may differ, where and as it is there: over its own
+        variable, and those of its siblings."""
         row = ROWS[part.id]
-        moves = tuple(p for p in parts if ROWS[p.id].stage == row.stage and ROWS[p.id].move_shaped and p.id != part.id)
+        moves = tuple(
+            p
+            for p in parts
+            if ROWS[p.id].stage == row.stage and ROWS[p.id].move_shaped and p.id != part.id
+        )
         over = self.forms.over(row.stage, row.form_over, moves) if row.form_over else []
         found = [self._while_there(column, part, row.stage) for column in over]
         for sibling in row.siblings:
             step = ROWS[sibling].on(self.model.machine).trial_sizes[1]
             change = self.model.difference(parts, part._replace(id=sibling, size=step))
-            found.append(_column(self.model, Label(Role.FORM), {name: one / step for name, one in change.items()}))
+            found.append(
+                _column(
+                    self.model, Label(Role.FORM), {name: one / step for name, one in change.items()}
+                )
+            )
         return found
 
     def _while_there(self, column: Column, part: EffectInstance, stage: str) -> Column:
@@ -280,15 +421,18 @@ class Columns:
         for channel in self.model.channels:
             if channel.name in column.coefficients:
                 whole = series_of(column.coefficients[channel.name], channel.cut)
-                if stage == "shaft":        # it goes there with the motor, as the part's own column does
+                # it goes there with the motor, as the part's own column does
+                if stage == "shaft":
                     found[channel.name] = whole * self._shaft_course(channel, part)
                 else:
-                    found[channel.name] = with_course(whole, course(channel, part), channel.copies,
-                                                      adds_up(part, channel.name))
+                    found[channel.name] = with_course(
+                        whole, course(channel, part), channel.copies, adds_up(part, channel.name)
+                    )
         return _column(self.model, column.label, found)
 
     def _shaft_course(self, channel: ChannelSeries, part: EffectInstance) -> Array:
-        """How much of a constant gain of the shaft shows at each sample if it is there as a part is: (m,)."""
+        """How much of a constant gain of the shaft shows at each sample if it is there as a
+        part is: (m,)."""
         self._refresh()
         unit = TABLES["shaft"].unit
         size = ROWS[unit.id].on(self.model.machine).probe
@@ -297,10 +441,14 @@ class Columns:
         if here not in self._courses:
             if len(self._courses) > MAX_KEPT:
                 self._courses.clear()
-            all_along, there = (self.model.difference((), one)[channel.name] for one in (
-                unit._replace(size=size), here))
+            all_along, there = (
+                self.model.difference((), one)[channel.name]
+                for one in (unit._replace(size=size), here)
+            )
             turns = np.abs(all_along) > TURNS_SHARE * float(np.abs(all_along).max(initial=1e-12))
-            self._courses[here] = np.divide(there, all_along, out=course(channel, part), where=turns)
+            self._courses[here] = np.divide(
+                there, all_along, out=course(channel, part), where=turns
+            )
         return self._courses[here]
 
     def of_candidate(self, parts: Hypothesis, part: EffectInstance) -> Column:
@@ -310,35 +458,60 @@ class Columns:
             if len(self._kept) > MAX_KEPT:
                 self._kept.clear()
             change = self.model.difference(parts, part)
-            self._kept[(parts, part)] = _column(self.model, Label(Role.CANDIDATE, part.id),
-                                                    {name: one / part.size for name, one in change.items()},
-                                                    ROWS[part.id].on(self.model.machine).usual)
+            self._kept[(parts, part)] = _column(
+                self.model,
+                Label(Role.CANDIDATE, part.id),
+                {name: one / part.size for name, one in change.items()},
+                ROWS[part.id].on(self.model.machine).usual,
+            )
         return self._kept[(parts, part)]
 
     def over_time(self, slope: Column, part: EffectInstance) -> list[Column]:
-        """A part's slope in the course of smooth shapes of the time for which it is there: its size, were it not the
-        same all along."""
+        """A part's slope in the course of smooth shapes of the time for which it is there: its
+        size, were it not the same all along."""
         found: list[dict[str, Array]] = [{} for _ in range(WAVES)]
         for channel in (c for c in self.model.channels if c.name in slope.coefficients):
-            time_s, series = channel.grid.even_s, series_of(slope.coefficients[channel.name], channel.cut)
+            time_s, series = (
+                channel.grid.even_s,
+                series_of(slope.coefficients[channel.name], channel.cut),
+            )
             begin_s = time_s[0] if part.onset_s is None else part.onset_s
             end_s = time_s[-1] if part.until_s is None else part.until_s
             share = np.clip((time_s - begin_s) / max(1e-9, end_s - begin_s), 0.0, 1.0)
             for waves, shape in enumerate(found, start=1):
-                shape[channel.name] = with_course(series, np.cos(waves * np.pi * share), channel.copies,
-                                                  adds_up(part, channel.name))
-        return [_column(self.model, Label(Role.FORM, part.id, slope.label.part), shape, max(1e-9, abs(part.size)))
-                for shape in found]
+                shape[channel.name] = with_course(
+                    series,
+                    np.cos(waves * np.pi * share),
+                    channel.copies,
+                    adds_up(part, channel.name),
+                )
+        return [
+            _column(
+                self.model,
+                Label(Role.FORM, part.id, slope.label.part),
+                shape,
+                max(1e-9, abs(part.size)),
+            )
+            for shape in found
+        ]
 
     def trace(self, parts: Hypothesis, k: int) -> Column:
         """What the whole of part k does, the others in place."""
-        return _column(self.model, Label(Role.TRACE, parts[k].id, k),
-                           self.model.difference((*parts[:k], *parts[k + 1:]), parts[k]))
+        return _column(
+            self.model,
+            Label(Role.TRACE, parts[k].id, k),
+            self.model.difference((*parts[:k], *parts[k + 1 :]), parts[k]),
+        )
 
     def between(self, parts: Hypothesis, others: Hypothesis) -> Column:
-        """What a hypothesis does more than another: the others' sizes may have moved far in its place."""
+        """What a hypothesis does more than another: the others' sizes may have moved far in its
+        place."""
         with_it, without = self.model.predicted(parts), self.model.predicted(others)
-        return _column(self.model, Label(Role.TRACE), {name: one - without[name] for name, one in with_it.items()})
+        return _column(
+            self.model,
+            Label(Role.TRACE),
+            {name: one - without[name] for name, one in with_it.items()},
+        )
 
     def of_hypothesis(self, parts: Hypothesis) -> list[Column]:
         """Nuisances, slopes and forms of a hypothesis, in the order of `compressed`."""
@@ -346,29 +519,38 @@ class Columns:
         return [*self.fixed(parts), *slopes, *self.form_columns(parts, slopes)]
 
     def compressed(self, parts: Hypothesis, more: Sequence[Column] = ()) -> tuple[Problem, int]:
-        """Problem at a hypothesis: nuisances, slopes, forms, then `more`; and how many come before `more`."""
+        """Problem at a hypothesis: nuisances, slopes, forms, then `more`; and how many come
+        before `more`."""
         base = self.of_hypothesis(parts)
         self.model.ask()
-        return problem(self.model.channels, self.model.banded_residual(parts), [*base, *more]), len(base)
+        return problem(self.model.channels, self.model.banded_residual(parts), [*base, *more]), len(
+            base
+        )
 
     def by_channel(self, parts: Hypothesis) -> dict[str, list[tuple[Column, Array]]]:
-        """By channel: nuisances and slopes of a hypothesis that touch it, along with their series (m,)."""
+        """By channel: nuisances and slopes of a hypothesis that touch it, along with their
+        series (m,)."""
         found: dict[str, list[tuple[Column, Array]]] = {c.name: [] for c in self.model.channels}
         for column in [*self.fixed(parts), *self.slopes(parts)]:
             for channel in self.model.channels:
                 if channel.name in column.coefficients:
-                    found[channel.name].append((column, series_of(column.coefficients[channel.name], channel.cut)))
+                    found[channel.name].append(
+                        (column, series_of(column.coefficients[channel.name], channel.cut))
+                    )
         return found
 
 
 def _less_slopes(form: Column, slopes: Sequence[Column]) -> Column:
-    """A form without what the sizes of the parts do, over all rows alike: sizes are then those with which the machine
-    file, which has no freedom of form, predicts best (Plumlee, JASA 112, 2017, 1274: orthogonal discrepancy)."""
+    """A form without what the sizes of the parts do, over all rows alike: sizes are then those
+    with which the machine file, which has no freedom of form, predicts best (Plumlee, JASA 112,
+    2017, 1274: orthogonal discrepancy)."""
     found = {}
     for name, values in form.coefficients.items():
         there = [slope.coefficients[name] for slope in slopes if name in slope.coefficients]
         basis = np.array(there).T if there else np.zeros((len(values), 0))
-        found[name] = values - basis @ np.linalg.lstsq(basis, values, rcond=None)[0] if there else values
+        found[name] = (
+            values - basis @ np.linalg.lstsq(basis, values, rcond=None)[0] if there else values
+        )
     return form._replace(coefficients=found)
 
 

@@ -1,4 +1,6 @@
-"""Two machine files held against the same log: the error of each channel under either, and the difference."""
+"""Two machine files held against the same log: the error of each channel under either, and the
+difference."""
+
 from __future__ import annotations
 
 from collections.abc import Callable
@@ -22,17 +24,19 @@ from .stages import run_data
 
 Array = npt.NDArray[np.float64]
 
-MOST_BLOCKS, LEAST_BLOCKS = 24, 4   # of a channel; of fewer no spread is read
-MEMORIES = 5.0              # a block is so many times as long as errors stay alike: blocks are then nearly independent
-SHARE = 0.90                # of the interval, as everywhere in a diagnosis
+MOST_BLOCKS, LEAST_BLOCKS = 24, 4  # of a channel; of fewer no spread is read
+# a block is so many times as long as errors stay alike: blocks are then nearly independent
+MEMORIES = 5.0
+SHARE = 0.90  # of the interval, as everywhere in a diagnosis
 
 
 class ComparedChannel(NamedTuple):
     """Errors of one channel under both machine files; no size is fitted.
 
-    unit : of all figures. old, new : r.m.s. of measured less predicted. low, high : 90 % interval of old less new by a
-    jackknife over blocks of time, NaN where the log is too short for it. time_s, measured, of_old, of_new : the series
-    (m,) that they are of, for pictures: time in the log, read, predicted by each.
+    unit : of all figures. old, new : r.m.s. of measured less predicted. low, high : 90 %
+    interval of old less new by a jackknife over blocks of time, NaN where the log is too short
+    for it. time_s, measured, of_old, of_new : the series (m,) that they are of, for pictures:
+    time in the log, read, predicted by each.
     """
 
     channel: str
@@ -61,25 +65,32 @@ class _PredictedSeries(NamedTuple):
     predicted: Array
 
 
-def compared(columns: Any, old: Machine | str, new: Machine | str,
-             step: Callable[[float, str], None] = lambda share, word: None) -> Compared:
-    """How well two machine files predict a run log, channel by channel, as they stand: nothing is fitted to the log.
+def compared(
+    columns: Any,
+    old: Machine | str,
+    new: Machine | str,
+    step: Callable[[float, str], None] = lambda share, word: None,
+) -> Compared:
+    """How well two machine files predict a run log, channel by channel, as they stand: nothing
+    is fitted to the log.
 
     Parameters
     ----------
     columns
-        Columns of shape (n,) by the run log's names and units, in any form that `diagnose_run` takes.
+        Columns of shape (n,) by the run log's names and units, in any form that `diagnose_run`
+        takes.
     old, new
-        The machine files, or their paths or shipped names. Rows are put in order, and gaps bridged, as `old` has it,
-        for both alike.
+        The machine files, or their paths or shipped names. Rows are put in order, and gaps
+        bridged, as `old` has it, for both alike.
     step
         `step(share, word)` is called between channels; it may raise to end the work.
 
     Returns
     -------
     Compared
-        A channel for each that the log can show under both files: shaft (r/min), gate (mm), flow (kg/s, means over 10 s
-        of the scale), scale (kg), speed (wheel less GNSS, m/s), heads (NDVI).
+        A channel for each that the log can show under both files: shaft (r/min), gate (mm),
+        flow (kg/s, means over 10 s of the scale), scale (kg), speed (wheel less GNSS, m/s),
+        heads (NDVI).
 
     Raises
     ------
@@ -104,21 +115,30 @@ def compared(columns: Any, old: Machine | str, new: Machine | str,
     log = gate(columns_of(columns), old.has)
     log = moved(log, order_of(log, old))
     step(0.1, "data")
-    with np.errstate(all="ignore"):         # what comes of it is looked at: a channel without numbers is left out
+    # what comes of it is looked at: a channel without numbers is left out
+    with np.errstate(all="ignore"):
         of_old = _predictions(log, old, old, lambda share, word: step(0.1 + 0.4 * share, word))
         of_new = _predictions(log, new, old, lambda share, word: step(0.5 + 0.4 * share, word))
-        found = [one for name, series in of_old.items() if name in of_new and len(series.predicted) == len(
-            of_new[name].predicted) for one in _channels_of(series, of_new[name])]
+        found = [
+            one
+            for name, series in of_old.items()
+            if name in of_new and len(series.predicted) == len(of_new[name].predicted)
+            for one in _channels_of(series, of_new[name])
+        ]
     step(1.0, "")
     return Compared(tuple(found), (*log.findings, *turned_back(log, old, counted=True)))
 
 
-def _predictions(log: Clean, machine: Machine, other: Machine, step: Callable[[float, str], None]
-                 ) -> dict[str, _PredictedSeries]:
-    """Every channel that the log can show, as a machine file predicts it, on the rows that are judged by the sensors of
-    `other`: also those that ask a shaft for what it cannot do by its file, for that may be the file's error."""
+def _predictions(
+    log: Clean, machine: Machine, other: Machine, step: Callable[[float, str], None]
+) -> dict[str, _PredictedSeries]:
+    """Every channel that the log can show, as a machine file predicts it, on the rows that are
+    judged by the sensors of `other`: also those that ask a shaft for what it cannot do by its
+    file, for that may be the file's error."""
     shaft = machine.shaft._replace(one_way=0.0)
-    seen = channels(run_data(log, machine.model_copy(update={"shaft": shaft, "noise": other.noise})), machine)
+    seen = channels(
+        run_data(log, machine.model_copy(update={"shaft": shaft, "noise": other.noise})), machine
+    )
     plan = schedule(stages_of(machine), ())
     found = {}
     for number, (name, series) in enumerate(seen.items()):
@@ -132,23 +152,59 @@ def _channels_of(old: _PredictedSeries, new: _PredictedSeries) -> list[ComparedC
     name, unit = old.series.name, old.series.unit
     measured = old.series.measured
     time_s = np.tile(old.series.grid.even_s, old.series.copies)
-    found = [_of_errors(name, unit, measured - old.predicted, measured - new.predicted,
-                        time_s=time_s, measured=measured, of_old=old.predicted, of_new=new.predicted)]
+    found = [
+        _of_errors(
+            name,
+            unit,
+            measured - old.predicted,
+            measured - new.predicted,
+            time_s=time_s,
+            measured=measured,
+            of_old=old.predicted,
+            of_new=new.predicted,
+        )
+    ]
     if name == "scale":
         whole = HeldOut(old.series, old.series, (slice(0, len(measured)),))
-        flow, flow_unit, before, after = errors_of(whole, measured - old.predicted, measured - new.predicted)
+        flow, flow_unit, before, after = errors_of(
+            whole, measured - old.predicted, measured - new.predicted
+        )
         read = errors_of(whole, measured, measured)[2]
-        at = np.interp(np.linspace(0.0, 1.0, len(before)), np.linspace(0.0, 1.0, len(time_s)), time_s)
+        at = np.interp(
+            np.linspace(0.0, 1.0, len(before)), np.linspace(0.0, 1.0, len(time_s)), time_s
+        )
         if len(before):
-            found.insert(0, _of_errors(flow, flow_unit, before, after, time_s=at, measured=read, of_old=read - before,
-                                       of_new=read - after))
+            found.insert(
+                0,
+                _of_errors(
+                    flow,
+                    flow_unit,
+                    before,
+                    after,
+                    time_s=at,
+                    measured=read,
+                    of_old=read - before,
+                    of_new=read - after,
+                ),
+            )
     return [one for one in found if np.isfinite([one.old, one.new]).all()]
 
 
-def _of_errors(name: str, unit: str, before: Array, after: Array, *, time_s: Array, measured: Array,
-               of_old: Array, of_new: Array) -> ComparedChannel:
+def _of_errors(
+    name: str,
+    unit: str,
+    before: Array,
+    after: Array,
+    *,
+    time_s: Array,
+    measured: Array,
+    of_old: Array,
+    of_new: Array,
+) -> ComparedChannel:
     low, high = interval_of_difference(before, after)
-    return ComparedChannel(name, unit, rms(before), rms(after), low, high, time_s, measured, of_old, of_new)
+    return ComparedChannel(
+        name, unit, rms(before), rms(after), low, high, time_s, measured, of_old, of_new
+    )
 
 
 def rms(errors: Array) -> float:
@@ -157,17 +213,31 @@ def rms(errors: Array) -> float:
 
 
 def interval_of_difference(before: Array, after: Array) -> tuple[float, float]:
-    """90 % interval of rms(before) - rms(after), errors (m,) of the same rows: jackknife over blocks of time.
+    """90 % interval of rms(before) - rms(after), errors (m,) of the same rows: jackknife over
+    blocks of time.
 
-    The block that is left out moves the difference; errors within a block hang together, so that blocks, not rows, are
-    counted (Kunsch, Annals of Statistics 17, 1989). NaN, NaN for fewer than LEAST_BLOCKS blocks.
+    The block that is left out moves the difference; errors within a block hang together, so
+    that blocks, not rows, are counted (Kunsch, Annals of Statistics 17, 1989). NaN, NaN for
+    fewer than LEAST_BLOCKS blocks.
     """
-    count = int(min(MOST_BLOCKS, max(LEAST_BLOCKS, len(before) / (MEMORIES * max(_memory(before), _memory(after))))))
+    count = int(
+        min(
+            MOST_BLOCKS,
+            max(LEAST_BLOCKS, len(before) / (MEMORIES * max(_memory(before), _memory(after)))),
+        )
+    )
     if len(before) < 2 * LEAST_BLOCKS:
         return np.nan, np.nan
-    parts = [np.array([[len(piece), np.sum(np.square(piece))] for piece in np.array_split(errors, count)])
-             for errors in (before, after)]
-    without = [np.sqrt((np.sum(part[:, 1]) - part[:, 1]) / (np.sum(part[:, 0]) - part[:, 0])) for part in parts]
+    parts = [
+        np.array(
+            [[len(piece), np.sum(np.square(piece))] for piece in np.array_split(errors, count)]
+        )
+        for errors in (before, after)
+    ]
+    without = [
+        np.sqrt((np.sum(part[:, 1]) - part[:, 1]) / (np.sum(part[:, 0]) - part[:, 0]))
+        for part in parts
+    ]
     left_out = without[0] - without[1]
     sd = float(np.sqrt((count - 1) / count * np.sum(np.square(left_out - left_out.mean()))))
     half = float(stdtrit(count - 1, 0.5 + 0.5 * SHARE)) * sd
@@ -176,8 +246,8 @@ def interval_of_difference(before: Array, after: Array) -> tuple[float, float]:
 
 
 def _memory(errors: Array) -> float:
-    """Rows over which the squares of errors (m,) stay alike: what they are correlated with the next row's, as the time
-    constant of a first-order noise, 1 row at least."""
+    """Rows over which the squares of errors (m,) stay alike: what they are correlated with the
+    next row's, as the time constant of a first-order noise, 1 row at least."""
     squares = np.square(errors) - np.mean(np.square(errors))
     total = float(np.sum(np.square(squares)))
     alike = float(np.sum(squares[1:] * squares[:-1])) / total if total > 0.0 else 0.0

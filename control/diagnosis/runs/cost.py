@@ -1,4 +1,6 @@
-"""What a named effect does in the field when nobody compensates it, at the log's own operating points."""
+"""What a named effect does in the field when nobody compensates it, at the log's own operating
+points."""
+
 from __future__ import annotations
 
 import numpy as np
@@ -20,15 +22,17 @@ from .stages import RunData
 
 Array = npt.NDArray[np.float64]
 
-MAX_POINTS = 500            # of a log, evenly over it
-MIN_WINDOW_S = 5.0          # in which a drive falls behind: longer than any delay
+MAX_POINTS = 500  # of a log, evenly over it
+# in which a drive falls behind: longer than any delay
+MIN_WINDOW_S = 5.0
 
 
 def field_cost(part: EffectInstance, machine: Machine, data: RunData) -> FieldCost:
-    """Mean change of the dose, %, and of the landing place, m (late positive), over the log from the effect's onset on.
+    """Mean change of the dose, %, and of the landing place, m (late positive), over the log
+    from the effect's onset on.
 
-    None: it has no such cost that a log can tell. Effects of one speed sensor are counted as if it alone gave the
-    speed, those of the scale as if the flow followed it.
+    None: it has no such cost that a log can tell. Effects of one speed sensor are counted as if
+    it alone gave the speed, those of the scale as if the flow followed it.
     """
     costs = ROWS[part.id].costs
     if costs in WITHOUT_MODEL:
@@ -48,7 +52,9 @@ def _plans(part: EffectInstance, machine: Machine) -> tuple[Schedule, Schedule]:
 def _rate_percent(part: EffectInstance, machine: Machine, data: RunData) -> float | None:
     drive = {"shaft": data.shaft, "gate": data.gate}.get(ROWS[part.id].stage)
     onset_s = part.onset_s or -np.inf
-    time_s = np.linspace(data.time_s[0], data.time_s[-1], MAX_POINTS) if drive is None else drive.time_s
+    time_s = (
+        np.linspace(data.time_s[0], data.time_s[-1], MAX_POINTS) if drive is None else drive.time_s
+    )
     rows = np.flatnonzero(time_s >= onset_s)
     if not len(rows):
         return None
@@ -58,23 +64,36 @@ def _rate_percent(part: EffectInstance, machine: Machine, data: RunData) -> floa
     if drive is None:
         return rate_error_percent(machine, points, changed, points)
     wanted, applied = (_standing(drive, plan)[rows] for plan in _plans(part, machine))
-    return rate_error_percent(machine, _placed(points, drive, wanted), changed, _placed(points, drive, applied))
+    return rate_error_percent(
+        machine, _placed(points, drive, wanted), changed, _placed(points, drive, applied)
+    )
 
 
 def _points(data: RunData, machine: Machine, time_s: Array, refills: float) -> list[OperatingPoint]:
-    """Operating points at times of the log (n,), as it was asked for; what it does not tell is as usual."""
+    """Operating points at times of the log (n,), as it was asked for; what it does not tell is
+    as usual."""
     at = np.maximum(0, np.searchsorted(data.time_s, time_s, side="right") - 1)
-    usual = {"shaft_rpm": machine.set_points.shaft_rpm, "opening_mm": machine.set_points.opening_mm,
-             "hopper_kg": machine.flow.full_kg, "speed_mps": USUAL_MPS, "pitch_deg": 0.0}
-    known = {name: data.variables[name][at].tolist() if name in data.variables else [value] * len(at)
-             for name, value in usual.items()}
+    usual = {
+        "shaft_rpm": machine.set_points.shaft_rpm,
+        "opening_mm": machine.set_points.opening_mm,
+        "hopper_kg": machine.flow.full_kg,
+        "speed_mps": USUAL_MPS,
+        "pitch_deg": 0.0,
+    }
+    known = {
+        name: data.variables[name][at].tolist() if name in data.variables else [value] * len(at)
+        for name, value in usual.items()
+    }
     known |= {"time_s": time_s.tolist(), "working": data.working[at].tolist()}
-    return [OperatingPoint(**dict(zip(known, values, strict=True)), refills=refills)
-            for values in zip(*known.values(), strict=True)]
+    return [
+        OperatingPoint(**dict(zip(known, values, strict=True)), refills=refills)
+        for values in zip(*known.values(), strict=True)
+    ]
 
 
 def _standing(drive: Drive, plan: Schedule) -> Array:
-    """Where a drive truly stands at its rows (n,). A gate is set by its reading: it stands off by what that is off."""
+    """Where a drive truly stands at its rows (n,). A gate is set by its reading: it stands off
+    by what that is off."""
     if drive.name == "shaft":
         return drive_rows(drive)(plan, MOST_STEP_S)[:, 0]
     true, read = drive_rows(drive)(plan, MOST_STEP_S).T
@@ -83,7 +102,10 @@ def _standing(drive: Drive, plan: Schedule) -> Array:
 
 def _placed(points: list[OperatingPoint], drive: Drive, standing: Array) -> list[OperatingPoint]:
     field = "shaft_rpm" if drive.name == "shaft" else "opening_mm"
-    return [point._replace(**{field: float(value)}) for point, value in zip(points, standing, strict=True)]
+    return [
+        point._replace(**{field: float(value)})
+        for point, value in zip(points, standing, strict=True)
+    ]
 
 
 def _late_s(part: EffectInstance, machine: Machine, data: RunData) -> float | None:
@@ -94,7 +116,9 @@ def _late_s(part: EffectInstance, machine: Machine, data: RunData) -> float | No
     if drive is not None:
         moves = np.flatnonzero(np.diff(drive.command)) + 1
         now, late = (_standing(drive, plan) for plan in plans)
-        return _behind_s(now, late, drive.clock_s, moves[drive.time_s[moves] >= (part.onset_s or -np.inf)])
+        return _behind_s(
+            now, late, drive.clock_s, moves[drive.time_s[moves] >= (part.onset_s or -np.inf)]
+        )
     if stage == "speed" and data.speed is not None:
         every = np.flatnonzero(data.speed.time_s >= (part.onset_s or -np.inf))
         now, late = (speed_rows(data.speed)(plan, MOST_STEP_S)[:, 1] for plan in plans)
@@ -102,11 +126,14 @@ def _late_s(part: EffectInstance, machine: Machine, data: RunData) -> float | No
     return None
 
 
-def _behind_s(now: Array, late: Array, clock_s: Array, moves: npt.NDArray[np.int64]) -> float | None:
-    """What falls behind from one move to a later one, over how far it went meanwhile: least squares over such windows.
+def _behind_s(
+    now: Array, late: Array, clock_s: Array, moves: npt.NDArray[np.int64]
+) -> float | None:
+    """What falls behind from one move to a later one, over how far it went meanwhile: least
+    squares over such windows.
 
-    What follows by d s later falls behind by d times the way. now, late : series (n,) at `clock_s`; moves : rows at
-    which one begins.
+    What follows by d s later falls behind by d times the way. now, late : series (n,) at
+    `clock_s`; moves : rows at which one begins.
     """
     cuts: list[int] = []
     for row in moves.tolist():

@@ -1,14 +1,16 @@
 """Diagnosis of a run log, from columns to verdict.
 
-A log may be so odd that a matrix has no inverse or a sum no value. That is trouble of the program's own, never "what
-was given is wrong", and it must not take the other channels with it (`attempt`).
+A log may be so odd that a matrix has no inverse or a sum no value. That is trouble of the
+program's own, never "what was given is wrong", and it must not take the other channels with it
+(`attempt`).
 """
+
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import fields, is_dataclass, replace
-from functools import cache
+from functools import cache, partial
 from pathlib import PurePath
 from typing import Any, NamedTuple, TypeVar
 
@@ -46,7 +48,8 @@ from .selection import GroupResult, judge_group
 from .stages import RunData, run_data
 
 T = TypeVar("T")
-HALF_WAY = 200              # runs of the model, in which a group is half judged: how many it needs nobody knows
+# runs of the model, in which a group is half judged: how many it needs nobody knows
+HALF_WAY = 200
 Progress = Callable[[float, str], None]
 Each = Callable[[Callable[[Any], Any], Iterable[Any]], Iterable[Any]]
 
@@ -58,9 +61,9 @@ class Cancelled(Exception):
 def attempt(what: str, work: Callable[[], T], findings: list[str]) -> T | None:
     """What `work` gives; None where it fails, and a sentence on `what` among the findings.
 
-    Numbers that overflow or vanish on the way raise no warning: what comes of them is looked at (`is_finite`). Whatever
-    fails is caught, for nobody knows beforehand what a stranger's log makes of a formula; the place stands in the
-    sentence, so that it can be reported.
+    Numbers that overflow or vanish on the way raise no warning: what comes of them is looked at
+    (`is_finite`). Whatever fails is caught, for nobody knows beforehand what a stranger's log
+    makes of a formula; the place stands in the sentence, so that it can be reported.
     """
     try:
         with np.errstate(all="ignore"):
@@ -68,8 +71,10 @@ def attempt(what: str, work: Callable[[], T], findings: list[str]) -> T | None:
     except Cancelled:
         raise
     except Exception as error:
-        findings.append(f"{what}: left out: the program's own arithmetic fails on this log "
-                        f"({type(error).__name__} at {_place(error)}; please report it)")
+        findings.append(
+            f"{what}: left out: the program's own arithmetic fails on this log "
+            f"({type(error).__name__} at {_place(error)}; please report it)"
+        )
         return None
 
 
@@ -109,27 +114,37 @@ class JudgedRun(NamedTuple):
     groups: tuple[GroupResult, ...]
 
 
-def diagnose_run(columns: Any, machine: Machine | str, *, path: str = "",
-                 progress: Progress | None = None, cancelled: Callable[[], bool] | None = None,
-                 seed: int = 0, each: Each = map) -> Diagnosis:
+def diagnose_run(
+    columns: Any,
+    machine: Machine | str,
+    *,
+    path: str = "",
+    progress: Progress | None = None,
+    cancelled: Callable[[], bool] | None = None,
+    seed: int = 0,
+    each: Each = map,
+) -> Diagnosis:
     """What the machine model gets wrong in a run log, why, and what putting it right gains.
 
     Parameters
     ----------
     columns
-        Columns of shape (n,), one row a control tick or any other step, by the run log's column names and units
-        (contract of the run log): a dict of arrays or lists, a pandas or polars DataFrame, a list of dicts, an array
-        with named fields. Only `time_s` is needed (or `time_ms`, or dates: `control.diagnosis.given`); a stage without
-        its columns is left out and said in the findings.
+        Columns of shape (n,), one row a control tick or any other step, by the run log's column
+        names and units (contract of the run log): a dict of arrays or lists, a pandas or polars
+        DataFrame, a list of dicts, an array with named fields. Only `time_s` is needed (or
+        `time_ms`, or dates: `control.diagnosis.given`); a stage without its columns is left out
+        and said in the findings.
     machine
-        The machine as its file has it, or that file's path, or the name of a shipped one ("drive_alone").
-        Its tolerances are priors; sizes found are on top of its own effects.
+        The machine as its file has it, or that file's path, or the name of a shipped one
+        ("drive_alone"). Its tolerances are priors; sizes found are on top of its own effects.
     path
         Of the data, for the result.
     progress
-        `progress(share, word)` is called as often, share from 0 to 1; what it raises ends the diagnosis as well.
+        `progress(share, word)` is called as often, share from 0 to 1; what it raises ends the
+        diagnosis as well.
     cancelled
-        Asked at every run of the model, many times a second; True ends the diagnosis with `Cancelled`.
+        Asked at every run of the model, many times a second; True ends the diagnosis with
+        `Cancelled`.
     seed
         As for `diagnose_tables`, whose probabilities are drawn; of a run nothing is.
     each
@@ -138,62 +153,66 @@ def diagnose_run(columns: Any, machine: Machine | str, *, path: str = "",
     Returns
     -------
     Diagnosis
-        In a notebook it shows itself, and `found.plot()` its pictures. By the contract "topdress-diagnosis/1": sizes
-        and their 90 % intervals are in the catalogue's units (`topdress effects`), residuals in r/min, mm, kg, kg/s,
-        m/s and NDVI. Field costs are % and m.
+        In a notebook it shows itself, and `found.plot()` its pictures. By the contract
+        "topdress-diagnosis/1": sizes and their 90 % intervals are in the catalogue's units
+        (`topdress effects`), residuals in r/min, mm, kg, kg/s, m/s and NDVI. Field costs are %
+        and m.
 
     Raises
     ------
     ValueError
-        One line, where there is no time column or fewer rows than a diagnosis needs, where columns differ in length or
-        hold what is no number, and for a machine that no file describes.
+        One line, where there is no time column or fewer rows than a diagnosis needs, where
+        columns differ in length or hold what is no number, and for a machine that no file
+        describes.
     Cancelled
         Where `cancelled` said so.
 
-    Notes
-    -----
-    Each channel is predicted through the machine model from the measured output of the stage before. The likelihood is
-    Whittle's, in the cosine domain, with a fast and a slow noise refitted under every hypothesis [1]_; heavy tails are
-    drawn in by pseudo-values [2]_. Effects are proposed by a score test of their simulated column and weighed by log
-    evidence and prior odds, refitted through the model [3]_ (control/diagnosis/judgement). The gain is measured on
-    blocks that no size was fitted to.
+    Notes ----- Each channel is predicted through the machine model from the measured output of
+    the stage before. The likelihood is Whittle's, in the cosine domain, with a fast and a slow
+    noise refitted under every hypothesis [1]_; heavy tails are drawn in by pseudo-values [2]_.
+    Effects are proposed by a score test of their simulated column and weighed by log evidence
+    and prior odds, refitted through the model [3]_ (control/diagnosis/judgement). The gain is
+    measured on blocks that no size was fitted to.
 
-    References
-    ----------
-    .. [1] Whittle, Estimation and information in stationary time series, Arkiv for Matematik 2, 1953.
-    .. [2] Huber and Ronchetti, Robust Statistics, 2nd ed., 2009, 7.8.
-    .. [3] Kass and Raftery, Bayes factors, J. Am. Stat. Assoc. 90, 1995.
+    References ---------- .. [1] Whittle, Estimation and information in stationary time series,
+    Arkiv for Matematik 2, 1953. .. [2] Huber and Ronchetti, Robust Statistics, 2nd ed., 2009,
+    7.8. .. [3] Kass and Raftery, Bayes factors, J. Am. Stat. Assoc. 90, 1995.
 
     Examples
     --------
     Four minutes in which the wheel reads 2 % more than the ground speed, ten rows a second:
 
-    >>> import numpy as np
-    >>> from control.machine.machine import Machine
-    >>> rng, time_s = np.random.default_rng(1), np.arange(0.0, 240.0, 0.1)
-    >>> speed_mps = 1.3 + 0.2 * np.sin(time_s / 7.0)
-    >>> columns = {"time_s": time_s, "speed_mps": speed_mps + 0.03 * rng.standard_normal(2400),
-    ...            "wheel_speed_mps": 1.02 * speed_mps + 0.02 * rng.standard_normal(2400)}
-    >>> found = diagnose_run(columns, Machine())
-    >>> found.verdict, [(cause.id, round(cause.size.value, 1), cause.size.unit) for cause in found.causes]
-    ('named', [('speed.wheel_radius', 2.0, '%')])
-    >>> found.gain[0].after < 0.9 * found.gain[0].before
-    True
+    >>> import numpy as np >>> from control.machine.machine import Machine >>> rng, time_s =
+    np.random.default_rng(1), np.arange(0.0, 240.0, 0.1) >>> speed_mps = 1.3 + 0.2 *
+    np.sin(time_s / 7.0) >>> columns = {"time_s": time_s, "speed_mps": speed_mps + 0.03 *
+    rng.standard_normal(2400), ...            "wheel_speed_mps": 1.02 * speed_mps + 0.02 *
+    rng.standard_normal(2400)} >>> found = diagnose_run(columns, Machine()) >>> found.verdict,
+    [(cause.id, round(cause.size.value, 1), cause.size.unit) for cause in found.causes]
+    ('named', [('speed.wheel_radius', 2.0, '%')]) >>> found.gain[0].after < 0.9 *
+    found.gain[0].before True
     """
     given, of = columns_of(columns), machine_of(machine)
-    found = judged_run(given, of, path=path, progress=progress, cancelled=cancelled, each=each).found
+    found = judged_run(
+        given, of, path=path, progress=progress, cancelled=cancelled, each=each
+    ).found
     return replace(found, seen_with=(given, of))
 
 
-def judged_run(columns: Mapping[str, npt.NDArray[Any]], machine: Machine, *, path: str = "",
-               progress: Progress | None = None, cancelled: Callable[[], bool] | None = None,
-               each: Each = map) -> JudgedRun:
+def judged_run(
+    columns: Mapping[str, npt.NDArray[Any]],
+    machine: Machine,
+    *,
+    path: str = "",
+    progress: Progress | None = None,
+    cancelled: Callable[[], bool] | None = None,
+    each: Each = map,
+) -> JudgedRun:
     """As `diagnose_run`, with what it was made of."""
     furthest = 0.0
 
     def step(share: float, word: str) -> None:
         nonlocal furthest
-        furthest = max(furthest, share)         # the answer runs the models as well
+        furthest = max(furthest, share)  # the answer runs the models as well
         if cancelled is not None and cancelled():
             raise Cancelled
         try:
@@ -201,21 +220,33 @@ def judged_run(columns: Mapping[str, npt.NDArray[Any]], machine: Machine, *, pat
                 progress(furthest, word)
         except Exception as error:
             raise Cancelled from error
+
     step(0.0, "data")
     log, data, read_off = series_of_log(columns, machine)
-    findings = [*log.findings, *turned_back(log, machine), *unsure_drives(log, data), *hardly_read(log, data),
-                *units_doubted(data, machine), *hidden_by_load(data, machine)]
-    with np.errstate(all="ignore"):         # what comes of it is looked at (`_sound`)
+    findings = [
+        *log.findings,
+        *turned_back(log, machine),
+        *unsure_drives(log, data),
+        *hardly_read(log, data),
+        *units_doubted(data, machine),
+        *hidden_by_load(data, machine),
+    ]
+    with np.errstate(all="ignore"):  # what comes of it is looked at (`_sound`)
         seen = channels(data, machine)
     step(0.05, "channels")
-    without = attempt("a speed sensor's narrowband noise", lambda: without_narrowband(seen, machine), findings)
+    without = attempt(
+        "a speed sensor's narrowband noise", lambda: without_narrowband(seen, machine), findings
+    )
     if without is not None:
         seen = without[0]
         findings += without[1]
     step(0.1, "model")
     on_log = cache(lambda: OnLog(log, data, machine))
     groups = _judged(seen, machine, data, cache(lambda: curves_of(on_log())), step, each, findings)
-    findings += attempt("the drives over every row", lambda: on_the_whole(log, groups, machine), findings) or []
+    findings += (
+        attempt("the drives over every row", lambda: on_the_whole(log, groups, machine), findings)
+        or []
+    )
     findings += between_rows(log, {part.id for one in groups for part in one.found.parts})
     step(0.9, "result")
     found = attempt("", lambda: report(data, machine, groups, read_off, path, tuple(findings)), [])
@@ -225,28 +256,45 @@ def judged_run(columns: Mapping[str, npt.NDArray[Any]], machine: Machine, *, pat
             found = report(data, machine, groups, read_off, path, tuple(findings))
     said, ids = found, {one.part.id for one in read_off}
     held = attempt("what its file predicts", lambda: borne_out(on_log(), said, ids), findings)
-    found = held if held is not None and is_finite(held) else replace(said, findings=tuple(findings))
-    return JudgedRun(_with_rates(found, columns) if not found.channels else found, data, tuple(groups))
+    found = (
+        held if held is not None and is_finite(held) else replace(said, findings=tuple(findings))
+    )
+    return JudgedRun(
+        _with_rates(found, columns) if not found.channels else found, data, tuple(groups)
+    )
 
 
-def _sound(groups: list[GroupResult], read_off: tuple[ReadOff, ...], data: RunData, machine: Machine,
-           findings: list[str]) -> tuple[list[GroupResult], tuple[ReadOff, ...]]:
-    """The groups and the effects read off whose results are numbers throughout; the others are left out and said."""
+def _sound(
+    groups: list[GroupResult],
+    read_off: tuple[ReadOff, ...],
+    data: RunData,
+    machine: Machine,
+    findings: list[str],
+) -> tuple[list[GroupResult], tuple[ReadOff, ...]]:
+    """The groups and the effects read off whose results are numbers throughout; the others are
+    left out and said."""
+
     def holds(what: str, some: list[GroupResult], seen: tuple[ReadOff, ...]) -> bool:
         reported = attempt(what, lambda: report(data, machine, some, seen, "", ()), findings)
         if reported is not None and not is_finite(reported):
-            findings.append(f"{what}: left out: the numbers of this log lead beyond what a computer can hold")
+            findings.append(
+                f"{what}: left out: the numbers of this log lead beyond what a computer can hold"
+            )
         return reported is not None and is_finite(reported)
 
-    return ([one for one in groups if holds(named(one.search.model.names), [one], ())],
-            tuple(one for one in read_off if holds(one.part.id, [], (one,))))
+    return (
+        [one for one in groups if holds(named(one.search.model.names), [one], ())],
+        tuple(one for one in read_off if holds(one.part.id, [], (one,))),
+    )
 
 
 def _with_rates(found: Diagnosis, columns: Mapping[str, npt.NDArray[Any]]) -> Diagnosis:
     """What such data show all the same: the applied rate against the target."""
     failed: list[str] = []
-    sane = {name: readable(values) if np.issubdtype(np.asarray(values).dtype, np.floating) else values
-            for name, values in columns.items()}
+    sane = {
+        name: readable(values) if np.issubdtype(np.asarray(values).dtype, np.floating) else values
+        for name, values in columns.items()
+    }
     fits, why = attempt("applied against target", lambda: rates(sane), failed) or ((), "")
     if not is_finite(fits):
         fits, why = (), "its numbers lead beyond what a computer can hold"
@@ -254,10 +302,13 @@ def _with_rates(found: Diagnosis, columns: Mapping[str, npt.NDArray[Any]]) -> Di
     return replace(found, rates=fits, findings=(*found.findings, *said))
 
 
-def series_of_log(columns: Mapping[str, npt.NDArray[Any]], machine: Machine,
-                  ordered: Callable[[Clean, Machine], Clean] = in_order
-                  ) -> tuple[Clean, RunData, tuple[ReadOff, ...]]:
-    """The cleaned log, its channels with what comes in steps or spells taken out, and the effects that those were."""
+def series_of_log(
+    columns: Mapping[str, npt.NDArray[Any]],
+    machine: Machine,
+    ordered: Callable[[Clean, Machine], Clean] = in_order,
+) -> tuple[Clean, RunData, tuple[ReadOff, ...]]:
+    """The cleaned log, its channels with what comes in steps or spells taken out, and the
+    effects that those were."""
     failed: list[str] = []
     log = gate(columns, machine.has)
     log = attempt("the order of rows", lambda: ordered(log, machine), failed) or log
@@ -269,8 +320,11 @@ def series_of_log(columns: Mapping[str, npt.NDArray[Any]], machine: Machine,
     data = _run_data(log, machine, failed)
     if data.shaft is not None:
         turned = _run_data(in_steps.turned, machine, failed)
-        data = data._replace(shaft=data.shaft._replace(step=part.size, steps_from_s=part.onset_s),
-                             hopper=turned.hopper, efforts=turned.efforts)
+        data = data._replace(
+            shaft=data.shaft._replace(step=part.size, steps_from_s=part.onset_s),
+            hopper=turned.hopper,
+            efforts=turned.efforts,
+        )
     data, in_spells = _without_spells(data, machine, failed)
     return log._replace(findings=(*log.findings, *failed)), data, (in_steps.seen, *in_spells)
 
@@ -278,24 +332,41 @@ def series_of_log(columns: Mapping[str, npt.NDArray[Any]], machine: Machine,
 def _run_data(log: Clean, machine: Machine, failed: list[str]) -> RunData:
     """The channels that can be made of a log. Raises ValueError where none can."""
     with np.errstate(all="ignore"):
-        if (data := attempt("all channels together", lambda: run_data(log, machine), [])) is not None:
+        if (
+            data := attempt("all channels together", lambda: run_data(log, machine), [])
+        ) is not None:
             return data
-        stages = [one for one in log.stages
-                  if attempt(one, lambda one=one: run_data(log._replace(stages=(one,)), machine), failed)]  # type: ignore[misc]
+        stages = [
+            one
+            for one in log.stages
+            if attempt(one, partial(run_data, log._replace(stages=(one,)), machine), failed)
+        ]
         return run_data(log._replace(stages=tuple(stages)), machine)
 
 
-def _without_spells(data: RunData, machine: Machine, failed: list[str]) -> tuple[RunData, tuple[ReadOff, ...]]:
-    return attempt("missing pulses and bridges", lambda: without_spells(data, machine), failed) or (data, ())
+def _without_spells(
+    data: RunData, machine: Machine, failed: list[str]
+) -> tuple[RunData, tuple[ReadOff, ...]]:
+    return attempt("missing pulses and bridges", lambda: without_spells(data, machine), failed) or (
+        data,
+        (),
+    )
 
 
-def _judged(seen: Mapping[str, ChannelSeries], machine: Machine, data: RunData,
-            curves: Callable[[], Sequence[Hypothesis]], step: Callable[[float, str], None], each: Each,
-            findings: list[str]) -> list[GroupResult]:
+def _judged(
+    seen: Mapping[str, ChannelSeries],
+    machine: Machine,
+    data: RunData,
+    curves: Callable[[], Sequence[Hypothesis]],
+    step: Callable[[float, str], None],
+    each: Each,
+    findings: list[str],
+) -> list[GroupResult]:
     """Each group of channels judged: they share nothing but the log."""
     groups = {word: [seen[c] for c in names if c in seen] for word, names in GROUPS.items()}
     words = [word for word, members in groups.items() if members]
-    runs = dict.fromkeys(words, 0)          # of the model, by group: how much of the work is done
+    # of the model, by group: how much of the work is done
+    runs = dict.fromkeys(words, 0)
 
     def judge(word: str) -> GroupResult | None:
         def ask() -> None:
@@ -303,8 +374,11 @@ def _judged(seen: Mapping[str, ChannelSeries], machine: Machine, data: RunData,
             step(0.1 + 0.8 * sum(k / (k + HALF_WAY) for k in runs.values()) / len(words), word)
 
         what = named(one.name for one in groups[word])
-        return attempt(what, lambda: judge_group(Search(groups[word], machine, data, ask, curves)), findings)
+        return attempt(
+            what, lambda: judge_group(Search(groups[word], machine, data, ask, curves)), findings
+        )
 
     longest = sorted(words, key=lambda word: -sum(len(one.measured) for one in groups[word]))
-    judged = dict(zip(longest, each(judge, longest), strict=True))      # side by side, so that none is waited for alone
+    # side by side, so that none is waited for alone
+    judged = dict(zip(longest, each(judge, longest), strict=True))
     return [one for word in words if (one := judged[word]) is not None]

@@ -1,8 +1,11 @@
-"""What is tried beyond the catalogue: every form over every variable of every quantity that a group's channels show.
+"""What is tried beyond the catalogue: every form over every variable of every quantity that a
+group's channels show.
 
-A form's series over the log's rows becomes, through the model of its stage, a series of the channel. That is had once
-for each of the few series that all shapes of all forms share, and does not depend on the hypothesis.
+A form's series over the log's rows becomes, through the model of its stage, a series of the
+channel. That is had once for each of the few series that all shapes of all forms share, and
+does not depend on the hypothesis.
 """
+
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
@@ -33,28 +36,43 @@ from .whitened import WhitenedResidual
 Array = npt.NDArray[np.float64]
 
 CHANNEL_OF: dict[Acts, str] = {
-    Acts.SHAFT_PERCENT: "shaft", Acts.SHAFT_RPM: "shaft", Acts.GATE_MM: "gate", Acts.FLOW_PERCENT: "scale",
-    Acts.SCALE_KG: "scale", Acts.WHEEL_PERCENT: "speed"}
-UNIT_EFFECT = {Acts.FLOW_PERCENT: EffectInstance(effects.FLOW_GAIN.id, 1.0),
-               Acts.WHEEL_PERCENT: EffectInstance(effects.SPEED_WHEEL_RADIUS.id, 1.0)}
-# The wheel is held against the GNSS speed, whose own noise is a dependence on it; in a product with another variable
-# that noise adds up to nothing.
+    Acts.SHAFT_PERCENT: "shaft",
+    Acts.SHAFT_RPM: "shaft",
+    Acts.GATE_MM: "gate",
+    Acts.FLOW_PERCENT: "scale",
+    Acts.SCALE_KG: "scale",
+    Acts.WHEEL_PERCENT: "speed",
+}
+UNIT_EFFECT = {
+    Acts.FLOW_PERCENT: EffectInstance(effects.FLOW_GAIN.id, 1.0),
+    Acts.WHEEL_PERCENT: EffectInstance(effects.SPEED_WHEEL_RADIUS.id, 1.0),
+}
+# The wheel is held against the GNSS speed, whose own noise is a dependence on it; in a product
+# with another variable that noise adds up to nothing.
 NEVER_ALONE = {"speed": frozenset({"speed_mps"})}
-SHAFT_PROBE = 0.5           # % or r/min, for a slope ...
-SHAFT_NOTHING = 1e-6        # ... and r/min of it that are rounding
-TURNS_RPM = 1.0             # a shaft that turns at all: below, nothing flows
-TURNS_SHARE = 1e-3          # of the fastest command: below, the shaft is commanded to stand
-WORKS_SHARE = 0.1           # of the rows: fewer that turn do not say between what a variable moves
-SLOWER_THAN_HZ = 2.5        # forms are chosen by what is slower: the variables are means over a second and a half
-LEAST_KEPT = 64             # coefficients: of a short log all
-LEAST_LEVEL = 1e-3          # information on a level that the hypothesis must leave, for it to be fitted along
+SHAFT_PROBE = 0.5  # % or r/min, for a slope ...
+SHAFT_NOTHING = 1e-6  # ... and r/min of it that are rounding
+TURNS_RPM = 1.0  # a shaft that turns at all: below, nothing flows
+# of the fastest command: below, the shaft is commanded to stand
+TURNS_SHARE = 1e-3
+# of the rows: fewer that turn do not say between what a variable moves
+WORKS_SHARE = 0.1
+# forms are chosen by what is slower: the variables are means over a second and a half
+SLOWER_THAN_HZ = 2.5
+LEAST_KEPT = 64  # coefficients: of a short log all
+# information on a level that the hypothesis must leave, for it to be fitted along
+LEAST_LEVEL = 1e-3
 
 
 def quantities(model: GroupModel) -> list[Acts]:
     """Quantities that a group's channels show."""
-    in_steps = model.data.shaft is not None and model.data.shaft.step > 0.0     # rounding is a dependence of its own
-    return [acts for acts, channel in CHANNEL_OF.items()
-            if channel in model.names and not (channel == "shaft" and in_steps)]
+    # rounding is a dependence of its own
+    in_steps = model.data.shaft is not None and model.data.shaft.step > 0.0
+    return [
+        acts
+        for acts, channel in CHANNEL_OF.items()
+        if channel in model.names and not (channel == "shaft" and in_steps)
+    ]
 
 
 class ActedOn:
@@ -64,7 +82,9 @@ class ActedOn:
         self.channel = model.channel(CHANNEL_OF[acts])
         self.acts, self._model, self._parts = acts, model, parts
         unit = UNIT_EFFECT.get(acts)
-        self._unit = np.ones(1) if unit is None else model.difference(parts, unit)[self.channel.name]
+        self._unit = (
+            np.ones(1) if unit is None else model.difference(parts, unit)[self.channel.name]
+        )
 
     @cached_property
     def constant(self) -> Array:
@@ -77,18 +97,24 @@ class ActedOn:
         if channel.name in ("shaft", "gate"):
             return channel.grid.of(self._of_drive(rows))
         if channel.name == "speed":
-            return np.array([np.interp(channel.grid.even_s, data.row_s, one) for one in rows]) * self._unit
+            return (
+                np.array([np.interp(channel.grid.even_s, data.row_s, one) for one in rows])
+                * self._unit
+            )
         hopper = data.hopper
         assert hopper is not None
         if self.acts is Acts.SCALE_KG:
-            return channel.grid.of(np.array([bin_mean(one, data.row_s, hopper.time_s)[:-1] for one in rows]))
+            return channel.grid.of(
+                np.array([bin_mean(one, data.row_s, hopper.time_s)[:-1] for one in rows])
+            )
         metered = data.inputs["shaft_rpm"] * data.inputs["opening_mm"]
         share = channel.grid.of(metered_mean(rows, metered, data.row_s, hopper.time_s)[:, :-1])
         share = 0.5 * (share + np.concatenate((share[:, :1], share[:, :-1]), axis=1))
         return np.asarray(np.cumsum(np.diff(self._unit, prepend=self._unit[0]) * share, axis=1))
 
     def _of_drive(self, rows: Array) -> Array:
-        """What shows at a row was in force in the row before it; the shaft goes there as its stage does."""
+        """What shows at a row was in force in the row before it; the shaft goes there as its
+        stage does."""
         data = self._model.data
         drive = data.shaft if self.channel.name == "shaft" else data.gate
         assert drive is not None
@@ -102,12 +128,18 @@ class ActedOn:
         return drive_rows(drive)(schedule(self._model.base, self._parts), MOST_STEP_S)[:, 0]
 
     def _of_shaft(self, drive: Drive, was: Array, one: Array) -> Array:
-        """Slope of the shaft's speed in so much of a series over its rows: while it runs up nothing of it shows."""
+        """Slope of the shaft's speed in so much of a series over its rows: while it runs up
+        nothing of it shows."""
         share = SHAFT_PROBE / max(1e-12, float(np.max(np.abs(one))))
-        moved = drive._replace(more=drive.more + share * one) if self.acts is Acts.SHAFT_PERCENT else \
-            drive._replace(more_rpm=drive.more_rpm + share * one)
+        moved = (
+            drive._replace(more=drive.more + share * one)
+            if self.acts is Acts.SHAFT_PERCENT
+            else drive._replace(more_rpm=drive.more_rpm + share * one)
+        )
         change = self._shaft_rpm(moved) - was
-        return np.asarray(change / share if np.abs(change).max() > SHAFT_NOTHING else np.zeros(len(change)))
+        return np.asarray(
+            change / share if np.abs(change).max() > SHAFT_NOTHING else np.zeros(len(change))
+        )
 
 
 class Variables(NamedTuple):
@@ -115,29 +147,34 @@ class Variables(NamedTuple):
 
     by_name: dict[str, Scaled]
     one: tuple[str, ...]
-    two: tuple[str, ...]                            # in products with each other
-    never_alone: tuple[str, ...] = ()               # in products with those of `two` only
+    two: tuple[str, ...]  # in products with each other
+    never_alone: tuple[str, ...] = ()  # in products with those of `two` only
 
     def has_level(self, form: TriedForm) -> bool:
-        """Whether a form has a free level: it would take up what a variable does that is never alone."""
+        """Whether a form has a free level: it would take up what a variable does that is never
+        alone."""
         return form.kind.has_level and form.over[-1] not in self.never_alone
 
     def pairs(self) -> list[tuple[str, str]]:
-        return [(a, b) for k, a in enumerate(self.two) for b in self.two[k + 1:]]
+        return [(a, b) for k, a in enumerate(self.two) for b in self.two[k + 1 :]]
 
 
 class FormGroup(NamedTuple):
     """Forms over the same variables, or over all pairs of two, of one quantity."""
 
     forms: tuple[TriedForm, ...]
-    mixes: tuple[Array, ...]            # of each form: its columns from the series (k, amplitudes)
-    kept: npt.NDArray[np.float32]       # cosine coefficients of the series, the slowest (k, kept); last a constant's
-    level: bool                         # whether a constant is fitted along
+    # of each form: its columns from the series (k, amplitudes)
+    mixes: tuple[Array, ...]
+    # cosine coefficients of the series, the slowest (k, kept); last a constant's
+    kept: npt.NDArray[np.float32]
+    level: bool  # whether a constant is fitted along
 
     def only(self, forms: Sequence[bool]) -> FormGroup:
         """The same with some of its forms."""
         chosen = np.flatnonzero(forms)
-        return self._replace(forms=tuple(self.forms[k] for k in chosen), mixes=tuple(self.mixes[k] for k in chosen))
+        return self._replace(
+            forms=tuple(self.forms[k] for k in chosen), mixes=tuple(self.mixes[k] for k in chosen)
+        )
 
 
 class FormCandidate(NamedTuple):
@@ -154,27 +191,41 @@ class Dictionary:
 
     def __init__(self, model: GroupModel) -> None:
         self._data = model.data
-        self.of = {acts: (ActedOn(model, (), acts), _variables(model.data, model.machine, acts))
-                   for acts in quantities(model)}
+        self.of = {
+            acts: (ActedOn(model, (), acts), _variables(model.data, model.machine, acts))
+            for acts in quantities(model)
+        }
         self._made: dict[Acts, list[FormGroup]] = {}
 
     def entries(self, acts: Acts) -> list[FormGroup]:
         if acts not in self._made:
             acted, variables = self.of[acts]
-            self._made[acts] = [_entry(forms, acted, variables)
-                                for forms in _tried(acts, variables, self._data) if forms]
+            self._made[acts] = [
+                _entry(forms, acted, variables)
+                for forms in _tried(acts, variables, self._data)
+                if forms
+            ]
         return self._made[acts]
 
     def scanned(self, residual: WhitenedResidual, temporary: bool) -> list[FormCandidate]:
-        """The best forms over each variable, or two, under a given noise. temporary : those of one run alone, or all
-        else."""
-        return [one for acts, (acted, _) in self.of.items() for one in scan(residual, acted, [
-            entry for entry in self.entries(acts) if entry.forms[0].kind.one_run == temporary])]
+        """The best forms over each variable, or two, under a given noise. temporary : those of
+        one run alone, or all else."""
+        return [
+            one
+            for acts, (acted, _) in self.of.items()
+            for one in scan(
+                residual,
+                acted,
+                [entry for entry in self.entries(acts) if entry.forms[0].kind.one_run == temporary],
+            )
+        ]
 
 
-def scan(residual: WhitenedResidual, acted: ActedOn, entries: Sequence[FormGroup]) -> list[FormCandidate]:
-    """The best form over each variable, or two, and the best that leaps: an edge that is a little off hides how good it
-    is."""
+def scan(
+    residual: WhitenedResidual, acted: ActedOn, entries: Sequence[FormGroup]
+) -> list[FormCandidate]:
+    """The best form over each variable, or two, and the best that leaps: an edge that is a
+    little off hides how good it is."""
     found: list[FormCandidate] = []
     for entry in entries:
         left = residual.beyond(acted.channel, entry.kept)
@@ -182,8 +233,17 @@ def scan(residual: WhitenedResidual, acted: ActedOn, entries: Sequence[FormGroup
             left = left.beyond(left.A[:, -1:], left.of(np.array([-1])).fit(np.array([np.inf])))
         left = left.of(np.arange(len(left.s) - 1))
         single = [k for k, mix in enumerate(entry.mixes) if mix.shape[1] == 1]
-        gains = dict(zip(single, left.gains_of_single(np.hstack([entry.mixes[k] for k in single])).tolist(),
-                         strict=True)) if single else {}
+        gains = (
+            dict(
+                zip(
+                    single,
+                    left.gains_of_single(np.hstack([entry.mixes[k] for k in single])).tolist(),
+                    strict=True,
+                )
+            )
+            if single
+            else {}
+        )
         best: dict[tuple[tuple[str, ...], bool], FormCandidate] = {}
         for k, (form, mix) in enumerate(zip(entry.forms, entry.mixes, strict=True)):
             gain = gains[k] if k in gains else left.gain_of(mix)
@@ -199,7 +259,8 @@ def _variables(data: RunData, machine: Machine, acts: Acts) -> Variables:
     """Variables that move, by their names, and those that may be multiplied with each other."""
     stage = STAGE_OF[acts]
     inputs = dict(data.inputs)
-    if "hopper_kg" in data.variables:           # as predicted: a reading's own noise must not come back
+    # as predicted: a reading's own noise must not come back
+    if "hopper_kg" in data.variables:
         inputs["hopper_kg"] = np.interp(data.row_s, data.time_s, data.variables["hopper_kg"])
     work = np.ones(len(data.row_s), bool)
     turning = inputs.get("shaft_rpm", np.ones(len(work))) > TURNS_RPM
@@ -211,17 +272,26 @@ def _variables(data: RunData, machine: Machine, acts: Acts) -> Variables:
         if values is None or not np.isfinite(values).all():
             continue
         one = scaled(name, values, work, data.row_s, term_run)
-        least = of_nominal(machine, RANGES.get(name, ())) * MIN_RANGE.get(name, float(np.finfo(float).tiny))
+        least = of_nominal(machine, RANGES.get(name, ())) * MIN_RANGE.get(
+            name, float(np.finfo(float).tiny)
+        )
         if one.high - one.low >= least:
             found[name] = one
     if acts is Acts.SHAFT_RPM:
         commands = data.inputs[COMMANDED_RPM]
         turning = commands > TURNS_SHARE * float(commands.max(initial=0.0))
-        found["shaft_rpm"] = Scaled("shaft_rpm", commands, 0.0, 1.0, -np.inf, np.inf, turning, data.row_s, term_run)
+        found["shaft_rpm"] = Scaled(
+            "shaft_rpm", commands, 0.0, 1.0, -np.inf, np.inf, turning, data.row_s, term_run
+        )
     never_alone = tuple(name for name in found if name in NEVER_ALONE.get(stage, ()))
-    single = tuple(name for name in found if name not in never_alone
-                   and (acts is not Acts.SHAFT_RPM or name == "time_s"))
-    double = tuple(name for name in found if name not in ("time_s", "heading_deg", SHAFT_ANGLE, *never_alone))
+    single = tuple(
+        name
+        for name in found
+        if name not in never_alone and (acts is not Acts.SHAFT_RPM or name == "time_s")
+    )
+    double = tuple(
+        name for name in found if name not in ("time_s", "heading_deg", SHAFT_ANGLE, *never_alone)
+    )
     return Variables(found, single, double if acts is not Acts.SHAFT_RPM else (), never_alone)
 
 
@@ -229,10 +299,14 @@ def _names(data: RunData, acts: Acts) -> list[str]:
     """What a quantity may depend on; of the shaft, temporary terms are looked for in r/min."""
     stage = STAGE_OF[acts]
     further = [name for name in data.variables if name not in MIN_RANGE]
-    names = [name for name in (*MIN_RANGE, *further)
-             if name not in DOWNSTREAM[stage] - NEVER_ALONE.get(stage, frozenset())]
+    names = [
+        name
+        for name in (*MIN_RANGE, *further)
+        if name not in DOWNSTREAM[stage] - NEVER_ALONE.get(stage, frozenset())
+    ]
     drive = {"shaft": data.shaft, "gate": data.gate}.get(stage)
-    if acts is Acts.SHAFT_PERCENT or (drive is not None and drive.settled):     # on a bench, time and command are one
+    # on a bench, time and command are one
+    if acts is Acts.SHAFT_PERCENT or (drive is not None and drive.settled):
         names.remove("time_s")
     return [*names, SHAFT_ANGLE] if acts is Acts.SHAFT_PERCENT else names
 
@@ -244,15 +318,31 @@ def _tried(acts: Acts, variables: Variables, data: RunData) -> Iterator[list[Tri
         yield Lost.tried(by_name["shaft_rpm"])
     for name in variables.one:
         unseen = _moves_unseen(acts, name, data)
-        yield [form for kind in FORMS.values() if not (kind.of_moves and unseen) for form in kind.tried(by_name[name])]
-    yield [form for a, b in variables.pairs() for form in ProductForm.tried_with(by_name[a], by_name[b])]
+        yield [
+            form
+            for kind in FORMS.values()
+            if not (kind.of_moves and unseen)
+            for form in kind.tried(by_name[name])
+        ]
+    yield [
+        form
+        for a, b in variables.pairs()
+        for form in ProductForm.tried_with(by_name[a], by_name[b])
+    ]
     for last in variables.never_alone:
-        yield [form for name in variables.two for form in ProductForm.tried_with(by_name[name], by_name[last], alone=1)]
+        yield [
+            form
+            for name in variables.two
+            for form in ProductForm.tried_with(by_name[name], by_name[last], alone=1)
+        ]
 
 
 def _moves_unseen(acts: Acts, name: str, data: RunData) -> bool:
-    """Whether forms over a drive's own command would tell how it moves, of a log that does not hold all commands."""
-    drive, own = {"shaft": (data.shaft, "shaft_rpm"), "gate": (data.gate, "opening_mm")}.get(STAGE_OF[acts], (None, ""))
+    """Whether forms over a drive's own command would tell how it moves, of a log that does not
+    hold all commands."""
+    drive, own = {"shaft": (data.shaft, "shaft_rpm"), "gate": (data.gate, "opening_mm")}.get(
+        STAGE_OF[acts], (None, "")
+    )
     return drive is not None and not drive.moves_seen and name == own
 
 
@@ -269,8 +359,18 @@ def _entry(forms: Sequence[TriedForm], acted: ActedOn, variables: Variables) -> 
                 mix[places[series], k] = weight
         mixes.append(mix)
     rows = np.array([series.rows(variables.by_name) for series in places])
-    every = coefficients(np.concatenate((acted.of(rows), acted.constant)).astype(np.float32), acted.channel.cut)
-    slow = 2.0 * SLOWER_THAN_HZ * acted.channel.grid.step_s if SHAFT_ANGLE not in forms[0].over else 1.0
+    every = coefficients(
+        np.concatenate((acted.of(rows), acted.constant)).astype(np.float32), acted.channel.cut
+    )
+    slow = (
+        2.0 * SLOWER_THAN_HZ * acted.channel.grid.step_s
+        if SHAFT_ANGLE not in forms[0].over
+        else 1.0
+    )
     count = max(LEAST_KEPT, int(min(1.0, slow) * every.shape[1]))
-    return FormGroup(tuple(forms), tuple(mixes), np.ascontiguousarray(every[:, :count], dtype=np.float32),
-                     variables.has_level(forms[0]))
+    return FormGroup(
+        tuple(forms),
+        tuple(mixes),
+        np.ascontiguousarray(every[:, :count], dtype=np.float32),
+        variables.has_level(forms[0]),
+    )

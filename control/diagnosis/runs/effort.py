@@ -1,4 +1,6 @@
-"""How hard the drives worked in a log: bin by bin, with the speed and the material that each had to move."""
+"""How hard the drives worked in a log: bin by bin, with the speed and the material that each
+had to move."""
+
 from __future__ import annotations
 
 from typing import NamedTuple
@@ -16,32 +18,39 @@ from .log import MIN_ROWS, Clean
 
 Array = npt.NDArray[np.float64]
 
-EFFORT = ("effort", "gate_effort")       # channels: the metering shaft's, and the gate's
-BIN_S = 0.5                 # a drive's own control loop swings for some tenths of a second: finer rows say nothing more
-LOOKED_S = 0.3              # over which speed and its change are had from readings that have noise
-SETTLES_S = 0.2             # after a start, and before a stop: the motor breaks loose, the loop winds up
-EVEN_SHARE = 0.02           # of the shaft's range, that its speed changes by over LOOKED_S: more, and readings lag
-FULL = 0.5                  # of the rows of a bin, in which the drive moves
-MOVES_SHARE = 0.1           # of the gate's fastest: slower it creeps, and its speed is noise
-MOST_STEP_S = 0.25          # of the gate's log: its moves take a second or two
+EFFORT = ("effort", "gate_effort")  # channels: the metering shaft's, and the gate's
+# a drive's own control loop swings for some tenths of a second: finer rows say nothing more
+BIN_S = 0.5
+# over which speed and its change are had from readings that have noise
+LOOKED_S = 0.3
+# after a start, and before a stop: the motor breaks loose, the loop winds up
+SETTLES_S = 0.2
+# of the shaft's range, that its speed changes by over LOOKED_S: more, and readings lag
+EVEN_SHARE = 0.02
+FULL = 0.5  # of the rows of a bin, in which the drive moves
+# of the gate's fastest: slower it creeps, and its speed is noise
+MOVES_SHARE = 0.1
+# of the gate's log: its moves take a second or two
+MOST_STEP_S = 0.25
 
 
 class DriveEffort(NamedTuple):
-    """Arrays (n,) over the rows in which the drive surely moves; bins (m,) of BIN_S that hold some of them."""
+    """Arrays (n,) over the rows in which the drive surely moves; bins (m,) of BIN_S that hold
+    some of them."""
 
-    name: str                   # effort: the metering shaft's; gate_effort
+    name: str  # effort: the metering shaft's; gate_effort
     time_s: Array
-    speed: Array                # r/min, or mm/s
+    speed: Array  # r/min, or mm/s
     speed_per_s: Array
     opening_mm: Array
     pitch_deg: Array
-    share_full: Array           # of the hopper
-    supply_share: Array         # nominal supply over the supply
+    share_full: Array  # of the hopper
+    supply_share: Array  # nominal supply over the supply
     measured: Array
     refilled: bool
-    bins: npt.NDArray[np.int64]         # of each row
-    members: Array              # rows of each bin, 0 of one that is left out
-    middle_s: Array             # of each bin
+    bins: npt.NDArray[np.int64]  # of each row
+    members: Array  # rows of each bin, 0 of one that is left out
+    middle_s: Array  # of each bin
     grid: Grid
 
     @property
@@ -51,12 +60,16 @@ class DriveEffort(NamedTuple):
     def without(self, bins: npt.NDArray[np.bool_]) -> DriveEffort:
         """The same with some bins left out, (m,)."""
         members = np.where(bins, 0.0, self.members)
-        return self._replace(members=members, grid=grid_of(self.middle_s, members > 0, self.grid.step_s))
+        return self._replace(
+            members=members, grid=grid_of(self.middle_s, members > 0, self.grid.step_s)
+        )
 
     def binned(self, rows: Array) -> Array:
         """Mean over the rows of each bin, NaN of one that is left out: (m,)."""
         sums = np.bincount(self.bins, weights=rows, minlength=len(self.members))
-        return np.asarray(np.divide(sums, self.members, out=np.full(len(sums), np.nan), where=self.members > 0))
+        return np.asarray(
+            np.divide(sums, self.members, out=np.full(len(sums), np.nan), where=self.members > 0)
+        )
 
 
 def efforts_of(log: Clean, every: LogRows, machine: Machine) -> tuple[DriveEffort, ...]:
@@ -90,21 +103,36 @@ def drive_effort(name: str, log: Clean, every: LogRows, machine: Machine) -> Dri
     width = max(BIN_S, step_s)
     bins = np.floor((time[used] - time[0]) / width).astype(np.int64)
     members = np.bincount(bins).astype(np.float64)
-    members[members < FULL * members.max()] = 0.0           # it hardly moved in them
+    members[members < FULL * members.max()] = 0.0  # it hardly moved in them
     hopper = bridged(time, log.columns["hopper_kg"], np.full(len(time), machine.flow.full_kg))
     supply = np.maximum(1.0, every.supply_v[used])
     middle = time[0] + width * (np.arange(len(members)) + 0.5)
     rises = np.diff(hopper) > of_nominal(machine, HOPPER) * 3.0
     return DriveEffort(
-        name, time[used], speed[used], per_s[used], every.opening_mm[used], every.pitch_deg[used],
-        np.clip(hopper[used] / machine.flow.full_kg, 0.01, 1.0), machine.shaft.nominal_supply_v / supply,
-        np.abs(column[used]), bool(rises.any()), bins, members, middle,
-        grid_of(middle, members > 0, width))
+        name,
+        time[used],
+        speed[used],
+        per_s[used],
+        every.opening_mm[used],
+        every.pitch_deg[used],
+        np.clip(hopper[used] / machine.flow.full_kg, 0.01, 1.0),
+        machine.shaft.nominal_supply_v / supply,
+        np.abs(column[used]),
+        bool(rises.any()),
+        bins,
+        members,
+        middle,
+        grid_of(middle, members > 0, width),
+    )
 
 
 def _polynomial(series: Array, rows: int, step_s: float, degree: int, nth: int) -> Array:
-    """Value, slope or bend (nth: 0, 1, 2) of a series (n,) by least squares over `rows` about each sample (Savitzky and
-    Golay, Anal. Chem. 36, 1964, 1627)."""
+    """Value, slope or bend (nth: 0, 1, 2) of a series (n,) by least squares over `rows` about
+    each sample (Savitzky and Golay, Anal. Chem. 36, 1964, 1627)."""
     half = rows // 2
-    weights = np.linalg.pinv(np.vander(step_s * np.arange(-half, half + 1), degree + 1, increasing=True))[nth]
-    return np.convolve(np.pad(series, half, mode="edge"), weights[::-1], "valid") * (2.0 if nth == 2 else 1.0)
+    weights = np.linalg.pinv(
+        np.vander(step_s * np.arange(-half, half + 1), degree + 1, increasing=True)
+    )[nth]
+    return np.convolve(np.pad(series, half, mode="edge"), weights[::-1], "valid") * (
+        2.0 if nth == 2 else 1.0
+    )

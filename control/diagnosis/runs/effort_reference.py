@@ -1,4 +1,6 @@
-"""What a sound drive takes to move: the reference that later logs are held against, fitted to a run of it."""
+"""What a sound drive takes to move: the reference that later logs are held against, fitted to a
+run of it."""
+
 from __future__ import annotations
 
 from collections.abc import Mapping
@@ -20,13 +22,15 @@ from .log import gate
 
 Array = npt.NDArray[np.float64]
 
-SPREAD = 1.3                # of the speeds, upper over lower quartile: alike, nothing tells what goes with speed
-LOAD_SPREAD = 1.2           # of the material in the flutes, the same
+# of the speeds, upper over lower quartile: alike, nothing tells what goes with speed
+SPREAD = 1.3
+LOAD_SPREAD = 1.2  # of the material in the flutes, the same
 LEAST_BINS = 20
 
 
 class EffortFit(NamedTuple):
-    """`numbers`: each with its place in the machine file, its 90 % interval and its unit. scatter: 1 s.d. of a bin."""
+    """`numbers`: each with its place in the machine file, its 90 % interval and its unit.
+    scatter: 1 s.d. of a bin."""
 
     numbers: tuple[tuple[str, FittedInterval, str], ...]
     bins: int
@@ -36,12 +40,20 @@ class EffortFit(NamedTuple):
     notes: tuple[str, ...]
 
 
-def fit_effort(columns: Mapping[str, npt.NDArray[Any]], machine: Machine, data: str, *, unit: str | None = None,
-               date: str = "") -> tuple[Machine, tuple[EffortFit, ...]]:
-    """Puts what the drives of a sound run take into a copy of the machine: dry friction by direction, and, where the
-    run has several speeds or loads, what goes with them. What it does not tell apart counts as dry friction.
+def fit_effort(
+    columns: Mapping[str, npt.NDArray[Any]],
+    machine: Machine,
+    data: str,
+    *,
+    unit: str | None = None,
+    date: str = "",
+) -> tuple[Machine, tuple[EffortFit, ...]]:
+    """Puts what the drives of a sound run take into a copy of the machine: dry friction by
+    direction, and, where the run has several speeds or loads, what goes with them. What it does
+    not tell apart counts as dry friction.
 
-    Raises ValueError, one line, where no drive of the log tells how hard it works while it moves.
+    Raises ValueError, one line, where no drive of the log tells how hard it works while it
+    moves.
     """
     log = gate(columns)
     every, fits = rows_of(log, machine), list[EffortFit]()
@@ -52,20 +64,31 @@ def fit_effort(columns: Mapping[str, npt.NDArray[Any]], machine: Machine, data: 
             fitted_machine, fit = _fit(drive, fitted_machine)
             fits.append(fit)
     if not fits:
-        raise ValueError(f"{data}: no drive tells how hard it works while it moves: shaft_effort or gate_effort is "
-                         f"needed, with the speed or the opening, in {LEAST_BINS} half seconds at least")
-    records = tuple(record(place, one, of, data, date, {}) for fit in fits for place, one, of in fit.numbers)
+        raise ValueError(
+            f"{data}: no drive tells how hard it works while it moves: shaft_effort or "
+            "gate_effort is "
+            f"needed, with the speed or the opening, in {LEAST_BINS} half seconds at least"
+        )
+    records = tuple(
+        record(place, one, of, data, date, {}) for fit in fits for place, one, of in fit.numbers
+    )
     of_effort = [one for one, row in ROWS.items() if row.stage == "effort"]
-    return Machine.model_validate({**dict(fitted_machine), "adopted": with_records(machine, records, of_effort),
-                                   "title": retitled(machine, "effort", data, date)}), tuple(fits)
+    return Machine.model_validate(
+        {
+            **dict(fitted_machine),
+            "adopted": with_records(machine, records, of_effort),
+            "title": retitled(machine, "effort", data, date),
+        }
+    ), tuple(fits)
 
 
 def _fit(d: DriveEffort, machine: Machine) -> tuple[Machine, EffortFit]:
     of, per = ("", "r/min") if d.name == "effort" else ("gate_", "mm/s")
     stage, notes = machine.effort._replace(by_supply=float(machine.effort_unit == "%")), []
     left = d.measured / (1.0 + stage.by_supply * (d.supply_share - 1.0))
-    flutes = flutes_run(machine.flow, d.speed, d.opening_mm, d.pitch_deg, d.share_full, d.time_s,
-                        d.refilled)[:, 0]
+    flutes = flutes_run(
+        machine.flow, d.speed, d.opening_mm, d.pitch_deg, d.share_full, d.time_s, d.refilled
+    )[:, 0]
     asked: dict[str, tuple[Array, str]] = {}
     for suffix, way in (("", d.speed > 0.0), ("_back", d.speed < 0.0)):
         if not way.any():
@@ -75,42 +98,61 @@ def _fit(d: DriveEffort, machine: Machine) -> tuple[Machine, EffortFit]:
         slow, fast = np.nanquantile(np.abs(d.binned(np.where(way, d.speed, np.nan))), (0.25, 0.75))
         stage = stage._replace(**{f"{of}viscous{suffix}": 0.0})
         if fast > SPREAD * slow:
-            asked[f"{of}viscous{suffix}"] = np.where(way, np.abs(d.speed), 0.0), f"{machine.effort_unit} for each {per}"
+            asked[f"{of}viscous{suffix}"] = (
+                np.where(way, np.abs(d.speed), 0.0),
+                f"{machine.effort_unit} for each {per}",
+            )
         else:
-            notes.append(f"{d.name}: one speed{suffix.replace('_', ' ')}: what goes with speed does not part from dry "
-                         "friction and counts as such")
+            notes.append(
+                f"{d.name}: one speed{suffix.replace('_', ' ')}: what goes with speed does "
+                "not part from dry "
+                "friction and counts as such"
+            )
     if d.name == "effort" and flutes.any():
         light, heavy = np.quantile(flutes, (0.05, 0.95))
         if heavy > LOAD_SPREAD * max(light, 1e-9):
             asked["load"] = flutes, f"{machine.effort_unit} for each g a revolution"
         else:
-            notes.append("effort: one opening: the material's load does not part from friction: the file's is kept")
+            notes.append(
+                "effort: one opening: the material's load does not part from friction: the "
+                "file's is kept"
+            )
             left = left - stage.load * flutes
     names = list(asked)
     design = np.column_stack([d.binned(asked[name][0]) for name in names])
     known = d.members > 0
     y = d.binned(left)[known]
     fit = fitted(design[known], y, 1.0 / np.sqrt(d.members[known]))
-    below = [k for k, name in enumerate(names) if fit.coefficients[k] <= 0.0 and "coulomb" not in name]
+    below = [
+        k for k, name in enumerate(names) if fit.coefficients[k] <= 0.0 and "coulomb" not in name
+    ]
     for k in below:
         notes.append(f"{names[k]}: not above 0 in this run, left out")
         stage = stage._replace(**{names[k]: 0.0})
     if below:
         names = [name for k, name in enumerate(names) if k not in below]
-        fit = fitted(design[known][:, [k for k in range(design.shape[1]) if k not in below]], y,
-                     1.0 / np.sqrt(d.members[known]))
-    # Neighbouring bins are alike: an effective number of them (Bayley and Hammersley, J. R. Stat. Soc. 8, 1946, 184).
+        fit = fitted(
+            design[known][:, [k for k in range(design.shape[1]) if k not in below]],
+            y,
+            1.0 / np.sqrt(d.members[known]),
+        )
+    # Neighbouring bins are alike: an effective number of them (Bayley and Hammersley, J. R.
+    # Stat. Soc. 8, 1946, 184).
     alike = float(np.clip(np.corrcoef(fit.residuals[1:], fit.residuals[:-1])[0, 1], 0.0, 0.98))
     wider = np.sqrt((1.0 + alike) / (1.0 - alike))
     numbers = []
     for k, name in enumerate(names):
         value = max(0.0, float(fit.coefficients[k]))
-        half = float(stdtrit(max(1.0, fit.dof / wider ** 2), 0.95) * fit.se[k] * wider)
+        half = float(stdtrit(max(1.0, fit.dof / wider**2), 0.95) * fit.se[k] * wider)
         stage = stage._replace(**{name: value})
-        numbers.append((f"effort.{name}", FittedInterval(value, value - half, value + half), asked[name][1]))
+        numbers.append(
+            (f"effort.{name}", FittedInterval(value, value - half, value + half), asked[name][1])
+        )
     scatter = float(fit.residuals.std())
-    # Of a reading: so much as leaves, where readings are independent, what means over several bins are off by.
+    # Of a reading: so much as leaves, where readings are independent, what means over several
+    # bins are off by.
     a_reading = scatter * wider * np.sqrt(d.rows_a_bin)
     noise = machine.noise.model_copy(update={"effort": max(1e-4, float(f"{a_reading:.3g}"))})
     return machine.model_copy(update={"effort": stage, "noise": noise}), EffortFit(
-        tuple(numbers), len(y), float(y.mean()), scatter, machine.effort_unit, tuple(notes))
+        tuple(numbers), len(y), float(y.mean()), scatter, machine.effort_unit, tuple(notes)
+    )

@@ -1,4 +1,6 @@
-"""Sentences about the recorded data itself: what the gate saw, rows that may be missing, long logs held as a whole."""
+"""Sentences about the recorded data itself: what the gate saw, rows that may be missing, long
+logs held as a whole."""
+
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -22,23 +24,30 @@ from .model import tolerance_of
 from .selection import GroupResult
 from .stages import RunData
 
-MUCH = 0.2                  # of the most that is asked, or read: below, dead zones and noise decide the ratio
-TICK_S = 0.05               # control's usual tick
-ONE_WAY_SHARE = 0.05        # of their sum, by which two ways differ: more than twice what sessions differ by
-LOST_SHARE = 0.01           # of the rows
+# of the most that is asked, or read: below, dead zones and noise decide the ratio
+MUCH = 0.2
+TICK_S = 0.05  # control's usual tick
+# of their sum, by which two ways differ: more than twice what sessions differ by
+ONE_WAY_SHARE = 0.05
+LOST_SHARE = 0.01  # of the rows
 
 
 def on_the_whole(log: Clean, judged: Sequence[GroupResult], machine: Machine) -> list[str]:
-    """Sentences on a long log: the share of rows looked at, and the error over all rows before and after naming.
+    """Sentences on a long log: the share of rows looked at, and the error over all rows before
+    and after naming.
 
-    Flow and scale are always judged over the whole time; empty for a log that was looked at in full.
+    Flow and scale are always judged over the whole time; empty for a log that was looked at in
+    full.
     """
     count = len(log.time_s)
     rows = looked_at(count)
     if len(rows) == count:
         return []
-    said = [f"long log: shaft, gate, speed and heads are judged on {100.0 * len(rows) / count:.0f} % of {count} rows, "
-            "evenly chosen; flow and scale on the whole time"]
+    said = [
+        "long log: shaft, gate, speed and heads are judged on "
+        f"{100.0 * len(rows) / count:.0f} % of {count} rows, "
+        "evenly chosen; flow and scale on the whole time"
+    ]
     every = whole_drives(log, machine)
     for one in judged:
         for name in ("shaft", "gate"):
@@ -48,49 +57,70 @@ def on_the_whole(log: Clean, judged: Sequence[GroupResult], machine: Machine) ->
             channel = drive_channel(every[name], machine)
             plans = [schedule(one.search.model.base, p) for p in ((), parts)]
             left = [channel.measured - channel.predict(plan, MOST_STEP_S) for plan in plans]
-            errors = [float(np.sqrt(np.mean(series ** 2))) for series in left]
+            errors = [float(np.sqrt(np.mean(series**2))) for series in left]
             words = "holds" if errors[1] < errors[0] else "does NOT hold"
-            said.append(f"stage {name}: what was named {words} on every row: error {errors[0]:.3g} -> {errors[1]:.3g} "
-                        f"{channel.unit}")
+            said.append(
+                f"stage {name}: what was named {words} on every row: error {errors[0]:.3g} "
+                f"-> {errors[1]:.3g} "
+                f"{channel.unit}"
+            )
     return said
 
 
 def turned_back(log: Clean, machine: Machine, counted: bool = False) -> list[str]:
-    """Said of a shaft that is asked to turn backwards: that it is judged so, or, of one that turns one way by its
-    machine file, how many rows say otherwise and are left out (`counted`: are not, as where two files are compared);
-    and of one that turns at a command of 0 though the file says that this stops it."""
+    """Said of a shaft that is asked to turn backwards: that it is judged so, or, of one that
+    turns one way by its machine file, how many rows say otherwise and are left out (`counted`:
+    are not, as where two files are compared); and of one that turns at a command of 0 though
+    the file says that this stops it."""
     command, read = log.columns["shaft_rpm_cmd"], log.columns["shaft_rpm"]
     known, back = int(np.isfinite(command).sum()), int(np.sum(command < 0.0))
     left_out = int(np.sum(against_the_way(log.time_s, command, read, machine)))
     at_zero = int(np.sum(turns_at_zero(log.time_s, held(command), read, machine)))
     if at_zero:
-        return [f"stage shaft: it turns at commands of 0, which stop it by the machine file (shaft.zero_stops; 0: one "
-                f"like any other): {at_zero} rows are " + ("counted as errors of the file" if counted else "left out")]
+        return [
+            "stage shaft: it turns at commands of 0, which stop it by the machine file "
+            "(shaft.zero_stops; 0: one "
+            f"like any other): {at_zero} rows are "
+            + ("counted as errors of the file" if counted else "left out")
+        ]
     if left_out:
-        return [f"stage shaft: {back} of {known} commands ask it to turn backwards, which it does not do by the "
-                f"machine file (shaft.one_way): {left_out} rows are "
-                + ("counted as errors of the file" if counted else "left out")]
-    return [f"stage shaft: {back} of {known} commands are below 0: it turned backwards"] if back and \
-        machine.shaft.one_way <= 0.0 else []
+        return [
+            f"stage shaft: {back} of {known} commands ask it to turn backwards, which it "
+            "does not do by the "
+            f"machine file (shaft.one_way): {left_out} rows are "
+            + ("counted as errors of the file" if counted else "left out")
+        ]
+    return (
+        [f"stage shaft: {back} of {known} commands are below 0: it turned backwards"]
+        if back and machine.shaft.one_way <= 0.0
+        else []
+    )
 
 
 def answers_by(drive: Drive | None, machine: Machine) -> float:
-    """How many times its command a drive turns or opens, in the middle of the rows that ask and answer for much; 1 of
-    one that does not answer. Of one that stands at another command than 0: by how much more it turns for more of it."""
+    """How many times its command a drive turns or opens, in the middle of the rows that ask and
+    answer for much; 1 of one that does not answer. Of one that stands at another command than
+    0: by how much more it turns for more of it."""
     if drive is None:
         return 1.0
     of_zero = off_zero(drive, machine)
     if of_zero.passed:
         return abs(of_zero.slope)
     asked, answered = np.abs(drive.command), np.abs(drive.measured)
-    much = (asked > MUCH * float(np.nanmax(asked, initial=0.0))) & (answered > MUCH * float(
-        np.nanmax(answered, initial=0.0)))
-    return float(np.nanmedian(answered[much] / asked[much])) if np.sum(much) >= MIN_SETTLED // 2 else 1.0
+    much = (asked > MUCH * float(np.nanmax(asked, initial=0.0))) & (
+        answered > MUCH * float(np.nanmax(answered, initial=0.0))
+    )
+    return (
+        float(np.nanmedian(answered[much] / asked[much]))
+        if np.sum(much) >= MIN_SETTLED // 2
+        else 1.0
+    )
 
 
 def mistaken_unit(drive: Drive | None, machine: Machine) -> float:
-    """Probability that a shaft answers so much slower or faster than it is asked because command and reading are not in
-    one unit: rather than by the steady effect that would do it with the widest prior."""
+    """Probability that a shaft answers so much slower or faster than it is asked because
+    command and reading are not in one unit: rather than by the steady effect that would do it
+    with the widest prior."""
     ratio = answers_by(drive, machine)
     if ratio <= 0.0 or ratio == 1.0:
         return 0.0
@@ -99,30 +129,54 @@ def mistaken_unit(drive: Drive | None, machine: Machine) -> float:
 
 
 def is_steady(part: EffectInstance) -> bool:
-    """Whether a part scales or shifts all that its drive does, all along, as a mistaken unit does."""
+    """Whether a part scales or shifts all that its drive does, all along, as a mistaken unit
+    does."""
     row = ROWS[part.id]
     return part.onset_s is None and not row.move_shaped and row.scanned
 
 
 def mistaken_row(part: EffectInstance, sd_s: float, data: RunData, machine: Machine) -> float:
-    """Probability that a shaft is late by a part's size, known to `sd_s` (1 s.d.), because the log's rows are one off:
-    where the gate moves, it tells (`row_order`)."""
-    if part.id != SHAFT_DEAD_TIME.id or part.onset_s is not None or data.shaft is None or part.size <= 0.0:
+    """Probability that a shaft is late by a part's size, known to `sd_s` (1 s.d.), because the
+    log's rows are one off: where the gate moves, it tells (`row_order`)."""
+    if (
+        part.id != SHAFT_DEAD_TIME.id
+        or part.onset_s is not None
+        or data.shaft is None
+        or part.size <= 0.0
+    ):
         return 0.0
-    if data.gate is not None and np.ptp(data.gate.command) > of_nominal(machine, OPENING_RANGE) * SAME_MM:
+    if (
+        data.gate is not None
+        and np.ptp(data.gate.command) > of_nominal(machine, OPENING_RANGE) * SAME_MM
+    ):
         return 0.0
     known_s = float(np.hypot(sd_s, tolerance_of(part.id, machine)))
     names = sum(row.stage == "shaft" for row in ROWS.values())
-    return float(expit(log_odds_of_row(part.size, float(np.median(np.diff(data.shaft.time_s))), known_s,
-                                       SHAFT_DEAD_TIME.usual, names)))
+    return float(
+        expit(
+            log_odds_of_row(
+                part.size,
+                float(np.median(np.diff(data.shaft.time_s))),
+                known_s,
+                SHAFT_DEAD_TIME.usual,
+                names,
+            )
+        )
+    )
 
 
-def rows_doubted(causes: Sequence[tuple[EffectInstance, float]], data: RunData, machine: Machine) -> list[str]:
-    """Said of a shaft that is late by a row. causes : parts, and to what they are known (1 s.d.)."""
+def rows_doubted(
+    causes: Sequence[tuple[EffectInstance, float]], data: RunData, machine: Machine
+) -> list[str]:
+    """Said of a shaft that is late by a row. causes : parts, and to what they are known (1
+    s.d.)."""
     if not any(mistaken_row(part, sd_s, data, machine) > LISTED for part, sd_s in causes):
         return []
-    return [f"{SHAFT_DEAD_TIME.id}: it is as late as a row is long, and a log that writes readings a row late looks "
-            "the same: a run in which the gate moves, or the import file's order of rows, would tell"]
+    return [
+        f"{SHAFT_DEAD_TIME.id}: it is as late as a row is long, and a log that writes "
+        "readings a row late looks "
+        "the same: a run in which the gate moves, or the import file's order of rows, would tell"
+    ]
 
 
 def units_doubted(data: RunData, machine: Machine) -> list[str]:
@@ -130,54 +184,81 @@ def units_doubted(data: RunData, machine: Machine) -> list[str]:
     if data.shaft is None or mistaken_unit(data.shaft, machine) < NAMED:
         return []
     ratio = answers_by(data.shaft, machine)
-    return [f"stage shaft: it turns {ratio:.2g} times what its commands ask (up to "
-            f"{float(np.nanmax(np.abs(data.shaft.command))):.4g} r/min asked, "
-            f"{float(np.nanmax(np.abs(data.shaft.measured))):.4g} read): are both in r/min, of one side of a gear? "
-            "The import file's scale puts that right; no steady fault of the drive is sure until then"]
+    return [
+        f"stage shaft: it turns {ratio:.2g} times what its commands ask (up to "
+        f"{float(np.nanmax(np.abs(data.shaft.command))):.4g} r/min asked, "
+        f"{float(np.nanmax(np.abs(data.shaft.measured))):.4g} read): are both in r/min, of "
+        "one side of a gear? "
+        "The import file's scale puts that right; no steady fault of the drive is sure until then"
+    ]
 
 
 def unsure_drives(log: Clean, data: RunData) -> list[str]:
-    """Said of drives whose commands between the rows are not in the log, so that hardly a row can be judged; and of
-    those whose moves are not, as the computer was late."""
-    late = [f"stage {word}: {drive.left_out} rows in which it moves quickly are left out: rows are missing, and those "
-            "that are there may be late as well, so that nothing is said of delays"
-            for word, drive in (("shaft", data.shaft), ("gate", data.gate)) if drive is not None and drive.left_out]
-    return late + [f"stage {word} is left out: rows come every {log.step_s:.2g} s and its command changes between "
-                   "nearly all of them: what was commanded in between is not in the log"
-                   for word, drive in (("shaft", data.shaft), ("gate", data.gate))
-                   if word in log.stages and drive is None]
+    """Said of drives whose commands between the rows are not in the log, so that hardly a row
+    can be judged; and of those whose moves are not, as the computer was late."""
+    late = [
+        f"stage {word}: {drive.left_out} rows in which it moves quickly are left out: rows "
+        "are missing, and those "
+        "that are there may be late as well, so that nothing is said of delays"
+        for word, drive in (("shaft", data.shaft), ("gate", data.gate))
+        if drive is not None and drive.left_out
+    ]
+    return late + [
+        f"stage {word} is left out: rows come every {log.step_s:.2g} s and its command "
+        "changes between "
+        "nearly all of them: what was commanded in between is not in the log"
+        for word, drive in (("shaft", data.shaft), ("gate", data.gate))
+        if word in log.stages and drive is None
+    ]
 
 
 def hardly_read(log: Clean, data: RunData) -> list[str]:
     """Said of channels whose columns are there and hold hardly a new reading."""
-    return [f"stage {word} is left out: hardly a new reading in its columns: the same value stands in row after row, "
-            "or there are too few"
-            for word, seen in (("flow", data.hopper), ("speed", data.speed), ("heads", data.heads))
-            if word in log.stages and seen is None]
+    return [
+        f"stage {word} is left out: hardly a new reading in its columns: the same value "
+        "stands in row after row, "
+        "or there are too few"
+        for word, seen in (("flow", data.hopper), ("speed", data.speed), ("heads", data.heads))
+        if word in log.stages and seen is None
+    ]
 
 
 def hidden_by_load(data: RunData, machine: Machine) -> list[str]:
-    """Said of drives whose load pulls one way in the machine file's reference, so that a screw's other side, or a
-    gear's, never bears: friction there cannot show."""
+    """Said of drives whose load pulls one way in the machine file's reference, so that a
+    screw's other side, or a gear's, never bears: friction there cannot show."""
     own = machine.effort
     found = []
     for drive in data.efforts:
-        ways = (own.coulomb, own.coulomb_back) if drive.name == "effort" else (
-            own.gate_coulomb, own.gate_coulomb_back)
+        ways = (
+            (own.coulomb, own.coulomb_back)
+            if drive.name == "effort"
+            else (own.gate_coulomb, own.gate_coulomb_back)
+        )
         if min(ways) > 0.0 and abs(ways[0] - ways[1]) > ONE_WAY_SHARE * (ways[0] + ways[1]):
-            found.append(f"{drive.name}: its load pulls one way ({ways[0]:.3g} {machine.effort_unit} forwards, "
-                         f"{ways[1]:.3g} back): friction that bears on the other side does not show at this load")
+            found.append(
+                f"{drive.name}: its load pulls one way ({ways[0]:.3g} {machine.effort_unit} "
+                "forwards, "
+                f"{ways[1]:.3g} back): friction that bears on the other side does not show "
+                "at this load"
+            )
     return found
 
 
 def between_rows(log: Clean, ids: set[str]) -> list[str]:
-    """Said of small faults of the drives where the log may not hold every command that was given."""
+    """Said of small faults of the drives where the log may not hold every command that was
+    given."""
     steps = np.diff(log.time_s)
     lost = float(np.mean(steps > 1.5 * log.step_s)) if len(steps) else 0.0
     doubtful = sorted(one for one in ids if ROWS[one].move_shaped)
     if not doubtful or log.step_s > FINE_LOG_S or (log.step_s < TICK_S * 1.2 and lost < LOST_SHARE):
         return []
-    why = f"{100.0 * lost:.0f} % of the rows are missing" if lost >= LOST_SHARE else \
-        f"rows come every {log.step_s:.2g} s, and control may decide more often"
-    return [f"{', '.join(doubtful)}: {why}: a command given between two rows is not in the log, and can look like "
-            "this; a log of every tick would tell"]
+    why = (
+        f"{100.0 * lost:.0f} % of the rows are missing"
+        if lost >= LOST_SHARE
+        else f"rows come every {log.step_s:.2g} s, and control may decide more often"
+    )
+    return [
+        f"{', '.join(doubtful)}: {why}: a command given between two rows is not in the log, "
+        "and can look like "
+        "this; a log of every tick would tell"
+    ]

@@ -1,4 +1,6 @@
-"""What putting the model right gains on blocks of the log that no size was fitted to. In the field: `closed_loop`."""
+"""What putting the model right gains on blocks of the log that no size was fitted to. In the
+field: `closed_loop`."""
+
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -20,11 +22,13 @@ from .smooth import DOWNSTREAM, TABLES, variables_of
 
 Array = npt.NDArray[np.float64]
 
-PIECES_OF_ERROR = 24            # of the held-out rows: each is longer than the noise remembers
+# of the held-out rows: each is longer than the noise remembers
+PIECES_OF_ERROR = 24
 
 
 def measure_gain(judged: GroupResult) -> list[Gain]:
-    """Error of each touched channel before and after, on held-out blocks, sizes refitted on the others.
+    """Error of each touched channel before and after, on held-out blocks, sizes refitted on the
+    others.
 
     Low and high: 90 % interval of `after`, from the spread between the held-out pieces.
     """
@@ -38,51 +42,73 @@ def measure_gain(judged: GroupResult) -> list[Gain]:
     for channel in search.model.channels:
         if channel.copies == 1 and any(channel.name in c.coefficients for c in slopes):
             name = channel.name
-            found += _channel_gain(judged, held_out(channel), columns[name], before[name], at_fit[name])
+            found += _channel_gain(
+                judged, held_out(channel), columns[name], before[name], at_fit[name]
+            )
     return found
 
 
-def _channel_gain(judged: GroupResult, blocks: HeldOut, columns: Sequence[tuple[Column, Array]], before: Array,
-                  at_fit: Array) -> list[Gain]:
+def _channel_gain(
+    judged: GroupResult,
+    blocks: HeldOut,
+    columns: Sequence[tuple[Column, Array]],
+    before: Array,
+    at_fit: Array,
+) -> list[Gain]:
     """Gains of one channel: of the names, of the best nameless corrector, and of a placebo."""
     noise = judged.found.noise
     amplitude = amplitudes(blocks, columns, at_fit, noise)
-    change = sum(a * s for a, (c, s) in zip(amplitude, columns, strict=True) if c.label.role is Role.SLOPE)
+    change = sum(
+        a * s for a, (c, s) in zip(amplitude, columns, strict=True) if c.label.role is Role.SLOPE
+    )
     name, unit, errors_before, errors_after = errors_of(blocks, before, at_fit - change)
     if not len(errors_after):
         return []
     words = "blocks " + ", ".join(str(k + 1) for k in HELD_OUT) + f" of {BLOCKS}"
-    rms_before = float(np.sqrt(np.mean(errors_before ** 2)))
+    rms_before = float(np.sqrt(np.mean(errors_before**2)))
     found = [_gain(name, f"rmse, {unit}", rms_before, errors_after, words)]
     fixed = [pair for pair in columns if pair[0].label.role is not Role.SLOPE]
     for word, others in _instead(judged, blocks.whole.name):
         left = _corrected(blocks, fixed, others, before, noise)
-        gain = _gain(name, f"rmse, {unit}, {word}", rms_before, errors_of(blocks, before, left)[3], words)
+        gain = _gain(
+            name, f"rmse, {unit}, {word}", rms_before, errors_of(blocks, before, left)[3], words
+        )
         found.append(replace(gain, of="placebo" if word.startswith("placebo") else "corrector"))
     return found
 
 
 def _gain(channel: str, metric: str, before: float, errors_after: Array, held_out: str) -> Gain:
-    """Low and high from the spread of the mean square between PIECES_OF_ERROR even pieces of the held-out rows."""
-    rms = float(np.sqrt(np.mean(errors_after ** 2)))
-    squares = np.array([float(np.mean(piece ** 2)) for piece in np.array_split(errors_after, PIECES_OF_ERROR)
-                        if len(piece)])
+    """Low and high from the spread of the mean square between PIECES_OF_ERROR even pieces of
+    the held-out rows."""
+    rms = float(np.sqrt(np.mean(errors_after**2)))
+    squares = np.array(
+        [
+            float(np.mean(piece**2))
+            for piece in np.array_split(errors_after, PIECES_OF_ERROR)
+            if len(piece)
+        ]
+    )
     sd = float(np.std(squares) / np.sqrt(len(squares))) / max(2.0 * rms, 1e-12)
     return Gain(channel, metric, before, rms, max(0.0, rms - Z90 * sd), rms + Z90 * sd, held_out)
 
 
 def _instead(judged: GroupResult, channel: str) -> list[tuple[str, list[Column]]]:
-    """What else might be put in: the best nameless smooth corrector, and the cause that the log speaks least for."""
+    """What else might be put in: the best nameless smooth corrector, and the cause that the log
+    speaks least for."""
     search, found = judged.search, []
     best: tuple[float, str, list[Column]] | None = None
     for stage in TABLES:
         if TABLES[stage].channel != channel:
             continue
         for variable in variables_of(judged.search.model.data):
-            columns = [] if variable in DOWNSTREAM[stage] else search.columns.forms.over(stage, variable)
+            columns = (
+                [] if variable in DOWNSTREAM[stage] else search.columns.forms.over(stage, variable)
+            )
             if columns:
                 p, count = search.columns.compressed((), columns)
-                value = fitted(p, np.arange(count + len(columns)), judged.null.noise, rounds=1).log_likelihood
+                value = fitted(
+                    p, np.arange(count + len(columns)), judged.null.noise, rounds=1
+                ).log_likelihood
                 if best is None or value > best[0]:
                     best = (value, variable, columns)
     if best is not None:
@@ -97,42 +123,65 @@ def _instead(judged: GroupResult, channel: str) -> list[tuple[str, list[Column]]
     return found
 
 
-def _corrected(blocks: HeldOut, fixed: Sequence[tuple[Column, Array]], others: Sequence[Column], before: Array,
-               noise: dict[str, Noise]) -> Array:
-    """The error once `others` are fitted, along with the tolerances, to the fitted blocks, and taken off everywhere."""
+def _corrected(
+    blocks: HeldOut,
+    fixed: Sequence[tuple[Column, Array]],
+    others: Sequence[Column],
+    before: Array,
+    noise: dict[str, Noise],
+) -> Array:
+    """The error once `others` are fitted, along with the tolerances, to the fitted blocks, and
+    taken off everywhere."""
     shapes = [series_of(c.coefficients[blocks.whole.name], blocks.whole.cut) for c in others]
-    amplitude = amplitudes(blocks, [*fixed, *zip(others, shapes, strict=True)], before, noise)[len(fixed):]
+    amplitude = amplitudes(blocks, [*fixed, *zip(others, shapes, strict=True)], before, noise)[
+        len(fixed) :
+    ]
     return np.asarray(before - sum(a * series for a, series in zip(amplitude, shapes, strict=True)))
 
 
 def spread_of_sizes(one: GroupResult) -> dict[int, float]:
-    """How far the size of each part (by its place) goes up and down while it is there, and over the variable of its
-    form, beyond what noise makes of one that stays: s.d. about its mean. Where its course in time, or its form, is not
-    the catalogue's, one size says no more than that.
+    """How far the size of each part (by its place) goes up and down while it is there, and over
+    the variable of its form, beyond what noise makes of one that stays: s.d. about its mean.
+    Where its course in time, or its form, is not the catalogue's, one size says no more than
+    that.
 
-    Of shapes with energies G, of which the rest of the hypothesis leaves A, and their sizes b of covariance C, the mean
-    square is (b'Gb - tr(G C A C)) over the energy of the part's own column; the last term is what noise alone gives.
-    What is given at the end of its variable is known there as far as its form is: the prior's share, as far as the log
-    leaves it open.
+    Of shapes with energies G, of which the rest of the hypothesis leaves A, and their sizes b
+    of covariance C, the mean square is (b'Gb - tr(G C A C)) over the energy of the part's own
+    column; the last term is what noise alone gives. What is given at the end of its variable is
+    known there as far as its form is: the prior's share, as far as the log leaves it open.
     """
     columns, found = one.search.columns, one.found
     base = columns.of_hypothesis(found.parts)
     slopes = [k for k, column in enumerate(base) if column.label.role is Role.SLOPE]
-    shapes = [shape for k in slopes for shape in columns.over_time(base[k], found.parts[base[k].label.part])]
-    p = problem(columns.model.channels, columns.model.banded_residual(found.parts), [*base, *shapes])
+    shapes = [
+        shape
+        for k in slopes
+        for shape in columns.over_time(base[k], found.parts[base[k].label.part])
+    ]
+    p = problem(
+        columns.model.channels, columns.model.banded_residual(found.parts), [*base, *shapes]
+    )
     every, of_base = p.under(found.noise).A, np.arange(len(base))
     spread = {}
     for k, at in zip(slopes, range(len(base), len(base) + len(shapes), WAVES), strict=True):
-        own = [j for j in p.places(Role.FORM) if j < len(base) and base[j].label.part == base[k].label.part]
+        own = [
+            j
+            for j in p.places(Role.FORM)
+            if j < len(base) and base[j].label.part == base[k].label.part
+        ]
         square = 0.0
         for places in (np.arange(at, at + WAVES), np.array(own, int)):
             energy = every[np.ix_(places, places)]
             beyond = projected(p, np.setdiff1d(of_base, places), found.noise).of(places)
             sizes = beyond.fit(p.sd[places])
             by_noise = float(np.trace(energy @ sizes.cov @ beyond.A @ sizes.cov))
-            square += max(0.0, float(sizes.b @ energy @ sizes.b) - by_noise) / max(1e-300, float(every[k, k]))
+            square += max(0.0, float(sizes.b @ energy @ sizes.b) - by_noise) / max(
+                1e-300, float(every[k, k])
+            )
         part = found.parts[base[k].label.part]
-        if own and ROWS[part.id].at_end:        # `sizes` are those of its form
-            square += (FORM_SHARE * part.size) ** 2 * float(np.mean(np.diag(sizes.cov) / p.sd[own] ** 2))
+        if own and ROWS[part.id].at_end:  # `sizes` are those of its form
+            square += (FORM_SHARE * part.size) ** 2 * float(
+                np.mean(np.diag(sizes.cov) / p.sd[own] ** 2)
+            )
         spread[base[k].label.part] = float(np.sqrt(square))
     return spread

@@ -1,4 +1,6 @@
-"""Readings on an even time grid: gaps bridged, held or left out, and what is looked at of a long log."""
+"""Readings on an even time grid: gaps bridged, held or left out, and what is looked at of a
+long log."""
+
 from __future__ import annotations
 
 from typing import NamedTuple
@@ -8,27 +10,36 @@ import numpy.typing as npt
 
 Array = npt.NDArray[np.float64]
 
-WINDOW_ROWS = 20_000        # are looked at one by one, in ...
-WINDOWS = 5                 # ... even stretches: a drive's answer is as well known from them as from a million ...
-MAX_ROWS = 5 * WINDOW_ROWS  # ... where that saves four fifths of the work or more
-EVERY_ROW = 20              # one of so many is kept between the windows: at 10 Hz, every two seconds
-SMOOTH_S = 1.5              # of slowly varying sensors that serve as inputs: shorter than a change of slope or supply
-MAX_BRIDGED_STEPS = 5.0     # a longer gap is left out: at 10 Hz, what a log holds a drive's reading for
-EVEN_STEPS = 0.2            # of a step that rows may stand off an even grid, and be taken as they are
+WINDOW_ROWS = 20_000  # are looked at one by one, in ...
+# ... even stretches: a drive's answer is as well known from them as from a million ...
+WINDOWS = 5
+# ... where that saves four fifths of the work or more
+MAX_ROWS = 5 * WINDOW_ROWS
+# one of so many is kept between the windows: at 10 Hz, every two seconds
+EVERY_ROW = 20
+# of slowly varying sensors that serve as inputs: shorter than a change of slope or supply
+SMOOTH_S = 1.5
+# a longer gap is left out: at 10 Hz, what a log holds a drive's reading for
+MAX_BRIDGED_STEPS = 5.0
+# of a step that rows may stand off an even grid, and be taken as they are
+EVEN_STEPS = 0.2
 
 
 class Grid(NamedTuple):
-    """From a log's rows to an even grid: short gaps are bridged by straight lines, in data and prediction alike.
+    """From a log's rows to an even grid: short gaps are bridged by straight lines, in data and
+    prediction alike.
 
-    Long ones are left out: a line over them would make a long stretch of the noise of the two readings at its ends.
+    Long ones are left out: a line over them would make a long stretch of the noise of the two
+    readings at its ends.
     """
 
-    clock_s: Array              # of the known rows; a long log's windows follow each other without a gap
+    # of the known rows; a long log's windows follow each other without a gap
+    clock_s: Array
     rows: npt.NDArray[np.int64]
     even_clock_s: Array
-    even_s: Array               # time in the log
+    even_s: Array  # time in the log
     step_s: float
-    as_is: bool                 # every row is known and evenly spaced
+    as_is: bool  # every row is known and evenly spaced
 
     def of(self, series: Array) -> Array:
         """Series over the log's rows (..., rows) on the grid (..., m)."""
@@ -36,18 +47,26 @@ class Grid(NamedTuple):
             return series[..., self.rows]
         if series.ndim == 1:
             return np.interp(self.even_clock_s, self.clock_s, series[self.rows])
-        return np.array([np.interp(self.even_clock_s, self.clock_s, one[self.rows]) for one in series])
+        return np.array(
+            [np.interp(self.even_clock_s, self.clock_s, one[self.rows]) for one in series]
+        )
 
 
 def joined(time: Array, step_s: float, seam_s: float = 0.0) -> Array:
-    """The clock of readings at `time` (m,), long gaps left out but for a step, or `seam_s` where that is longer."""
+    """The clock of readings at `time` (m,), long gaps left out but for a step, or `seam_s`
+    where that is longer."""
     spans = np.diff(time)
     spans = np.where(spans > MAX_BRIDGED_STEPS * step_s, np.clip(seam_s, step_s, spans), spans)
     return np.asarray(time[0] + np.concatenate(([0.0], np.cumsum(spans))))
 
 
-def grid_of(time: Array, known: npt.NDArray[np.bool_], step_s: float, clock: Array | None = None,
-          seam_s: float = 0.0) -> Grid:
+def grid_of(
+    time: Array,
+    known: npt.NDArray[np.bool_],
+    step_s: float,
+    clock: Array | None = None,
+    seam_s: float = 0.0,
+) -> Grid:
     rows = np.flatnonzero(known)
     inner = (time if clock is None else clock)[rows]
     inner = joined(inner, step_s, seam_s)
@@ -68,13 +87,18 @@ def held(series: Array) -> Array:
 
 
 def bridged(time: Array, series: Array, instead: Array, longest_s: float = np.inf) -> Array:
-    """A series with its gaps bridged by straight lines; `instead` in the longer ones, or where nothing is known."""
+    """A series with its gaps bridged by straight lines; `instead` in the longer ones, or where
+    nothing is known."""
     known = np.isfinite(series)
     if not known.any():
         return instead
     bridged = np.interp(time, time[known], series[known])
     held = np.maximum.accumulate(np.where(known, np.arange(len(series)), -1))
-    ahead = len(series) - 1 - np.maximum.accumulate(np.where(known[::-1], np.arange(len(series)), -1))[::-1]
+    ahead = (
+        len(series)
+        - 1
+        - np.maximum.accumulate(np.where(known[::-1], np.arange(len(series)), -1))[::-1]
+    )
     last, following = time[np.maximum(held, 0)], time[np.minimum(ahead, len(series) - 1)]
     gap_s = np.where((held < 0) | (ahead >= len(series)), np.inf, following - last)
     return np.where(~known & (gap_s > longest_s) & np.isfinite(instead), instead, bridged)
@@ -91,9 +115,11 @@ def smoothed(series: Array, step_s: float) -> Array:
 
 
 def windows(time: Array, step_s: float) -> tuple[npt.NDArray[np.int64], Array, Array]:
-    """Rows of a log that are looked at row by row, their clock without the gaps, and the time since their window began.
+    """Rows of a log that are looked at row by row, their clock without the gaps, and the time
+    since their window began.
 
-    A drive's answer to its command is as well known after twenty thousand rows as after a million.
+    A drive's answer to its command is as well known after twenty thousand rows as after a
+    million.
     """
     rows = looked_at(len(time))
     if len(rows) == len(time):
@@ -106,7 +132,8 @@ def windows(time: Array, step_s: float) -> tuple[npt.NDArray[np.int64], Array, A
 
 
 def looked_at(count: int) -> npt.NDArray[np.int64]:
-    """Which of `count` rows are looked at one by one: all, or WINDOWS even stretches of WINDOW_ROWS in all."""
+    """Which of `count` rows are looked at one by one: all, or WINDOWS even stretches of
+    WINDOW_ROWS in all."""
     if count <= MAX_ROWS:
         return np.arange(count)
     each = WINDOW_ROWS // WINDOWS
@@ -115,6 +142,7 @@ def looked_at(count: int) -> npt.NDArray[np.int64]:
 
 
 def known_rows(count: int) -> npt.NDArray[np.int64]:
-    """Rows at which the recorded variables are kept: all, or those looked at and every EVERY_ROW-th of the others."""
+    """Rows at which the recorded variables are kept: all, or those looked at and every
+    EVERY_ROW-th of the others."""
     rows = looked_at(count)
     return rows if len(rows) == count else np.union1d(rows, np.arange(0, count, EVERY_ROW))

@@ -1,4 +1,6 @@
-"""Flow and scale of a log, in bins of a second: what was metered, what the scale read, when it was filled up."""
+"""Flow and scale of a log, in bins of a second: what was metered, what the scale read, when it
+was filled up."""
+
 from __future__ import annotations
 
 from typing import Any, NamedTuple
@@ -14,50 +16,68 @@ from .inputs import STOPPED_RPM, LogRows
 
 Array = npt.NDArray[np.float64]
 
-HOPPER_STEP_S = 1.0         # the scale's noise remembers a second: finer rows of it say nothing more
-MIN_BINS = 20               # of the scale: the flow is read off over windows of ten seconds, and two are no noise
-MAX_BINS = 60_000           # of the scale, 16 hours: a longer log has longer bins
-UNSEEN_CHANGE = 0.3         # (1 s.d.) of a change from row to row: it may have come early or late, 1 / sqrt(12)
-UNSEEN_STEADY = 0.05        # of the rate itself: what control may have tried and taken back ...
-UNSEEN_S = 2.0              # ... within so long, or in proportion
-LONG_GAP_S = 3.0            # of a gap, after which the level of the hopper is open by as much as it may have metered
-REFILL_KG = 3.0             # on the nominal machine, a share of another's hopper: no less is filled up ...
-REFILL_SD = 8.0             # of the scale's noise, at least: a large hopper's share is more, a small one's may be less
-RISES_BINS = 3              # ... within so long: a bag is tipped in
-ONE_FILL_BINS = 10          # rises no further apart are one fill
-LEVEL_BINS = 6              # whose median is the level before, and after
-STATED_WITHIN_S = 120.0     # of a fill: an event so near belongs to it
-START_BINS = 10             # whose median is the level at the beginning
+# the scale's noise remembers a second: finer rows of it say nothing more
+HOPPER_STEP_S = 1.0
+# of the scale: the flow is read off over windows of ten seconds, and two are no noise
+MIN_BINS = 20
+# of the scale, 16 hours: a longer log has longer bins
+MAX_BINS = 60_000
+# (1 s.d.) of a change from row to row: it may have come early or late, 1 / sqrt(12)
+UNSEEN_CHANGE = 0.3
+# of the rate itself: what control may have tried and taken back ...
+UNSEEN_STEADY = 0.05
+UNSEEN_S = 2.0  # ... within so long, or in proportion
+# of a gap, after which the level of the hopper is open by as much as it may have metered
+LONG_GAP_S = 3.0
+# on the nominal machine, a share of another's hopper: no less is filled up ...
+REFILL_KG = 3.0
+# of the scale's noise, at least: a large hopper's share is more, a small one's may be less
+REFILL_SD = 8.0
+RISES_BINS = 3  # ... within so long: a bag is tipped in
+ONE_FILL_BINS = 10  # rises no further apart are one fill
+LEVEL_BINS = 6  # whose median is the level before, and after
+STATED_WITHIN_S = 120.0  # of a fill: an event so near belongs to it
+START_BINS = 10  # whose median is the level at the beginning
 
 
 class Hopper(NamedTuple):
     """Flow and scale, in bins of HOPPER_STEP_S or the log's own step."""
 
-    time_s: Array               # begin of each bin, and the end of the last: (m+1,)
-    shaft_rpm: Array            # (m+1,), mean over the bin
-    opening_mm: Array           # (m+1,), weighted with shaft speed
+    # begin of each bin, and the end of the last: (m+1,)
+    time_s: Array
+    shaft_rpm: Array  # (m+1,), mean over the bin
+    opening_mm: Array  # (m+1,), weighted with shaft speed
     pitch_deg: Array
-    reading_kg: Array           # (m,), mean over the bin
-    read_at: Array              # (m,), mean time of those readings, as a share of the bin
-    refill_kg: Array            # (m+1,)
+    reading_kg: Array  # (m,), mean over the bin
+    # (m,), mean time of those readings, as a share of the bin
+    read_at: Array
+    refill_kg: Array  # (m+1,)
     start_kg: float
-    jumps: tuple[int, ...]      # bins from which a refill counts
-    written: tuple[bool, ...]      # whether the operator wrote down how much a refill was
-    grid: Grid                  # over the m bins
-    unseen: float = 0.0         # r/min x mm x s (1 s.d.), metered in a bin where no row says how
-    gaps: tuple[tuple[int, float], ...] = ()    # bin at which a long gap ends, and the same of what it metered
-    more_percent: Array | float = 0.0   # of the machine file's terms, mean over the bin weighted with what it metered
+    jumps: tuple[int, ...]  # bins from which a refill counts
+    # whether the operator wrote down how much a refill was
+    written: tuple[bool, ...]
+    grid: Grid  # over the m bins
+    # r/min x mm x s (1 s.d.), metered in a bin where no row says how
+    unseen: float = 0.0
+    # bin at which a long gap ends, and the same of what it metered
+    gaps: tuple[tuple[int, float], ...] = ()
+    # of the machine file's terms, mean over the bin weighted with what it metered
+    more_percent: Array | float = 0.0
     more_kg_s: Array | float = 0.0
-    more_kg: Array | float = 0.0        # (m,), of the reading
+    more_kg: Array | float = 0.0  # (m,), of the reading
 
 
-def hopper_of(every: LogRows, reading: Array, written: list[tuple[float, float]], machine: Machine) -> Hopper | None:
+def hopper_of(
+    every: LogRows, reading: Array, written: list[tuple[float, float]], machine: Machine
+) -> Hopper | None:
     """None where the scale was read in too few bins."""
     time = every.time_s
     width = max(HOPPER_STEP_S, every.step_s, float(np.ceil((time[-1] - time[0]) / MAX_BINS)))
     count = int(np.floor((time[-1] - time[0]) / width))
     edges = time[0] + width * np.arange(count + 1)
-    turned, wide, level = _binned_inputs(every, edges, width, of_nominal(machine, SHAFT_RANGE) * STOPPED_RPM)
+    turned, wide, level = _binned_inputs(
+        every, edges, width, of_nominal(machine, SHAFT_RANGE) * STOPPED_RPM
+    )
     known = np.isfinite(reading) & (time < edges[-1])
     bins = np.minimum(count - 1, np.floor((time[known] - time[0]) / width).astype(int))
     seen = np.bincount(bins, minlength=count)
@@ -77,26 +97,44 @@ def hopper_of(every: LogRows, reading: Array, written: list[tuple[float, float]]
     if good.sum() < MIN_BINS:
         return None
     start_kg = float(np.median(kg[good][:START_BINS]))
-    return Hopper(edges, turned, wide, level, kg, read_at, np.append(refill, 0.0), start_kg, jumps,
-                  tuple(stated), grid_of(edges[:-1] + 0.5 * width, good, width),
-                  *_unseen(every, edges, of_nominal(machine, SHAFT_RANGE) * STOPPED_RPM),
-                  *of_terms(every, edges))
+    return Hopper(
+        edges,
+        turned,
+        wide,
+        level,
+        kg,
+        read_at,
+        np.append(refill, 0.0),
+        start_kg,
+        jumps,
+        tuple(stated),
+        grid_of(edges[:-1] + 0.5 * width, good, width),
+        *_unseen(every, edges, of_nominal(machine, SHAFT_RANGE) * STOPPED_RPM),
+        *of_terms(every, edges),
+    )
 
 
 def of_terms(every: LogRows, edges: Array) -> tuple[Array | float, Array | float, Array | float]:
-    """What the machine file's terms add in each bin: per cent of its flow, kg/s (m+1,), and kg of the reading (m,)."""
+    """What the machine file's terms add in each bin: per cent of its flow, kg/s (m+1,), and kg
+    of the reading (m,)."""
     more, time = every.more, every.time_s
     percent: Array | float = 0.0
     kg_s: Array | float = 0.0
     kg: Array | float = 0.0
     if "flow_percent" in more:
-        [percent] = metered_mean(more["flow_percent"][None, :], every.shaft_rpm * every.opening_mm, time, edges)
+        [percent] = metered_mean(
+            more["flow_percent"][None, :], every.shaft_rpm * every.opening_mm, time, edges
+        )
     if "flow_kg_min" in more:
-        kg_s = bin_mean(np.where(every.shaft_rpm > 0.0, more["flow_kg_min"], 0.0) / 60.0, time, edges)
+        kg_s = bin_mean(
+            np.where(every.shaft_rpm > 0.0, more["flow_kg_min"], 0.0) / 60.0, time, edges
+        )
     if "scale_kg" in more:
         kg = kg + bin_mean(more["scale_kg"], time, edges)[:-1]
     if "scale_kg_min" in more:
-        run_away = np.concatenate(([0.0], np.cumsum(more["scale_kg_min"][:-1] / 60.0 * np.diff(time))))
+        run_away = np.concatenate(
+            ([0.0], np.cumsum(more["scale_kg_min"][:-1] / 60.0 * np.diff(time)))
+        )
         kg = kg + bin_mean(run_away, time, edges)[:-1]
     return percent, kg_s, kg
 
@@ -108,36 +146,62 @@ def bin_mean(series: Array, time: Array, edges: Array) -> Array:
 
 
 def metered_mean(series: Array, metered: Array, time: Array, edges: Array) -> Array:
-    """The same of several series (k, rows), weighted with what was metered meanwhile; plain where nothing was."""
+    """The same of several series (k, rows), weighted with what was metered meanwhile; plain
+    where nothing was."""
     metered = np.maximum(metered, 0.0)
     weight = bin_mean(metered, time, edges)
     flows = weight > 0.0
-    found = np.array([bin_mean(metered * one, time, edges) for one in series]) / np.where(flows, weight, 1.0)
-    return found if flows.all() else np.where(flows, found, [bin_mean(one, time, edges) for one in series])
+    found = np.array([bin_mean(metered * one, time, edges) for one in series]) / np.where(
+        flows, weight, 1.0
+    )
+    return (
+        found
+        if flows.all()
+        else np.where(flows, found, [bin_mean(one, time, edges) for one in series])
+    )
 
 
-def _unseen(every: LogRows, edges: Array, stopped_rpm: float) -> tuple[float, tuple[tuple[int, float], ...]]:
-    """What may have been metered between rows, over a straight line from one to the next (`Hopper.unseen`, `gaps`)."""
+def _unseen(
+    every: LogRows, edges: Array, stopped_rpm: float
+) -> tuple[float, tuple[tuple[int, float], ...]]:
+    """What may have been metered between rows, over a straight line from one to the next
+    (`Hopper.unseen`, `gaps`)."""
     if not every.lost.any():
         return 0.0, ()
     rate = np.where(every.shaft_rpm < stopped_rpm, 0.0, every.shaft_rpm) * every.opening_mm
-    spans, usual = np.diff(every.time_s), float(np.median(rate[rate > 0.0])) if (rate > 0.0).any() else 0.0
+    spans, usual = (
+        np.diff(every.time_s),
+        float(np.median(rate[rate > 0.0])) if (rate > 0.0).any() else 0.0,
+    )
     steady = UNSEEN_STEADY * 0.5 * (rate[1:] + rate[:-1]) * np.minimum(1.0, spans / UNSEEN_S)
     off = np.where(every.lost[1:], (UNSEEN_CHANGE * np.abs(np.diff(rate)) + steady) * spans, 0.0)
     long = (spans > LONG_GAP_S) & (spans > MAX_BRIDGED_STEPS * every.step_s) & (usual > 0.0)
-    ends = np.clip(np.searchsorted(edges, every.time_s[1:][long], side="right") - 1, 0, len(edges) - 2)
-    gaps = tuple((int(end), float(span * usual)) for end, span in zip(ends, spans[long], strict=True))
+    ends = np.clip(
+        np.searchsorted(edges, every.time_s[1:][long], side="right") - 1, 0, len(edges) - 2
+    )
+    gaps = tuple(
+        (int(end), float(span * usual)) for end, span in zip(ends, spans[long], strict=True)
+    )
     return float(np.sqrt(np.sum(off[~long] ** 2) / max(1, len(edges) - 1))), gaps
 
 
-def _binned_inputs(every: LogRows, edges: Array, width: float, stopped_rpm: float) -> tuple[Array, Array, Array]:
-    """Mean shaft speed, opening (weighted with it) and pitch in each bin, the last repeated: (m+1,) each."""
+def _binned_inputs(
+    every: LogRows, edges: Array, width: float, stopped_rpm: float
+) -> tuple[Array, Array, Array]:
+    """Mean shaft speed, opening (weighted with it) and pitch in each bin, the last repeated:
+    (m+1,) each."""
     time, spans, opening = every.time_s, np.diff(every.time_s), every.opening_mm
     rpm = np.where(every.shaft_rpm < stopped_rpm, 0.0, every.shaft_rpm)
 
     def mean(series: Array) -> Array:
         return _sums_in(time, spans * 0.5 * (series[1:] + series[:-1]), edges) / width
-    turned, metered, plain, level = mean(rpm), mean(rpm * opening), mean(opening), mean(every.pitch_deg)
+
+    turned, metered, plain, level = (
+        mean(rpm),
+        mean(rpm * opening),
+        mean(opening),
+        mean(every.pitch_deg),
+    )
     turned = np.where(turned < stopped_rpm, 0.0, turned)
     wide = np.where(turned > 0.0, metered / np.where(turned > 0.0, turned, 1.0), plain)
     extend = np.append(np.arange(len(turned)), len(turned) - 1)
@@ -155,7 +219,7 @@ def refills_written(time: Array, events: npt.NDArray[Any]) -> list[tuple[float, 
                     found.append((float(time[row]), float(parts[1])))
                 except ValueError:
                     continue
-            elif parts[:1] == ["refill_back"] and found:        # the one before was none
+            elif parts[:1] == ["refill_back"] and found:  # the one before was none
                 found.pop()
     return found
 
@@ -167,7 +231,8 @@ def _sums_in(time: Array, amounts: Array, edges: Array) -> Array:
 
 
 def _refills(kg: Array, rise_kg: float) -> tuple[Array, tuple[int, ...], npt.NDArray[np.bool_]]:
-    """kg filled in by bin, the bins from which it counts, and the bins in which the reading is between two levels."""
+    """kg filled in by bin, the bins from which it counts, and the bins in which the reading is
+    between two levels."""
     refill = np.zeros(len(kg))
     hidden = np.zeros(len(kg), bool)
     filled = held(kg)
@@ -177,10 +242,10 @@ def _refills(kg: Array, rise_kg: float) -> tuple[Array, tuple[int, ...], npt.NDA
         groups = np.split(rises, np.flatnonzero(np.diff(rises) > ONE_FILL_BINS) + 1)
         for group in groups:
             begin, end = int(group[0]), min(len(kg) - 1, int(group[-1]) + RISES_BINS + 1)
-            before = filled[max(0, begin + 1 - LEVEL_BINS):begin + 1]
-            after = filled[end:end + LEVEL_BINS]
+            before = filled[max(0, begin + 1 - LEVEL_BINS) : begin + 1]
+            after = filled[end : end + LEVEL_BINS]
             at = min(len(kg) - 1, end)
             refill[at] = max(0.0, float(np.median(after)) - float(np.median(before)))
-            hidden[begin:at + 1] = True
+            hidden[begin : at + 1] = True
             jumps.append(at)
     return refill, tuple(jumps), hidden

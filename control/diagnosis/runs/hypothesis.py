@@ -1,18 +1,22 @@
 """A hypothesis: effects with sizes, and the machine's stages as they are under it."""
+
 from __future__ import annotations
 
 from typing import Any, NamedTuple
 
 from control.machine.machine import CATALOGUE, STAGES, Machine
 
-MAX_SWITCHES = 5           # parameter sets of one run are compiled for this many beginnings and ends
+# parameter sets of one run are compiled for this many beginnings and ends
+MAX_SWITCHES = 5
 
 
 class EffectInstance(NamedTuple):
-    """One hypothesised effect. `size` in its catalogue unit (1 for an effect whose size is its onset).
+    """One hypothesised effect. `size` in its catalogue unit (1 for an effect whose size is its
+    onset).
 
-    onset_s : when it begins; None: it was there all along. until_s : when it ends; None: not in this log. grows : from
-    nothing at its onset, evenly, to `size` at the end of the log; else it is there at once.
+    onset_s : when it begins; None: it was there all along. until_s : when it ends; None: not in
+    this log. grows : from nothing at its onset, evenly, to `size` at the end of the log; else
+    it is there at once.
     """
 
     id: str
@@ -25,7 +29,11 @@ class EffectInstance(NamedTuple):
     @property
     def switches(self) -> tuple[float, ...]:
         """Times at which a run of the model has other parameters for it."""
-        return () if self.grows else tuple(t for t in (self.onset_s, self.until_s) if t is not None and t > 0.0)
+        return (
+            ()
+            if self.grows
+            else tuple(t for t in (self.onset_s, self.until_s) if t is not None and t > 0.0)
+        )
 
 
 Hypothesis = tuple[EffectInstance, ...]
@@ -33,12 +41,12 @@ Hypothesis = tuple[EffectInstance, ...]
 
 def replaced(parts: Hypothesis, k: int, part: EffectInstance) -> Hypothesis:
     """A hypothesis with another part in place k."""
-    return (*parts[:k], part, *parts[k + 1:])
+    return (*parts[:k], part, *parts[k + 1 :])
 
 
 def without(parts: Hypothesis, k: int) -> Hypothesis:
     """A hypothesis without its part in place k."""
-    return (*parts[:k], *parts[k + 1:])
+    return (*parts[:k], *parts[k + 1 :])
 
 
 class Stages(NamedTuple):
@@ -72,7 +80,8 @@ class Schedule(NamedTuple):
 
 
 def schedule(stages: Stages, parts: Hypothesis) -> Schedule:
-    """When which stages are in force under a hypothesis; what grows is left out (`GroupModel.run` has it).
+    """When which stages are in force under a hypothesis; what grows is left out
+    (`GroupModel.run` has it).
 
     Raises ValueError for too many beginnings and ends.
     """

@@ -1,4 +1,6 @@
-"""What several stages are given, at every row of a log: commands, measured inputs, and what terms are asked with."""
+"""What several stages are given, at every row of a log: commands, measured inputs, and what
+terms are asked with."""
+
 from __future__ import annotations
 
 from typing import NamedTuple
@@ -18,11 +20,14 @@ from .log import Clean
 
 Array = npt.NDArray[np.float64]
 
-ASKED_AFTER_S = 2.0         # of a reading's gap: in a longer one the command is the better guess
-FINE_LOG_S = 0.15           # rows closer than this hold every command that control, ten times a second, gave
+# of a reading's gap: in a longer one the command is the better guess
+ASKED_AFTER_S = 2.0
+# rows closer than this hold every command that control, ten times a second, gave
+FINE_LOG_S = 0.15
 # r/min of the nominal machine: a share of another's range.
-STOPPED_RPM = 1.0           # a shaft read slower than this stands still: the reading cannot fall below 0
-WORKING_RPM = 2.0 * STOPPED_RPM     # and one read quicker surely turns
+# a shaft read slower than this stands still: the reading cannot fall below 0
+STOPPED_RPM = 1.0
+WORKING_RPM = 2.0 * STOPPED_RPM  # and one read quicker surely turns
 
 
 class LogRows(NamedTuple):
@@ -32,14 +37,18 @@ class LogRows(NamedTuple):
     step_s: float
     command_rpm: Array
     command_mm: Array
-    shaft_rpm: Array            # measured, where it is not the command
+    shaft_rpm: Array  # measured, where it is not the command
     opening_mm: Array
-    loads_mm: Array             # opening from a row to the next, by which the shaft is loaded
-    supply_v: Array             # smoothed, as the pitch
+    # opening from a row to the next, by which the shaft is loaded
+    loads_mm: Array
+    supply_v: Array  # smoothed, as the pitch
     pitch_deg: Array
-    working: Array              # 1 or 0: as the log says, else whether the shaft turns
-    lost: npt.NDArray[np.bool_]         # rows before which commands may be missing from the log
-    more: dict[str, Array] = {}         # what the machine file's terms add (`term_sums.over_log`)
+    # 1 or 0: as the log says, else whether the shaft turns
+    working: Array
+    # rows before which commands may be missing from the log
+    lost: npt.NDArray[np.bool_]
+    # what the machine file's terms add (`term_sums.over_log`)
+    more: dict[str, Array] = {}
 
 
 def rows_of(log: Clean, machine: Machine) -> LogRows:
@@ -47,27 +56,42 @@ def rows_of(log: Clean, machine: Machine) -> LogRows:
     command_rpm, command_mm = held(c["shaft_rpm_cmd"]), held(c["opening_mm_cmd"])
     shaft_rpm = bridged(time, c["shaft_rpm"], command_rpm, ASKED_AFTER_S)
     supply_v = bridged(time, c["supply_v"], np.full(len(time), machine.shaft.nominal_supply_v))
-    opening_mm = np.where(np.isfinite(command_mm), command_mm, machine.set_points.opening_mm)      # neutral
+    # neutral
+    opening_mm = np.where(np.isfinite(command_mm), command_mm, machine.set_points.opening_mm)
     turning = np.abs(np.nan_to_num(shaft_rpm)) > of_nominal(machine, SHAFT_RANGE) * WORKING_RPM
     working = np.where(np.isfinite(log.working), log.working, turning)
     opening_mm = bridged(time, c["opening_mm"], opening_mm, ASKED_AFTER_S)
-    return LogRows(time, log.step_s, command_rpm, command_mm, shaft_rpm, opening_mm,
-                   loading_mm(time, opening_mm, machine), smoothed(supply_v, log.step_s),
-                   smoothed(bridged(time, c["pitch_deg"], np.zeros(len(time))), log.step_s),
-                   working.astype(np.float64),
-                   np.zeros(len(time), bool) if log.held else commands_lost(time, log.step_s))
+    return LogRows(
+        time,
+        log.step_s,
+        command_rpm,
+        command_mm,
+        shaft_rpm,
+        opening_mm,
+        loading_mm(time, opening_mm, machine),
+        smoothed(supply_v, log.step_s),
+        smoothed(bridged(time, c["pitch_deg"], np.zeros(len(time))), log.step_s),
+        working.astype(np.float64),
+        np.zeros(len(time), bool) if log.held else commands_lost(time, log.step_s),
+    )
 
 
 def loading_mm(time: Array, opening_mm: Array, machine: Machine) -> Array:
-    """Opening that loads the shaft from each row to the next, as its speed at the end remembers it: (n,).
+    """Opening that loads the shaft from each row to the next, as its speed at the end remembers
+    it: (n,).
 
-    A gate sets out with the row, its dead time later, and goes at its own speed. What was before it has arrived counts
-    by exp(-t / T) of the shaft's time constant T: half-way in rows shorter than both, hardly in one of a second.
+    A gate sets out with the row, its dead time later, and goes at its own speed. What was
+    before it has arrived counts by exp(-t / T) of the shaft's time constant T: half-way in rows
+    shorter than both, hardly in one of a second.
     """
     ways_mm, spans_s = np.diff(opening_mm), np.diff(time)
-    still_s = np.minimum(0.5 * spans_s, machine.gate.dead_time_s + 0.5 * np.abs(ways_mm) / machine.gate.slew_mm_s)
+    still_s = np.minimum(
+        0.5 * spans_s, machine.gate.dead_time_s + 0.5 * np.abs(ways_mm) / machine.gate.slew_mm_s
+    )
     tau_s = machine.shaft.time_constant_s
-    counts = (np.exp((still_s - spans_s) / tau_s) - np.exp(-spans_s / tau_s)) / -np.expm1(-spans_s / tau_s)
+    counts = (np.exp((still_s - spans_s) / tau_s) - np.exp(-spans_s / tau_s)) / -np.expm1(
+        -spans_s / tau_s
+    )
     return np.append(opening_mm[1:] - counts * ways_mm, opening_mm[-1:])
 
 
@@ -79,13 +103,19 @@ def commands_lost(time: Array, step_s: float) -> npt.NDArray[np.bool_]:
 
 
 def term_inputs(log: Clean, every: LogRows, machine: Machine) -> dict[str, Array]:
-    """What terms are asked with, at every row of a log (n,): readings, and the commands that the drives follow by now.
+    """What terms are asked with, at every row of a log (n,): readings, and the commands that
+    the drives follow by now.
 
     What a log lacks is left out, and so are the terms over it.
     """
     time, found = every.time_s, {"time_s": every.time_s}
-    for name, written, command, dead_s in zip(("shaft_rpm", "opening_mm"), (COMMANDED_RPM, COMMANDED_MM),
-                                           (every.command_rpm, every.command_mm), dead_times_s(machine), strict=True):
+    for name, written, command, dead_s in zip(
+        ("shaft_rpm", "opening_mm"),
+        (COMMANDED_RPM, COMMANDED_MM),
+        (every.command_rpm, every.command_mm),
+        dead_times_s(machine),
+        strict=True,
+    ):
         if np.isfinite(command).all():
             found[written] = commanded_over_log(command, time, dead_s)
         if log.has(name):
@@ -99,22 +129,33 @@ def term_inputs(log: Clean, every: LogRows, machine: Machine) -> dict[str, Array
 
 
 def read_slowly(log: Clean, every: LogRows) -> dict[str, Array]:
-    """Readings of other sensors than the drives', smoothed, (n,) by name: their noise is no motion of the machine."""
-    found = {name: series for name, series in (("supply_v", every.supply_v), ("pitch_deg", every.pitch_deg))
-             if log.has(name)}
+    """Readings of other sensors than the drives', smoothed, (n,) by name: their noise is no
+    motion of the machine."""
+    found = {
+        name: series
+        for name, series in (("supply_v", every.supply_v), ("pitch_deg", every.pitch_deg))
+        if log.has(name)
+    }
     for name in ("roll_deg", "hopper_kg", "speed_mps"):
         if log.has(name):
-            found[name] = smoothed(bridged(every.time_s, log.columns[name], np.zeros(len(every.time_s))), log.step_s)
+            found[name] = smoothed(
+                bridged(every.time_s, log.columns[name], np.zeros(len(every.time_s))), log.step_s
+            )
     if log.has("heading_deg"):
         found["heading_deg"] = np.mod(held(log.columns["heading_deg"]), 360.0)
     return found
 
 
 def variables_of(log: Clean, every: LogRows) -> dict[str, Array]:
-    """The recorded variables that something may depend on, (n,) by name; commands in place of the drives' readings."""
+    """The recorded variables that something may depend on, (n,) by name; commands in place of
+    the drives' readings."""
     found = {"time_s": every.time_s}
     if "shaft" in log.stages or "flow" in log.stages:
-        found["shaft_rpm"] = np.where(np.isfinite(every.command_rpm), every.command_rpm, every.shaft_rpm)
+        found["shaft_rpm"] = np.where(
+            np.isfinite(every.command_rpm), every.command_rpm, every.shaft_rpm
+        )
     if "gate" in log.stages or "flow" in log.stages:
-        found["opening_mm"] = np.where(np.isfinite(every.command_mm), every.command_mm, every.opening_mm)
+        found["opening_mm"] = np.where(
+            np.isfinite(every.command_mm), every.command_mm, every.opening_mm
+        )
     return found | read_slowly(log, every)

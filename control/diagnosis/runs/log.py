@@ -1,4 +1,5 @@
 """What is odd about the recorded data itself, put right where that is safe and always said."""
+
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
@@ -13,18 +14,30 @@ from control.recordings.finding import Finding
 from control.recordings.mended import mended
 from control.recordings.speeds import MOVING_MPS
 from control.recordings.times import SELDOM_STEP_S
-from control.recordings.values import ANYTHING, as_printed, known, readable, without_held, without_lone
+from control.recordings.values import (
+    ANYTHING,
+    as_printed,
+    known,
+    readable,
+    without_held,
+    without_lone,
+)
 
-MOST_KEPT = 24              # columns, besides the ten published variables: 560 products of two
-PIECES = 400                # means of so many pieces of the log are held against each other: transients are over in one
+# columns, besides the ten published variables: 560 products of two
+MOST_KEPT = 24
+# means of so many pieces of the log are held against each other: transients are over in one
+PIECES = 400
 LEAST_PIECES = 20
-COPY = 0.99999              # correlation of rows: the same reading, in another unit or rounded
+# correlation of rows: the same reading, in another unit or rounded
+COPY = 0.99999
 ROWS_COMPARED = 4_000
-LONGEST_NAME = 200          # letters; as `control.machine.terms` takes them
-LEAST_SPREAD = 1e-3         # of a column in its own unit: coefficients over less are beyond what a machine file takes
+LONGEST_NAME = 200  # letters; as `control.machine.terms` takes them
+# of a column in its own unit: coefficients over less are beyond what a machine file takes
+LEAST_SPREAD = 1e-3
 SHOWN = 3
 Array = npt.NDArray[np.float64]
-LONGEST_STEP_S = 600.0      # between rows (median): the slowest staircase of settings stands so long on one of them
+# between rows (median): the slowest staircase of settings stands so long on one of them
+LONGEST_STEP_S = 600.0
 HEADS = tuple(f"ndvi_{k}" for k in range(1, 7))
 NEEDED = {
     "shaft": ("shaft_rpm_cmd", "shaft_rpm"),
@@ -34,43 +47,81 @@ NEEDED = {
     "heads": HEADS[:3],
 }
 OF_EFFORT = {"effort": ("shaft_rpm", "shaft_effort"), "gate_effort": ("opening_mm", "gate_effort")}
-NUMBERS = ("shaft_rpm_cmd", "shaft_rpm", "opening_mm_cmd", "opening_mm", "hopper_kg", "supply_v", "pitch_deg",
-           "roll_deg", "heading_deg", "speed_mps", "wheel_speed_mps", "work_switch", *HEADS, *EFFORTS)
-# Of the published columns, those that no diagnosis of a log reads: neither the channels nor `rates`.
-UNREAD = frozenset(COLUMNS) - {"time_s", *NUMBERS, "events", "state", "lat_deg", "lon_deg", "target_rate_kg_ha",
-                               "applied_rate_kg_ha"}
-EVIDENCE = ("time_s", "lat_deg", "lon_deg")     # what tells the unit of a speed
+NUMBERS = (
+    "shaft_rpm_cmd",
+    "shaft_rpm",
+    "opening_mm_cmd",
+    "opening_mm",
+    "hopper_kg",
+    "supply_v",
+    "pitch_deg",
+    "roll_deg",
+    "heading_deg",
+    "speed_mps",
+    "wheel_speed_mps",
+    "work_switch",
+    *HEADS,
+    *EFFORTS,
+)
+# Of the published columns, those that no diagnosis of a log reads: neither the channels nor
+# `rates`.
+UNREAD = frozenset(COLUMNS) - {
+    "time_s",
+    *NUMBERS,
+    "events",
+    "state",
+    "lat_deg",
+    "lon_deg",
+    "target_rate_kg_ha",
+    "applied_rate_kg_ha",
+}
+EVIDENCE = ("time_s", "lat_deg", "lon_deg")  # what tells the unit of a speed
 MIN_ROWS = 40
-MIN_SETTLED = 20            # of settled answers: each is a mean of its own, and a staircase up has as many steps
-MIN_KNOWN = 0.5             # of the rows, of a further column
+# of settled answers: each is a mean of its own, and a staircase up has as many steps
+MIN_SETTLED = 20
+MIN_KNOWN = 0.5  # of the rows, of a further column
 
 
 class Kept(NamedTuple):
-    columns: dict[str, Array]           # (n,) each
-    said: tuple[str, ...]               # what was left out, a sentence each
+    columns: dict[str, Array]  # (n,) each
+    said: tuple[str, ...]  # what was left out, a sentence each
 
 
 def worth_asking(further: Mapping[str, Array], known: Mapping[str, Array]) -> Kept:
-    """Of further columns (n,) those that are asked about: that say something of their own, and not too many.
+    """Of further columns (n,) those that are asked about: that say something of their own, and
+    not too many.
 
-    A bus log has thousands of signals. Products of any two are tried, so that time and memory grow with the square of
-    their number, and so does the chance that one of them fits by accident. Of too many, those are kept that go best
-    with what the readings leave over their commands, a channel at a time (sure independence screening: Fan and Lv,
-    J. R. Statist. Soc. B 70, 2008). known : the published columns (n,), NaN where not known.
+    A bus log has thousands of signals. Products of any two are tried, so that time and memory
+    grow with the square of their number, and so does the chance that one of them fits by
+    accident. Of too many, those are kept that go best with what the readings leave over their
+    commands, a channel at a time (sure independence screening: Fan and Lv, J. R. Statist. Soc.
+    B 70, 2008). known : the published columns (n,), NaN where not known.
     """
     said: list[str] = []
-    named = {name: values for name, values in further.items() if 0 < len(name.strip()) <= LONGEST_NAME}
-    _say(said, [name for name in further if name not in named],
-         f"without a name, or with one of more than {LONGEST_NAME} letters")
+    named = {
+        name: values for name, values in further.items() if 0 < len(name.strip()) <= LONGEST_NAME
+    }
+    _say(
+        said,
+        [name for name in further if name not in named],
+        f"without a name, or with one of more than {LONGEST_NAME} letters",
+    )
     wide = {name: values for name, values in named.items() if _spread(values) >= LEAST_SPREAD}
-    _say(said, [name for name in named if name not in wide],
-         f"changing by less than {LEAST_SPREAD:g}: in a smaller unit they could be judged")
+    _say(
+        said,
+        [name for name in named if name not in wide],
+        f"changing by less than {LEAST_SPREAD:g}: in a smaller unit they could be judged",
+    )
     single = _without_copies(wide, known)
     _say(said, [name for name in wide if name not in single], "the same readings as another column")
     kept = single if len(single) <= MOST_KEPT else _closest(single, known)
-    _say(said, [name for name in single if name not in kept],
-         f"too many to be asked about: the {MOST_KEPT} that go best with the readings are kept (an import file that "
-         "names the columns wanted, with extra: drop, says which)")
+    _say(
+        said,
+        [name for name in single if name not in kept],
+        f"too many to be asked about: the {MOST_KEPT} that go best with the readings are "
+        "kept (an import file that "
+        "names the columns wanted, with extra: drop, says which)",
+    )
     return Kept(kept, tuple(said))
 
 
@@ -87,13 +138,14 @@ def _spread(values: Array) -> float:
 
 
 def _standard(columns: Mapping[str, Array], rows: npt.NDArray[np.int64]) -> Array:
-    """Columns at some rows less their mean, of length 1, what is not known at the mean: (k, rows)."""
+    """Columns at some rows less their mean, of length 1, what is not known at the mean: (k,
+    rows)."""
     picked = np.array([values[rows] for values in columns.values()])
     known = np.isfinite(picked)
     filled = np.where(known, picked, 0.0)
     middle = filled.sum(axis=1, keepdims=True) / np.maximum(1, known.sum(axis=1, keepdims=True))
     centred = np.where(known, filled - middle, 0.0)
-    length = np.sqrt((centred ** 2).sum(axis=1, keepdims=True))
+    length = np.sqrt((centred**2).sum(axis=1, keepdims=True))
     return np.asarray(centred / np.where(length > 0.0, length, 1.0))
 
 
@@ -102,7 +154,10 @@ def _without_copies(columns: dict[str, Array], known: Mapping[str, Array]) -> di
         return columns
     count = len(next(iter(columns.values())))
     rows = np.unique(np.linspace(0, count - 1, min(count, ROWS_COMPARED)).astype(np.int64))
-    ours, theirs = _standard(columns, rows), _standard(known, rows) if known else np.zeros((0, len(rows)))
+    ours, theirs = (
+        _standard(columns, rows),
+        _standard(known, rows) if known else np.zeros((0, len(rows))),
+    )
     copied = np.asarray((np.abs(ours @ theirs.T) > COPY).any(axis=1))
     same = np.asarray(np.abs(ours @ ours.T) > COPY)
     kept: list[int] = []
@@ -114,11 +169,14 @@ def _without_copies(columns: dict[str, Array], known: Mapping[str, Array]) -> di
 
 
 def _closest(columns: dict[str, Array], known: Mapping[str, Array]) -> dict[str, Array]:
-    """Those that go best with any channel: its reading, less what the published columns tell of it, piece by piece."""
+    """Those that go best with any channel: its reading, less what the published columns tell of
+    it, piece by piece."""
     count = len(next(iter(columns.values())))
     pieces = max(LEAST_PIECES, min(PIECES, count // 10))
     edges = np.linspace(0, count, pieces + 1).astype(np.int64)
-    theirs = {name: _means(values, edges) for name, values in known.items() if np.isfinite(values).any()}
+    theirs = {
+        name: _means(values, edges) for name, values in known.items() if np.isfinite(values).any()
+    }
     ours = {name: _means(values, edges) for name, values in columns.items()}
     every = np.arange(pieces)
     ours_there = _standard(ours, every)
@@ -128,7 +186,7 @@ def _closest(columns: dict[str, Array], known: Mapping[str, Array]) -> dict[str,
         against = np.vstack((np.ones(pieces), _standard(by, every))) if by else np.ones((1, pieces))
         left = _less(plain[None], against)[0]
         rest = _less(ours_there, against)
-        length = np.sqrt((rest ** 2).sum(axis=1) * float(left @ left))
+        length = np.sqrt((rest**2).sum(axis=1) * float(left @ left))
         best = np.maximum(best, np.abs(rest @ left) / np.where(length > 0.0, length, 1.0))
     chosen = sorted(np.argsort(-best, kind="stable")[:MOST_KEPT].tolist())
     names = list(columns)
@@ -138,8 +196,11 @@ def _closest(columns: dict[str, Array], known: Mapping[str, Array]) -> dict[str,
 def _targets(means: Mapping[str, Array]) -> list[tuple[Array, dict[str, Array]]]:
     """What each channel reads, and what it is known to follow."""
     found = []
-    for reading, command in (("shaft_rpm", "shaft_rpm_cmd"), ("opening_mm", "opening_mm_cmd"),
-                             ("wheel_speed_mps", "speed_mps")):
+    for reading, command in (
+        ("shaft_rpm", "shaft_rpm_cmd"),
+        ("opening_mm", "opening_mm_cmd"),
+        ("wheel_speed_mps", "speed_mps"),
+    ):
         if reading in means and command in means:
             found.append((means[reading], {command: means[command]}))
     if "hopper_kg" in means:
@@ -170,42 +231,61 @@ class Clean(NamedTuple):
     """A run log that can be worked with. Arrays of shape (n,); NaN: not known."""
 
     time_s: Array
-    step_s: float                           # median
+    step_s: float  # median
     columns: dict[str, Array]
-    events: npt.NDArray[Any]                # texts, shape (n,)
+    events: npt.NDArray[Any]  # texts, shape (n,)
     state: npt.NDArray[Any]
-    stages: tuple[str, ...]                 # channels that this log can show
+    stages: tuple[str, ...]  # channels that this log can show
     findings: tuple[str, ...]
-    further: dict[str, Array] = {}          # numbers beyond the published columns, by name
-    held: bool = False                      # each command held until the next row: none is missing between
+    further: dict[str, Array] = {}  # numbers beyond the published columns, by name
+    # each command held until the next row: none is missing between
+    held: bool = False
 
     @property
     def working(self) -> Array:
-        """1 where the log says that the machine works, 0 where not, NaN where it does not say: (n,)."""
+        """1 where the log says that the machine works, 0 where not, NaN where it does not say:
+        (n,)."""
         if (self.state != "").any():
             return np.where(self.state == State.WORKING, 1.0, 0.0)
-        return np.where(np.isfinite(self.columns["work_switch"]), self.columns["work_switch"] > 0.5, np.nan)
+        return np.where(
+            np.isfinite(self.columns["work_switch"]), self.columns["work_switch"] > 0.5, np.nan
+        )
 
     def has(self, name: str) -> bool:
         return bool(np.isfinite(self.columns[name]).any())
 
 
-def gate(columns: Mapping[str, npt.NDArray[Any]], has: Callable[[str], bool] = lambda stage: True) -> Clean:
-    """The data gate: examines and cleans the columns of a run log (its contract; `time_s` in s, the others optional).
+def gate(
+    columns: Mapping[str, npt.NDArray[Any]], has: Callable[[str], bool] = lambda stage: True
+) -> Clean:
+    """The data gate: examines and cleans the columns of a run log (its contract; `time_s` in s,
+    the others optional).
 
-    has : whether the machine has a stage; of those that it has not nothing is looked at, and nothing said.
+    has : whether the machine has a stage; of those that it has not nothing is looked at, and
+    nothing said.
 
     Raises ValueError with one plain line where there is no usable time column.
     """
     if "time_s" not in columns:
         raise ValueError("column time_s: missing: a run log needs it")
-    read, odd = mended({**{name: np.asarray(columns[name], np.float64) for name in (*EVIDENCE, *NUMBERS)
-                           if name in columns}, **_texts_and_further(columns)})
+    read, odd = mended(
+        {
+            **{
+                name: np.asarray(columns[name], np.float64)
+                for name in (*EVIDENCE, *NUMBERS)
+                if name in columns
+            },
+            **_texts_and_further(columns),
+        }
+    )
     time = read["time_s"] - read["time_s"][0]
     held = any(COMMANDS_HELD in str(text).split(";") for text in set(read["events"].tolist()))
     least = MIN_SETTLED if held else MIN_ROWS
     step = _checked_step(time, least, odd)
-    found = {name: readable(as_printed(read[name])) if name in read else np.full(len(time), np.nan) for name in NUMBERS}
+    found = {
+        name: readable(as_printed(read[name])) if name in read else np.full(len(time), np.nan)
+        for name in NUMBERS
+    }
     for name in ("shaft_rpm", "opening_mm", "hopper_kg"):
         found[name] = without_held(name, found[name], step, odd)
     for name in ("supply_v", "pitch_deg", "roll_deg"):
@@ -215,7 +295,9 @@ def gate(columns: Mapping[str, npt.NDArray[Any]], has: Callable[[str], bool] = l
     found["hopper_kg"] = _unless_still("hopper_kg", found["hopper_kg"], never, findings)
     asked_rpm = float(np.nanmax(np.abs(np.r_[0.0, found["shaft_rpm_cmd"]])))
     if asked_rpm > 0.0 and not np.nansum(np.abs(found["shaft_rpm"])):
-        never = f", though up to {asked_rpm:g} r/min were commanded: it never turned, or is not read"
+        never = (
+            f", though up to {asked_rpm:g} r/min were commanded: it never turned, or is not read"
+        )
         found["shaft_rpm"] = _unless_still("shaft_rpm", found["shaft_rpm"], never, findings)
     stood = _stood(found)
     if stood and (has("speed") or has("heads")):
@@ -226,42 +308,74 @@ def gate(columns: Mapping[str, npt.NDArray[Any]], has: Callable[[str], bool] = l
             continue
         missing = [name for name in needed if np.isfinite(found[name]).sum() < least]
         if missing:
-            findings.append(f"stage {stage} is left out: column {missing[0]} is missing or nearly empty")
+            findings.append(
+                f"stage {stage} is left out: column {missing[0]} is missing or nearly empty"
+            )
         else:
             stages.append(stage)
     if "flow" in stages:
         stages.append("scale")
     stages += _of_effort(found, has, least)
     further = _further(read, {**found, "time_s": time}, findings)
-    return Clean(time, step, found, read["events"], read["state"], tuple(stages), tuple(findings), further, held)
+    return Clean(
+        time,
+        step,
+        found,
+        read["events"],
+        read["state"],
+        tuple(stages),
+        tuple(findings),
+        further,
+        held,
+    )
 
 
 def _of_effort(found: Mapping[str, Array], has: Callable[[str], bool], least: int) -> list[str]:
     """Drives that tell how hard they work; few do, and nobody misses it of the others."""
-    return [stage for stage, needed in OF_EFFORT.items() if has(stage)
-            and all(np.isfinite(found[name]).sum() >= least for name in needed)]
+    return [
+        stage
+        for stage, needed in OF_EFFORT.items()
+        if has(stage) and all(np.isfinite(found[name]).sum() >= least for name in needed)
+    ]
 
 
 def _texts_and_further(columns: Mapping[str, npt.NDArray[Any]]) -> dict[str, npt.NDArray[Any]]:
     """Events and states as texts, and the numbers that are of no published column: (n,) each."""
     count = len(columns["time_s"])
-    texts = {name: np.array(["" if text is None or text != text else str(text)
-                             for text in np.asarray(columns[name], object)], object)
-             if name in columns else np.full(count, "", object) for name in ("events", "state")}
-    return texts | {name: np.asarray(raw, np.float64) for name, raw in columns.items()
-                    if name not in COLUMNS and np.issubdtype(np.asarray(raw).dtype, np.number)}
+    texts = {
+        name: np.array(
+            [
+                "" if text is None or text != text else str(text)
+                for text in np.asarray(columns[name], object)
+            ],
+            object,
+        )
+        if name in columns
+        else np.full(count, "", object)
+        for name in ("events", "state")
+    }
+    return texts | {
+        name: np.asarray(raw, np.float64)
+        for name, raw in columns.items()
+        if name not in COLUMNS and np.issubdtype(np.asarray(raw).dtype, np.number)
+    }
 
 
-def _further(read: Mapping[str, npt.NDArray[Any]], published: Mapping[str, Array], findings: list[str]
-             ) -> dict[str, Array]:
-    """Columns of numbers that are not of the published ones and change: something may depend on them."""
+def _further(
+    read: Mapping[str, npt.NDArray[Any]], published: Mapping[str, Array], findings: list[str]
+) -> dict[str, Array]:
+    """Columns of numbers that are not of the published ones and change: something may depend on
+    them."""
     found, odd = {}, list[Finding]()
     for name, raw in read.items():
         if name in COLUMNS:
             continue
         values = without_lone(name, readable(known(name, as_printed(raw), ANYTHING, odd)), odd)
         seen = values[np.isfinite(values)]
-        if len(seen) >= max(MIN_ROWS, MIN_KNOWN * len(values)) and np.ptp(np.percentile(seen, (1.0, 99.0))) > 0.0:
+        if (
+            len(seen) >= max(MIN_ROWS, MIN_KNOWN * len(values))
+            and np.ptp(np.percentile(seen, (1.0, 99.0))) > 0.0
+        ):
             found[name] = values
     kept = worth_asking(found, published)
     findings += [*map(str, odd), *kept.said]
@@ -269,21 +383,32 @@ def _further(read: Mapping[str, npt.NDArray[Any]], published: Mapping[str, Array
 
 
 def _checked_step(time: Array, least: int, findings: list[Finding]) -> float:
-    """The median step from row to row, s. Raises ValueError where rows are too few, or too far apart."""
+    """The median step from row to row, s. Raises ValueError where rows are too few, or too far
+    apart."""
     if len(time) < least:
         raise ValueError(f"column time_s: {len(time)} usable rows: at least {least} are needed")
     step = float(np.median(np.diff(time)))
     if step > LONGEST_STEP_S:
-        raise ValueError(f"column time_s: {len(time)} rows are {step:,.0f} s apart, {time[-1]:,.0f} s in all: allowed "
-                         f"up to {LONGEST_STEP_S:g} s between rows: are the times in another unit?")
+        raise ValueError(
+            f"column time_s: {len(time)} rows are {step:,.0f} s apart, {time[-1]:,.0f} s in "
+            "all: allowed "
+            f"up to {LONGEST_STEP_S:g} s between rows: are the times in another unit?"
+        )
     if step > SELDOM_STEP_S:
-        findings.append(Finding("seldom", f"column time_s: {time[-1]:,.0f} s for {len(time)} rows, one each "
-                                f"{step:,.0f} s: are the times in another unit?", "time_s"))
+        findings.append(
+            Finding(
+                "seldom",
+                f"column time_s: {time[-1]:,.0f} s for {len(time)} rows, one each "
+                f"{step:,.0f} s: are the times in another unit?",
+                "time_s",
+            )
+        )
     return step
 
 
 def _unless_still(name: str, values: Array, why: str, findings: list[str]) -> Array:
-    """Readings that are the very same in every row say nothing: no hopper, full or empty, is so quiet."""
+    """Readings that are the very same in every row say nothing: no hopper, full or empty, is so
+    quiet."""
     known = values[np.isfinite(values)]
     if len(known) < MIN_ROWS or np.ptp(known) > 0.0:
         return values
@@ -296,5 +421,7 @@ def _stood(found: dict[str, Array]) -> bool:
 
     Then wheel and GNSS show their noise alone, and each head its own piece of canopy.
     """
-    known = [found[name] for name in ("speed_mps", "wheel_speed_mps") if np.isfinite(found[name]).any()]
+    known = [
+        found[name] for name in ("speed_mps", "wheel_speed_mps") if np.isfinite(found[name]).any()
+    ]
     return bool(known) and all(float(np.nanquantile(speed, 0.98)) < MOVING_MPS for speed in known)

@@ -1,4 +1,6 @@
-"""Channels that share effects, through the machine model: predictions, residuals, and the nominal values below them."""
+"""Channels that share effects, through the machine model: predictions, residuals, and the
+nominal values below them."""
+
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
@@ -22,14 +24,21 @@ from .stages import RunData
 
 Array = npt.NDArray[np.float64]
 
-GROUPS: dict[str, tuple[str, ...]] = {       # channels that share an effect are judged together
-    "shaft": ("shaft",), "metering": ("gate", "scale", *EFFORT), "speed": ("speed",), "heads": ("heads",),
+# channels that share an effect are judged together
+GROUPS: dict[str, tuple[str, ...]] = {
+    "shaft": ("shaft",),
+    "metering": ("gate", "scale", *EFFORT),
+    "speed": ("speed",),
+    "heads": ("heads",),
 }
-STEP_SHARE = 0.05           # of a value, for its slope
-HALT_S = 3.0                # around a drive's halt: how it runs down is nobody's effect
-GNSS_STAMP_SHARE = 0.25     # of a row: the speed in a row was read at some time within it
-ELECTRICAL = 0.04       # of the mechanical time constant: L / R of small DC motors is 1 to 2 ms of their 20 to 50 ms
-MAX_PREDICTIONS = 24        # hypotheses whose predictions are kept
+STEP_SHARE = 0.05  # of a value, for its slope
+# around a drive's halt: how it runs down is nobody's effect
+HALT_S = 3.0
+# of a row: the speed in a row was read at some time within it
+GNSS_STAMP_SHARE = 0.25
+# of the mechanical time constant: L / R of small DC motors is 1 to 2 ms of their 20 to 50 ms
+ELECTRICAL = 0.04
+MAX_PREDICTIONS = 24  # hypotheses whose predictions are kept
 
 
 class Nuisance(NamedTuple):
@@ -37,8 +46,8 @@ class Nuisance(NamedTuple):
 
     stage: str
     field: str
-    step: float             # difference of the value for its slope
-    sd: float               # tolerance, 1 s.d.
+    step: float  # difference of the value for its slope
+    sd: float  # tolerance, 1 s.d.
 
     @property
     def key(self) -> str:
@@ -49,54 +58,73 @@ def nuisances(channel: str, machine: Machine) -> tuple[Nuisance, ...]:
     """Tolerances of the machine file that bear on a channel."""
     t = machine.tolerance
     if channel == "shaft":
-        return (Nuisance("shaft", "gain_percent", 0.1, t.shaft_percent),
-                Nuisance("shaft", "dead_time_s", 0.01, t.dead_time_s),
-                Nuisance("shaft", "time_constant_s", 0.01, t.time_constant_s))
+        return (
+            Nuisance("shaft", "gain_percent", 0.1, t.shaft_percent),
+            Nuisance("shaft", "dead_time_s", 0.01, t.dead_time_s),
+            Nuisance("shaft", "time_constant_s", 0.01, t.time_constant_s),
+        )
     if channel == "gate":
-        return (Nuisance("gate", "dead_time_s", 0.01, t.dead_time_s),
-                Nuisance("gate", "slew_mm_s", 0.5 * of_nominal(machine, SLEW),
-                         machine.gate.slew_mm_s * t.gate_slew_percent / 100.0),
-                Nuisance("gate", "home_error_mm", 0.05, t.opening_mm))
+        return (
+            Nuisance("gate", "dead_time_s", 0.01, t.dead_time_s),
+            Nuisance(
+                "gate",
+                "slew_mm_s",
+                0.5 * of_nominal(machine, SLEW),
+                machine.gate.slew_mm_s * t.gate_slew_percent / 100.0,
+            ),
+            Nuisance("gate", "home_error_mm", 0.05, t.opening_mm),
+        )
     if channel == "scale":
-        return (Nuisance("flow", "gain_percent", 0.5, t.flow_percent),
-                Nuisance("flow", "zero_offset_g_rev", 0.5 * of_nominal(machine, FULL_REVOLUTION),
-                         t.opening_mm * machine.flow.grams_per_rev_mm))
+        return (
+            Nuisance("flow", "gain_percent", 0.5, t.flow_percent),
+            Nuisance(
+                "flow",
+                "zero_offset_g_rev",
+                0.5 * of_nominal(machine, FULL_REVOLUTION),
+                t.opening_mm * machine.flow.grams_per_rev_mm,
+            ),
+        )
     if channel in EFFORT:
         own = OF_SHAFT if channel == "effort" else OF_GATE
-        return tuple(Nuisance("effort", field, STEP_SHARE * value, value * t.effort_percent / 100.0) for field in own
-                     if (value := getattr(machine.effort, field)) > 0.0)
+        return tuple(
+            Nuisance("effort", field, STEP_SHARE * value, value * t.effort_percent / 100.0)
+            for field in own
+            if (value := getattr(machine.effort, field)) > 0.0
+        )
     if channel == "speed":
         return (Nuisance("speed", "radius_percent", 0.2, t.wheel_percent),)
     return ()
 
 
 def tolerance_of(effect_id: str, machine: Machine) -> float:
-    """Tolerance (1 s.d.) of the nominal value that an effect moves, in the unit of its size; 0 where it moves none.
+    """Tolerance (1 s.d.) of the nominal value that an effect moves, in the unit of its size; 0
+    where it moves none.
 
-    What the tolerance leaves open, the effect's size leaves open too. Where a row is longer than the tolerance the two
-    have kinks at different places, and no slope says so.
+    What the tolerance leaves open, the effect's size leaves open too. Where a row is longer
+    than the tolerance the two have kinks at different places, and no slope says so.
     """
     row = ROWS[effect_id]
     return sum(n.sd for n in nuisances(row.stage, machine) if n.field == row.moves)
 
 
 def hidden_within(effect_id: str, machine: Machine) -> float:
-    """How far (1 s.d.) a sound machine may do what an effect does: within the tolerance of a nominal value, or, of a
-    second time constant, as a motor's electrical one, which a data sheet's single one leaves out; 0 for others."""
+    """How far (1 s.d.) a sound machine may do what an effect does: within the tolerance of a
+    nominal value, or, of a second time constant, as a motor's electrical one, which a data
+    sheet's single one leaves out; 0 for others."""
     if effect_id == SHAFT_SECOND_ORDER.id:
         return ELECTRICAL * machine.shaft.time_constant_s
     return tolerance_of(effect_id, machine)
 
 
 def untied(effect_id: str) -> tuple[str, ...]:
-    """Effects that no nominal value off its tolerance does where this one is there: of two orders the first is no data
-    sheet's time constant."""
+    """Effects that no nominal value off its tolerance does where this one is there: of two
+    orders the first is no data sheet's time constant."""
     return (SHAFT_SLOW.id,) if effect_id == SHAFT_SECOND_ORDER.id else ()
 
 
 def stood_for(parts: Hypothesis) -> frozenset[str]:
-    """Nominal values (by key) that a steady part moves, or leaves to another effect: sizes say how far, and no
-    tolerance along with them."""
+    """Nominal values (by key) that a steady part moves, or leaves to another effect: sizes say
+    how far, and no tolerance along with them."""
     ids = [part.id for part in parts if part.onset_s is None]
     rows = [ROWS[name] for one in ids for name in (one, *untied(one))]
     return frozenset(f"{row.stage}.{row.moves}" for row in rows if row.moves)
@@ -108,15 +136,18 @@ def stamp_sd_s(machine: Machine, step_s: float) -> float:
 
 
 def adds_up(part: EffectInstance, channel: str) -> bool:
-    """Whether a channel reads the sum of what an effect did until then: a scale reads all that flowed."""
+    """Whether a channel reads the sum of what an effect did until then: a scale reads all that
+    flowed."""
     return channel == "scale" and ROWS[part.id].stage != "scale"
 
 
 def in_course(change: Array, channel: ChannelSeries, part: EffectInstance) -> Array:
-    """What an effect does to a channel in the course of a log, from what it would do all along: both (m,).
+    """What an effect does to a channel in the course of a log, from what it would do all along:
+    both (m,).
 
-    A scale reads what flowed until then: what begins late has changed nothing before. Every other channel answers at
-    once, so that this is right for effects whose prediction is a straight line in their size.
+    A scale reads what flowed until then: what begins late has changed nothing before. Every
+    other channel answers at once, so that this is right for effects whose prediction is a
+    straight line in their size.
     """
     return with_course(change, course(channel, part), channel.copies, adds_up(part, channel.name))
 
@@ -131,7 +162,8 @@ def course(channel: ChannelSeries, part: EffectInstance) -> Array:
 
 
 def with_course(change: Array, weight: Array, copies: int, summed: bool) -> Array:
-    """Changes (..., copies x m) in the course of weights (..., m). summed : the channel adds up what an effect does."""
+    """Changes (..., copies x m) in the course of weights (..., m). summed : the channel adds up
+    what an effect does."""
     if summed:
         return np.asarray(np.cumsum(np.diff(change, prepend=change[..., :1]) * weight, axis=-1))
     shaped = change.reshape(*change.shape[:-1], copies, -1) * weight[..., None, :]
@@ -141,14 +173,20 @@ def with_course(change: Array, weight: Array, copies: int, summed: bool) -> Arra
 class GroupModel:
     """Channels that share effects, under any hypothesis about them.
 
-    channels, names : of the group. data : the log; its hopper level is the predicted one. noise : where fits start.
-    base : the stages' parameters now; offsets : by how much nominal values were moved (by key). moves : how often
-    they were moved, for those who keep what they made of the model. drawn_in : what is taken off each measurement for
-    its tails (m,). ask : called at each run of the model; what it raises ends the work.
+    channels, names : of the group. data : the log; its hopper level is the predicted one. noise
+    : where fits start. base : the stages' parameters now; offsets : by how much nominal values
+    were moved (by key). moves : how often they were moved, for those who keep what they made of
+    the model. drawn_in : what is taken off each measurement for its tails (m,). ask : called at
+    each run of the model; what it raises ends the work.
     """
 
-    def __init__(self, channels: Sequence[ChannelSeries], machine: Machine, data: RunData,
-                 ask: Callable[[], None] = lambda: None) -> None:
+    def __init__(
+        self,
+        channels: Sequence[ChannelSeries],
+        machine: Machine,
+        data: RunData,
+        ask: Callable[[], None] = lambda: None,
+    ) -> None:
         self.ask = ask
         self.channels = tuple(channels)
         self.names = tuple(channel.name for channel in channels)
@@ -162,10 +200,13 @@ class GroupModel:
         self.data = self._with_hopper_level(data)
 
     def _with_hopper_level(self, data: RunData) -> RunData:
-        """The level as predicted: the reading's own noise must not come back as a dependence on itself."""
+        """The level as predicted: the reading's own noise must not come back as a dependence on
+        itself."""
         if "scale" not in self.names or data.hopper is None:
             return data
-        level = np.interp(data.time_s, self.channel("scale").grid.even_s, self.predicted(())["scale"])
+        level = np.interp(
+            data.time_s, self.channel("scale").grid.even_s, self.predicted(())["scale"]
+        )
         return data._replace(variables={**data.variables, "hopper_kg": level})
 
     def channel(self, name: str) -> ChannelSeries:
@@ -175,7 +216,11 @@ class GroupModel:
     @property
     def heads(self) -> int:
         """Canopy heads that read something."""
-        return 0 if self.data.heads is None else int(np.isfinite(self.data.heads.ndvi).any(axis=1).sum())
+        return (
+            0
+            if self.data.heads is None
+            else int(np.isfinite(self.data.heads.ndvi).any(axis=1).sum())
+        )
 
     @property
     def nuisances(self) -> tuple[tuple[ChannelSeries, Nuisance], ...]:
@@ -190,9 +235,11 @@ class GroupModel:
             self._predictions[parts] = self.run(parts)
         return self._predictions[parts]
 
-    def run(self, parts: Hypothesis, base: Stages | None = None,
-            only: Collection[str] | None = None) -> dict[str, Array]:
-        """The model run under a hypothesis: (m,) by channel. base : other stages; only : these channels."""
+    def run(
+        self, parts: Hypothesis, base: Stages | None = None, only: Collection[str] | None = None
+    ) -> dict[str, Array]:
+        """The model run under a hypothesis: (m,) by channel. base : other stages; only : these
+        channels."""
         channels = [c for c in self.channels if only is None or c.name in only]
         if not any(part.grows for part in parts):
             return self._steady(parts, channels, base)
@@ -202,32 +249,43 @@ class GroupModel:
         for part in parts:
             if part.grows:
                 touched = [c for c in channels if c.name in ROWS[part.id].channels]
-                grown = self._known((*there, part._replace(onset_s=None, grows=False)), touched, base)
+                grown = self._known(
+                    (*there, part._replace(onset_s=None, grows=False)), touched, base
+                )
                 for c in touched:
                     now[c.name] = now[c.name] + in_course(grown[c.name] - steady[c.name], c, part)
         return now
 
-    def _steady(self, parts: Hypothesis, channels: Sequence[ChannelSeries], base: Stages | None) -> dict[str, Array]:
+    def _steady(
+        self, parts: Hypothesis, channels: Sequence[ChannelSeries], base: Stages | None
+    ) -> dict[str, Array]:
         self.ask()
         plan = schedule(base or self.base, parts)
         return {c.name: c.predict(plan, MOST_STEP_S) for c in channels}
 
-    def _known(self, parts: Hypothesis, channels: Sequence[ChannelSeries], base: Stages | None) -> dict[str, Array]:
+    def _known(
+        self, parts: Hypothesis, channels: Sequence[ChannelSeries], base: Stages | None
+    ) -> dict[str, Array]:
         """The same, kept where all channels are asked for: growths of many sizes share them."""
-        if base is not None or (parts not in self._predictions and len(channels) < len(self.channels)):
+        if base is not None or (
+            parts not in self._predictions and len(channels) < len(self.channels)
+        ):
             return self._steady(parts, channels, base)
         known = self.predicted(parts)
         return {c.name: known[c.name] for c in channels}
 
     def residual(self, parts: Hypothesis) -> dict[str, Array]:
-        """Measured, tails drawn in, less predicted: (m,) by channel; 0 while a drive that halts runs down."""
+        """Measured, tails drawn in, less predicted: (m,) by channel; 0 while a drive that halts
+        runs down."""
         now = self.predicted(parts)
         left = {c.name: c.measured - self.drawn_in[c.name] - now[c.name] for c in self.channels}
         for part in parts:
             if CATALOGUE[part.id].effect.onset_only and part.onset_s is not None:
                 channel = self.channel(ROWS[part.id].stage)
                 after_s = channel.grid.even_s - part.onset_s
-                left[channel.name] = np.where((after_s > -HALT_S) & (after_s < HALT_S), 0.0, left[channel.name])
+                left[channel.name] = np.where(
+                    (after_s > -HALT_S) & (after_s < HALT_S), 0.0, left[channel.name]
+                )
         return left
 
     def banded_residual(self, parts: Hypothesis) -> dict[str, Array]:
@@ -238,16 +296,22 @@ class GroupModel:
     def difference(self, parts: Hypothesis, more: EffectInstance) -> dict[str, Array]:
         """What one more part does to the channels that it touches: (m,) by channel."""
         now = self.predicted(parts)
-        return {name: one - now[name] for name, one in self.run((*parts, more), only=ROWS[more.id].channels).items()}
+        return {
+            name: one - now[name]
+            for name, one in self.run((*parts, more), only=ROWS[more.id].channels).items()
+        }
 
     def nominal(self, nuisance: Nuisance) -> float:
         """A value as the machine file has it."""
         return float(getattr(getattr(self.machine, nuisance.stage), nuisance.field))
 
     def move(self, offsets: Mapping[str, float]) -> None:
-        """Nominal values set off from the machine file's by so much (by key; others stand where it has them)."""
+        """Nominal values set off from the machine file's by so much (by key; others stand where
+        it has them)."""
         for _, n in self.nuisances:
-            self.base = self.base.put(n.stage, **{n.field: float(self.nominal(n) + offsets.get(n.key, 0.0))})
+            self.base = self.base.put(
+                n.stage, **{n.field: float(self.nominal(n) + offsets.get(n.key, 0.0))}
+            )
         self.offsets = dict(offsets)
         self.moves += 1
         self._predictions.clear()

@@ -1,4 +1,6 @@
-"""Nominal values moved, within their tolerances, to where they fit best: slopes are then taken there."""
+"""Nominal values moved, within their tolerances, to where they fit best: slopes are then taken
+there."""
+
 from __future__ import annotations
 
 from functools import cache
@@ -17,20 +19,26 @@ from .hypothesis import EffectInstance, Hypothesis
 from .model import Nuisance, stood_for, tolerance_of
 
 MAX_ROUNDS = 4
-STEP_SHARES = (1.0, 0.4, 0.15)      # shares of the step that the slopes ask for, tried until one gains
-MAX_OFFSET_SD = 3.0                 # of a tolerance: its prior ends there, what is further off is an effect
-SETTLED_SD = 0.05                   # of a tolerance: smaller steps are not worth the model's runs
-MIN_GAIN = 0.5                      # gain in log-likelihood that asks for a further round
-TIMED = ("dead_time_s", "slew_mm_s")     # when a move ends
-HALVINGS = 5                        # of a tolerance, when one of these is looked for: down to a thirtieth of it
-TIME_GAIN = 2.0                     # gain in log-likelihood below which it is not moved
+# shares of the step that the slopes ask for, tried until one gains
+STEP_SHARES = (1.0, 0.4, 0.15)
+# of a tolerance: its prior ends there, what is further off is an effect
+MAX_OFFSET_SD = 3.0
+# of a tolerance: smaller steps are not worth the model's runs
+SETTLED_SD = 0.05
+# gain in log-likelihood that asks for a further round
+MIN_GAIN = 0.5
+TIMED = ("dead_time_s", "slew_mm_s")  # when a move ends
+# of a tolerance, when one of these is looked for: down to a thirtieth of it
+HALVINGS = 5
+# gain in log-likelihood below which it is not moved
+TIME_GAIN = 2.0
 
 
 def settle(columns: Columns, parts: Hypothesis) -> Hypothesis:
     """Moves the model's nominal values to where they fit best along with a hypothesis.
 
-    The parts' sizes move along, for a size and a tolerance may stand for the same thing; they are returned. Values that
-    a part of the hypothesis moves stand as the machine file has them.
+    The parts' sizes move along, for a size and a tolerance may stand for the same thing; they
+    are returned. Values that a part of the hypothesis moves stand as the machine file has them.
     """
     _try_times(columns, parts)
     model, best = columns.model, _at_rest(columns, parts)
@@ -41,9 +49,22 @@ def settle(columns: Columns, parts: Hypothesis) -> Hypothesis:
             break
         tried = parts
         for share in STEP_SHARES:
-            model.move({n.key: float(np.clip(before.get(n.key, 0.0) + share * size, -MAX_OFFSET_SD * n.sd,
-                                             MAX_OFFSET_SD * n.sd)) for n, size in steps})
-            tried = tuple(_grown(part, share * sizes.get(k, 0.0), model.machine) for k, part in enumerate(parts))
+            model.move(
+                {
+                    n.key: float(
+                        np.clip(
+                            before.get(n.key, 0.0) + share * size,
+                            -MAX_OFFSET_SD * n.sd,
+                            MAX_OFFSET_SD * n.sd,
+                        )
+                    )
+                    for n, size in steps
+                }
+            )
+            tried = tuple(
+                _grown(part, share * sizes.get(k, 0.0), model.machine)
+                for k, part in enumerate(parts)
+            )
             now = _at_rest(columns, tried)
             if now > best:
                 break
@@ -56,14 +77,27 @@ def settle(columns: Columns, parts: Hypothesis) -> Hypothesis:
     return parts
 
 
-def _wanted(columns: Columns, parts: Hypothesis) -> tuple[list[tuple[Nuisance, float]], dict[int, float]]:
-    """The step that a fit asks of each nominal value, and of the size of each part (by its place)."""
+def _wanted(
+    columns: Columns, parts: Hypothesis
+) -> tuple[list[tuple[Nuisance, float]], dict[int, float]]:
+    """The step that a fit asks of each nominal value, and of the size of each part (by its
+    place)."""
     model = columns.model
     p, count = columns.compressed(parts)
     amplitude = fitted(p, np.arange(count), model.noise, rounds=3).amplitude
-    of_value = {label.name: float(amplitude[k]) for k, label in enumerate(p.labels) if label.role is Role.TOLERANCE}
-    of_part = {label.part: float(amplitude[k]) for k, label in enumerate(p.labels) if label.role is Role.SLOPE}
-    return [(n, of_value.get(n.key, -model.offsets.get(n.key, 0.0))) for _, n in model.nuisances], of_part
+    of_value = {
+        label.name: float(amplitude[k])
+        for k, label in enumerate(p.labels)
+        if label.role is Role.TOLERANCE
+    }
+    of_part = {
+        label.part: float(amplitude[k])
+        for k, label in enumerate(p.labels)
+        if label.role is Role.SLOPE
+    }
+    return [
+        (n, of_value.get(n.key, -model.offsets.get(n.key, 0.0))) for _, n in model.nuisances
+    ], of_part
 
 
 def _at_rest(columns: Columns, parts: Hypothesis) -> float:
@@ -78,9 +112,11 @@ def _at_rest(columns: Columns, parts: Hypothesis) -> float:
 
 
 def _try_times(columns: Columns, parts: Hypothesis) -> None:
-    """Dead times and slews moved to the best of a grid: rows see only the end of a short move, so slopes lead nowhere.
+    """Dead times and slews moved to the best of a grid: rows see only the end of a short move,
+    so slopes lead nowhere.
 
-    A move shorter than a row is over before it is read, or has not started: the likelihood has kinks there.
+    A move shorter than a row is over before it is read, or has not started: the likelihood has
+    kinks there.
     """
     moved = stood_for(parts)
     for channel, n in columns.model.nuisances:
@@ -90,8 +126,11 @@ def _try_times(columns: Columns, parts: Hypothesis) -> None:
 
 def _move_time(columns: Columns, parts: Hypothesis, channel: ChannelSeries, n: Nuisance) -> None:
     model, name = columns.model, channel.name
-    kept = [c for c in columns.fixed(parts) if name in c.coefficients
-            and not (c.label.role is Role.TOLERANCE and c.label.name == n.key)]
+    kept = [
+        c
+        for c in columns.fixed(parts)
+        if name in c.coefficients and not (c.label.role is Role.TOLERANCE and c.label.name == n.key)
+    ]
     places = np.arange(len(kept))
 
     @cache
@@ -100,23 +139,38 @@ def _move_time(columns: Columns, parts: Hypothesis, channel: ChannelSeries, n: N
         left = channel.measured - model.drawn_in[name] - model.run(parts, base, (name,))[name]
         p = problem([channel], {name: coefficients(left, channel.cut)}, kept)
         return fitted(p, places, model.noise, rounds=2).log_likelihood - 0.5 * (off / n.sd) ** 2
+
     now = model.offsets.get(n.key, 0.0)
-    best = climbed(now, value, lambda off, step: [
-        off + far * step for far in ((-2.0, -1.0, 1.0, 2.0) if step == n.sd else (-1.0, 1.0))
-        if abs(off + far * step) <= MAX_OFFSET_SD * n.sd],
-        [n.sd * 0.5 ** halvings for halvings in range(HALVINGS + 1)], again=False)
+    best = climbed(
+        now,
+        value,
+        lambda off, step: [
+            off + far * step
+            for far in ((-2.0, -1.0, 1.0, 2.0) if step == n.sd else (-1.0, 1.0))
+            if abs(off + far * step) <= MAX_OFFSET_SD * n.sd
+        ],
+        [n.sd * 0.5**halvings for halvings in range(HALVINGS + 1)],
+        again=False,
+    )
     if value(best) > value(now) + TIME_GAIN:
         model.move({**model.offsets, n.key: best})
 
 
 def looked_for_to(effect_id: str, machine: Machine) -> float:
-    """How finely the times were looked for (1 s.d.) that an effect of nearly their form leans on; 0 where it has none.
+    """How finely the times were looked for (1 s.d.) that an effect of nearly their form leans
+    on; 0 where it has none.
 
     A size that is fitted along with such a time is known no better, however long the log.
     """
     row = ROWS[effect_id]
-    return max((tolerance_of(one, machine) / 2.0 ** HALVINGS for one in row.siblings if ROWS[one].moves in TIMED),
-               default=0.0)
+    return max(
+        (
+            tolerance_of(one, machine) / 2.0**HALVINGS
+            for one in row.siblings
+            if ROWS[one].moves in TIMED
+        ),
+        default=0.0,
+    )
 
 
 def _grown(part: EffectInstance, by: float, machine: Machine) -> EffectInstance:

@@ -1,4 +1,6 @@
-"""When an effect began: stops read off the drives, other onsets tried on a grid and then refined."""
+"""When an effect began: stops read off the drives, other onsets tried on a grid and then
+refined."""
+
 from __future__ import annotations
 
 from collections.abc import Iterator
@@ -23,19 +25,26 @@ from .search import Candidate, FittedHypothesis, Search, log_likelihood
 Array = npt.NDArray[np.float64]
 
 # A stop, read off a drive.
-MEDIAN_SAMPLES = 5          # an outlier is no turning
-TURNS_SHARE = 0.3           # of the predicted speed: a shaft that reads more obeys
-TURNING_RPM = 5.0           # a shaft asked for more turns; on the nominal machine, as STUCK_MM
-EPISODE_S = 0.25            # of standing or turning: less is how a drive starts
-MAX_OBEYED = 0.1            # of the rows in which it stands: turning there now and then is noise of the command
-MIN_STILL_S = 3.0           # a drive must disobey for this long in all
-MIN_OFF_SD = 2.0            # of one reading, for the mean of a second
-STUCK_WITHIN_S = 2.0        # the last moves before a stop are smaller than the noise
-STUCK_MM = 0.02             # an opening that counts as much as STUCK_WITHIN_S does
-STOP_SD_S = 0.5             # how sharply a stop is seen
+MEDIAN_SAMPLES = 5  # an outlier is no turning
+# of the predicted speed: a shaft that reads more obeys
+TURNS_SHARE = 0.3
+# a shaft asked for more turns; on the nominal machine, as STUCK_MM
+TURNING_RPM = 5.0
+# of standing or turning: less is how a drive starts
+EPISODE_S = 0.25
+# of the rows in which it stands: turning there now and then is noise of the command
+MAX_OBEYED = 0.1
+MIN_STILL_S = 3.0  # a drive must disobey for this long in all
+MIN_OFF_SD = 2.0  # of one reading, for the mean of a second
+# the last moves before a stop are smaller than the noise
+STUCK_WITHIN_S = 2.0
+# an opening that counts as much as STUCK_WITHIN_S does
+STUCK_MM = 0.02
+STOP_SD_S = 0.5  # how sharply a stop is seen
 
 # An onset, tried on a grid.
-STEPS_ROWS = (32, 8, 2, 1)     # by which an onset is moved about where a scan has it
+# by which an onset is moved about where a scan has it
+STEPS_ROWS = (32, 8, 2, 1)
 
 
 def stops(model: GroupModel) -> list[Candidate]:
@@ -44,10 +53,13 @@ def stops(model: GroupModel) -> list[Candidate]:
     predicted = model.predicted(())
     for channel in model.channels:
         if channel.settled:
-            continue            # the last rows of a staircase down are within a dead zone
+            # the last rows of a staircase down are within a dead zone
+            continue
         if channel.name == "shaft":
             asked = predicted["shaft"] > of_nominal(model.machine, SHAFT_RANGE) * TURNING_RPM
-            obeyed = asked & (median_filter(channel.measured, MEDIAN_SAMPLES) > TURNS_SHARE * predicted["shaft"])
+            obeyed = asked & (
+                median_filter(channel.measured, MEDIAN_SAMPLES) > TURNS_SHARE * predicted["shaft"]
+            )
             at = _last_obeyed(asked, obeyed, channel.grid.step_s)
             effect = effects.SHAFT_STALL.id
         elif channel.name == "gate":
@@ -56,16 +68,21 @@ def stops(model: GroupModel) -> list[Candidate]:
             effect = effects.GATE_STUCK.id
             if at is not None:
                 near_mm = of_nominal(model.machine, OPENING_RANGE) * STUCK_MM
-                at = _stuck_at(channel.measured, predicted["gate"], at, channel.grid.step_s, near_mm)
+                at = _stuck_at(
+                    channel.measured, predicted["gate"], at, channel.grid.step_s, near_mm
+                )
         else:
             continue
         if at is not None and at > 0:
-            found.append(Candidate(EffectInstance(effect, 1.0, float(channel.grid.even_s[at])), 1.0, 1.0))
+            found.append(
+                Candidate(EffectInstance(effect, 1.0, float(channel.grid.even_s[at])), 1.0, 1.0)
+            )
     return found
 
 
 def stands_below(model: GroupModel) -> list[Candidate]:
-    """A shaft that from some time on stands where it is asked for little, and turned so before: a dead band."""
+    """A shaft that from some time on stands where it is asked for little, and turned so before:
+    a dead band."""
     if "shaft" not in model.names:
         return []
     channel, asked = model.channel("shaft"), model.predicted(())["shaft"]
@@ -83,52 +100,68 @@ def stands_below(model: GroupModel) -> list[Candidate]:
     if not len(before) or len(obeyed) > len(before) + MAX_OBEYED * len(stood):
         return []
     onset_s = 0.5 * float(channel.grid.even_s[before[-1]] + channel.grid.even_s[stood[0]])
-    return [Candidate(EffectInstance(effects.SHAFT_DEAD_BAND.id, size_rpm, onset_s), size_rpm, size_rpm)]
+    return [
+        Candidate(EffectInstance(effects.SHAFT_DEAD_BAND.id, size_rpm, onset_s), size_rpm, size_rpm)
+    ]
 
 
 def still_disobeys(model: GroupModel, parts: Hypothesis, stop: EffectInstance) -> bool:
-    """Whether a drive that stopped still does other than asked, well after it stopped, once `parts` are known."""
+    """Whether a drive that stopped still does other than asked, well after it stopped, once
+    `parts` are known."""
     channel = model.channel(ROWS[stop.id].stage)
     second = max(1, round(1.0 / channel.grid.step_s))
     off = uniform_filter1d(channel.measured - model.predicted(parts)[channel.name], second)
     later = channel.grid.even_s > float(stop.onset_s or 0.0) + HALT_S
-    return float(np.sum(np.abs(off[later]) > MIN_OFF_SD * channel.prior.fast_sd)) * channel.grid.step_s > MIN_STILL_S
+    return (
+        float(np.sum(np.abs(off[later]) > MIN_OFF_SD * channel.prior.fast_sd)) * channel.grid.step_s
+        > MIN_STILL_S
+    )
 
 
 def _still_from(measured: Array, predicted: Array, noise: float, least: int) -> int | None:
-    """Sample from which a reading is better predicted by one constant than by its prediction, to the end of the log.
+    """Sample from which a reading is better predicted by one constant than by its prediction,
+    to the end of the log.
 
-    Proposed where that pays for having tried every sample; the search weighs it once more. Moves smaller than the noise
-    of one reading add up: sums of squares from every sample to the end are compared, each about its own mean, for a
-    gate that stands a little off its command is not stuck.
+    Proposed where that pays for having tried every sample; the search weighs it once more.
+    Moves smaller than the noise of one reading add up: sums of squares from every sample to the
+    end are compared, each about its own mean, for a gate that stands a little off its command
+    is not stuck.
     """
     count = np.arange(len(measured), 0, -1)
     ahead = np.cumsum(measured[::-1])[::-1]
-    about_mean = np.cumsum((measured ** 2)[::-1])[::-1] - ahead ** 2 / count
+    about_mean = np.cumsum((measured**2)[::-1])[::-1] - ahead**2 / count
     left = (measured - predicted)[::-1]
-    about_model = (np.cumsum(left ** 2) - np.cumsum(left) ** 2 / np.arange(1, len(left) + 1))[::-1]
-    better = (about_model - about_mean)[:-least] / noise ** 2
-    least_gain = 2.0 * (SAID - prior_odds(EffectInstance(effects.GATE_STUCK.id, 1.0)) + float(np.log(len(measured))))
+    about_model = (np.cumsum(left**2) - np.cumsum(left) ** 2 / np.arange(1, len(left) + 1))[::-1]
+    better = (about_model - about_mean)[:-least] / noise**2
+    least_gain = 2.0 * (
+        SAID - prior_odds(EffectInstance(effects.GATE_STUCK.id, 1.0)) + float(np.log(len(measured)))
+    )
     if len(better) < 1 or float(better.max()) < least_gain:
         return None
-    level = float(np.median(measured[int(np.argmax(better)):]))
-    gained = np.cumsum(((measured - predicted) ** 2 - (measured - level) ** 2)[::-1])[::-1] / noise ** 2
+    level = float(np.median(measured[int(np.argmax(better)) :]))
+    gained = (
+        np.cumsum(((measured - predicted) ** 2 - (measured - level) ** 2)[::-1])[::-1] / noise**2
+    )
     at = int(np.argmax(gained[:-least]))
     # The end of a move that came a little late speaks for a stop as well, but only for a moment.
     return at if gained[min(at + least, len(gained) - 1)] > least_gain else None
 
 
 def _stuck_at(measured: Array, predicted: Array, at: int, step_s: float, near_mm: float) -> int:
-    """Sample about `at` at which the gate passed the place where it stands ever after: there it stopped."""
+    """Sample about `at` at which the gate passed the place where it stands ever after: there it
+    stopped."""
     level = float(np.median(measured[at:]))
-    near = np.arange(max(0, at - round(STUCK_WITHIN_S / step_s)),
-                     min(len(measured), at + round(STUCK_WITHIN_S / step_s) + 1))
+    near = np.arange(
+        max(0, at - round(STUCK_WITHIN_S / step_s)),
+        min(len(measured), at + round(STUCK_WITHIN_S / step_s) + 1),
+    )
     away = np.abs(predicted[near] - level) / near_mm + np.abs(near - at) * step_s / STUCK_WITHIN_S
     return int(near[np.argmin(away)])
 
 
 def stop_interval(model: GroupModel, part: EffectInstance) -> tuple[float, float]:
-    """Times between which a drive may have stopped: while it was asked to stand where it stands, nobody can tell."""
+    """Times between which a drive may have stopped: while it was asked to stand where it
+    stands, nobody can tell."""
     channel = model.channel(ROWS[part.id].stage)
     at_s = float(part.onset_s or 0.0)
     asked, even_s = model.predicted(())[channel.name], channel.grid.even_s
@@ -143,16 +176,20 @@ def stop_interval(model: GroupModel, part: EffectInstance) -> tuple[float, float
     return min(low, at_s - STOP_SD_S), max(high, at_s + STOP_SD_S)
 
 
-def _last_obeyed(asked: npt.NDArray[np.bool_], obeyed: npt.NDArray[np.bool_], step_s: float) -> int | None:
-    """Sample after the last one at which the drive did something, where it was asked for long after that."""
+def _last_obeyed(
+    asked: npt.NDArray[np.bool_], obeyed: npt.NDArray[np.bool_], step_s: float
+) -> int | None:
+    """Sample after the last one at which the drive did something, where it was asked for long
+    after that."""
     did = np.flatnonzero(obeyed)
     last = int(did[-1]) if len(did) else 0
-    return last + 1 if asked[last + 1:].sum() * step_s > MIN_STILL_S else None
+    return last + 1 if asked[last + 1 :].sum() * step_s > MIN_STILL_S else None
 
 
 def refined(search: Search, found: FittedHypothesis) -> FittedHypothesis:
-    """A hypothesis whose last part begins within the log: onsets and ends moved to where they fit best, in ever smaller
-    steps down to a row. An edge that is a row off is explained by nothing else."""
+    """A hypothesis whose last part begins within the log: onsets and ends moved to where they
+    fit best, in ever smaller steps down to a row. An edge that is a row off is explained by
+    nothing else."""
     model = search.model
     first_s, last_s = float(model.data.time_s[0]) + END_S, float(model.data.time_s[-1]) - END_S
     row_s = min(channel.grid.step_s for channel in model.channels)
@@ -167,6 +204,7 @@ def refined(search: Search, found: FittedHypothesis) -> FittedHypothesis:
                     times = [t for t in (moved.onset_s, moved.until_s) if t is not None]
                     if times == sorted(set(times)) and times[0] >= first_s and times[-1] <= last_s:
                         yield search.refit(replaced(now.parts, k, moved), now.noise)
+
     last = found.parts[-1]
     if last.onset_s is None or CATALOGUE[last.id].effect.onset_only:
         return found

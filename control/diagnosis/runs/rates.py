@@ -1,16 +1,21 @@
-"""Applied against target, of data that hold no more than rates: how late and how much of it, pass by pass.
+"""Applied against target, of data that hold no more than rates: how late and how much of it,
+pass by pass.
 
-A pass is a stretch of work on one course. In it the applied rate y follows the target x by a lag L and a gain g,
-y(t) = g x(t - L) + noise. L is searched for over an even grid on the rows that every lag can be asked for, g follows by
-least squares. Intervals are those of the profile likelihood [1]_, for as many independent rows as the residual's
-correlation from row to row leaves [2]_.
+A pass is a stretch of work on one course. In it the applied rate y follows the target x by a
+lag L and a gain g, y(t) = g x(t - L) + noise. L is searched for over an even grid on the rows
+that every lag can be asked for, g follows by least squares. Intervals are those of the profile
+likelihood [1]_, for as many independent rows as the residual's correlation from row to row
+leaves [2]_.
 
-.. [1] Venzon and Moolgavkar, A method for computing profile-likelihood-based confidence intervals, Applied Statistics
+.. [1] Venzon and Moolgavkar, A method for computing profile-likelihood-based confidence
+intervals, Applied Statistics
        37, 1988.
-.. [2] Bayley and Hammersley, The "effective" number of independent observations in an autocorrelated time series,
+.. [2] Bayley and Hammersley, The "effective" number of independent observations in an
+autocorrelated time series,
        J. R. Stat. Soc. Suppl. 8, 1946: n over 1 + 2 times the sum of the correlations.
 .. [3] Kendall, Note on bias in the estimation of autocorrelation, Biometrika 41, 1954.
 """
+
 from __future__ import annotations
 
 from collections.abc import Mapping
@@ -29,38 +34,48 @@ from control.recordings.speeds import MOVING_MPS
 Array = npt.NDArray[np.float64]
 
 TARGET, APPLIED = "target_rate_kg_ha", "applied_rate_kg_ha"
-STRETCHES = "x_duration_s"  # its rows are means over stretches of the way, and their times the stretches' middles
+# its rows are means over stretches of the way, and their times the stretches' middles
+STRETCHES = "x_duration_s"
 MAX_LAG_S, LAG_STEP_S = 6.0, 0.05
-MIN_PASS_S = 3 * MAX_LAG_S  # what every lag can be asked for is then a third or more
-MIN_ROWS = 12               # of a pass, that every lag can be asked for
-MAX_GAP_STEPS = 2.5         # of the median step; a longer one ends a pass
+# what every lag can be asked for is then a third or more
+MIN_PASS_S = 3 * MAX_LAG_S
+MIN_ROWS = 12  # of a pass, that every lag can be asked for
+MAX_GAP_STEPS = 2.5  # of the median step; a longer one ends a pass
 MIN_GAP_S = 3.0
-TURN_DEG = 60.0             # off the course that a pass began with
-MIN_CHANGE = 0.02           # standard deviation over mean of a target that shows a lag
+TURN_DEG = 60.0  # off the course that a pass began with
+# standard deviation over mean of a target that shows a lag
+MIN_CHANGE = 0.02
 MAX_CORRELATION = 0.95
-DIFFER_P = 1e-3             # passes that differ more than this are said to differ
+# passes that differ more than this are said to differ
+DIFFER_P = 1e-3
 DROP_90 = float(chdtri(1, 0.1))
 
 
 class _RatePass(NamedTuple):
     begin_s: float
     end_s: float
-    sums: Array                 # (lags,): residual sum of squares
-    gains: Array                # (lags,)
-    weight: Array               # (lags,): sum of squares of the target, for the gain's variance
+    sums: Array  # (lags,): residual sum of squares
+    gains: Array  # (lags,)
+    # (lags,): sum of squares of the target, for the gain's variance
+    weight: Array
     rows: int
-    products: tuple[float, float, float]    # of the residual at the best lag: by itself, by the next, by the one after
-    changes: bool               # whether the target changes enough to show a lag
+    # of the residual at the best lag: by itself, by the next, by the one after
+    products: tuple[float, float, float]
+    changes: bool  # whether the target changes enough to show a lag
     speed_mps: float
 
 
 def rates(columns: Mapping[str, npt.NDArray[Any]]) -> tuple[tuple[RateFit, ...], str]:
     """Fits of all passes together (first) and of each, and why there is none ("" where there is).
 
-    columns: of a run log, arrays (n,); time_s and both rates are needed, course, place, state and speed are used.
+    columns: of a run log, arrays (n,); time_s and both rates are needed, course, place, state
+    and speed are used.
     """
-    missing = [name for name in (TARGET, APPLIED) if name not in columns or not np.isfinite(
-        np.asarray(columns[name], np.float64)).any()]
+    missing = [
+        name
+        for name in (TARGET, APPLIED)
+        if name not in columns or not np.isfinite(np.asarray(columns[name], np.float64)).any()
+    ]
     if len(missing) == 2:
         return (), "no rates in it"
     if missing:
@@ -68,13 +83,21 @@ def rates(columns: Mapping[str, npt.NDArray[Any]]) -> tuple[tuple[RateFit, ...],
     time = np.asarray(columns["time_s"], np.float64)
     step = float(np.median(np.diff(time))) if len(time) > 1 else 0.0
     lags = np.arange(-MAX_LAG_S, MAX_LAG_S + 0.5 * LAG_STEP_S, LAG_STEP_S)
-    found = [one for one in (_fitted(columns, time, rows, lags) for rows in _passes(columns, time, step))
-             if one is not None]
+    found = [
+        one
+        for one in (_fitted(columns, time, rows, lags) for rows in _passes(columns, time, step))
+        if one is not None
+    ]
     if not found:
         return (), f"no pass of {MIN_PASS_S:g} s with both rates in {MIN_ROWS} rows and more"
-    row_s = 0.0 if STRETCHES in columns else step / np.sqrt(12.0)     # where in its row a value holds is not known
+    # where in its row a value holds is not known
+    row_s = 0.0 if STRETCHES in columns else step / np.sqrt(12.0)
     fits = tuple(_fit(number, [one], lags, row_s) for number, one in enumerate(found, 1))
-    return ((_fit(None, found, lags, row_s), *fits) if len(fits) > 1 else (_fit(None, found, lags, row_s),)), ""
+    return (
+        (_fit(None, found, lags, row_s), *fits)
+        if len(fits) > 1
+        else (_fit(None, found, lags, row_s),)
+    ), ""
 
 
 def sentence(fit: RateFit) -> str:
@@ -85,18 +108,25 @@ def sentence(fit: RateFit) -> str:
 
 def in_words(fit: RateFit) -> str:
     lag, gain = fit.lag, fit.gain
-    late = "lag not judged: the target changes too little" if lag.value is None else (
-        f"lag {lag.value:.2f} s (90 %: {lag.low:.2f} to {lag.high:.2f})")
+    late = (
+        "lag not judged: the target changes too little"
+        if lag.value is None
+        else (f"lag {lag.value:.2f} s (90 %: {lag.low:.2f} to {lag.high:.2f})")
+    )
     if lag.value is not None and fit.place_m is not None:
         late += f", {fit.place_m:.1f} m"
     differ = "; the passes differ by more than their noise" if fit.differ else ""
     return f"{late}; gain {gain.value:.3f} (90 %: {gain.low:.3f} to {gain.high:.3f}){differ}"
 
 
-def _passes(columns: Mapping[str, npt.NDArray[Any]], time: Array, step: float) -> list[npt.NDArray[np.int64]]:
+def _passes(
+    columns: Mapping[str, npt.NDArray[Any]], time: Array, step: float
+) -> list[npt.NDArray[np.int64]]:
     """Rows of each pass."""
     course = _course(columns, time)
-    good = np.isfinite(np.asarray(columns[TARGET], np.float64)) & np.isfinite(np.asarray(columns[APPLIED], np.float64))
+    good = np.isfinite(np.asarray(columns[TARGET], np.float64)) & np.isfinite(
+        np.asarray(columns[APPLIED], np.float64)
+    )
     state = columns.get("state")
     if state is not None and (np.asarray(state) != "").any():
         good &= np.asarray(state) == State.WORKING
@@ -109,7 +139,11 @@ def _passes(columns: Mapping[str, npt.NDArray[Any]], time: Array, step: float) -
     longest = max(MAX_GAP_STEPS * step, MIN_GAP_S)
     found, begin = [], 0
     for k in range(1, len(rows) + 1):
-        ends = k == len(rows) or time[rows[k]] - time[rows[k - 1]] > longest or _turned(course, rows[begin], rows[k])
+        ends = (
+            k == len(rows)
+            or time[rows[k]] - time[rows[k - 1]] > longest
+            or _turned(course, rows[begin], rows[k])
+        )
         if ends:
             found.append(rows[begin:k])
             begin = k
@@ -117,7 +151,8 @@ def _passes(columns: Mapping[str, npt.NDArray[Any]], time: Array, step: float) -
 
 
 def _turned(course: Array, began: int, now: int) -> bool:
-    return bool(abs((course[now] - course[began] + 180.0) % 360.0 - 180.0) > TURN_DEG)      # NaN: not known to be
+    # NaN: not known to be
+    return bool(abs((course[now] - course[began] + 180.0) % 360.0 - 180.0) > TURN_DEG)
 
 
 def _course(columns: Mapping[str, npt.NDArray[Any]], time: Array) -> Array:
@@ -130,13 +165,18 @@ def _course(columns: Mapping[str, npt.NDArray[Any]], time: Array) -> Array:
         return np.full(len(time), np.nan)
     lat, lon = np.asarray(lat, np.float64), np.asarray(lon, np.float64)
     first = int(np.flatnonzero(np.isfinite(lat))[0])
-    way = np.gradient(TangentPlane(float(lat[first]), float(lon[first])).many_to_m(lat, lon), axis=0)
+    way = np.gradient(
+        TangentPlane(float(lat[first]), float(lon[first])).many_to_m(lat, lon), axis=0
+    )
     return np.where(np.hypot(*way.T) > 0.0, np.degrees(np.arctan2(way[:, 0], way[:, 1])), np.nan)
 
 
-def _fitted(columns: Mapping[str, npt.NDArray[Any]], time: Array, rows: npt.NDArray[np.int64], lags: Array
-            ) -> _RatePass | None:
-    at, target, applied = (np.asarray(columns[name], np.float64)[rows] for name in ("time_s", TARGET, APPLIED))
+def _fitted(
+    columns: Mapping[str, npt.NDArray[Any]], time: Array, rows: npt.NDArray[np.int64], lags: Array
+) -> _RatePass | None:
+    at, target, applied = (
+        np.asarray(columns[name], np.float64)[rows] for name in ("time_s", TARGET, APPLIED)
+    )
     asked = (at >= at[0] + MAX_LAG_S) & (at <= at[-1] - MAX_LAG_S)
     if asked.sum() < MIN_ROWS or not (target > 0.0).any():
         return None
@@ -152,16 +192,30 @@ def _fitted(columns: Mapping[str, npt.NDArray[Any]], time: Array, rows: npt.NDAr
     speed = columns.get("speed_mps")
     mps = float("nan") if speed is None else float(np.nanmean(np.asarray(speed, np.float64)[rows]))
     mean = float(np.mean(target))
-    products = (float(left @ left) + 1e-12, float(left[1:] @ left[:-1]), float(left[2:] @ left[:-2]))
-    return _RatePass(float(at[0]), float(at[-1]), np.maximum(sums, 1e-9 * float(y @ y) + 1e-12), gains, weight, len(y),
-                     products, float(np.std(target[asked])) > MIN_CHANGE * mean, mps)
+    products = (
+        float(left @ left) + 1e-12,
+        float(left[1:] @ left[:-1]),
+        float(left[2:] @ left[:-2]),
+    )
+    return _RatePass(
+        float(at[0]),
+        float(at[-1]),
+        np.maximum(sums, 1e-9 * float(y @ y) + 1e-12),
+        gains,
+        weight,
+        len(y),
+        products,
+        float(np.std(target[asked])) > MIN_CHANGE * mean,
+        mps,
+    )
 
 
 def _independent(passes: list[_RatePass]) -> float:
     """Independent rows for each row: of all passes at once, for they share one machine.
 
-    What is left is a first-order process and white noise, which is also what the target's steps leave between rows:
-    correlations c1, c1 r, c1 r^2 ... from row to row, each short by (1 + 3 c) / n in a series of n [3]_.
+    What is left is a first-order process and white noise, which is also what the target's steps
+    leave between rows: correlations c1, c1 r, c1 r^2 ... from row to row, each short by (1 + 3
+    c) / n in a series of n [3]_.
     """
     rows = sum(one.rows for one in passes)
     own, next_row, over_next = (sum(one.products[k] for one in passes) for k in range(3))
@@ -177,13 +231,26 @@ def _fit(number: int | None, passes: list[_RatePass], lags: Array, row_s: float)
     together = sum((one.sums for one in passes), np.zeros(len(lags)))
     drop = independent * sum(one.rows for one in passes) * np.log(together)
     best = int(np.argmin(drop))
-    lag = _lag(drop, best, lags, row_s) if any(one.changes for one in passes) else Size(None, None, None, "s")
+    lag = (
+        _lag(drop, best, lags, row_s)
+        if any(one.changes for one in passes)
+        else Size(None, None, None, "s")
+    )
     at = best if lag.value is not None else int(np.argmin(np.abs(lags)))
     value, half, differ = _gain(passes, at, independent)
     mps = float(np.mean([one.speed_mps for one in passes]))
     place = None if lag.value is None or not np.isfinite(mps) else lag.value * mps
-    return RateFit(number, len(passes), min(one.begin_s for one in passes), max(one.end_s for one in passes),
-                   sum(one.rows for one in passes), lag, Size(value, value - half, value + half, ""), place, differ)
+    return RateFit(
+        number,
+        len(passes),
+        min(one.begin_s for one in passes),
+        max(one.end_s for one in passes),
+        sum(one.rows for one in passes),
+        lag,
+        Size(value, value - half, value + half, ""),
+        place,
+        differ,
+    )
 
 
 def _lag(drop: Array, best: int, lags: Array, row_s: float) -> Size:
@@ -196,20 +263,26 @@ def _lag(drop: Array, best: int, lags: Array, row_s: float) -> Size:
     def crossing(a: int, b: int) -> float:
         share = (DROP_90 - (drop[a] - drop[best])) / (drop[b] - drop[a])
         return float(lags[a] + share * (lags[b] - lags[a]))
+
     low, high = crossing(first, first - 1), crossing(last, last + 1)
     bend = drop[best - 1] - 2.0 * drop[best] + drop[best + 1]
-    value = float(lags[best] + 0.5 * LAG_STEP_S * (drop[best - 1] - drop[best + 1]) / bend) if bend > 0.0 else float(
-        lags[best])
+    value = (
+        float(lags[best] + 0.5 * LAG_STEP_S * (drop[best - 1] - drop[best + 1]) / bend)
+        if bend > 0.0
+        else float(lags[best])
+    )
     below, above = (float(np.hypot(side, Z90 * row_s)) for side in (value - low, high - value))
     return Size(value, value - below, value + above, "s")
 
 
 def _gain(passes: list[_RatePass], at: int, independent: float) -> tuple[float, float, bool]:
-    """Weighted mean, half of its 90 % interval, and whether the passes differ: then the interval holds that too
-    (Birge, The calculation of errors by the method of least squares, Physical Review 40, 1932)."""
+    """Weighted mean, half of its 90 % interval, and whether the passes differ: then the
+    interval holds that too (Birge, The calculation of errors by the method of least squares,
+    Physical Review 40, 1932)."""
     gains = np.array([one.gains[at] for one in passes])
     free_rows = max(1.0, independent * sum(one.rows for one in passes) - len(passes))
-    noise = sum(one.sums[at] for one in passes) / free_rows          # squared, for rows that were independent
+    # squared, for rows that were independent
+    noise = sum(one.sums[at] for one in passes) / free_rows
     share = np.array([one.weight[at] for one in passes]) / noise
     mean = float(share @ gains / share.sum())
     spread = float(share @ (gains - mean) ** 2)
@@ -218,4 +291,3 @@ def _gain(passes: list[_RatePass], at: int, independent: float) -> tuple[float, 
     widened = max(1.0, spread / free) if differ else 1.0
     sides = float(stdtrit(free_rows, 0.95))
     return mean, sides * float(np.sqrt(widened / share.sum())), differ
-

@@ -1,4 +1,6 @@
-"""What was judged, in the words of the published result: channels, causes, what the log could not show, verdict."""
+"""What was judged, in the words of the published result: channels, causes, what the log could
+not show, verdict."""
+
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
@@ -62,15 +64,22 @@ from .stages import RunData, run_data
 from .terms import FittedTerm, marginal, means_along
 
 Array = npt.NDArray[np.float64]
-WINDOW_S = 10.0             # flow is read off the scale over windows of this length
-RISE_KG = 1.0               # over one: a refill; on the nominal machine
-PLAINEST = {                # of each channel: the error that every log of it should show, a factor or an offset
-    "shaft": SHAFT_GAIN.id, "gate": GATE_OFFSET.id, "flow": FLOW_GAIN.id, "speed": SPEED_WHEEL_RADIUS.id,
-    "heads": CANOPY_HEAD_FOULED.id}
+# flow is read off the scale over windows of this length
+WINDOW_S = 10.0
+RISE_KG = 1.0  # over one: a refill; on the nominal machine
+# of each channel: the error that every log of it should show, a factor or an offset
+PLAINEST = {
+    "shaft": SHAFT_GAIN.id,
+    "gate": GATE_OFFSET.id,
+    "flow": FLOW_GAIN.id,
+    "speed": SPEED_WHEEL_RADIUS.id,
+    "heads": CANOPY_HEAD_FOULED.id,
+}
 
 
 def next_run(causes: Sequence[Cause], machine: Machine) -> NextRun | None:
-    """The shortest manoeuvre that separates the worst pair of rivals; the effect's own experiment where none does."""
+    """The shortest manoeuvre that separates the worst pair of rivals; the effect's own
+    experiment where none does."""
     doubtful = [c for c in causes if c.rivals]
     if not doubtful:
         return None
@@ -78,8 +87,14 @@ def next_run(causes: Sequence[Cause], machine: Machine) -> NextRun | None:
     rival = cause.rivals[0].id
     value = cause.size.value or ROWS[cause.id].probe or 1.0
     every = manoeuvres(machine)
-    apart = np.array([[separation(one, machine, EffectInstance(cause.id, value, None, cause.member), rival)
-                       for one in every]])
+    apart = np.array(
+        [
+            [
+                separation(one, machine, EffectInstance(cause.id, value, None, cause.member), rival)
+                for one in every
+            ]
+        ]
+    )
     best = chosen(apart, [one.minutes for one in every], APART_SD, 1).tests
     why = f"this data cannot tell {cause.id} from {', '.join(r.id for r in cause.rivals)}"
     if not best:
@@ -88,8 +103,11 @@ def next_run(causes: Sequence[Cause], machine: Machine) -> NextRun | None:
     return NextRun(why, run.plan, run.id, run.minutes, run.steps)
 
 
-def separation(manoeuvre: Experiment[Columns], machine: Machine, part: EffectInstance, rival_id: str) -> float:
-    """What is left of an effect's trace, in standard deviations, once its rival is fitted to the manoeuvre's log."""
+def separation(
+    manoeuvre: Experiment[Columns], machine: Machine, part: EffectInstance, rival_id: str
+) -> float:
+    """What is left of an effect's trace, in standard deviations, once its rival is fitted to
+    the manoeuvre's log."""
     log = gate(manoeuvre.reads(machine))
     data = run_data(log, machine)
     seen = channels(data, machine)
@@ -101,15 +119,20 @@ def separation(manoeuvre: Experiment[Columns], machine: Machine, part: EffectIns
     wanted = [c for c in search.candidates if c.part.id in (part.id, rival_id)]
     if {c.part.id for c in wanted} != {part.id, rival_id}:
         return 0.0
-    own = min((c for c in wanted if c.part.id == part.id), key=lambda c: abs(c.part.size - part.size))
+    own = min(
+        (c for c in wanted if c.part.id == part.id), key=lambda c: abs(c.part.size - part.size)
+    )
     other = next(c for c in wanted if c.part.id == rival_id)
-    p, before = search.columns.compressed((), [search.columns.of_candidate((), c.part) for c in (other, own)])
+    p, before = search.columns.compressed(
+        (), [search.columns.of_candidate((), c.part) for c in (other, own)]
+    )
     left = projected(p, np.arange(before + 1), search.model.noise).A[-1, -1]
     return float(abs(part.size) * np.sqrt(max(0.0, left)))
 
 
 def channel_rows(one: GroupResult, data: RunData) -> list[Channel]:
-    """Channels of one group in the result's words; the scale's reading gives both flow and scale."""
+    """Channels of one group in the result's words; the scale's reading gives both flow and
+    scale."""
     left = one.search.model.residual(())
     found: list[Channel] = []
     for channel in one.search.model.channels:
@@ -118,38 +141,76 @@ def channel_rows(one: GroupResult, data: RunData) -> list[Channel]:
         floor = float(np.hypot(noise.fast_sd, channel.prior.floor_sd))
         p = one.p_nothing
         if channel.name == "scale":
-            found.append(_flow(channel.grid.even_s, measured, residual, noise.fast_sd, p, data,
-                               of_nominal(one.search.model.machine, HOPPER) * RISE_KG))
+            found.append(
+                _flow(
+                    channel.grid.even_s,
+                    measured,
+                    residual,
+                    noise.fast_sd,
+                    p,
+                    data,
+                    of_nominal(one.search.model.machine, HOPPER) * RISE_KG,
+                )
+            )
             residual = residual - np.median(residual[:10])
         spread = float(np.var(measured))
-        found.append(Channel(channel.name, channel.unit, len(residual), float(residual.mean()),
-                             float(np.sqrt(np.mean(residual ** 2))), floor,
-                             float(1.0 - np.var(residual) / spread) if spread > 0.0 else 0.0, p))
+        found.append(
+            Channel(
+                channel.name,
+                channel.unit,
+                len(residual),
+                float(residual.mean()),
+                float(np.sqrt(np.mean(residual**2))),
+                floor,
+                float(1.0 - np.var(residual) / spread) if spread > 0.0 else 0.0,
+                p,
+            )
+        )
     return found
 
 
-def _flow(time_s: Array, reading: Array, residual: Array, noise_kg: float, p: float, data: RunData,
-          rise_kg: float) -> Channel:
+def _flow(
+    time_s: Array,
+    reading: Array,
+    residual: Array,
+    noise_kg: float,
+    p: float,
+    data: RunData,
+    rise_kg: float,
+) -> Channel:
     """Flow read off the scale's decrements over WINDOW_S of working time."""
     step = float(time_s[1] - time_s[0])
     hop = max(1, int(round(WINDOW_S / step)))
     working = np.interp(time_s, data.time_s, data.working)
     level = np.arange(0, len(reading) - hop, hop)
-    on = np.array([working[k:k + hop].mean() > 0.8 and reading[k + hop] - reading[k] < rise_kg for k in level], bool)
+    on = np.array(
+        [
+            working[k : k + hop].mean() > 0.8 and reading[k + hop] - reading[k] < rise_kg
+            for k in level
+        ],
+        bool,
+    )
     if not on.any():
         return Channel("flow", "kg/s", 0, 0.0, 0.0, 0.0, 0.0, p)
     span_s = hop * step
     measured = -(reading[level + hop] - reading[level])[on] / span_s
     wrong = -(residual[level + hop] - residual[level])[on] / span_s
     spread = float(np.var(measured))
-    return Channel("flow", "kg/s", len(measured), float(wrong.mean()), float(np.sqrt(np.mean(wrong ** 2))),
-                   float(np.sqrt(2.0) * noise_kg / span_s),
-                   float(1.0 - np.var(wrong) / spread) if spread > 0.0 else 0.0, p)
+    return Channel(
+        "flow",
+        "kg/s",
+        len(measured),
+        float(wrong.mean()),
+        float(np.sqrt(np.mean(wrong**2))),
+        float(np.sqrt(2.0) * noise_kg / span_s),
+        float(1.0 - np.var(wrong) / spread) if spread > 0.0 else 0.0,
+        p,
+    )
 
 
 class _Open(NamedTuple):
-    """A group's candidates that were not named, (k,), and what the log tells of the size of each: 1 over its variance
-    (k,)."""
+    """A group's candidates that were not named, (k,), and what the log tells of the size of
+    each: 1 over its variance (k,)."""
 
     search: Search
     candidates: list[Candidate]
@@ -160,8 +221,12 @@ def _open(one: GroupResult) -> _Open:
     search, now = one.search, one.found
     named = {p.id for p in now.parts}
     kept = [c for c in search.candidates if c.part.id not in named]
-    p, before = search.columns.compressed(now.parts, [search.columns.of_candidate(now.parts, c.part) for c in kept])
-    return _Open(search, kept, np.diag(projected(p, np.arange(before), now.noise).A)[before:].tolist())
+    p, before = search.columns.compressed(
+        now.parts, [search.columns.of_candidate(now.parts, c.part) for c in kept]
+    )
+    return _Open(
+        search, kept, np.diag(projected(p, np.arange(before), now.noise).A)[before:].tolist()
+    )
 
 
 def _not_shown(left: _Open) -> list[NotShown]:
@@ -176,15 +241,22 @@ def _not_shown(left: _Open) -> list[NotShown]:
     for effect_id in dict.fromkeys(c.part.id for c in left.candidates):
         machine, size = search.model.machine, best.get(effect_id, np.inf)
         most = max(map(abs, bounds(effect_id, machine)))
-        found.append(NotShown(effect_id, Detectable(size if size <= most else None, unit_of(effect_id, machine))))
+        found.append(
+            NotShown(
+                effect_id, Detectable(size if size <= most else None, unit_of(effect_id, machine))
+            )
+        )
     return found
 
 
 def _hardly_known(left: _Open) -> list[str]:
-    """Effects of PLAINEST of whose size the log tells less than was believed before (`usual`): that nothing of it is
-    seen is then the prior's word, not the log's."""
-    return [c.part.id for c, known in zip(left.candidates, left.information, strict=True)
-            if c.part.id in PLAINEST.values() and known * c.usual ** 2 < 1.0]
+    """Effects of PLAINEST of whose size the log tells less than was believed before (`usual`):
+    that nothing of it is seen is then the prior's word, not the log's."""
+    return [
+        c.part.id
+        for c, known in zip(left.candidates, left.information, strict=True)
+        if c.part.id in PLAINEST.values() and known * c.usual**2 < 1.0
+    ]
 
 
 def _detectable(candidate: Candidate, information: float, machine: Machine, odds: float) -> float:
@@ -192,15 +264,24 @@ def _detectable(candidate: Candidate, information: float, machine: Machine, odds
     part, row = candidate.part, ROWS[candidate.part.id]
     if CATALOGUE[part.id].effect.onset_only or information <= 0.0:
         return np.inf
-    size = smallest_said(candidate.usual, 1.0 / (1.0 / information + hidden_within(part.id, machine) ** 2), odds)
+    size = smallest_said(
+        candidate.usual, 1.0 / (1.0 / information + hidden_within(part.id, machine) ** 2), odds
+    )
     if row.threshold:
         size = abs(part.size) if size <= abs(part.size) else np.inf
     return np.inf if row.trial_sizes and size > abs(part.size) * 2.0 else size
 
 
-def report(data: RunData, machine: Machine, judged: Sequence[GroupResult], read_off: Sequence[ReadOff], path: str,
-           findings: tuple[str, ...]) -> Diagnosis:
-    """The published result. read_off : effects that were taken out of the data before the search."""
+def report(
+    data: RunData,
+    machine: Machine,
+    judged: Sequence[GroupResult],
+    read_off: Sequence[ReadOff],
+    path: str,
+    findings: tuple[str, ...],
+) -> Diagnosis:
+    """The published result. read_off : effects that were taken out of the data before the
+    search."""
     rows = [row for one in judged for row in channel_rows(one, data)]
     gains: list[Gain] = []
     causes: list[Cause] = []
@@ -209,11 +290,25 @@ def report(data: RunData, machine: Machine, judged: Sequence[GroupResult], read_
         rest = remains(one, {name for each in read_off for name in ROWS[each.part.id].channels})
         doubt = mistaken_unit(data.shaft, machine) if "shaft" in one.search.model.names else 0.0
         varies = spread_of_sizes(one)
-        named = [_cause(one, k, float(np.hypot(sd, varies.get(k, 0.0))), machine, data,
-                        max(unknown_share(one, k, rest), doubt * is_steady(part),
-                            mistaken_row(part, sd, data, machine)))
-                 for k, (part, sd) in enumerate(zip(one.found.parts, one.found.sd, strict=True))]
-        findings = (*findings, *rows_doubted(tuple(zip(one.found.parts, one.found.sd, strict=True)), data, machine))
+        named = [
+            _cause(
+                one,
+                k,
+                float(np.hypot(sd, varies.get(k, 0.0))),
+                machine,
+                data,
+                max(
+                    unknown_share(one, k, rest),
+                    doubt * is_steady(part),
+                    mistaken_row(part, sd, data, machine),
+                ),
+            )
+            for k, (part, sd) in enumerate(zip(one.found.parts, one.found.sd, strict=True))
+        ]
+        findings = (
+            *findings,
+            *rows_doubted(tuple(zip(one.found.parts, one.found.sd, strict=True)), data, machine),
+        )
         named = [cause for cause in named if cause.probability > LISTED or not rest]
         causes += named
         unexplained += _unexplained(one, rest, rows, bool(named))
@@ -222,28 +317,66 @@ def report(data: RunData, machine: Machine, judged: Sequence[GroupResult], read_
     terms = [(group, found) for group in judged for found in group.terms]
     tables = [table for one in judged for table in _tables(one, data)]
     left = [_open(one) for one in judged]
-    absent = [one for each in left for one in _not_shown(each) if one.id not in {r.part.id for r in read_off}]
+    absent = [
+        one
+        for each in left
+        for one in _not_shown(each)
+        if one.id not in {r.part.id for r in read_off}
+    ]
     hardly = {effect_id for each in left for effect_id in _hardly_known(each)}
     open_ = [row.channel for row in rows if PLAINEST.get(row.channel) in hardly]
     verdict = _verdict([row for row in rows if row.channel not in open_], causes, unexplained)
-    findings = (*findings, *(sentence for name in open_ if (sentence := _cannot_tell(
-        name, absent, {c.id for c in causes}, {one.channel for one in unexplained}))))
-    findings = (*findings, *(sentence for one in judged for sentence in (
-        *_answers(one), *louder(one, {each.channel for each in unexplained}))))
-    excited = {word: (float(np.percentile(series, 1.0)), float(np.percentile(series, 99.0)))
-               for word, series in data.variables.items()}
+    findings = (
+        *findings,
+        *(
+            sentence
+            for name in open_
+            if (
+                sentence := _cannot_tell(
+                    name, absent, {c.id for c in causes}, {one.channel for one in unexplained}
+                )
+            )
+        ),
+    )
+    findings = (
+        *findings,
+        *(
+            sentence
+            for one in judged
+            for sentence in (*_answers(one), *louder(one, {each.channel for each in unexplained}))
+        ),
+    )
+    excited = {
+        word: (float(np.percentile(series, 1.0)), float(np.percentile(series, 99.0)))
+        for word, series in data.variables.items()
+    }
     return Diagnosis(
-        data=Data(path, "run", data.rows, data.duration_s, machine.id, machine.stages), channels=tuple(rows),
+        data=Data(path, "run", data.rows, data.duration_s, machine.id, machine.stages),
+        channels=tuple(rows),
         verdict=verdict,
         causes=tuple(sorted(causes, key=lambda cause: consequence(cause.field_cost), reverse=True)),
-        not_shown=(*absent, *_never_shown({c.id for c in causes} | {a.id for a in absent}, machine,
-                                              {one.name for one in data.efforts})),
-        unexplained=tuple(unexplained), next_run=next_run(causes, machine) if verdict == "ambiguous" else None,
-        gain=tuple(gains), extended_machine=None, findings=findings,
-        tables=tuple(tables), excited=excited, terms=_apart([_term(group, found, data) for group, found in terms]))
+        not_shown=(
+            *absent,
+            *_never_shown(
+                {c.id for c in causes} | {a.id for a in absent},
+                machine,
+                {one.name for one in data.efforts},
+            ),
+        ),
+        unexplained=tuple(unexplained),
+        next_run=next_run(causes, machine) if verdict == "ambiguous" else None,
+        gain=tuple(gains),
+        extended_machine=None,
+        findings=findings,
+        tables=tuple(tables),
+        excited=excited,
+        terms=_apart([_term(group, found, data) for group, found in terms]),
+    )
 
 
-def _verdict(rows: Sequence[Channel], causes: Sequence[Cause], unexplained: Sequence[Unexplained]) -> Verdict:
+def _verdict(
+    rows: Sequence[Channel], causes: Sequence[Cause], unexplained: Sequence[Unexplained]
+) -> Verdict:
     if unexplained:
         return "unexplained"
     if any(c.rivals for c in causes):
@@ -263,14 +396,22 @@ def _answers(one: GroupResult) -> list[str]:
         return []
     answer = swing(shaft)
     if answer.overshoot_percent > 0.0:
-        how = (f"overshoots by {answer.overshoot_percent:.2g} %, swings with a period of {answer.period_s:.2g} s and "
-               f"settles with a time constant of {answer.lags_s[0]:.2g} s")
+        how = (
+            f"overshoots by {answer.overshoot_percent:.2g} %, swings with a period of "
+            f"{answer.period_s:.2g} s and "
+            f"settles with a time constant of {answer.lags_s[0]:.2g} s"
+        )
     else:
-        how = f"does not overshoot: two time constants, {answer.lags_s[0]:.2g} and {answer.lags_s[1]:.2g} s"
+        how = (
+            f"does not overshoot: two time constants, {answer.lags_s[0]:.2g} and "
+            f"{answer.lags_s[1]:.2g} s"
+        )
     return [f"{SHAFT_SECOND_ORDER.id}: a step of the command {how}"]
 
 
-def _cannot_tell(channel: str, absent: Sequence[NotShown], named: Collection[str], unexplained: Collection[str]) -> str:
+def _cannot_tell(
+    channel: str, absent: Sequence[NotShown], named: Collection[str], unexplained: Collection[str]
+) -> str:
     """What a log cannot tell of a channel, where nothing was found there."""
     said = any(ROWS[name].channels[:1] == (channel,) and ROWS[name].scanned for name in named)
     if channel in unexplained or said:
@@ -278,48 +419,98 @@ def _cannot_tell(channel: str, absent: Sequence[NotShown], named: Collection[str
     one = next(one for one in absent if one.id == PLAINEST[channel])
     size = one.smallest_detectable
     least = "at any size" if size.value is None else f"below {size.value:.2g} {size.unit}"
-    return (f"{channel}: this log is too short, or moves too little, to say that nothing is wrong: {one.id} {least} "
-            "would not show")
+    return (
+        f"{channel}: this log is too short, or moves too little, to say that nothing is "
+        f"wrong: {one.id} {least} "
+        "would not show"
+    )
 
 
 def _never_shown(there: set[str], machine: Machine, shown: Collection[str]) -> list[NotShown]:
-    """Effects that this log could not show at any size; of effort, where a drive of this log does."""
-    return [NotShown(effect_id, Detectable(None, unit_of(effect_id, machine)))
-            for effect_id, entry in CATALOGUE.items() if effect_id not in there and (
-                ROWS[effect_id].channels[0] in shown if entry.stage == "effort" else machine.has(entry.stage))]
+    """Effects that this log could not show at any size; of effort, where a drive of this log
+    does."""
+    return [
+        NotShown(effect_id, Detectable(None, unit_of(effect_id, machine)))
+        for effect_id, entry in CATALOGUE.items()
+        if effect_id not in there
+        and (
+            ROWS[effect_id].channels[0] in shown
+            if entry.stage == "effort"
+            else machine.has(entry.stage)
+        )
+    ]
 
 
-def _unexplained(one: GroupResult, rest: Sequence[Remains], rows: Sequence[Channel], named: bool) -> list[Unexplained]:
-    """What of a group is not noise and has no name: its smooth dependence, else what its channels have left."""
+def _unexplained(
+    one: GroupResult, rest: Sequence[Remains], rows: Sequence[Channel], named: bool
+) -> list[Unexplained]:
+    """What of a group is not noise and has no name: its smooth dependence, else what its
+    channels have left."""
     by_name = {row.channel: row for row in rows}
     if one.terms:
-        return [Unexplained(term.stage, variable, term.explained_share, by_name[term.stage].rmse,
-                            by_name[term.stage].noise_floor, by_name[term.stage].unit, term.field_percent)
-                for term in one.terms for variable in term.tried.over]
+        return [
+            Unexplained(
+                term.stage,
+                variable,
+                term.explained_share,
+                by_name[term.stage].rmse,
+                by_name[term.stage].noise_floor,
+                by_name[term.stage].unit,
+                term.field_percent,
+            )
+            for term in one.terms
+            for variable in term.tried.over
+        ]
     if named:
-        return []                       # the names are then suspected instead
+        return []  # the names are then suspected instead
     prior = {c.name: c.prior.fast_sd for c in one.search.model.channels}
-    return [Unexplained(r.channel, r.variable, max(0.0, 1.0 - (c.noise_floor / max(c.rmse, 1e-300)) ** 2), c.rmse,
-                        prior[r.channel] if r.why == "loud" else c.noise_floor, c.unit, None, r.hint, None, r.period_s)
-            for r in rest for c in (by_name[r.channel],)]
+    return [
+        Unexplained(
+            r.channel,
+            r.variable,
+            max(0.0, 1.0 - (c.noise_floor / max(c.rmse, 1e-300)) ** 2),
+            c.rmse,
+            prior[r.channel] if r.why == "loud" else c.noise_floor,
+            c.unit,
+            None,
+            r.hint,
+            None,
+            r.period_s,
+        )
+        for r in rest
+        for c in (by_name[r.channel],)
+    ]
 
 
 def _tables(one: GroupResult, data: RunData) -> list[TableFit]:
-    """Smooth dependences, one for each entry of `_unexplained`: the search's own, or how each variable's term runs."""
-    return [TableFit(term.stage, variable, *marginal(term.term, variable, data))
-            for term in one.terms for variable in term.tried.over]
+    """Smooth dependences, one for each entry of `_unexplained`: the search's own, or how each
+    variable's term runs."""
+    return [
+        TableFit(term.stage, variable, *marginal(term.term, variable, data))
+        for term in one.terms
+        for variable in term.tried.over
+    ]
 
 
 def _term(group: GroupResult, found: FittedTerm, data: RunData) -> TermFound:
     search, now = group.search, group.found
     gain = None if found.tried.kind.one_run else found.held_out
     plain = found.term.model_copy(update={"held_out_gain": gain}).model_dump(mode="json")
-    return TermFound(plain, found.stage, found.term.unit, found.explained_share, found.field_percent, found.gain, gain,
-                     means_along(search, now, found, data))
+    return TermFound(
+        plain,
+        found.stage,
+        found.term.unit,
+        found.explained_share,
+        found.field_percent,
+        found.gain,
+        gain,
+        means_along(search, now, found, data),
+    )
 
 
 def _apart(terms: Sequence[TermFound]) -> tuple[TermFound, ...]:
-    """Terms of the same form over the same variable, each with an id of its own, as a machine file has them."""
+    """Terms of the same form over the same variable, each with an id of its own, as a machine
+    file has them."""
     found: list[TermFound] = []
     for one in terms:
         name = free_id(one.term["id"], [other.term["id"] for other in found])
@@ -331,24 +522,51 @@ def _read_off_cause(seen: ReadOff, machine: Machine, data: RunData) -> Cause:
     effect = CATALOGUE[seen.part.id].effect
     low, high = max(0.0, seen.part.size - Z90 * seen.sd), seen.part.size + Z90 * seen.sd
     size = Size(seen.part.size, low, high, unit_of(seen.part.id, machine))
-    return Cause(seen.part.id, size, seen.part.onset_s, float(expit(seen.log_odds)), (), None, effect.advice,
-                 field_cost(seen.part, machine, data))
+    return Cause(
+        seen.part.id,
+        size,
+        seen.part.onset_s,
+        float(expit(seen.log_odds)),
+        (),
+        None,
+        effect.advice,
+        field_cost(seen.part, machine, data),
+    )
 
 
-def _cause(one: GroupResult, k: int, sd: float, machine: Machine, data: RunData, left: float) -> Cause:
-    """sd : of the part's size. left : probability that the name is something else altogether, by what the whole model
-    leaves."""
+def _cause(
+    one: GroupResult, k: int, sd: float, machine: Machine, data: RunData, left: float
+) -> Cause:
+    """sd : of the part's size. left : probability that the name is something else altogether,
+    by what the whole model leaves."""
     part, place = one.found.parts[k], one.places[k]
     entry = CATALOGUE[part.id]
     unit = unit_of(part.id, machine)
     if entry.effect.onset_only:
         size = Size(part.onset_s, *stop_interval(one.search.model, part), unit)
     else:
-        sd = float(np.sqrt(sd ** 2 + tolerance_of(part.id, machine) ** 2 + looked_for_to(part.id, machine) ** 2))
+        sd = float(
+            np.sqrt(
+                sd**2 + tolerance_of(part.id, machine) ** 2 + looked_for_to(part.id, machine) ** 2
+            )
+        )
         low, high = part.size - Z90 * sd, part.size + Z90 * sd
         size = Size(part.size, low, high, unit)
     known = place.posterior(left)
-    instead = [*((r.part.id, p) for r, p in zip(place.rivals, known.rivals, strict=True)), (UNKNOWN, known.unknown)]
+    instead = [
+        *((r.part.id, p) for r, p in zip(place.rivals, known.rivals, strict=True)),
+        (UNKNOWN, known.unknown),
+    ]
     rivals = tuple(Rival(name, p) for name, p in instead if p > LISTED and known.part < NAMED)
-    return Cause(part.id, size, part.onset_s, known.part, rivals, part.member, entry.effect.advice,
-                 field_cost(part, machine, data), until_s=part.until_s, grows=part.grows)
+    return Cause(
+        part.id,
+        size,
+        part.onset_s,
+        known.part,
+        rivals,
+        part.member,
+        entry.effect.advice,
+        field_cost(part, machine, data),
+        until_s=part.until_s,
+        grows=part.grows,
+    )

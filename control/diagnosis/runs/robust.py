@@ -1,9 +1,11 @@
 """Heavy-tailed noise made to count as a robust fit would count it.
 
-The pseudo-values of an M-estimate: with psi the score of Student's t, least squares on (fit + psi / mean slope of psi)
-has the M-estimate for its answer and its variance for its noise (Huber & Ronchetti 2009, Robust Statistics, 7.8). Only
-what lies off the local median is reshaped, so that a structure of many samples stays as it is.
+The pseudo-values of an M-estimate: with psi the score of Student's t, least squares on (fit +
+psi / mean slope of psi) has the M-estimate for its answer and its variance for its noise (Huber
+& Ronchetti 2009, Robust Statistics, 7.8). Only what lies off the local median is reshaped, so
+that a structure of many samples stays as it is.
 """
+
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -24,21 +26,27 @@ from .stages import RunData
 Array = npt.NDArray[np.float64]
 
 # The pseudo-values (`tail_excess`).
-FREEDOM = 3.0               # degrees of freedom of Student's t
-MEDIAN_TO_SCALE = 0.7649    # median of the absolute value of t with three degrees of freedom
-LOCAL = 15                  # samples of the local median
-SLOW = 201                  # samples: slower waves are not the memory of the fast noise
-WORTH = 1.2                 # ratio of variances from which on tails are treated at all
-MIN_SAMPLES = 400           # samples: fewer say nothing about tails
+FREEDOM = 3.0  # degrees of freedom of Student's t
+# median of the absolute value of t with three degrees of freedom
+MEDIAN_TO_SCALE = 0.7649
+LOCAL = 15  # samples of the local median
+# samples: slower waves are not the memory of the fast noise
+SLOW = 201
+# ratio of variances from which on tails are treated at all
+WORTH = 1.2
+MIN_SAMPLES = 400  # samples: fewer say nothing about tails
 
 # What is a tail at all (`draw_in`).
-OUTLIER_SD = 4.5            # a lone reading further off than this is drawn in to it
-NEIGHBOUR = 0.7                # of OUTLIER_SD: with a neighbour that far off a reading is not alone
-ANSWERED_S = 2.0            # after a command, a drive has answered it
+# a lone reading further off than this is drawn in to it
+OUTLIER_SD = 4.5
+# of OUTLIER_SD: with a neighbour that far off a reading is not alone
+NEIGHBOUR = 0.7
+ANSWERED_S = 2.0  # after a command, a drive has answered it
 
 
 def tail_excess(left: Array, free: npt.NDArray[np.bool_]) -> Array:
-    """What to take off a residual (m,) for its tails to count no more than they should; zeros where they are not heavy.
+    """What to take off a residual (m,) for its tails to count no more than they should; zeros
+    where they are not heavy.
 
     free : samples that may be changed (m,); the others keep their values.
     """
@@ -52,7 +60,7 @@ def tail_excess(left: Array, free: npt.NDArray[np.bool_]) -> Array:
     scale = float(np.median(np.abs(fresh[free]))) / MEDIAN_TO_SCALE
     if scale <= 0.0:
         return nothing
-    square, far = fresh ** 2, FREEDOM * scale ** 2
+    square, far = fresh**2, FREEDOM * scale**2
     score = (FREEDOM + 1.0) * fresh / (far + square)
     slope = float(np.mean(((FREEDOM + 1.0) * (far - square) / (far + square) ** 2)[free]))
     if slope <= 0.0:
@@ -70,19 +78,26 @@ def _memory(left: Array, free: npt.NDArray[np.bool_]) -> float:
     calm = np.clip(fast, -reach, reach)
     both = free[1:] & free[:-1]
     total = float(np.sum(calm[1:][both] ** 2))
-    return float(np.clip(np.sum(calm[1:][both] * calm[:-1][both]) / total, 0.0, 0.95)) if total > 0.0 else 0.0
+    return (
+        float(np.clip(np.sum(calm[1:][both] * calm[:-1][both]) / total, 0.0, 0.95))
+        if total > 0.0
+        else 0.0
+    )
 
 
 def draw_in(columns: Columns, parts: Hypothesis, more: Sequence[Column]) -> None:
-    """Lone readings far off the richest fit are drawn in; steady or repeated deviations are left as they are.
+    """Lone readings far off the richest fit are drawn in; steady or repeated deviations are
+    left as they are.
 
-    more : columns of what might be there along with `parts`, each with the spread that its size may have; what they
-    explain is no outlier.
+    more : columns of what might be there along with `parts`, each with the spread that its size
+    may have; what they explain is no outlier.
     """
     model = columns.model
     every = [*columns.of_hypothesis(parts), *more]
     left = model.residual(parts)
-    data = {c.name: coefficients(left[c.name] + model.drawn_in[c.name], c.cut) for c in model.channels}
+    data = {
+        c.name: coefficients(left[c.name] + model.drawn_in[c.name], c.cut) for c in model.channels
+    }
     sizes = problem(model.channels, data, every).sizes(np.arange(len(every)), model.noise)
     rest = taken_off(data, every, sizes.b)
     for channel in model.channels:
@@ -113,8 +128,11 @@ def _at_ease(channel: ChannelSeries, data: RunData) -> npt.NDArray[np.bool_]:
     free = np.full(len(channel.measured), channel.name != "scale")
     drive = {"shaft": data.shaft, "gate": data.gate}.get(channel.name)
     if drive is not None:
-        changes = np.concatenate(([-np.inf], drive.time_s[1:][np.diff(drive.command) != 0.0], [np.inf]))
+        changes = np.concatenate(
+            ([-np.inf], drive.time_s[1:][np.diff(drive.command) != 0.0], [np.inf])
+        )
         after = np.searchsorted(changes, channel.grid.even_s, side="right")
         free &= (channel.grid.even_s - changes[after - 1] > ANSWERED_S) & (
-            changes[np.minimum(after, len(changes) - 1)] - channel.grid.even_s > channel.grid.step_s)
+            changes[np.minimum(after, len(changes) - 1)] - channel.grid.even_s > channel.grid.step_s
+        )
     return free

@@ -1,15 +1,17 @@
 """Which row of a foreign log holds a command, and which what answered it.
 
-A run log of ours holds in row k what was read at its time, and the command given then. Others write a command with what
-answered it in one row, or the command under which a row was read, or the readings a row late. Seen as ours, such a log
-has drives that answer a row too early or too late. A drive is early by itself where it answers quicker than its data
-sheet says, at once at most. What makes one late is a fault of that drive, and not of the other by the same row: where
-one moves alone and late, nothing is moved, as a dead time may look the same: unless rows are further apart than any
-dead time.
+A run log of ours holds in row k what was read at its time, and the command given then. Others
+write a command with what answered it in one row, or the command under which a row was read, or
+the readings a row late. Seen as ours, such a log has drives that answer a row too early or too
+late. A drive is early by itself where it answers quicker than its data sheet says, at once at
+most. What makes one late is a fault of that drive, and not of the other by the same row: where
+one moves alone and late, nothing is moved, as a dead time may look the same: unless rows are
+further apart than any dead time.
 
-What a drive's dead time may be off within its tolerance is no order of rows, and hides none: each drive is held against
-an order with the dead time that fits it best.
+What a drive's dead time may be off within its tolerance is no order of rows, and hides none:
+each drive is held against an order with the dead time that fits it best.
 """
+
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
@@ -35,18 +37,23 @@ Array = npt.NDArray[np.float64]
 DRIVES = ("shaft", "gate")
 COMMANDS = ("shaft_rpm_cmd", "opening_mm_cmd")
 ANSWERS = ("shaft_rpm", "opening_mm")
-ALONE_S = 0.5               # between rows: a drive that moves alone is that late or early for its rows' sake only
-LEAST_EVIDENCE = 30.0       # of each drive, in units of the log-likelihood: what is moved must be beyond doubt
-NEARER = 0.2                # of what the opposite move loses: then the drives are 3/4 of a row off at least
-MEDIAN_OF_SQUARES = 0.4549      # of a standard normal variable
-ROWS = 10_000               # from the beginning on: a logger keeps its order
-AT_ONCE = 100.0             # times its slew: a gate that is there within a row
-FAR_SD = 6.0                # a residual counts as so many robust s.d. at most: one stop of a drive is no order of rows
+# between rows: a drive that moves alone is that late or early for its rows' sake only
+ALONE_S = 0.5
+# of each drive, in units of the log-likelihood: what is moved must be beyond doubt
+LEAST_EVIDENCE = 30.0
+# of what the opposite move loses: then the drives are 3/4 of a row off at least
+NEARER = 0.2
+MEDIAN_OF_SQUARES = 0.4549  # of a standard normal variable
+ROWS = 10_000  # from the beginning on: a logger keeps its order
+# times its slew: a gate that is there within a row
+AT_ONCE = 100.0
+# a residual counts as so many robust s.d. at most: one stop of a drive is no order of rows
+FAR_SD = 6.0
 
 
 class Settled(NamedTuple):
-    """A drive with a dead time of its own: squares of what is left of it (m,), what its prior costs, and how many s.d.
-    of the tolerance it is off."""
+    """A drive with a dead time of its own: squares of what is left of it (m,), what its prior
+    costs, and how many s.d. of the tolerance it is off."""
 
     squares: Array
     cost: float
@@ -54,25 +61,40 @@ class Settled(NamedTuple):
 
 
 class Move(NamedTuple):
-    """Columns that are moved by `rows` (positive: down, to later rows), and what that is in words."""
+    """Columns that are moved by `rows` (positive: down, to later rows), and what that is in
+    words."""
 
     columns: tuple[str, ...]
     rows: int
     said: str
 
 
-READ_LATE = Move(ANSWERS, -1, "shaft and opening are read a row late: their readings are moved a row up")
-IN_ONE_ROW = Move(ANSWERS, 1, "a row holds a command with what answered it: readings of shaft and opening are moved a "
-                  "row down")
-IN_FORCE = Move(COMMANDS, -1, "a row holds the command under which it was read, not the next one: commands are moved a "
-                "row up")
-COMMAND_LATE = Move(COMMANDS, 1, "commands stand a row before they are given: they are moved a row down")
-LATE, EARLY = (READ_LATE, COMMAND_LATE), (IN_ONE_ROW, IN_FORCE)       # each pair is the same to the drives
+READ_LATE = Move(
+    ANSWERS, -1, "shaft and opening are read a row late: their readings are moved a row up"
+)
+IN_ONE_ROW = Move(
+    ANSWERS,
+    1,
+    "a row holds a command with what answered it: readings of shaft and opening are moved a "
+    "row down",
+)
+IN_FORCE = Move(
+    COMMANDS,
+    -1,
+    "a row holds the command under which it was read, not the next one: commands are moved a "
+    "row up",
+)
+COMMAND_LATE = Move(
+    COMMANDS, 1, "commands stand a row before they are given: they are moved a row down"
+)
+# each pair is the same to the drives
+LATE, EARLY = (READ_LATE, COMMAND_LATE), (IN_ONE_ROW, IN_FORCE)
 WAYS = (LATE, EARLY)
 
 
 def in_order(log: Clean, machine: Machine) -> Clean:
-    """The log with commands and answers in the rows that ours have them in, and what was moved among its findings."""
+    """The log with commands and answers in the rows that ours have them in, and what was moved
+    among its findings."""
     return moved(log, order_of(log, machine))
 
 
@@ -91,43 +113,66 @@ def order_of(log: Clean, machine: Machine) -> Move | None:
     by_way = [_gains(as_it_is, one) for one in left]
     best = int(np.argmax([sum(gains.values()) for gains in by_way]))
     early, alone = WAYS[best] is EARLY, log.step_s >= ALONE_S
-    telling = [drive for drive in DRIVES if max(abs(gains.get(drive, 0.0)) for gains in by_way) > LEAST_EVIDENCE]
+    telling = [
+        drive
+        for drive in DRIVES
+        if max(abs(gains.get(drive, 0.0)) for gains in by_way) > LEAST_EVIDENCE
+    ]
     if len(telling) < (1 if alone or early else 2):
         return None
-    further = _gains(left[best], _residuals(_channels(_moved(tried[best], WAYS[best][0]), machine), nominal))
-    gain, opposite, more = (sum(one.get(drive, 0.0) for drive in telling)
-                            for one in (by_way[best], by_way[1 - best], further))
-    if gain < max(LEAST_EVIDENCE, -NEARER * opposite) or more > 0.0:        # no further off, as by a fault
+    further = _gains(
+        left[best], _residuals(_channels(_moved(tried[best], WAYS[best][0]), machine), nominal)
+    )
+    gain, opposite, more = (
+        sum(one.get(drive, 0.0) for drive in telling)
+        for one in (by_way[best], by_way[1 - best], further)
+    )
+    # no further off, as by a fault
+    if gain < max(LEAST_EVIDENCE, -NEARER * opposite) or more > 0.0:
         return None
     if not alone and not _beyond_tolerance(seen, _channels(tried[best], machine), early, machine):
         return None
-    scales = [_residuals(_channels(_moved(some, way), machine), nominal, ("scale",)) for way in WAYS[best]]
+    scales = [
+        _residuals(_channels(_moved(some, way), machine), nominal, ("scale",)) for way in WAYS[best]
+    ]
     # Rough is what a flow leaves that comes too early or late; a level adds nothing.
     rough = [float(np.mean(np.square(np.diff(one.get("scale", np.zeros(2)))))) for one in scales]
     return WAYS[best][int(np.argmin(rough))]
 
 
-def _beyond_tolerance(seen: Mapping[str, ChannelSeries], moved: Mapping[str, ChannelSeries], early: bool,
-                      machine: Machine) -> bool:
-    """Whether the drives are surely a row off, with any dead time within its tolerance. Early: more so than drives
-    that follow at once. Late: the gate must be, more so
-    than by slewing too slowly, and the shaft lose no more by the move than a tolerance costs."""
+def _beyond_tolerance(
+    seen: Mapping[str, ChannelSeries],
+    moved: Mapping[str, ChannelSeries],
+    early: bool,
+    machine: Machine,
+) -> bool:
+    """Whether the drives are surely a row off, with any dead time within its tolerance. Early:
+    more so than drives that follow at once. Late: the gate must be, more so than by slewing too
+    slowly, and the shaft lose no more by the move than a tolerance costs."""
     now, by_itself = _settled(moved, machine), [_settled(seen, machine)]
     if early:
         by_itself.append(_settled(seen, _at_once(machine)))
-    gains = {drive: min(_gain(was[drive].squares, one.squares) + was[drive].cost - one.cost for was in by_itself)
-             for drive, one in now.items()}
+    gains = {
+        drive: min(
+            _gain(was[drive].squares, one.squares) + was[drive].cost - one.cost for was in by_itself
+        )
+        for drive, one in now.items()
+    }
     if early:
         return sum(gains.values()) > LEAST_EVIDENCE
-    return gains["shaft"] > -0.5 * MAX_OFFSET_SD ** 2 and gains["gate"] > max(
-        LEAST_EVIDENCE, _slow_gate_gain(by_itself[0]["gate"].squares, seen, machine))
+    return gains["shaft"] > -0.5 * MAX_OFFSET_SD**2 and gains["gate"] > max(
+        LEAST_EVIDENCE, _slow_gate_gain(by_itself[0]["gate"].squares, seen, machine)
+    )
 
 
 def _at_once(machine: Machine) -> Machine:
     """The same with drives that are there as soon as their dead time is over."""
-    return machine.model_copy(update={
-        "shaft": machine.shaft._replace(time_constant_s=LEAST_LAG_S),
-        "gate": machine.gate._replace(slew_mm_s=AT_ONCE * machine.gate.slew_mm_s)})
+    return machine.model_copy(
+        update={
+            "shaft": machine.shaft._replace(time_constant_s=LEAST_LAG_S),
+            "gate": machine.gate._replace(slew_mm_s=AT_ONCE * machine.gate.slew_mm_s),
+        }
+    )
 
 
 def _settled(seen: Mapping[str, ChannelSeries], machine: Machine) -> dict[str, Settled]:
@@ -139,17 +184,29 @@ def _climbed(seen: Mapping[str, ChannelSeries], drive: str, machine: Machine) ->
     def off(by_sd: float) -> Settled:
         dead_time_s = getattr(machine, drive).dead_time_s + by_sd * machine.tolerance.dead_time_s
         plan = schedule(stages_of(machine).put(drive, dead_time_s=max(0.0, dead_time_s)), ())
-        return Settled(np.square(_residuals(seen, plan, (drive,))[drive]), 0.5 * by_sd ** 2, by_sd)
+        return Settled(np.square(_residuals(seen, plan, (drive,))[drive]), 0.5 * by_sd**2, by_sd)
+
     first = off(0.0)
-    return climbed(first, lambda one: _gain(first.squares, one.squares) - one.cost,
-                   lambda one, step: [off(by_sd) for by_sd in (one.by_sd - step, one.by_sd + step)
-                                      if abs(by_sd) <= MAX_OFFSET_SD], [0.5 ** k for k in range(HALVINGS)])
+    return climbed(
+        first,
+        lambda one: _gain(first.squares, one.squares) - one.cost,
+        lambda one, step: [
+            off(by_sd)
+            for by_sd in (one.by_sd - step, one.by_sd + step)
+            if abs(by_sd) <= MAX_OFFSET_SD
+        ],
+        [0.5**k for k in range(HALVINGS)],
+    )
 
 
 def _beginning(log: Clean) -> Clean:
-    return log._replace(time_s=log.time_s[:ROWS], events=log.events[:ROWS], state=log.state[:ROWS],
-                        columns={name: column[:ROWS] for name, column in log.columns.items()},
-                        further={name: column[:ROWS] for name, column in log.further.items()})
+    return log._replace(
+        time_s=log.time_s[:ROWS],
+        events=log.events[:ROWS],
+        state=log.state[:ROWS],
+        columns={name: column[:ROWS] for name, column in log.columns.items()},
+        further={name: column[:ROWS] for name, column in log.further.items()},
+    )
 
 
 def _moved(log: Clean, move: Move) -> Clean:
@@ -164,22 +221,36 @@ def _channels(log: Clean, machine: Machine) -> Mapping[str, ChannelSeries]:
     return channels(run_data(log, machine), machine)
 
 
-def _residuals(seen: Mapping[str, ChannelSeries], plan: Schedule, words: Sequence[str] = DRIVES) -> dict[str, Array]:
+def _residuals(
+    seen: Mapping[str, ChannelSeries], plan: Schedule, words: Sequence[str] = DRIVES
+) -> dict[str, Array]:
     """What a machine leaves of these channels, where they are seen."""
-    return {word: seen[word].measured - seen[word].predict(plan, MOST_STEP_S) for word in words if word in seen}
+    return {
+        word: seen[word].measured - seen[word].predict(plan, MOST_STEP_S)
+        for word in words
+        if word in seen
+    }
 
 
 def _slow_gate_gain(before: Array, seen: Mapping[str, ChannelSeries], machine: Machine) -> float:
-    """What a gate that slews too slowly gains at most over squares `before` (m,): with a shaft that is late by itself
-    it looks like rows."""
-    plans = [schedule(stages_of(machine), (EffectInstance(GATE_SLOW.id, size),)) for size in GATE_SLOW.trial_sizes]
-    return max(_gain(before, np.square(_residuals(seen, plan, ("gate",))["gate"])) for plan in plans)
+    """What a gate that slews too slowly gains at most over squares `before` (m,): with a shaft
+    that is late by itself it looks like rows."""
+    plans = [
+        schedule(stages_of(machine), (EffectInstance(GATE_SLOW.id, size),))
+        for size in GATE_SLOW.trial_sizes
+    ]
+    return max(
+        _gain(before, np.square(_residuals(seen, plan, ("gate",))["gate"])) for plan in plans
+    )
 
 
 def _gains(before: dict[str, Array], after: dict[str, Array]) -> dict[str, float]:
     """What each drive that is judged gains, in log-likelihood."""
-    return {drive: _gain(np.square(before[drive]), np.square(after[drive]))
-            for drive in DRIVES if drive in before and drive in after}
+    return {
+        drive: _gain(np.square(before[drive]), np.square(after[drive]))
+        for drive in DRIVES
+        if drive in before and drive in after
+    }
 
 
 def _gain(before: Array, after: Array) -> float:
@@ -187,7 +258,7 @@ def _gain(before: Array, after: Array) -> float:
 
     A few rows may be judged in one of them alone: means are compared.
     """
-    far = FAR_SD ** 2 * float(min(np.median(before), np.median(after))) / MEDIAN_OF_SQUARES
+    far = FAR_SD**2 * float(min(np.median(before), np.median(after))) / MEDIAN_OF_SQUARES
     if far <= 0.0:
         return 0.0
     was, now = (float(np.mean(np.minimum(squares, far))) for squares in (before, after))

@@ -1,8 +1,11 @@
-"""Several logs of one machine: what they share is found once, on all of them; what differs is reported by log.
+"""Several logs of one machine: what they share is found once, on all of them; what differs is
+reported by log.
 
-Logs of machines of a kind (two robots with the same motors) have the same wrong with them, each by its own size.
-Whether one size is behind all of them is Cochran's test (Biometrics 10, 1954, 101), at the level of the checks.
+Logs of machines of a kind (two robots with the same motors) have the same wrong with them, each
+by its own size. Whether one size is behind all of them is Cochran's test (Biometrics 10, 1954,
+101), at the level of the checks.
 """
+
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
@@ -27,13 +30,15 @@ from .drives import SETTLE_S, SETTLES
 
 Columns = dict[str, npt.NDArray[Any]]
 
-GAP_S = 60.0                # between logs that follow each other, as `import` joins runs
-READINGS = ("shaft_rpm", "opening_mm", "hopper_kg")     # not judged while a drive comes to what a log begins with
+# between logs that follow each other, as `import` joins runs
+GAP_S = 60.0
+# not judged while a drive comes to what a log begins with
+READINGS = ("shaft_rpm", "opening_mm", "hopper_kg")
 
 
 class OfAKind(NamedTuple):
-    """An effect that every log has. sizes : in each, as the logs come. p : of sizes so far apart where one is behind
-    them all."""
+    """An effect that every log has. sizes : in each, as the logs come. p : of sizes so far
+    apart where one is behind them all."""
 
     id: str
     member: int | None
@@ -42,11 +47,12 @@ class OfAKind(NamedTuple):
 
 
 class Several(NamedTuple):
-    """together : what all logs show as one, with the machine file that it was held against. machine : that with what
-    they share and predicts them better (`adoption`). each : every log held against `machine`: what is left is its own.
+    """together : what all logs show as one, with the machine file that it was held against.
+    machine : that with what they share and predicts them better (`adoption`). each : every log
+    held against `machine`: what is left is its own.
 
-    of_a_kind : where the logs are of machines of a kind, what each of them has, by its own size; `machine` is then the
-    file that was given, and `each` is all that is wrong in a log.
+    of_a_kind : where the logs are of machines of a kind, what each of them has, by its own
+    size; `machine` is then the file that was given, and `each` is all that is wrong in a log.
     """
 
     together: Diagnosis
@@ -55,18 +61,30 @@ class Several(NamedTuple):
     of_a_kind: tuple[OfAKind, ...] = ()
 
     def to_json(self) -> dict[str, Any]:
-        """The diagnosis of all together; under `logs` what each has beyond it, under `of_a_kind` sizes by log."""
-        return {**self.together.to_json(), "logs": [one.to_json() for one in self.each],
-                "of_a_kind": [{**one._asdict(), "sizes": [asdict(size) for size in one.sizes]}
-                              for one in self.of_a_kind]}
+        """The diagnosis of all together; under `logs` what each has beyond it, under
+        `of_a_kind` sizes by log."""
+        return {
+            **self.together.to_json(),
+            "logs": [one.to_json() for one in self.each],
+            "of_a_kind": [
+                {**one._asdict(), "sizes": [asdict(size) for size in one.sizes]}
+                for one in self.of_a_kind
+            ],
+        }
 
 
-def diagnose_runs(logs: Sequence[Any], machine: Machine | str, *, paths: Sequence[str] = (),
-                  progress: Callable[[float, str], None] | None = None, each: Each = map) -> Several:
+def diagnose_runs(
+    logs: Sequence[Any],
+    machine: Machine | str,
+    *,
+    paths: Sequence[str] = (),
+    progress: Callable[[float, str], None] | None = None,
+    each: Each = map,
+) -> Several:
     """What several logs of one machine share, named once, and what each of them has of its own.
 
-    The logs are put one after the other and judged as one: a size is one size for all of them. Then each is held
-    against the machine that has what they share.
+    The logs are put one after the other and judged as one: a size is one size for all of them.
+    Then each is held against the machine that has what they share.
 
     Parameters
     ----------
@@ -84,7 +102,8 @@ def diagnose_runs(logs: Sequence[Any], machine: Machine | str, *, paths: Sequenc
     Raises
     ------
     ValueError
-        One line, for fewer than two logs, a log without times, or where some hold settled answers and others do not.
+        One line, for fewer than two logs, a log without times, or where some hold settled
+        answers and others do not.
 
     Examples
     --------
@@ -107,15 +126,29 @@ def diagnose_runs(logs: Sequence[Any], machine: Machine | str, *, paths: Sequenc
         if progress is None:
             return None
         return lambda share, word: progress((number + share) / (1 + 2 * len(given)), word)
-    together = diagnose_run(joined(given, names, of), of, path=" + ".join(names), progress=part(0), each=each)
+
+    together = diagnose_run(
+        joined(given, names, of), of, path=" + ".join(names), progress=part(0), each=each
+    )
     taken = adoptable_of(together, [cause.id for cause in together.causes])
     known = extend(of, taken.found)
-    together = replace(together, findings=(*together.findings, *(
-        f"{name}: not in the machine that each log is held against: {why}" for name, why in taken.refused)))
+    together = replace(
+        together,
+        findings=(
+            *together.findings,
+            *(
+                f"{name}: not in the machine that each log is held against: {why}"
+                for name, why in taken.refused
+            ),
+        ),
+    )
 
     def against(file: Machine, first: int) -> tuple[Diagnosis, ...]:
-        return tuple(diagnose_run(log, file, path=name, progress=part(first + k), each=each)
-                     for k, (log, name) in enumerate(zip(given, names, strict=True)))
+        return tuple(
+            diagnose_run(log, file, path=name, progress=part(first + k), each=each)
+            for k, (log, name) in enumerate(zip(given, names, strict=True))
+        )
+
     alone = against(known, 1)
     if any(one.causes for one in alone):
         whole = against(of, 1 + len(given))
@@ -125,42 +158,65 @@ def diagnose_runs(logs: Sequence[Any], machine: Machine | str, *, paths: Sequenc
 
 
 def of_a_kind(each: Sequence[Diagnosis], beyond: Sequence[Diagnosis]) -> tuple[OfAKind, ...]:
-    """The effects that every log has all along, where the size of one of them differs between logs, so that a log shows
-    it even beyond what they share; none else."""
+    """The effects that every log has all along, where the size of one of them differs between
+    logs, so that a log shows it even beyond what they share; none else."""
     left = {(cause.id, cause.member) for one in beyond for cause in one.causes}
-    steady = [{(cause.id, cause.member): cause for cause in one.causes if cause.onset_s is None and not cause.rivals
-               and None not in (cause.size.value, cause.size.low, cause.size.high)} for one in each]
+    steady = [
+        {
+            (cause.id, cause.member): cause
+            for cause in one.causes
+            if cause.onset_s is None
+            and not cause.rivals
+            and None not in (cause.size.value, cause.size.low, cause.size.high)
+        }
+        for one in each
+    ]
     found = []
     for key in steady[0]:
         if all(key in one for one in steady):
             sizes = tuple(one[key].size for one in steady)
             found.append(OfAKind(*key, sizes, _alike_p(sizes)))
-    return tuple(found) if any(one.p < LEVEL and (one.id, one.member) in left for one in found) else ()
+    return (
+        tuple(found) if any(one.p < LEVEL and (one.id, one.member) in left for one in found) else ()
+    )
 
 
 def _alike_p(sizes: Sequence[Size]) -> float:
     """Cochran's Q: the chance of sizes so far apart, where one size is behind them all."""
     values = np.array([size.value for size in sizes], np.float64)
-    half = 0.5 * (np.array([size.high for size in sizes], np.float64) - np.array([size.low for size in sizes]))
+    half = 0.5 * (
+        np.array([size.high for size in sizes], np.float64) - np.array([size.low for size in sizes])
+    )
     weights = (Z90 / np.maximum(half, 1e-12)) ** 2
     mean = float(weights @ values) / float(weights.sum())
     return float(chdtrc(len(values) - 1, float(weights @ (values - mean) ** 2)))
 
 
-def joined(logs: Sequence[Mapping[str, npt.NDArray[Any]]], names: Sequence[str], machine: Machine) -> Columns:
-    """One log of several, GAP_S between them: columns that a log has not are empty in its rows. An event says where
-    each begins.
+def joined(
+    logs: Sequence[Mapping[str, npt.NDArray[Any]]], names: Sequence[str], machine: Machine
+) -> Columns:
+    """One log of several, GAP_S between them: columns that a log has not are empty in its rows.
+    An event says where each begins.
 
     Raises ValueError where they cannot be judged as one.
     """
     if len(logs) < 2:
         raise ValueError(f"{len(logs)} log: allowed two or more")
-    held = [any(COMMANDS_HELD in str(text).split(";") for text in log.get("events", ())) for log in logs]
+    held = [
+        any(COMMANDS_HELD in str(text).split(";") for text in log.get("events", ())) for log in logs
+    ]
     if len(set(held)) > 1:
-        raise ValueError(f"{names[held.index(True)]} holds settled answers, {names[held.index(False)]} does not: "
-                         "allowed logs of one kind together")
+        raise ValueError(
+            f"{names[held.index(True)]} holds settled answers, {names[held.index(False)]} "
+            "does not: "
+            "allowed logs of one kind together"
+        )
     settle_s = min(SETTLE_S, SETTLES * (machine.shaft.dead_time_s + machine.shaft.time_constant_s))
-    kinds = {name: np.asarray(values).dtype.kind for log in reversed(logs) for name, values in log.items()}
+    kinds = {
+        name: np.asarray(values).dtype.kind
+        for log in reversed(logs)
+        for name, values in log.items()
+    }
     kinds["events"] = "O"
     parts: dict[str, list[npt.NDArray[Any]]] = {name: [] for name in kinds}
     begin_s = 0.0
@@ -175,15 +231,26 @@ def joined(logs: Sequence[Mapping[str, npt.NDArray[Any]]], names: Sequence[str],
     return {name: np.concatenate(pieces) for name, pieces in parts.items()}
 
 
-def _column(log: Mapping[str, npt.NDArray[Any]], name: str, kind: str, since: npt.NDArray[np.float64],
-            settle_s: float) -> npt.NDArray[Any]:
+def _column(
+    log: Mapping[str, npt.NDArray[Any]],
+    name: str,
+    kind: str,
+    since: npt.NDArray[np.float64],
+    settle_s: float,
+) -> npt.NDArray[Any]:
     if name not in log:
         return np.full(len(since), "", object) if kind == "O" else np.full(len(since), np.nan)
     values = np.asarray(log[name])
-    return np.where(since < settle_s, np.nan, values) if name in READINGS and settle_s > 0.0 else values
+    return (
+        np.where(since < settle_s, np.nan, values)
+        if name in READINGS and settle_s > 0.0
+        else values
+    )
 
 
-def _with_start(events: npt.NDArray[Any], since: npt.NDArray[np.float64], name: str) -> npt.NDArray[Any]:
+def _with_start(
+    events: npt.NDArray[Any], since: npt.NDArray[np.float64], name: str
+) -> npt.NDArray[Any]:
     """Events with a mark in the first row that has a time, as `import` makes one."""
     found, first = events.astype(object), int(np.nanargmin(since))
     was = found[first]

@@ -1,4 +1,6 @@
-"""Smooth, nameless dependence of a stage on one recorded variable: the model's own tables, a few shapes at a time."""
+"""Smooth, nameless dependence of a stage on one recorded variable: the model's own tables, a
+few shapes at a time."""
+
 from __future__ import annotations
 
 from typing import NamedTuple
@@ -21,23 +23,36 @@ from .stages import RunData
 Array = npt.NDArray[np.float64]
 
 NODES = 8
-SHAPES = 4                  # half-waves over the range of the variable: slope, bend, and two finer ones
+# half-waves over the range of the variable: slope, bend, and two finer ones
+SHAPES = 4
 # Of a variable, for a dependence on it to show; for those in RANGES on the nominal machine.
-MIN_RANGE = {"time_s": 60.0, "shaft_rpm": 2.0, "opening_mm": 1.0, "supply_v": 0.2, "pitch_deg": 0.5,
-               "roll_deg": 0.5, "speed_mps": 0.15, "hopper_kg": 10.0, "heading_deg": 30.0}
+MIN_RANGE = {
+    "time_s": 60.0,
+    "shaft_rpm": 2.0,
+    "opening_mm": 1.0,
+    "supply_v": 0.2,
+    "pitch_deg": 0.5,
+    "roll_deg": 0.5,
+    "speed_mps": 0.15,
+    "hopper_kg": 10.0,
+    "heading_deg": 30.0,
+}
 RANGES = {"shaft_rpm": SHAFT_RANGE, "opening_mm": OPENING_RANGE, "hopper_kg": HOPPER}
 
-# Recorded variables that follow a stage's own reading, so that its noise comes back through them. Control sets shaft
-# and gate by the measured speed, and by the scale through the flow trim; shaft_rpm and opening_mm are the commands
-# (drives see them before they answer). A gate knows nothing of the shaft; the shaft bears the load of the opening.
+# Recorded variables that follow a stage's own reading, so that its noise comes back through
+# them. Control sets shaft and gate by the measured speed, and by the scale through the flow
+# trim; shaft_rpm and opening_mm are the commands (drives see them before they answer). A gate
+# knows nothing of the shaft; the shaft bears the load of the opening.
 DOWNSTREAM: dict[str, frozenset[str]] = {
     "shaft": frozenset(),
     "gate": frozenset({"shaft_rpm"}),
     "flow": frozenset(),
     "scale": frozenset({"hopper_kg", "shaft_rpm", "opening_mm"}),
     "speed": frozenset({"speed_mps", "shaft_rpm", "opening_mm"}),
-    # Predicted from these readings: their noise is in what is left, the more the better the loop holds its speed.
-    "effort": frozenset({"shaft_rpm", "opening_mm", "supply_v"}), "gate_effort": frozenset({"opening_mm", "supply_v"}),
+    # Predicted from these readings: their noise is in what is left, the more the better the
+    # loop holds its speed.
+    "effort": frozenset({"shaft_rpm", "opening_mm", "supply_v"}),
+    "gate_effort": frozenset({"opening_mm", "supply_v"}),
 }
 
 
@@ -47,7 +62,8 @@ def variables_of(data: RunData) -> tuple[str, ...]:
 
 
 class StageTable(NamedTuple):
-    """The smooth extension of one stage: the channel that shows it, and the effect whose column it multiplies."""
+    """The smooth extension of one stage: the channel that shows it, and the effect whose column
+    it multiplies."""
 
     channel: str
     unit: EffectInstance
@@ -70,12 +86,15 @@ class Span(NamedTuple):
 
 
 def span(data: RunData, variable: str, machine: Machine) -> Span | None:
-    """Eight even nodes between the variable's 1st and 99th percentile; None where it hardly moves."""
+    """Eight even nodes between the variable's 1st and 99th percentile; None where it hardly
+    moves."""
     values = data.variables.get(variable)
     if values is None:
         return None
     low, high = np.percentile(values, (1.0, 99.0))
-    least = of_nominal(machine, RANGES.get(variable, ())) * MIN_RANGE.get(variable, float(np.finfo(float).tiny))
+    least = of_nominal(machine, RANGES.get(variable, ())) * MIN_RANGE.get(
+        variable, float(np.finfo(float).tiny)
+    )
     if not high - low >= least:
         return None
     return Span(variable, tuple(np.linspace(low, high, NODES).tolist()))
@@ -94,24 +113,36 @@ def flow_change(hopper: Hopper, machine: Machine, base: Stages, percent: Array) 
     """What further per cent of the flow in each bin (m+1,) do to the scale's reading: (m,)."""
     nothing = schedule(base, ())
     changed = hopper._replace(more_percent=hopper.more_percent + percent)
-    return np.asarray(hopper_channel(changed, machine).predict(nothing, MOST_STEP_S)
-                      - hopper_channel(hopper, machine).predict(nothing, MOST_STEP_S))
+    return np.asarray(
+        hopper_channel(changed, machine).predict(nothing, MOST_STEP_S)
+        - hopper_channel(hopper, machine).predict(nothing, MOST_STEP_S)
+    )
 
 
-def series(stage: str, over: Span, channel: ChannelSeries, unit: Array, *, data: RunData,
-           base: Stages, machine: Machine, own: Array | None = None) -> Array:
+def series(
+    stage: str,
+    over: Span,
+    channel: ChannelSeries,
+    unit: Array,
+    *,
+    data: RunData,
+    base: Stages,
+    machine: Machine,
+    own: Array | None = None,
+) -> Array:
     """What one unit of each shape does to the channel: (SHAPES, m).
 
-    `unit`: what one unit of the stage's own constant does (TABLES). The flow's integral is run through the model;
-    the other stages answer at once, and their unit column is shaped by the table. own : the variable at the channel's
-    samples, where it is what the stage's drive does.
+    `unit`: what one unit of the stage's own constant does (TABLES). The flow's integral is run
+    through the model; the other stages answer at once, and their unit column is shaped by the
+    table. own : the variable at the channel's samples, where it is what the stage's drive does.
     """
     if stage == "flow" and data.hopper is not None:
         values = at_times(data, over.variable, data.hopper.time_s)
-        rows = [flow_change(data.hopper, machine, base, table_run(over.nodes, shape(k), values))
-                for k in range(1, SHAPES + 1)]
+        rows = [
+            flow_change(data.hopper, machine, base, table_run(over.nodes, shape(k), values))
+            for k in range(1, SHAPES + 1)
+        ]
         return np.array(rows)
     values = at_times(data, over.variable, channel.grid.even_s) if own is None else own
     shaped = np.array([np.interp(values, over.nodes, shape(k)) for k in range(1, SHAPES + 1)])
     return shaped if stage == "scale" else shaped * unit
-

@@ -1,4 +1,6 @@
-"""A run log as the machine model's stages see it: inputs and measured outputs of each channel on an even time grid."""
+"""A run log as the machine model's stages see it: inputs and measured outputs of each channel
+on an even time grid."""
+
 from __future__ import annotations
 
 from typing import NamedTuple
@@ -24,8 +26,9 @@ Array = npt.NDArray[np.float64]
 class RunData(NamedTuple):
     duration_s: float
     rows: int
-    variables: dict[str, Array]         # recorded variables over the log's rows (`known_rows`), gaps bridged
-    time_s: Array                       # of those rows
+    # recorded variables over the log's rows (`known_rows`), gaps bridged
+    variables: dict[str, Array]
+    time_s: Array  # of those rows
     working: Array
     shaft: Drive | None
     gate: Drive | None
@@ -33,8 +36,10 @@ class RunData(NamedTuple):
     speed: TwoSpeeds | None
     heads: HeadContrasts | None
     efforts: tuple[DriveEffort, ...] = ()
-    inputs: dict[str, Array] = {}       # what terms are asked with (`terms.needed`), at `row_s`
-    row_s: Array = np.empty(0)          # time of every row, of a long log of the `known_rows`
+    # what terms are asked with (`terms.needed`), at `row_s`
+    inputs: dict[str, Array] = {}
+    # time of every row, of a long log of the `known_rows`
+    row_s: Array = np.empty(0)
 
 
 def run_data(log: Clean, machine: Machine) -> RunData:
@@ -46,7 +51,10 @@ def run_data(log: Clean, machine: Machine) -> RunData:
     variables = variables_of(log, every)
     hopper = speed = heads = None
     driven = drives_of(log, every, machine, whole=False)
-    further = {name: smoothed(bridged(time, series, series), log.step_s) for name, series in log.further.items()}
+    further = {
+        name: smoothed(bridged(time, series, series), log.step_s)
+        for name, series in log.further.items()
+    }
     if "flow" in log.stages:
         hopper = hopper_of(every, c["hopper_kg"], refills_written(time, log.events), machine)
     if "speed" in log.stages:
@@ -54,9 +62,23 @@ def run_data(log: Clean, machine: Machine) -> RunData:
         if speed is not None:
             variables["speed_mps"] = np.interp(time, speed.time_s, speed.true_mps)
     if "heads" in log.stages:
-        heads = heads_of(time, np.array([c[name] for name in HEADS]), moves(c["speed_mps"], c["wheel_speed_mps"]))
+        heads = heads_of(
+            time, np.array([c[name] for name in HEADS]), moves(c["speed_mps"], c["wheel_speed_mps"])
+        )
     rows = known_rows(len(time))
     variables |= further
-    return RunData(float(time[-1]), len(time), {name: series[rows] for name, series in variables.items()}, time[rows],
-                   every.working[rows], driven.get("shaft"), driven.get("gate"), hopper, speed, heads,
-                   efforts_of(log, every, machine), {name: series[rows] for name, series in inputs.items()}, time[rows])
+    return RunData(
+        float(time[-1]),
+        len(time),
+        {name: series[rows] for name, series in variables.items()},
+        time[rows],
+        every.working[rows],
+        driven.get("shaft"),
+        driven.get("gate"),
+        hopper,
+        speed,
+        heads,
+        efforts_of(log, every, machine),
+        {name: series[rows] for name, series in inputs.items()},
+        time[rows],
+    )

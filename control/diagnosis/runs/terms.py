@@ -1,13 +1,14 @@
 """Terms that a log shows beyond the catalogue: which quantity, which variables, which form.
 
-Forward selection over a dictionary of forms [1]_. Each is held against the residual whitened by its channel's noise;
-the best have their shapes settled and are refitted with the noise. A term is said where it is likelier than nothing in
-its place, by the score that effects have.
+Forward selection over a dictionary of forms [1]_. Each is held against the residual whitened by
+its channel's noise; the best have their shapes settled and are refitted with the noise. A term
+is said where it is likelier than nothing in its place, by the score that effects have.
 
 References
 ----------
 .. [1] Miller, Subset Selection in Regression, 2nd ed., 2002, ch. 3.
 """
+
 from __future__ import annotations
 
 import re
@@ -49,22 +50,31 @@ from .whitened import WhitenedResidual, even_gain
 Array = npt.NDArray[np.float64]
 Eight = tuple[float, float, float, float, float, float, float, float]
 
-MAX_TERMS = 2               # of one group of channels
-# What a scan hands on to be refitted; gains are of twice the log-likelihood, what ranks forms taken off.
-MIN_SCORE = 6.0             # of what is refitted
-VERIFIED = 4                # best of a scan, their noise refitted too ...
-FORMS_AGAIN = 3             # ... and best forms over a term's variable under the noise that it leaves
-FINENESS = (1.0, 0.5, 0.25, 0.12, 0.06)     # of the steps by which a shape is settled: the last two where a form leaps
-STILL = 0.01                # of the fast noise: a drift that is none
-NARROWEST = 1e-3            # of a variable's spread, between two ends: nearer ones are one
-LONGEST_ID = 76             # letters; where another of the same name was adopted, it is given a number
+MAX_TERMS = 2  # of one group of channels
+# What a scan hands on to be refitted; gains are of twice the log-likelihood, what ranks forms
+# taken off.
+MIN_SCORE = 6.0  # of what is refitted
+VERIFIED = 4  # best of a scan, their noise refitted too ...
+# ... and best forms over a term's variable under the noise that it leaves
+FORMS_AGAIN = 3
+# of the steps by which a shape is settled: the last two where a form leaps
+FINENESS = (1.0, 0.5, 0.25, 0.12, 0.06)
+STILL = 0.01  # of the fast noise: a drift that is none
+# of a variable's spread, between two ends: nearer ones are one
+NARROWEST = 1e-3
+# letters; where another of the same name was adopted, it is given a number
+LONGEST_ID = 76
 # What of a level is the machine's.
-LEVEL_SD = 2.0              # s.d. of a level, that it must differ from nothing by ...
-LEVEL_SHARE = 0.05          # ... and so much of what its form does: no form is quite right
-A_NAME = 0.97               # correlation with a name's size, above which a level is the name's
-A_LEVEL = 0.7               # cosine of what a tolerance does and a level, above which the one gives the other
+# s.d. of a level, that it must differ from nothing by ...
+LEVEL_SD = 2.0
+# ... and so much of what its form does: no form is quite right
+LEVEL_SHARE = 0.05
+# correlation with a name's size, above which a level is the name's
+A_NAME = 0.97
+# cosine of what a tolerance does and a level, above which the one gives the other
+A_LEVEL = 0.7
 # As it is shown.
-CLASSES = 12                # of a variable, for means
+CLASSES = 12  # of a variable, for means
 NODES = 8
 
 
@@ -73,15 +83,16 @@ class FittedTerm(NamedTuple):
 
     term: Term
     tried: TriedForm
-    gain: float                         # of twice the log-likelihood, its noise refitted
-    worth: float                        # log posterior odds against nothing in its place
-    columns: tuple[Column, ...]         # level (where it is open) and form
-    explained_share: float              # of what is left, as variance
-    field_percent: float                # of the dose, r.m.s. over the working rows
-    noise: dict[str, Noise]             # with it
-    log_evidence: float                 # with it and those before
-    log_prior: float                    # odds of it
-    held_out: float = 0.0               # share of the held-out mean square error that it takes away
+    gain: float  # of twice the log-likelihood, its noise refitted
+    worth: float  # log posterior odds against nothing in its place
+    columns: tuple[Column, ...]  # level (where it is open) and form
+    explained_share: float  # of what is left, as variance
+    field_percent: float  # of the dose, r.m.s. over the working rows
+    noise: dict[str, Noise]  # with it
+    log_evidence: float  # with it and those before
+    log_prior: float  # odds of it
+    # share of the held-out mean square error that it takes away
+    held_out: float = 0.0
 
     @property
     def stage(self) -> str:
@@ -94,11 +105,16 @@ class FittedTerm(NamedTuple):
 
 
 class TriedOn:
-    """What a term is tried on top of: a hypothesis, and the terms before. base : columns of all that; noise : under
-    it."""
+    """What a term is tried on top of: a hypothesis, and the terms before. base : columns of all
+    that; noise : under it."""
 
-    def __init__(self, search: Search, dictionary: Dictionary, now: FittedHypothesis,
-                 terms: Sequence[FittedTerm] = ()) -> None:
+    def __init__(
+        self,
+        search: Search,
+        dictionary: Dictionary,
+        now: FittedHypothesis,
+        terms: Sequence[FittedTerm] = (),
+    ) -> None:
         self.search, self.dictionary, self.now = search, dictionary, now
         self.channels, self.data = search.model.channels, search.model.data
         self.held = [column for one in terms for column in one.columns]
@@ -116,10 +132,14 @@ class TriedOn:
         return problem(self.channels, self._banded, [*self.base, *columns])
 
 
-def found_terms(search: Search, dictionary: Dictionary, now: FittedHypothesis,
-                not_over: frozenset[str] = frozenset()) -> list[FittedTerm]:
-    """Terms on top of a hypothesis, the strongest first, each likelier with than without it. not_over : variables that
-    no term is over alone."""
+def found_terms(
+    search: Search,
+    dictionary: Dictionary,
+    now: FittedHypothesis,
+    not_over: frozenset[str] = frozenset(),
+) -> list[FittedTerm]:
+    """Terms on top of a hypothesis, the strongest first, each likelier with than without it.
+    not_over : variables that no term is over alone."""
     terms: list[FittedTerm] = []
     for _ in range(MAX_TERMS):
         best = _best(TriedOn(search, dictionary, now, terms), not_over)
@@ -129,24 +149,35 @@ def found_terms(search: Search, dictionary: Dictionary, now: FittedHypothesis,
     return _refit_jointly(TriedOn(search, dictionary, now), terms) if len(terms) > 1 else terms
 
 
-def best_span(search: Search, dictionary: Dictionary, now: FittedHypothesis, part: EffectInstance) -> FittedTerm | None:
-    """The best constant that is there as long as a part, of any quantity, on top of a hypothesis: something unknown in
-    the part's place. None where no quantity is looked at over time."""
+def best_span(
+    search: Search, dictionary: Dictionary, now: FittedHypothesis, part: EffectInstance
+) -> FittedTerm | None:
+    """The best constant that is there as long as a part, of any quantity, on top of a
+    hypothesis: something unknown in the part's place. None where no quantity is looked at over
+    time."""
     given = TriedOn(search, dictionary, now)
-    shape = {"low_end": part.onset_s or 0.0, "high_end": np.inf if part.until_s is None else part.until_s}
+    shape = {
+        "low_end": part.onset_s or 0.0,
+        "high_end": np.inf if part.until_s is None else part.until_s,
+    }
     found = []
     for acts, (_, variables) in dictionary.of.items():
         if "time_s" in variables.one:
             time = variables.by_name["time_s"]
-            span = TriedForm(SpanForm, ("time_s",), shape, SpanForm.columns(shape, time, time), SPAN_PLACES ** 2)
+            span = TriedForm(
+                SpanForm, ("time_s",), shape, SpanForm.columns(shape, time, time), SPAN_PLACES**2
+            )
             found.append(_verified(given, FormCandidate(acts, span), given.noise))
     return max(found, key=lambda one: one.worth, default=None)
 
 
 def _best(given: TriedOn, not_over: frozenset[str]) -> FittedTerm | None:
     """The likeliest term; None where it is likelier without."""
-    verified = [_verified(given, candidate, given.noise) for candidate in _candidates(given)
-                if not set(candidate.tried.over) <= not_over or candidate.tried.kind is Lost]
+    verified = [
+        _verified(given, candidate, given.noise)
+        for candidate in _candidates(given)
+        if not set(candidate.tried.over) <= not_over or candidate.tried.kind is Lost
+    ]
     best = max(verified, key=lambda one: one.worth, default=None)
     if best is None or best.worth <= prior.SAID:
         return None
@@ -155,22 +186,32 @@ def _best(given: TriedOn, not_over: frozenset[str]) -> FittedTerm | None:
 
 
 def _form_again(given: TriedOn, one: FittedTerm) -> FittedTerm:
-    """The best form over the same variable under the noise that a term leaves: without it drift stood for a part of
-    what it does, and bent the choice."""
+    """The best form over the same variable under the noise that a term leaves: without it drift
+    stood for a part of what it does, and bent the choice."""
     if len(one.tried.over) > 1 or one.tried.kind in (SpanForm, Periodic, Lost):
         return one
     acts = one.term.acts_on
     residual = given.whitened(one.noise)
-    entries = [entry.only([form.kind is kind for form in entry.forms]) for entry in given.dictionary.entries(acts)
-               if entry.forms[0].over == one.tried.over for kind in dict.fromkeys(form.kind for form in entry.forms)]
-    ranked = sorted(scan(residual, given.dictionary.of[acts][0], entries), key=lambda c: -c.score)[:FORMS_AGAIN]
-    return max([one, *(_verified(given, candidate, one.noise) for candidate in ranked)], key=lambda found: found.worth)
+    entries = [
+        entry.only([form.kind is kind for form in entry.forms])
+        for entry in given.dictionary.entries(acts)
+        if entry.forms[0].over == one.tried.over
+        for kind in dict.fromkeys(form.kind for form in entry.forms)
+    ]
+    ranked = sorted(scan(residual, given.dictionary.of[acts][0], entries), key=lambda c: -c.score)[
+        :FORMS_AGAIN
+    ]
+    return max(
+        [one, *(_verified(given, candidate, one.noise) for candidate in ranked)],
+        key=lambda found: found.worth,
+    )
 
 
 def _candidates(given: TriedOn) -> list[FormCandidate]:
-    """The best under the noise that the hypothesis leaves, which may hide a slow form, and under a calm one, under
-    which drift looks like one: of each quantity and variables one form under each. Where something comes and goes is
-    seen only in noise without its slow part: its edges are half a class off."""
+    """The best under the noise that the hypothesis leaves, which may hide a slow form, and
+    under a calm one, under which drift looks like one: of each quantity and variables one form
+    under each. Where something comes and goes is seen only in noise without its slow part: its
+    edges are half a class off."""
     chosen: dict[tuple[Acts, tuple[str, ...], str, int], FormCandidate] = {}
     temporary = given.dictionary.scanned(given.whitened(_still(given.noise)), temporary=True)
     for noise in (given.noise,) if given.calm == given.noise else (given.noise, given.calm):
@@ -178,16 +219,21 @@ def _candidates(given: TriedOn) -> list[FormCandidate]:
         found = sorted([*lasting, *temporary], key=lambda c: -c.score)
         plain = [one for one in found if len(one.tried.over) == 1 and not one.tried.kind.one_run]
         leaps = [one for one in plain if one.tried.kind.leaps]
-        for one in (*found[:VERIFIED], *plain[:1], *leaps[:1]):     # a strong form of one leads in many products
+        # a strong form of one leads in many products
+        for one in (*found[:VERIFIED], *plain[:1], *leaps[:1]):
             if one.score > MIN_SCORE:
-                chosen.setdefault((one.acts, one.tried.over, one.tried.kind.form, len(one.tried.columns)), one)
+                chosen.setdefault(
+                    (one.acts, one.tried.over, one.tried.kind.form, len(one.tried.columns)), one
+                )
     return list(chosen.values())
 
 
 def _still(noise: dict[str, Noise]) -> dict[str, Noise]:
     """The noise without its slow part."""
-    return {name: Noise((*one.theta[:2], float(np.log(STILL * one.fast_sd)), one.theta[3]))
-            for name, one in noise.items()}
+    return {
+        name: Noise((*one.theta[:2], float(np.log(STILL * one.fast_sd)), one.theta[3]))
+        for name, one in noise.items()
+    }
 
 
 def _settled(given: TriedOn, one: FormCandidate, noise: dict[str, Noise]) -> TriedForm:
@@ -197,11 +243,13 @@ def _settled(given: TriedOn, one: FormCandidate, noise: dict[str, Noise]) -> Tri
     if not kind.movable:
         return form
     residual = given.whitened(noise)
-    constant = acted.constant[:variables.has_level(form)]
+    constant = acted.constant[: variables.has_level(form)]
 
     def gain(form: TriedForm) -> float:
         series = np.concatenate((acted.of(form.rows(variables.by_name)), constant))
-        return residual.beyond(acted.channel, coefficients(series, acted.channel.cut)).gain_of(np.eye(len(series)))
+        return residual.beyond(acted.channel, coefficients(series, acted.channel.cut)).gain_of(
+            np.eye(len(series))
+        )
 
     def near(form: TriedForm, fineness: float) -> Iterator[TriedForm]:
         for name in kind.movable:
@@ -209,6 +257,7 @@ def _settled(given: TriedOn, one: FormCandidate, noise: dict[str, Noise]) -> Tri
                 shape = {**form.shape, name: kind.step(form.shape, name, way, x)}
                 if shape.get("high_end", np.inf) - shape.get("low_end", -np.inf) >= NARROWEST:
                     yield form.moved(shape, variables.by_name)
+
     steps = np.repeat(FINENESS if kind.leaps else FINENESS[:3], len(kind.movable)).tolist()
     return climbed(form, gain, near, steps, again=False)
 
@@ -220,29 +269,49 @@ def _verified(given: TriedOn, one: FormCandidate, noise: dict[str, Noise]) -> Fi
     form = _settled(given, one, quiet)
     name, cut = acted.channel.name, acted.channel.cut
     rows = form.rows(variables.by_name)
-    series = np.concatenate((acted.constant[:variables.has_level(form)], acted.of(rows)))
+    series = np.concatenate((acted.constant[: variables.has_level(form)], acted.of(rows)))
     levels, usual = len(series) - len(rows), prior.USUAL_OF_TERM[one.acts]
-    columns = tuple(Column(Label(Role.FORM, "term"), {name: coefficients(row, cut)}, usual) for row in series)
+    columns = tuple(
+        Column(Label(Role.FORM, "term"), {name: coefficients(row, cut)}, usual) for row in series
+    )
     p = given.problem(columns)
     plain, full, log_weight = _fits(given, p, base + levels, noise, usual)
-    sizes = full.amplitude[base + levels:]
-    own, whole = coefficients(sizes @ series[levels:], cut), coefficients(full.amplitude[base:] @ series, cut)
+    sizes = full.amplitude[base + levels :]
+    own, whole = (
+        coefficients(sizes @ series[levels:], cut),
+        coefficients(full.amplitude[base:] @ series, cut),
+    )
     gain = full.log_likelihood - plain.log_likelihood
-    integrated = full.log_evidence - full.log_likelihood - (plain.log_evidence - plain.log_likelihood)
+    integrated = (
+        full.log_evidence - full.log_likelihood - (plain.log_evidence - plain.log_likelihood)
+    )
     trace = Column(Label(Role.TRACE), {name: whole}, np.inf)
     even = min(gain, even_gain(given.search, given.now.parts, full.noise, trace, given.held))
     left = power_left(p, name, np.arange(base + levels), plain.amplitude)
     log_prior = _log_prior(len(given.dictionary.of), one.tried, variables) + log_weight
-    level = _level(full, base, given.base, columns[0], float(np.std(sizes @ rows))) if levels else 0.0
+    level = (
+        _level(full, base, given.base, columns[0], float(np.std(sizes @ rows))) if levels else 0.0
+    )
     term = _term(one.acts, form, sizes, level, full, base + levels, variables)
-    return FittedTerm(term, form, 2.0 * gain, even + integrated + log_prior, columns,
-                      float(np.clip(np.sum(own ** 2) / max(1e-300, left), 0.0, 1.0)),
-                      _field_percent(term, given.data), full.noise, full.log_evidence, log_prior)
+    return FittedTerm(
+        term,
+        form,
+        2.0 * gain,
+        even + integrated + log_prior,
+        columns,
+        float(np.clip(np.sum(own**2) / max(1e-300, left), 0.0, 1.0)),
+        _field_percent(term, given.data),
+        full.noise,
+        full.log_evidence,
+        log_prior,
+    )
 
 
-def _fits(given: TriedOn, p: Problem, count: int, noise: dict[str, Noise], usual: float) -> tuple[Fit, Fit, float]:
-    """The best fits without a form and with it, and the log weight of the prior of its sizes. count : columns before
-    it."""
+def _fits(
+    given: TriedOn, p: Problem, count: int, noise: dict[str, Noise], usual: float
+) -> tuple[Fit, Fit, float]:
+    """The best fits without a form and with it, and the log weight of the prior of its sizes.
+    count : columns before it."""
     before, every, sizes = np.arange(count), np.arange(len(p.sd)), np.arange(count, len(p.sd))
     plain = best_fitted(p, before, noise, given.channels)
     first = fitted(p, every, plain.noise)
@@ -250,9 +319,11 @@ def _fits(given: TriedOn, p: Problem, count: int, noise: dict[str, Noise], usual
     wide[sizes] = [prior.sd_of_size(float(size), usual) for size in first.amplitude[sizes]]
     weight = sum(prior.log_of_size(float(size), usual) for size in wide[sizes])
     p = p._replace(sd=wide)
-    full = max((best_fitted(p, every, start, given.channels) for start in (first.noise, noise)),
-               key=lambda fit: fit.log_likelihood)
-    again = fitted(p, before, full.noise)       # a better noise is no gain of the form
+    full = max(
+        (best_fitted(p, every, start, given.channels) for start in (first.noise, noise)),
+        key=lambda fit: fit.log_likelihood,
+    )
+    again = fitted(p, before, full.noise)  # a better noise is no gain of the form
     return max(plain, again, key=lambda fit: fit.log_likelihood), full, weight
 
 
@@ -263,51 +334,63 @@ def _log_prior(quantities: int, form: TriedForm, variables: Variables) -> float:
 
 
 def _refit_jointly(given: TriedOn, terms: Sequence[FittedTerm]) -> list[FittedTerm]:
-    """The same terms with the sizes that they have together: the first was fitted before the others came."""
+    """The same terms with the sizes that they have together: the first was fitted before the
+    others came."""
     columns: list[Column] = []
-    levels: dict[Acts, int] = {}        # a quantity has one level, whatever terms act on it
+    # a quantity has one level, whatever terms act on it
+    levels: dict[Acts, int] = {}
     forms: list[int] = []
     for one in terms:
         if one.levels and one.term.acts_on not in levels:
             levels[one.term.acts_on] = len(given.base) + len(columns)
             columns.append(one.columns[0])
         forms.append(len(given.base) + len(columns))
-        columns += one.columns[one.levels:]
+        columns += one.columns[one.levels :]
     p = given.problem(columns)
     fit = fitted(p, np.arange(len(p.sd)), terms[-1].noise)
     found = []
     for one, at in zip(terms, forms, strict=True):
         acts, variables = one.term.acts_on, given.dictionary.of[one.term.acts_on][1]
-        sizes = fit.amplitude[at:at + len(one.tried.columns)]
+        sizes = fit.amplitude[at : at + len(one.tried.columns)]
         spread = float(np.std(sizes @ one.tried.rows(variables.by_name)))
         level_at = levels.pop(acts, None) if one.levels else None
-        level = 0.0 if level_at is None else _level(fit, level_at, given.base, one.columns[0], spread)
+        level = (
+            0.0 if level_at is None else _level(fit, level_at, given.base, one.columns[0], spread)
+        )
         term = _term(acts, one.tried, sizes, level, fit, at, variables)
         found.append(one._replace(term=term, field_percent=_field_percent(term, given.data)))
     return found
 
 
 def _level(fit: Fit, at: int, base: Sequence[Column], own: Column, spread: float) -> float:
-    """The level that a quantity has along with a form, what the tolerances give of it with it; 0 where the log does not
-    hold it: a slow drift of this log is no trait of the machine, and what a name of the hypothesis does is the name's.
+    """The level that a quantity has along with a form, what the tolerances give of it with it;
+    0 where the log does not hold it: a slow drift of this log is no trait of the machine, and
+    what a name of the hypothesis does is the name's.
 
-    What is the form's mean and what a nominal value that is off within its tolerance no log tells; their sum is
-    reported, and is what the machine does. at : its place in the fit. base : columns before the terms'. own : the
-    level's. spread : of the form over the log, s.d.
+    What is the form's mean and what a nominal value that is off within its tolerance no log
+    tells; their sum is reported, and is what the machine does. at : its place in the fit. base
+    : columns before the terms'. own : the level's. spread : of the form over the log, s.d.
     """
     covariance = fit.covariance
     sd = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
-    if any(column.label.role is Role.SLOPE and abs(covariance[at, k]) > A_NAME * sd[at] * sd[k]
-           for k, column in enumerate(base)):
+    if any(
+        column.label.role is Role.SLOPE and abs(covariance[at, k]) > A_NAME * sd[at] * sd[k]
+        for k, column in enumerate(base)
+    ):
         return 0.0
-    share = np.zeros(len(sd))           # so much of a level a unit of each column is
+    share = np.zeros(len(sd))  # so much of a level a unit of each column is
     for k, column in enumerate(base):
         share[k] = _along(column, own) if column.label.role is Role.TOLERANCE else 0.0
-    moved = sum(share[k] * column.mean for k, column in enumerate(base) if share[k] != 0.0)     # by so much less
+    # by so much less
+    moved = sum(share[k] * column.mean for k, column in enumerate(base) if share[k] != 0.0)
     share[at] = 1.0
     value = float(share @ fit.amplitude) - moved
     variance = float(share @ covariance @ share)
-    return value if abs(value) > max(LEVEL_SD * np.sqrt(max(variance, 0.0)), LEVEL_SHARE * spread) else 0.0
+    return (
+        value
+        if abs(value) > max(LEVEL_SD * np.sqrt(max(variance, 0.0)), LEVEL_SHARE * spread)
+        else 0.0
+    )
 
 
 def _along(one: Column, level: Column) -> float:
@@ -320,19 +403,33 @@ def _along(one: Column, level: Column) -> float:
     return along / max(size, 1e-300) if abs(along) > A_LEVEL * np.sqrt(float(a @ a) * size) else 0.0
 
 
-def _term(acts: Acts, form: TriedForm, sizes: Array, level: float, fit: Fit, at: int, variables: Variables) -> Term:
+def _term(
+    acts: Acts, form: TriedForm, sizes: Array, level: float, fit: Fit, at: int, variables: Variables
+) -> Term:
     """The term of a form's amplitudes, which a fit has from place `at` on, and its level."""
     written = form.written(sizes.tolist(), level, variables.by_name)
     intervals: tuple[Interval, ...] = ()
     if form.kind.main and len(sizes) == 1:
         middle = written.coefficients[form.kind.main]
-        half = abs(middle) * Z90 * float(np.sqrt(max(fit.covariance[at, at], 0.0)) / max(abs(sizes[0]), 1e-300))
+        half = (
+            abs(middle)
+            * Z90
+            * float(np.sqrt(max(fit.covariance[at, at], 0.0)) / max(abs(sizes[0]), 1e-300))
+        )
         intervals = (Interval(form.kind.main, middle - half, middle + half),)
     over = [{"name": name, "valid": variables.by_name[name].valid} for name in form.over]
-    return Term.model_validate({
-        "id": _id(f"{STAGE_OF[acts]}.{written.form}_{'_'.join(form.over)}"), "acts_on": acts,
-        "form": written.form, "over": over, "intervals": intervals, "nodes": written.nodes, "values": written.values,
-        "coefficients": {name: float(value) for name, value in written.coefficients.items()}})
+    return Term.model_validate(
+        {
+            "id": _id(f"{STAGE_OF[acts]}.{written.form}_{'_'.join(form.over)}"),
+            "acts_on": acts,
+            "form": written.form,
+            "over": over,
+            "intervals": intervals,
+            "nodes": written.nodes,
+            "values": written.values,
+            "coefficients": {name: float(value) for name, value in written.coefficients.items()},
+        }
+    )
 
 
 def _id(words: str) -> str:
@@ -347,7 +444,8 @@ def series_of_term(term: Term, data: RunData) -> Array:
 
 
 def _field_percent(term: Term, data: RunData) -> float:
-    """R.m.s. of a term over the working rows, less its mean, as per cent of the dose; a scale's error moves no dose."""
+    """R.m.s. of a term over the working rows, less its mean, as per cent of the dose; a scale's
+    error moves no dose."""
     working = np.interp(data.row_s, data.time_s, data.working) > 0.5
     if term.stage == "scale" or not working.any():
         return 0.0
@@ -359,28 +457,40 @@ def _field_percent(term: Term, data: RunData) -> float:
 
 
 def _held_out_gain(given: TriedOn, one: FittedTerm) -> float:
-    """Share of the held-out mean square error that a term takes away, its amplitudes fitted to the other blocks."""
+    """Share of the held-out mean square error that a term takes away, its amplitudes fitted to
+    the other blocks."""
     name = CHANNEL_OF[one.term.acts_on]
     channel = given.search.model.channel(name)
     blocks, before = held_out(channel), given.search.model.residual(given.now.parts)[name]
-    every = [(c, series_of(c.coefficients[name], channel.cut)) for c in (*given.base, *one.columns)
-             if name in c.coefficients]
+    every = [
+        (c, series_of(c.coefficients[name], channel.cut))
+        for c in (*given.base, *one.columns)
+        if name in c.coefficients
+    ]
     left = []
-    for columns in (every[:len(every) - len(one.columns)], every):
+    for columns in (every[: len(every) - len(one.columns)], every):
         sizes = amplitudes(blocks, columns, before, one.noise)
-        left.append(before - sum(size * series for size, (_, series) in zip(sizes, columns, strict=True)))
+        left.append(
+            before - sum(size * series for size, (_, series) in zip(sizes, columns, strict=True))
+        )
     _, _, plain, better = errors_of(blocks, *left)
-    return float(1.0 - np.sum(better ** 2) / max(float(np.sum(plain ** 2)), 1e-300)) if len(plain) else 0.0
+    return (
+        float(1.0 - np.sum(better**2) / max(float(np.sum(plain**2)), 1e-300)) if len(plain) else 0.0
+    )
 
 
-# -- as it is shown: how it runs along each of its variables, and what the data themselves say there -------------------
+# -- as it is shown: how it runs along each of its variables, and what the data themselves say
+# there -------------------
+
 
 def marginal(term: Term, variable: str, data: RunData) -> tuple[Eight, Eight]:
     """Eight places along one of a term's variables and its mean there in the log."""
     values = data.inputs[own_command(term.stage, variable)]
     low, high = (float(v) for v in np.percentile(values, (1.0, 99.0)))
     nodes = np.linspace(low, high, NODES)
-    nearest = np.clip(np.round((values - low) / max(high - low, 1e-12) * (NODES - 1)), 0, NODES - 1).astype(int)
+    nearest = np.clip(
+        np.round((values - low) / max(high - low, 1e-12) * (NODES - 1)), 0, NODES - 1
+    ).astype(int)
     series = series_of_term(term, data)
     count = np.bincount(nearest, minlength=NODES)
     mean = np.bincount(nearest, weights=series, minlength=NODES) / np.maximum(1, count)
@@ -394,18 +504,23 @@ def _eight(numbers: Array) -> Eight:
     return a, b, c, d, e, f, g, h
 
 
-def means_along(search: Search, now: FittedHypothesis, found: FittedTerm,
-                data: RunData) -> tuple[tuple[float, float, float], ...]:
-    """By classes of the term's first variable (of a product: of what the term says): place, the data's own mean, the
-    term's mean.
+def means_along(
+    search: Search, now: FittedHypothesis, found: FittedTerm, data: RunData
+) -> tuple[tuple[float, float, float], ...]:
+    """By classes of the term's first variable (of a product: of what the term says): place, the
+    data's own mean, the term's mean.
 
-    The data's mean is what the channel leaves once the hypothesis is fitted, in the unit of what the term acts on:
-    least squares of one constant for each class.
+    The data's mean is what the channel leaves once the hypothesis is fitted, in the unit of
+    what the term acts on: least squares of one constant for each class.
     """
     acted = ActedOn(search.model, now.parts, found.term.acts_on)
     channel = acted.channel
     values = series_of_term(found.term, data)
-    along = values if len(found.tried.over) > 1 else data.inputs[own_command(found.stage, found.tried.over[0])]
+    along = (
+        values
+        if len(found.tried.over) > 1
+        else data.inputs[own_command(found.stage, found.tried.over[0])]
+    )
     edges = np.unique(np.percentile(along, np.linspace(0.0, 100.0, CLASSES + 1)))
     if len(edges) < 3:
         return ()
@@ -414,10 +529,10 @@ def means_along(search: Search, now: FittedHypothesis, found: FittedTerm,
     columns = acted.of(inside)
     white = 1.0 / max(1e-12, found.noise[channel.name].fast_sd)
     left = search.model.residual(now.parts)[channel.name]
-    if channel.name == "scale":                 # a level adds up: its changes say what flowed
+    if channel.name == "scale":  # a level adds up: its changes say what flowed
         columns, left = np.diff(columns, axis=1), np.diff(left)
-    normal = columns @ columns.T * white ** 2 + 1e-9 * np.eye(len(columns))
-    mean = np.linalg.solve(normal, columns @ left * white ** 2)
+    normal = columns @ columns.T * white**2 + 1e-9 * np.eye(len(columns))
+    mean = np.linalg.solve(normal, columns @ left * white**2)
     count = np.maximum(1.0, inside.sum(axis=1))
     said = inside @ values / count
     return tuple(zip((inside @ along / count).tolist(), mean.tolist(), said.tolist(), strict=True))

@@ -1,14 +1,16 @@
 """Where the course of one effect on one machine changes: a product partition model, summed exactly.
 
-A machine is repaired, or set anew, between two logs, by chance once in USUAL logs. Between two changes an effect is
-not there, stands, or grows along a straight line (wear); what it is on either side of a change has nothing to do with
-the other side (Barry and Hartigan, Journal of the American Statistical Association 88, 1993, 309). Each stretch then
-has a closed marginal likelihood, and the sums over all partitions are a recursion over the logs in both directions
-(as Fearnhead, Statistics and Computing 16, 2006, 203). It gives the probability of a change in each gap, from the
-first log after it on, and the likeliest partition. How much a size scatters from log to log beyond its own error, as
-a constant and as a share of the size (an effect's form is never quite right), is that of a short grid under which the
-logs are likeliest.
+A machine is repaired, or set anew, between two logs, by chance once in USUAL logs. Between two
+changes an effect is not there, stands, or grows along a straight line (wear); what it is on
+either side of a change has nothing to do with the other side (Barry and Hartigan, Journal of
+the American Statistical Association 88, 1993, 309). Each stretch then has a closed marginal
+likelihood, and the sums over all partitions are a recursion over the logs in both directions
+(as Fearnhead, Statistics and Computing 16, 2006, 203). It gives the probability of a change in
+each gap, from the first log after it on, and the likeliest partition. How much a size scatters
+from log to log beyond its own error, as a constant and as a share of the size (an effect's form
+is never quite right), is that of a short grid under which the logs are likeliest.
 """
+
 from __future__ import annotations
 
 from itertools import product
@@ -18,11 +20,14 @@ import numpy as np
 
 from control.diagnosis.judgement.gaussian import Array, gain
 
-USUAL = 50.0                # logs between two changes of one effect: a season has some 50, a repair or none
-SLOPES = 2.0                # of a level's s.d. prior: what a line changes by over the season
-SCATTERS = (0.0, 0.25, 0.5, 1.0, 1.5)       # of the s.d. about a smooth curve
-SHARES = (0.0, 0.1, 0.2, 0.4)               # of the size
-NEAR = 2                    # gaps on either side of a change, in which it may as well be
+# logs between two changes of one effect: a season has some 50, a repair or none
+USUAL = 50.0
+# of a level's s.d. prior: what a line changes by over the season
+SLOPES = 2.0
+SCATTERS = (0.0, 0.25, 0.5, 1.0, 1.5)  # of the s.d. about a smooth curve
+SHARES = (0.0, 0.1, 0.2, 0.4)  # of the size
+# gaps on either side of a change, in which it may as well be
+NEAR = 2
 KINDS = ("gone", "stands", "line")
 STAYS, CHANGES = float(np.log1p(-1.0 / USUAL)), -float(np.log(USUAL))
 
@@ -36,7 +41,8 @@ class Stretch(NamedTuple):
 
 
 class Partition(NamedTuple):
-    """change: (n - 1,) probability of a change in each gap. scatter: (n,) variance from log to log."""
+    """change: (n - 1,) probability of a change in each gap. scatter: (n,) variance from log to
+    log."""
 
     stretches: tuple[Stretch, ...]
     change: Array
@@ -44,7 +50,7 @@ class Partition(NamedTuple):
 
     def near(self, gap: int) -> float:
         """Probability of a change at a gap or so near that the logs cannot tell."""
-        return float(min(1.0, self.change[max(0, gap - NEAR):gap + NEAR + 1].sum()))
+        return float(min(1.0, self.change[max(0, gap - NEAR) : gap + NEAR + 1].sum()))
 
 
 def share_of(times_d: Array) -> Array:
@@ -52,13 +58,18 @@ def share_of(times_d: Array) -> Array:
     return np.asarray((times_d - times_d.min()) / max(float(np.ptp(times_d)), 1e-9), np.float64)
 
 
-def partition(times_d: Array, sizes: Array, variance: Array, level_sd: float, curve: Array, scatter: float
-              ) -> Partition:
+def partition(
+    times_d: Array, sizes: Array, variance: Array, level_sd: float, curve: Array, scatter: float
+) -> Partition:
     """Of sizes (n,) with their variances. curve: (n,) smooth sizes; scatter: variance about it."""
     tried = product(SCATTERS, SHARES) if scatter > 0.0 else [(0.0, 0.0)]
-    extras = [constant ** 2 * scatter + (share * curve) ** 2 for constant, share in tried]
-    return _cut(max(((_stretches(times_d, sizes, variance + extra, level_sd), extra) for extra in extras),
-                    key=lambda one: _ahead(one[0])[-1]))
+    extras = [constant**2 * scatter + (share * curve) ** 2 for constant, share in tried]
+    return _cut(
+        max(
+            ((_stretches(times_d, sizes, variance + extra, level_sd), extra) for extra in extras),
+            key=lambda one: _ahead(one[0])[-1],
+        )
+    )
 
 
 def gain_of_course(times_d: Array, sizes: Array, variance: Array, level_sd: float) -> float:
@@ -86,7 +97,9 @@ def _cut(found: tuple[Array, Array]) -> Partition:
     while end > 0:
         stretches.append(Stretch(came[end], end, KINDS[int(np.argmax(each[:, came[end], end]))]))
         end = came[end]
-    return Partition(tuple(stretches[::-1]), np.exp(ahead[inside] + back[inside] - ahead[count]), extra)
+    return Partition(
+        tuple(stretches[::-1]), np.exp(ahead[inside] + back[inside] - ahead[count]), extra
+    )
 
 
 def _ahead(each: Array) -> Array:
@@ -99,15 +112,33 @@ def _ahead(each: Array) -> Array:
 
 
 def _stretches(times_d: Array, sizes: Array, variance: Array, level_sd: float) -> Array:
-    """Log marginal likelihood and prior (a change before it, none within) of every stretch [begin, end) by kind,
-    (kinds, n, n + 1); -inf: there is none."""
+    """Log marginal likelihood and prior (a change before it, none within) of every stretch
+    [begin, end) by kind, (kinds, n, n + 1); -inf: there is none."""
     count, share, weight = len(sizes), share_of(times_d), 1.0 / variance
-    sums = np.concatenate([np.zeros((7, 1)), np.cumsum(np.stack([
-        weight, weight * share, weight * share ** 2, weight * sizes, weight * share * sizes, weight * sizes ** 2,
-        np.log(2.0 * np.pi * variance)]), axis=1)], axis=1)
+    sums = np.concatenate(
+        [
+            np.zeros((7, 1)),
+            np.cumsum(
+                np.stack(
+                    [
+                        weight,
+                        weight * share,
+                        weight * share**2,
+                        weight * sizes,
+                        weight * share * sizes,
+                        weight * sizes**2,
+                        np.log(2.0 * np.pi * variance),
+                    ]
+                ),
+                axis=1,
+            ),
+        ],
+        axis=1,
+    )
     begin, end = np.arange(count)[:, None], np.arange(count + 1)
     outside = end <= begin
-    w, wt, wtt, wy, wty, wyy, logs = np.where(outside, 0.0, sums[:, None, :] - sums[:, :-1, None])     # (n, n + 1)
+    # (n, n + 1)
+    w, wt, wtt, wy, wty, wyy, logs = np.where(outside, 0.0, sums[:, None, :] - sums[:, :-1, None])
     gone = -0.5 * (wyy + logs)
     stands = gone + gain(w, wy, level_sd)
     middle = np.divide(wt, w, out=np.zeros_like(wt), where=w > 0.0)

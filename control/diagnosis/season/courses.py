@@ -1,7 +1,10 @@
-"""What a season says: the course of each effect on each machine, what other levels do, every level with its interval.
+"""What a season says: the course of each effect on each machine, what other levels do, every
+level with its interval.
 
-The model is in `mixed.py`; here its terms become sizes, pieces and changes in an effect's own units.
+The model is in `mixed.py`; here its terms become sizes, pieces and changes in an effect's own
+units.
 """
+
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
@@ -18,15 +21,18 @@ from .changes import NEAR, Partition, Stretch
 from .evidence import OneLog, stacked
 from .mixed import Alternative, Levels, Season, found, judged, scan
 
-WEAR_P = 1e-3               # of a slope, that it is noise
-REPAIR_SHARE = 0.25         # of an effect, that a repair takes away at least
-SAID = 0.1                  # probability from which on a change is named
-AROUND = 5                  # logs on either side of a change, of which its sizes are taken
-SAME_LOGS = 0.9             # of two levels' logs: then the two are not told apart
+WEAR_P = 1e-3  # of a slope, that it is noise
+REPAIR_SHARE = 0.25  # of an effect, that a repair takes away at least
+SAID = 0.1  # probability from which on a change is named
+# logs on either side of a change, of which its sizes are taken
+AROUND = 5
+# of two levels' logs: then the two are not told apart
+SAME_LOGS = 0.9
 
 
 class CoursePiece(NamedTuple):
-    """A straight piece of a course: sizes at its begin and end, and their 90 % intervals' half widths."""
+    """A straight piece of a course: sizes at its begin and end, and their 90 % intervals' half
+    widths."""
 
     begin_d: float
     end_d: float
@@ -35,11 +41,12 @@ class CoursePiece(NamedTuple):
     begin_half: float
     end_half: float
     per_day: float
-    per_day_p: float            # that the slope is noise
+    per_day_p: float  # that the slope is noise
 
 
 class SeasonChange(NamedTuple):
-    """Something was done to a machine between two logs. repair: probability that it was, and made the effect less."""
+    """Something was done to a machine between two logs. repair: probability that it was, and
+    made the effect less."""
 
     time_d: float
     probability: float
@@ -50,12 +57,14 @@ class SeasonChange(NamedTuple):
 
 
 class Cause(NamedTuple):
-    """What one level of a factor does to an effect, wherever it is. size, half: 90 %, the mean of all its logs.
+    """What one level of a factor does to an effect, wherever it is. size, half: 90 %, the mean
+    of all its logs.
 
-    alternatives: this one and what it may be just as well, with probabilities. apart: whether these logs say more of it
-    than its prior: else they cannot part it from others. Of a machine its course, apart from what its operators,
-    products and fields do: the size in each log (in the order of `times_d`) with its 90 % half width, the scatter in
-    it, and the straight pieces.
+    alternatives: this one and what it may be just as well, with probabilities. apart: whether
+    these logs say more of it than its prior: else they cannot part it from others. Of a machine
+    its course, apart from what its operators, products and fields do: the size in each log (in
+    the order of `times_d`) with its 90 % half width, the scatter in it, and the straight
+    pieces.
     """
 
     factor: str
@@ -85,7 +94,8 @@ class Cause(NamedTuple):
 
 
 class Same(NamedTuple):
-    """Two levels whose logs are the same but for a few: whatever the one does may be the other's."""
+    """Two levels whose logs are the same but for a few: whatever the one does may be the
+    other's."""
 
     factor: str
     level: str
@@ -94,8 +104,8 @@ class Same(NamedTuple):
 
 
 class SeasonFit(NamedTuple):
-    """courses: what machines have of their own. levels: of every effect that is reported, every level of every factor,
-    those reported among them."""
+    """courses: what machines have of their own. levels: of every effect that is reported, every
+    level of every factor, those reported among them."""
 
     courses: tuple[Cause, ...] = ()
     shared: tuple[Cause, ...] = ()
@@ -109,29 +119,48 @@ def fitted(logs: Sequence[OneLog]) -> SeasonFit:
         return SeasonFit()
     season = judged(found(stacked(logs)))
     causes = [_cause(season, number) for number in range(len(season.causes))]
-    return SeasonFit(tuple(sorted(one for one in causes if one.pieces)), tuple(one for one in causes if not one.pieces),
-                     tuple(_levels(season, causes)), tuple(_same(season.levels)))
+    return SeasonFit(
+        tuple(sorted(one for one in causes if one.pieces)),
+        tuple(one for one in causes if not one.pieces),
+        tuple(_levels(season, causes)),
+        tuple(_same(season.levels)),
+    )
 
 
 def _cause(season: Season, number: int) -> Cause:
     """Each log's own size: what all other terms leave, at their means, with this one left in."""
     cause, (mean, cov) = season.causes[number], season.sizes_of(number)
     whole = cause.columns.mean(axis=0)
-    found = Cause(*season.levels.keys[cause.row], season.logs.names[cause.effect], float(whole @ mean),
-                  Z90 * float(whole @ cov @ whole) ** 0.5, float(expit(cause.log_odds)), len(cause.at),
-                  cause.alternatives)
+    found = Cause(
+        *season.levels.keys[cause.row],
+        season.logs.names[cause.effect],
+        float(whole @ mean),
+        Z90 * float(whole @ cov @ whole) ** 0.5,
+        float(expit(cause.log_odds)),
+        len(cause.at),
+        cause.alternatives,
+    )
     if cause.course is None:
         return found
     times_d, (score, information) = season.logs.times_d[cause.at], season.of_effect(number)
-    sizes, variance = score / information, 1.0 / information            # the scatter in it
+    sizes, variance = score / information, 1.0 / information  # the scatter in it
     return found._replace(
-        times_d=tuple(times_d.tolist()), sizes=tuple(sizes.tolist()), halves=tuple((Z90 * variance ** 0.5).tolist()),
+        times_d=tuple(times_d.tolist()),
+        sizes=tuple(sizes.tolist()),
+        halves=tuple((Z90 * variance**0.5).tolist()),
         pieces=tuple(_pieces(cause.course.stretches, times_d, cause.columns, mean, cov, variance)),
-        changes=tuple(_changes(cause.course, times_d, sizes, variance)))
+        changes=tuple(_changes(cause.course, times_d, sizes, variance)),
+    )
 
 
-def _pieces(stretches: Sequence[Stretch], times_d: Array, columns: Array, mean: Array, cov: Array, variance: Array
-            ) -> Iterator[CoursePiece]:
+def _pieces(
+    stretches: Sequence[Stretch],
+    times_d: Array,
+    columns: Array,
+    mean: Array,
+    cov: Array,
+    variance: Array,
+) -> Iterator[CoursePiece]:
     for one in stretches:
         first, last = columns[one.begin], columns[one.end - 1]
         days = float(times_d[one.end - 1] - times_d[one.begin])
@@ -141,13 +170,22 @@ def _pieces(stretches: Sequence[Stretch], times_d: Array, columns: Array, mean: 
             sd = float((last - first) @ cov @ (last - first)) ** 0.5 / days
         halves = [Z90 * float(row @ cov @ row) ** 0.5 for row in (first, last)]
         if one.kind == "gone":
-            halves = [Z90 * float(np.sum(1.0 / variance[one.begin:one.end])) ** -0.5] * 2
-        yield CoursePiece(float(times_d[one.begin]), float(times_d[one.end - 1]), float(first @ mean),
-                          float(last @ mean), halves[0], halves[1], per_day,
-                          float(2.0 * ndtr(-abs(per_day) / sd)) if sd > 0.0 else 1.0)
+            halves = [Z90 * float(np.sum(1.0 / variance[one.begin : one.end])) ** -0.5] * 2
+        yield CoursePiece(
+            float(times_d[one.begin]),
+            float(times_d[one.end - 1]),
+            float(first @ mean),
+            float(last @ mean),
+            halves[0],
+            halves[1],
+            per_day,
+            float(2.0 * ndtr(-abs(per_day) / sd)) if sd > 0.0 else 1.0,
+        )
 
 
-def _changes(course: Partition, times_d: Array, sizes: Array, variance: Array) -> Iterator[SeasonChange]:
+def _changes(
+    course: Partition, times_d: Array, sizes: Array, variance: Array
+) -> Iterator[SeasonChange]:
     """Where the likeliest course breaks, and where it may well have."""
     gaps = [one.begin - 1 for one in course.stretches[1:]]
     for gap in map(int, np.argsort(-course.change, kind="stable")):
@@ -157,39 +195,66 @@ def _changes(course: Partition, times_d: Array, sizes: Array, variance: Array) -
         before, after = ([one for one in gaps if one < gap], [one for one in gaps if one > gap])
         early = slice(max(gap + 1 - AROUND, max(before, default=-1) + 1), gap + 1)
         late = slice(gap + 1, min(gap + 1 + AROUND, min(after, default=len(sizes) - 1) + 1))
-        was, is_ = ((float(np.average(sizes[part], weights=1.0 / variance[part])),
-                     float(np.sum(1.0 / variance[part])) ** -1.0) for part in (early, late))
+        was, is_ = (
+            (
+                float(np.average(sizes[part], weights=1.0 / variance[part])),
+                float(np.sum(1.0 / variance[part])) ** -1.0,
+            )
+            for part in (early, late)
+        )
         probability = course.near(gap)
-        yield SeasonChange(0.5 * float(times_d[gap] + times_d[gap + 1]), probability,
-                           probability * _nearer_zero(*was, *is_), was[0], is_[0], len(sizes) - gap - 1)
+        yield SeasonChange(
+            0.5 * float(times_d[gap] + times_d[gap + 1]),
+            probability,
+            probability * _nearer_zero(*was, *is_),
+            was[0],
+            is_[0],
+            len(sizes) - gap - 1,
+        )
 
 
 def _nearer_zero(was: float, was_variance: float, is_: float, is_variance: float) -> float:
-    """Probability that a size became less by REPAIR_SHARE at least, and not as large the other way."""
+    """Probability that a size became less by REPAIR_SHARE at least, and not as large the other
+    way."""
     left = 1.0 - REPAIR_SHARE
-    sd = float(left ** 2 * was_variance + is_variance) ** 0.5
+    sd = float(left**2 * was_variance + is_variance) ** 0.5
     sign = 1.0 if was >= 0.0 else -1.0
-    return float(max(0.0, ndtr((left * abs(was) - sign * is_) / sd) + ndtr(
-        (left * abs(was) + sign * is_) / sd) - 1.0))
+    return float(
+        max(
+            0.0,
+            ndtr((left * abs(was) - sign * is_) / sd)
+            + ndtr((left * abs(was) + sign * is_) / sd)
+            - 1.0,
+        )
+    )
 
 
 def _levels(season: Season, causes: Sequence[Cause]) -> Iterator[Cause]:
-    """Every level of every effect that is reported: as reported, else shrunk by the other levels of its factor. Of a
-    set each has its share of the probability."""
+    """Every level of every effect that is reported: as reported, else shrunk by the other
+    levels of its factor. Of a set each has its share of the probability."""
     if not season.causes:
         return
     seen, logs = scan(season), season.logs
     shown = {(one.factor, one.level, one.effect): one for one in causes}
-    of_set = {(other.factor, other.level, other.effect): other.probability * one.probability
-              for one in causes for other in one.alternatives}
+    of_set = {
+        (other.factor, other.level, other.effect): other.probability * one.probability
+        for one in causes
+        for other in one.alternatives
+    }
     for effect in sorted({cause.effect for cause in season.causes}):
-        for row in np.flatnonzero(seen.odds[:, effect] > -np.inf):      # what a level cannot do is no row
+        # what a level cannot do is no row
+        for row in np.flatnonzero(seen.odds[:, effect] > -np.inf):
             key = (*season.levels.keys[row], logs.names[effect])
             precision = seen.information[row, effect] + seen.tau[row, effect] ** -2.0
             one = shown.get(key) or Cause(
-                *key, float(seen.score[row, effect] / precision), Z90 * float(precision) ** -0.5,
-                float(expit(seen.odds[row, effect])), len(season.levels.logs[row]), (),
-                bool(seen.information[row, effect] * seen.tau[row, effect] ** 2 > 1.0))
+                *key,
+                float(seen.score[row, effect] / precision),
+                Z90 * float(precision) ** -0.5,
+                float(expit(seen.odds[row, effect])),
+                len(season.levels.logs[row]),
+                (),
+                bool(seen.information[row, effect] * seen.tau[row, effect] ** 2 > 1.0),
+            )
             yield one._replace(probability=of_set.get(key, one.probability))
 
 

@@ -1,10 +1,13 @@
-"""What one log says of every effect, in a few numbers: enough to add logs up without opening them again.
+"""What one log says of every effect, in a few numbers: enough to add logs up without opening
+them again.
 
-For the effects that are a straight line in their size, the log-likelihood of a log near its null is a quadratic form:
-right' x - x' normal x / 2, with x the sizes, once noise, tolerances and unknown levels are projected out (score and
-information; Cox and Hinkley, Theoretical Statistics, 1974, ch. 9). Sums over logs of such forms are the joint
-likelihood, so that an effect too weak for any one log shows in many.
+For the effects that are a straight line in their size, the log-likelihood of a log near its
+null is a quadratic form: right' x - x' normal x / 2, with x the sizes, once noise, tolerances
+and unknown levels are projected out (score and information; Cox and Hinkley, Theoretical
+Statistics, 1974, ch. 9). Sums over logs of such forms are the joint likelihood, so that an
+effect too weak for any one log shows in many.
 """
+
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
@@ -24,37 +27,45 @@ from control.diagnosis.runs.stages import RunData
 from control.machine.machine import Machine, unit_of
 
 Columns = Mapping[str, npt.NDArray[Any]]
-LOW_SHARE = 0.05            # of a full hopper: below it an operator should have filled up
+# of a full hopper: below it an operator should have filled up
+LOW_SHARE = 0.05
 MOVING_MPS = 0.3
-NOTHING = 1e-9              # of a form's largest eigenvalue: less says nothing
-LEAST_OWN = 1e-3            # of a log's variance, that is not the machine's tolerances
+# of a form's largest eigenvalue: less says nothing
+NOTHING = 1e-9
+# of a log's variance, that is not the machine's tolerances
+LEAST_OWN = 1e-3
 
 
 class QuadraticForm(NamedTuple):
-    """The quadratic form of one group of channels. names: effects, with `#k` behind those of a member.
+    """The quadratic form of one group of channels. names: effects, with `#k` behind those of a
+    member.
 
-    A machine keeps its tolerances: what one log counts as noise of its own is the same in all logs of the machine.
+    A machine keeps its tolerances: what one log counts as noise of its own is the same in all
+    logs of the machine.
     """
 
     names: tuple[str, ...]
-    normal: tuple[tuple[float, ...], ...]       # (q, q), per unit of the catalogue squared
-    right: tuple[float, ...]                    # (q,)
-    open: tuple[str, ...] = ()                  # (t,) nominal values and sensors' own errors that are the machine's
-    pulls: tuple[tuple[float, ...], ...] = ()   # (q, t): how far one s.d. of each moves `right`
+    normal: tuple[tuple[float, ...], ...]  # (q, q), per unit of the catalogue squared
+    right: tuple[float, ...]  # (q,)
+    # (t,) nominal values and sensors' own errors that are the machine's
+    open: tuple[str, ...] = ()
+    # (q, t): how far one s.d. of each moves `right`
+    pulls: tuple[tuple[float, ...], ...] = ()
 
 
 class LogWork(NamedTuple):
     """What was done in a log, and how."""
 
-    hours: float                # of work
+    hours: float  # of work
     applied_kg: float
     area_ha: float
-    low_minutes: float          # of work with the hopper below LOW_SHARE
+    low_minutes: float  # of work with the hopper below LOW_SHARE
     refills: int
 
 
 class LogEvidence(NamedTuple):
-    """percent: error of the dose for one unit of an effect, at this log's operating points; absent: not known."""
+    """percent: error of the dose for one unit of an effect, at this log's operating points;
+    absent: not known."""
 
     found: Diagnosis
     forms: tuple[QuadraticForm, ...]
@@ -81,34 +92,55 @@ def evidence(columns: Columns, machine: Machine, path: str = "") -> LogEvidence:
 def _form(one: GroupResult) -> QuadraticForm | None:
     """Of one group, near nothing wrong.
 
-    The noise is fitted with every effect free and what was found in place: noise fitted to what an effect has left
-    grows with the effect, and a log would count for the less the more it has to tell.
+    The noise is fitted with every effect free and what was found in place: noise fitted to what
+    an effect has left grows with the effect, and a log would count for the less the more it has
+    to tell.
     """
     columns, model = one.search.columns, one.search.model
-    model.move({})              # nominal values as the file has them: what they may be off is projected out
-    straight = [c.part for c in one.search.candidates if ROWS[c.part.id].probe is not None and c.part.onset_s is None]
+    # nominal values as the file has them: what they may be off is projected out
+    model.move({})
+    straight = [
+        c.part
+        for c in one.search.candidates
+        if ROWS[c.part.id].probe is not None and c.part.onset_s is None
+    ]
     parts = {part.id + (f"#{part.member}" if part.member else ""): part for part in straight}
     if not parts:
         return None
-    others = [part for part in one.found.parts if part.onset_s is not None or ROWS[part.id].probe is None]
-    p, before = columns.compressed((), [columns.of_candidate((), part) for part in (*parts.values(), *others)])
+    others = [
+        part for part in one.found.parts if part.onset_s is not None or ROWS[part.id].probe is None
+    ]
+    p, before = columns.compressed(
+        (), [columns.of_candidate((), part) for part in (*parts.values(), *others)]
+    )
     noise = fitted(p, np.arange(len(p.labels)), calm(one.found.noise, model.channels)).noise
     every, base = p.under(noise), np.arange(before)
     here, sizes = np.arange(before, before + len(parts)), p.sizes(base, noise)
     cross = every.A[here, :before]
     left = every.of(here).beyond(cross, sizes)
-    own = [k for k, column in enumerate(columns.fixed())        # the machine's, not the log's own level
-           if column.label.role is not Role.READING or "scale" not in column.coefficients]
+    # the machine's, not the log's own level
+    own = [
+        k
+        for k, column in enumerate(columns.fixed())
+        if column.label.role is not Role.READING or "scale" not in column.coefficients
+    ]
     pulls = cross @ sizes.cov[:, own] / p.sd[own]
-    return QuadraticForm(tuple(parts), _rows(left.A), tuple(left.s.tolist()),
-                         _named([columns.fixed()[k] for k in own]), _rows(pulls))
+    return QuadraticForm(
+        tuple(parts),
+        _rows(left.A),
+        tuple(left.s.tolist()),
+        _named([columns.fixed()[k] for k in own]),
+        _rows(pulls),
+    )
 
 
 def _named(of: Sequence[Column]) -> tuple[str, ...]:
     """A name for each that is the same in every log of a machine."""
     names: list[str] = []
     for column in of:
-        name = f"{column.label.role.name.lower()} {column.label.name or '+'.join(column.coefficients)}"
+        name = (
+            f"{column.label.role.name.lower()} {column.label.name or '+'.join(column.coefficients)}"
+        )
         names.append(f"{name} {sum(one.startswith(name) for one in names)}")
     return tuple(names)
 
@@ -119,9 +151,11 @@ def _rows(of: Array) -> tuple[tuple[float, ...], ...]:
 
 def _percent(effect_id: str, machine: Machine, data: RunData) -> float | None:
     from control.diagnosis.runs.hypothesis import EffectInstance
+
     probe = ROWS[effect_id].on(machine).probe
     assert probe is not None
-    error = field_cost(EffectInstance(effect_id, 4.0 * probe), machine, data).rate_error_percent      # it is rounded
+    # it is rounded
+    error = field_cost(EffectInstance(effect_id, 4.0 * probe), machine, data).rate_error_percent
     return None if error is None else error / (4.0 * probe)
 
 
@@ -131,20 +165,37 @@ def worked(columns: Columns, machine: Machine) -> LogWork:
     step_s = np.minimum(np.diff(time_s, append=time_s[-1]), 5.0)
 
     def known(name: str) -> Array:
-        return np.nan_to_num(np.asarray(columns[name], np.float64)) if name in columns else np.zeros(len(time_s))
+        return (
+            np.nan_to_num(np.asarray(columns[name], np.float64))
+            if name in columns
+            else np.zeros(len(time_s))
+        )
+
     state = columns.get("state")
     speed = known("speed_used_mps") if "speed_used_mps" in columns else known("speed_mps")
     applied = known("applied_rate_kg_ha")
-    works = state == "working" if state is not None and np.any(state != "") else known("shaft_rpm") > 2.0
+    works = (
+        state == "working"
+        if state is not None and np.any(state != "")
+        else known("shaft_rpm") > 2.0
+    )
     works = works & (speed > MOVING_MPS) if np.any(speed) else works
     ground_ha = speed * machine.geometry.working_width_m * step_s * works / 10_000.0
     hopper = columns.get("hopper_kg")
-    low = np.asarray(hopper, np.float64) < LOW_SHARE * machine.flow.full_kg if hopper is not None else \
-        np.zeros(len(time_s), bool)
+    low = (
+        np.asarray(hopper, np.float64) < LOW_SHARE * machine.flow.full_kg
+        if hopper is not None
+        else np.zeros(len(time_s), bool)
+    )
     events = columns.get("events")
     refills = 0 if events is None else sum("refill" in str(text) for text in events[events != ""])
-    return LogWork(float(np.sum(step_s * works)) / 3600.0, float(np.sum(applied * ground_ha)),
-                   float(np.sum(ground_ha * (applied > 0.0))), float(np.sum(step_s * works * low)) / 60.0, refills)
+    return LogWork(
+        float(np.sum(step_s * works)) / 3600.0,
+        float(np.sum(applied * ground_ha)),
+        float(np.sum(ground_ha * (applied > 0.0))),
+        float(np.sum(step_s * works * low)) / 60.0,
+        refills,
+    )
 
 
 class OneLog(NamedTuple):
@@ -154,18 +205,20 @@ class OneLog(NamedTuple):
     machine: str
     time_d: float
     forms: tuple[QuadraticForm, ...]
-    shared: Mapping[str, str] = {}          # factor (product, operator, field) -> level; "" not known
+    # factor (product, operator, field) -> level; "" not known
+    shared: Mapping[str, str] = {}
 
 
 class Logs(NamedTuple):
-    """n logs, by machine and time; the last t of q + t columns are tolerances; zeros where a log tells nothing."""
+    """n logs, by machine and time; the last t of q + t columns are tolerances; zeros where a
+    log tells nothing."""
 
     logs: tuple[OneLog, ...]
-    times_d: Array              # (n,)
+    times_d: Array  # (n,)
     machines: tuple[str, ...]
-    machine: Indices               # (n,) into machines
-    names: tuple[str, ...]      # (q,) effects
-    every: Gaussian             # (n, q + t, q + t) and (n, q + t)
+    machine: Indices  # (n,) into machines
+    names: tuple[str, ...]  # (q,) effects
+    every: Gaussian  # (n, q + t, q + t) and (n, q + t)
 
     def of(self, machine: int) -> slice:
         """They stand next to each other."""
@@ -173,12 +226,14 @@ class Logs(NamedTuple):
 
 
 def stacked(logs: Sequence[OneLog]) -> Logs:
-    """The logs of a season as arrays: each a Gaussian likelihood of all sizes, its machine's tolerances kept apart.
+    """The logs of a season as arrays: each a Gaussian likelihood of all sizes, its machine's
+    tolerances kept apart.
 
-    A log's form says of the sizes x: right' x - x' normal x / 2, with what the machine may be off within its tolerances
-    counted as noise of the log's own. Over many logs of one machine it is none: it is the same u, one s.d. each, in all
-    of them. `pulls` says how u moves `right`; with it the form is taken apart again into one of (x, u), from which the
-    season's model integrates u once for each machine instead of once for each log.
+    A log's form says of the sizes x: right' x - x' normal x / 2, with what the machine may be
+    off within its tolerances counted as noise of the log's own. Over many logs of one machine
+    it is none: it is the same u, one s.d. each, in all of them. `pulls` says how u moves
+    `right`; with it the form is taken apart again into one of (x, u), from which the season's
+    model integrates u once for each machine instead of once for each log.
     """
     every = sorted(logs, key=lambda one: (one.machine, one.time_d, one.key))
     names = sorted({name for log in every for form in log.forms for name in form.names})
@@ -195,28 +250,37 @@ def stacked(logs: Sequence[OneLog]) -> Logs:
             normal[np.ix_([j], here, here)] += part
             right[j, here] += score
     number = {name: k for k, name in enumerate(machines)}
-    return Logs(tuple(every), np.array([log.time_d for log in every]), tuple(machines),
-                np.array([number[log.machine] for log in every], np.int64), tuple(names), Gaussian(normal, right))
+    return Logs(
+        tuple(every),
+        np.array([log.time_d for log in every]),
+        tuple(machines),
+        np.array([number[log.machine] for log in every], np.int64),
+        tuple(names),
+        Gaussian(normal, right),
+    )
 
 
 def _taken_apart(form: QuadraticForm) -> tuple[Array, Array]:
-    """Normal and right of (x, u): in the directions that the form knows, y = A x + W u + e, cov(W u + e) = 1."""
+    """Normal and right of (x, u): in the directions that the form knows, y = A x + W u + e,
+    cov(W u + e) = 1."""
     values, vectors = np.linalg.eigh(np.array(form.normal, np.float64))
     known = values > NOTHING * max(float(values[-1]), 1e-300)
     root = np.sqrt(values[known])
     if not len(root):
-        return np.zeros((len(form.names) + len(form.open),) * 2), np.zeros(len(form.names) + len(form.open))
+        return np.zeros((len(form.names) + len(form.open),) * 2), np.zeros(
+            len(form.names) + len(form.open)
+        )
     seen = vectors[:, known].T
     pulls = np.array(form.pulls, np.float64).reshape(len(form.names), len(form.open))
     both = np.concatenate([root[:, None] * seen, seen @ pulls / root[:, None]], axis=1)
-    own = np.eye(len(root)) - both[:, len(form.names):] @ both[:, len(form.names):].T
+    own = np.eye(len(root)) - both[:, len(form.names) :] @ both[:, len(form.names) :].T
     shares, axes = np.linalg.eigh(own)
     weighted = (axes / np.maximum(shares, LEAST_OWN)) @ axes.T @ both
     return both.T @ weighted, weighted.T @ (seen @ np.array(form.right) / root)
 
 
 def with_scatter(every: Gaussian, variance: Array) -> Gaussian:
-    """The logs' products (n, w, w) and (n, w) where each size also scatters by `variance` (n, w) of its own from log to
-    log."""
+    """The logs' products (n, w, w) and (n, w) where each size also scatters by `variance` (n,
+    w) of its own from log to log."""
     here = np.flatnonzero(np.any(variance > 0.0, axis=0))
     return every.beyond(every.A[:, :, here], every.of(here).fit(np.sqrt(variance[:, here])))

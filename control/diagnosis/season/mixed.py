@@ -1,33 +1,40 @@
-"""One model of a whole season: what machine, operator, product, field and time each do to every effect.
+"""One model of a whole season: what machine, operator, product, field and time each do to every
+effect.
 
 The size of effect e in log j is a sum over the levels that the log has, along with its own scatter:
 
     x_je = machine_me(t) + operator_oe + product_pe + field_fe + fleet_e + scatter_je
 
-and log j knows x_j through a Gaussian likelihood whose precision is known (`evidence.py`). That is a linear mixed model
-with known variances within logs (Searle, Casella and McCulloch, Variance Components, 1992, ch. 6; Gelman and Hill, Data
-Analysis Using Regression and Multilevel/Hierarchical Models, 2007, ch. 11 to 13). Every level is a random effect about
-the machine file, none is the reference: the commonest operator is examined as any other. A level's prior is that of an
-effect that is mostly absent: 0, or with a small probability N(0, tau^2) (spike and slab; Mitchell and Beauchamp,
-Journal of the American Statistical Association 83, 1988, 1023); tau is shared by the levels of a factor and is that of
-a short grid under which all of them are likeliest. What a scale reads wrong is a machine's, or all machines': no
-operator, product or field is asked for it. Given which levels are there, all else is linear and Gaussian
-(`judgement/gaussian.py`): the mixed-model equations (Henderson, Biometrics 31, 1975, 423). A machine's own terms, the
-stretches of its courses and its tolerances (of variance 1, once for all its logs), meet no other machine's but through
-what both share. Machine by machine they are eliminated (4); what is left are equations of the shared terms alone. So
-the cost grows with the logs.
+and log j knows x_j through a Gaussian likelihood whose precision is known (`evidence.py`). That
+is a linear mixed model with known variances within logs (Searle, Casella and McCulloch,
+Variance Components, 1992, ch. 6; Gelman and Hill, Data Analysis Using Regression and
+Multilevel/Hierarchical Models, 2007, ch. 11 to 13). Every level is a random effect about the
+machine file, none is the reference: the commonest operator is examined as any other. A level's
+prior is that of an effect that is mostly absent: 0, or with a small probability N(0, tau^2)
+(spike and slab; Mitchell and Beauchamp, Journal of the American Statistical Association 83,
+1988, 1023); tau is shared by the levels of a factor and is that of a short grid under which all
+of them are likeliest. What a scale reads wrong is a machine's, or all machines': no operator,
+product or field is asked for it. Given which levels are there, all else is linear and Gaussian
+(`judgement/gaussian.py`): the mixed-model equations (Henderson, Biometrics 31, 1975, 423). A
+machine's own terms, the stretches of its courses and its tolerances (of variance 1, once for
+all its logs), meet no other machine's but through what both share. Machine by machine they are
+eliminated (4); what is left are equations of the shared terms alone. So the cost grows with the
+logs.
 
-Which levels are there is searched greedily, the likeliest first, and along with it all that have no machine in common
-with one that was taken: these do not see each other. Then each is asked again, given all others: the gain of its terms
-by their own posterior (Savage-Dickey). Time: the course of a machine is cut by `changes.py`, the other terms at their
-means. All that is said comes from the posterior in which nothing more is sure.
+Which levels are there is searched greedily, the likeliest first, and along with it all that
+have no machine in common with one that was taken: these do not see each other. Then each is
+asked again, given all others: the gain of its terms by their own posterior (Savage-Dickey).
+Time: the course of a machine is cut by `changes.py`, the other terms at their means. All that
+is said comes from the posterior in which nothing more is sure.
 
-What cannot be told apart: in place of a cause every effect at its place, and every other level with its effect (or,
-where it cannot have that, with those that it can). Their marginal likelihoods give the set of alternatives with
-probabilities. An effect's form is wrong by a few per cent of itself, so likelihoods are tempered as if the data were
-worth no more than that (coarsened posterior; Miller and Dunson, Journal of the American Statistical Association 114,
+What cannot be told apart: in place of a cause every effect at its place, and every other level
+with its effect (or, where it cannot have that, with those that it can). Their marginal
+likelihoods give the set of alternatives with probabilities. An effect's form is wrong by a few
+per cent of itself, so likelihoods are tempered as if the data were worth no more than that
+(coarsened posterior; Miller and Dunson, Journal of the American Statistical Association 114,
 2019, 1113).
 """
+
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -47,29 +54,40 @@ from control.machine.machine import CATALOGUE
 from .changes import SLOPES, Partition, gain_of_course, partition, share_of
 from .evidence import Logs, with_scatter
 
-PRIOR = 1e-3                # that one level does one effect: of the some thousand pairs of a season about one does
-SURE = 0.95                 # probability from which on a level is reported; of thousands of pairs noise gives 0.1
-GRID = (0.1, 0.3, 1.0)      # of an effect's usual size: tau of the slab; levels of a factor may differ by less
-COARSE = 0.005              # of a gain: what tempers alternatives; behind by 3 % of it is one in twenty
+# that one level does one effect: of the some thousand pairs of a season about one does
+PRIOR = 1e-3
+# probability from which on a level is reported; of thousands of pairs noise gives 0.1
+SURE = 0.95
+# of an effect's usual size: tau of the slab; levels of a factor may differ by less
+GRID = (0.1, 0.3, 1.0)
+# of a gain: what tempers alternatives; behind by 3 % of it is one in twenty
+COARSE = 0.005
 SWEEPS = 3
-URN_ROUNDS, URN_SETTLED = 300, 1e-3     # of sharing out names, and the change of a probability that ends it
-ROUNDS = 40                 # of adding, and of asking again: causes that a machine, or what it shares with others, has
-SHOWN = 0.05                # probability from which on an alternative is named
-CURVE_DF, LEAST_LOGS = 5, 3             # of a smooth course, and logs for each number of it
-LEAST = 1e-12               # of an information, to divide by
-NOTHING = 1e-6              # of a level's information: what no other term takes, to rounding
+# of sharing out names, and the change of a probability that ends it
+URN_ROUNDS, URN_SETTLED = 300, 1e-3
+# of adding, and of asking again: causes that a machine, or what it shares with others, has
+ROUNDS = 40
+# probability from which on an alternative is named
+SHOWN = 0.05
+# of a smooth course, and logs for each number of it
+CURVE_DF, LEAST_LOGS = 5, 3
+LEAST = 1e-12  # of an information, to divide by
+# of a level's information: what no other term takes, to rounding
+NOTHING = 1e-6
 MACHINE, FLEET = "machine", "fleet"
-# Stages whose effects a single machine has, or all by the way in which they are made and calibrated: what a scale
-# reads wrong comes from its cells, its amplifier and its calibration weight. They are bolted to the machine, whoever
-# drives it, whatever it spreads and wherever it stands; pitch and time of day are inputs of their effects.
+# Stages whose effects a single machine has, or all by the way in which they are made and
+# calibrated: what a scale reads wrong comes from its cells, its amplifier and its calibration
+# weight. They are bolted to the machine, whoever drives it, whatever it spreads and wherever it
+# stands; pitch and time of day are inputs of their effects.
 OF_MACHINES_ONLY = frozenset({"scale"})
 ORDER = tuple(CATALOGUE)
 NONE = np.zeros(0)
-Keys = list[tuple[int, int]]                # rows and effects
+Keys = list[tuple[int, int]]  # rows and effects
 
 
 class Alternative(NamedTuple):
-    """What a cause may be just as well: the same effect at another level, or another effect at this one."""
+    """What a cause may be just as well: the same effect at another level, or another effect at
+    this one."""
 
     factor: str
     level: str
@@ -79,8 +97,9 @@ class Alternative(NamedTuple):
 
 
 class EffectAtLevel(NamedTuple):
-    """One effect at one level (its row). columns: (logs, k) its terms' share in each log of `at`, of prior s.d. `sd`
-    (k,). scatter: variance of each of these logs, of what machines share one for all logs of these."""
+    """One effect at one level (its row). columns: (logs, k) its terms' share in each log of
+    `at`, of prior s.d. `sd` (k,). scatter: variance of each of these logs, of what machines
+    share one for all logs of these."""
 
     row: int
     effect: int
@@ -88,29 +107,32 @@ class EffectAtLevel(NamedTuple):
     columns: Array
     sd: Array
     scatter: Array = np.zeros(1)
-    course: Partition | None = None         # of a machine's: over the logs `at`
+    course: Partition | None = None  # of a machine's: over the logs `at`
     log_odds: float = 0.0
     alternatives: tuple[Alternative, ...] = ()
 
 
 class Levels(NamedTuple):
-    """Factor and level of each row: machines first. code: (n, factors) each log's rows, -1 where it has none."""
+    """Factor and level of each row: machines first. code: (n, factors) each log's rows, -1
+    where it has none."""
 
     keys: tuple[tuple[str, str], ...]
     row: Mapping[tuple[str, str], int]
     code: Indices
     logs: tuple[Indices, ...]
-    machines: tuple[Indices, ...]           # of each row's logs
+    machines: tuple[Indices, ...]  # of each row's logs
 
 
 class OneMachine(NamedTuple):
-    """A machine's logs (n) with all terms that they have: its own first, then those that it shares with others.
+    """A machine's logs (n) with all terms that they have: its own first, then those that it
+    shares with others.
 
-    of: its causes, whose terms these are. products: of the terms (K,). cross: (q, K, n) information that the logs'
-    effects share with them. own: s.d. of its own terms. scatter: (n, q) variance of each size from log to log that
-    stands in `likely`. alone: its own terms by themselves, what the others share with them, what they leave of those.
-    place: of the others among all that are shared. terms: of each cause, by its number. Of the posterior: b and cov of
-    the terms, and what these leave of the logs' scores (n, q)."""
+    of: its causes, whose terms these are. products: of the terms (K,). cross: (q, K, n)
+    information that the logs' effects share with them. own: s.d. of its own terms. scatter: (n,
+    q) variance of each size from log to log that stands in `likely`. alone: its own terms by
+    themselves, what the others share with them, what they leave of those. place: of the others
+    among all that are shared. terms: of each cause, by its number. Of the posterior: b and cov
+    of the terms, and what these leave of the logs' scores (n, q)."""
 
     of: tuple[EffectAtLevel, ...]
     logs: slice
@@ -128,9 +150,10 @@ class OneMachine(NamedTuple):
 
 
 class Scan(NamedTuple):
-    """Every level (row) and effect along with what is there: (rows, q). odds: log of, for against. cross: by effect,
-    what each row shares with the shared terms, their covariance `cov` (q, terms, terms). doubts: of a row and a cause,
-    the share of the row's information that lies in logs of that cause."""
+    """Every level (row) and effect along with what is there: (rows, q). odds: log of, for
+    against. cross: by effect, what each row shares with the shared terms, their covariance
+    `cov` (q, terms, terms). doubts: of a row and a cause, the share of the row's information
+    that lies in logs of that cause."""
 
     score: Array
     information: Array
@@ -149,7 +172,7 @@ class Season(NamedTuple):
     causes: tuple[EffectAtLevel, ...]
     machines: tuple[OneMachine, ...]
     shared: Sizes
-    place: dict[int, int]                   # of a cause's term among those that are shared
+    place: dict[int, int]  # of a cause's term among those that are shared
 
     def sizes_of(self, number: int) -> tuple[Array, Array]:
         """Posterior mean and covariance of a cause's terms."""
@@ -162,12 +185,15 @@ class Season(NamedTuple):
         return self.shared.b[at], self.shared.cov[np.ix_(at, at)]
 
     def of_effect(self, number: int) -> tuple[Array, Array]:
-        """Score and information of a cause's effect in each log `at`, all other terms at their means."""
+        """Score and information of a cause's effect in each log `at`, all other terms at their
+        means."""
         cause, b = self.causes[number], self.sizes_of(number)[0]
         parts = [self.machines[k] for k in self.levels.machines[cause.row]]
         information = np.concatenate([one.likely.A[:, cause.effect, cause.effect] for one in parts])
         left = np.concatenate([one.left[:, cause.effect] for one in parts])
-        inside = np.isin(np.concatenate([np.arange(one.logs.start, one.logs.stop) for one in parts]), cause.at)
+        inside = np.isin(
+            np.concatenate([np.arange(one.logs.start, one.logs.stop) for one in parts]), cause.at
+        )
         return left[inside] + information[inside] * (cause.columns @ b), information[inside]
 
 
@@ -187,13 +213,20 @@ def levels_of(logs: Logs) -> Levels:
         order = np.argsort(code, kind="stable")
         cuts = np.flatnonzero(np.diff(code[order])) + 1
         each += [part for part in np.split(order, cuts) if len(part) and code[part[0]] >= 0]
-    return Levels(tuple(keys), {key: row for row, key in enumerate(keys)}, np.stack(codes, axis=1), tuple(each),
-                  tuple(np.unique(logs.machine[part]) for part in each))
+    return Levels(
+        tuple(keys),
+        {key: row for row, key in enumerate(keys)},
+        np.stack(codes, axis=1),
+        tuple(each),
+        tuple(np.unique(logs.machine[part]) for part in each),
+    )
 
 
-def solved(logs: Logs, levels: Levels, causes: Sequence[EffectAtLevel], before: Season | None = None) -> Season:
-    """The posterior of all terms: each machine's own eliminated, the shared ones solved, and back. A machine whose
-    causes have the terms that they had `before` is not made anew."""
+def solved(
+    logs: Logs, levels: Levels, causes: Sequence[EffectAtLevel], before: Season | None = None
+) -> Season:
+    """The posterior of all terms: each machine's own eliminated, the shared ones solved, and
+    back. A machine whose causes have the terms that they had `before` is not made anew."""
     mine: list[list[int]] = [[] for _ in logs.machines]
     for number, cause in enumerate(causes):
         for machine in levels.machines[cause.row]:
@@ -202,21 +235,38 @@ def solved(logs: Logs, levels: Levels, causes: Sequence[EffectAtLevel], before: 
     place, total = {number: k for k, number in enumerate(several)}, len(several)
     shared, parts = Gaussian(np.zeros((total, total)), np.zeros(total)), list[OneMachine]()
     for machine, numbers in enumerate(mine):
-        numbers.sort(key=lambda one: one in place)          # a machine's own first
+        numbers.sort(key=lambda one: one in place)  # a machine's own first
         of = tuple(causes[number] for number in numbers)
         one = before.machines[machine] if before else None
-        if one is None or len(of) != len(one.of) or any(
+        if (
+            one is None
+            or len(of) != len(one.of)
+            or any(
                 new.columns is not old.columns or new.scatter is not old.scatter
-                for new, old in zip(of, one.of, strict=True)):
+                for new, old in zip(of, one.of, strict=True)
+            )
+        ):
             one = _terms(logs, machine, of)
         ends = len(one.products.s) - np.cumsum([0, *(len(cause.sd) for cause in of[::-1])])[::-1]
-        one = one._replace(place=np.array([place[each] for each in numbers if each in place], np.int64), terms={
-            number: slice(*each) for number, each in zip(numbers, pairwise(ends.tolist()), strict=True)})
+        one = one._replace(
+            place=np.array([place[each] for each in numbers if each in place], np.int64),
+            terms={
+                number: slice(*each)
+                for number, each in zip(numbers, pairwise(ends.tolist()), strict=True)
+            },
+        )
         shared.A[one.place[:, None], one.place] += one.alone[2].A
         shared.s[one.place] += one.alone[2].s
         parts.append(one)
     sizes = shared.fit(np.array([causes[number].sd[0] for number in several]))
-    return Season(logs, levels, tuple(causes), tuple(_with_posterior(one, sizes) for one in parts), sizes, place)
+    return Season(
+        logs,
+        levels,
+        tuple(causes),
+        tuple(_with_posterior(one, sizes) for one in parts),
+        sizes,
+        place,
+    )
 
 
 def _terms(logs: Logs, machine: int, of: tuple[EffectAtLevel, ...]) -> OneMachine:
@@ -231,22 +281,35 @@ def _terms(logs: Logs, machine: int, of: tuple[EffectAtLevel, ...]) -> OneMachin
         if cause.row == machine:
             own.append(cause.sd)
         scatters = at if cause.row == machine else np.arange(count)
-        variance[scatters, cause.effect] = np.maximum(variance[scatters, cause.effect], cause.scatter)
+        variance[scatters, cause.effect] = np.maximum(
+            variance[scatters, cause.effect], cause.scatter
+        )
     likely = Gaussian(logs.every.A[here], logs.every.s[here])
     if variance.any():
         likely = with_scatter(likely, variance)
-    open_ = q + np.flatnonzero(np.any(likely.A[:, q:, q:] != 0.0, axis=(0, 2)))      # tolerances before all else
+    # tolerances before all else
+    open_ = q + np.flatnonzero(np.any(likely.A[:, q:, q:] != 0.0, axis=(0, 2)))
     share = np.concatenate([np.ones((count, len(open_))), *shares], axis=1)
     at = np.concatenate([open_, *(np.full(len(cause.sd), cause.effect) for cause in of)])
     cross, sd = likely.A[:, :, at] * share[:, None, :], np.concatenate([np.ones(len(open_)), *own])
-    products = Gaussian(np.einsum("nk,nkl->kl", share, cross[:, at]), np.sum(share * likely.s[:, at], axis=0))
+    products = Gaussian(
+        np.einsum("nk,nkl->kl", share, cross[:, at]), np.sum(share * likely.s[:, at], axis=0)
+    )
     return OneMachine(
-        of, here, Gaussian(likely.A[:, :q, :q], likely.s[:, :q]),
-        np.ascontiguousarray(cross[:, :q].transpose(1, 2, 0)), products, sd, variance[:, :q], _eliminated(products, sd))
+        of,
+        here,
+        Gaussian(likely.A[:, :q, :q], likely.s[:, :q]),
+        np.ascontiguousarray(cross[:, :q].transpose(1, 2, 0)),
+        products,
+        sd,
+        variance[:, :q],
+        _eliminated(products, sd),
+    )
 
 
 def _eliminated(products: Gaussian, own: Array) -> tuple[Sizes, Array, Gaussian]:
-    """A machine's own terms by themselves, what the others share with them, and what they leave of the others."""
+    """A machine's own terms by themselves, what the others share with them, and what they leave
+    of the others."""
     first, rest = np.arange(len(own)), np.arange(len(own), products.s.shape[-1])
     fit, across = products.of(first).fit(own), products.A[..., rest[:, None], first]
     return fit, across, products.of(rest).beyond(across, fit)
@@ -254,7 +317,7 @@ def _eliminated(products: Gaussian, own: Array) -> tuple[Sizes, Array, Gaussian]
 
 def _with_posterior(one: OneMachine, shared: Sizes) -> OneMachine:
     fit, across, _ = one.alone
-    turn = fit.cov @ across.T                                           # own terms by the shared ones
+    turn = fit.cov @ across.T  # own terms by the shared ones
     b, cov = shared.b[one.place], shared.cov[one.place[:, None], one.place]
     b = np.concatenate([fit.b - turn @ b, b])
     cov = np.block([[fit.cov + turn @ cov @ turn.T, -turn @ cov], [-cov @ turn.T, cov]])
@@ -262,23 +325,25 @@ def _with_posterior(one: OneMachine, shared: Sizes) -> OneMachine:
 
 
 def _scatter(logs: Logs, one: OneMachine) -> Array:
-    """(q,) variance by which sizes scatter from log to log, of what the terms leave of them without it."""
+    """(q,) variance by which sizes scatter from log to log, of what the terms leave of them
+    without it."""
     information = np.diagonal(one.likely.A, axis1=1, axis2=2)
     without = 1.0 / (1.0 - one.scatter * information)
     return smooth(_basis(logs.times_d[one.logs]), without * one.left, without * information)[1]
 
 
 def smooth(rows: Array, score: Array, information: Array) -> tuple[Array, Array]:
-    """Smooth courses (n, q) through sizes score / information, and the variance (q,) of the sizes about them beyond
-    their own errors, by the method of moments (DerSimonian and Laird, Controlled Clinical Trials 7, 1986, 177)."""
-    weighted = rows[None] * information.T[:, :, None]                   # (q, n, df)
+    """Smooth courses (n, q) through sizes score / information, and the variance (q,) of the
+    sizes about them beyond their own errors, by the method of moments (DerSimonian and Laird,
+    Controlled Clinical Trials 7, 1986, 177)."""
+    weighted = rows[None] * information.T[:, :, None]  # (q, n, df)
     inverse = np.linalg.pinv(rows.T @ weighted, hermitian=True)
     curve = (rows @ (inverse @ (score.T[:, None] @ rows).swapaxes(1, 2)))[..., 0].T
     known = information > 0.0
     free = known.sum(axis=0) - np.minimum(known.sum(axis=0), rows.shape[1])
     reach = information.sum(axis=0) - np.einsum("qij,qni,qnj->q", inverse, weighted, weighted)
     left = np.where(known, score - information * curve, 0.0)
-    excess = np.sum(left ** 2 / np.where(known, information, 1.0), axis=0) - free
+    excess = np.sum(left**2 / np.where(known, information, 1.0), axis=0) - free
     enough = (free >= 1) & (reach > 0.0)
     return curve, np.where(enough, np.maximum(0.0, excess / np.where(enough, reach, 1.0)), 0.0)
 
@@ -296,13 +361,22 @@ def row_of(name: str) -> EffectRow:
 
 def slab(logs: Logs) -> Array:
     """(grid, q) s.d. of what an effect is where it is."""
-    return np.asarray(np.array(GRID)[:, None] * [row_of(name).usual for name in logs.names], np.float64)
+    return np.asarray(
+        np.array(GRID)[:, None] * [row_of(name).usual for name in logs.names], np.float64
+    )
 
 
 def scan(season: Season) -> Scan:
-    """Each effect also scatters from log to log as far as what is left of it does: of rank one in each log."""
-    q, count, rows, total = len(season.logs.names), len(season.machines), len(season.levels.keys), len(season.shared.b)
-    score, raw, took = (np.zeros((rows + 2 * count, q)) for _ in range(3))      # a course may also rise, or fall
+    """Each effect also scatters from log to log as far as what is left of it does: of rank one
+    in each log."""
+    q, count, rows, total = (
+        len(season.logs.names),
+        len(season.machines),
+        len(season.levels.keys),
+        len(season.shared.b),
+    )
+    # a course may also rise, or fall
+    score, raw, took = (np.zeros((rows + 2 * count, q)) for _ in range(3))
     shared = Gaussian(np.zeros((q, total, total)), np.zeros((q, total)))
     places, values = list[Array](), list[Array]()
     doubts = dict[tuple[int, int], Array]()
@@ -311,18 +385,25 @@ def scan(season: Season) -> Scan:
         scatter = np.where(np.any(one.scatter > 0.0, axis=0), 0.0, _scatter(season.logs, one))
         weight = 1.0 / (1.0 + scatter * information)
         lost = one.cross * (scatter * weight).T[:, None, :]
-        products = Gaussian(one.products.A - lost @ one.cross.swapaxes(1, 2),
-                            one.products.s - np.einsum("qkn,nq->qk", lost, one.likely.s))
+        products = Gaussian(
+            one.products.A - lost @ one.cross.swapaxes(1, 2),
+            one.products.s - np.einsum("qkn,nq->qk", lost, one.likely.s),
+        )
         fit, across, rest = _eliminated(products, one.own)
         shared.A[:, one.place[:, None], one.place] += rest.A
         shared.s[:, one.place] += rest.s
         which, has = _levels_of_machine(season, machine)
-        crossed = has.T @ (one.cross * weight.T[:, None, :]).swapaxes(1, 2)     # (q, levels, K)
+        # (q, levels, K)
+        crossed = has.T @ (one.cross * weight.T[:, None, :]).swapaxes(1, 2)
         turned = crossed[..., :own] @ fit.cov
-        raw[which] += (has ** 2).T @ (weight * information)
+        raw[which] += (has**2).T @ (weight * information)
         took[which] += np.sum(turned * crossed[..., :own], axis=-1).T
-        score[which] += has.T @ (weight * one.likely.s) - np.einsum("qck,qk->cq", crossed[..., :own], fit.b)
-        places.append(np.stack([each.ravel() for each in np.meshgrid(which, one.place, indexing="ij")]))
+        score[which] += has.T @ (weight * one.likely.s) - np.einsum(
+            "qck,qk->cq", crossed[..., :own], fit.b
+        )
+        places.append(
+            np.stack([each.ravel() for each in np.meshgrid(which, one.place, indexing="ij")])
+        )
         values.append((crossed[..., own:] - turned @ across.swapaxes(1, 2)).reshape(q, -1))
         _doubts(season, one, which, has, weight * information, doubts)
     sizes = shared.fit(np.array([season.causes[one].sd[0] for one in season.place]))
@@ -330,15 +411,20 @@ def scan(season: Season) -> Scan:
     cross = tuple(csr_array((value[k], at), shape=(len(score), total)) for k in range(q))
     for k, each in enumerate(cross):
         score[:, k] -= each @ sizes.b[k]
-        took[:, k] += np.asarray(each.multiply(each @ sizes.cov[k]).sum(axis=1)).ravel() if total else 0.0
+        took[:, k] += (
+            np.asarray(each.multiply(each @ sizes.cov[k]).sum(axis=1)).ravel() if total else 0.0
+        )
     information = np.where(raw - took > NOTHING * raw, raw - took, 0.0)
     score = np.where(information > 0.0, score, 0.0)
     shares = {key: each / np.maximum(raw[key[0]], LEAST) for key, each in doubts.items()}
-    return Scan(score, information, *_odds(season, score, information, shares), shares, cross, sizes.cov)
+    return Scan(
+        score, information, *_odds(season, score, information, shares), shares, cross, sizes.cov
+    )
 
 
 def _levels_of_machine(season: Season, machine: int) -> tuple[Indices, Array]:
-    """Rows of the levels that its logs have, and the share (n, rows) of each; last how it rises and falls."""
+    """Rows of the levels that its logs have, and the share (n, rows) of each; last how it rises
+    and falls."""
     logs, rows, count = season.machines[machine].logs, len(season.levels.keys), len(season.machines)
     code = season.levels.code[logs]
     which = np.unique(code[code >= 0])
@@ -350,10 +436,16 @@ def _levels_of_machine(season: Season, machine: int) -> tuple[Indices, Array]:
     return np.concatenate([which, [rows + machine, rows + count + machine]]), has
 
 
-def _doubts(season: Season, one: OneMachine, which: Indices, has: Array, information: Array,
-            found: dict[tuple[int, int], Array]) -> None:
-    """By level and cause (q,): a level's information in logs that have both, of effects in the same channels: what is
-    there may leave to others what its form does not follow."""
+def _doubts(
+    season: Season,
+    one: OneMachine,
+    which: Indices,
+    has: Array,
+    information: Array,
+    found: dict[tuple[int, int], Array],
+) -> None:
+    """By level and cause (q,): a level's information in logs that have both, of effects in the
+    same channels: what is there may leave to others what its form does not follow."""
     for number, here in one.terms.items():
         cause = season.causes[number]
         if not row_of(season.logs.names[cause.effect]).form_over:
@@ -366,26 +458,31 @@ def _doubts(season: Season, one: OneMachine, which: Indices, has: Array, informa
 
 
 def doubt(season: Season, doubts: dict[tuple[int, int], Array], gained: Array) -> Array:
-    """(rows, q) of what each gained: of each cause no more than its form may be wrong by, and no more than is gained in
-    logs that have it: what a level shows elsewhere is not that cause's."""
+    """(rows, q) of what each gained: of each cause no more than its form may be wrong by, and
+    no more than is gained in logs that have it: what a level shows elsewhere is not that
+    cause's."""
     result = np.zeros_like(gained)
     for (row, number), share in doubts.items():
         cause, taken = season.causes[number], np.minimum(share, 1.0) * np.maximum(gained[row], 0.0)
-        taken[cause.effect] *= cause.row != row             # not of itself
-        result[row] += np.minimum(taken, FORM_SHARE ** 2 * max(0.0, cause.log_odds))
+        taken[cause.effect] *= cause.row != row  # not of itself
+        result[row] += np.minimum(taken, FORM_SHARE**2 * max(0.0, cause.log_odds))
     return result
 
 
-def _odds(season: Season, score: Array, information: Array, doubts: dict[tuple[int, int], Array]
-          ) -> tuple[Array, Array]:
-    """s.d. of the slab, and log odds for against: prior by the machines that have each effect, of a set each by its
-    probability; -inf: a level cannot have it."""
+def _odds(
+    season: Season, score: Array, information: Array, doubts: dict[tuple[int, int], Array]
+) -> tuple[Array, Array]:
+    """s.d. of the slab, and log odds for against: prior by the machines that have each effect,
+    of a set each by its probability; -inf: a level cannot have it."""
     levels, rows, count = season.levels, len(season.levels.keys), len(season.machines)
-    each = np.stack([gain(information, score, sd) for sd in slab(season.logs)])        # (grid, rows, q)
+    # (grid, rows, q)
+    each = np.stack([gain(information, score, sd) for sd in slab(season.logs)])
     machines = np.zeros(len(season.logs.names))
     for cause in season.causes:
         for one in cause.alternatives:
-            machines[season.logs.names.index(one.effect)] += one.probability * (one.factor == MACHINE)
+            machines[season.logs.names.index(one.effect)] += one.probability * (
+                one.factor == MACHINE
+            )
         machines[cause.effect] += cause.row < count and not cause.alternatives
     others = np.array([factor not in (MACHINE, FLEET) for factor, _ in levels.keys])
     scale = np.array([row_of(name).stage in OF_MACHINES_ONLY for name in season.logs.names])
@@ -398,19 +495,24 @@ def _odds(season: Season, score: Array, information: Array, doubts: dict[tuple[i
         best = np.argmax(np.logaddexp(0.0, each[:, of] + names[of]).sum(axis=1), axis=0)
         tau[of] = np.take_along_axis(slab(season.logs), best[None], axis=0)
         odds[of] = np.take_along_axis(each[:, of], best[None, None], axis=0)[0] + names[of]
-    shapes = np.stack([odds[:count], odds[rows:rows + count], odds[rows + count:]])
+    shapes = np.stack([odds[:count], odds[rows : rows + count], odds[rows + count :]])
     odds[:count] = np.logaddexp.reduce(shapes, axis=0) - np.log(len(shapes))
-    return tau, odds[:rows] - doubt(season, doubts, odds[:rows] - np.where(
-        np.isfinite(names[:rows]), names[:rows], 0.0))
+    return tau, odds[:rows] - doubt(
+        season, doubts, odds[:rows] - np.where(np.isfinite(names[:rows]), names[:rows], 0.0)
+    )
 
 
 def urn(counts: Array) -> Array:
-    """(..., q) log prior odds of each effect on a machine, by how many others have each (Polya's urn)."""
-    return np.asarray(np.log(PRIOR) + np.log1p(counts) - np.log1p(counts.mean(axis=-1, keepdims=True)))
+    """(..., q) log prior odds of each effect on a machine, by how many others have each
+    (Polya's urn)."""
+    return np.asarray(
+        np.log(PRIOR) + np.log1p(counts) - np.log1p(counts.mean(axis=-1, keepdims=True))
+    )
 
 
 def found(logs: Logs) -> Season:
-    """What is there: greedily, then each asked again given all others; what goes may have hidden something else."""
+    """What is there: greedily, then each asked again given all others; what goes may have
+    hidden something else."""
     season = solved(logs, levels_of(logs), ())
     if not logs.names:
         return season
@@ -434,12 +536,16 @@ def _added(season: Season) -> Season:
             odds[cause.row, cause.effect] = -np.inf
         sure = np.argwhere(expit(odds) >= SURE)
         ranked = sure[np.argsort(-odds[sure[:, 0], sure[:, 1]], kind="stable")]
-        new = [_rough(season, row, effect)._replace(log_odds=float(odds[row, effect]))
-               for row, effect in _apart(season.levels, map(tuple, ranked.tolist()))]
+        new = [
+            _rough(season, row, effect)._replace(log_odds=float(odds[row, effect]))
+            for row, effect in _apart(season.levels, map(tuple, ranked.tolist()))
+        ]
         if not new:
             break
-        season = _made(solved(season.logs, season.levels, [*season.causes, *new], season),
-                       range(len(season.causes), len(season.causes) + len(new)))
+        season = _made(
+            solved(season.logs, season.levels, [*season.causes, *new], season),
+            range(len(season.causes), len(season.causes) + len(new)),
+        )
     return season
 
 
@@ -455,8 +561,12 @@ def _apart(levels: Levels, ranked: Iterable[tuple[int, int]]) -> Iterator[tuple[
 def _rough(season: Season, row: int, effect: int) -> EffectAtLevel:
     """Before it is known how it goes: of a machine a smooth course, of any other level one size."""
     at = season.levels.logs[row]
-    columns = _basis(season.logs.times_d[at]) if row < len(season.machines) else np.ones((len(at), 1))
-    return EffectAtLevel(row, effect, at, columns, np.full(columns.shape[1], slab(season.logs)[-1, effect]))
+    columns = (
+        _basis(season.logs.times_d[at]) if row < len(season.machines) else np.ones((len(at), 1))
+    )
+    return EffectAtLevel(
+        row, effect, at, columns, np.full(columns.shape[1], slab(season.logs)[-1, effect])
+    )
 
 
 def _made(season: Season, numbers: Sequence[int]) -> Season:
@@ -468,37 +578,54 @@ def _made(season: Season, numbers: Sequence[int]) -> Season:
         if cause.row < len(season.machines):
             known = information > 0.0
             at, score, information = cause.at[known], score[known], information[known]
-            times_d, sd = season.logs.times_d[at], _level_sd(season, score, information, cause.effect)
+            times_d, sd = (
+                season.logs.times_d[at],
+                _level_sd(season, score, information, cause.effect),
+            )
             curve, scatter = smooth(_basis(times_d), score[:, None], information[:, None])
-            course = partition(times_d, score / information, 1.0 / information, sd, curve[:, 0], float(scatter[0]))
+            course = partition(
+                times_d, score / information, 1.0 / information, sd, curve[:, 0], float(scatter[0])
+            )
             columns, sds = _of_stretches(times_d, course, sd)
-            causes[number] = cause._replace(at=at, columns=columns, sd=sds, scatter=course.scatter, course=course)
+            causes[number] = cause._replace(
+                at=at, columns=columns, sd=sds, scatter=course.scatter, course=course
+            )
         else:
-            sd = _level_sd(season, score.sum(keepdims=True), information.sum(keepdims=True), cause.effect)
+            sd = _level_sd(
+                season, score.sum(keepdims=True), information.sum(keepdims=True), cause.effect
+            )
             causes[number] = cause._replace(sd=np.array([sd]))
     return _scattered(season._replace(causes=tuple(causes)), numbers)
 
 
 def _scattered(season: Season, numbers: Sequence[int]) -> Season:
-    """With the scatter about these causes that is left by all: about what several machines share it is one for all, for
-    a machine's own is uncertain, and its logs would count the more the less it happens to be."""
+    """With the scatter about these causes that is left by all: about what several machines
+    share it is one for all, for a machine's own is uncertain, and its logs would count the more
+    the less it happens to be."""
     causes, count = list(season.causes), len(season.machines)
     of = cache(lambda machine: _scatter(season.logs, season.machines[machine]))
     for number in numbers:
         cause = causes[number]
         if cause.row >= count:
-            each = [of(machine)[cause.effect] for machine in season.levels.machines[cause.row].tolist()]
+            each = [
+                of(machine)[cause.effect] for machine in season.levels.machines[cause.row].tolist()
+            ]
             causes[number] = cause._replace(scatter=np.array([np.mean(each)]))
     return solved(season.logs, season.levels, causes, season)
 
 
 def _level_sd(season: Season, score: Array, information: Array, effect: int) -> float:
-    """Of the grid, what makes the sizes of a level likeliest, each log by itself: a course may go through zero."""
-    return max(map(float, slab(season.logs)[:, effect]), key=lambda sd: float(np.sum(gain(information, score, sd))))
+    """Of the grid, what makes the sizes of a level likeliest, each log by itself: a course may
+    go through zero."""
+    return max(
+        map(float, slab(season.logs)[:, effect]),
+        key=lambda sd: float(np.sum(gain(information, score, sd))),
+    )
 
 
 def _of_stretches(times_d: Array, course: Partition, sd: float) -> tuple[Array, Array]:
-    """(n, k) and (k,): the level of each stretch that is not gone, and its slope over the season."""
+    """(n, k) and (k,): the level of each stretch that is not gone, and its slope over the
+    season."""
     columns, sds, shares = list[Array](), list[float](), share_of(times_d)
     for stretch in course.stretches:
         here = slice(stretch.begin, stretch.end)
@@ -510,7 +637,7 @@ def _of_stretches(times_d: Array, course: Partition, sd: float) -> tuple[Array, 
         if stretch.kind == "line":
             columns.append(inside * (shares - shares[here].mean()))
             sds.append(SLOPES * sd)
-    if not columns:                     # every stretch is gone: nothing but scatter
+    if not columns:  # every stretch is gone: nothing but scatter
         return np.ones((len(shares), 1)), np.array([sd])
     return np.stack(columns, axis=1), np.array(sds)
 
@@ -518,18 +645,21 @@ def _of_stretches(times_d: Array, course: Partition, sd: float) -> tuple[Array, 
 def _again(season: Season) -> Season:
     """Each cause made and asked anew along with all others; what share no machine at a time."""
     season, done = _changed(season, lambda one: one, _by_machines), set[tuple[int, int]]()
-    for _ in range(ROUNDS):             # of each machine one that was not made anew
+    for _ in range(ROUNDS):  # of each machine one that was not made anew
         keys = [(one.row, one.effect) for one in season.causes]
         turn = set(_apart(season.levels, [key for key in keys if key not in done]))
         if not turn:
             break
         done |= turn
         season = _replaced(season, {k: [key] for k, key in enumerate(keys) if key in turn})
-    season = _scattered(season, range(len(season.causes)))          # those made first knew the fewest others
+    # those made first knew the fewest others
+    season = _scattered(season, range(len(season.causes)))
     return _changed(season, judged, _stands)
 
 
-def _changed(season: Season, seen: Callable[[Season], Season], asked: Callable[[Season, int], Keys | None]) -> Season:
+def _changed(
+    season: Season, seen: Callable[[Season], Season], asked: Callable[[Season, int], Keys | None]
+) -> Season:
     """Until nothing is to stand in any cause's place."""
     for _ in range(ROUNDS):
         season = seen(season)
@@ -542,8 +672,12 @@ def _changed(season: Season, seen: Callable[[Season], Season], asked: Callable[[
 
 
 def _replaced(season: Season, by: dict[int, Keys]) -> Season:
-    """With others in place of some causes, by their number; what stands there already is not put there twice."""
-    causes, held = list[EffectAtLevel](), {(one.row, one.effect) for k, one in enumerate(season.causes) if k not in by}
+    """With others in place of some causes, by their number; what stands there already is not
+    put there twice."""
+    causes, held = (
+        list[EffectAtLevel](),
+        {(one.row, one.effect) for k, one in enumerate(season.causes) if k not in by},
+    )
     rough = list[int]()
     for number, cause in enumerate(season.causes):
         if number not in by:
@@ -562,10 +696,18 @@ def _stands(season: Season, number: int) -> Keys | None:
     if expit(cause.log_odds) < SURE:
         return []
     held = _names(season) - {(cause.row, cause.effect)}
-    keys = [(season.levels.row[one.factor, one.level], season.logs.names.index(one.effect), one)
-            for one in cause.alternatives]
-    row, effect, _ = max((one for one in keys if one[:2] not in held), key=lambda one: (
-        round(one[2].probability, 2), one[2].factor == MACHINE, -ORDER.index(row_of(one[2].effect).id)))
+    keys = [
+        (season.levels.row[one.factor, one.level], season.logs.names.index(one.effect), one)
+        for one in cause.alternatives
+    ]
+    row, effect, _ = max(
+        (one for one in keys if one[:2] not in held),
+        key=lambda one: (
+            round(one[2].probability, 2),
+            one[2].factor == MACHINE,
+            -ORDER.index(row_of(one[2].effect).id),
+        ),
+    )
     return None if (row, effect) == (cause.row, cause.effect) else [(row, effect)]
 
 
@@ -581,24 +723,42 @@ def judged(season: Season) -> Season:
         gained[cause.row, cause.effect] = own
         odds.append(own + float(of_effects[cause.effect]))
     less = doubt(season, seen.doubts, gained)
-    return season._replace(causes=tuple(
-        cause._replace(alternatives=tuple(one for one in set_ if one.probability >= SHOWN),
-                       log_odds=each - float(less[cause.row, cause.effect]))
-        for cause, set_, each in zip(season.causes, sets, odds, strict=True)))
+    return season._replace(
+        causes=tuple(
+            cause._replace(
+                alternatives=tuple(one for one in set_ if one.probability >= SHOWN),
+                log_odds=each - float(less[cause.row, cause.effect]),
+            )
+            for cause, set_, each in zip(season.causes, sets, odds, strict=True)
+        )
+    )
 
 
-def _shared_out(names: Sequence[str], sets: Sequence[Sequence[Alternative]]) -> tuple[list[list[Alternative]], Array]:
-    """Sets with log likelihoods as probabilities, likeliest first, and (causes, q) the log prior odds of each effect.
+def _shared_out(
+    names: Sequence[str], sets: Sequence[Sequence[Alternative]]
+) -> tuple[list[list[Alternative]], Array]:
+    """Sets with log likelihoods as probabilities, likeliest first, and (causes, q) the log
+    prior odds of each effect.
 
-    What other machines have, this one has rather: the urn of all sets together, from an empty one on, each set by what
-    all others hold (collapsed variational Bayes of a mixture's weights; Asuncion, Welling, Smyth and Teh, UAI 2009).
-    Filled by names that are given already it would keep them: whatever logs cannot part would bear the commonest,
-    the surer the more machines there are.
+    What other machines have, this one has rather: the urn of all sets together, from an empty
+    one on, each set by what all others hold (collapsed variational Bayes of a mixture's
+    weights; Asuncion, Welling, Smyth and Teh, UAI 2009). Filled by names that are given already
+    it would keep them: whatever logs cannot part would bear the commonest, the surer the more
+    machines there are.
     """
-    every, number = [one for set_ in sets for one in set_], {name: k for k, name in enumerate(names)}
+    every, number = (
+        [one for set_ in sets for one in set_],
+        {name: k for k, name in enumerate(names)},
+    )
     begins = np.cumsum([0, *map(len, sets)])
-    of, effect = np.repeat(np.arange(len(sets)), np.diff(begins)), np.array([number[one.effect] for one in every])
-    likely, mine = np.array([one.probability for one in every]), np.array([one.factor == MACHINE for one in every])
+    of, effect = (
+        np.repeat(np.arange(len(sets)), np.diff(begins)),
+        np.array([number[one.effect] for one in every]),
+    )
+    likely, mine = (
+        np.array([one.probability for one in every]),
+        np.array([one.factor == MACHINE for one in every]),
+    )
     share, counts = np.zeros(len(every)), np.zeros((len(sets), len(names)))
     for _ in range(URN_ROUNDS):
         prior, before = urn(counts.sum(axis=0) - counts), share
@@ -610,22 +770,33 @@ def _shared_out(names: Sequence[str], sets: Sequence[Sequence[Alternative]]) -> 
         if np.max(np.abs(share - before)) < URN_SETTLED:
             break
     found = [one._replace(probability=float(p)) for one, p in zip(every, share, strict=True)]
-    return [sorted(found[low:high], key=lambda one: -one.probability)
-            for low, high in pairwise(begins)], prior
+    return [
+        sorted(found[low:high], key=lambda one: -one.probability) for low, high in pairwise(begins)
+    ], prior
 
 
-def _alternatives(season: Season, seen: Scan, held: set[tuple[int, int]],
-                  number: int) -> tuple[list[Alternative], float]:
-    """The cause and what may stand in its place, with log likelihoods for probabilities; its own gain.
+def _alternatives(
+    season: Season, seen: Scan, held: set[tuple[int, int]], number: int
+) -> tuple[list[Alternative], float]:
+    """The cause and what may stand in its place, with log likelihoods for probabilities; its
+    own gain.
 
-    Of columns z along with cause c, and all else: the information that is left of z is that of the posterior and what
-    c took, (z C) P (C z), with P the information of c in the posterior and z C what z shares with its terms there.
+    Of columns z along with cause c, and all else: the information that is left of z is that of
+    the posterior and what c took, (z C) P (C z), with P the information of c in the posterior
+    and z C what z shares with its terms there.
     """
-    levels, logs, cause, able = season.levels, season.logs, season.causes[number], seen.odds > -np.inf
+    levels, logs, cause, able = (
+        season.levels,
+        season.logs,
+        season.causes[number],
+        seen.odds > -np.inf,
+    )
     b, cov = season.sizes_of(number)
     precision, usual = np.linalg.inv(cov), slab(logs)[0]
     own = season.machines[cause.row] if cause.row < len(season.machines) else None
-    effects = np.array([k for k in range(len(logs.names)) if (cause.row, k) not in held or k == cause.effect])
+    effects = np.array(
+        [k for k in range(len(logs.names)) if (cause.row, k) not in held or k == cause.effect]
+    )
     last = np.flatnonzero(np.any(cause.columns != 0.0, axis=1))[-1]
 
     def gains(information: Array, score: Array, shared: Array, sd: Array) -> Sizes:
@@ -635,21 +806,37 @@ def _alternatives(season: Season, seen: Scan, held: set[tuple[int, int]],
     if own is None:
         here = np.array([season.place[number]])
         shared = np.array([_through(seen, k, np.array([cause.row]), here) for k in effects])
-        sizes = gains(seen.information[cause.row, effects][:, None, None], seen.score[cause.row, effects][:, None],
-                      shared, cause.sd * usual[effects, None] / usual[cause.effect])
+        sizes = gains(
+            seen.information[cause.row, effects][:, None, None],
+            seen.score[cause.row, effects][:, None],
+            shared,
+            cause.sd * usual[effects, None] / usual[cause.effect],
+        )
     else:
         terms, at = own.terms[number], cause.at - own.logs.start
         crossed = np.einsum("nc,qkn->qck", cause.columns, own.cross[effects][:, :, at])
-        information = np.einsum("nc,nq,nd->qcd", cause.columns, np.diagonal(
-            own.likely.A[at], axis1=1, axis2=2)[:, effects], cause.columns) - crossed @ own.cov @ crossed.swapaxes(1, 2)
-        sizes = gains(information, own.left[at][:, effects].T @ cause.columns, crossed @ own.cov[:, terms],
-                      cause.sd * usual[effects, None] / usual[cause.effect])
+        information = np.einsum(
+            "nc,nq,nd->qcd",
+            cause.columns,
+            np.diagonal(own.likely.A[at], axis1=1, axis2=2)[:, effects],
+            cause.columns,
+        ) - crossed @ own.cov @ crossed.swapaxes(1, 2)
+        sizes = gains(
+            information,
+            own.left[at][:, effects].T @ cause.columns,
+            crossed @ own.cov[:, terms],
+            cause.sd * usual[effects, None] / usual[cause.effect],
+        )
     base = dict(zip(effects.tolist(), sizes.gain.tolist(), strict=True))
-    tried = [(base[k], base[k], cause.row, k, float(cause.columns[last] @ sizes.b[j]))
-             for j, k in enumerate(effects.tolist()) if able[cause.row, k]]
+    tried = [
+        (base[k], base[k], cause.row, k, float(cause.columns[last] @ sizes.b[j]))
+        for j, k in enumerate(effects.tolist())
+        if able[cause.row, k]
+    ]
     rows = np.unique(levels.code[cause.at[np.any(cause.columns != 0.0, axis=1)]])
     rows = rows[(rows >= 0) & (rows != cause.row)]
-    for k in effects.tolist():          # what a level cannot do is asked of it under each name that it can
+    # what a level cannot do is asked of it under each name that it can
+    for k in effects.tolist():
         can = able[rows, k] & ((k == cause.effect) | ~able[rows, cause.effect])
         asked = np.array([row for row in rows[can].tolist() if (row, k) not in held], np.int64)
         if not len(asked):
@@ -660,16 +847,30 @@ def _alternatives(season: Season, seen: Scan, held: set[tuple[int, int]],
             which, has = _levels_of_machine(season, cause.row)
             fit, across, _ = own.alone
             crossed = has[:, np.searchsorted(which[:-2], asked)].T @ own.cross[k].T
-            shared = (crossed[:, :len(own.own)] @ fit.cov[:, terms] - _through(seen, k, asked, own.place) @ (
-                across @ fit.cov[:, terms]))[:, None]
-        fits = gains(seen.information[asked, k][:, None, None], seen.score[asked, k][:, None], shared,
-                     cause.sd[:1] * usual[k] / usual[cause.effect])
-        tried += [(base[k], float(fits.gain[j]), row, k, float(fits.b[j, 0])) for j, row in enumerate(asked.tolist())]
+            shared = (
+                crossed[:, : len(own.own)] @ fit.cov[:, terms]
+                - _through(seen, k, asked, own.place) @ (across @ fit.cov[:, terms])
+            )[:, None]
+        fits = gains(
+            seen.information[asked, k][:, None, None],
+            seen.score[asked, k][:, None],
+            shared,
+            cause.sd[:1] * usual[k] / usual[cause.effect],
+        )
+        tried += [
+            (base[k], float(fits.gain[j]), row, k, float(fits.b[j, 0]))
+            for j, row in enumerate(asked.tolist())
+        ]
     most = max(likely for _, likely, *_ in tried)
     temper = 1.0 / (1.0 + COARSE * 2.0 * max(0.0, most))
-    # Of the same effect at another level the form is as wrong: only effects among each other are tempered.
-    return [Alternative(*levels.keys[row], logs.names[k], size, temper * (base_ - most) + likely - base_)
-            for base_, likely, row, k, size in tried], base[cause.effect]
+    # Of the same effect at another level the form is as wrong: only effects among each other
+    # are tempered.
+    return [
+        Alternative(
+            *levels.keys[row], logs.names[k], size, temper * (base_ - most) + likely - base_
+        )
+        for base_, likely, row, k, size in tried
+    ], base[cause.effect]
 
 
 def _through(seen: Scan, effect: int, rows: Indices, terms: Indices) -> Array:
@@ -678,8 +879,9 @@ def _through(seen: Scan, effect: int, rows: Indices, terms: Indices) -> Array:
 
 
 def _by_machines(season: Season, number: int) -> Keys | None:
-    """Machines' own courses, where they explain the season better than what several machines share: greedily one
-    field is chosen before four machines that stood there when they were set anew."""
+    """Machines' own courses, where they explain the season better than what several machines
+    share: greedily one field is chosen before four machines that stood there when they were set
+    anew."""
     cause = season.causes[number]
     if cause.row < len(season.machines):
         return None
@@ -698,13 +900,16 @@ def _by_machines(season: Season, number: int) -> Keys | None:
                 score = score + one.cross[effect, here].T @ one.b[here]
         has = np.isin(np.arange(one.logs.start, one.logs.stop), cause.at, assume_unique=True)
         before = score + size * has * own
-        whole += size * float(before @ has) - 0.5 * size ** 2 * float(own @ has)
+        whole += size * float(before @ has) - 0.5 * size**2 * float(own @ has)
         information += float(own @ has)
         times_d = season.logs.times_d[one.logs][known]
         gained = []
         for each in (score, before):
             sd = _level_sd(season, each[known], own[known], effect)
-            gained.append(np.log(PRIOR) + gain_of_course(times_d, each[known] / own[known], 1.0 / own[known], sd))
+            gained.append(
+                np.log(PRIOR)
+                + gain_of_course(times_d, each[known] / own[known], 1.0 / own[known], sd)
+            )
         whole += max(0.0, gained[0])
         apart += max(0.0, gained[1])
         if gained[1] > 0.0:

@@ -1,4 +1,6 @@
-"""What a season of logs means to the owner: kilograms spread wrongly by machine, and who lets the hopper run low."""
+"""What a season of logs means to the owner: kilograms spread wrongly by machine, and who lets
+the hopper run low."""
+
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
@@ -12,13 +14,15 @@ from .courses import Cause, SeasonFit
 from .evidence import LogWork
 from .mixed import FLEET, MACHINE, Alternative
 
-LOW_P = 1e-3                # of an operator, that chance made the hopper run low so often
+# of an operator, that chance made the hopper run low so often
+LOW_P = 1e-3
 LEAST_OPERATOR_LOGS = 5
-LOW_RATIO = 2.0             # times the others' minutes an hour
+LOW_RATIO = 2.0  # times the others' minutes an hour
 
 
 class OwnersLog(NamedTuple):
-    """One log along with its evidence. percent: dose error per unit of an effect. shared: factor -> level."""
+    """One log along with its evidence. percent: dose error per unit of an effect. shared:
+    factor -> level."""
 
     key: str
     machine: str
@@ -29,8 +33,8 @@ class OwnersLog(NamedTuple):
 
 
 class Cost(NamedTuple):
-    """What a cause spread wrongly: kilograms to be expected, by what all of its set agree on, and by the one of it that
-    costs most."""
+    """What a cause spread wrongly: kilograms to be expected, by what all of its set agree on,
+    and by the one of it that costs most."""
 
     cause: Cause
     kg: float
@@ -39,10 +43,11 @@ class Cost(NamedTuple):
 
 
 class MachineSeason(NamedTuple):
-    """wrong_kg: what was spread too much or too little, to be expected of all causes with the probabilities of their
-    sets; least_kg: by what all of each set agree on; most_kg: by the costliest of each. now_percent: of the dose at its
-    last log, to be expected by the machine itself, between now_least and now_most; others_percent: by what that log's
-    operator, product and field do. costs: of its own causes and those that its logs share with others', costliest
+    """wrong_kg: what was spread too much or too little, to be expected of all causes with the
+    probabilities of their sets; least_kg: by what all of each set agree on; most_kg: by the
+    costliest of each. now_percent: of the dose at its last log, to be expected by the machine
+    itself, between now_least and now_most; others_percent: by what that log's operator, product
+    and field do. costs: of its own causes and those that its logs share with others', costliest
     first."""
 
     machine: str
@@ -70,9 +75,11 @@ class Low(NamedTuple):
 
 
 def machines(logs: Sequence[OwnersLog], fit: SeasonFit) -> list[MachineSeason]:
-    """Worst first, by kilograms. What a product shares is the product's, and counts where it was spread.
+    """Worst first, by kilograms. What a product shares is the product's, and counts where it
+    was spread.
 
-    Each effect's kilograms count by themselves; in the sum of a log effects may make up for each other.
+    Each effect's kilograms count by themselves; in the sum of a log effects may make up for
+    each other.
     """
     result, by_machine = [], dict[str, list[OwnersLog]]()
     for log in logs:
@@ -83,18 +90,39 @@ def machines(logs: Sequence[OwnersLog], fit: SeasonFit) -> list[MachineSeason]:
     for machine, own in by_machine.items():
         own.sort(key=lambda one: one.time_d)
         kg = np.array([one.worked.applied_kg for one in own])
-        keys = [(MACHINE, machine), *sorted({key for one in own for key in one.shared.items()}), (FLEET, "")]
+        keys = [
+            (MACHINE, machine),
+            *sorted({key for one in own for key in one.shared.items()}),
+            (FLEET, ""),
+        ]
         doses = {one: _doses(one, own) for key in keys for one in of_level.get(key, [])}
         none = np.zeros((3, len(own)))
-        mine, others = (sum((each for one, each in doses.items() if (one.factor == MACHINE) is its_own), none)
-                        for its_own in (True, False))
+        mine, others = (
+            sum((each for one, each in doses.items() if (one.factor == MACHINE) is its_own), none)
+            for its_own in (True, False)
+        )
         wrong, least, most = _kg(mine + others, kg)
         now, now_least, now_most = mine[:, -1].tolist()
-        costs = sorted((Cost(one, *_kg(each, kg)) for one, each in doses.items()),
-                       key=lambda one: (-one.kg, -one.most_kg))
-        result.append(MachineSeason(
-            machine, len(own), sum(one.worked.hours for one in own), float(kg.sum()), wrong, least, most,
-            now, now_least, now_most, float(others[0, -1]), tuple(costs)))
+        costs = sorted(
+            (Cost(one, *_kg(each, kg)) for one, each in doses.items()),
+            key=lambda one: (-one.kg, -one.most_kg),
+        )
+        result.append(
+            MachineSeason(
+                machine,
+                len(own),
+                sum(one.worked.hours for one in own),
+                float(kg.sum()),
+                wrong,
+                least,
+                most,
+                now,
+                now_least,
+                now_most,
+                float(others[0, -1]),
+                tuple(costs),
+            )
+        )
     return sorted(result, key=lambda one: (-one.wrong_kg, -one.most_kg, one.machine))
 
 
@@ -104,31 +132,50 @@ def _kg(doses: Array, kg: Array) -> tuple[float, float, float]:
 
 
 def _doses(cause: Cause, own: Sequence[OwnersLog]) -> Array:
-    """(3, n) dose error in % of each log: what is to be expected, the set's probabilities as weights; what all of the
-    set agree on; and that of the set's largest. Another effect of the same level goes as the cause does."""
+    """(3, n) dose error in % of each log: what is to be expected, the set's probabilities as
+    weights; what all of the set agree on; and that of the set's largest. Another effect of the
+    same level goes as the cause does."""
     level = cause.factor, cause.level
     set_ = cause.alternatives or (Alternative(*level, cause.effect, cause.now, 1.0),)
     sizes = np.array([at(cause, one.time_d) * has(*level, one) for one in own])
-    own_size = next((one.size for one in set_ if (one.factor, one.level, one.effect) == (*level, cause.effect)),
-                    cause.now)          # as the others' sizes: at the last log in which it is there
-    doses = np.stack([np.array([each.percent.get(one.effect, 0.0) for each in own]) * (
-        sizes * (one.size / own_size if own_size else 0.0) if (one.factor, one.level) == level else
-        np.array([one.size * has(one.factor, one.level, each) for each in own])) for one in set_])
+    own_size = next(
+        (one.size for one in set_ if (one.factor, one.level, one.effect) == (*level, cause.effect)),
+        # as the others' sizes: at the last log in which it is there
+        cause.now,
+    )
+    doses = np.stack(
+        [
+            np.array([each.percent.get(one.effect, 0.0) for each in own])
+            * (
+                sizes * (one.size / own_size if own_size else 0.0)
+                if (one.factor, one.level) == level
+                else np.array([one.size * has(one.factor, one.level, each) for each in own])
+            )
+            for one in set_
+        ]
+    )
     weights = np.array([one.probability for one in set_])
     each = np.arange(len(own))
     ends = doses[np.argmin(np.abs(doses), axis=0), each]
-    return np.stack([cause.probability * (weights / weights.sum()) @ doses,
-                     np.where(np.all(doses > 0.0, axis=0) | np.all(doses < 0.0, axis=0), ends, 0.0),
-                     doses[np.argmax(np.abs(doses), axis=0), each]])
+    return np.stack(
+        [
+            cause.probability * (weights / weights.sum()) @ doses,
+            np.where(np.all(doses > 0.0, axis=0) | np.all(doses < 0.0, axis=0), ends, 0.0),
+            doses[np.argmax(np.abs(doses), axis=0), each],
+        ]
+    )
 
 
 def has(factor: str, level: str, log: OwnersLog) -> bool:
     """Whether a log is of a level."""
-    return factor == FLEET or (log.machine if factor == MACHINE else log.shared.get(factor)) == level
+    return (
+        factor == FLEET or (log.machine if factor == MACHINE else log.shared.get(factor)) == level
+    )
 
 
 def at(cause: Cause, time_d: float) -> float:
-    """Size by the pieces of a course; before the first and after the last as there, between two as the next begins."""
+    """Size by the pieces of a course; before the first and after the last as there, between two
+    as the next begins."""
     if not cause.pieces:
         return cause.size
     piece = next((one for one in cause.pieces if time_d <= one.end_d), cause.pieces[-1])
@@ -141,17 +188,24 @@ def still_there(cause: Cause) -> bool:
 
 
 def low_hoppers(logs: Sequence[OwnersLog]) -> list[Low]:
-    """Operators whose hours with a nearly empty hopper are more than the others' (Mann and Whitney's test)."""
+    """Operators whose hours with a nearly empty hopper are more than the others' (Mann and
+    Whitney's test)."""
     found, rates = [], dict[str, list[float]]()
     for one in logs:
         if one.worked.hours > 0.0 and (operator := one.shared.get("operator", "")):
-            rates.setdefault(operator, []).append(60.0 * one.worked.low_minutes / max(60.0 * one.worked.hours, 1e-9))
+            rates.setdefault(operator, []).append(
+                60.0 * one.worked.low_minutes / max(60.0 * one.worked.hours, 1e-9)
+            )
     all_logs, total = sum(map(len, rates.values())), sum(map(sum, rates.values()))
     for operator, own in rates.items():
         rest, mean = all_logs - len(own), sum(own) / len(own)
-        if min(len(own), rest) < LEAST_OPERATOR_LOGS or mean <= LOW_RATIO * (usual := (total - sum(own)) / rest):
+        if min(len(own), rest) < LEAST_OPERATOR_LOGS or mean <= LOW_RATIO * (
+            usual := (total - sum(own)) / rest
+        ):
             continue
-        from scipy.stats import mannwhitneyu  # takes half a second to load, and is seldom asked for
+        # takes half a second to load, and is seldom asked for
+        from scipy.stats import mannwhitneyu
+
         others = [rate for name, of in rates.items() if name != operator for rate in of]
         p = float(mannwhitneyu(own, others, alternative="greater").pvalue)
         if p < LOW_P:

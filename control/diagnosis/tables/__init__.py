@@ -1,4 +1,6 @@
-"""Diagnosis of bench tables: lag, catch, weigh, heads, place. Small numbers of rows, exact statistics."""
+"""Diagnosis of bench tables: lag, catch, weigh, heads, place. Small numbers of rows, exact
+statistics."""
+
 from control.calibration.bench_table import BenchTable as Table
 
 from .diagnose import diagnose_tables

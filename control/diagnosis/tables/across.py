@@ -1,9 +1,11 @@
-"""What two tables, or two labels of one, say of the same thing with different instruments: the quantity that reconciles
-them, in its own unit.
+"""What two tables, or two labels of one, say of the same thing with different instruments: the
+quantity that reconciles them, in its own unit.
 
-A lag measured as a distance and one measured as a time are reconciled by a speed; two times by a factor or a delay; two
-distances by a factor or a length. Of the two that are possible the one that leaves the smaller residual is shown first.
+A lag measured as a distance and one measured as a time are reconciled by a speed; two times by
+a factor or a delay; two distances by a factor or a length. Of the two that are possible the one
+that leaves the smaller residual is shown first.
 """
+
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -22,18 +24,24 @@ from control.recordings.speeds import KMH_PER_MPS
 from .piece import Array, BoolArray, best_first
 from .rows import UNCORRECTED, labels_of
 
-MIN_SHARED = 5              # shaft speeds that both have
-UNREPEATED = 0.01           # share of a value that a row without replicates is taken to be good for
-ROUNDED = 0.001             # share of a value that a table's digits leave open
-TWO_SE = 2.0                # a row holds within so many standard errors
-ALIKE = 0.002               # a factor so near to 1, or a shift (s, m) so near to 0, is none
-WORSE_P = 0.05              # below it the other quantity is said to fit less well (F test of the residuals)
+MIN_SHARED = 5  # shaft speeds that both have
+# share of a value that a row without replicates is taken to be good for
+UNREPEATED = 0.01
+# share of a value that a table's digits leave open
+ROUNDED = 0.001
+TWO_SE = 2.0  # a row holds within so many standard errors
+# a factor so near to 1, or a shift (s, m) so near to 0, is none
+ALIKE = 0.002
+# below it the other quantity is said to fit less well (F test of the residuals)
+WORSE_P = 0.05
 
 
 class LagSeries(NamedTuple):
-    """Lag of starts by shaft speed. `unit`: s or m; `error`: (n,) standard errors; `mps`: written ground speed.
+    """Lag of starts by shaft speed. `unit`: s or m; `error`: (n,) standard errors; `mps`:
+    written ground speed.
 
-    `label` and `column`: where its `rows` stand in the table; `printed`: (rows,) as they stand there.
+    `label` and `column`: where its `rows` stand in the table; `printed`: (rows,) as they stand
+    there.
     """
 
     name: str
@@ -52,7 +60,8 @@ class LagSeries(NamedTuple):
 
 
 class AcrossTables(NamedTuple):
-    """`kind`: speed, factor, delay or length. `other`: the second-best quantity's kind. `holds`: rows of `rows`."""
+    """`kind`: speed, factor, delay or length. `other`: the second-best quantity's kind.
+    `holds`: rows of `rows`."""
 
     first: LagSeries
     second: LagSeries
@@ -68,13 +77,16 @@ class AcrossTables(NamedTuple):
 
 
 def series_of(table: BenchTable, machine: Machine) -> list[LagSeries]:
-    """Whole lags that a table holds, label by label; a drop time is completed by the machine's response."""
+    """Whole lags that a table holds, label by label; a drop time is completed by the machine's
+    response."""
     labels = labels_of(table)
     speed = table.speed_mps()
     found = []
     for label in dict.fromkeys(labels.tolist()):
         rows = labels == label
-        name = f"{table.path.replace(chr(92), '/').rsplit('/', 1)[-1]}{f' {label}' if label else ''}"
+        name = (
+            f"{table.path.replace(chr(92), '/').rsplit('/', 1)[-1]}{f' {label}' if label else ''}"
+        )
         for column, unit in (("lag_m", "m"), ("lag_s", "s"), ("drop_s", "s"), ("miss_m", "m")):
             if column not in table.columns:
                 continue
@@ -90,26 +102,42 @@ def series_of(table: BenchTable, machine: Machine) -> list[LagSeries]:
                 if label != UNCORRECTED:
                     name += " with what was corrected for"
                 means = means + _corrected_m(table, used & (label != UNCORRECTED), rpm, machine)
-            found.append(LagSeries(name, unit, rpm, means, _errors(groups, means),
-                                   None if speed is None else float(np.nanmean(speed[rows])), label, column,
-                                   table.columns[column][used]))
+            found.append(
+                LagSeries(
+                    name,
+                    unit,
+                    rpm,
+                    means,
+                    _errors(groups, means),
+                    None if speed is None else float(np.nanmean(speed[rows])),
+                    label,
+                    column,
+                    table.columns[column][used],
+                )
+            )
     return found
 
 
 def _corrected_m(table: BenchTable, rows: BoolArray, rpm: Array, machine: Machine) -> Array:
-    """Distance by which a correction was early, (n,) m: written speed times the lag corrected for; 0 without one."""
+    """Distance by which a correction was early, (n,) m: written speed times the lag corrected
+    for; 0 without one."""
     speed = table.speed_mps()
     if speed is None or not rows.any():
         return np.zeros(len(rpm))
     given = table.columns.get("corrected_lag_s", np.full(table.rows, np.nan))
-    starts = np.array([response_s(machine, n) + start_drop_s(machine.fall, n)
-                       for n in table.columns["shaft_rpm"].tolist()])
+    starts = np.array(
+        [
+            response_s(machine, n) + start_drop_s(machine.fall, n)
+            for n in table.columns["shaft_rpm"].tolist()
+        ]
+    )
     early = speed * np.where(np.isfinite(given), given, starts)
     return np.array([float(np.mean(early[rows & (table.columns["shaft_rpm"] == n)])) for n in rpm])
 
 
 def _errors(groups: Sequence[Array], means: Array) -> Array:
-    """Standard errors of the means, pooled variance; a share of the value where nothing was repeated."""
+    """Standard errors of the means, pooled variance; a share of the value where nothing was
+    repeated."""
     spare = sum(len(group) - 1 for group in groups)
     if spare < 1:
         return UNREPEATED * np.abs(means)
@@ -120,13 +148,19 @@ def _errors(groups: Sequence[Array], means: Array) -> Array:
 
 def across(tables: Sequence[BenchTable], machine: Machine) -> tuple[AcrossTables, ...]:
     """Every pair of lag series of `tables` that share shaft speeds, in the tables' order."""
-    every = [series for table in tables if table.kind in ("lag", "place") for series in series_of(table, machine)]
+    every = [
+        series
+        for table in tables
+        if table.kind in ("lag", "place")
+        for series in series_of(table, machine)
+    ]
     found = (reconciled(one, two) for one, two in combinations(every, 2))
     return tuple(pair for pair in found if pair is not None)
 
 
 def reconciled(one: LagSeries, two: LagSeries) -> AcrossTables | None:
-    """None where the two share too few shaft speeds. The first named is the distance, else the one given first."""
+    """None where the two share too few shaft speeds. The first named is the distance, else the
+    one given first."""
     if one.unit == "s" and two.unit == "m":
         one, two = two, one
     rpm = np.intersect1d(one.shaft_rpm, two.shaft_rpm)
@@ -139,10 +173,13 @@ def reconciled(one: LagSeries, two: LagSeries) -> AcrossTables | None:
     shift = a / mps - b if mps is not None else a - b
     factor = "speed" if one.unit != two.unit else "factor"
     constant = "length" if one.unit == two.unit == "m" else "delay"
-    left = {factor: a - float(np.mean(ratio)) * b, constant: (shift - float(np.mean(shift))) * (mps or 1.0)}
+    left = {
+        factor: a - float(np.mean(ratio)) * b,
+        constant: (shift - float(np.mean(shift))) * (mps or 1.0),
+    }
     if one.unit != two.unit and mps is None:
         left.pop(constant)
-    order = [list(left)[k] for k in best_first([-float(np.sum(rest ** 2)) for rest in left.values()])]
+    order = [list(left)[k] for k in best_first([-float(np.sum(rest**2)) for rest in left.values()])]
     values = {factor: ratio, constant: shift}
     best = values[order[0]]
     middle = float(np.mean(best))
@@ -150,10 +187,24 @@ def reconciled(one: LagSeries, two: LagSeries) -> AcrossTables | None:
     good = np.hypot(ea, float(np.mean(ratio)) * eb)
     holds = int(np.sum(np.abs(left[order[0]]) <= TWO_SE * good))
     sums = [float(np.sum(left[kind] ** 2)) for kind in order]
-    worse = len(order) > 1 and float(fdtrc(len(rpm) - 1, len(rpm) - 1, sums[1] / max(sums[0], 1e-12))) < WORSE_P
+    worse = (
+        len(order) > 1
+        and float(fdtrc(len(rpm) - 1, len(rpm) - 1, sums[1] / max(sums[0], 1e-12))) < WORSE_P
+    )
     other = order[1] if len(order) > 1 else ""
-    return AcrossTables(one, two, order[0], middle, middle - half, middle + half, holds, len(rpm), other,
-                        float(np.mean(values[other])) if other else 0.0, worse)
+    return AcrossTables(
+        one,
+        two,
+        order[0],
+        middle,
+        middle - half,
+        middle + half,
+        holds,
+        len(rpm),
+        other,
+        float(np.mean(values[other])) if other else 0.0,
+        worse,
+    )
 
 
 def _at(series: LagSeries, rpm: Array) -> tuple[Array, Array]:
@@ -162,27 +213,52 @@ def _at(series: LagSeries, rpm: Array) -> tuple[Array, Array]:
 
 
 def sentence(pair: AcrossTables) -> str:
-    """For a person: which quantity makes the one of the other, its interval, and in how many rows."""
+    """For a person: which quantity makes the one of the other, its interval, and in how many
+    rows."""
     if pair.first.unit == pair.second.unit and 2 * pair.holds >= pair.rows and _alike(pair):
-        return f"{pair.first.name} and {pair.second.name} say the same: {pair.kind} {_span(pair, 1.0, '.3f')}, in " \
-               f"{pair.holds} of {pair.rows} rows"
+        return (
+            f"{pair.first.name} and {pair.second.name} say the same: {pair.kind} "
+            f"{_span(pair, 1.0, '.3f')}, in "
+            f"{pair.holds} of {pair.rows} rows"
+        )
     if pair.kind == "speed":
         by_what = f"a speed of {_span(pair, KMH_PER_MPS, '.2f')} km/h"
-        written = "" if pair.first.mps is None else f"; {KMH_PER_MPS * pair.first.mps:.2f} km/h is written"
+        written = (
+            ""
+            if pair.first.mps is None
+            else f"; {KMH_PER_MPS * pair.first.mps:.2f} km/h is written"
+        )
     else:
-        by_what, written = {"factor": f"a factor of {_span(pair, 1.0, '.3f')}", "delay": f"a delay of "
-                         f"{_span(pair, 1.0, '.3f')} s",
-                         "length": f"a length of {_span(pair, 1.0, '.3f')} m"}[pair.kind], ""
+        by_what, written = (
+            {
+                "factor": f"a factor of {_span(pair, 1.0, '.3f')}",
+                "delay": f"a delay of {_span(pair, 1.0, '.3f')} s",
+                "length": f"a length of {_span(pair, 1.0, '.3f')} m",
+            }[pair.kind],
+            "",
+        )
     names = f"{pair.first.name} ({pair.first.unit}) and {pair.second.name} ({pair.second.unit})"
     if 2 * pair.holds < pair.rows:
-        return f"{names}: no one quantity reconciles them; {by_what} holds in {pair.holds} of {pair.rows} rows{written}"
+        return (
+            f"{names}: no one quantity reconciles them; {by_what} holds in {pair.holds} of "
+            f"{pair.rows} rows{written}"
+        )
     other = ""
     if pair.other:
-        scale, unit = {"speed": (KMH_PER_MPS, " km/h"), "delay": (1.0, " s"), "length": (1.0, " m"), "factor": (1.0,
-                                                                                                        "")}[pair.other]
-        other = (f"; a {pair.other} of {scale * pair.other_value:.3g}{unit} fits "
-                 f"{'less well' if pair.other_worse else 'nearly as well'}")
-    return f"{names} are reconciled by {by_what}, which holds in {pair.holds} of {pair.rows} rows{written}{other}"
+        scale, unit = {
+            "speed": (KMH_PER_MPS, " km/h"),
+            "delay": (1.0, " s"),
+            "length": (1.0, " m"),
+            "factor": (1.0, ""),
+        }[pair.other]
+        other = (
+            f"; a {pair.other} of {scale * pair.other_value:.3g}{unit} fits "
+            f"{'less well' if pair.other_worse else 'nearly as well'}"
+        )
+    return (
+        f"{names} are reconciled by {by_what}, which holds in {pair.holds} of {pair.rows} "
+        f"rows{written}{other}"
+    )
 
 
 def _alike(pair: AcrossTables) -> bool:
@@ -191,5 +267,7 @@ def _alike(pair: AcrossTables) -> bool:
 
 
 def _span(pair: AcrossTables, scale: float, form: str) -> str:
-    value, low, high = (format(scale * figure, form) for figure in (pair.value, pair.low, pair.high))
+    value, low, high = (
+        format(scale * figure, form) for figure in (pair.value, pair.low, pair.high)
+    )
     return f"{value} (90 %: {low} to {high})"

@@ -1,4 +1,6 @@
-"""What a model of bench tables may be made of: effects of the catalogue, and dependences that none of them has."""
+"""What a model of bench tables may be made of: effects of the catalogue, and dependences that
+none of them has."""
+
 from __future__ import annotations
 
 from itertools import combinations
@@ -14,14 +16,19 @@ from control.machine.machine import CATALOGUE, bounds
 from .piece import Array, BoolArray, TableCandidate, TablePiece
 from .problem import TableProblem
 
-WAVES = (1, 2, 4, 12)       # of a dependence on a setting: half waves over its range, from a slope to the finest
-MIN_LENGTH = 1e-9           # of a column in units of the noise: its effect does nothing to these rows
-LEVELS = 12                 # of a setting, for each to have a mean of its own
-ALIKE = 0.999               # correlation of columns, from which on they are the same
+# of a dependence on a setting: half waves over its range, from a slope to the finest
+WAVES = (1, 2, 4, 12)
+# of a column in units of the noise: its effect does nothing to these rows
+MIN_LENGTH = 1e-9
+# of a setting, for each to have a mean of its own
+LEVELS = 12
+# correlation of columns, from which on they are the same
+ALIKE = 0.999
 
 
 class TableEffect(NamedTuple):
-    """One effect of the catalogue in these rows. `column`: (n,) per unit of its size; `usual`: prior s.d. of its size.
+    """One effect of the catalogue in these rows. `column`: (n,) per unit of its size; `usual`:
+    prior s.d. of its size.
 
     `forms`: (n, k), by what other shapes differ at a size of 1, each with a prior s.d. of 1.
     `worth`: (k,) what a unit of each form adds to the size where the catalogue defines it.
@@ -41,14 +48,17 @@ class TableEffect(NamedTuple):
 
 
 class Unknown(NamedTuple):
-    """A dependence that no effect has. `columns`: (n, k), each of the prior s.d. `usual`, in units of the noise.
+    """A dependence that no effect has. `columns`: (n, k), each of the prior s.d. `usual`, in
+    units of the noise.
 
-    `at`: where that is one row or one setting alone, its rows. `misread`: one row's reading was wrong, which says
-    nothing of the machine (the mean-shift model of an outlier: Box and Tiao, Biometrika 55, 1968, 119).
+    `at`: where that is one row or one setting alone, its rows. `misread`: one row's reading was
+    wrong, which says nothing of the machine (the mean-shift model of an outlier: Box and Tiao,
+    Biometrika 55, 1968, 119).
     """
 
     channel: str
-    variable: str                   # "": one setting by itself, or settings in no order
+    # "": one setting by itself, or settings in no order
+    variable: str
     columns: Array
     usual: float
     log_odds: float
@@ -68,19 +78,32 @@ def effects_of(problem: TableProblem) -> list[TableEffect]:
         alike = [one for one in problem.candidates if one.id == candidate.id]
         members = len({one.member for one in alike})
         places = len({one.scope for one in alike if one.scope is not None})
-        if any(one.candidate.id == candidate.id and np.allclose(one.column, column) for one in found):
-            continue                    # the only rows that show it
+        if any(
+            one.candidate.id == candidate.id and np.allclose(one.column, column) for one in found
+        ):
+            continue  # the only rows that show it
         wide = 1.0 - LOCAL if any(one.scope is None for one in alike) else 0.0
         share = (1.0 - wide) / places if candidate.scope is not None else wide if places else 1.0
         forms, worth = _forms(problem, candidate, column)
         low, high = _bounds(problem, candidate.id)
-        found.append(TableEffect(candidate, column, forms, worth, ROWS[candidate.id].on(problem.machine).usual,
-                                 log(FAULTY * share / ids / members), low, high))
+        found.append(
+            TableEffect(
+                candidate,
+                column,
+                forms,
+                worth,
+                ROWS[candidate.id].on(problem.machine).usual,
+                log(FAULTY * share / ids / members),
+                low,
+                high,
+            )
+        )
     return found
 
 
 def _bounds(problem: TableProblem, effect_id: str) -> tuple[float, float]:
-    """Of a size on top of what the machine has: what is lost or extra by definition is never less than nothing."""
+    """Of a size on top of what the machine has: what is lost or extra by definition is never
+    less than nothing."""
     entry = CATALOGUE[effect_id]
     low, high = bounds(effect_id, problem.machine)
     has = float(getattr(getattr(problem.machine, entry.stage), entry.field))
@@ -88,11 +111,12 @@ def _bounds(problem: TableProblem, effect_id: str) -> tuple[float, float]:
 
 
 def _forms(problem: TableProblem, candidate: TableCandidate, column: Array) -> tuple[Array, Array]:
-    """How an effect's shape may differ from the catalogue's (Brynjarsdottir and O'Hagan 2014): all of the way to each
-    other shape that it may have, of the same root mean square, is 1 s.d. And what that adds to the size where it is
-    defined.
+    """How an effect's shape may differ from the catalogue's (Brynjarsdottir and O'Hagan 2014):
+    all of the way to each other shape that it may have, of the same root mean square, is 1 s.d.
+    And what that adds to the size where it is defined.
 
-    Of one that differs between two sides, up to all may be on one of them: half of it looks like another effect.
+    Of one that differs between two sides, up to all may be on one of them: half of it looks
+    like another effect.
     """
     shapes, worth = [], []
     for index, piece in enumerate(problem.pieces):
@@ -107,31 +131,57 @@ def _forms(problem: TableProblem, candidate: TableCandidate, column: Array) -> t
                 shapes.append(scale * whole - column)
                 defined = piece.at_definition.get(candidate.id)
                 worth.append(0.0 if defined is None else scale * float(defined[k]) - 1.0)
-    if candidate.id == LAG_ASYMMETRY.id:        # all on one side, half of it looks like an offset or a dead time
+    # all on one side, half of it looks like an offset or a dead time
+    if candidate.id == LAG_ASYMMETRY.id:
         shapes, worth = [*shapes, np.where(column != 0.0, 0.5 / problem.sd, 0.0)], [*worth, 0.0]
     return np.column_stack([np.zeros((len(column), 0)), *shapes]), np.array(worth)
 
 
 def unknowns_of(problem: TableProblem, effects: list[TableEffect]) -> list[Unknown]:
-    """Every recorded setting of every piece, its labels, a constant, settings in no order, and one setting alone."""
+    """Every recorded setting of every piece, its labels, a constant, settings in no order, and
+    one setting alone."""
     known, found = _spanned(effects), []
     for index, piece in enumerate(problem.pieces):
         inside = problem.piece == index
-        usual = max([1.0, *(one.usual * float(np.sqrt(np.mean(one.column[inside] ** 2))) for one in effects)])
+        usual = max(
+            [
+                1.0,
+                *(one.usual * float(np.sqrt(np.mean(one.column[inside] ** 2))) for one in effects),
+            ]
+        )
         shapes = _shapes(problem, piece, inside, known)
         for name, several in shapes.items():
             odds = log(UNKNOWN / len(problem.pieces) / len(shapes) / len(several))
-            found += [Unknown(piece.channel, name, shape, usual / float(np.sqrt(shape.shape[1])), odds)
-                      for shape in several]
+            found += [
+                Unknown(piece.channel, name, shape, usual / float(np.sqrt(shape.shape[1])), odds)
+                for shape in several
+            ]
         settings = np.unique(problem.setting[inside])
         odds = log(MISTAKEN / len(problem.pieces) / max(1, len(settings)))
         for k in settings.tolist() if len(settings) > 1 else ():
             one = problem.setting == k
-            found.append(Unknown(piece.channel, _only_variable(piece), one.astype(float)[:, None], usual, odds,
-                                 at=tuple(np.flatnonzero(one).tolist())))
+            found.append(
+                Unknown(
+                    piece.channel,
+                    _only_variable(piece),
+                    one.astype(float)[:, None],
+                    usual,
+                    odds,
+                    at=tuple(np.flatnonzero(one).tolist()),
+                )
+            )
         for row in np.flatnonzero(inside).tolist() if inside.sum() > 1 else ():
-            found.append(Unknown(piece.channel, "", (np.arange(len(inside)) == row).astype(float)[:, None], usual,
-                                 log(MISREAD / len(inside)), misread=True, at=(row,)))
+            found.append(
+                Unknown(
+                    piece.channel,
+                    "",
+                    (np.arange(len(inside)) == row).astype(float)[:, None],
+                    usual,
+                    log(MISREAD / len(inside)),
+                    misread=True,
+                    at=(row,),
+                )
+            )
     return found
 
 
@@ -141,28 +191,38 @@ def _only_variable(piece: TablePiece) -> str:
     return names[0] if len(names) == 1 and len(set(piece.group.tolist())) == 1 else ""
 
 
-def _shapes(problem: TableProblem, piece: TablePiece, inside: BoolArray, known: list[Array]) -> dict[str, list[Array]]:
-    """Columns (n, k) of every kind of dependence, by its variable; without those that `known` spaces hold."""
+def _shapes(
+    problem: TableProblem, piece: TablePiece, inside: BoolArray, known: list[Array]
+) -> dict[str, list[Array]]:
+    """Columns (n, k) of every kind of dependence, by its variable; without those that `known`
+    spaces hold."""
     rows = int(inside.sum())
     found: dict[str, list[Array]] = {}
     for name, values in piece.variables.items():
         kinds = np.unique(values)
         place = (values - kinds[0]) / (kinds[-1] - kinds[0])
         counts = [k for k in WAVES if k < len(kinds)]
-        found[name] = [_inside(inside, np.cos(np.pi * np.outer(place, np.arange(k + 1)))) for k in counts]
+        found[name] = [
+            _inside(inside, np.cos(np.pi * np.outer(place, np.arange(k + 1)))) for k in counts
+        ]
         if 2 < len(kinds) <= LEVELS and 2 * len(kinds) <= rows:
             found[name].append(_inside(inside, (values[:, None] == kinds).astype(float)))
     texts = list(dict.fromkeys(piece.group.tolist()))
     if len(texts) > 1:
-        found["label"] = [_inside(inside, np.column_stack([piece.group == text for text in texts]).astype(float))]
+        found["label"] = [
+            _inside(inside, np.column_stack([piece.group == text for text in texts]).astype(float))
+        ]
     found["constant"] = [_inside(inside, np.ones((rows, 1)))]
     settings = np.unique(problem.setting[inside])
     name = _only_variable(piece)
     if 2 < len(settings) < rows and not (name and len(settings) <= LEVELS):
         each = np.column_stack([problem.setting == k for k in settings.tolist()]).astype(float)
         found[name] = [*found.get(name, []), each]
-    return {name: kept for name, several in found.items()
-            if (kept := [one for one in several if not any(_within(one, basis) for basis in known)])}
+    return {
+        name: kept
+        for name, several in found.items()
+        if (kept := [one for one in several if not any(_within(one, basis) for basis in known)])
+    }
 
 
 def _inside(inside: BoolArray, columns: Array) -> Array:
@@ -174,9 +234,13 @@ def _inside(inside: BoolArray, columns: Array) -> Array:
 def _spanned(effects: list[TableEffect]) -> list[Array]:
     """Orthonormal bases of what one effect or two do: (n, 1) or (n, 2)."""
     wide = [one for one in effects if one.candidate.scope is None]
-    pairs = [(one, two) for one, two in combinations(wide, 2) if one.candidate.id != two.candidate.id]
+    pairs = [
+        (one, two) for one, two in combinations(wide, 2) if one.candidate.id != two.candidate.id
+    ]
     alone = [(one,) for one in wide]
-    return [np.linalg.qr(np.column_stack([one.column for one in some]))[0] for some in (*alone, *pairs)]
+    return [
+        np.linalg.qr(np.column_stack([one.column for one in some]))[0] for some in (*alone, *pairs)
+    ]
 
 
 def _within(columns: Array, basis: Array) -> bool:

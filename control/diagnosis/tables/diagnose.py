@@ -1,4 +1,6 @@
-"""Bench tables to a diagnosis: show, name, say what else it could be, measure the gain, plan the next test."""
+"""Bench tables to a diagnosis: show, name, say what else it could be, measure the gain, plan
+the next test."""
+
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
@@ -18,40 +20,48 @@ from .verdict import judged
 Progress = Callable[[float, str], None]
 
 
-def diagnose_tables(tables: Sequence[BenchTable], machine: Machine, *, seed: int = 0,
-                    progress: Progress | None = None) -> Diagnosis:
+def diagnose_tables(
+    tables: Sequence[BenchTable],
+    machine: Machine,
+    *,
+    seed: int = 0,
+    progress: Progress | None = None,
+) -> Diagnosis:
     """Where the machine model is wrong on bench tables, why, and what putting it right gains.
 
     Parameters
     ----------
     tables
-        One bench table, or several of the same machine together: what one cannot tell, the other may. Columns are
-        float64 arrays of shape (rows,) with their units in their names (docs/bench-tables.md); NaN: not known.
+        One bench table, or several of the same machine together: what one cannot tell, the
+        other may. Columns are float64 arrays of shape (rows,) with their units in their names
+        (docs/bench-tables.md); NaN: not known.
     machine
-        The machine as its file has it. Its tolerances are priors; sizes found are on top of its own effects.
+        The machine as its file has it. Its tolerances are priors; sizes found are on top of its
+        own effects.
     seed
         Of the draws behind the intervals of the gain; the same seed gives the same diagnosis.
     progress
-        `progress(share, what)` is called between stages, share from 0 to 1; an exception raised by it cancels.
+        `progress(share, what)` is called between stages, share from 0 to 1; an exception raised
+        by it cancels.
 
     Returns
     -------
     Diagnosis
-        By the contract "topdress-diagnosis/1". Sizes and their 90 % intervals are in the catalogue's units
-        (`topdress effects`), residuals in those of the column: s, kg, NDVI or m. Field costs are % and m.
+        By the contract "topdress-diagnosis/1". Sizes and their 90 % intervals are in the
+        catalogue's units (`topdress effects`), residuals in those of the column: s, kg, NDVI or
+        m. Field costs are % and m.
 
     Raises
     ------
     ValueError
-        One line, for no table, a table given twice, an unknown kind, a missing column, a number out of range, or a
-        table without a usable row.
+        One line, for no table, a table given twice, an unknown kind, a missing column, a number
+        out of range, or a table without a usable row.
 
-    Notes
-    -----
-    Noise is the replicates' (pure error), outliers winsorised [1]_; unequal scatter is tested for by Brown and
-    Forsythe [2]_. Every set of up to three effects, with and without something unknown, has a log evidence and prior
-    odds [3]_ (control/diagnosis/judgement); what is said is what the probable ones have in common. Steps in times are
-    found by the cosine quantogram [4]_. The gain is measured on settings left out one at a time.
+    Notes ----- Noise is the replicates' (pure error), outliers winsorised [1]_; unequal scatter
+    is tested for by Brown and Forsythe [2]_. Every set of up to three effects, with and without
+    something unknown, has a log evidence and prior odds [3]_ (control/diagnosis/judgement);
+    what is said is what the probable ones have in common. Steps in times are found by the
+    cosine quantogram [4]_. The gain is measured on settings left out one at a time.
 
     References
     ----------
@@ -60,23 +70,19 @@ def diagnose_tables(tables: Sequence[BenchTable], machine: Machine, *, seed: int
     .. [3] Kass and Raftery, Bayes factors, J. Am. Stat. Assoc. 90, 1995.
     .. [4] D. G. Kendall, Hunting quanta, Phil. Trans. R. Soc. A 276, 1974.
 
-    Examples
-    --------
-    A catch test that yields 6 % more than the machine file says, at three shaft speeds and two openings:
+    Examples -------- A catch test that yields 6 % more than the machine file says, at three
+    shaft speeds and two openings:
 
-    >>> import numpy as np
-    >>> from control.calibration.bench_table import BenchTable
-    >>> from control.machine.machine import Machine
-    >>> shaft_rpm, opening_mm = np.repeat([20.0, 50.0, 80.0], 4), np.tile([10.0, 10.0, 30.0, 30.0], 3)
-    >>> scatter = 0.004 * np.random.default_rng(1).standard_normal(12)
-    >>> mass_kg = 1.06 * 5.5e-3 * opening_mm * shaft_rpm / 60.0 * 30.0 * (1.0 + scatter)
-    >>> table = BenchTable("catch", {"shaft_rpm": shaft_rpm, "opening_mm": opening_mm, "mass_kg": mass_kg,
-    ...                              "duration_s": np.full(12, 30.0)})
-    >>> found = diagnose_tables([table], Machine())
-    >>> found.verdict, [(cause.id, round(cause.size.value), cause.size.unit) for cause in found.causes]
-    ('named', [('flow.gain', 6, '%')])
-    >>> found.gain[0].after < 0.3 * found.gain[0].before
-    True
+    >>> import numpy as np >>> from control.calibration.bench_table import BenchTable >>> from
+    control.machine.machine import Machine >>> shaft_rpm, opening_mm = np.repeat([20.0, 50.0,
+    80.0], 4), np.tile([10.0, 10.0, 30.0, 30.0], 3) >>> scatter = 0.004 *
+    np.random.default_rng(1).standard_normal(12) >>> mass_kg = 1.06 * 5.5e-3 * opening_mm *
+    shaft_rpm / 60.0 * 30.0 * (1.0 + scatter) >>> table = BenchTable("catch", {"shaft_rpm":
+    shaft_rpm, "opening_mm": opening_mm, "mass_kg": mass_kg, ...
+    "duration_s": np.full(12, 30.0)}) >>> found = diagnose_tables([table], Machine()) >>>
+    found.verdict, [(cause.id, round(cause.size.value), cause.size.unit) for cause in
+    found.causes] ('named', [('flow.gain', 6, '%')]) >>> found.gain[0].after < 0.3 *
+    found.gain[0].before True
     """
     if not tables:
         raise ValueError("no table given: at least one is needed")
@@ -96,13 +102,23 @@ def diagnose_tables(tables: Sequence[BenchTable], machine: Machine, *, seed: int
     shown = frozenset([*(c.id for c in causes), *(r.id for c in causes for r in c.rivals)])
     tell(0.7, "gain")
     return Diagnosis(
-        data=Data(" + ".join(table.path for table in tables), "+".join(dict.fromkeys(t.kind for t in tables)),
-                  sum(table.rows for table in tables), None, machine.id),
-        channels=channels_of(problem, judgement.nothing), verdict=verdict_of(judgement, causes), causes=causes,
-        not_shown=not_shown(smallest, shown, machine), unexplained=judgement.unexplained,
+        data=Data(
+            " + ".join(table.path for table in tables),
+            "+".join(dict.fromkeys(t.kind for t in tables)),
+            sum(table.rows for table in tables),
+            None,
+            machine.id,
+        ),
+        channels=channels_of(problem, judgement.nothing),
+        verdict=verdict_of(judgement, causes),
+        causes=causes,
+        not_shown=not_shown(smallest, shown, machine),
+        unexplained=judgement.unexplained,
         next_run=next_run_of(problem, judgement) or two_rates_of(tables, machine),
         gain=held_out_gain(found, judgement.effects, seed),
-        extended_machine=None, findings=findings_of(problem, tables, judgement, once.retellings))
+        extended_machine=None,
+        findings=findings_of(problem, tables, judgement, once.retellings),
+    )
 
 
 def _refuse_twins(tables: Sequence[BenchTable]) -> None:

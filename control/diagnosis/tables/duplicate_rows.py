@@ -1,9 +1,12 @@
-"""Measurements that a second table tells once more: counted once, in the unit that they were measured in.
+"""Measurements that a second table tells once more: counted once, in the unit that they were
+measured in.
 
-Papers print the same drives as distances, as times worked out of them with one speed, as means, and as the first half
-of a comparison. Taken for new evidence they would narrow intervals that they know nothing of, and a speed used to work
-them out would be named along with the speed that was driven.
+Papers print the same drives as distances, as times worked out of them with one speed, as means,
+and as the first half of a comparison. Taken for new evidence they would narrow intervals that
+they know nothing of, and a speed used to work them out would be named along with the speed that
+was driven.
 """
+
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -22,8 +25,9 @@ from .noise import quantum_of
 from .piece import BoolArray
 from .rows import labels_of
 
-FINE_SHARE = 0.005      # of a value that its last digit may be: coarser ones agree by chance
-MEASURED = ("lag_m", "lag_s", "miss_m")     # columns that hold a whole lag, as measured
+# of a value that its last digit may be: coarser ones agree by chance
+FINE_SHARE = 0.005
+MEASURED = ("lag_m", "lag_s", "miss_m")  # columns that hold a whole lag, as measured
 
 
 class DuplicateRows(NamedTuple):
@@ -36,7 +40,11 @@ class DuplicateRows(NamedTuple):
     @property
     def silent(self) -> str:
         """Name of the series that needs no sentence of its own: the other one speaks for both."""
-        return self.kept.name if self.speed_mps is not None and self.kept.unit == "s" else self.again.name
+        return (
+            self.kept.name
+            if self.speed_mps is not None and self.kept.unit == "s"
+            else self.again.name
+        )
 
 
 class WithoutDuplicates(NamedTuple):
@@ -49,21 +57,35 @@ class WithoutDuplicates(NamedTuple):
 def without_duplicates(tables: Sequence[BenchTable], machine: Machine) -> WithoutDuplicates:
     """The tables without what another of them tells once more.
 
-    The series with most rows is kept, of equals the first. Times worked out of distances of the same table become
-    those distances again, at the written speed.
+    The series with most rows is kept, of equals the first. Times worked out of distances of the
+    same table become those distances again, at the written speed.
     """
-    of_table = [[one for one in series_of(table, machine) if one.column in MEASURED]
-                if table.kind in ("lag", "place") else [] for table in tables]
+    of_table = [
+        [one for one in series_of(table, machine) if one.column in MEASURED]
+        if table.kind in ("lag", "place")
+        else []
+        for table in tables
+    ]
     found = _retellings(of_table)
     out = []
     for table, own in zip(tables, of_table, strict=True):
         kept = table
         for series in own:
             again = next((one for one in found if one.again is series), None)
-            worked_out = next((one for one in found if one.speed_mps is not None and series.unit == "s"
-                               and series in (one.kept, one.again)), None)
+            worked_out = next(
+                (
+                    one
+                    for one in found
+                    if one.speed_mps is not None
+                    and series.unit == "s"
+                    and series in (one.kept, one.again)
+                ),
+                None,
+            )
             rows = _rows_of(table, series)
-            twice = rows & np.isin(table.columns["shaft_rpm"], [] if again is None else again.kept.shaft_rpm)
+            twice = rows & np.isin(
+                table.columns["shaft_rpm"], [] if again is None else again.kept.shaft_rpm
+            )
             if worked_out is not None and bool((rows & ~twice).any()):
                 out.append(_as_distances(table, rows & ~twice, worked_out))
                 twice = rows
@@ -74,7 +96,9 @@ def without_duplicates(tables: Sequence[BenchTable], machine: Machine) -> Withou
 
 def _retellings(of_table: Sequence[Sequence[LagSeries]]) -> list[DuplicateRows]:
     """Every series that tells another table's once more, with the one that is kept."""
-    every = sorted(((k, one) for k, own in enumerate(of_table) for one in own), key=lambda pair: -pair[1].rows)
+    every = sorted(
+        ((k, one) for k, own in enumerate(of_table) for one in own), key=lambda pair: -pair[1].rows
+    )
     found: list[DuplicateRows] = []
     for (k, one), (other_k, other) in combinations(every, 2):
         done = [pair.again for pair in found]
@@ -85,14 +109,20 @@ def _retellings(of_table: Sequence[Sequence[LagSeries]]) -> list[DuplicateRows]:
 
 
 def same_series(kept: LagSeries, again: LagSeries) -> DuplicateRows | None:
-    """Whether one series is the other, to their last digits: the same in one unit, times one speed in two."""
+    """Whether one series is the other, to their last digits: the same in one unit, times one
+    speed in two."""
     distances, times = (again, kept) if kept.unit == "s" else (kept, again)
-    rpm, at_distances, at_times = np.intersect1d(distances.shaft_rpm, times.shaft_rpm, return_indices=True)
+    rpm, at_distances, at_times = np.intersect1d(
+        distances.shaft_rpm, times.shaft_rpm, return_indices=True
+    )
     if len(rpm) < MIN_SHARED:
         return None
     a, b = distances.value[at_distances], times.value[at_times]
     digits = [quantum_of(series.printed) for series in (distances, times)]
-    if max(digits[0] / float(np.mean(np.abs(a))), digits[1] / float(np.mean(np.abs(b)))) > FINE_SHARE:
+    if (
+        max(digits[0] / float(np.mean(np.abs(a))), digits[1] / float(np.mean(np.abs(b))))
+        > FINE_SHARE
+    ):
         return None
     alike = kept.unit == again.unit
     ratio = 1.0 if alike else float(np.mean(a) / np.mean(b))
@@ -102,7 +132,11 @@ def same_series(kept: LagSeries, again: LagSeries) -> DuplicateRows | None:
 
 
 def _rows_of(table: BenchTable, series: LagSeries) -> BoolArray:
-    return np.asarray((labels_of(table) == series.label) & np.isfinite(table.columns[series.column]) & ~table.running())
+    return np.asarray(
+        (labels_of(table) == series.label)
+        & np.isfinite(table.columns[series.column])
+        & ~table.running()
+    )
 
 
 def _without(table: BenchTable, column: str, rows: BoolArray) -> BenchTable:
@@ -120,27 +154,48 @@ def _filled(table: BenchTable) -> BenchTable:
 
 
 def _as_distances(table: BenchTable, rows: BoolArray, pair: DuplicateRows) -> BenchTable:
-    """Times worked out with one speed as the distances that they were, next to the speed that is written."""
+    """Times worked out with one speed as the distances that they were, next to the speed that
+    is written."""
     times, distances = (pair.kept, pair.again) if pair.kept.unit == "s" else (pair.again, pair.kept)
     assert pair.speed_mps is not None
     some = where(table, rows)
-    columns = {name: values for name, values in some.columns.items() if name not in (*LAGS, *SPEEDS)}
+    columns = {
+        name: values for name, values in some.columns.items() if name not in (*LAGS, *SPEEDS)
+    }
     written = pair.speed_mps if distances.mps is None else distances.mps
-    return replace(some, columns={**columns, "lag_m": some.columns[times.column] * pair.speed_mps,
-                                  "speed_mps": np.full(some.rows, written)}, findings=())
+    return replace(
+        some,
+        columns={
+            **columns,
+            "lag_m": some.columns[times.column] * pair.speed_mps,
+            "speed_mps": np.full(some.rows, written),
+        },
+        findings=(),
+    )
 
 
-def sentences(pairs: Sequence[AcrossTables], retellings: Sequence[DuplicateRows]) -> tuple[str, ...]:
+def sentences(
+    pairs: Sequence[AcrossTables], retellings: Sequence[DuplicateRows]
+) -> tuple[str, ...]:
     """What the tables say of each other, each thing once, and what counts once."""
     sure = {frozenset((one.kept.name, one.again.name)) for one in retellings}
     silent = {one.silent for one in retellings}
-    return (*(sentence(pair) for pair in pairs if frozenset((pair.first.name, pair.second.name)) in sure
-              or not silent & {pair.first.name, pair.second.name}),
-            *(_said(one) for one in retellings))
+    return (
+        *(
+            sentence(pair)
+            for pair in pairs
+            if frozenset((pair.first.name, pair.second.name)) in sure
+            or not silent & {pair.first.name, pair.second.name}
+        ),
+        *(_said(one) for one in retellings),
+    )
 
 
 def _said(pair: DuplicateRows) -> str:
     said = f"{pair.again.name} tells {pair.kept.name} once more, to the last digit"
     if pair.speed_mps is not None:
-        said += f": the times were worked out of the distances with {KMH_PER_MPS * pair.speed_mps:.2f} km/h"
+        said += (
+            ": the times were worked out of the distances with "
+            f"{KMH_PER_MPS * pair.speed_mps:.2f} km/h"
+        )
     return f"{said}; it counts once"

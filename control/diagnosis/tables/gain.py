@@ -1,4 +1,6 @@
-"""What the rows can show: the held-out gain of what is named, the smallest size of the rest, labels side by side."""
+"""What the rows can show: the held-out gain of what is named, the smallest size of the rest,
+labels side by side."""
+
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
@@ -16,16 +18,21 @@ from .piece import Array, BoolArray, IntArray, SizedEffect, TablePiece
 from .problem import TableProblem
 from .search import Model, TableSearch, refined
 
-RESAMPLES = 400             # of the settings, for the interval of the gain
-MIN_ROWS = 2                # of one row nobody knows the scatter
-MIN_PAIRS = 3               # settings that two labels must share to be compared
+RESAMPLES = 400  # of the settings, for the interval of the gain
+MIN_ROWS = 2  # of one row nobody knows the scatter
+# settings that two labels must share to be compared
+MIN_PAIRS = 3
 
 
-def held_out_gain(search: TableSearch, effects: Sequence[SizedEffect], seed: int) -> tuple[Gain, ...]:
-    """Leave one setting out at a time, refit the sizes, predict it; 90 % intervals by resampling settings (bootstrap).
+def held_out_gain(
+    search: TableSearch, effects: Sequence[SizedEffect], seed: int
+) -> tuple[Gain, ...]:
+    """Leave one setting out at a time, refit the sizes, predict it; 90 % intervals by
+    resampling settings (bootstrap).
 
-    A gain of each channel; none where nothing is named. Where one setting is all that could show an effect of a member
-    (an outlet, a head), or all rows are set alike, rows are left out instead.
+    A gain of each channel; none where nothing is named. Where one setting is all that could
+    show an effect of a member (an outlet, a head), or all rows are set alike, rows are left out
+    instead.
     """
     if not effects:
         return ()
@@ -36,16 +43,32 @@ def held_out_gain(search: TableSearch, effects: Sequence[SizedEffect], seed: int
     rng = np.random.default_rng(seed)
     found = []
     for channel in dict.fromkeys(piece.channel for piece in problem.pieces):
-        rows = np.isin(problem.piece, [k for k, piece in enumerate(problem.pieces) if piece.channel == channel])
+        rows = np.isin(
+            problem.piece, [k for k, piece in enumerate(problem.pieces) if piece.channel == channel]
+        )
         settings = np.unique(problem.setting[rows])
-        drawn = [_rms(after, problem.setting, rng.choice(settings, len(settings)), rows) for _ in range(RESAMPLES)]
+        drawn = [
+            _rms(after, problem.setting, rng.choice(settings, len(settings)), rows)
+            for _ in range(RESAMPLES)
+        ]
         unit = next(piece.unit for piece in problem.pieces if piece.channel == channel)
         single = split & set(settings.tolist())
-        whole, alone = len(settings) - len(single), int(np.sum(np.isin(problem.setting, sorted(single))))
+        whole, alone = (
+            len(settings) - len(single),
+            int(np.sum(np.isin(problem.setting, sorted(single)))),
+        )
         said = [f"{whole} settings"] * (whole > 0) + [f"{alone} rows"] * (alone > 0)
-        found.append(Gain(channel, f"rmse, {unit}", float(np.sqrt(np.mean(before[rows] ** 2))),
-                          float(np.sqrt(np.mean(after[rows] ** 2))), float(np.quantile(drawn, 0.05)),
-                          float(np.quantile(drawn, 0.95)), f"each of {' and '.join(said)} in turn"))
+        found.append(
+            Gain(
+                channel,
+                f"rmse, {unit}",
+                float(np.sqrt(np.mean(before[rows] ** 2))),
+                float(np.sqrt(np.mean(after[rows] ** 2))),
+                float(np.quantile(drawn, 0.05)),
+                float(np.quantile(drawn, 0.95)),
+                f"each of {' and '.join(said)} in turn",
+            )
+        )
     return tuple(found)
 
 
@@ -53,8 +76,13 @@ def _held_out(search: TableSearch, effects: Sequence[SizedEffect], split: frozen
     """Error of each row, (n,), predicted by sizes fitted without the rows of its fold."""
     problem = search.problem
     off = problem.observed - problem.nominal
-    folds = [problem.setting == kind for kind in np.unique(problem.setting).tolist() if kind not in split]
-    folds += [np.arange(len(off)) == row for row in np.flatnonzero(np.isin(problem.setting, sorted(split))).tolist()]
+    folds = [
+        problem.setting == kind for kind in np.unique(problem.setting).tolist() if kind not in split
+    ]
+    folds += [
+        np.arange(len(off)) == row
+        for row in np.flatnonzero(np.isin(problem.setting, sorted(split))).tolist()
+    ]
     named = {effect.candidate for effect in effects}
     model = Model(tuple(k for k, one in enumerate(search.effects) if one.candidate in named))
     for out in folds if len(folds) > 1 else ():
@@ -69,8 +97,11 @@ def _split(problem: TableProblem, effects: Sequence[SizedEffect]) -> frozenset[i
     chosen = [effect.candidate for effect in effects]
     slopes = problem._replace(candidates=tuple(chosen)).slopes()[1]
     own = [np.unique(problem.setting[column != 0.0]) for column in slopes.T]
-    return frozenset(int(seen[0]) for candidate, seen in zip(chosen, own, strict=True)
-                     if len(seen) == 1 and (candidate.member is not None or only_one))
+    return frozenset(
+        int(seen[0])
+        for candidate, seen in zip(chosen, own, strict=True)
+        if len(seen) == 1 and (candidate.member is not None or only_one)
+    )
 
 
 def _rms(values: Array, setting: IntArray, drawn: IntArray, rows: BoolArray) -> float:
@@ -79,14 +110,21 @@ def _rms(values: Array, setting: IntArray, drawn: IntArray, rows: BoolArray) -> 
     return float(np.sqrt(sums[drawn].sum() / counts[drawn].sum()))
 
 
-def not_shown(smallest: Mapping[str, float], shown: frozenset[str], machine: Machine) -> tuple[NotShown, ...]:
-    """Every catalogued effect that is neither named nor a rival (`shown`). None: these rows cannot show it at all."""
-    return tuple(NotShown(effect_id, Detectable(smallest.get(effect_id), unit_of(effect_id, machine)))
-                 for effect_id in CATALOGUE if effect_id not in shown)
+def not_shown(
+    smallest: Mapping[str, float], shown: frozenset[str], machine: Machine
+) -> tuple[NotShown, ...]:
+    """Every catalogued effect that is neither named nor a rival (`shown`). None: these rows
+    cannot show it at all."""
+    return tuple(
+        NotShown(effect_id, Detectable(smallest.get(effect_id), unit_of(effect_id, machine)))
+        for effect_id in CATALOGUE
+        if effect_id not in shown
+    )
 
 
 def smallest_shown(search: TableSearch) -> dict[str, float]:
-    """The smallest size, within its bounds, of each effect that these rows would show nine times in ten, by id."""
+    """The smallest size, within its bounds, of each effect that these rows would show nine
+    times in ten, by id."""
     problem, smallest = search.problem, dict[str, float]()
     for k, one in enumerate(search.effects if len(problem.observed) >= MIN_ROWS else ()):
         if one.candidate.scope is not None:
@@ -94,11 +132,18 @@ def smallest_shown(search: TableSearch) -> dict[str, float]:
         model = Model(tuple(sorted({*search.best.model.effects, k})))
         fit = refined(problem, search.effects, search.unknowns, model)
         se = fit.se[model.effects.index(k)]
-        information = max(0.0, 1.0 / se ** 2 - 1.0 / max(one.usual, abs(fit.sized[model.effects.index(k)].size)) ** 2)
+        information = max(
+            0.0,
+            1.0 / se**2 - 1.0 / max(one.usual, abs(fit.sized[model.effects.index(k)].size)) ** 2,
+        )
         size = smallest_said(one.usual, information, one.log_odds)
         if size < max(abs(one.low), abs(one.high)):
             smallest[one.candidate.id] = max(size, smallest.get(one.candidate.id, 0.0))
-    steps = [clock.smallest_s for clock in problem.clocks if clock is not None and clock.smallest_s is not None]
+    steps = [
+        clock.smallest_s
+        for clock in problem.clocks
+        if clock is not None and clock.smallest_s is not None
+    ]
     if steps:
         smallest[LAG_COARSE_CLOCK.id] = min(steps)
     return smallest
@@ -121,14 +166,28 @@ def label_contrasts(problem: TableProblem) -> list[Contrast]:
     for index, piece in enumerate(problem.pieces):
         texts = list(dict.fromkeys(piece.group.tolist()))
         inside = problem.piece == index
-        rest = ((problem.observed - problem.nominal) / problem.sd)[inside] * float(np.median(problem.sd[inside]))
-        found += [contrast for text in texts[1:] if (contrast := _contrast(piece, rest, texts[0], text)) is not None]
+        rest = ((problem.observed - problem.nominal) / problem.sd)[inside] * float(
+            np.median(problem.sd[inside])
+        )
+        found += [
+            contrast
+            for text in texts[1:]
+            if (contrast := _contrast(piece, rest, texts[0], text)) is not None
+        ]
     return found
 
 
 def _contrast(piece: TablePiece, rest: Array, one: str, other: str) -> Contrast | None:
-    keys = list(zip(*[np.round(v, 9).tolist() for n, v in piece.variables.items()
-                      if n not in ("replicate", "corrected_lag_s")], strict=True)) or [()] * len(rest)
+    keys = list(
+        zip(
+            *[
+                np.round(v, 9).tolist()
+                for n, v in piece.variables.items()
+                if n not in ("replicate", "corrected_lag_s")
+            ],
+            strict=True,
+        )
+    ) or [()] * len(rest)
     differences = []
     for key in dict.fromkeys(keys):
         at = np.array([k == key for k in keys])
@@ -139,5 +198,11 @@ def _contrast(piece: TablePiece, rest: Array, one: str, other: str) -> Contrast 
         return None
     d = np.array(differences)
     se = max(float(d.std(ddof=1) / np.sqrt(len(d))), 1e-12)
-    return Contrast(piece, one, other, float(d.mean()), float(stdtrit(len(d) - 1, 0.95)) * se,
-                    float(2.0 * stdtr(len(d) - 1, -abs(d.mean()) / se)))
+    return Contrast(
+        piece,
+        one,
+        other,
+        float(d.mean()),
+        float(stdtrit(len(d) - 1, 0.95)) * se,
+        float(2.0 * stdtr(len(d) - 1, -abs(d.mean()) / se)),
+    )

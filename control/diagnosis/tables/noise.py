@@ -1,4 +1,6 @@
-"""The noise of one measured column: its size, rows far from their replicates, settings that scatter more."""
+"""The noise of one measured column: its size, rows far from their replicates, settings that
+scatter more."""
+
 from __future__ import annotations
 
 from typing import NamedTuple
@@ -13,42 +15,52 @@ from .piece import Array, BoolArray, IntArray, TablePiece, first_best
 # Outliers are winsorised: drawn in to so many robust s.d. from the median of their
 # replicates (3.5: Iglewicz and Hoaglin 1993).
 MAX_ROBUST_SD = 3.5
-MIN_ROWS_TO_WINSORISE = 4   # replicates at a setting, below which its median is no better known than the row
+# replicates at a setting, below which its median is no better known than the row
+MIN_ROWS_TO_WINSORISE = 4
 
 # Brown-Forsythe test (1974) of equal variances: below this p, settings get weights of their own.
 UNEQUAL_P = 0.005
-MIN_ROWS_PER_VARIANCE = 5   # replicates at a setting, below which its variance is not compared
-MIN_SD_SHARE = 0.2          # of the common s.d.: no setting counts as quieter than that
+# replicates at a setting, below which its variance is not compared
+MIN_ROWS_PER_VARIANCE = 5
+# of the common s.d.: no setting counts as quieter than that
+MIN_SD_SHARE = 0.2
 
-MIN_PURE_DOF = 5            # degrees of freedom of the replicates, from which on they alone give the noise
+# degrees of freedom of the replicates, from which on they alone give the noise
+MIN_PURE_DOF = 5
 
 
-# Replicates that differ by a millionth of their last digit, or of the one that lies farthest, are the same reading.
+# Replicates that differ by a millionth of their last digit, or of the one that lies farthest,
+# are the same reading.
 NO_SCATTER = 1e-6
 
 
 class TableNoise(NamedTuple):
     """The noise of a piece of n rows, in the unit of the piece."""
 
-    winsorised: Array               # (n,) observed, outliers drawn in
-    sd: Array                       # (n,)
-    outliers: IntArray              # rows drawn in
-    min_variance: float             # share of sd**2 below which the rows' variance is not believed to be
-    by_replicates: bool             # else about a smooth fit
-    unequal_p: float | None         # Brown-Forsythe; None: too few replicates
-    setting_sd: tuple[tuple[int, int, float], ...]      # setting, rows, s.d.
+    winsorised: Array  # (n,) observed, outliers drawn in
+    sd: Array  # (n,)
+    outliers: IntArray  # rows drawn in
+    # share of sd**2 below which the rows' variance is not believed to be
+    min_variance: float
+    by_replicates: bool  # else about a smooth fit
+    unequal_p: float | None  # Brown-Forsythe; None: too few replicates
+    setting_sd: tuple[tuple[int, int, float], ...]  # setting, rows, s.d.
 
 
 def noise_of(piece: TablePiece, setting: IntArray, nominal: Array) -> TableNoise:
-    """Noise of the rows from replicates (pure error), else about a smooth fit of what the model leaves.
+    """Noise of the rows from replicates (pure error), else about a smooth fit of what the model
+    leaves.
 
-    Of the relative noises that the piece allows (constant, a share of the value) the likeliest is taken.
+    Of the relative noises that the piece allows (constant, a share of the value) the likeliest
+    is taken.
     """
     tried = [_with(piece, setting, nominal, spread) for spread in piece.spreads]
     return tried[first_best([likelihood for _, likelihood in tried])][0]
 
 
-def _with(piece: TablePiece, setting: IntArray, nominal: Array, spread: Array) -> tuple[TableNoise, float]:
+def _with(
+    piece: TablePiece, setting: IntArray, nominal: Array, spread: Array
+) -> tuple[TableNoise, float]:
     """Noise if the rows' relative noise is `spread`, and the log-likelihood of that."""
     relative = (piece.observed - nominal) / spread
     counts = np.bincount(setting)
@@ -61,8 +73,10 @@ def _with(piece: TablePiece, setting: IntArray, nominal: Array, spread: Array) -
     pure_dof = int(np.sum(counts - 1))
     if pure_dof >= MIN_PURE_DOF:
         repeated = counts[setting] > 1
-        sd, dof = float(np.sqrt(np.sum(inside ** 2) / pure_dof)), pure_dof
-        log_spread = float(np.sum((np.log(spread) * (counts[setting] - 1) / counts[setting])[repeated]))
+        sd, dof = float(np.sqrt(np.sum(inside**2) / pure_dof)), pure_dof
+        log_spread = float(
+            np.sum((np.log(spread) * (counts[setting] - 1) / counts[setting])[repeated])
+        )
     else:
         smooth, rank = smoothed(piece, winsorised)
         dof = len(winsorised)
@@ -70,20 +84,35 @@ def _with(piece: TablePiece, setting: IntArray, nominal: Array, spread: Array) -
         log_spread = float(np.sum(np.log(spread)))
     sd = max(sd, rounding, 1e-9)
     min_variance = min(1.0, rounding / sd) ** 2
-    by_setting = tuple((k, int(counts[k]), float(np.std(inside[setting == k], ddof=1)) if counts[k] > 1 else 0.0)
-                       for k in range(len(counts)))
+    by_setting = tuple(
+        (k, int(counts[k]), float(np.std(inside[setting == k], ddof=1)) if counts[k] > 1 else 0.0)
+        for k in range(len(counts))
+    )
     unequal_p = _brown_forsythe(relative, setting, counts, none)
     factor = np.ones(len(relative))
     if unequal_p is not None and unequal_p < UNEQUAL_P:
-        factor = np.array([np.sqrt(max(s, MIN_SD_SHARE * sd) / sd) for _, _, s in by_setting])[setting]
-    return (TableNoise(nominal + winsorised * spread, sd * spread * factor, outliers, min_variance,
-                       pure_dof >= MIN_PURE_DOF, unequal_p, by_setting),
-            -dof * float(np.log(sd)) - log_spread)
+        factor = np.array([np.sqrt(max(s, MIN_SD_SHARE * sd) / sd) for _, _, s in by_setting])[
+            setting
+        ]
+    return (
+        TableNoise(
+            nominal + winsorised * spread,
+            sd * spread * factor,
+            outliers,
+            min_variance,
+            pure_dof >= MIN_PURE_DOF,
+            unequal_p,
+            by_setting,
+        ),
+        -dof * float(np.log(sd)) - log_spread,
+    )
 
 
-def _winsorised(relative: Array, medians: Array, setting: IntArray, counts: IntArray,
-                none: float) -> tuple[Array, IntArray]:
-    """Rows with outliers among their replicates drawn in, and which those are. Scatter up to `none` counts as none."""
+def _winsorised(
+    relative: Array, medians: Array, setting: IntArray, counts: IntArray, none: float
+) -> tuple[Array, IntArray]:
+    """Rows with outliers among their replicates drawn in, and which those are. Scatter up to
+    `none` counts as none."""
     away = relative - medians[setting]
     enough: BoolArray = counts[setting] >= MIN_ROWS_TO_WINSORISE
     if not enough.any():
@@ -94,7 +123,8 @@ def _winsorised(relative: Array, medians: Array, setting: IntArray, counts: IntA
     for k in np.unique(setting[enough]):
         rows = setting == k
         limit[rows] = MAX_ROBUST_SD * max(common, ROBUST_SD * float(np.median(np.abs(away[rows]))))
-    limit[limit <= none] = np.inf            # replicates without scatter say nothing of what is far
+    # replicates without scatter say nothing of what is far
+    limit[limit <= none] = np.inf
     outliers = np.flatnonzero(np.abs(away) > limit)
     winsorised = relative.copy()
     winsorised[outliers] = medians[setting[outliers]] + np.sign(away[outliers]) * limit[outliers]
@@ -102,23 +132,27 @@ def _winsorised(relative: Array, medians: Array, setting: IntArray, counts: IntA
 
 
 def smoothed(piece: TablePiece, values: Array) -> tuple[Array, int]:
-    """Values (n,) by a low polynomial in the settings, labels apart, and how many columns that took."""
-    columns = [np.where(piece.group == text, 1.0, 0.0) for text in dict.fromkeys(piece.group.tolist())]
+    """Values (n,) by a low polynomial in the settings, labels apart, and how many columns that
+    took."""
+    columns = [
+        np.where(piece.group == text, 1.0, 0.0) for text in dict.fromkeys(piece.group.tolist())
+    ]
     for power in (1, 2):
         columns += [((v - v.mean()) / np.std(v)) ** power for v in piece.variables.values()]
-    design = np.column_stack(columns[:max(1, len(values) // 3)])
+    design = np.column_stack(columns[: max(1, len(values) // 3)])
     fit, *_ = np.linalg.lstsq(design, values, rcond=None)
     return np.asarray(design @ fit), int(np.linalg.matrix_rank(design))
 
 
 def resolution_of(values: Array) -> float:
     """The last printed digit."""
-    return next((10.0 ** -digits for digits in range(7) if _multiples(values, 10.0 ** -digits)), 0.0)
+    return next((10.0**-digits for digits in range(7) if _multiples(values, 10.0**-digits)), 0.0)
 
 
 def quantum_of(values: Array) -> float:
-    """The coarsest of 1, 2, 2.5, 5 times a power of ten that all values are multiples of; 0: none."""
-    steps = [step * 10.0 ** -digits for digits in range(7) for step in (5.0, 2.5, 2.0, 1.0)]
+    """The coarsest of 1, 2, 2.5, 5 times a power of ten that all values are multiples of; 0:
+    none."""
+    steps = [step * 10.0**-digits for digits in range(7) for step in (5.0, 2.5, 2.0, 1.0)]
     return next((step for step in steps if _multiples(values, step)), 0.0)
 
 
@@ -126,7 +160,9 @@ def _multiples(values: Array, step: float) -> bool:
     return bool(np.all(np.abs(values - np.round(values / step) * step) < 1e-8))
 
 
-def _brown_forsythe(values: Array, setting: IntArray, counts: IntArray, none: float) -> float | None:
+def _brown_forsythe(
+    values: Array, setting: IntArray, counts: IntArray, none: float
+) -> float | None:
     """p of the Brown-Forsythe test: F test of absolute deviations from the medians.
 
     None: too few replicates, or no scatter among them beyond `none`.
@@ -137,5 +173,11 @@ def _brown_forsythe(values: Array, setting: IntArray, counts: IntArray, none: fl
     parts = [np.abs(values[setting == k] - np.median(values[setting == k])) for k in kinds]
     total = np.concatenate(parts)
     between = sum(len(p) * (p.mean() - total.mean()) ** 2 for p in parts) / (len(parts) - 1)
-    within = sum(float(np.sum((p - p.mean()) ** 2)) for p in parts) / max(1, len(total) - len(parts))
-    return float(fdtrc(len(parts) - 1, len(total) - len(parts), between / within)) if within > none ** 2 else None
+    within = sum(float(np.sum((p - p.mean()) ** 2)) for p in parts) / max(
+        1, len(total) - len(parts)
+    )
+    return (
+        float(fdtrc(len(parts) - 1, len(total) - len(parts), between / within))
+        if within > none**2
+        else None
+    )

@@ -1,4 +1,5 @@
 """One measured column of a bench table, and what the machine model says about it."""
+
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -13,16 +14,17 @@ Array = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 BoolArray = npt.NDArray[np.bool_]
 
-# Scores within this share of one another are equal: two names may stand for the same column of a table (a constant
-# extra lag, and a dead time that one table alone has), and the last bits, which differ from one processor to another,
-# would choose between them. Rounding leaves some 1e-12 of a sum over the rows; two causes that differ are not
-# told apart by a millionth of their sum of squares.
+# Scores within this share of one another are equal: two names may stand for the same column of
+# a table (a constant extra lag, and a dead time that one table alone has), and the last bits,
+# which differ from one processor to another, would choose between them. Rounding leaves some
+# 1e-12 of a sum over the rows; two causes that differ are not told apart by a millionth of
+# their sum of squares.
 TIED = 1e-6
 
 
 class TableCandidate(NamedTuple):
-    """An effect that may be hypothesised. `scope`: index (Problem.scopes) of the groups of rows that alone have it,
-    None: all have it."""
+    """An effect that may be hypothesised. `scope`: index (Problem.scopes) of the groups of rows
+    that alone have it, None: all have it."""
 
     id: str
     member: int | None = None
@@ -31,30 +33,38 @@ class TableCandidate(NamedTuple):
 
 class SizedEffect(NamedTuple):
     candidate: TableCandidate
-    size: float                             # in the unit of the catalogue, on top of what the machine has
+    # in the unit of the catalogue, on top of what the machine has
+    size: float
 
 
 class TablePiece(NamedTuple):
-    """Rows (n,) of one measured column. `predict` runs the machine model for every row, in `unit`."""
+    """Rows (n,) of one measured column. `predict` runs the machine model for every row, in
+    `unit`."""
 
-    name: str                               # "lag_table1_distance.csv lag_m"
+    name: str  # "lag_table1_distance.csv lag_m"
     channel: str
     unit: str
     observed: Array
     predict: Callable[[Machine], Array]
-    spreads: tuple[Array, ...]              # relative noise of the rows, to choose from; all 1 where they are alike
-    group: npt.NDArray[np.str_]             # label of each row, "" where the table has none
-    label_column: str                       # column that the labels come from
-    candidates: tuple[TableCandidate, ...]       # scope None
-    scoped_ids: tuple[str, ...]             # ids that may hold in one label or one table only
-    variables: Mapping[str, Array]          # recorded settings
-    nuisances: Mapping[str, Array]          # what one tolerance makes of each row
-    forms: Mapping[str, Array]              # id -> (n, k): the same effect in other shapes of its own variable
-    at_definition: Mapping[str, Array] = {}     # id -> (k,): size that a unit of each form is where it is defined
-    noise_sd: float | None = None           # what the machine file says of the sensor, for spread 1
-    clocked: bool = False                   # times of a detector: may come in steps
-    on_ground: bool = False                 # distances along the travel, of a drive
-    named_only: frozenset[str] = frozenset()    # ids that these rows have only where a scope names them
+    # relative noise of the rows, to choose from; all 1 where they are alike
+    spreads: tuple[Array, ...]
+    group: npt.NDArray[np.str_]  # label of each row, "" where the table has none
+    label_column: str  # column that the labels come from
+    candidates: tuple[TableCandidate, ...]  # scope None
+    # ids that may hold in one label or one table only
+    scoped_ids: tuple[str, ...]
+    variables: Mapping[str, Array]  # recorded settings
+    nuisances: Mapping[str, Array]  # what one tolerance makes of each row
+    # id -> (n, k): the same effect in other shapes of its own variable
+    forms: Mapping[str, Array]
+    # id -> (k,): size that a unit of each form is where it is defined
+    at_definition: Mapping[str, Array] = {}
+    # what the machine file says of the sensor, for spread 1
+    noise_sd: float | None = None
+    clocked: bool = False  # times of a detector: may come in steps
+    on_ground: bool = False  # distances along the travel, of a drive
+    # ids that these rows have only where a scope names them
+    named_only: frozenset[str] = frozenset()
 
     @property
     def table(self) -> str:
@@ -66,7 +76,8 @@ SCOPE_AND = " and "
 
 
 def scope_name(groups: Iterable[tuple[str, str]]) -> str:
-    """What people call the groups (table, label) that alone have an effect: the `scope` of its cause."""
+    """What people call the groups (table, label) that alone have an effect: the `scope` of its
+    cause."""
     return SCOPE_AND.join(group_name(table, label) for table, label in groups)
 
 
@@ -79,7 +90,8 @@ def within_scope(scope: str | None, piece: TablePiece, label: str, effect_id: st
 
 
 def group_name(table: str, label: str) -> str:
-    """What people call the rows of one label (the `scope` of a cause): the table, by its file's name, and the label."""
+    """What people call the rows of one label (the `scope` of a cause): the table, by its file's
+    name, and the label."""
     short = table.replace("\\", "/").rsplit("/", 1)[-1] or "the table"
     return f"{short} {label}".strip()
 
@@ -99,12 +111,17 @@ def with_effects(machine: Machine, effects: tuple[SizedEffect, ...]) -> Machine:
 
 def varying(variables: Mapping[str, Array]) -> dict[str, Array]:
     """Those that are known in every row and take more than one value."""
-    return {name: values for name, values in variables.items()
-            if np.all(np.isfinite(values)) and np.ptp(values) > 1e-9 * max(1.0, float(np.abs(values).max()))}
+    return {
+        name: values
+        for name, values in variables.items()
+        if np.all(np.isfinite(values))
+        and np.ptp(values) > 1e-9 * max(1.0, float(np.abs(values).max()))
+    }
 
 
 def first_best(scores: Sequence[float] | Array) -> int:
-    """Index of the highest score (n,), of equal ones the first: the order given decides, not rounding."""
+    """Index of the highest score (n,), of equal ones the first: the order given decides, not
+    rounding."""
     values = np.asarray(scores, np.float64)
     highest = float(values.max())
     least = highest - TIED * abs(highest) if np.isfinite(highest) else highest

@@ -1,4 +1,6 @@
-"""All pieces of a diagnosis side by side: rows, their noise, the effects that may be hypothesised."""
+"""All pieces of a diagnosis side by side: rows, their noise, the effects that may be
+hypothesised."""
+
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -10,10 +12,20 @@ from control.machine.machine import CATALOGUE, Machine, size_scale
 
 from .clock import DITHERED, CoarseClock, coarse_clock, rounding_sd
 from .noise import TableNoise, noise_of, quantum_of, resolution_of, smoothed
-from .piece import Array, IntArray, SizedEffect, TableCandidate, TablePiece, scope_name, with_effects
+from .piece import (
+    Array,
+    IntArray,
+    SizedEffect,
+    TableCandidate,
+    TablePiece,
+    scope_name,
+    with_effects,
+)
 
-MIN_SHARED = 4          # replicates beyond the first of each setting, from which on their common rounding is counted
-MIN_MEDIAN_ROWS = 3     # replicates whose median is taken for their true time
+# replicates beyond the first of each setting, from which on their common rounding is counted
+MIN_SHARED = 4
+# replicates whose median is taken for their true time
+MIN_MEDIAN_ROWS = 3
 
 
 class TableProblem(NamedTuple):
@@ -21,25 +33,31 @@ class TableProblem(NamedTuple):
 
     pieces: tuple[TablePiece, ...]
     machine: Machine
-    observed: Array                         # outliers among replicates winsorised
+    observed: Array  # outliers among replicates winsorised
     nominal: Array
-    sd: Array                               # noise
+    sd: Array  # noise
     piece: IntArray
     group: IntArray
-    group_names: tuple[tuple[str, str], ...]        # table, label
-    scopes: tuple[frozenset[int], ...]      # groups that an effect may hold in alone: each one, then some together
+    group_names: tuple[tuple[str, str], ...]  # table, label
+    # groups that an effect may hold in alone: each one, then some together
+    scopes: tuple[frozenset[int], ...]
     setting: IntArray
     candidates: tuple[TableCandidate, ...]
-    nuisances: Array                        # (n, q) what a tolerance of the machine file, as large as it is, makes
-    rounding: Array                         # (n,) s.d. of what rounding does alike to all rows of their setting
-    usual_noise: float                      # noise as the machine file has it, in units of sd
+    # (n, q) what a tolerance of the machine file, as large as it is, makes
+    nuisances: Array
+    # (n,) s.d. of what rounding does alike to all rows of their setting
+    rounding: Array
+    # noise as the machine file has it, in units of sd
+    usual_noise: float
     noise: tuple[TableNoise, ...]
-    unrepeated: tuple[int, ...]             # pieces, of several, whose noise no replicates tell
-    clocks: tuple[CoarseClock | None, ...]        # of each piece: steps in its times
+    # pieces, of several, whose noise no replicates tell
+    unrepeated: tuple[int, ...]
+    clocks: tuple[CoarseClock | None, ...]  # of each piece: steps in its times
 
     @property
     def min_variance(self) -> float:
-        """In units of sd squared: the rows' variance is not believed to be less than that of their last digit."""
+        """In units of sd squared: the rows' variance is not believed to be less than that of
+        their last digit."""
         return max(1e-9, min(noise.min_variance for noise in self.noise))
 
     def predicted(self, effects: Sequence[SizedEffect]) -> Array:
@@ -49,7 +67,9 @@ class TableProblem(NamedTuple):
             inside = self.piece == index
             done: dict[tuple[SizedEffect, ...], Array] = {}
             for group in np.unique(self.group[inside]).tolist():
-                here = tuple(effect for effect in effects if self._holds(effect.candidate, piece, group))
+                here = tuple(
+                    effect for effect in effects if self._holds(effect.candidate, piece, group)
+                )
                 if not here:
                     continue
                 if here not in done:
@@ -67,16 +87,23 @@ class TableProblem(NamedTuple):
         return scope_name(self.group_names[group] for group in sorted(self.scopes[scope]))
 
     def slopes(self, effects: Sequence[SizedEffect] = ()) -> tuple[Array, Array]:
-        """Rows under the effects, (n,), and their change per unit of each candidate's size on top of them, (n, c).
+        """Rows under the effects, (n,), and their change per unit of each candidate's size on
+        top of them, (n, c).
 
         Of one of the effects itself it is the mean slope from neutral to its size.
         """
         base = self.predicted(effects)
         columns = []
         for candidate in self.candidates:
-            own = next((effect for effect in effects if effect.candidate == candidate and effect.size), None)
+            own = next(
+                (effect for effect in effects if effect.candidate == candidate and effect.size),
+                None,
+            )
             if own is not None:
-                columns.append((base - self.predicted([effect for effect in effects if effect != own])) / own.size)
+                columns.append(
+                    (base - self.predicted([effect for effect in effects if effect != own]))
+                    / own.size
+                )
                 continue
             others = [effect for effect in effects if effect.candidate != candidate]
             step = size_scale(candidate.id, self.machine) * CATALOGUE[candidate.id].effect.probes[0]
@@ -92,21 +119,28 @@ class _JudgedPiece(NamedTuple):
     setting: IntArray
     noise: TableNoise
     clock: CoarseClock | None
-    rounding: float                         # s.d. of what the replicates of a setting share by rounding
+    # s.d. of what the replicates of a setting share by rounding
+    rounding: float
 
 
 def problem_of(pieces: Sequence[TablePiece], machine: Machine, seed: int = 0) -> TableProblem:
-    """Puts the pieces side by side; estimates each one's noise from its replicates, else about a smooth fit.
+    """Puts the pieces side by side; estimates each one's noise from its replicates, else about
+    a smooth fit.
 
-    Where times come in steps that the scatter does not even out, the rounding of each setting is a nuisance.
+    Where times come in steps that the scatter does not even out, the rounding of each setting
+    is a nuisance.
     """
     judged = [_judged(piece, machine, seed + index) for index, piece in enumerate(pieces)]
     starts = np.cumsum([0, *(int(one.setting.max()) + 1 for one in judged)])
-    setting = np.concatenate([one.setting + start for one, start in zip(judged, starts[:-1], strict=True)])
+    setting = np.concatenate(
+        [one.setting + start for one, start in zip(judged, starts[:-1], strict=True)]
+    )
     index = np.concatenate([np.full(len(piece.observed), k) for k, piece in enumerate(pieces)])
     rounding = np.concatenate([np.full(len(one.setting), one.rounding) for one in judged])
     group, names = _groups(pieces)
-    candidates = list(dict.fromkeys(candidate for piece in pieces for candidate in piece.candidates))
+    candidates = list(
+        dict.fromkeys(candidate for piece in pieces for candidate in piece.candidates)
+    )
     scopes = [frozenset({number}) for number in range(len(names))]
     if len(names) > 1:
         candidates += _scoped(pieces, group, index)
@@ -115,14 +149,24 @@ def problem_of(pieces: Sequence[TablePiece], machine: Machine, seed: int = 0) ->
         candidates += shared
     stated = judged[0].piece.noise_sd if len(judged) == 1 else None
     return TableProblem(
-        tuple(pieces), machine, np.concatenate([one.noise.winsorised for one in judged]),
-        np.concatenate([one.nominal for one in judged]), np.concatenate([one.noise.sd for one in judged]), index, group,
-        names, tuple(scopes), setting, tuple(candidates),
-        _tolerances(pieces), rounding,
+        tuple(pieces),
+        machine,
+        np.concatenate([one.noise.winsorised for one in judged]),
+        np.concatenate([one.nominal for one in judged]),
+        np.concatenate([one.noise.sd for one in judged]),
+        index,
+        group,
+        names,
+        tuple(scopes),
+        setting,
+        tuple(candidates),
+        _tolerances(pieces),
+        rounding,
         1.0 if stated is None else float(stated / np.median(judged[0].noise.sd)),
         tuple(one.noise for one in judged),
         tuple(k for k, one in enumerate(judged) if len(judged) > 1 and not one.noise.by_replicates),
-        tuple(one.clock for one in judged))
+        tuple(one.clock for one in judged),
+    )
 
 
 def _judged(piece: TablePiece, machine: Machine, seed: int) -> _JudgedPiece:
@@ -130,30 +174,48 @@ def _judged(piece: TablePiece, machine: Machine, seed: int) -> _JudgedPiece:
     noise = noise_of(piece, setting, nominal)
     clock = _clock(piece, setting, noise.outliers, seed) if piece.clocked else None
     typical = float(np.median(noise.sd))
-    return _JudgedPiece(piece, nominal, setting, noise, clock,
-                        max(rounding_sd(clock, typical), _digit_sd(piece, setting, typical)))
+    return _JudgedPiece(
+        piece,
+        nominal,
+        setting,
+        noise,
+        clock,
+        max(rounding_sd(clock, typical), _digit_sd(piece, setting, typical)),
+    )
 
 
-def _clock(piece: TablePiece, setting: IntArray, outliers: IntArray, seed: int) -> CoarseClock | None:
+def _clock(
+    piece: TablePiece, setting: IntArray, outliers: IntArray, seed: int
+) -> CoarseClock | None:
     """Steps in the times about the medians of settings with replicates, else about a smooth fit."""
     counts = np.bincount(setting)
     medians = np.array([np.median(piece.observed[setting == k]) for k in range(len(counts))])
-    centres = np.where(counts[setting] >= MIN_MEDIAN_ROWS, medians[setting], smoothed(piece, piece.observed)[0])
+    centres = np.where(
+        counts[setting] >= MIN_MEDIAN_ROWS, medians[setting], smoothed(piece, piece.observed)[0]
+    )
     near = np.delete(np.arange(len(setting)), outliers)
     return coarse_clock(piece.observed[near], centres[near], resolution_of(piece.observed), seed)
 
 
 def _digit_sd(piece: TablePiece, setting: IntArray, scatter: float) -> float:
-    """S.d. of the rounding that replicates share because they scatter less than the last digit; 0: they do not."""
+    """S.d. of the rounding that replicates share because they scatter less than the last digit;
+    0: they do not."""
     quantum = quantum_of(piece.observed)
     repeated = len(setting) - len(np.unique(setting)) >= MIN_SHARED
     return quantum / float(np.sqrt(12.0)) if repeated and scatter < DITHERED * quantum else 0.0
 
 
 def settings_of(piece: TablePiece) -> IntArray:
-    """Index of the setting of each row, (n,): rows with the same label and variables but for the replicate."""
-    keys = [piece.group.tolist(), *(np.round(values, 9).tolist() for name, values in piece.variables.items()
-                                    if name != "replicate")]
+    """Index of the setting of each row, (n,): rows with the same label and variables but for
+    the replicate."""
+    keys = [
+        piece.group.tolist(),
+        *(
+            np.round(values, 9).tolist()
+            for name, values in piece.variables.items()
+            if name != "replicate"
+        ),
+    ]
     rows = list(zip(*keys, strict=True))
     order = {row: k for k, row in enumerate(dict.fromkeys(rows))}
     return np.array([order[row] for row in rows], dtype=np.int64)
@@ -172,20 +234,34 @@ def _scoped(pieces: Sequence[TablePiece], group: IntArray, index: IntArray) -> l
     """Effects that may hold in one group only, group by group."""
     found = []
     for number in np.unique(group).tolist():
-        ids = dict.fromkeys(effect_id for k in np.unique(index[group == number]).tolist()
-                            for effect_id in pieces[k].scoped_ids)
+        ids = dict.fromkeys(
+            effect_id
+            for k in np.unique(index[group == number]).tolist()
+            for effect_id in pieces[k].scoped_ids
+        )
         found += [TableCandidate(effect_id, None, number) for effect_id in ids]
     return found
 
 
-def _together(pieces: Sequence[TablePiece], candidates: Sequence[TableCandidate], scopes: Sequence[frozenset[int]],
-              group: IntArray, index: IntArray) -> tuple[list[frozenset[int]], list[TableCandidate]]:
-    """Times of one label and what was measured on the ground, as one scope: one cause in the field is one quantity.
+def _together(
+    pieces: Sequence[TablePiece],
+    candidates: Sequence[TableCandidate],
+    scopes: Sequence[frozenset[int]],
+    group: IntArray,
+    index: IntArray,
+) -> tuple[list[frozenset[int]], list[TableCandidate]]:
+    """Times of one label and what was measured on the ground, as one scope: one cause in the
+    field is one quantity.
 
-    Times may have been read off distances in the same field in which other tables measured places.
+    Times may have been read off distances in the same field in which other tables measured
+    places.
     """
-    ground = frozenset(number for k, piece in enumerate(pieces) if piece.on_ground
-                       for number in np.unique(group[index == k]).tolist())
+    ground = frozenset(
+        number
+        for k, piece in enumerate(pieces)
+        if piece.on_ground
+        for number in np.unique(group[index == k]).tolist()
+    )
     found, shared = [], []
     for candidate in candidates:
         if candidate.scope is None or candidate.scope in ground or not ground:
@@ -199,6 +275,12 @@ def _together(pieces: Sequence[TablePiece], candidates: Sequence[TableCandidate]
 
 def _tolerances(pieces: Sequence[TablePiece]) -> Array:
     names = list(dict.fromkeys(name for piece in pieces for name in piece.nuisances))
-    parts = [np.column_stack([piece.nuisances.get(name, np.zeros(len(piece.observed))) for name in names])
-             if names else np.zeros((len(piece.observed), 0)) for piece in pieces]
+    parts = [
+        np.column_stack(
+            [piece.nuisances.get(name, np.zeros(len(piece.observed))) for name in names]
+        )
+        if names
+        else np.zeros((len(piece.observed), 0))
+        for piece in pieces
+    ]
     return np.concatenate(parts)

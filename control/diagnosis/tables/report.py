@@ -1,4 +1,6 @@
-"""The result of a diagnosis of bench tables: its causes, channels and next run, and what is said in words."""
+"""The result of a diagnosis of bench tables: its causes, channels and next run, and what is
+said in words."""
+
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -35,16 +37,20 @@ from .piece import Array, BoolArray, SizedEffect, TableCandidate, TablePiece, wi
 from .problem import TableProblem
 from .verdict import Judgement, NamedEffect
 
-CONSTANT_TIMES = (SHAFT_DEAD_TIME.id, LAG_OFFSET.id)     # the same in every row, as steps of a coarse clock may make it
-CONTRAST_P = 0.01               # below it labels are said to differ
-OUTSTANDING = 2.0               # a setting that scatters so many times the usual is pointed out
+# the same in every row, as steps of a coarse clock may make it
+CONSTANT_TIMES = (SHAFT_DEAD_TIME.id, LAG_OFFSET.id)
+CONTRAST_P = 0.01  # below it labels are said to differ
+# a setting that scatters so many times the usual is pointed out
+OUTSTANDING = 2.0
 MAX_SHOWN_ROWS, MAX_SHOWN_SETTINGS = 5, 3
 MIN_ROWS_SAID = 4
-MAX_TESTS = 3               # an afternoon's work
+MAX_TESTS = 3  # an afternoon's work
 Pair = tuple[SizedEffect, SizedEffect]
 
 
-def causes_of(problem: TableProblem, tables: Sequence[BenchTable], judgement: Judgement) -> tuple[Cause, ...]:
+def causes_of(
+    problem: TableProblem, tables: Sequence[BenchTable], judgement: Judgement
+) -> tuple[Cause, ...]:
     """Named effects and the clearest coarse clock, largest consequence in the field first."""
     speed = _speed(tables)
     causes = [_cause(problem, one, speed) for one in judgement.named]
@@ -57,7 +63,9 @@ def causes_of(problem: TableProblem, tables: Sequence[BenchTable], judgement: Ju
 
 def verdict_of(judgement: Judgement, causes: Sequence[Cause]) -> Verdict:
     """The models' verdict, with the clocks."""
-    if judgement.verdict not in ("unexplained", "not_judged") or (causes and not judgement.unexplained):
+    if judgement.verdict not in ("unexplained", "not_judged") or (
+        causes and not judgement.unexplained
+    ):
         return "ambiguous" if any(one.rivals for one in causes) else "named" if causes else "none"
     return judgement.verdict
 
@@ -66,20 +74,44 @@ def _cause(problem: TableProblem, one: NamedEffect, speed: float | None) -> Caus
     candidate, size = one.effect
     rivals = tuple(Rival(r.id, r.probability) for r in one.rivals)
     probability = one.probability
-    if candidate.id in CONSTANT_TIMES and any(clock is not None and clock.undecided for clock in problem.clocks):
-        probability *= 0.5          # nothing known tells a clock from all that is said: it gets half
-        rivals = (Rival(LAG_COARSE_CLOCK.id, 0.5), *(Rival(r.id, 0.5 * r.probability) for r in rivals))
-    interval = Size(size, size - Z90 * one.se, size + Z90 * one.se, unit_of(candidate.id, problem.machine))
-    return Cause(candidate.id, interval, None, probability, rivals, candidate.member,
-                 CATALOGUE[candidate.id].effect.advice, field_cost(problem.machine, one.effect, speed),
-                 scope=None if candidate.scope is None else problem.scope_name(candidate.scope))
+    if candidate.id in CONSTANT_TIMES and any(
+        clock is not None and clock.undecided for clock in problem.clocks
+    ):
+        # nothing known tells a clock from all that is said: it gets half
+        probability *= 0.5
+        rivals = (
+            Rival(LAG_COARSE_CLOCK.id, 0.5),
+            *(Rival(r.id, 0.5 * r.probability) for r in rivals),
+        )
+    interval = Size(
+        size, size - Z90 * one.se, size + Z90 * one.se, unit_of(candidate.id, problem.machine)
+    )
+    return Cause(
+        candidate.id,
+        interval,
+        None,
+        probability,
+        rivals,
+        candidate.member,
+        CATALOGUE[candidate.id].effect.advice,
+        field_cost(problem.machine, one.effect, speed),
+        scope=None if candidate.scope is None else problem.scope_name(candidate.scope),
+    )
 
 
 def _clock_cause(problem: TableProblem, clock: CoarseClock, speed: float | None) -> Cause:
     effect = CATALOGUE[LAG_COARSE_CLOCK.id].effect
     step = SizedEffect(TableCandidate(LAG_COARSE_CLOCK.id), clock.step_s)
-    return Cause(LAG_COARSE_CLOCK.id, Size(clock.step_s, clock.low_s, clock.high_s, effect.unit), None, 1.0 - clock.p,
-                 (), None, effect.advice, field_cost(problem.machine, step, speed))
+    return Cause(
+        LAG_COARSE_CLOCK.id,
+        Size(clock.step_s, clock.low_s, clock.high_s, effect.unit),
+        None,
+        1.0 - clock.p,
+        (),
+        None,
+        effect.advice,
+        field_cost(problem.machine, step, speed),
+    )
 
 
 def _speed(tables: Sequence[BenchTable]) -> float | None:
@@ -96,10 +128,19 @@ def channels_of(problem: TableProblem, structure_p: float) -> tuple[Channel, ...
         observed = np.concatenate([problem.pieces[k].observed for k in inside])
         off = observed - problem.nominal[rows]
         varies = float(np.sum((observed - observed.mean()) ** 2))
-        explained = 1.0 - float(np.sum(off ** 2)) / varies if varies > 0.0 else 0.0
-        out.append(Channel(channel, problem.pieces[inside[0]].unit, len(off), float(off.mean()),
-                           float(np.sqrt(np.mean(off ** 2))), float(np.sqrt(np.mean(problem.sd[rows] ** 2))),
-                           max(0.0, explained), min(1.0, structure_p)))
+        explained = 1.0 - float(np.sum(off**2)) / varies if varies > 0.0 else 0.0
+        out.append(
+            Channel(
+                channel,
+                problem.pieces[inside[0]].unit,
+                len(off),
+                float(off.mean()),
+                float(np.sqrt(np.mean(off**2))),
+                float(np.sqrt(np.mean(problem.sd[rows] ** 2))),
+                max(0.0, explained),
+                min(1.0, structure_p),
+            )
+        )
     return tuple(out)
 
 
@@ -109,49 +150,76 @@ def next_run_of(problem: TableProblem, judgement: Judgement) -> NextRun | None:
     def anywhere(effect: SizedEffect) -> SizedEffect:
         return effect._replace(candidate=effect.candidate._replace(scope=None))
 
-    plan = separating(problem.machine, [
-        [anywhere(one.effect), *(anywhere(r.effect) for r in one.rivals if r.effect is not None)]
-        for one in judgement.named])
+    plan = separating(
+        problem.machine,
+        [
+            [
+                anywhere(one.effect),
+                *(anywhere(r.effect) for r in one.rivals if r.effect is not None),
+            ]
+            for one in judgement.named
+        ],
+    )
     if plan is not None:
         return _next_run(plan)
     doubtful = [one.effect.candidate.id for one in judgement.named if one.rivals]
     if not doubtful:
         return None
-    return NextRun(f"this data cannot tell {', '.join(doubtful)} from something else",
-                   "repeat this test with three or more settings at which the effect would show")
+    return NextRun(
+        f"this data cannot tell {', '.join(doubtful)} from something else",
+        "repeat this test with three or more settings at which the effect would show",
+    )
 
 
 def two_rates_of(tables: Sequence[BenchTable], machine: Machine) -> NextRun | None:
-    """Starts tell nothing of the tube: where only they were measured, a change between two rates is next."""
+    """Starts tell nothing of the tube: where only they were measured, a change between two
+    rates is next."""
     lags = [table for table in tables if table.kind == "lag"]
     if machine.tube_is_settled or not lags or any(table.running().any() for table in lags):
         return None
-    return NextRun("starts cannot tell whether the stream in the tube carries what falls or each granule falls singly, "
-                   "and until that is known no strategy moves the shaft for what is landing",
-                   f"{two_rates(machine)} (10 min)")
+    return NextRun(
+        "starts cannot tell whether the stream in the tube carries what falls or each "
+        "granule falls singly, "
+        "and until that is known no strategy moves the shaft for what is landing",
+        f"{two_rates(machine)} (10 min)",
+    )
 
 
 def _next_run(plan: NextTests) -> NextRun:
     why = f"this data cannot tell {_names(plan.pairs)} apart"
     if not plan.tests:
-        return NextRun(why, "no bench test of the program's list separates them at the sizes found; repeat this test "
-                            "with ten times as many rows")
+        return NextRun(
+            why,
+            "no bench test of the program's list separates them at the sizes found; repeat "
+            "this test "
+            "with ten times as many rows",
+        )
     why += f"; the tests planned set them at least {plan.apart_sd:.0f} s.d. apart"
     if plan.unsettled:
-        why += "; still open after them: " + ", ".join(f"{a.candidate.id} from {b.candidate.id}"
-                                                       for a, b in plan.unsettled)
+        why += "; still open after them: " + ", ".join(
+            f"{a.candidate.id} from {b.candidate.id}" for a, b in plan.unsettled
+        )
     tests = tuple(f"{test.plan} ({test.minutes:.0f} min)" for test in plan.tests)
-    return NextRun(why, "; then ".join(f"{k}. {test}" for k, test in enumerate(tests, 1)),
-                   id="+".join(test.id for test in plan.tests), minutes=sum(test.minutes for test in plan.tests),
-                   steps=tuple(step for test in plan.tests for step in test.steps), tests=tests)
+    return NextRun(
+        why,
+        "; then ".join(f"{k}. {test}" for k, test in enumerate(tests, 1)),
+        id="+".join(test.id for test in plan.tests),
+        minutes=sum(test.minutes for test in plan.tests),
+        steps=tuple(step for test in plan.tests for step in test.steps),
+        tests=tests,
+    )
 
 
 def _names(pairs: Sequence[Pair]) -> str:
     return ", ".join(dict.fromkeys(effect.candidate.id for pair in pairs for effect in pair))
 
 
-def findings_of(problem: TableProblem, tables: Sequence[BenchTable], judgement: Judgement,
-                retellings: Sequence[DuplicateRows]) -> tuple[str, ...]:
+def findings_of(
+    problem: TableProblem,
+    tables: Sequence[BenchTable],
+    judgement: Judgement,
+    retellings: Sequence[DuplicateRows],
+) -> tuple[str, ...]:
     """Plain sentences about the rows themselves; columns that could not be judged first.
 
     `tables`: as given; `retellings`: what of them was set aside because another tells it.
@@ -159,29 +227,48 @@ def findings_of(problem: TableProblem, tables: Sequence[BenchTable], judgement: 
     ids = {effect.candidate.id for effect in judgement.effects}
     out = [text for table in tables for text in _not_judged_sentences(table)]
     if judgement.verdict == "not_judged":
-        out += [f"{piece.name}: not judged: no effect within its bounds could have shown in these rows"
-                for piece in problem.pieces]
+        out += [
+            f"{piece.name}: not judged: no effect within its bounds could have shown in these rows"
+            for piece in problem.pieces
+        ]
     out += [text for table in tables for text in table.findings]
     for index, piece in enumerate(problem.pieces):
         out += _noise_sentences(problem, index, piece)
     out += _label_sentences(problem)
     out += sentences(across(tables, problem.machine), retellings)
-    out += [f"{piece.name}: the times heap on multiples of {clock.step_s:.4f} s (mean cosine {clock.heaping:.2f}): one "
-            f"time may be off by {clock.step_s / 2.0:.3f} s, the mean of many at a setting is not"
-            for piece, clock in zip(problem.pieces, problem.clocks, strict=True) if clock is not None and clock.shown]
-    out += [f"{candidate.id} {size:+.3g} holds in the rows of {problem.scope_name(candidate.scope)} only"
-            for candidate, size in judgement.effects if candidate.scope is not None]
+    out += [
+        f"{piece.name}: the times heap on multiples of {clock.step_s:.4f} s (mean cosine "
+        f"{clock.heaping:.2f}): one "
+        f"time may be off by {clock.step_s / 2.0:.3f} s, the mean of many at a setting is not"
+        for piece, clock in zip(problem.pieces, problem.clocks, strict=True)
+        if clock is not None and clock.shown
+    ]
+    out += [
+        f"{candidate.id} {size:+.3g} holds in the rows of "
+        f"{problem.scope_name(candidate.scope)} only"
+        for candidate, size in judgement.effects
+        if candidate.scope is not None
+    ]
     out += _settings_sentences(problem, judgement)
     if judgement.named and not judgement.unexplained and judgement.unknown >= LISTED:
-        out.append(f"something that no effect describes may be there as well (probability {judgement.unknown:.2f})")
+        out.append(
+            "something that no effect describes may be there as well (probability "
+            f"{judgement.unknown:.2f})"
+        )
     if judgement.unexplained and judgement.nearest is not None:
         near = judgement.nearest.id
         low, high = bounds(near, problem.machine)
-        out.append(f"nearest effect: {near}, but its size would have to lie outside {low:g} to {high:g} "
-                   f"{unit_of(near, problem.machine)}" + (", or be negative" if ROWS[near].only_adds else ""))
+        out.append(
+            f"nearest effect: {near}, but its size would have to lie outside {low:g} to {high:g} "
+            f"{unit_of(near, problem.machine)}"
+            + (", or be negative" if ROWS[near].only_adds else "")
+        )
     if ids & {PLACE_LEVER_ARM.id, PLACE_LATENCY.id}:
-        out.append(f"a constant extra lag ({LAG_OFFSET.id}) looks like {PLACE_LATENCY.id} in a place table; a lag "
-                   "table tells them apart")
+        out.append(
+            f"a constant extra lag ({LAG_OFFSET.id}) looks like {PLACE_LATENCY.id} in a "
+            "place table; a lag "
+            "table tells them apart"
+        )
     if len(problem.observed) < MIN_ROWS_SAID:
         out.append(f"only {len(problem.observed)} rows: only large effects can be shown")
     return tuple(out)
@@ -189,8 +276,13 @@ def findings_of(problem: TableProblem, tables: Sequence[BenchTable], judgement: 
 
 def _not_judged_sentences(table: BenchTable) -> list[str]:
     """Measured columns without a number."""
-    return [f"{f'{table.path} {name}'.strip()}: not judged: no row has a number" for name in LAGS
-            if table.kind == "lag" and name in table.columns and not np.isfinite(table.columns[name]).any()]
+    return [
+        f"{f'{table.path} {name}'.strip()}: not judged: no row has a number"
+        for name in LAGS
+        if table.kind == "lag"
+        and name in table.columns
+        and not np.isfinite(table.columns[name]).any()
+    ]
 
 
 def _noise_sentences(problem: TableProblem, index: int, piece: TablePiece) -> list[str]:
@@ -199,8 +291,11 @@ def _noise_sentences(problem: TableProblem, index: int, piece: TablePiece) -> li
     noise = problem.noise[index]
     if len(noise.outliers):
         shown = ", ".join(f"{piece.observed[k]:g}" for k in noise.outliers[:MAX_SHOWN_ROWS])
-        out.append(f"{piece.name}: {len(noise.outliers)} of {len(piece.observed)} rows lie far from their replicates "
-                   f"({shown} {piece.unit}) and count only as far as {MAX_ROBUST_SD:g} robust s.d.")
+        out.append(
+            f"{piece.name}: {len(noise.outliers)} of {len(piece.observed)} rows lie far "
+            "from their replicates "
+            f"({shown} {piece.unit}) and count only as far as {MAX_ROBUST_SD:g} robust s.d."
+        )
     if noise.unequal_p is None or noise.unequal_p >= UNEQUAL_P:
         return out
     own = problem.setting[problem.piece == index]
@@ -208,9 +303,15 @@ def _noise_sentences(problem: TableProblem, index: int, piece: TablePiece) -> li
     usual = float(np.median([s for _, _, s in noise.setting_sd]))
     loud = [(k, s) for k, rows, s in noise.setting_sd if s > OUTSTANDING * usual and rows > 2]
     loud.sort(key=lambda one: -one[1])
-    where = "; ".join(f"{_setting(piece, own == k + first)}: {s:.3g}" for k, s in loud[:MAX_SHOWN_SETTINGS])
-    out.append(f"{piece.name}: the scatter is not the same everywhere (p {noise.unequal_p:.2g}): usually "
-               f"{usual:.3g} {piece.unit}" + (f", at {where}" if where else "") + "; rows are weighted accordingly")
+    where = "; ".join(
+        f"{_setting(piece, own == k + first)}: {s:.3g}" for k, s in loud[:MAX_SHOWN_SETTINGS]
+    )
+    out.append(
+        f"{piece.name}: the scatter is not the same everywhere (p {noise.unequal_p:.2g}): usually "
+        f"{usual:.3g} {piece.unit}"
+        + (f", at {where}" if where else "")
+        + "; rows are weighted accordingly"
+    )
     return out
 
 
@@ -218,8 +319,11 @@ def _label_sentences(problem: TableProblem) -> list[str]:
     out = []
     for piece, one, other, difference, half, p in label_contrasts(problem):
         word = "differs from" if p < CONTRAST_P else "does not differ from"
-        out.append(f"{piece.name}: {piece.label_column} {other} {word} {one} beyond the model: {difference:+.3g} "
-                   f"{piece.unit} ({difference - half:+.3g} to {difference + half:+.3g}), p {p:.2g}")
+        out.append(
+            f"{piece.name}: {piece.label_column} {other} {word} {one} beyond the model: "
+            f"{difference:+.3g} "
+            f"{piece.unit} ({difference - half:+.3g} to {difference + half:+.3g}), p {p:.2g}"
+        )
     return out
 
 
@@ -233,69 +337,107 @@ def _settings_sentences(problem: TableProblem, judgement: Judgement) -> list[str
     for index, piece in enumerate(problem.pieces):
         inside = problem.piece == index
         setting = problem.setting[inside]
-        means = sorted((float(rest[inside][setting == k].mean()), _setting(piece, setting == k))
-                       for k in np.unique(setting))
+        means = sorted(
+            (float(rest[inside][setting == k].mean()), _setting(piece, setting == k))
+            for k in np.unique(setting)
+        )
         (low, at_low), (high, at_high) = means[0], means[-1]
-        out.append(f"{piece.name}: settings differ by more than their rows do, and intervals are wider for it: from "
-                   f"{low:+.3g} {piece.unit} at {at_low} to {high:+.3g} at {at_high}")
+        out.append(
+            f"{piece.name}: settings differ by more than their rows do, and intervals are "
+            "wider for it: from "
+            f"{low:+.3g} {piece.unit} at {at_low} to {high:+.3g} at {at_high}"
+        )
     return out
 
 
 def _setting(piece: TablePiece, rows: BoolArray) -> str:
     at = int(np.flatnonzero(rows)[0])
-    parts = [f"{name} {values[at]:g}" for name, values in piece.variables.items() if name != "replicate"]
+    parts = [
+        f"{name} {values[at]:g}" for name, values in piece.variables.items() if name != "replicate"
+    ]
     return " ".join([*parts, str(piece.group[at])]).strip()
 
 
 class NextTests(NamedTuple):
-    """`pairs`: what this data cannot tell apart. `unsettled`: those of them that no test of the plan separates."""
+    """`pairs`: what this data cannot tell apart. `unsettled`: those of them that no test of the
+    plan separates."""
 
     tests: tuple[Experiment[Array], ...]
     pairs: tuple[Pair, ...]
     unsettled: tuple[Pair, ...]
-    apart_sd: float | None          # the least that the tests set a settled pair apart; None: no test does
+    # the least that the tests set a settled pair apart; None: no test does
+    apart_sd: float | None
 
 
 def separating(machine: Machine, rivals: Sequence[Sequence[SizedEffect]]) -> NextTests | None:
-    """The tests that tell the rivals of each cause apart, chosen by what each would read under each of them.
+    """The tests that tell the rivals of each cause apart, chosen by what each would read under
+    each of them.
 
-    `rivals`: for each ambiguous cause, its members at their fitted sizes. None where there is nothing to separate.
+    `rivals`: for each ambiguous cause, its members at their fitted sizes. None where there is
+    nothing to separate.
     """
-    pairs = tuple((a, b) for members in rivals for i, a in enumerate(members) for b in members[i + 1:])
+    pairs = tuple(
+        (a, b) for members in rivals for i, a in enumerate(members) for b in members[i + 1 :]
+    )
     if not pairs:
         return None
     every = bench_tests(machine)
-    readings = {effect: [one.reads(with_effects(machine, (effect,))) for one in every]
-                for pair in pairs for effect in pair}
-    apart = np.array([[float(np.linalg.norm(readings[a][k] - readings[b][k])) for k in range(len(every))]
-                      for a, b in pairs])
+    readings = {
+        effect: [one.reads(with_effects(machine, (effect,))) for one in every]
+        for pair in pairs
+        for effect in pair
+    }
+    apart = np.array(
+        [
+            [float(np.linalg.norm(readings[a][k] - readings[b][k])) for k in range(len(every))]
+            for a, b in pairs
+        ]
+    )
     found = chosen(apart, [one.minutes for one in every], APART_SD, MAX_TESTS)
-    return NextTests(tuple(every[k] for k in found.tests), pairs,
-                     tuple(pair for pair, settled in zip(pairs, found.settled, strict=True) if not settled),
-                     found.apart_sd)
+    return NextTests(
+        tuple(every[k] for k in found.tests),
+        pairs,
+        tuple(pair for pair, settled in zip(pairs, found.settled, strict=True) if not settled),
+        found.apart_sd,
+    )
 
 
 def field_cost(machine: Machine, effect: SizedEffect, speed_mps: float | None) -> FieldCost:
-    """Applied over wanted - 1 in %, and landed minus wanted in m, if the controller does not know of the effect.
+    """Applied over wanted - 1 in %, and landed minus wanted in m, if the controller does not
+    know of the effect.
 
-    The flow trim is taken as on for an effect of the scale: the machine then follows a wrong scale. A lag taken off
-    distances at a wrong speed is a wrong lag. What the heads' effects cost depends on the crop and is left open (None).
+    The flow trim is taken as on for an effect of the scale: the machine then follows a wrong
+    scale. A lag taken off distances at a wrong speed is a wrong lag. What the heads' effects
+    cost depends on the crop and is left open (None).
     """
     costs = ROWS[effect.candidate.id].costs
     if costs in WITHOUT_MODEL:
         return WITHOUT_MODEL[costs]
     changed = with_effects(machine, (effect,))
     speed = speed_mps if speed_mps is not None else USUAL_MPS
-    points = (OperatingPoint(machine.set_points.shaft_rpm, machine.set_points.opening_mm, machine.flow.full_kg, speed),)
+    points = (
+        OperatingPoint(
+            machine.set_points.shaft_rpm, machine.set_points.opening_mm, machine.flow.full_kg, speed
+        ),
+    )
     rate = rate_error_percent(machine, points, changed, points)
     learnt_percent = changed.fall.speed_scale_percent - machine.fall.speed_scale_percent
-    place = (speed * (_lag_s(changed) - _lag_s(machine)) + changed.fall.lever_arm_m - machine.fall.lever_arm_m
-             + speed * _lag_s(machine) * learnt_percent / 100.0)
+    place = (
+        speed * (_lag_s(changed) - _lag_s(machine))
+        + changed.fall.lever_arm_m
+        - machine.fall.lever_arm_m
+        + speed * _lag_s(machine) * learnt_percent / 100.0
+    )
     return FieldCost(rate, place)
 
 
 def _lag_s(machine: Machine) -> float:
     """Whole lag of a start at the set-point, the worst of its direction; s."""
     fall, rpm = machine.fall, machine.set_points.shaft_rpm
-    return (response_s(machine, rpm) + start_drop_s(fall, rpm) + fall.latency_s + fall.first_fill_s
-            + 0.5 * abs(fall.asymmetry_s))
+    return (
+        response_s(machine, rpm)
+        + start_drop_s(fall, rpm)
+        + fall.latency_s
+        + fall.first_fill_s
+        + 0.5 * abs(fall.asymmetry_s)
+    )

@@ -1,4 +1,6 @@
-"""Bench tables as pieces, a section a kind: what each row measured, and what the machine model says of it."""
+"""Bench tables as pieces, a section a kind: what each row measured, and what the machine model
+says of it."""
+
 from __future__ import annotations
 
 from collections.abc import Callable
@@ -45,21 +47,31 @@ EMPTY = frozenset({"empty", "standstill", "start", "first", "stopped", "zero"})
 RUNNING = frozenset({"running", "change", "full", "filled", "flowing"})
 UP = frozenset({"up", "rise", "rising", "increase"})
 DOWN = frozenset({"down", "fall", "falling", "decrease"})
-FORMS_OVER = ((0.6, 1.0), (0.7, 0.5), (0.7, 2.0), (0.75, 1.0), (0.8, 1.0))    # (from, power) of a rise; of full_rpm
+# (from, power) of a rise; of full_rpm
+FORMS_OVER = ((0.6, 1.0), (0.7, 0.5), (0.7, 2.0), (0.75, 1.0), (0.8, 1.0))
 UNCORRECTED = "before"
-SMALL_SHARE = 0.1           # of the median mass: below it even proportional noise is constant
-MIN_LEVELS_LEFT = 3         # speeds (of a fall-off) or times (of warming up) that free shapes must leave: else they fit
-MAX_PASSAGES = 3.0          # flute passages in the shortest catch, above which no catch shows a pulsation
+# of the median mass: below it even proportional noise is constant
+SMALL_SHARE = 0.1
+# speeds (of a fall-off) or times (of warming up) that free shapes must leave: else they fit
+MIN_LEVELS_LEFT = 3
+# flute passages in the shortest catch, above which no catch shows a pulsation
+MAX_PASSAGES = 3.0
 WEIGHED = (FLOW_GAIN, FLOW_ZERO_OFFSET, SPEED_WHEEL_SLIP, SPEED_WHEEL_RADIUS, SCALE_GAIN)
-WARM_S = 100.0 * WARM_UP_S      # on for so long where the table does not say: warm
-DENSE_NDVI = 0.8                # at which the catalogue gives what a head loses in a dense canopy
-WARM_UP_RATES = (0.5, 2.0, 0.25)    # time constants tried besides the model's, as shares of it
+# on for so long where the table does not say: warm
+WARM_S = 100.0 * WARM_UP_S
+# at which the catalogue gives what a head loses in a dense canopy
+DENSE_NDVI = 0.8
+# time constants tried besides the model's, as shares of it
+WARM_UP_RATES = (0.5, 2.0, 0.25)
 
 
-# --- Labels: which rows belong together, and how a change of the rate began ------------------------------------------
+# --- Labels: which rows belong together, and how a change of the rate began
+# ------------------------------------------
+
 
 class Roles(NamedTuple):
-    """`start`: (n,) 1 where the tube was empty. `change`: (n,) +1 after a rise, -1 after a fall, 0 unknown.
+    """`start`: (n,) 1 where the tube was empty. `change`: (n,) +1 after a rise, -1 after a
+    fall, 0 unknown.
 
     `running`: (n,) rows that carry the speed of a shaft that turned before the change.
     """
@@ -86,7 +98,8 @@ def column_of(table: BenchTable) -> str:
 
 
 def roles_of(table: BenchTable) -> Roles:
-    """Reads the labels and the speeds before; a table tells start or direction only where both of its sides occur."""
+    """Reads the labels and the speeds before; a table tells start or direction only where both
+    of its sides occur."""
     label, running = labels_of(table), table.running()
     words = np.array([str(text).strip().lower() for text in label], dtype=object)
     empty, running_said = np.isin(words, list(EMPTY)), np.isin(words, list(RUNNING))
@@ -99,16 +112,26 @@ def roles_of(table: BenchTable) -> Roles:
     else:
         starts = bool(empty.any() and running_said.any() and (empty | running_said).all())
         directions = bool(up.any() and down.any() and (up | down).all())
-    return Roles(np.where(starts & empty, 1.0, 0.0), np.where(directions, up * 1.0 - down * 1.0, 0.0), running, starts,
-                 directions)
+    return Roles(
+        np.where(starts & empty, 1.0, 0.0),
+        np.where(directions, up * 1.0 - down * 1.0, 0.0),
+        running,
+        starts,
+        directions,
+    )
 
 
-# --- Lags: response, drop time, both, or the distance they make at the written speed (lag paper eq 1, 6) -------------
+# --- Lags: response, drop time, both, or the distance they make at the written speed (lag paper
+# eq 1, 6) -------------
+
 
 def lag_pieces(table: BenchTable, machine: Machine) -> tuple[TablePiece, ...]:
     """One piece for each measured column."""
-    return tuple(_piece(table, machine, name) for name in LAGS
-                 if name in table.columns and np.isfinite(table.columns[name]).sum() > 0)
+    return tuple(
+        _piece(table, machine, name)
+        for name in LAGS
+        if name in table.columns and np.isfinite(table.columns[name]).sum() > 0
+    )
 
 
 def _piece(table: BenchTable, machine: Machine, name: str) -> TablePiece:
@@ -122,7 +145,8 @@ def _piece(table: BenchTable, machine: Machine, name: str) -> TablePiece:
         observed = observed / speed
     label = labels_of(table)[keep]
     roles = roles_of(where(table, keep))
-    # A column of times next to one of distances is the detector's; any other may have been read off distances.
+    # A column of times next to one of distances is the detector's; any other may have been read
+    # off distances.
     by_distance = name == "lag_m" or (name == "lag_s" and "lag_m" not in table.columns)
 
     def predict(m: Machine) -> Array:
@@ -130,30 +154,56 @@ def _piece(table: BenchTable, machine: Machine, name: str) -> TablePiece:
         return predicted(m, rpm, name, roles) * scale
 
     drops = name != "response_s"
-    nuisances = {} if name == "drop_s" else {"dead_time": np.full(len(rpm), machine.tolerance.dead_time_s)}
-    if drops:       # about the middle of the line, where its level, which `lag.offset` is, does not go with its slope
-        nuisances["drop_slope"] = machine.tolerance.drop_s_per_rpm * (rpm - 0.5 * machine.fall.full_rpm)
-    variables = {"shaft_rpm": rpm, "replicate": table.columns.get("replicate", np.full(len(keep), np.nan))[keep]}
+    nuisances = (
+        {} if name == "drop_s" else {"dead_time": np.full(len(rpm), machine.tolerance.dead_time_s)}
+    )
+    # about the middle of the line, where its level, which `lag.offset` is, does not go with its
+    # slope
+    if drops:
+        nuisances["drop_slope"] = machine.tolerance.drop_s_per_rpm * (
+            rpm - 0.5 * machine.fall.full_rpm
+        )
+    variables = {
+        "shaft_rpm": rpm,
+        "replicate": table.columns.get("replicate", np.full(len(keep), np.nan))[keep],
+    }
     if roles.running.any():
         variables["before_rpm"] = np.nan_to_num(table.columns["before_rpm"][keep])
     if speed is not None:
         variables["speed_mps"] = speed
     # A distance has a constant error in m: the slower the drive, the larger the error of its time.
-    spread = np.ones(len(rpm)) if name != "lag_m" or speed is None else float(np.median(speed)) / speed
-    return TablePiece(f"{table.path} {name}".strip(), "lag" if drops else "shaft", "s", observed, predict, (spread,),
-                      label, column_of(table), tuple(TableCandidate(i) for i in _ids(name, roles)),
-                      _scoped_ids(name, roles), varying(variables), nuisances,
-                      {LAG_REBOUND.id: rises(rpm, machine.fall.full_rpm)} if drops else {},
-                      {LAG_REBOUND.id: rises(np.full(1, machine.fall.full_rpm), machine.fall.full_rpm)[0]},
-                      clocked=name != "lag_m", on_ground=name == "lag_m",
-                      named_only=frozenset() if name == "lag_m" else frozenset({LAG_SPEED_SCALE.id}))
+    spread = (
+        np.ones(len(rpm)) if name != "lag_m" or speed is None else float(np.median(speed)) / speed
+    )
+    return TablePiece(
+        f"{table.path} {name}".strip(),
+        "lag" if drops else "shaft",
+        "s",
+        observed,
+        predict,
+        (spread,),
+        label,
+        column_of(table),
+        tuple(TableCandidate(i) for i in _ids(name, roles)),
+        _scoped_ids(name, roles),
+        varying(variables),
+        nuisances,
+        {LAG_REBOUND.id: rises(rpm, machine.fall.full_rpm)} if drops else {},
+        {LAG_REBOUND.id: rises(np.full(1, machine.fall.full_rpm), machine.fall.full_rpm)[0]},
+        clocked=name != "lag_m",
+        on_ground=name == "lag_m",
+        named_only=frozenset() if name == "lag_m" else frozenset({LAG_SPEED_SCALE.id}),
+    )
 
 
 def _ids(name: str, roles: Roles) -> tuple[str, ...]:
     """Effects that a column of lags can show."""
     drops = (LAG_OFFSET, LAG_REBOUND) if name != "response_s" else ()
     response = (SHAFT_DEAD_TIME,) if name != "drop_s" else ()
-    by_label = (*((LAG_FIRST_FILL,) if roles.tell_start else ()), *((LAG_ASYMMETRY,) if roles.tell_direction else ()))
+    by_label = (
+        *((LAG_FIRST_FILL,) if roles.tell_start else ()),
+        *((LAG_ASYMMETRY,) if roles.tell_direction else ()),
+    )
     distance = (LAG_SPEED_SCALE,) if name == "lag_m" else ()
     return tuple(row.id for row in (*drops, *response, *(by_label if drops else ()), *distance))
 
@@ -172,15 +222,18 @@ def _scoped_ids(name: str, roles: Roles) -> tuple[str, ...]:
 def predicted(machine: Machine, rpm: Array, name: str, roles: Roles) -> Array:
     """Lag of each row, s: the machine's own model with its effects, but for the scale of distances.
 
-    A row is a start out of a standing shaft, as a rig and the papers time it, unless it carries the speed from which
-    the shaft changed: that one answers as soon as it changes and has the settled drop of a running shaft. Labels alone
-    do not tell the speed before: between them, it is what is found.
+    A row is a start out of a standing shaft, as a rig and the papers time it, unless it carries
+    the speed from which the shaft changed: that one answers as soon as it changes and has the
+    settled drop of a running shaft. Labels alone do not tell the speed before: between them, it
+    is what is found.
     """
     fall = machine.fall
     total = np.zeros(len(rpm))
     rows = list(zip(rpm.tolist(), roles.running.tolist(), strict=True))
     if name != "drop_s":
-        total += [change_response_s(machine) if running else response_s(machine, n) for n, running in rows]
+        total += [
+            change_response_s(machine) if running else response_s(machine, n) for n, running in rows
+        ]
     if name != "response_s":
         total += [drop_s(fall, n) if running else start_drop_s(fall, n) for n, running in rows]
         total += fall.first_fill_s * roles.start - 0.5 * fall.asymmetry_s * roles.change
@@ -189,22 +242,28 @@ def predicted(machine: Machine, rpm: Array, name: str, roles: Roles) -> Array:
 
 def rises(rpm: Array, full_rpm: float) -> Array:
     """Other shapes that a rise at high shaft speed may have, (n, k)."""
-    return np.column_stack([np.maximum(0.0, rpm - start * full_rpm) ** power for start, power in FORMS_OVER])
+    return np.column_stack(
+        [np.maximum(0.0, rpm - start * full_rpm) ** power for start, power in FORMS_OVER]
+    )
 
 
-# --- Places: landed minus wanted along the travel (lag paper, tables 5 and 6) ----------------------------------------
+# --- Places: landed minus wanted along the travel (lag paper, tables 5 and 6)
+# ----------------------------------------
+
 
 def place_pieces(table: BenchTable, machine: Machine) -> tuple[TablePiece, ...]:
     """One piece: miss_m = v_true (lag + latency) - v_written x corrected lag + lever arm.
 
-    A correction is a distance that control made of its lag and the speed that it believed, the written one (lag paper
-    eq 1). Driven faster than written, all of the lag grows and the correction does not.
+    A correction is a distance that control made of its lag and the speed that it believed, the
+    written one (lag paper eq 1). Driven faster than written, all of the lag grows and the
+    correction does not.
 
-    A wrong test speed (lag.speed_scale) is not offered by the misses alone, where latency and lever arm say the same
-    with less; where a lag table with distances asks for it, the misses have their say.
+    A wrong test speed (lag.speed_scale) is not offered by the misses alone, where latency and
+    lever arm say the same with less; where a lag table with distances asks for it, the misses
+    have their say.
 
-    The lag corrected for is the table's own `corrected_lag_s`, else 0 for rows labelled `before`, else what the machine
-    file in use says.
+    The lag corrected for is the table's own `corrected_lag_s`, else 0 for rows labelled
+    `before`, else what the machine file in use says.
     """
     rpm, speed = table.columns["shaft_rpm"], table.speed_mps()
     assert speed is not None
@@ -220,26 +279,47 @@ def place_pieces(table: BenchTable, machine: Machine) -> tuple[TablePiece, ...]:
         lag = predicted(m, rpm, "lag_s", roles)
         return true_mps * (lag + m.fall.latency_s) - speed * corrected + m.fall.lever_arm_m
 
-    by_label = (*((LAG_FIRST_FILL,) if roles.tell_start else ()), *((LAG_ASYMMETRY,) if roles.tell_direction else ()))
+    by_label = (
+        *((LAG_FIRST_FILL,) if roles.tell_start else ()),
+        *((LAG_ASYMMETRY,) if roles.tell_direction else ()),
+    )
     effects = (PLACE_LEVER_ARM, PLACE_LATENCY, LAG_REBOUND, *by_label)
-    variables = {"shaft_rpm": rpm, "speed_mps": speed,
-                 "corrected_lag_s": table.columns.get("corrected_lag_s", np.full(table.rows, np.nan)),
-                 "replicate": table.columns.get("replicate", np.full(table.rows, np.nan))}
+    variables = {
+        "shaft_rpm": rpm,
+        "speed_mps": speed,
+        "corrected_lag_s": table.columns.get("corrected_lag_s", np.full(table.rows, np.nan)),
+        "replicate": table.columns.get("replicate", np.full(table.rows, np.nan)),
+    }
     if roles.running.any():
         variables["before_rpm"] = np.nan_to_num(table.columns["before_rpm"])
-    return (TablePiece(f"{table.path} miss_m".strip(), "place", "m", table.columns["miss_m"], predict,
-                       (np.ones(len(rpm)),), label, column_of(table), tuple(TableCandidate(row.id) for row in effects),
-                       (PLACE_LEVER_ARM.id, PLACE_LATENCY.id), varying(variables),
-                       {"dead_time": speed * machine.tolerance.dead_time_s},
-                       {LAG_REBOUND.id: rises(rpm, machine.fall.full_rpm) * speed[:, None]},
-                       {LAG_REBOUND.id: rises(np.full(1, machine.fall.full_rpm), machine.fall.full_rpm)[0]},
-                       on_ground=True),)
+    return (
+        TablePiece(
+            f"{table.path} miss_m".strip(),
+            "place",
+            "m",
+            table.columns["miss_m"],
+            predict,
+            (np.ones(len(rpm)),),
+            label,
+            column_of(table),
+            tuple(TableCandidate(row.id) for row in effects),
+            (PLACE_LEVER_ARM.id, PLACE_LATENCY.id),
+            varying(variables),
+            {"dead_time": speed * machine.tolerance.dead_time_s},
+            {LAG_REBOUND.id: rises(rpm, machine.fall.full_rpm) * speed[:, None]},
+            {LAG_REBOUND.id: rises(np.full(1, machine.fall.full_rpm), machine.fall.full_rpm)[0]},
+            on_ground=True,
+        ),
+    )
 
 
-# --- Catches: mass from a turning shaft in a given time, all outlets together or each by itself ----------------------
+# --- Catches: mass from a turning shaft in a given time, all outlets together or each by itself
+# ----------------------
+
 
 def catch_pieces(table: BenchTable, machine: Machine) -> tuple[TablePiece, ...]:
-    """One piece: mass_kg. Its noise is constant, a share of the mass, or between; the replicates decide."""
+    """One piece: mass_kg. Its noise is constant, a share of the mass, or between; the
+    replicates decide."""
     columns = table.columns
     rpm, opening, lasts_s = columns["shaft_rpm"], columns["opening_mm"], columns["duration_s"]
     outlet = columns.get("outlet")
@@ -255,40 +335,89 @@ def catch_pieces(table: BenchTable, machine: Machine) -> tuple[TablePiece, ...]:
         return steady(m) + nominal * m.flow.pulsation_percent / 100.0 * _pulse(angle, begins)
 
     share = np.maximum(nominal, 1e-9) / (float(np.median(nominal)) or 1.0)
-    spreads = (np.ones(table.rows), np.hypot(share, 1.0) / np.sqrt(2.0), np.hypot(share, SMALL_SHARE))
-    wide = machine.model_copy(update={"flow": machine.flow._replace(zero_offset_g_rev=machine.flow.zero_offset_g_rev
-                                      + machine.flow.grams_per_rev_mm * machine.tolerance.opening_mm)})
-    variables = {"shaft_rpm": rpm, "opening_mm": opening, "duration_s": lasts_s,
-                 "replicate": columns.get("replicate", np.full(table.rows, np.nan))}
+    spreads = (
+        np.ones(table.rows),
+        np.hypot(share, 1.0) / np.sqrt(2.0),
+        np.hypot(share, SMALL_SHARE),
+    )
+    wide = machine.model_copy(
+        update={
+            "flow": machine.flow._replace(
+                zero_offset_g_rev=machine.flow.zero_offset_g_rev
+                + machine.flow.grams_per_rev_mm * machine.tolerance.opening_mm
+            )
+        }
+    )
+    variables = {
+        "shaft_rpm": rpm,
+        "opening_mm": opening,
+        "duration_s": lasts_s,
+        "replicate": columns.get("replicate", np.full(table.rows, np.nan)),
+    }
     if outlet is not None:
         variables["outlet"] = outlet
-    candidates = _catch_candidates(outlet, pulsates=bool(angle.min() / (2.0 * pi) < MAX_PASSAGES
-                                                   and len(np.unique(lasts_s)) > 2))
-    return (TablePiece(f"{table.path} mass_kg".strip(), "flow", "kg", columns["mass_kg"], predict,
-                       spreads, labels_of(table), column_of(table), candidates,
-                       (FLOW_GAIN.id,), varying(variables),
-                       {"flow": nominal * machine.tolerance.flow_percent / 100.0, "opening_mm": predict(wide) - nominal,
-                        **_each_outlet(nominal, outlet, machine)},
-                       {FLOW_FILL_FALLOFF.id: _falloffs(nominal, rpm, rpm, machine.flow.full_rpm),
-                        FLOW_PULSATION.id: np.column_stack([        # of another shape: a second harmonic too
-                            nominal * _pulse(2.0 * angle, begins) for begins in (0.0, pi / 2.0)])},
-                       {FLOW_FILL_FALLOFF.id: -100.0 * _falloffs(np.ones(1), np.full(1, machine.flow.full_rpm), rpm,
-                                                                 machine.flow.full_rpm)[0]}),)
+    candidates = _catch_candidates(
+        outlet,
+        pulsates=bool(angle.min() / (2.0 * pi) < MAX_PASSAGES and len(np.unique(lasts_s)) > 2),
+    )
+    return (
+        TablePiece(
+            f"{table.path} mass_kg".strip(),
+            "flow",
+            "kg",
+            columns["mass_kg"],
+            predict,
+            spreads,
+            labels_of(table),
+            column_of(table),
+            candidates,
+            (FLOW_GAIN.id,),
+            varying(variables),
+            {
+                "flow": nominal * machine.tolerance.flow_percent / 100.0,
+                "opening_mm": predict(wide) - nominal,
+                **_each_outlet(nominal, outlet, machine),
+            },
+            {
+                FLOW_FILL_FALLOFF.id: _falloffs(nominal, rpm, rpm, machine.flow.full_rpm),
+                # of another shape: a second harmonic too
+                FLOW_PULSATION.id: np.column_stack(
+                    [nominal * _pulse(2.0 * angle, begins) for begins in (0.0, pi / 2.0)]
+                ),
+            },
+            {
+                FLOW_FILL_FALLOFF.id: -100.0
+                * _falloffs(
+                    np.ones(1), np.full(1, machine.flow.full_rpm), rpm, machine.flow.full_rpm
+                )[0]
+            },
+        ),
+    )
 
 
 def _catch_candidates(outlet: Array | None, pulsates: bool) -> tuple[TableCandidate, ...]:
     outlets = [] if outlet is None else [int(k) for k in np.unique(outlet) if k == int(k)]
-    return (*(TableCandidate(row.id) for row in (FLOW_GAIN, FLOW_ZERO_OFFSET, FLOW_FILL_FALLOFF)),
-            *(TableCandidate(FLOW_OUTLET_UNEVEN.id, k) for k in outlets),
-            *((TableCandidate(FLOW_PULSATION.id),) if pulsates else ()))
+    return (
+        *(TableCandidate(row.id) for row in (FLOW_GAIN, FLOW_ZERO_OFFSET, FLOW_FILL_FALLOFF)),
+        *(TableCandidate(FLOW_OUTLET_UNEVEN.id, k) for k in outlets),
+        *((TableCandidate(FLOW_PULSATION.id),) if pulsates else ()),
+    )
 
 
-def _mass(flow: Flow, rpm: Array, opening: Array, lasts_s: Array, outlet: Array | None, outlets: int) -> Array:
+def _mass(
+    flow: Flow, rpm: Array, opening: Array, lasts_s: Array, outlet: Array | None, outlets: int
+) -> Array:
     grams = [grams_per_rev(flow, n, o) for n, o in zip(rpm.tolist(), opening.tolist(), strict=True)]
     mass = np.array(grams) * rpm / 60.0 * lasts_s / 1000.0
     if outlet is None:
-        return mass * (1.0 + (flow.uneven_percent / outlets / 100.0 if flow.uneven_outlet > 0.0 else 0.0))
-    return mass / outlets * (1.0 + np.where(outlet == flow.uneven_outlet, flow.uneven_percent / 100.0, 0.0))
+        return mass * (
+            1.0 + (flow.uneven_percent / outlets / 100.0 if flow.uneven_outlet > 0.0 else 0.0)
+        )
+    return (
+        mass
+        / outlets
+        * (1.0 + np.where(outlet == flow.uneven_outlet, flow.uneven_percent / 100.0, 0.0))
+    )
 
 
 def _each_outlet(nominal: Array, outlet: Array | None, machine: Machine) -> dict[str, Array]:
@@ -296,34 +425,50 @@ def _each_outlet(nominal: Array, outlet: Array | None, machine: Machine) -> dict
     if outlet is None:
         return {}
     share = machine.tolerance.flow_percent / 100.0 * float(np.sqrt(machine.geometry.outlets))
-    return {f"outlet_{k:g}": np.where(outlet == k, nominal * share, 0.0) for k in np.unique(outlet).tolist()}
+    return {
+        f"outlet_{k:g}": np.where(outlet == k, nominal * share, 0.0)
+        for k in np.unique(outlet).tolist()
+    }
 
 
 def _falloffs(nominal: Array, rpm: Array, tested_rpm: Array, full_rpm: float) -> Array:
-    """Other shapes that a loss at high shaft speed may have, (n, k); fewer where fewer speeds were tested."""
+    """Other shapes that a loss at high shaft speed may have, (n, k); fewer where fewer speeds
+    were tested."""
     fast = rpm / full_rpm
-    shapes = [fast ** 2, fast ** 5, np.maximum(0.0, fast - 0.6), fast, np.maximum(0.0, fast - 0.4)]
-    return np.column_stack([nominal * shape for shape in shapes[:max(1, len(np.unique(tested_rpm)) - MIN_LEVELS_LEFT)]])
+    shapes = [fast**2, fast**5, np.maximum(0.0, fast - 0.6), fast, np.maximum(0.0, fast - 0.4)]
+    return np.column_stack(
+        [
+            nominal * shape
+            for shape in shapes[: max(1, len(np.unique(tested_rpm)) - MIN_LEVELS_LEFT)]
+        ]
+    )
 
 
 def _pulse(angle: Array, begins: float) -> Array:
-    """Mean of the model's sine (flow_step) over a catch of that many radians of flutes, started at `begins`, (n,)."""
+    """Mean of the model's sine (flow_step) over a catch of that many radians of flutes, started
+    at `begins`, (n,)."""
     angle = np.maximum(angle, 1e-9)
     return np.asarray((np.cos(begins) - np.cos(begins + angle)) / angle)
 
 
 def _begins(mass: Array, nominal: Array, angle: Array) -> float:
-    """Where in a flute's passage the catches begin, radians: the phase that fits, the rest being steady."""
+    """Where in a flute's passage the catches begin, radians: the phase that fits, the rest
+    being steady."""
     known = nominal > 0.0
     columns = [np.ones(int(known.sum())), _pulse(angle, 0.0)[known], _pulse(angle, pi / 2.0)[known]]
-    fit, *_ = np.linalg.lstsq(np.column_stack(columns) * nominal[known, None], mass[known], rcond=None)
+    fit, *_ = np.linalg.lstsq(
+        np.column_stack(columns) * nominal[known, None], mass[known], rcond=None
+    )
     return float(np.arctan2(fit[2], fit[1]))
 
 
-# --- Plots: what was to be applied and what was (decision paper, table 2) --------------------------------------------
+# --- Plots: what was to be applied and what was (decision paper, table 2)
+# --------------------------------------------
+
 
 def weigh_pieces(table: BenchTable, machine: Machine) -> tuple[TablePiece, ...]:
-    """One piece: applied_kg. Metering by the model, speed from the wheel, the applied mass by the hopper scale."""
+    """One piece: applied_kg. Metering by the model, speed from the wheel, the applied mass by
+    the hopper scale."""
     columns = table.columns
     target = columns["target_kg"]
     speed = table.speed_mps()
@@ -334,31 +479,57 @@ def weigh_pieces(table: BenchTable, machine: Machine) -> tuple[TablePiece, ...]:
 
     def predict(m: Machine) -> Array:
         moved = wheel_reads(m, mean_mps) / wheel_reads(machine, mean_mps)
-        grams = np.array([grams_per_rev(m.flow, rpm, o) / max(grams_per_rev(machine.flow, rpm, o), 1e-9)
-                          for o in opening.tolist()])
-        weighed = (scale_reads(m.scale, ScaleInput(100.0, 0.0)) / scale_reads(machine.scale, ScaleInput(100.0, 0.0)))
+        grams = np.array(
+            [
+                grams_per_rev(m.flow, rpm, o) / max(grams_per_rev(machine.flow, rpm, o), 1e-9)
+                for o in opening.tolist()
+            ]
+        )
+        weighed = scale_reads(m.scale, ScaleInput(100.0, 0.0)) / scale_reads(
+            machine.scale, ScaleInput(100.0, 0.0)
+        )
         return np.asarray(target * grams * moved * weighed, np.float64)
 
     # Two readings of the scale, before and after a plot; a digit's rounding is uniform.
-    noise = float(np.hypot(machine.noise.scale_kg, machine.scale.resolution_kg / np.sqrt(12.0)) * np.sqrt(2.0))
-    variables = {"target_kg": target, "area_m2": columns["area_m2"],
-                 "replicate": columns.get("replicate", np.full(table.rows, np.nan))}
+    noise = float(
+        np.hypot(machine.noise.scale_kg, machine.scale.resolution_kg / np.sqrt(12.0)) * np.sqrt(2.0)
+    )
+    variables = {
+        "target_kg": target,
+        "area_m2": columns["area_m2"],
+        "replicate": columns.get("replicate", np.full(table.rows, np.nan)),
+    }
     if speed is not None:
         variables["speed_mps"] = speed
-    return (TablePiece(f"{table.path} applied_kg".strip(), "flow", "kg", columns["applied_kg"], predict,
-                       (np.ones(table.rows),), labels_of(table), column_of(table),
-                       tuple(TableCandidate(row.id) for row in WEIGHED), (), varying(variables),
-                       {"flow": target * machine.tolerance.flow_percent / 100.0,
-                        "wheel": target * machine.tolerance.wheel_percent / 100.0},
-                       {FLOW_ZERO_OFFSET.id: target[:, None], FLOW_GAIN.id: np.ones((table.rows, 1))}, noise_sd=noise),)
+    return (
+        TablePiece(
+            f"{table.path} applied_kg".strip(),
+            "flow",
+            "kg",
+            columns["applied_kg"],
+            predict,
+            (np.ones(table.rows),),
+            labels_of(table),
+            column_of(table),
+            tuple(TableCandidate(row.id) for row in WEIGHED),
+            (),
+            varying(variables),
+            {
+                "flow": target * machine.tolerance.flow_percent / 100.0,
+                "wheel": target * machine.tolerance.wheel_percent / 100.0,
+            },
+            {FLOW_ZERO_OFFSET.id: target[:, None], FLOW_GAIN.id: np.ones((table.rows, 1))},
+            noise_sd=noise,
+        ),
+    )
 
 
 def _turns(table: BenchTable, machine: Machine, mean_mps: float) -> Array:
     """Revolutions of the shaft on each plot, (n,).
 
-    Where the table has none, they follow from the strategy: at the set-point's shaft speed they go with the area
-    (opening first), at one opening with the target (speed first). Taken is the one that an offset at zero opening,
-    which is so much each turn, fits better.
+    Where the table has none, they follow from the strategy: at the set-point's shaft speed they
+    go with the area (opening first), at one opening with the target (speed first). Taken is the
+    one that an offset at zero opening, which is so much each turn, fits better.
     """
     columns = table.columns
     if "revolutions" in columns:
@@ -370,53 +541,99 @@ def _turns(table: BenchTable, machine: Machine, mean_mps: float) -> Array:
     error_kg = columns["applied_kg"] - target
 
     def rss(turns: Array) -> float:
-        return float(np.sum((error_kg - turns * np.sum(turns * error_kg) / np.sum(turns ** 2)) ** 2))
+        return float(np.sum((error_kg - turns * np.sum(turns * error_kg) / np.sum(turns**2)) ** 2))
 
     return by_target if rss(by_target) < rss(by_area) else by_area
 
 
-# --- Heads: what each canopy head reads over references of known NDVI ------------------------------------------------
+# --- Heads: what each canopy head reads over references of known NDVI
+# ------------------------------------------------
+
 
 def heads_pieces(table: BenchTable, machine: Machine) -> tuple[TablePiece, ...]:
-    """One piece: ndvi. Warming up can be seen only where the table says how long the heads had been on."""
+    """One piece: ndvi. Warming up can be seen only where the table says how long the heads had
+    been on."""
     columns = table.columns
     reference, head = columns["ndvi_reference"], columns["head"]
     timed = "warm_min" in columns
     on_s = columns["warm_min"] * 60.0 if timed else np.full(table.rows, WARM_S)
     on_s = np.where(np.isfinite(on_s), on_s, WARM_S)
-    inputs = [HeadInput(*row) for row in zip(reference.tolist(), head.tolist(), on_s.tolist(), strict=True)]
+    inputs = [
+        HeadInput(*row)
+        for row in zip(reference.tolist(), head.tolist(), on_s.tolist(), strict=True)
+    ]
 
     def predict(m: Machine) -> Array:
         return np.array([head_reads(m.heads, one) for one in inputs])
 
-    candidates = [TableCandidate(CANOPY_HEAD_FOULED.id, int(k)) for k in np.unique(head) if k == int(k)]
-    candidates += [TableCandidate(CANOPY_SATURATION.id), *([TableCandidate(CANOPY_WARM_UP.id)] if timed else [])]
-    rates = WARM_UP_RATES[:max(1, len(np.unique(on_s)) - MIN_LEVELS_LEFT)]
-    forms = {CANOPY_SATURATION.id: _flattenings(reference),
-             CANOPY_WARM_UP.id: np.column_stack([reference * np.exp(-on_s / (k * WARM_UP_S)) for k in rates])}
+    candidates = [
+        TableCandidate(CANOPY_HEAD_FOULED.id, int(k)) for k in np.unique(head) if k == int(k)
+    ]
+    candidates += [
+        TableCandidate(CANOPY_SATURATION.id),
+        *([TableCandidate(CANOPY_WARM_UP.id)] if timed else []),
+    ]
+    rates = WARM_UP_RATES[: max(1, len(np.unique(on_s)) - MIN_LEVELS_LEFT)]
+    forms = {
+        CANOPY_SATURATION.id: _flattenings(reference),
+        CANOPY_WARM_UP.id: np.column_stack(
+            [reference * np.exp(-on_s / (k * WARM_UP_S)) for k in rates]
+        ),
+    }
     tolerance = machine.tolerance.head_percent / 100.0
-    variables = {"ndvi_reference": reference, "head": head, "replicate": columns.get("replicate", head * np.nan)}
+    variables = {
+        "ndvi_reference": reference,
+        "head": head,
+        "replicate": columns.get("replicate", head * np.nan),
+    }
     if timed:
         variables["warm_min"] = on_s / 60.0
     if "height_m" in columns:
         variables["height_m"] = columns["height_m"]
-    return (TablePiece(f"{table.path} ndvi".strip(), "heads", "NDVI", columns["ndvi"], predict, (np.ones(table.rows),),
-                       labels_of(table), column_of(table), tuple(candidates), (), varying(variables),
-                       {f"head_{int(k)}": np.where(head == k, reference * tolerance, 0.0) for k in np.unique(head)},
-                       forms, {CANOPY_WARM_UP.id: np.full(len(rates), 100.0),
-                               CANOPY_SATURATION.id: -100.0 / DENSE_NDVI * _flattenings(np.full(1, DENSE_NDVI))[0]},
-                       noise_sd=machine.noise.ndvi),)
+    return (
+        TablePiece(
+            f"{table.path} ndvi".strip(),
+            "heads",
+            "NDVI",
+            columns["ndvi"],
+            predict,
+            (np.ones(table.rows),),
+            labels_of(table),
+            column_of(table),
+            tuple(candidates),
+            (),
+            varying(variables),
+            {
+                f"head_{int(k)}": np.where(head == k, reference * tolerance, 0.0)
+                for k in np.unique(head)
+            },
+            forms,
+            {
+                CANOPY_WARM_UP.id: np.full(len(rates), 100.0),
+                CANOPY_SATURATION.id: -100.0 / DENSE_NDVI * _flattenings(np.full(1, DENSE_NDVI))[0],
+            },
+            noise_sd=machine.noise.ndvi,
+        ),
+    )
 
 
 def _flattenings(reference: Array) -> Array:
     """Other shapes of what a reading loses in a dense canopy, (n, k)."""
-    return np.column_stack([reference ** 2, reference ** 3, reference ** 6, np.maximum(0.0, reference - 0.6)])
+    return np.column_stack(
+        [reference**2, reference**3, reference**6, np.maximum(0.0, reference - 0.6)]
+    )
 
 
 _BY_KIND: dict[str, Callable[[BenchTable, Machine], tuple[TablePiece, ...]]] = {
-    "lag": lag_pieces, "catch": catch_pieces, "weigh": weigh_pieces, "heads": heads_pieces, "place": place_pieces}
+    "lag": lag_pieces,
+    "catch": catch_pieces,
+    "weigh": weigh_pieces,
+    "heads": heads_pieces,
+    "place": place_pieces,
+}
 
 
 def pieces_of(table: BenchTable, machine: Machine) -> tuple[TablePiece, ...]:
-    """A piece for each measured column of a usable table (control.calibration.bench_table.usable)."""
+    """A piece for each measured column of a usable table
+    (control.calibration.bench_table.usable)."""
     return _BY_KIND[table.kind](table, machine)

@@ -1,10 +1,11 @@
-"""Which models of bench tables are probable: every effect, every pair, threes of the best, with and without something
-unknown, each by its log evidence (judgement/rows.py) and its prior odds.
+"""Which models of bench tables are probable: every effect, every pair, threes of the best, with
+and without something unknown, each by its log evidence (judgement/rows.py) and its prior odds.
 
-Columns are slopes at the nominal machine for the search; the models within `WINDOW` of the best are then made again at
-their own sizes (Gauss-Newton), for effects multiply one another. A size out of its bounds is no size of that effect:
-something acts like it and is unknown.
+Columns are slopes at the nominal machine for the search; the models within `WINDOW` of the best
+are then made again at their own sizes (Gauss-Newton), for effects multiply one another. A size
+out of its bounds is no size of that effect: something acts like it and is unknown.
 """
+
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -22,17 +23,24 @@ from .candidates import TableEffect, Unknown, effects_of, unknowns_of
 from .piece import Array, BoolArray, IntArray, SizedEffect, best_first
 from .problem import TableProblem
 
-MAX_EFFECTS = 3             # at once
-WINDOW = 7.0                # log odds behind the best: what is further off is not counted (Madigan and Raftery 1994)
-MOST = 40                   # models within it that are made again at their own sizes
-BEST = 12                   # models to which a third effect, or something unknown, is added
-FARTHEST = 3                # rows, and settings, that are tried as misread or set wrongly
-MOST_ALONE = 2              # tables without replicates that have a factor of their own on their noise
-FREE = 0.5                  # probability that an effect has another shape than the catalogue's
-NO_FREEDOM = 1e-6           # s.d. of what is held at nothing
-RIDGE = 1e-3                # of a column's own length: of columns that are nearly the same none runs away
-ROUNDS = 3                  # of Gauss-Newton
-SETTLED = 1e-3              # s.d. that a round may still move a size
+MAX_EFFECTS = 3  # at once
+# log odds behind the best: what is further off is not counted (Madigan and Raftery 1994)
+WINDOW = 7.0
+# models within it that are made again at their own sizes
+MOST = 40
+# models to which a third effect, or something unknown, is added
+BEST = 12
+# rows, and settings, that are tried as misread or set wrongly
+FARTHEST = 3
+# tables without replicates that have a factor of their own on their noise
+MOST_ALONE = 2
+# probability that an effect has another shape than the catalogue's
+FREE = 0.5
+NO_FREEDOM = 1e-6  # s.d. of what is held at nothing
+# of a column's own length: of columns that are nearly the same none runs away
+RIDGE = 1e-3
+ROUNDS = 3  # of Gauss-Newton
+SETTLED = 1e-3  # s.d. that a round may still move a size
 
 
 class Model(NamedTuple):
@@ -43,7 +51,8 @@ class Model(NamedTuple):
 
 
 class FittedModel(NamedTuple):
-    """`score`: log evidence plus log prior odds. `outside`: places of effects whose size is out of its bounds."""
+    """`score`: log evidence plus log prior odds. `outside`: places of effects whose size is out
+    of its bounds."""
 
     model: Model
     sized: tuple[SizedEffect, ...]
@@ -51,8 +60,9 @@ class FittedModel(NamedTuple):
     score: float
     outside: tuple[int, ...]
     posterior: Posterior
-    unknown_signal: Array           # (n,) what the unknown does, in units of the noise
-    misread: bool                   # ... which is one row that was misread
+    # (n,) what the unknown does, in units of the noise
+    unknown_signal: Array
+    misread: bool  # ... which is one row that was misread
 
     @property
     def is_unknown(self) -> bool:
@@ -82,12 +92,20 @@ def search(problem: TableProblem) -> TableSearch:
     """All models that these rows leave probable."""
     effects = effects_of(problem)
     unknowns = unknowns_of(problem, effects)
-    found = [refined(problem, effects, unknowns, model) for model in _probable(problem, effects, unknowns)]
+    found = [
+        refined(problem, effects, unknowns, model)
+        for model in _probable(problem, effects, unknowns)
+    ]
     scores = [one.score for one in found]
     order = best_first(scores)
     weights = np.exp(np.array(scores) - max(scores))[order]
-    return TableSearch(problem, tuple(effects), tuple(unknowns), tuple(found[k] for k in order),
-                       tuple((weights / weights.sum()).tolist()))
+    return TableSearch(
+        problem,
+        tuple(effects),
+        tuple(unknowns),
+        tuple(found[k] for k in order),
+        tuple((weights / weights.sum()).tolist()),
+    )
 
 
 class _SideBySide(NamedTuple):
@@ -102,26 +120,54 @@ class _SideBySide(NamedTuple):
     unknown: tuple[IntArray, ...]
 
 
-def _table(problem: TableProblem, y: Array, effects: Sequence[TableEffect], unknowns: Sequence[Unknown],
-           kept: BoolArray | None = None, whole: bool = True) -> _SideBySide:
-    """kept : (n,) rows that count; None: all. whole : parts without replicates have a noise of their own."""
+def _table(
+    problem: TableProblem,
+    y: Array,
+    effects: Sequence[TableEffect],
+    unknowns: Sequence[Unknown],
+    kept: BoolArray | None = None,
+    whole: bool = True,
+) -> _SideBySide:
+    """kept : (n,) rows that count; None: all. whole : parts without replicates have a noise of
+    their own."""
     tolerances = problem.nuisances / problem.sd[:, None]
-    blocks = [tolerances, *(one.column[:, None] for one in effects), *(one.forms for one in effects),
-              *(one.columns for one in unknowns)]
+    blocks = [
+        tolerances,
+        *(one.column[:, None] for one in effects),
+        *(one.forms for one in effects),
+        *(one.columns for one in unknowns),
+    ]
     ends = np.cumsum([block.shape[1] for block in blocks])
-    places = [np.arange(end - block.shape[1], end) for block, end in zip(blocks, ends, strict=True)][1:]
+    places = [
+        np.arange(end - block.shape[1], end) for block, end in zip(blocks, ends, strict=True)
+    ][1:]
     count = len(effects)
     columns = np.column_stack(blocks)
     used = np.ones(len(y), bool) if kept is None else kept
     setting = np.unique(problem.setting[used], return_inverse=True)[1]
-    rows = rows_of(y[used], columns[used], setting, (problem.rounding / problem.sd)[used],
-                   problem.min_variance, problem.usual_noise,
-                   [(problem.piece == k)[used] for k in problem.unrepeated[:MOST_ALONE]] if whole else ())
-    return _SideBySide(rows, y, columns, tolerances.shape[1], tuple(places[:count]), tuple(places[count:2 * count]),
-                       tuple(places[2 * count:]))
+    rows = rows_of(
+        y[used],
+        columns[used],
+        setting,
+        (problem.rounding / problem.sd)[used],
+        problem.min_variance,
+        problem.usual_noise,
+        [(problem.piece == k)[used] for k in problem.unrepeated[:MOST_ALONE]] if whole else (),
+    )
+    return _SideBySide(
+        rows,
+        y,
+        columns,
+        tolerances.shape[1],
+        tuple(places[:count]),
+        tuple(places[count : 2 * count]),
+        tuple(places[2 * count :]),
+    )
 
 
-def _probable(problem: TableProblem, effects: Sequence[TableEffect], unknowns: Sequence[Unknown]) -> list[Model]:
+def _probable(
+    problem: TableProblem, effects: Sequence[TableEffect], unknowns: Sequence[Unknown]
+) -> list[Model]:
     """Models within WINDOW of the best, by slopes at the nominal machine."""
     y = (problem.observed - problem.nominal) / problem.sd
     table = _table(problem, y, effects, unknowns, whole=False)
@@ -137,9 +183,22 @@ def _probable(problem: TableProblem, effects: Sequence[TableEffect], unknowns: S
         return [every[k] for k in best_first([scores[one] for one in every])[:BEST]]
 
     every = range(len(effects))
-    tried([Model(()), *(Model((k,)) for k in every), *(Model(pair) for pair in combinations(every, 2))])
+    tried(
+        [
+            Model(()),
+            *(Model((k,)) for k in every),
+            *(Model(pair) for pair in combinations(every, 2)),
+        ]
+    )
     for _ in range(MAX_EFFECTS - 2):
-        tried([Model(tuple(sorted({*one.effects, k}))) for one in leading() if len(one.effects) == 2 for k in every])
+        tried(
+            [
+                Model(tuple(sorted({*one.effects, k})))
+                for one in leading()
+                if len(one.effects) == 2
+                for k in every
+            ]
+        )
     for one in [Model(()), *leading()]:
         tried([Model(one.effects, k) for k in _worth_trying(table, effects, unknowns, one)])
     best = max(scores.values())
@@ -147,16 +206,20 @@ def _probable(problem: TableProblem, effects: Sequence[TableEffect], unknowns: S
     return [kept[k] for k in best_first([scores[one] for one in kept])[:MOST]]
 
 
-def _worth_trying(table: _SideBySide, effects: Sequence[TableEffect], unknowns: Sequence[Unknown],
-                  model: Model) -> list[int]:
-    """What is unknown and might be in a model: of single rows and settings those that it leaves farthest off."""
+def _worth_trying(
+    table: _SideBySide, effects: Sequence[TableEffect], unknowns: Sequence[Unknown], model: Model
+) -> list[int]:
+    """What is unknown and might be in a model: of single rows and settings those that it leaves
+    farthest off."""
     found = scored(table, effects, unknowns, model)[1]
     index = _columns_of(table, model)
     left = np.abs(table.y - table.columns[:, index] @ found.mean)
     kept = [k for k, one in enumerate(unknowns) if not one.at]
     for misread in (True, False):
         single = [k for k, one in enumerate(unknowns) if one.at and one.misread is misread]
-        single.sort(key=lambda k: -float(np.mean(left[list(unknowns[k].at)])) * len(unknowns[k].at) ** 0.5)
+        single.sort(
+            key=lambda k: -float(np.mean(left[list(unknowns[k].at)])) * len(unknowns[k].at) ** 0.5
+        )
         kept += single[:FARTHEST]
     return kept
 
@@ -165,8 +228,15 @@ def _columns_of(table: _SideBySide, model: Model) -> IntArray:
     """Places of a model's columns: its effects, their forms, what is unknown, tolerances."""
     none = np.zeros(0, np.int64)
     strange = none if model.unknown is None else table.unknown[model.unknown]
-    return np.concatenate([none, *(table.effect[k] for k in model.effects), *(table.form[k] for k in model.effects),
-                           strange, np.arange(table.tolerances)])
+    return np.concatenate(
+        [
+            none,
+            *(table.effect[k] for k in model.effects),
+            *(table.form[k] for k in model.effects),
+            strange,
+            np.arange(table.tolerances),
+        ]
+    )
 
 
 def _can_be(effects: Sequence[TableEffect]) -> bool:
@@ -175,19 +245,26 @@ def _can_be(effects: Sequence[TableEffect]) -> bool:
     return len(ids) == len(set(ids))
 
 
-def scored(table: _SideBySide, effects: Sequence[TableEffect], unknowns: Sequence[Unknown], model: Model,
-           sizes: bool = True) -> tuple[float, Posterior]:
+def scored(
+    table: _SideBySide,
+    effects: Sequence[TableEffect],
+    unknowns: Sequence[Unknown],
+    model: Model,
+    sizes: bool = True,
+) -> tuple[float, Posterior]:
     """Log evidence plus log prior odds, and the posterior of the sizes (first) and all else.
 
-    The size of an effect has the tails of a Cauchy distribution (`prior.sd_of_size`): its s.d. is that of the size
-    fitted. What is unknown has one s.d. for all of its columns, by the same rule.
+    The size of an effect has the tails of a Cauchy distribution (`prior.sd_of_size`): its s.d.
+    is that of the size fitted. What is unknown has one s.d. for all of its columns, by the same
+    rule.
     """
     chosen = [effects[k] for k in model.effects]
     index = _columns_of(table, model)
     strange = 0 if model.unknown is None else unknowns[model.unknown].columns.shape[1]
-    least = table.rows.products.of(index)           # sizes by least squares, the tolerances held by their priors
+    # sizes by least squares, the tolerances held by their priors
+    least = table.rows.products.of(index)
     trust = RIDGE * np.maximum(np.diag(least.A[0]), 1e-12)
-    trust[len(index) - table.tolerances:] = 1.0
+    trust[len(index) - table.tolerances :] = 1.0
     guess = Gaussian(least.A[0], least.s[0]).fit(1.0 / np.sqrt(trust)).b
     log_odds = 0.0
     sd = np.ones(len(index))
@@ -195,25 +272,31 @@ def scored(table: _SideBySide, effects: Sequence[TableEffect], unknowns: Sequenc
     for k, one in enumerate(chosen):
         size = float(guess[k])
         sd[k] = sd_of_size(size, one.usual)
-        sd[at:at + one.forms.shape[1]] = abs(size)
+        sd[at : at + one.forms.shape[1]] = abs(size)
         at += one.forms.shape[1]
         log_odds += one.log_odds + log_of_size(size, one.usual) + one.log_of_sign(size)
     if model.unknown is not None:
         other = unknowns[model.unknown]
-        size = float(np.sqrt(np.mean(guess[at:at + strange] ** 2)))
-        sd[at:at + strange] = sd_of_size(size, other.usual)
+        size = float(np.sqrt(np.mean(guess[at : at + strange] ** 2)))
+        sd[at : at + strange] = sd_of_size(size, other.usual)
         log_odds += other.log_odds + log_of_size(size, other.usual)
     free = posterior(table.rows, index, sd, sizes)
     if at == len(chosen):
         return free.log_evidence + log_odds, free
-    sd[len(chosen):at] = NO_FREEDOM
+    sd[len(chosen) : at] = NO_FREEDOM
     found = mixed(free, posterior(table.rows, index, sd, sizes), FREE)
     return found.log_evidence + log_odds, found
 
 
-def refined(problem: TableProblem, effects: Sequence[TableEffect], unknowns: Sequence[Unknown], model: Model,
-            kept: BoolArray | None = None) -> FittedModel:
-    """The model made again at its own sizes. kept : (n,) rows that they are fitted to; None: all."""
+def refined(
+    problem: TableProblem,
+    effects: Sequence[TableEffect],
+    unknowns: Sequence[Unknown],
+    model: Model,
+    kept: BoolArray | None = None,
+) -> FittedModel:
+    """The model made again at its own sizes. kept : (n,) rows that they are fitted to; None:
+    all."""
     chosen = [effects[k] for k in model.effects]
     other: tuple[Unknown, ...] = () if model.unknown is None else (unknowns[model.unknown],)
     alone = problem._replace(candidates=tuple(one.candidate for one in chosen))
@@ -225,32 +308,47 @@ def refined(problem: TableProblem, effects: Sequence[TableEffect], unknowns: Seq
         y = problem.observed - base
         for k, (_, size) in enumerate(sized):
             y = y + size * slopes[:, k]
-        here = [one._replace(column=column / problem.sd) for one, column in zip(chosen, slopes.T, strict=True)]
+        here = [
+            one._replace(column=column / problem.sd)
+            for one, column in zip(chosen, slopes.T, strict=True)
+        ]
         score, found = scored(_table(problem, y / problem.sd, here, other, kept), here, other, own)
         before = sized
-        sized = tuple(SizedEffect(one.candidate, float(size)) for one, size in zip(here, found.mean, strict=False))
-        se = np.sqrt(np.diag(found.covariance))[:len(here)]
-        if before and all(abs(a.size - b.size) < SETTLED * e for a, b, e in zip(sized, before, se, strict=True)):
+        sized = tuple(
+            SizedEffect(one.candidate, float(size))
+            for one, size in zip(here, found.mean, strict=False)
+        )
+        se = np.sqrt(np.diag(found.covariance))[: len(here)]
+        if before and all(
+            abs(a.size - b.size) < SETTLED * e for a, b, e in zip(sized, before, se, strict=True)
+        ):
             break
     outside = tuple(k for k, one in enumerate(here) if not one.low < sized[k].size < one.high)
     score += sum(log(UNKNOWN / len(effects)) - here[k].log_odds for k in outside)
     shown, errors = _at_definition(here, found, sized)
     strange = len(here) + sum(one.forms.shape[1] for one in here)
-    signal = other[0].columns @ found.mean[strange:strange + other[0].columns.shape[1]] if other else \
-        np.zeros(len(problem.observed))
+    signal = (
+        other[0].columns @ found.mean[strange : strange + other[0].columns.shape[1]]
+        if other
+        else np.zeros(len(problem.observed))
+    )
     for k in outside:
         signal = signal + sized[k].size * here[k].column
-    return FittedModel(model, shown, errors, score, outside, found, signal, bool(other) and other[0].misread)
+    return FittedModel(
+        model, shown, errors, score, outside, found, signal, bool(other) and other[0].misread
+    )
 
 
-def _at_definition(here: Sequence[TableEffect], found: Posterior,
-                   sized: Sequence[SizedEffect]) -> tuple[tuple[SizedEffect, ...], tuple[float, ...]]:
-    """Sizes where the catalogue defines them, off the effect in whatever shape the rows ask for, and their s.d."""
+def _at_definition(
+    here: Sequence[TableEffect], found: Posterior, sized: Sequence[SizedEffect]
+) -> tuple[tuple[SizedEffect, ...], tuple[float, ...]]:
+    """Sizes where the catalogue defines them, off the effect in whatever shape the rows ask
+    for, and their s.d."""
     shown, errors, at = [], [], len(here)
     for k, one in enumerate(here):
         weight = np.zeros(len(found.mean))
         weight[k] = 1.0
-        weight[at:at + len(one.worth)] = one.worth
+        weight[at : at + len(one.worth)] = one.worth
         at += len(one.worth)
         shown.append(SizedEffect(sized[k].candidate, float(weight @ found.mean)))
         errors.append(float(np.sqrt(weight @ found.covariance @ weight)))

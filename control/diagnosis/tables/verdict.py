@@ -1,12 +1,14 @@
-"""The verdict on bench tables, from the probabilities of the models: none, named, ambiguous, unexplained, not judged.
+"""The verdict on bench tables, from the probabilities of the models: none, named, ambiguous,
+unexplained, not judged.
 
 - not judged: no effect within its bounds could have shown in these rows.
 - none: that there is nothing is more probable than that there is something.
-- unexplained: of the probability that there is something, models in which something is no effect, or an effect with a
-  size that it cannot have, have NAMED.
-- named: every effect of the most probable model without such a thing is in models that together have NAMED of the
-  probability; else it is ambiguous.
+- unexplained: of the probability that there is something, models in which something is no
+  effect, or an effect with a size that it cannot have, have NAMED.
+- named: every effect of the most probable model without such a thing is in models that together
+  have NAMED of the probability; else it is ambiguous.
 """
+
 from __future__ import annotations
 
 from typing import NamedTuple
@@ -30,7 +32,8 @@ class TableRival(NamedTuple):
 
 
 class NamedEffect(NamedTuple):
-    """One effect of the most probable model. `se`: s.d. of its size; `rivals`: of probability LISTED or more."""
+    """One effect of the most probable model. `se`: s.d. of its size; `rivals`: of probability
+    LISTED or more."""
 
     effect: SizedEffect
     se: float
@@ -39,9 +42,11 @@ class NamedEffect(NamedTuple):
 
 
 class Judgement(NamedTuple):
-    """`nothing`: probability that there is nothing but noise. `model`: the one that is reported, None: nothing is.
+    """`nothing`: probability that there is nothing but noise. `model`: the one that is
+    reported, None: nothing is.
 
-    `nearest`: an effect that comes nearest to what is unexplained, with a size that it cannot have.
+    `nearest`: an effect that comes nearest to what is unexplained, with a size that it cannot
+    have.
     """
 
     search: TableSearch
@@ -59,7 +64,8 @@ class Judgement(NamedTuple):
 
 
 def judged(search: TableSearch, shows: bool) -> Judgement:
-    """The verdict, clocks apart. shows : whether these rows would show any effect within its bounds."""
+    """The verdict, clocks apart. shows : whether these rows would show any effect within its
+    bounds."""
     every = list(zip(search.fitted, search.probability, strict=True))
     nothing = sum(p for one, p in every if one.is_nothing)
     unknown = sum(p for one, p in every if one.is_unknown)
@@ -67,9 +73,17 @@ def judged(search: TableSearch, shows: bool) -> Judgement:
         verdict: Verdict = "none" if shows else "not_judged"
         return Judgement(search, None, verdict, (), (), nothing, unknown, None)
     model = _said(search, nothing, unknown)
-    named = tuple(_named(search, model, k) for k in range(len(model.sized)) if k not in model.outside)
+    named = tuple(
+        _named(search, model, k) for k in range(len(model.sized)) if k not in model.outside
+    )
     unexplained = _unexplained(search, model)
-    verdict = "unexplained" if unexplained else "ambiguous" if any(one.rivals for one in named) else "named"
+    verdict = (
+        "unexplained"
+        if unexplained
+        else "ambiguous"
+        if any(one.rivals for one in named)
+        else "named"
+    )
     nearest = next((one.sized[k].candidate for one in search.fitted for k in one.outside), None)
     return Judgement(search, model, verdict, named, unexplained, nothing, unknown, nearest)
 
@@ -97,30 +111,51 @@ def _named(search: TableSearch, model: FittedModel, k: int) -> NamedEffect:
             mine += p
             continue
         new = [effect for effect in inside if effect.candidate[:2] not in there]
-        keys = [effect.candidate[:2] for effect in new] + [(UNKNOWN, None)] * (one.is_unknown or not new)
+        keys = [effect.candidate[:2] for effect in new] + [(UNKNOWN, None)] * (
+            one.is_unknown or not new
+        )
         for key in keys:
             shares[key] = shares.get(key, 0.0) + p / len(keys)
         for effect in new:
             sizes.setdefault(effect.candidate[:2], effect)
-    rivals = [TableRival(key[0], sizes.get(key), p) for key, p in shares.items()
-              if p >= (LISTED if key in sizes else 1.0 - NAMED)] if mine < NAMED else []
-    return NamedEffect(own, model.se[k], mine, tuple(sorted(rivals, key=lambda one: -one.probability)))
+    rivals = (
+        [
+            TableRival(key[0], sizes.get(key), p)
+            for key, p in shares.items()
+            if p >= (LISTED if key in sizes else 1.0 - NAMED)
+        ]
+        if mine < NAMED
+        else []
+    )
+    return NamedEffect(
+        own, model.se[k], mine, tuple(sorted(rivals, key=lambda one: -one.probability))
+    )
 
 
 def _unexplained(search: TableSearch, model: FittedModel) -> tuple[Unexplained, ...]:
-    """What of a model no effect can be, and its share of what its effects leave (sums of squares)."""
+    """What of a model no effect can be, and its share of what its effects leave (sums of
+    squares)."""
     if not model.is_unknown:
         return ()
     problem = search.problem
     inside = tuple(effect for k, effect in enumerate(model.sized) if k not in model.outside)
     left = (problem.observed - problem.predicted(inside)) / problem.sd
-    share = min(1.0, float(np.sum(model.unknown_signal ** 2)) / max(float(np.sum(left ** 2)), 1e-300))
+    share = min(1.0, float(np.sum(model.unknown_signal**2)) / max(float(np.sum(left**2)), 1e-300))
     if model.model.unknown is not None and not model.misread:
         shares: dict[tuple[str, str], float] = {}
         for one, p in zip(search.fitted, search.probability, strict=True):
             if one.model.unknown is not None and not one.misread:
                 other = search.unknowns[one.model.unknown]
-                shares[other.channel, other.variable] = shares.get((other.channel, other.variable), 0.0) + p
+                shares[other.channel, other.variable] = (
+                    shares.get((other.channel, other.variable), 0.0) + p
+                )
         return (Unexplained(*max(shares, key=lambda key: shares[key]), share),)
-    most = int(np.argmax([np.sum(model.unknown_signal[problem.piece == k] ** 2) for k in range(len(problem.pieces))]))
+    most = int(
+        np.argmax(
+            [
+                np.sum(model.unknown_signal[problem.piece == k] ** 2)
+                for k in range(len(problem.pieces))
+            ]
+        )
+    )
     return (Unexplained(problem.pieces[most].channel, "", share),)

@@ -1,8 +1,11 @@
-"""The made-up bench tables of docs/guides/engineer.md. Run it in this folder to make the files anew.
+"""The made-up bench tables of docs/guides/engineer.md. Run it in this folder to make the files
+anew.
 
-The roller fills 4 % less than the shipped machine file says (5.28 instead of 5.5 g a turn and mm); the weights
-scatter by 0.4 %, the drop times by 15 ms. The drop times are the lag paper's line (1.83 s - 8.3 ms a r/min, eq 6).
+The roller fills 4 % less than the shipped machine file says (5.28 instead of 5.5 g a turn and
+mm); the weights scatter by 0.4 %, the drop times by 15 ms. The drop times are the lag paper's
+line (1.83 s - 8.3 ms a r/min, eq 6).
 """
+
 from __future__ import annotations
 
 from pathlib import Path
@@ -31,7 +34,10 @@ def lag() -> str:
     rng = np.random.default_rng(2)
     rows = ["shaft_rpm,drop_s"]
     for rpm in (10, 20, 30, 40, 50, 60, 70):
-        rows += [f"{rpm},{DROP_S + DROP_S_PER_RPM * rpm + TIME_S * rng.standard_normal():.3f}" for _ in range(4)]
+        rows += [
+            f"{rpm},{DROP_S + DROP_S_PER_RPM * rpm + TIME_S * rng.standard_normal():.3f}"
+            for _ in range(4)
+        ]
     return "\n".join(rows) + "\n"
 
 

@@ -1,4 +1,6 @@
-"""What was applied where: a run log as stretches of ground, each with its area, target and mass; and the sums."""
+"""What was applied where: a run log as stretches of ground, each with its area, target and
+mass; and the sums."""
+
 from __future__ import annotations
 
 import datetime as dt
@@ -25,20 +27,26 @@ from control.machine.machine import Machine
 from control.machine.sections import LoggedValves, SectionStrip
 from control.metering.inverse import Conditions
 from control.orders import State, TargetSource
-from drivers.files.exports.stopped import TURNING_RPM, StoppedRelease, is_released_stopped, released_stopped
+from drivers.files.exports.stopped import (
+    TURNING_RPM,
+    StoppedRelease,
+    is_released_stopped,
+    released_stopped,
+)
 from drivers.files.read_log import RunLog
 from drivers.plain_text import OneLine
 
 Floats = npt.NDArray[np.float64]
 
-MOST_STEP_S = 1.0           # a longer step between rows is a gap: nothing is counted in it
-GAP_STEPS = 2.5             # of a log with fewer rows than one a second
+# a longer step between rows is a gap: nothing is counted in it
+MOST_STEP_S = 1.0
+GAP_STEPS = 2.5  # of a log with fewer rows than one a second
 DEFAULT_EVERY_S = 1.0
-SAME_WIDTH = 0.02           # widths are reported rounded, and as driven
-CELL_M = 0.2                # of the bitmap of covered ground
+SAME_WIDTH = 0.02  # widths are reported rounded, and as driven
+CELL_M = 0.2  # of the bitmap of covered ground
 COVER_STEP_M = 0.5
 NEEDED = ("lat_deg", "lon_deg", "applied_rate_kg_ha")
-SPEEDS = ("speed_used_mps", "speed_mps", "wheel_speed_mps")     # the first that a log has
+SPEEDS = ("speed_used_mps", "speed_mps", "wheel_speed_mps")  # the first that a log has
 
 
 class ExportError(OneLine):
@@ -47,32 +55,36 @@ class ExportError(OneLine):
 
 class SpreadProduct(NamedTuple):
     name: str
-    n_fraction: float           # N in the product, 0 to 1
+    n_fraction: float  # N in the product, 0 to 1
 
 
 class WorkedStretches(NamedTuple):
-    """Stretches (n,) of worked ground in the order they were worked; places are where the material came to lie."""
+    """Stretches (n,) of worked ground in the order they were worked; places are where the
+    material came to lie."""
 
-    time_s: Floats              # of release, in the middle
+    time_s: Floats  # of release, in the middle
     lat_deg: Floats
     lon_deg: Floats
-    corners_deg: Floats         # (n, 4, 2) latitude, longitude: left, right at the begin, right, left at the end
+    # (n, 4, 2) latitude, longitude: left, right at the begin, right, left at the end
+    corners_deg: Floats
     heading_deg: Floats
     speed_mps: Floats
     duration_s: Floats
-    length_m: Floats            # speed x duration
-    area_m2: Floats             # length x width
-    target_kg_ha: Floats        # NaN: not known
+    length_m: Floats  # speed x duration
+    area_m2: Floats  # length x width
+    target_kg_ha: Floats  # NaN: not known
     applied_kg_ha: Floats
-    target_kg: Floats           # 0 where not known
+    target_kg: Floats  # 0 where not known
     applied_kg: Floats
     shaft_rpm: Floats
     opening_mm: Floats
     fix_quality: Floats
     satellites: Floats
     hdop: Floats
-    effort_percent: Floats      # by which the metering drive worked harder than the machine file says; NaN: not known
-    width_m: Floats             # of the whole machine, or of one section where they have valves
+    # by which the metering drive worked harder than the machine file says; NaN: not known
+    effort_percent: Floats
+    # of the whole machine, or of one section where they have valves
+    width_m: Floats
 
 
 class Cut(NamedTuple):
@@ -80,8 +92,8 @@ class Cut(NamedTuple):
 
     limit_kg_ha: float
     area_ha: float
-    highest_kg_ha: float        # that was wanted
-    less_kg: float              # than was wanted
+    highest_kg_ha: float  # that was wanted
+    less_kg: float  # than was wanted
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,23 +106,32 @@ class AsApplied:
     product: SpreadProduct
     stretches: WorkedStretches
     totals: Totals
-    begin_utc: dt.datetime | None       # of time_s = 0
-    field_deg: Floats | None            # the field's outline (k, 2), latitude and longitude
-    cut: Cut | None                     # None: nothing was, or the limit is not known
-    one_rate: Across | None = None      # what it cost across the width; None: not by canopy, or not to be known
-    ground: Covered | None = None       # worked, by where it lies: with what came to lie on it, and with a rate of 0
-    stopped: tuple[StoppedRelease, ...] = ()        # released while commanded to stop: counted in totals.stopped_kg
+    begin_utc: dt.datetime | None  # of time_s = 0
+    # the field's outline (k, 2), latitude and longitude
+    field_deg: Floats | None
+    cut: Cut | None  # None: nothing was, or the limit is not known
+    # what it cost across the width; None: not by canopy, or not to be known
+    one_rate: Across | None = None
+    # worked, by where it lies: with what came to lie on it, and with a rate of 0
+    ground: Covered | None = None
+    # released while commanded to stop: counted in totals.stopped_kg
+    stopped: tuple[StoppedRelease, ...] = ()
 
     @property
     def worked_ha(self) -> float:
-        """Ground worked, as its places have it, every time it was passed over; by speed and time where that is all."""
+        """Ground worked, as its places have it, every time it was passed over; by speed and
+        time where that is all."""
         ground = self.ground
         return self.totals.area_ha if ground is None else ground.area_ha + ground.overlap_ha
 
     @property
     def mean_kg_ha(self) -> float:
         """All that was applied in work over the ground worked."""
-        return (self.totals.applied_kg - self.totals.stopped_kg) / self.worked_ha if self.worked_ha > 0.0 else 0.0
+        return (
+            (self.totals.applied_kg - self.totals.stopped_kg) / self.worked_ha
+            if self.worked_ha > 0.0
+            else 0.0
+        )
 
     @property
     def width_m(self) -> float:
@@ -120,14 +141,19 @@ class AsApplied:
         return None if self.begin_utc is None else self.begin_utc + dt.timedelta(seconds=time_s)
 
 
-def as_applied(log: RunLog, machine: Machine | None = None, product: SpreadProduct | None = None,
-               every_s: float = DEFAULT_EVERY_S) -> AsApplied:
-    """The worked rows of a log, and those in which its shaft turned though commanded to stop, in stretches of at most
-    `every_s`.
+def as_applied(
+    log: RunLog,
+    machine: Machine | None = None,
+    product: SpreadProduct | None = None,
+    every_s: float = DEFAULT_EVERY_S,
+) -> AsApplied:
+    """The worked rows of a log, and those in which its shaft turned though commanded to stop,
+    in stretches of at most `every_s`.
 
-    The applied rate is the log's, times the scale's correction of the flow model where the log has one. A stretch
-    lies where its material landed: behind the antenna by the machine's measure, and on by the drop time.
-    machine, product: where the log's sidecar names none. Raises ExportError.
+    The applied rate is the log's, times the scale's correction of the flow model where the log
+    has one. A stretch lies where its material landed: behind the antenna by the machine's
+    measure, and on by the drop time. machine, product: where the log's sidecar names none.
+    Raises ExportError.
     """
     machine = machine or _machine(log)
     for column in NEEDED:
@@ -147,14 +173,27 @@ def as_applied(log: RunLog, machine: Machine | None = None, product: SpreadProdu
     covered = _covered(rows, width_m, strips, rows.opened & (rows.applied_kg_ha > 0.0)[:, None])
     ground = _covered(rows, width_m, strips, rows.opened)
     doses, missed = _doses(log)
-    totals = _totals(log, machine, product)._replace(covered_ha=covered.area_ha, overlap_ha=covered.overlap_ha,
-                                                     doses=doses, doses_missed=missed)
-    return AsApplied(log.path.stem, machine, product, _gathered(rows, strips, every_s), totals, _begin_utc(log),
-                     _field(log), _cut(log, rows, strips), _one_rate(log, machine), ground, released_stopped(log))
+    totals = _totals(log, machine, product)._replace(
+        covered_ha=covered.area_ha, overlap_ha=covered.overlap_ha, doses=doses, doses_missed=missed
+    )
+    return AsApplied(
+        log.path.stem,
+        machine,
+        product,
+        _gathered(rows, strips, every_s),
+        totals,
+        _begin_utc(log),
+        _field(log),
+        _cut(log, rows, strips),
+        _one_rate(log, machine),
+        ground,
+        released_stopped(log),
+    )
 
 
 class _WorkedRows(NamedTuple):
-    """Worked rows (n,), and where each one's material came to lie on a plane, begin and end of its step."""
+    """Worked rows (n,), and where each one's material came to lie on a plane, begin and end of
+    its step."""
 
     plane: TangentPlane
     time_s: Floats
@@ -162,7 +201,7 @@ class _WorkedRows(NamedTuple):
     speed_mps: Floats
     applied_kg_ha: Floats
     target_kg_ha: Floats
-    begin_m: Floats             # (n, 2)
+    begin_m: Floats  # (n, 2)
     end_m: Floats
     heading_deg: Floats
     shaft_rpm: Floats
@@ -171,60 +210,106 @@ class _WorkedRows(NamedTuple):
     satellites: Floats
     hdop: Floats
     effort_percent: Floats
-    opened: npt.NDArray[np.bool_]       # (n, sections): which flowed; one column where the machine is one whole
+    # (n, sections): which flowed; one column where the machine is one whole
+    opened: npt.NDArray[np.bool_]
 
 
 def _worked(log: RunLog, machine: Machine) -> _WorkedRows:
     time = log.time_s
     step = np.diff(time, prepend=time[:1])
     applied, speed = applied_rate_kg_ha(log), _speed_mps(log)
-    counts = (has_arrived(log) | is_released_stopped(log)) & (step > 0.0) & (step <= _most_step_s(log))
+    counts = (
+        (has_arrived(log) | is_released_stopped(log)) & (step > 0.0) & (step <= _most_step_s(log))
+    )
     counts &= np.isfinite(applied) & np.isfinite(speed) & (speed > 0.0)
     shaft = log.numbers("shaft_rpm")
-    drop = falls_s(time, np.array([drop_s(machine.fall, n) for n in np.nan_to_num(shaft).tolist()]),
-                   machine.fall.carried_share)
+    drop = falls_s(
+        time,
+        np.array([drop_s(machine.fall, n) for n in np.nan_to_num(shaft).tolist()]),
+        machine.fall.carried_share,
+    )
     plane, way_m, heading = outlet_way(log, machine)
     lands = time + drop
     begin, end = _way_at(lands - step, time, way_m), _way_at(lands, time, way_m)
     turned = np.degrees(np.unwrap(np.radians(heading)))
     at = np.interp(lands - 0.5 * step, time, turned) % 360.0
-    wanted = np.where(is_worked(log), log.numbers("target_rate_kg_ha"), np.nan)     # commanded to stop: no target
-    columns = [time, step, speed, applied, wanted, begin, end, at, shaft,
-               log.numbers("opening_mm"), log.numbers("fix_quality"), log.numbers("satellites"), log.numbers("hdop"),
-               effort_percent(log, machine)]
-    return _WorkedRows._make((plane, *(column[counts] for column in (*columns, opened(log, machine)))))
+    # commanded to stop: no target
+    wanted = np.where(is_worked(log), log.numbers("target_rate_kg_ha"), np.nan)
+    columns = [
+        time,
+        step,
+        speed,
+        applied,
+        wanted,
+        begin,
+        end,
+        at,
+        shaft,
+        log.numbers("opening_mm"),
+        log.numbers("fix_quality"),
+        log.numbers("satellites"),
+        log.numbers("hdop"),
+        effort_percent(log, machine),
+    ]
+    return _WorkedRows._make(
+        (plane, *(column[counts] for column in (*columns, opened(log, machine))))
+    )
 
 
 def effort_percent(log: RunLog, machine: Machine) -> Floats:
-    """By how much harder the metering drive worked in each row (n,) than its machine file says, at its speed, opening,
-    supply, pitch and fill, %; NaN where no effort is known, or hardly any is due."""
-    effort, rpm, opening = (np.abs(log.numbers(name)) for name in ("shaft_effort", "shaft_rpm", "opening_mm"))
+    """By how much harder the metering drive worked in each row (n,) than its machine file says,
+    at its speed, opening, supply, pitch and fill, %; NaN where no effort is known, or hardly
+    any is due."""
+    effort, rpm, opening = (
+        np.abs(log.numbers(name)) for name in ("shaft_effort", "shaft_rpm", "opening_mm")
+    )
     known = np.isfinite(effort) & np.isfinite(opening) & (rpm > TURNING_RPM)
     if not machine.has("effort") or not known.any():
         return np.full(len(log), np.nan)
-    pitch, kg, supply = (np.where(np.isfinite(values := log.numbers(name)), values, usual) for name, usual in (
-        ("pitch_deg", 0.0), ("hopper_kg", machine.flow.full_kg), ("supply_v", machine.shaft.nominal_supply_v)))
+    pitch, kg, supply = (
+        np.where(np.isfinite(values := log.numbers(name)), values, usual)
+        for name, usual in (
+            ("pitch_deg", 0.0),
+            ("hopper_kg", machine.flow.full_kg),
+            ("supply_v", machine.shaft.nominal_supply_v),
+        )
+    )
     should = np.full(len(log), np.nan)
     should[known] = [
-        shaft_effort(machine.effort, effort_input(machine, turns, mm, Conditions(at_s, full_kg, deg, volts)))
+        shaft_effort(
+            machine.effort, effort_input(machine, turns, mm, Conditions(at_s, full_kg, deg, volts))
+        )
         for turns, mm, at_s, full_kg, deg, volts in np.column_stack(
-            (rpm, opening, log.time_s, kg, pitch, supply))[known].tolist()]
+            (rpm, opening, log.time_s, kg, pitch, supply)
+        )[known].tolist()
+    ]
     return np.where(should > machine.noise.effort, 100.0 * (effort / should - 1.0), np.nan)
 
 
 def strips_of(log: RunLog, machine: Machine) -> tuple[SectionStrip, ...]:
     """Of the sections whose valves the log tells; else of the whole machine."""
     half = 0.5 * machine.geometry.working_width_m
-    return machine.switched if machine.switched and log.has("sections_cmd") else (SectionStrip(-half, half, 1.0),)
+    return (
+        machine.switched
+        if machine.switched and log.has("sections_cmd")
+        else (SectionStrip(-half, half, 1.0),)
+    )
 
 
 def opened(log: RunLog, machine: Machine) -> npt.NDArray[np.bool_]:
-    """Which of `strips_of` were open in each row, (n, strips): as commanded, so long after as the valve takes."""
+    """Which of `strips_of` were open in each row, (n, strips): as commanded, so long after as
+    the valve takes."""
     if not (machine.switched and log.has("sections_cmd")):
         return np.ones((len(log), 1), dtype=np.bool_)
     valves = LoggedValves(machine.sections)
-    return np.array([valves.open_at(time_s, stated) for time_s, stated in zip(
-        log.time_s.tolist(), log.texts("sections_cmd").tolist(), strict=True)])
+    return np.array(
+        [
+            valves.open_at(time_s, stated)
+            for time_s, stated in zip(
+                log.time_s.tolist(), log.texts("sections_cmd").tolist(), strict=True
+            )
+        ]
+    )
 
 
 def _speed_mps(log: RunLog) -> Floats:
@@ -234,24 +319,30 @@ def _speed_mps(log: RunLog) -> Floats:
 
 
 def _speed_column(log: RunLog) -> str | None:
-    """The speed that control used; of another machine's log, which was imported, the one that it tells."""
+    """The speed that control used; of another machine's log, which was imported, the one that
+    it tells."""
     stated = SPEEDS if log.meta is not None and "imported" in log.meta.extra else SPEEDS[:1]
     return next((column for column in stated if log.has(column)), None)
 
 
 def _most_step_s(log: RunLog) -> float:
     """Logs of other programs may have a row every few seconds."""
-    return max(MOST_STEP_S, GAP_STEPS * log.step_s) if log.step_s > 0.5 * MOST_STEP_S else MOST_STEP_S
+    return (
+        max(MOST_STEP_S, GAP_STEPS * log.step_s) if log.step_s > 0.5 * MOST_STEP_S else MOST_STEP_S
+    )
 
 
 def applied_rate_kg_ha(log: RunLog) -> Floats:
     """The log's applied rate (n,), the scale's correction included where the log has one."""
     trim = log.numbers("flow_trim")
-    return np.asarray(log.numbers("applied_rate_kg_ha") * np.where(np.isfinite(trim), trim, 1.0), dtype=np.float64)
+    return np.asarray(
+        log.numbers("applied_rate_kg_ha") * np.where(np.isfinite(trim), trim, 1.0), dtype=np.float64
+    )
 
 
 def is_worked(log: RunLog) -> npt.NDArray[np.bool_]:
-    """Rows (n,) in which work went on: working, and not where nothing was wanted (off the field) and nothing came.
+    """Rows (n,) in which work went on: working, and not where nothing was wanted (off the
+    field) and nothing came.
 
     A log that tells neither state nor source worked all the time.
     """
@@ -262,11 +353,13 @@ def is_worked(log: RunLog) -> npt.NDArray[np.bool_]:
 
 
 def has_arrived(log: RunLog) -> npt.NDArray[np.bool_]:
-    """Rows (n,) of work from the first on in which material left, or none was wanted, as the totals count them."""
+    """Rows (n,) of work from the first on in which material left, or none was wanted, as the
+    totals count them."""
     arrival, found = Arrival(), is_worked(log)
     applied = np.nan_to_num(log.numbers("applied_rate_kg_ha")).tolist()
-    for k, (works, rate, target) in enumerate(zip(found.tolist(), applied, log.numbers("target_rate_kg_ha").tolist(),
-                                                  strict=True)):
+    for k, (works, rate, target) in enumerate(
+        zip(found.tolist(), applied, log.numbers("target_rate_kg_ha").tolist(), strict=True)
+    ):
         if works:
             found[k] = arrival.counts(rate, None if target != target else target)
         else:
@@ -275,12 +368,17 @@ def has_arrived(log: RunLog) -> npt.NDArray[np.bool_]:
 
 
 def outlet_way(log: RunLog, machine: Machine) -> tuple[TangentPlane, Floats, Floats]:
-    """Plane, places of the outlets (rows, 2) m, and headings (rows,): from fix to fix, not in steps."""
+    """Plane, places of the outlets (rows, 2) m, and headings (rows,): from fix to fix, not in
+    steps."""
     time, lat, lon = log.time_s, log.numbers("lat_deg"), log.numbers("lon_deg")
     known = np.isfinite(lat) & np.isfinite(lon)
-    fresh = known & (np.diff(lat, prepend=np.nan) != 0.0) | known & (np.diff(lon, prepend=np.nan) != 0.0)
+    fresh = known & (np.diff(lat, prepend=np.nan) != 0.0) | known & (
+        np.diff(lon, prepend=np.nan) != 0.0
+    )
     if np.count_nonzero(fresh) < 2:
-        raise ExportError(f"{log.path}: columns lat_deg, lon_deg: fewer than two places: allowed are two or more")
+        raise ExportError(
+            f"{log.path}: columns lat_deg, lon_deg: fewer than two places: allowed are two or more"
+        )
     plane = TangentPlane(float(lat[known][0]), float(lon[known][0]))
     places = plane.many_to_m(lat[fresh], lon[fresh])
     antenna = np.column_stack([np.interp(time, time[fresh], places[:, k]) for k in (0, 1)])
@@ -307,8 +405,11 @@ def _way_at(moments_s: Floats, time_s: Floats, way_m: Floats) -> Floats:
 
 def _gathered(rows: _WorkedRows, strips: Sequence[SectionStrip], every_s: float) -> WorkedStretches:
     """Of each strip by itself, in the order in which they were worked."""
-    found = [_of_strip(_under(rows, strip, flowed), strip.right_m - strip.left_m, every_s)
-             for strip, flowed in zip(strips, rows.opened.T, strict=True) if flowed.any()]
+    found = [
+        _of_strip(_under(rows, strip, flowed), strip.right_m - strip.left_m, every_s)
+        for strip, flowed in zip(strips, rows.opened.T, strict=True)
+        if flowed.any()
+    ]
     if len(found) == 1:
         return found[0]
     together = [np.concatenate(columns) for columns in zip(*found, strict=True)]
@@ -349,22 +450,47 @@ def _of_strip(rows: _WorkedRows, width: float, every_s: float) -> WorkedStretche
         target = target_kg / target_ha
     lat_lon = _to_deg(rows.plane, middle)
     return WorkedStretches(
-        rows.time_s[last] - 0.5 * duration, lat_lon[:, 0], lat_lon[:, 1],
-        _to_deg(rows.plane, corners.reshape(-1, 2)).reshape(-1, 4, 2), heading,
-        np.add.reduceat(length, first) / duration, duration, np.add.reduceat(length, first), 10_000.0 * ha, target,
-        kg / ha, target_kg, kg, rows.shaft_rpm[centre], rows.opening_mm[centre], rows.fix_quality[centre],
-        rows.satellites[centre], rows.hdop[centre], np.add.reduceat(rows.effort_percent, first) / (last - first + 1),
-        np.full(len(first), width))
+        rows.time_s[last] - 0.5 * duration,
+        lat_lon[:, 0],
+        lat_lon[:, 1],
+        _to_deg(rows.plane, corners.reshape(-1, 2)).reshape(-1, 4, 2),
+        heading,
+        np.add.reduceat(length, first) / duration,
+        duration,
+        np.add.reduceat(length, first),
+        10_000.0 * ha,
+        target,
+        kg / ha,
+        target_kg,
+        kg,
+        rows.shaft_rpm[centre],
+        rows.opening_mm[centre],
+        rows.fix_quality[centre],
+        rows.satellites[centre],
+        rows.hdop[centre],
+        np.add.reduceat(rows.effort_percent, first) / (last - first + 1),
+        np.full(len(first), width),
+    )
 
 
-def _corners(begin: Floats, end: Floats, from_deg: Floats, to_deg: Floats, width_m: float) -> Floats:
+def _corners(
+    begin: Floats, end: Floats, from_deg: Floats, to_deg: Floats, width_m: float
+) -> Floats:
     """Left and right at the begin, right and left at the end: (n, 4, 2) m."""
+
     def right(heading_deg: Floats) -> Floats:
         angle = np.radians(heading_deg)
         return 0.5 * width_m * np.column_stack((np.cos(angle), -np.sin(angle)))
 
-    return np.stack((begin - right(from_deg), begin + right(from_deg),
-                     end + right(to_deg), end - right(to_deg)), axis=1)
+    return np.stack(
+        (
+            begin - right(from_deg),
+            begin + right(from_deg),
+            end + right(to_deg),
+            end - right(to_deg),
+        ),
+        axis=1,
+    )
 
 
 def _to_deg(plane: TangentPlane, places: Floats) -> Floats:
@@ -378,10 +504,23 @@ def _totals(log: RunLog, machine: Machine, product: SpreadProduct) -> Totals:
     time = log.time_s
     step = np.diff(time, prepend=time[:1])
     counts = has_arrived(log) & (step <= _most_step_s(log))
-    columns = (step, _speed_mps(log), applied_rate_kg_ha(log), log.numbers("target_rate_kg_ha"), share)
-    for seconds, speed, applied, target, wide in zip(*(column[counts].tolist() for column in columns), strict=True):
-        totaliser.add(seconds, None if speed != speed else speed, None if applied != applied else applied,
-                      None if target != target else target, wide)
+    columns = (
+        step,
+        _speed_mps(log),
+        applied_rate_kg_ha(log),
+        log.numbers("target_rate_kg_ha"),
+        share,
+    )
+    for seconds, speed, applied, target, wide in zip(
+        *(column[counts].tolist() for column in columns), strict=True
+    ):
+        totaliser.add(
+            seconds,
+            None if speed != speed else speed,
+            None if applied != applied else applied,
+            None if target != target else target,
+            wide,
+        )
     for one in released_stopped(log):
         totaliser.add_stopped(one.kg)
     return totaliser.snapshot()
@@ -397,30 +536,41 @@ def _cut(log: RunLog, rows: _WorkedRows, strips: Sequence[SectionStrip]) -> Cut 
     width_m = rows.opened @ np.array([strip.right_m - strip.left_m for strip in strips])
     ha = (rows.speed_mps * rows.step_s * width_m)[above] / 10_000.0
     wanted = rows.target_kg_ha[above]
-    return Cut(float(limit), float(ha.sum()), float(wanted.max()), float((ha * (wanted - limit)).sum()))
+    return Cut(
+        float(limit), float(ha.sum()), float(wanted.max()), float((ha * (wanted - limit)).sum())
+    )
 
 
 def _one_rate(log: RunLog, machine: Machine) -> Across | None:
     """From what the heads read while canopy was the source and something flowed."""
     by_canopy = np.asarray(log.texts("target_source") == TargetSource.CANOPY.value) & is_worked(log)
     by_canopy &= np.nan_to_num(log.numbers("applied_rate_kg_ha")) > 0.0
-    heads = np.column_stack([log.numbers(name) for name in HEAD_COLUMNS[:machine.geometry.heads]])[by_canopy]
+    heads = np.column_stack([log.numbers(name) for name in HEAD_COLUMNS[: machine.geometry.heads]])[
+        by_canopy
+    ]
     about = log.meta
     if len(heads) < 2 or about is None or about.crop is None:
         return None
-    new = np.concatenate(([True], np.any(heads[1:] != heads[:-1], axis=1) & np.isfinite(heads[1:]).any(axis=1)))
+    new = np.concatenate(
+        ([True], np.any(heads[1:] != heads[:-1], axis=1) & np.isfinite(heads[1:]).any(axis=1))
+    )
     job = about.job or {}
     try:
         rule = prepare(Crop.model_validate(about.crop), job.get("days"), job.get("ndvi_nrich"))
-    except ValueError:                  # days to be counted from a weather file, or a sidecar of another program
+    # days to be counted from a weather file, or a sidecar of another program
+    except ValueError:
         return None
     return across(rule, machine, heads[new])
 
 
-def _covered(rows: _WorkedRows, width_m: float, strips: Sequence[SectionStrip],
-             flows: npt.NDArray[np.bool_]) -> Covered:
-    """Ground under the strips that `flows` (n, strips), each place once, and what was passed over again."""
-    coverage = Coverage(width_m, min(CELL_M, width_m / 6.0), strips=[(one.left_m, one.right_m) for one in strips])
+def _covered(
+    rows: _WorkedRows, width_m: float, strips: Sequence[SectionStrip], flows: npt.NDArray[np.bool_]
+) -> Covered:
+    """Ground under the strips that `flows` (n, strips), each place once, and what was passed
+    over again."""
+    coverage = Coverage(
+        width_m, min(CELL_M, width_m / 6.0), strips=[(one.left_m, one.right_m) for one in strips]
+    )
     way_m = np.cumsum(rows.speed_mps * rows.step_s)
     gap = np.concatenate(([True], np.diff(rows.time_s) > rows.step_s[1:] + 1e-6))
     turns = np.concatenate(([False], np.any(flows[1:] != flows[:-1], axis=1)))
@@ -428,8 +578,14 @@ def _covered(rows: _WorkedRows, width_m: float, strips: Sequence[SectionStrip],
     strides = np.diff(np.floor(way_m / COVER_STEP_M), prepend=-1.0) != 0.0
     for k in np.flatnonzero(gap | turns | last | strides).tolist():
         if gap[k]:
-            coverage.lay(_place(rows.begin_m[k]), float(rows.heading_deg[k]), (False,) * len(strips))
-        coverage.lay(_place(rows.end_m[k]), float(rows.heading_deg[k]), flows[k - 1 if turns[k] else k].tolist())
+            coverage.lay(
+                _place(rows.begin_m[k]), float(rows.heading_deg[k]), (False,) * len(strips)
+            )
+        coverage.lay(
+            _place(rows.end_m[k]),
+            float(rows.heading_deg[k]),
+            flows[k - 1 if turns[k] else k].tolist(),
+        )
     return coverage.covered
 
 
@@ -439,38 +595,51 @@ def _place(place: Floats) -> Place:
 
 def _doses(log: RunLog) -> tuple[int | None, int | None]:
     """Doses and misses of point mode as the log's events tell them; None where it was not."""
-    words = [word for text in log.texts("events").tolist() if "dose" in text for word in text.split(";")]
+    words = [
+        word for text in log.texts("events").tolist() if "dose" in text for word in text.split(";")
+    ]
     if not words:
         return None, None
-    return (sum(word.startswith("dose ") for word in words),
-            sum(word.startswith("dose_missed") for word in words))
+    return (
+        sum(word.startswith("dose ") for word in words),
+        sum(word.startswith("dose_missed") for word in words),
+    )
 
 
 def _machine(log: RunLog) -> Machine:
     if log.meta is None or log.meta.machine is None:
-        raise ExportError(f"{log.path}: no machine file next to the log: allowed is a log with its NAME.yaml, "
-                          "or --machine")
+        raise ExportError(
+            f"{log.path}: no machine file next to the log: allowed is a log with its NAME.yaml, "
+            "or --machine"
+        )
     try:
         return Machine.model_validate(log.meta.machine)
     except ValidationError as error:
         first = error.errors()[0]
-        raise ExportError(f"{log.path.with_suffix('.yaml')}: machine: {'.'.join(map(str, first['loc']))}: "
-                          f"{first['msg']}") from None
+        raise ExportError(
+            f"{log.path.with_suffix('.yaml')}: machine: {'.'.join(map(str, first['loc']))}: "
+            f"{first['msg']}"
+        ) from None
 
 
 def _check_width(log: RunLog, machine: Machine) -> None:
-    """Areas are ways times the machine's width: it must be the one that the imported file tells. Raises ExportError."""
+    """Areas are ways times the machine's width: it must be the one that the imported file
+    tells. Raises ExportError."""
     imported = log.meta.extra.get("imported") if log.meta is not None else None
     stated = imported.get("width_m") if isinstance(imported, dict) else None
     width = machine.geometry.working_width_m
     if isinstance(stated, int | float) and abs(width - stated) > SAME_WIDTH * stated:
-        raise ExportError(f"{log.path}: worked {stated:g} m wide, as its file says, and machine {machine.id} is "
-                          f"{width:g} m wide: allowed is a machine file of that width (--machine)")
+        raise ExportError(
+            f"{log.path}: worked {stated:g} m wide, as its file says, and machine {machine.id} is "
+            f"{width:g} m wide: allowed is a machine file of that width (--machine)"
+        )
 
 
 def _product(log: RunLog) -> SpreadProduct:
     crop = (log.meta.crop if log.meta else None) or {}
-    return SpreadProduct(str(crop.get("product", "product")), float(crop.get("product_n_fraction", 0.0)))
+    return SpreadProduct(
+        str(crop.get("product", "product")), float(crop.get("product_n_fraction", 0.0))
+    )
 
 
 def _field(log: RunLog) -> Floats | None:

@@ -1,4 +1,5 @@
 """The fields of the flat exports (CSV, GeoJSON, shapefile): one table for all three."""
+
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
@@ -11,7 +12,8 @@ from drivers.files.exports.as_applied import AsApplied
 
 
 class ExportColumn(NamedTuple):
-    """`name` in CSV and GeoJSON; `short`: the shapefile's, ten characters at most; `decimals`: what is kept."""
+    """`name` in CSV and GeoJSON; `short`: the shapefile's, ten characters at most; `decimals`:
+    what is kept."""
 
     name: str
     short: str
@@ -20,7 +22,8 @@ class ExportColumn(NamedTuple):
     of: Callable[[AsApplied], Array]
 
 
-TIME_SHORT = "ISOTIME"       # of a shapefile: the column that is utc elsewhere
+# of a shapefile: the column that is utc elsewhere
+TIME_SHORT = "ISOTIME"
 
 COLUMNS = (
     ExportColumn("time_s", "TIME_S", 12, 2, lambda a: a.stretches.time_s),
@@ -36,7 +39,9 @@ COLUMNS = (
     ExportColumn("applied_rate_kg_ha", "APPLIEDRAT", 10, 3, lambda a: a.stretches.applied_kg_ha),
     ExportColumn("target_kg", "TARGET_KG", 14, 8, lambda a: a.stretches.target_kg),
     ExportColumn("applied_kg", "APPLIED_KG", 14, 8, lambda a: a.stretches.applied_kg),
-    ExportColumn("applied_n_kg", "N_KG", 14, 8, lambda a: a.stretches.applied_kg * a.product.n_fraction),
+    ExportColumn(
+        "applied_n_kg", "N_KG", 14, 8, lambda a: a.stretches.applied_kg * a.product.n_fraction
+    ),
     ExportColumn("shaft_rpm", "SHAFT_RPM", 8, 2, lambda a: a.stretches.shaft_rpm),
     ExportColumn("opening_mm", "OPENING_MM", 8, 2, lambda a: a.stretches.opening_mm),
     ExportColumn("fix_quality", "FIXQUALITY", 4, 0, lambda a: a.stretches.fix_quality),
@@ -44,19 +49,33 @@ COLUMNS = (
 
 
 def records(applied: AsApplied) -> Iterator[tuple[str, list[float | None]]]:
-    """For each stretch its time (ISO 8601, empty where not known) and the columns' values, rounded; None: not known."""
+    """For each stretch its time (ISO 8601, empty where not known) and the columns' values,
+    rounded; None: not known."""
     arrays = [np.round(column.of(applied), column.decimals).tolist() for column in COLUMNS]
     for k, time_s in enumerate(applied.stretches.time_s.tolist()):
         moment = applied.utc(time_s)
-        text = "" if moment is None else moment.isoformat(timespec="milliseconds").replace("+00:00", "Z")
+        text = (
+            ""
+            if moment is None
+            else moment.isoformat(timespec="milliseconds").replace("+00:00", "Z")
+        )
         yield text, [None if array[k] != array[k] else array[k] for array in arrays]
 
 
 def summary(applied: AsApplied) -> dict[str, object]:
-    """The sums, in words and units for a machine to read; they are the log's own, row by row. `worked_ha` and
-    `mean_kg_ha` go by the places of the material."""
-    return {"format": "topdress-as-applied/1", "machine": applied.machine.id, "product": applied.product.name,
-            "product_n_fraction": applied.product.n_fraction, "working_width_m": applied.width_m,
-            "cut_at_crop_limit": None if applied.cut is None else applied.cut._asdict(),
-            "released_stopped": [dict(one._asdict()) for one in applied.stopped if one.lat_deg == one.lat_deg],
-            "worked_ha": applied.worked_ha, "mean_kg_ha": applied.mean_kg_ha, **applied.totals._asdict()}
+    """The sums, in words and units for a machine to read; they are the log's own, row by row.
+    `worked_ha` and `mean_kg_ha` go by the places of the material."""
+    return {
+        "format": "topdress-as-applied/1",
+        "machine": applied.machine.id,
+        "product": applied.product.name,
+        "product_n_fraction": applied.product.n_fraction,
+        "working_width_m": applied.width_m,
+        "cut_at_crop_limit": None if applied.cut is None else applied.cut._asdict(),
+        "released_stopped": [
+            dict(one._asdict()) for one in applied.stopped if one.lat_deg == one.lat_deg
+        ],
+        "worked_ha": applied.worked_ha,
+        "mean_kg_ha": applied.mean_kg_ha,
+        **applied.totals._asdict(),
+    }

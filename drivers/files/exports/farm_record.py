@@ -1,4 +1,5 @@
 """Passes for a farm's books: a line each as CSV, and the sums by product and field."""
+
 from __future__ import annotations
 
 import csv
@@ -16,7 +17,7 @@ class Pass(NamedTuple):
     """One log's work. `cost`, `price`: None where no price was given."""
 
     applied: AsApplied
-    said: Mapping[str, str]         # client, farm, field, crop, operator, product
+    said: Mapping[str, str]  # client, farm, field, crop, operator, product
     simulated: bool
     log: str
     price_per_kg: float | None
@@ -28,7 +29,11 @@ class Pass(NamedTuple):
 
     @property
     def cost(self) -> float | None:
-        return None if self.price_per_kg is None else self.price_per_kg * self.applied.totals.applied_kg
+        return (
+            None
+            if self.price_per_kg is None
+            else self.price_per_kg * self.applied.totals.applied_kg
+        )
 
     def cells(self) -> list[str]:
         """As COLUMNS; empty: not known."""
@@ -37,16 +42,26 @@ class Pass(NamedTuple):
         begin = applied.utc(float(s.time_s[0] - 0.5 * s.duration_s[0]))
         end = applied.utc(float(s.time_s[-1] + 0.5 * s.duration_s[-1]))
         hectares = applied.worked_ha
-        return ["" if begin is None else f"{begin:%Y-%m-%d}", *("" if moment is None else f"{moment:%Y-%m-%dT%H:%M:%SZ}"
-                                                               for moment in (begin, end)),
-                *(self.said.get(name, "") for name in ("client", "farm", "field", "crop", "operator")),
-                applied.machine.id, self.product, f"{hectares:.4f}",
-                "" if totals.covered_ha is None else f"{totals.covered_ha:.4f}", f"{totals.applied_kg:.2f}",
-                f"{applied.mean_kg_ha:.2f}", f"{totals.target_kg:.2f}", f"{totals.applied_n_kg:.2f}",
-                f"{applied.mean_kg_ha * applied.product.n_fraction:.2f}", f"{totals.worked_s / 3600.0:.3f}",
-                "" if self.price_per_kg is None else f"{self.price_per_kg:g}",
-                "" if self.cost is None else f"{self.cost:.2f}", "" if self.cost is None else self.currency,
-                "yes" if self.simulated else "", self.log]
+        return [
+            "" if begin is None else f"{begin:%Y-%m-%d}",
+            *("" if moment is None else f"{moment:%Y-%m-%dT%H:%M:%SZ}" for moment in (begin, end)),
+            *(self.said.get(name, "") for name in ("client", "farm", "field", "crop", "operator")),
+            applied.machine.id,
+            self.product,
+            f"{hectares:.4f}",
+            "" if totals.covered_ha is None else f"{totals.covered_ha:.4f}",
+            f"{totals.applied_kg:.2f}",
+            f"{applied.mean_kg_ha:.2f}",
+            f"{totals.target_kg:.2f}",
+            f"{totals.applied_n_kg:.2f}",
+            f"{applied.mean_kg_ha * applied.product.n_fraction:.2f}",
+            f"{totals.worked_s / 3600.0:.3f}",
+            "" if self.price_per_kg is None else f"{self.price_per_kg:g}",
+            "" if self.cost is None else f"{self.cost:.2f}",
+            "" if self.cost is None else self.currency,
+            "yes" if self.simulated else "",
+            self.log,
+        ]
 
 
 class Sum(NamedTuple):
@@ -70,13 +85,20 @@ def sums(passes: Iterable[Pass]) -> list[Sum]:
         before = found.get(key, Sum(*key, 0, 0.0, 0.0, 0.0, 0.0))
         both = None if before.cost is None or one.cost is None else before.cost + one.cost
         totals = one.applied.totals
-        found[key] = Sum(*key, before.passes + 1, before.hectares + one.applied.worked_ha,
-                         before.kilograms + totals.applied_kg, before.nitrogen_kg + totals.applied_n_kg, both)
+        found[key] = Sum(
+            *key,
+            before.passes + 1,
+            before.hectares + one.applied.worked_ha,
+            before.kilograms + totals.applied_kg,
+            before.nitrogen_kg + totals.applied_n_kg,
+            both,
+        )
     return list(found.values())
 
 
 def write_record(passes: Sequence[Pass], path: Path) -> tuple[int, int]:
-    """The lines of these passes at the end of the record; a log that stands in it is written anew in its place.
+    """The lines of these passes at the end of the record; a log that stands in it is written
+    anew in its place.
 
     Returns how many were added and how many replaced. Raises FarmRecordError for a file that is no
     such record, OSError.

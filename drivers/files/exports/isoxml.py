@@ -1,4 +1,6 @@
-"""As-applied as an ISO 11783-10 task: task with totals, device description, product, field, and the time log."""
+"""As-applied as an ISO 11783-10 task: task with totals, device description, product, field, and
+the time log."""
+
 from __future__ import annotations
 
 import datetime as dt
@@ -13,22 +15,44 @@ from drivers.files.exports.time_log import NO_STATUS, Logged, TimeRecord, layout
 from drivers.files.prescriptions.task_files import name_of, outline, task_root, write_task
 
 # ISO 11783-11: what is logged, with the steps of its numbers
-SETPOINT_RATE, ACTUAL_RATE = 6, 7               # mg/m2
-WIDTH, SPEED, WORK_STATE = 67, 397, 141         # mm, mm/s, 1 = working
-TOTAL_MASS, TOTAL_N, TOTAL_AREA, TOTAL_DISTANCE, TOTAL_TIME = 352, 353, 116, 117, 119    # g, g, m2, mm, s
-LOGGED = (SETPOINT_RATE, ACTUAL_RATE, WIDTH, SPEED, WORK_STATE, TOTAL_MASS, TOTAL_AREA, TOTAL_DISTANCE)
-NAMES = {SETPOINT_RATE: "target rate", ACTUAL_RATE: "applied rate", WIDTH: "working width", SPEED: "speed",
-         WORK_STATE: "work state", TOTAL_MASS: "applied", TOTAL_N: "applied nitrogen", TOTAL_AREA: "area",
-         TOTAL_DISTANCE: "distance", TOTAL_TIME: "working time"}
+SETPOINT_RATE, ACTUAL_RATE = 6, 7  # mg/m2
+WIDTH, SPEED, WORK_STATE = 67, 397, 141  # mm, mm/s, 1 = working
+# g, g, m2, mm, s
+TOTAL_MASS, TOTAL_N, TOTAL_AREA, TOTAL_DISTANCE, TOTAL_TIME = 352, 353, 116, 117, 119
+LOGGED = (
+    SETPOINT_RATE,
+    ACTUAL_RATE,
+    WIDTH,
+    SPEED,
+    WORK_STATE,
+    TOTAL_MASS,
+    TOTAL_AREA,
+    TOTAL_DISTANCE,
+)
+NAMES = {
+    SETPOINT_RATE: "target rate",
+    ACTUAL_RATE: "applied rate",
+    WIDTH: "working width",
+    SPEED: "speed",
+    WORK_STATE: "work state",
+    TOTAL_MASS: "applied",
+    TOTAL_N: "applied nitrogen",
+    TOTAL_AREA: "area",
+    TOTAL_DISTANCE: "distance",
+    TOTAL_TIME: "working time",
+}
 TOTALS = (TOTAL_MASS, TOTAL_N, TOTAL_AREA, TOTAL_DISTANCE, TOTAL_TIME)
 
 ELEMENT = "DET1"
-CLIENT_NAME = "A00084000DE00001"        # self-configurable, fertiliser class, no manufacturer's number
-BREAK_S = 0.5                           # a longer pause between stretches ends the work for the record
+# self-configurable, fertiliser class, no manufacturer's number
+CLIENT_NAME = "A00084000DE00001"
+# a longer pause between stretches ends the work for the record
+BREAK_S = 0.5
 
 
 def write_isoxml(applied: AsApplied, path: Path) -> None:
-    """A task folder, or a zip where the path ends in .zip. Raises ExportError where the log tells no time, OSError."""
+    """A task folder, or a zip where the path ends in .zip. Raises ExportError where the log
+    tells no time, OSError."""
     root, files = as_applied_task(applied)
     write_task(path, root, files)
 
@@ -36,28 +60,46 @@ def write_isoxml(applied: AsApplied, path: Path) -> None:
 def as_applied_task(applied: AsApplied) -> tuple[Element, dict[str, bytes]]:
     """The task file's tree and the files next to it. Raises ExportError."""
     s = applied.stretches
-    begin, end = (applied.utc(float(s.time_s[at] + sign * 0.5 * s.duration_s[at])) for at, sign in ((0, -1), (-1, 1)))
+    begin, end = (
+        applied.utc(float(s.time_s[at] + sign * 0.5 * s.duration_s[at]))
+        for at, sign in ((0, -1), (-1, 1))
+    )
     if begin is None or end is None:
-        raise ExportError(f"{applied.title}: no UTC in the log: allowed for ISOXML is a log with a column utc or "
-                          "started_utc next to it")
+        raise ExportError(
+            f"{applied.title}: no UTC in the log: allowed for ISOXML is a log with a column utc or "
+            "started_utc next to it"
+        )
     root = task_root(from_terminal=True)
     SubElement(root, "VPN", A="VPN1", B="0", C="0.01", D="2", E="kg/ha")
     SubElement(root, "PDT", A="PDT1", B=name_of(applied.product.name))
     if applied.field_deg is not None:
-        outline(SubElement(root, "PFD", A="PFD1", C=name_of(applied.title), D="0"), [applied.field_deg], "1")
+        outline(
+            SubElement(root, "PFD", A="PFD1", C=name_of(applied.title), D="0"),
+            [applied.field_deg],
+            "1",
+        )
     _device(root, applied)
     task = SubElement(root, "TSK", A="TSK1", B=name_of(applied.title), G="4")
     if applied.field_deg is not None:
         task.set("E", "PFD1")
-    worked = SubElement(task, "TIM", A=_stamp(begin), B=_stamp(end), C=str(round((end - begin).total_seconds())),
-                        D="4")
+    worked = SubElement(
+        task,
+        "TIM",
+        A=_stamp(begin),
+        B=_stamp(end),
+        C=str(round((end - begin).total_seconds())),
+        D="4",
+    )
     for ddi, value in zip(TOTALS, _final_totals(applied), strict=True):
         SubElement(worked, "DLV", A=f"{ddi:04X}", B=str(value), C=ELEMENT)
     SubElement(task, "DAN", A=CLIENT_NAME, C="DVC1")
     SubElement(task, "PAN", A="PDT1", E=ELEMENT)
     binary = records(_moments(applied))
     SubElement(task, "TLG", A="TLG00001", B=str(len(binary)), C="1")
-    return root, {"TLG00001.xml": layout([Logged(ddi, ELEMENT) for ddi in LOGGED]), "TLG00001.bin": binary}
+    return root, {
+        "TLG00001.xml": layout([Logged(ddi, ELEMENT) for ddi in LOGGED]),
+        "TLG00001.bin": binary,
+    }
 
 
 def _moments(applied: AsApplied) -> Iterator[TimeRecord]:
@@ -69,16 +111,24 @@ def _moments(applied: AsApplied) -> Iterator[TimeRecord]:
     ends = s.time_s + 0.5 * s.duration_s
     stops = np.append(s.time_s[1:] - 0.5 * s.duration_s[1:] - ends[:-1] > BREAK_S, True).tolist()
     for k, end_s in enumerate(ends.tolist()):
-        values = [_whole(100.0 * s.target_kg_ha[k]), _whole(100.0 * s.applied_kg_ha[k]),
-                  round(1000.0 * s.width_m[k]), _whole(1000.0 * s.speed_mps[k]), 1, grams[k], square_metres[k],
-                  millimetres[k]]
+        values = [
+            _whole(100.0 * s.target_kg_ha[k]),
+            _whole(100.0 * s.applied_kg_ha[k]),
+            round(1000.0 * s.width_m[k]),
+            _whole(1000.0 * s.speed_mps[k]),
+            1,
+            grams[k],
+            square_metres[k],
+            millimetres[k],
+        ]
         yield _moment(applied, k, end_s, values)
         if stops[k]:
             yield _moment(applied, k, end_s + 0.001, [None, 0, None, None, 0, None, None, None])
 
 
 def _effective_m(applied: AsApplied) -> Floats:
-    """Way of each stretch (n,), as if worked over the whole width: a section counts by its share of it."""
+    """Way of each stretch (n,), as if worked over the whole width: a section counts by its
+    share of it."""
     s = applied.stretches
     return np.asarray(s.length_m * (s.width_m / applied.width_m), dtype=np.float64)
 
@@ -88,28 +138,54 @@ def _moment(applied: AsApplied, k: int, time_s: float, values: list[int | None])
     utc = applied.utc(time_s)
     assert utc is not None
     fix, satellites, hdop = s.fix_quality[k], s.satellites[k], s.hdop[k]
-    return TimeRecord(utc, float(s.lat_deg[k]), float(s.lon_deg[k]), NO_STATUS if fix != fix else int(fix),
-                      None if hdop != hdop else float(hdop), None if satellites != satellites else int(satellites),
-                      values)
+    return TimeRecord(
+        utc,
+        float(s.lat_deg[k]),
+        float(s.lon_deg[k]),
+        NO_STATUS if fix != fix else int(fix),
+        None if hdop != hdop else float(hdop),
+        None if satellites != satellites else int(satellites),
+        values,
+    )
 
 
 def _final_totals(applied: AsApplied) -> tuple[int, ...]:
     """In the order of TOTALS, from the log's own sums."""
     totals, length_m = applied.totals, float(_effective_m(applied).sum())
-    return (round(1000.0 * totals.applied_kg), round(1000.0 * totals.applied_n_kg), round(10_000.0 * totals.area_ha),
-            round(1000.0 * length_m), round(totals.worked_s))
+    return (
+        round(1000.0 * totals.applied_kg),
+        round(1000.0 * totals.applied_n_kg),
+        round(10_000.0 * totals.area_ha),
+        round(1000.0 * length_m),
+        round(totals.worked_s),
+    )
 
 
 def _device(root: Element, applied: AsApplied) -> None:
-    device = SubElement(root, "DVC", A="DVC1", B=name_of(applied.machine.id),
-                        C=root.get("ManagementSoftwareVersion", ""), D=CLIENT_NAME,
-                        F="00000000000001", G="FF000000406E65")
+    device = SubElement(
+        root,
+        "DVC",
+        A="DVC1",
+        B=name_of(applied.machine.id),
+        C=root.get("ManagementSoftwareVersion", ""),
+        D=CLIENT_NAME,
+        F="00000000000001",
+        G="FF000000406E65",
+    )
     element = SubElement(device, "DET", A=ELEMENT, B="1", C="1", D="applicator", E="0", F="0")
     described = sorted({*LOGGED, *TOTALS})
     for number, _ in enumerate(described, start=2):
         SubElement(element, "DOR", A=str(number))
     for number, ddi in enumerate(described, start=2):
-        SubElement(device, "DPD", A=str(number), B=f"{ddi:04X}", C="0", D="16" if ddi in TOTALS else "1", E=NAMES[ddi])
+        SubElement(
+            device,
+            "DPD",
+            A=str(number),
+            B=f"{ddi:04X}",
+            C="0",
+            D="16" if ddi in TOTALS else "1",
+            E=NAMES[ddi],
+        )
 
 
 def _stamp(moment: dt.datetime) -> str:

@@ -1,5 +1,6 @@
-"""What a log's machine released while it was commanded to stop: its events, and the rows in which it lies on a
-stretch."""
+"""What a log's machine released while it was commanded to stop: its events, and the rows in
+which it lies on a stretch."""
+
 from __future__ import annotations
 
 from typing import NamedTuple
@@ -11,7 +12,7 @@ from control.orders import State
 from drivers.files.read_log import RunLog
 
 WORD = "released_stopped"
-TURNING_RPM = 2.0           # the lag paper's threshold of a shaft that turns
+TURNING_RPM = 2.0  # the lag paper's threshold of a shaft that turns
 
 
 class StoppedRelease(NamedTuple):
@@ -27,17 +28,23 @@ def released_stopped(log: RunLog) -> tuple[StoppedRelease, ...]:
     """The log's entries, in their order."""
     texts, time_s = log.texts("events").tolist(), log.time_s
     lat, lon = log.numbers("lat_deg"), log.numbers("lon_deg")
-    return tuple(StoppedRelease(float(time_s[k]), float(lat[k]), float(lon[k]), _kg(event))
-                 for k, text in enumerate(texts) if WORD in text
-                 for event in text.split(";") if event.startswith(WORD + " "))
+    return tuple(
+        StoppedRelease(float(time_s[k]), float(lat[k]), float(lon[k]), _kg(event))
+        for k, text in enumerate(texts)
+        if WORD in text
+        for event in text.split(";")
+        if event.startswith(WORD + " ")
+    )
 
 
 def is_released_stopped(log: RunLog) -> npt.NDArray[np.bool_]:
-    """Rows (n,) out of work in which the shaft turned though commanded to stop; none of a log that enters no such mass,
-    and none of a calibrating run, whose mass lies in a tray."""
+    """Rows (n,) out of work in which the shaft turned though commanded to stop; none of a log
+    that enters no such mass, and none of a calibrating run, whose mass lies in a tray."""
     state = np.asarray(log.texts("state"))
     entered = any(WORD in text for text in log.texts("events").tolist())
-    out = ~np.isin(state, (State.WORKING.value, State.CALIBRATING.value)) & log.has("state") & entered
+    out = (
+        ~np.isin(state, (State.WORKING.value, State.CALIBRATING.value)) & log.has("state") & entered
+    )
     stands = np.nan_to_num(log.numbers("shaft_rpm_cmd")) == 0.0
     return np.asarray(out & stands & (log.numbers("shaft_rpm") > TURNING_RPM), dtype=np.bool_)
 

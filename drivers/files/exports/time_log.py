@@ -1,4 +1,6 @@
-"""ISO 11783-10 time log (TLG): the binary records of what a device did, and the XML that tells their layout."""
+"""ISO 11783-10 time log (TLG): the binary records of what a device did, and the XML that tells
+their layout."""
+
 from __future__ import annotations
 
 import datetime as dt
@@ -11,7 +13,7 @@ from xml.etree.ElementTree import Element, SubElement
 FIRST_DAY = dt.datetime(1980, 1, 1, tzinfo=dt.UTC)
 # ms of day, days since 1980, north and east (1e-7 deg), status, HDOP (0.1), satellites
 HEAD = struct.Struct("<IHiiBHB")
-VALUE = struct.Struct("<Bi")            # which data, its value
+VALUE = struct.Struct("<Bi")  # which data, its value
 HIGHEST = 2_147_483_647
 NO_STATUS = 15
 
@@ -29,7 +31,7 @@ class TimeRecord(NamedTuple):
     utc: dt.datetime
     lat_deg: float
     lon_deg: float
-    status: int                 # as GGA's fix quality; 15: not known
+    status: int  # as GGA's fix quality; 15: not known
     hdop: float | None
     satellites: int | None
     values: Sequence[int | None]
@@ -53,8 +55,15 @@ def records(moments: Iterable[TimeRecord]) -> bytes:
         known = [(k, value) for k, value in enumerate(moment.values) if value is not None]
         hdop = 0xFFFF if moment.hdop is None else min(0xFFFE, max(0, round(10 * moment.hdop)))
         satellites = 0xFF if moment.satellites is None else min(0xFE, max(0, moment.satellites))
-        out += HEAD.pack(since.seconds * 1000 + since.microseconds // 1000, since.days, round(moment.lat_deg * 1e7),
-                         round(moment.lon_deg * 1e7), moment.status, hdop, satellites)
+        out += HEAD.pack(
+            since.seconds * 1000 + since.microseconds // 1000,
+            since.days,
+            round(moment.lat_deg * 1e7),
+            round(moment.lon_deg * 1e7),
+            moment.status,
+            hdop,
+            satellites,
+        )
         out.append(len(known))
         for k, value in known:
             out += VALUE.pack(k, min(HIGHEST, max(-HIGHEST - 1, value)))

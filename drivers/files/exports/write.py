@@ -1,5 +1,7 @@
-"""Writing an as-applied export in the format that the path's ending names: CSV, GeoJSON, shapefile and GeoPackage here,
-as points or as the ground of each stretch; the task elsewhere (`isoxml`)."""
+"""Writing an as-applied export in the format that the path's ending names: CSV, GeoJSON,
+shapefile and GeoPackage here, as points or as the ground of each stretch; the task elsewhere
+(`isoxml`)."""
+
 from __future__ import annotations
 
 import csv
@@ -16,8 +18,11 @@ from drivers.files.exports.as_applied import AsApplied, ExportError
 from drivers.files.exports.columns import COLUMNS, TIME_SHORT, records, summary
 from drivers.files.prescriptions.task_files import WGS84_PRJ
 
-KNOWN = (".csv, .geojson or .json, .shp, .gpkg, .zip (ISO 11783-10 task), a folder (task), or .html (the report, which "
-         "a browser prints to a PDF)")
+KNOWN = (
+    ".csv, .geojson or .json, .shp, .gpkg, .zip (ISO 11783-10 task), a folder (task), or "
+    ".html (the report, which "
+    "a browser prints to a PDF)"
+)
 
 
 def write_as_applied(applied: AsApplied, path: str | Path, polygons: bool = False) -> None:
@@ -32,12 +37,15 @@ def write_as_applied(applied: AsApplied, path: str | Path, polygons: bool = Fals
     path.parent.mkdir(parents=True, exist_ok=True)
     if suffix in (".zip", ""):
         from drivers.files.exports.isoxml import write_isoxml
+
         write_isoxml(applied, path)
         return
     if suffix == ".csv":
         write_csv(applied, path)
     else:
-        {".gpkg": write_gpkg, ".shp": write_shapefile}.get(suffix, write_geojson)(applied, path, polygons)
+        {".gpkg": write_gpkg, ".shp": write_shapefile}.get(suffix, write_geojson)(
+            applied, path, polygons
+        )
 
 
 def write_csv(applied: AsApplied, path: Path) -> None:
@@ -46,8 +54,15 @@ def write_csv(applied: AsApplied, path: Path) -> None:
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(["utc", *(column.name for column in COLUMNS)])
     for utc, values in records(applied):
-        writer.writerow([utc, *("" if value is None else f"{value:.{column.decimals}f}"
-                                for column, value in zip(COLUMNS, values, strict=True))])
+        writer.writerow(
+            [
+                utc,
+                *(
+                    "" if value is None else f"{value:.{column.decimals}f}"
+                    for column, value in zip(COLUMNS, values, strict=True)
+                ),
+            ]
+        )
     write_atomically(path, text.getvalue())
 
 
@@ -56,23 +71,48 @@ def write_geojson(applied: AsApplied, path: Path, polygons: bool = False) -> Non
     corners = applied.stretches.corners_deg.round(9).tolist()
     features = []
     for k, (utc, values) in enumerate(records(applied)):
-        properties: dict[str, Any] = dict(zip((column.name for column in COLUMNS), values, strict=True))
+        properties: dict[str, Any] = dict(
+            zip((column.name for column in COLUMNS), values, strict=True)
+        )
         if polygons:
             ring = [[lon, lat] for lat, lon in corners[k]]
             geometry: dict[str, Any] = {"type": "Polygon", "coordinates": [[*ring, ring[0]]]}
         else:
-            geometry = {"type": "Point", "coordinates": [properties["lon_deg"], properties["lat_deg"]]}
-        features.append({"type": "Feature", "properties": {"utc": utc or None, **properties}, "geometry": geometry})
-    write_atomically(path, json.dumps({"type": "FeatureCollection", "name": applied.title,
-                                       "topdress": summary(applied), "features": features}))
+            geometry = {
+                "type": "Point",
+                "coordinates": [properties["lon_deg"], properties["lat_deg"]],
+            }
+        features.append(
+            {
+                "type": "Feature",
+                "properties": {"utc": utc or None, **properties},
+                "geometry": geometry,
+            }
+        )
+    write_atomically(
+        path,
+        json.dumps(
+            {
+                "type": "FeatureCollection",
+                "name": applied.title,
+                "topdress": summary(applied),
+                "features": features,
+            }
+        ),
+    )
 
 
 def write_gpkg(applied: AsApplied, path: Path, polygons: bool = False) -> None:
-    """A GeoPackage with one layer, `as_applied`, by pyogrio (extra gis). Raises Refused, OSError."""
+    """A GeoPackage with one layer, `as_applied`, by pyogrio (extra gis). Raises Refused,
+    OSError."""
     from drivers.files.ogr import write_layer
+
     s = applied.stretches
-    shapes = [shapely.Polygon(ring[:, ::-1]) for ring in s.corners_deg] if polygons else \
-        list(shapely.points(s.lon_deg, s.lat_deg))
+    shapes = (
+        [shapely.Polygon(ring[:, ::-1]) for ring in s.corners_deg]
+        if polygons
+        else list(shapely.points(s.lon_deg, s.lat_deg))
+    )
     rows = list(records(applied))
     columns: dict[str, list[Any]] = {"utc": [utc for utc, _ in rows]}
     columns |= {column.name: [values[k] for _, values in rows] for k, column in enumerate(COLUMNS)}
@@ -81,7 +121,8 @@ def write_gpkg(applied: AsApplied, path: Path, polygons: bool = False) -> None:
 
 
 def write_shapefile(applied: AsApplied, path: Path, polygons: bool = False) -> None:
-    """Names of at most ten characters; next to it .dbf, .shx, .prj (WGS84), .cpg. Raises OSError."""
+    """Names of at most ten characters; next to it .dbf, .shx, .prj (WGS84), .cpg. Raises
+    OSError."""
     corners = applied.stretches.corners_deg.tolist()
     kind = shapefile.POLYGON if polygons else shapefile.POINT
     with shapefile.Writer(str(path), shapeType=kind, encoding="utf-8") as writer:

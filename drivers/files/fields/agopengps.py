@@ -1,8 +1,11 @@
-"""A field of AgOpenGPS: a folder with Field.txt, Boundary.txt, Headland.txt, TrackLines.txt (before 6: ABLines.txt).
+"""A field of AgOpenGPS: a folder with Field.txt, Boundary.txt, Headland.txt, TrackLines.txt
+(before 6: ABLines.txt).
 
-Places are metres east and north of the start fix, by AgOpenGPS's own series for the length of a degree; a degree of
-longitude is as long as at the place itself. Files are read by version 4 to 6 alike.
+Places are metres east and north of the start fix, by AgOpenGPS's own series for the length of a
+degree; a degree of longitude is as long as at the place itself. Files are read by version 4 to
+6 alike.
 """
+
 from __future__ import annotations
 
 import math
@@ -19,10 +22,12 @@ from drivers import day_clock
 from drivers.files.atomic import write_atomically
 from drivers.files.fields.field_data import EVEN_M, FieldData, FieldError, Line, headland_width_m
 
-AB, CURVE = 2, 4            # modes of a track in TrackLines.txt
+AB, CURVE = 2, 4  # modes of a track in TrackLines.txt
 MOST_POINTS = 200_000
-LEAST_M2 = 1e-6             # of twice a triangle: smaller ones are a strip's turning points
-AB_HALF_M = 1000.0          # an AB line of old files is a place and a heading: as long to both sides, as it draws one
+# of twice a triangle: smaller ones are a strip's turning points
+LEAST_M2 = 1e-6
+# an AB line of old files is a place and a heading: as long to both sides, as it draws one
+AB_HALF_M = 1000.0
 
 
 class _Plane(NamedTuple):
@@ -32,7 +37,12 @@ class _Plane(NamedTuple):
     @property
     def per_lat_m(self) -> float:
         lat = math.radians(self.lat_deg)
-        return 111132.92 - 559.82 * math.cos(2 * lat) + 1.175 * math.cos(4 * lat) - 0.0023 * math.cos(6 * lat)
+        return (
+            111132.92
+            - 559.82 * math.cos(2 * lat)
+            + 1.175 * math.cos(4 * lat)
+            - 0.0023 * math.cos(6 * lat)
+        )
 
     def to_deg(self, places: Floats) -> Floats:
         lat = self.lat_deg + places[:, 1] / self.per_lat_m
@@ -64,19 +74,39 @@ def read_agopengps(folder: Path) -> FieldData:
         if most - least <= EVEN_M:
             width = middle
         else:
-            findings.append(Finding("headland", f"headland between {least:.1f} and {most:.1f} m wide: not taken, a job "
-                                    "has one width: say headland_m in it"))
+            findings.append(
+                Finding(
+                    "headland",
+                    f"headland between {least:.1f} and {most:.1f} m wide: not taken, a job "
+                    "has one width: say headland_m in it",
+                )
+            )
     driven = [k for k, (through, _) in enumerate(rings) if k and through]
     if driven:
-        findings.append(Finding("drive_through", f"{len(driven)} inner boundary that is driven through: worked like "
-                                "the rest"))
+        findings.append(
+            Finding(
+                "drive_through",
+                f"{len(driven)} inner boundary that is driven through: worked like the rest",
+            )
+        )
     if "sections.txt" in files and len(marked := _triangles(files["sections.txt"])):
         area = float(shapely.union_all(shapely.polygons(marked)).area) / 10_000.0
-        findings.append(Finding("sections", f"{area:.3f} ha are marked as worked in Sections.txt: --done takes them as "
-                                "ground that is done"))
+        findings.append(
+            Finding(
+                "sections",
+                f"{area:.3f} ha are marked as worked in Sections.txt: --done takes them as "
+                "ground that is done",
+            )
+        )
     degrees = [plane.to_deg(ring) for k, (_, ring) in enumerate(rings) if k not in driven]
-    return FieldData(folder.resolve().name, degrees[0] if degrees else None, tuple(degrees[1:]), tuple(lines), width,
-                     tuple(findings))
+    return FieldData(
+        folder.resolve().name,
+        degrees[0] if degrees else None,
+        tuple(degrees[1:]),
+        tuple(lines),
+        width,
+        tuple(findings),
+    )
 
 
 def _texts(path: Path) -> list[str]:
@@ -91,8 +121,10 @@ def _origin(path: Path) -> _Plane:
     try:
         lat, lon = (float(word) for word in lines[lines.index("StartFix") + 1].split(",")[:2])
     except (ValueError, IndexError):
-        raise FieldError(f"{path}: no StartFix with latitude and longitude: allowed is a field of version 4 or later") \
-            from None
+        raise FieldError(
+            f"{path}: no StartFix with latitude and longitude: allowed is a field of "
+            "version 4 or later"
+        ) from None
     if not (abs(lat) < 90.0 and abs(lon) <= 180.0):
         raise FieldError(f"{path}: StartFix {lat:g}, {lon:g}: allowed are degrees")
     return _Plane(lat, lon)
@@ -108,7 +140,11 @@ def _rings(path: Path) -> list[tuple[bool, Floats]]:
             continue
         found.append((through, _points(path, rest, _count(path, line))))
         through = False
-    return [(driven, ring) for driven, ring in found if len(ring) >= 3 or path.name.lower() == "headland.txt"]
+    return [
+        (driven, ring)
+        for driven, ring in found
+        if len(ring) >= 3 or path.name.lower() == "headland.txt"
+    ]
 
 
 def _count(path: Path, text: str) -> int:
@@ -124,8 +160,11 @@ def _points(path: Path, rest: Iterator[str], count: int) -> Floats:
         try:
             east, north = (float(word) for word in text.split(",")[:2])
         except ValueError:
-            raise FieldError(f"{path}: {text[:40]!r}: allowed is a place, east and north with a comma between (is the "
-                             "file cut off?)") from None
+            raise FieldError(
+                f"{path}: {text[:40]!r}: allowed is a place, east and north with a comma "
+                "between (is the "
+                "file cut off?)"
+            ) from None
         if not (math.isfinite(east) and math.isfinite(north)):
             raise FieldError(f"{path}: {text[:40]!r}: allowed are finite numbers")
         rows.append((east, north))
@@ -144,9 +183,9 @@ def _tracks(path: Path, plane: _Plane) -> list[Line]:
     for title in rest:
         if not title:
             continue
-        next(rest, "")                                      # heading, radians
+        next(rest, "")  # heading, radians
         ends = _points(path, rest, 2)
-        _, mode, _ = (next(rest, "") for _ in range(3))     # nudged by, mode, visible
+        _, mode, _ = (next(rest, "") for _ in range(3))  # nudged by, mode, visible
         curve = _points(path, rest, _count(path, next(rest, "")))
         places = curve if mode not in (str(AB), "") and len(curve) > 1 else ends
         found.append(Line(title, plane.to_deg(places)))
@@ -164,22 +203,27 @@ def _old_lines(path: Path, plane: _Plane) -> list[Line]:
             heading, east, north = (float(word) for word in words[1:])
         except ValueError:
             raise FieldError(f"{path}: {text[:60]!r}: allowed name,heading,east,north") from None
-        way = AB_HALF_M * np.array([math.sin(math.radians(heading)), math.cos(math.radians(heading))])
+        way = AB_HALF_M * np.array(
+            [math.sin(math.radians(heading)), math.cos(math.radians(heading))]
+        )
         middle = np.array([east, north])
         found.append(Line(words[0], plane.to_deg(np.array([middle - way, middle + way]))))
     return found
 
 
 def covered_triangles(folder: Path) -> Floats:
-    """(n, 3, 2) latitude and longitude of the ground that Sections.txt marks as worked; they may lie over one another.
+    """(n, 3, 2) latitude and longitude of the ground that Sections.txt marks as worked; they
+    may lie over one another.
 
-    It holds strips of triangles: number of rows, colour, then left and right edge by turns, m. Raises FieldError,
-    OSError.
+    It holds strips of triangles: number of rows, colour, then left and right edge by turns, m.
+    Raises FieldError, OSError.
     """
     files = {one.name.lower(): one for one in folder.iterdir() if one.is_file()}
     missing = [name for name in ("Field.txt", "Sections.txt") if name.lower() not in files]
     if missing:
-        raise FieldError(f"{folder}: no {missing[0]}: allowed is the folder of a field of AgOpenGPS")
+        raise FieldError(
+            f"{folder}: no {missing[0]}: allowed is the folder of a field of AgOpenGPS"
+        )
     plane = _origin(files["field.txt"])
     triangles = _triangles(files["sections.txt"])
     return plane.to_deg(triangles.reshape(-1, 2)).reshape(-1, 3, 2)
@@ -203,10 +247,25 @@ def write_agopengps(data: FieldData, folder: Path) -> None:
     origin = data.plane()
     plane = _Plane(origin.lat_deg, origin.lon_deg)
     today = f"{day_clock.local_now():%Y-%B-%d %I:%M:%S %p}"
-    files = {"Field.txt": [today, "$FieldDir", folder.name, "$Offsets", "0,0", "Convergence", "0", "StartFix",
-                           f"{plane.lat_deg:.7f},{plane.lon_deg:.7f}"],
-             "Boundary.txt": ["$Boundary"], "TrackLines.txt": ["$TrackLines"], "Headland.txt": ["$Headland"],
-             "Sections.txt": [], "Contour.txt": ["$Contour"], "Flags.txt": ["$Flags", "0"]}
+    files = {
+        "Field.txt": [
+            today,
+            "$FieldDir",
+            folder.name,
+            "$Offsets",
+            "0,0",
+            "Convergence",
+            "0",
+            "StartFix",
+            f"{plane.lat_deg:.7f},{plane.lon_deg:.7f}",
+        ],
+        "Boundary.txt": ["$Boundary"],
+        "TrackLines.txt": ["$TrackLines"],
+        "Headland.txt": ["$Headland"],
+        "Sections.txt": [],
+        "Contour.txt": ["$Contour"],
+        "Flags.txt": ["$Flags", "0"],
+    }
     for ring in () if data.outline_deg is None else (data.outline_deg, *data.holes_deg):
         places = plane.to_m(ring)
         files["Boundary.txt"] += ["False", str(len(places)), *_rows(places)]
@@ -214,7 +273,9 @@ def write_agopengps(data: FieldData, folder: Path) -> None:
         inner = data.boundary(origin)
         assert inner is not None
         shrunk = inner.inset(data.headland_m).rings
-        places = np.array([origin.to_deg(*place) for place in shrunk[0]]) if shrunk else np.zeros((0, 2))
+        places = (
+            np.array([origin.to_deg(*place) for place in shrunk[0]]) if shrunk else np.zeros((0, 2))
+        )
         headland = plane.to_m(places)
         files["Headland.txt"] += [str(len(headland)), *_rows(headland)]
     for number, line in enumerate(data.lines, start=1):
@@ -222,9 +283,15 @@ def write_agopengps(data: FieldData, folder: Path) -> None:
         curve = len(places) > 2
         way = places[-1] - places[0]
         files["TrackLines.txt"] += [
-            line.title or f"AB {number}", f"{math.atan2(way[0], way[1]) % (2 * math.pi):.8f}", _place(places[0]),
-            _place(places[-1]), "0", str(CURVE if curve else AB), "True",
-            *([str(len(places)), *_rows(places)] if curve else ["0"])]
+            line.title or f"AB {number}",
+            f"{math.atan2(way[0], way[1]) % (2 * math.pi):.8f}",
+            _place(places[0]),
+            _place(places[-1]),
+            "0",
+            str(CURVE if curve else AB),
+            "True",
+            *([str(len(places)), *_rows(places)] if curve else ["0"]),
+        ]
     folder.mkdir(parents=True, exist_ok=True)
     for name, lines in files.items():
         write_atomically(folder / name, "".join(f"{line}\r\n" for line in lines))
@@ -234,7 +301,9 @@ def _rows(places: Floats) -> list[str]:
     """Each with the heading to the next, radians, as AgOpenGPS keeps it."""
     way = np.roll(places, -1, axis=0) - places
     headings = np.arctan2(way[:, 0], way[:, 1]) % (2 * math.pi)
-    return [f"{_place(place)},{heading:.5f}" for place, heading in zip(places, headings, strict=True)]
+    return [
+        f"{_place(place)},{heading:.5f}" for place, heading in zip(places, headings, strict=True)
+    ]
 
 
 def _place(place: Floats) -> str:

@@ -1,4 +1,6 @@
-"""Ground that another program has marked as worked: AgOpenGPS's Sections.txt, or polygons in any format of a field."""
+"""Ground that another program has marked as worked: AgOpenGPS's Sections.txt, or polygons in
+any format of a field."""
+
 from __future__ import annotations
 
 from pathlib import Path
@@ -18,8 +20,9 @@ SECTIONS = "sections.txt"
 
 
 def read_done(path: Path, plane: TangentPlane | None = None) -> DoneGround:
-    """A field of AgOpenGPS (its folder, or Sections.txt in it), or a file of polygons. plane: the field's; None: one in
-    the middle of this ground. Raises FieldError, Refused in one line, OSError."""
+    """A field of AgOpenGPS (its folder, or Sections.txt in it), or a file of polygons. plane:
+    the field's; None: one in the middle of this ground. Raises FieldError, Refused in one line,
+    OSError."""
     shapes = _shapes_deg(path)
     places = shapely.get_coordinates(shapes)
     if plane is None:
@@ -27,7 +30,9 @@ def read_done(path: Path, plane: TangentPlane | None = None) -> DoneGround:
         plane = TangentPlane(float(north), float(east))
     on = plane
     try:
-        return done_ground(shapely.transform(shapes, lambda at: on.many_to_m(at[:, 1], at[:, 0])), plane)
+        return done_ground(
+            shapely.transform(shapes, lambda at: on.many_to_m(at[:, 1], at[:, 0])), plane
+        )
     except ValueError as error:
         raise FieldError(f"{path}: {error}") from None
 
@@ -35,16 +40,27 @@ def read_done(path: Path, plane: TangentPlane | None = None) -> DoneGround:
 def _shapes_deg(path: Path) -> np.ndarray:
     """Polygons (n,) in longitude and latitude."""
     if not path.exists():
-        raise FieldError(f"{path}: no such file: allowed is a field of AgOpenGPS, or a file of polygons")
+        raise FieldError(
+            f"{path}: no such file: allowed is a field of AgOpenGPS, or a file of polygons"
+        )
     if path.name.lower() == SECTIONS or (path.is_dir() and what_is(path).id == "aog"):
         triangles = covered_triangles(path if path.is_dir() else path.parent)
         if not len(triangles):
             raise FieldError(f"{path}: no ground is marked as worked in Sections.txt")
         return np.asarray(shapely.polygons(triangles[..., ::-1]), dtype=object)
-    parts = [part for _, shape in named_shapes(path) for part in shapely.get_parts(shape)
-             if part.geom_type == "Polygon" and not part.is_empty]
+    parts = [
+        part
+        for _, shape in named_shapes(path)
+        for part in shapely.get_parts(shape)
+        if part.geom_type == "Polygon" and not part.is_empty
+    ]
     if not parts:
         raise FieldError(f"{path}: no polygon in it: allowed is ground that is done")
-    check_outlines([[shapely.get_coordinates(ring)[:-1] for ring in (one.exterior, *one.interiors)] for one in parts],
-                   path)
+    check_outlines(
+        [
+            [shapely.get_coordinates(ring)[:-1] for ring in (one.exterior, *one.interiors)]
+            for one in parts
+        ],
+        path,
+    )
     return np.array(parts, dtype=object)

@@ -1,4 +1,5 @@
 """A field as files hold it, in degrees, and as a job holds it, on its plane."""
+
 from __future__ import annotations
 
 import math
@@ -17,8 +18,10 @@ from control.recordings.finding import Finding
 from control.targets.rate_map import Floats
 from drivers.plain_text import OneLine
 
-EVEN_M = 0.5                # a headland whose width differs by less is of one width
-SAME_WAY_DEG = 0.1          # lines that run so near to one another's heading give one
+# a headland whose width differs by less is of one width
+EVEN_M = 0.5
+# lines that run so near to one another's heading give one
+SAME_WAY_DEG = 0.1
 
 
 class FieldError(OneLine):
@@ -34,7 +37,8 @@ class Line(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class FieldData:
-    """`outline_deg` (k, 2) latitude and longitude, not closed; `holes_deg`: ground in it that is not worked."""
+    """`outline_deg` (k, 2) latitude and longitude, not closed; `holes_deg`: ground in it that
+    is not worked."""
 
     title: str
     outline_deg: Floats | None = None
@@ -57,11 +61,14 @@ class FieldData:
         """Raises ValueError."""
         if self.outline_deg is None:
             return None
-        return Boundary(_places(plane, self.outline_deg), [_places(plane, hole) for hole in self.holes_deg])
+        return Boundary(
+            _places(plane, self.outline_deg), [_places(plane, hole) for hole in self.holes_deg]
+        )
 
 
 def uncrossed(data: FieldData, path: Path, largest: bool) -> FieldData:
-    """The same where no edge of the outline crosses another. largest: else with the largest part of what it encloses.
+    """The same where no edge of the outline crosses another. largest: else with the largest
+    part of what it encloses.
 
     Raises FieldError: where the edges cross.
     """
@@ -73,26 +80,42 @@ def uncrossed(data: FieldData, path: Path, largest: bool) -> FieldData:
     if drawn.is_valid or not part.area:
         return data
     east, north = map(float, shapely.is_valid_reason(drawn).partition("[")[2].rstrip("]").split())
-    said = f"{part.area / 1e4:.4f} of the {shapely.make_valid(drawn).area / 1e4:.4f} ha that it encloses"
+    said = (
+        f"{part.area / 1e4:.4f} of the {shapely.make_valid(drawn).area / 1e4:.4f} ha that "
+        "it encloses"
+    )
     if not largest:
         lat, lon = plane.to_deg(east, north)
-        raise FieldError(f"{path}: the outline crosses itself at {lat:.6f}, {lon:.6f}: allowed are edges that do not "
-                         f"cross; --largest takes its largest part, {said}")
+        raise FieldError(
+            f"{path}: the outline crosses itself at {lat:.6f}, {lon:.6f}: allowed are edges "
+            "that do not "
+            f"cross; --largest takes its largest part, {said}"
+        )
 
     def degrees(ring: shapely.LinearRing) -> Floats:
         return np.array([plane.to_deg(*place) for place in ring.coords[:-1]])
-    holes = [hole for hole in data.holes_deg if part.contains(shapely.Polygon(_places(plane, hole)))]
+
+    holes = [
+        hole for hole in data.holes_deg if part.contains(shapely.Polygon(_places(plane, hole)))
+    ]
     found = Finding("crossing", f"the outline crosses itself: its largest part is taken, {said}")
-    return replace(data, outline_deg=degrees(part.exterior), holes_deg=(*holes, *map(degrees, part.interiors)),
-                   findings=(*data.findings, found))
+    return replace(
+        data,
+        outline_deg=degrees(part.exterior),
+        holes_deg=(*holes, *map(degrees, part.interiors)),
+        findings=(*data.findings, found),
+    )
 
 
 def _places(plane: TangentPlane, degrees: Floats) -> list[tuple[float, float]]:
-    return [(float(east), float(north)) for east, north in plane.many_to_m(degrees[:, 0], degrees[:, 1])]
+    return [
+        (float(east), float(north)) for east, north in plane.many_to_m(degrees[:, 0], degrees[:, 1])
+    ]
 
 
 def ground_of(data: FieldData, before: Ground, line: str | None = None) -> Ground:
-    """The job's field with this outline and these lines; what the file does not hold stays as it was.
+    """The job's field with this outline and these lines; what the file does not hold stays as
+    it was.
 
     line: whose heading the passes have, where several lines differ. Raises FieldError.
     """
@@ -106,11 +129,16 @@ def ground_of(data: FieldData, before: Ground, line: str | None = None) -> Groun
     except ValueError as error:
         raise FieldError(f"{data.title}: {error}") from None
     if boundary is not None and data.outline_deg is not None:
-        changes |= {"title": data.title or before.title, "boundary_m": tuple(_rounded(plane, data.outline_deg)),
-                    "holes_m": tuple(tuple(_rounded(plane, hole)) for hole in data.holes_deg)}
+        changes |= {
+            "title": data.title or before.title,
+            "boundary_m": tuple(_rounded(plane, data.outline_deg)),
+            "holes_m": tuple(tuple(_rounded(plane, hole)) for hole in data.holes_deg),
+        }
     if data.lines:
-        changes["lines"] = tuple(GuidanceLine(title=one.title[:80], points_m=tuple(_rounded(plane, one.places_deg)))
-                                 for one in data.lines)
+        changes["lines"] = tuple(
+            GuidanceLine(title=one.title[:80], points_m=tuple(_rounded(plane, one.places_deg)))
+            for one in data.lines
+        )
         changes["pass_heading_deg"] = _heading(data, plane, line)
     if data.headland_m is not None:
         changes["headland_m"] = round(data.headland_m, 2)
@@ -134,21 +162,30 @@ def _heading(data: FieldData, plane: TangentPlane, wanted: str | None) -> float:
     off = max(abs((one - first + 90.0) % 180.0 - 90.0) for one in headings.values())
     if off > SAME_WAY_DEG:
         said = ", ".join(f"{title} ({heading:.1f} deg)" for title, heading in headings.items())
-        raise FieldError(f"{data.title}: {len(headings)} lines run different ways: {said}: --line says which")
+        raise FieldError(
+            f"{data.title}: {len(headings)} lines run different ways: {said}: --line says which"
+        )
     return round(first, 4) % 360.0
 
 
 def data_of(ground: Ground, title: str) -> FieldData:
     """The job's field in degrees. Raises FieldError where it has none."""
     if not ground.boundary_m and not ground.lines:
-        raise FieldError(f"{title}: the job has no field and no line: allowed is one with boundary_m or lines")
+        raise FieldError(
+            f"{title}: the job has no field and no line: allowed is one with boundary_m or lines"
+        )
     plane = TangentPlane(ground.origin_lat_deg, ground.origin_lon_deg)
 
     def degrees(places: Sequence[tuple[float, float]]) -> Floats:
         return np.array([plane.to_deg(*place) for place in places])
-    return FieldData(ground.title or title, degrees(ground.boundary_m) if ground.boundary_m else None,
-                     tuple(degrees(hole) for hole in ground.holes_m),
-                     tuple(Line(one.title, degrees(one.points_m)) for one in ground.lines), ground.headland_m or None)
+
+    return FieldData(
+        ground.title or title,
+        degrees(ground.boundary_m) if ground.boundary_m else None,
+        tuple(degrees(hole) for hole in ground.holes_m),
+        tuple(Line(one.title, degrees(one.points_m)) for one in ground.lines),
+        ground.headland_m or None,
+    )
 
 
 def headland_width_m(outline_m: Floats, inner_m: Floats) -> tuple[float, float, float]:

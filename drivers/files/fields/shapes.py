@@ -1,4 +1,6 @@
-"""Fields as shapes: polygons are outlines, lines are guidance lines; KML, KMZ, GeoPackage, GeoJSON, shapefile."""
+"""Fields as shapes: polygons are outlines, lines are guidance lines; KML, KMZ, GeoPackage,
+GeoJSON, shapefile."""
+
 from __future__ import annotations
 
 import json
@@ -17,51 +19,96 @@ from drivers.files.fields.field_data import FieldData, FieldError, Line
 from drivers.files.layers import GEOJSON, name_of, read_layers
 from drivers.files.ogr import FORMATS, write_layer
 
-INSIDE = 0.999              # of its area, that a polygon lies in another one
+INSIDE = 0.999  # of its area, that a polygon lies in another one
 
 
 def read_shapes(path: Path, name: str | None = None) -> FieldData:
     """name: of the polygon, where there are several fields. Raises FieldError, OSError."""
     named = named_shapes(path)
-    polygons = [(title, part) for title, shape in named for part in shapely.get_parts(shape)
-                if part.geom_type == "Polygon" and not part.is_empty]
+    polygons = [
+        (title, part)
+        for title, shape in named
+        for part in shapely.get_parts(shape)
+        if part.geom_type == "Polygon" and not part.is_empty
+    ]
     count = Counter(title for title, _ in polygons)
-    polygons = [(title if (title and count[title] == 1) or len(polygons) == 1 else f"{title or 'polygon'} {k}", shape)
-                for k, (title, shape) in enumerate(polygons, start=1)]
-    lines = [(title, part) for title, shape in named for part in shapely.get_parts(shape)
-             if part.geom_type == "LineString" and not part.is_empty]
+    polygons = [
+        (
+            title
+            if (title and count[title] == 1) or len(polygons) == 1
+            else f"{title or 'polygon'} {k}",
+            shape,
+        )
+        for k, (title, shape) in enumerate(polygons, start=1)
+    ]
+    lines = [
+        (title, part)
+        for title, shape in named
+        for part in shapely.get_parts(shape)
+        if part.geom_type == "LineString" and not part.is_empty
+    ]
     if not polygons and not lines:
-        raise FieldError(f"{path}: neither a polygon nor a line in it: allowed is a field's outline, or guidance lines")
+        raise FieldError(
+            f"{path}: neither a polygon nor a line in it: allowed is a field's outline, or "
+            "guidance lines"
+        )
     title, outline, holes, findings = _field(path, polygons, name)
-    return FieldData(title or path.stem, outline, holes, tuple(
-        Line(line_title or f"line {k}", shapely.get_coordinates(line)[:, ::-1].copy())
-        for k, (line_title, line) in enumerate(lines, start=1)), None, tuple(findings))
+    return FieldData(
+        title or path.stem,
+        outline,
+        holes,
+        tuple(
+            Line(line_title or f"line {k}", shapely.get_coordinates(line)[:, ::-1].copy())
+            for k, (line_title, line) in enumerate(lines, start=1)
+        ),
+        None,
+        tuple(findings),
+    )
 
 
 def named_shapes(path: Path) -> list[tuple[str, Any]]:
     """Names and shapes in longitude and latitude. Raises FieldError, Refused, OSError."""
     layers = read_layers(path)
     if not layers and (path.is_dir() or path.suffix.lower() == ".zip"):
-        raise FieldError(f"{path}: no shapefile and no field of AgOpenGPS in it: allowed is a .shp, or Field.txt with "
-                         "Boundary.txt")
+        raise FieldError(
+            f"{path}: no shapefile and no field of AgOpenGPS in it: allowed is a .shp, or "
+            "Field.txt with "
+            "Boundary.txt"
+        )
     if len(layers) == 1 and layers[0].kind.startswith(("POINT", "MULTI")):
-        raise FieldError(f"{path}: shapes of type {layers[0].kind}: allowed are polygons (an outline) and lines "
-                         "(guidance)")
+        raise FieldError(
+            f"{path}: shapes of type {layers[0].kind}: allowed are polygons (an outline) and lines "
+            "(guidance)"
+        )
     for layer in layers:
         where = path if len(layers) == 1 else f"{path}: {layer.name}"
         highest = np.abs(shapely.get_coordinates(layer.shapes)).max(initial=0.0)
         if not highest <= 180.0:
-            said = (" and no .prj that says in what", ", or UTM that the .prj names") if layer.kind else ("", "")
-            raise FieldError(f"{where}: coordinates up to {highest:.0f}{said[0]}: allowed are degrees (WGS84){said[1]}")
-    return [(name_of(row) or layer.name, shape) for layer in layers
-            for row, shape in zip(layer.rows, layer.shapes, strict=True) if shape is not None]
+            said = (
+                (" and no .prj that says in what", ", or UTM that the .prj names")
+                if layer.kind
+                else ("", "")
+            )
+            raise FieldError(
+                f"{where}: coordinates up to {highest:.0f}{said[0]}: allowed are degrees "
+                f"(WGS84){said[1]}"
+            )
+    return [
+        (name_of(row) or layer.name, shape)
+        for layer in layers
+        for row, shape in zip(layer.rows, layer.shapes, strict=True)
+        if shape is not None
+    ]
 
 
-def _field(path: Path, polygons: Sequence[tuple[str, Any]],
-           name: str | None) -> tuple[str, Floats | None, tuple[Floats, ...], list[Finding]]:
+def _field(
+    path: Path, polygons: Sequence[tuple[str, Any]], name: str | None
+) -> tuple[str, Floats | None, tuple[Floats, ...], list[Finding]]:
     """The one outline with what lies in it. Raises FieldError: which there are."""
     if name is not None:
-        polygons = [one for one in polygons if one[0].casefold() == name.casefold()] or _asked(path, polygons, name)
+        polygons = [one for one in polygons if one[0].casefold() == name.casefold()] or _asked(
+            path, polygons, name
+        )
     if not polygons:
         return "", None, (), []
     title, outer = max(polygons, key=lambda one: one[1].area)
@@ -69,8 +116,16 @@ def _field(path: Path, polygons: Sequence[tuple[str, Any]],
     if not all(_inside(outer, shape) for shape in others):
         _asked(path, polygons, name)
     holes = [ring for ring in outer.interiors] + [shape.exterior for shape in others]
-    findings = [Finding("holes", f"{len(others)} polygon that lies in the field taken for ground that is not worked")] \
-        if others else []
+    findings = (
+        [
+            Finding(
+                "holes",
+                f"{len(others)} polygon that lies in the field taken for ground that is not worked",
+            )
+        ]
+        if others
+        else []
+    )
     return title, _ring(outer.exterior), tuple(map(_ring, holes)), findings
 
 
@@ -82,7 +137,9 @@ def _inside(outer: Any, shape: Any) -> bool:
         return False
 
 
-def _asked(path: Path, polygons: Sequence[tuple[str, Any]], name: str | None) -> list[tuple[str, Any]]:
+def _asked(
+    path: Path, polygons: Sequence[tuple[str, Any]], name: str | None
+) -> list[tuple[str, Any]]:
     said = ", ".join(f"{title} ({_hectares(shape):.2f} ha)" for title, shape in polygons[:12])
     which = f"field {name}" if name is not None else f"{len(polygons)} fields"
     raise FieldError(f"{path}: {which}: allowed with --name is one of {said}")
@@ -101,21 +158,43 @@ def _ring(ring: Any) -> Floats:
 
 def write_shapes(data: FieldData, path: Path) -> None:
     """Raises Refused, OSError."""
-    polygons = [] if data.outline_deg is None else [
-        shapely.Polygon(data.outline_deg[:, ::-1], [hole[:, ::-1] for hole in data.holes_deg])]
+    polygons = (
+        []
+        if data.outline_deg is None
+        else [
+            shapely.Polygon(data.outline_deg[:, ::-1], [hole[:, ::-1] for hole in data.holes_deg])
+        ]
+    )
     lines = [shapely.LineString(line.places_deg[:, ::-1]) for line in data.lines]
     if path.suffix.lower() in GEOJSON:
-        features = [{"type": "Feature", "properties": {"name": title},
-                     "geometry": json.loads(shapely.to_geojson(shape))}
-                    for title, shape in [*((data.title, one) for one in polygons),
-                                         *zip((line.title for line in data.lines), lines, strict=True)]]
-        write_atomically(path, json.dumps({"type": "FeatureCollection", "name": data.title, "features": features},
-                                          ensure_ascii=False))
+        features = [
+            {
+                "type": "Feature",
+                "properties": {"name": title},
+                "geometry": json.loads(shapely.to_geojson(shape)),
+            }
+            for title, shape in [
+                *((data.title, one) for one in polygons),
+                *zip((line.title for line in data.lines), lines, strict=True),
+            ]
+        ]
+        write_atomically(
+            path,
+            json.dumps(
+                {"type": "FeatureCollection", "name": data.title, "features": features},
+                ensure_ascii=False,
+            ),
+        )
         return
     column = "Name" if FORMATS[path.suffix.lower()] == "KML" else "name"
-    shapes, titles = [*polygons, *lines], [*([data.title] * len(polygons)), *(line.title for line in data.lines)]
+    shapes, titles = (
+        [*polygons, *lines],
+        [*([data.title] * len(polygons)), *(line.title for line in data.lines)],
+    )
     if path.suffix.lower() == ".gpkg" and polygons and lines:
         write_layer(path, "field", polygons, {column: [data.title]})
-        write_layer(path, "lines", lines, {column: [line.title for line in data.lines]}, append=True)
+        write_layer(
+            path, "lines", lines, {column: [line.title for line in data.lines]}, append=True
+        )
     else:
         write_layer(path, "field", shapes, {column: titles})

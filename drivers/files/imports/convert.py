@@ -1,4 +1,5 @@
 """A raw table and what its columns mean: the columns of a run log."""
+
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -13,25 +14,36 @@ from control.recordings.finding import Finding, many
 from control.recordings.times import mended_times
 from drivers.files.config_words import nearest
 from drivers.files.imports.header import named
-from drivers.files.imports.mapping import EVENTS, EXTRA_START, MADE_BY_WORKING, Column, ImportFile, Working
+from drivers.files.imports.mapping import (
+    EVENTS,
+    EXTRA_START,
+    MADE_BY_WORKING,
+    Column,
+    ImportFile,
+    Working,
+)
 from drivers.files.imports.numbers import Numbers, numbers
 from drivers.files.imports.raw import RawTable
 from drivers.files.imports.times import clock, read_texts
 from drivers.files.imports.trouble import ImportTrouble, listed
 from drivers.files.imports.units import in_log_unit, quantity_of, slug, unit_named
 
-US = "us"                       # the time of a row, whole microseconds
-UTC, UTC_US = "utc", "utc_us"   # the log's column, and here as microseconds since 1970
+US = "us"  # the time of a row, whole microseconds
+# the log's column, and here as microseconds since 1970
+UTC, UTC_US = "utc", "utc_us"
 COMMANDS = frozenset({"shaft_rpm_cmd", "opening_mm_cmd", "target_rate_kg_ha"})
 SPEEDS = ("speed_used_mps", "speed_mps", "wheel_speed_mps")
-STANDING_MPS = 0.05             # slower, and a flow is no rate
-DIGITS = 12                     # digits kept of a converted number: more than a file holds, fewer than a double has
-_BAD_SHARE = 0.5                # share of cells that are no number; above it the wrong column was named
+STANDING_MPS = 0.05  # slower, and a flow is no rate
+# digits kept of a converted number: more than a file holds, fewer than a double has
+DIGITS = 12
+# share of cells that are no number; above it the wrong column was named
+_BAD_SHARE = 0.5
 
 
 @dataclass(frozen=True, eq=False)
 class Converted:
-    """One file's part of the log. `frame`: `us` (Int64, strictly increasing), then log columns: Float64 or String."""
+    """One file's part of the log. `frame`: `us` (Int64, strictly increasing), then log columns:
+    Float64 or String."""
 
     raw: RawTable
     frame: pl.DataFrame
@@ -44,8 +56,11 @@ def convert(raw: RawTable, mapping: ImportFile) -> Converted:
     _all_there(raw, mapping)
     times = clock(raw, mapping.time)
     findings = list(raw.findings)
-    columns = {name: _column(raw, name, column, mapping, findings) for name, column in mapping.columns.items()
-               if name != UTC}
+    columns = {
+        name: _column(raw, name, column, mapping, findings)
+        for name, column in mapping.columns.items()
+        if name != UTC
+    }
     if UTC in mapping.columns:
         columns[UTC_US] = _utc(raw, mapping.columns[UTC])
     _flows_to_rates(raw, mapping, columns)
@@ -56,7 +71,9 @@ def convert(raw: RawTable, mapping: ImportFile) -> Converted:
     frame = pl.DataFrame({US: times.us, **columns})
     frame = _in_order(raw, frame, findings)
     if mapping.rows == "answer_in_row":
-        constants = [name for name, column in mapping.columns.items() if column.constant is not None]
+        constants = [
+            name for name, column in mapping.columns.items() if column.constant is not None
+        ]
         frame = _with_commands_before(frame, constants)
     return Converted(raw, frame, times.kind, tuple(findings))
 
@@ -65,13 +82,18 @@ def _all_there(raw: RawTable, mapping: ImportFile) -> None:
     wanted = {f"columns.{name}.from": column.source for name, column in mapping.columns.items()}
     wanted |= {"time.column": mapping.time.column, "time.date_column": mapping.time.date_column}
     wanted["working.column"] = mapping.working.column if mapping.working else None
-    wrong = [f"{key} {name}: no such column: allowed {listed(raw.names)}{nearest(name, raw.names)}"
-             for key, name in wanted.items() if name is not None and name not in raw.names]
+    wrong = [
+        f"{key} {name}: no such column: allowed {listed(raw.names)}{nearest(name, raw.names)}"
+        for key, name in wanted.items()
+        if name is not None and name not in raw.names
+    ]
     if wrong:
         raise ImportTrouble(raw.path, *wrong)
 
 
-def _column(raw: RawTable, name: str, column: Column, mapping: ImportFile, findings: list[Finding]) -> pl.Series:
+def _column(
+    raw: RawTable, name: str, column: Column, mapping: ImportFile, findings: list[Finding]
+) -> pl.Series:
     if column.constant is not None:
         return pl.Series(name, [column.constant], pl.Float64).new_from_index(0, raw.frame.height)
     assert column.source is not None
@@ -82,18 +104,33 @@ def _column(raw: RawTable, name: str, column: Column, mapping: ImportFile, findi
     found = numbers(series, raw.decimal_comma, missing)
     if found.marked:
         marks = listed(f"{mark:g}" for mark in missing if not isinstance(mark, str))
-        findings.append(Finding("sentinel", f"column {column.source}: {many(found.marked, 'value')} of {marks} "
-                                "emptied: not known", column.source, found.marked))
+        findings.append(
+            Finding(
+                "sentinel",
+                f"column {column.source}: {many(found.marked, 'value')} of {marks} "
+                "emptied: not known",
+                column.source,
+                found.marked,
+            )
+        )
     if found.bad:
         if name.startswith(EXTRA_START) and found.bad > _BAD_SHARE * series.len():
             return _texts(series, missing).alias(name)
         _said_bad(raw, column.source, found, findings)
     values = _inside(raw, column, found.values, findings)
     converted = _in_log_unit(values * column.scale + column.offset, name, column)
-    if quantity_of(name) == "rate" and column.unit is not None and (unit := unit_named(column.unit)) is not None \
-            and unit.quantity == "volume":
+    if (
+        quantity_of(name) == "rate"
+        and column.unit is not None
+        and (unit := unit_named(column.unit)) is not None
+        and unit.quantity == "volume"
+    ):
         converted = converted * (mapping.density_kg_l or 1.0)
-    return converted.round_sig_figs(DIGITS).alias(name) if column.scale != 1.0 or column.unit else converted.alias(name)
+    return (
+        converted.round_sig_figs(DIGITS).alias(name)
+        if column.scale != 1.0 or column.unit
+        else converted.alias(name)
+    )
 
 
 def _utc(raw: RawTable, column: Column) -> pl.Series:
@@ -104,18 +141,31 @@ def _utc(raw: RawTable, column: Column) -> pl.Series:
         return series.dt.timestamp("us").alias(UTC_US)
     us = read_texts(series.cast(pl.String), None, "UTC").us
     if us.null_count() == us.len():
-        raise ImportTrouble(raw.path, f"row {raw.first_row}: column {column.source}: value {series[0]}: allowed ISO "
-                            "8601, e.g. 2026-03-20T08:00:00Z")
+        raise ImportTrouble(
+            raw.path,
+            f"row {raw.first_row}: column {column.source}: value {series[0]}: allowed ISO "
+            "8601, e.g. 2026-03-20T08:00:00Z",
+        )
     return us.alias(UTC_US)
 
 
 def _said_bad(raw: RawTable, source: str, found: Numbers, findings: list[Finding]) -> None:
     where = f"row {raw.first_row + found.row}"
     if found.bad > _BAD_SHARE * found.values.len():
-        raise ImportTrouble(raw.path, f"{where}: column {source}: value {found.cell[:40]}: allowed a number (of "
-                            f"{found.values.len()} cells {found.bad} are none)")
-    findings.append(Finding("not_a_number", f"column {source}: {many(found.bad, 'cell')} such as {found.cell[:20]!r} "
-                            f"in {where} emptied: not a number", source, found.bad))
+        raise ImportTrouble(
+            raw.path,
+            f"{where}: column {source}: value {found.cell[:40]}: allowed a number (of "
+            f"{found.values.len()} cells {found.bad} are none)",
+        )
+    findings.append(
+        Finding(
+            "not_a_number",
+            f"column {source}: {many(found.bad, 'cell')} such as {found.cell[:20]!r} "
+            f"in {where} emptied: not a number",
+            source,
+            found.bad,
+        )
+    )
 
 
 def _inside(raw: RawTable, column: Column, values: pl.Series, findings: list[Finding]) -> pl.Series:
@@ -127,8 +177,15 @@ def _inside(raw: RawTable, column: Column, values: pl.Series, findings: list[Fin
     if not count:
         return values
     row = int(outside.arg_true()[0])
-    findings.append(Finding("outside", f"column {column.source}: {many(count, 'value')} such as {values[row]:g} in row "
-                            f"{raw.first_row + row} emptied: allowed {low:g} to {high:g}", column.source or "", count))
+    findings.append(
+        Finding(
+            "outside",
+            f"column {column.source}: {many(count, 'value')} such as {values[row]:g} in row "
+            f"{raw.first_row + row} emptied: allowed {low:g} to {high:g}",
+            column.source or "",
+            count,
+        )
+    )
     return values.set(outside, None)
 
 
@@ -146,13 +203,21 @@ def _in_log_unit(values: pl.Series, name: str, column: Column) -> pl.Series:
 
 def _flows_to_rates(raw: RawTable, mapping: ImportFile, columns: dict[str, pl.Series]) -> None:
     """kg/s over the ground covered in a second, m2, as kg/ha; standing there is no rate."""
-    flows = [name for name, column in mapping.columns.items() if quantity_of(name) == "rate" and column.unit is not None
-             and (unit := unit_named(column.unit)) is not None and unit.quantity == "flow"]
+    flows = [
+        name
+        for name, column in mapping.columns.items()
+        if quantity_of(name) == "rate"
+        and column.unit is not None
+        and (unit := unit_named(column.unit)) is not None
+        and unit.quantity == "flow"
+    ]
     if not flows:
         return
     speed = next((columns[name] for name in SPEEDS if name in columns), None)
     if speed is None:
-        raise ImportTrouble(raw.path, f"columns.{flows[0]}: a flow: allowed with a column speed_mps to divide by")
+        raise ImportTrouble(
+            raw.path, f"columns.{flows[0]}: a flow: allowed with a column speed_mps to divide by"
+        )
     assert mapping.width_m is not None
     moving = speed.set((speed <= STANDING_MPS).fill_null(True), None)
     for name in flows:
@@ -179,16 +244,27 @@ def _state(raw: RawTable, working: Working, mapping: ImportFile) -> pl.Series:
             holds = holds & (found < working.below).fill_null(False)
     if not holds.any():
         kinds = listed(repr(value) for value in series.unique().sort().head(6))
-        raise ImportTrouble(raw.path, f"working: column {working.column} never fulfils the condition: its values are "
-                            f"{kinds}")
+        raise ImportTrouble(
+            raw.path,
+            f"working: column {working.column} never fulfils the condition: its values are {kinds}",
+        )
     frame = pl.DataFrame({"holds": holds, "known": known})
-    return frame.select(pl.when(~pl.col("known")).then(None).when("holds").then(pl.lit(State.WORKING.value))
-                        .otherwise(pl.lit(State.READY.value)).alias(MADE_BY_WORKING))[MADE_BY_WORKING]
+    return frame.select(
+        pl.when(~pl.col("known"))
+        .then(None)
+        .when("holds")
+        .then(pl.lit(State.WORKING.value))
+        .otherwise(pl.lit(State.READY.value))
+        .alias(MADE_BY_WORKING)
+    )[MADE_BY_WORKING]
 
 
 def _extras(raw: RawTable, mapping: ImportFile, taken: set[str]) -> dict[str, pl.Series]:
     """Columns that nothing names, by their name and unit, in the file's own unit."""
-    used = {column.source for column in mapping.columns.values()} | {mapping.time.column, mapping.time.date_column}
+    used = {column.source for column in mapping.columns.values()} | {
+        mapping.time.column,
+        mapping.time.date_column,
+    }
     if mapping.working is not None and mapping.working.equals:
         used.add(mapping.working.column)
     extras: dict[str, pl.Series] = {}
@@ -247,16 +323,23 @@ def _in_order(raw: RawTable, frame: pl.DataFrame, findings: list[Finding]) -> pl
 def _with_commands_before(frame: pl.DataFrame, constants: list[str]) -> pl.DataFrame:
     """From rows that hold a command and its settled answer to rows of the run log.
 
-    A row of the log holds a reading, and the command in force from there on: the command of each row moves to the row
-    before, and a row stands before the first for its command. An event says that no command is missing between rows.
+    A row of the log holds a reading, and the command in force from there on: the command of
+    each row moves to the row before, and a row stands before the first for its command. An
+    event says that no command is missing between rows.
     """
     times = frame[US]
-    step = int(times.diff().median() or 1_000_000)          # type: ignore[arg-type]
+    step = int(times.diff().median() or 1_000_000)  # type: ignore[arg-type]
     before = frame.head(1).select(
-        pl.lit(int(times[0]) - step, pl.Int64).alias(US) if name == US else
-        pl.col(name) if name in (*COMMANDS, *constants, MADE_BY_WORKING) else pl.lit(None, kind).alias(name)
-        for name, kind in frame.schema.items())
+        pl.lit(int(times[0]) - step, pl.Int64).alias(US)
+        if name == US
+        else pl.col(name)
+        if name in (*COMMANDS, *constants, MADE_BY_WORKING)
+        else pl.lit(None, kind).alias(name)
+        for name, kind in frame.schema.items()
+    )
     longer = pl.concat([before, frame])
-    later = [pl.concat([frame[name], frame[name].tail(1)]) for name in frame.columns if name in COMMANDS]
+    later = [
+        pl.concat([frame[name], frame[name].tail(1)]) for name in frame.columns if name in COMMANDS
+    ]
     stated = frame[EVENTS].to_list() if EVENTS in frame.columns else [None] * frame.height
     return longer.with_columns(*later, pl.Series(EVENTS, [COMMANDS_HELD, *stated], pl.String))

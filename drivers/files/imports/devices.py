@@ -1,4 +1,6 @@
-"""What a number of an ISO 11783-10 time log is: by the data dictionary (ISO 11783-11), by its device's description."""
+"""What a number of an ISO 11783-10 time log is: by the data dictionary (ISO 11783-11), by its
+device's description."""
+
 from __future__ import annotations
 
 from dataclasses import dataclass, field
@@ -27,36 +29,52 @@ class Presented(NamedTuple):
 
 @dataclass(frozen=True)
 class DeviceElement:
-    """An element of a device (DET), with what its description says of each data identifier (DDI)."""
+    """An element of a device (DET), with what its description says of each data identifier
+    (DDI)."""
 
     id: str
-    device: str                     # id of the device (DVC)
+    device: str  # id of the device (DVC)
     device_name: str
     name: str
-    kind: str                       # 1 device, 2 function, 3 bin, 4 section, 5 unit, 6 connector, 7 navigation
+    # 1 device, 2 function, 3 bin, 4 section, 5 unit, 6 connector, 7 navigation
+    kind: str
     called: dict[int, str] = field(default_factory=dict)
     shown: dict[int, Presented] = field(default_factory=dict)
-    fixed: dict[int, int] = field(default_factory=dict)         # properties (DPT)
+    fixed: dict[int, int] = field(default_factory=dict)  # properties (DPT)
 
 
-# ISO 11783-11, the identifiers that a spreader, a sprayer or a tractor logs: name here, unit, one step in it.
+# ISO 11783-11, the identifiers that a spreader, a sprayer or a tractor logs: name here, unit,
+# one step in it.
 DICTIONARY = {
-    1: Meaning("target volume rate", "l/ha", 1e-4), 2: Meaning("applied volume rate", "l/ha", 1e-4),
-    6: Meaning("target rate", "mg/m2"), 7: Meaning("applied rate", "mg/m2"),
-    11: Meaning("wanted seeds per m2", "", 0.001), 12: Meaning("seeds per m2", "", 0.001),
-    36: Meaning("target volume flow", "l/min", 6e-5), 37: Meaning("applied volume flow", "l/min", 6e-5),
-    41: Meaning("target flow", "mg/s"), 42: Meaning("applied flow", "mg/s"),
-    67: Meaning("working width", "mm"), 70: Meaning("maximum working width", "mm"),
-    72: Meaning("volume content", "l", 0.001), 75: Meaning("hopper", "g"),
-    80: Meaning("total volume", "l"), 81: Meaning("total mass", "kg"), 116: Meaning("total area", "m2"),
-    117: Meaning("total distance at work", "m", 0.001), 118: Meaning("total distance out of work", "m", 0.001),
-    119: Meaning("total time at work", "s"), 120: Meaning("total time out of work", "s"),
-    141: Meaning("work state"), 352: Meaning("total mass in grams", "g"), 353: Meaning("total nitrogen", "g"),
+    1: Meaning("target volume rate", "l/ha", 1e-4),
+    2: Meaning("applied volume rate", "l/ha", 1e-4),
+    6: Meaning("target rate", "mg/m2"),
+    7: Meaning("applied rate", "mg/m2"),
+    11: Meaning("wanted seeds per m2", "", 0.001),
+    12: Meaning("seeds per m2", "", 0.001),
+    36: Meaning("target volume flow", "l/min", 6e-5),
+    37: Meaning("applied volume flow", "l/min", 6e-5),
+    41: Meaning("target flow", "mg/s"),
+    42: Meaning("applied flow", "mg/s"),
+    67: Meaning("working width", "mm"),
+    70: Meaning("maximum working width", "mm"),
+    72: Meaning("volume content", "l", 0.001),
+    75: Meaning("hopper", "g"),
+    80: Meaning("total volume", "l"),
+    81: Meaning("total mass", "kg"),
+    116: Meaning("total area", "m2"),
+    117: Meaning("total distance at work", "m", 0.001),
+    118: Meaning("total distance out of work", "m", 0.001),
+    119: Meaning("total time at work", "s"),
+    120: Meaning("total time out of work", "s"),
+    141: Meaning("work state"),
+    352: Meaning("total mass in grams", "g"),
+    353: Meaning("total nitrogen", "g"),
     397: Meaning("speed", "mm/s"),
 }
-RATES = (1, 2, 6, 7, 36, 37, 41, 42)            # a wrong step of these is a wrong dose
-WIDTHS = (67, 70)                               # actual, largest; mm
-AGREES = 0.01                                   # presentation and dictionary, one to the other
+RATES = (1, 2, 6, 7, 36, 37, 41, 42)  # a wrong step of these is a wrong dose
+WIDTHS = (67, 70)  # actual, largest; mm
+AGREES = 0.01  # presentation and dictionary, one to the other
 
 
 def parts_of(root: Element) -> dict[str, DeviceElement]:
@@ -66,8 +84,13 @@ def parts_of(root: Element) -> dict[str, DeviceElement]:
         shown = {one.get("A"): one for one in device.findall("DVP")}
         data = {one.get("A"): one for one in (*device.findall("DPD"), *device.findall("DPT"))}
         for element in device.findall("DET"):
-            part = DeviceElement(element.get("A", ""), device.get("A", ""), device.get("B", ""), element.get("D", ""),
-                                 element.get("C", ""))
+            part = DeviceElement(
+                element.get("A", ""),
+                device.get("A", ""),
+                device.get("B", ""),
+                element.get("D", ""),
+                element.get("C", ""),
+            )
             for reference in element.findall("DOR"):
                 _describe(part, data.get(reference.get("A")), shown)
             found[part.id] = part
@@ -78,12 +101,16 @@ def _describe(part: DeviceElement, data: Element | None, shown: dict[str | None,
     if data is None or (ddi := ddi_of(data.get("B", ""))) is None:
         return
     is_property = data.tag == "DPT"
-    name, presentation = (data.get("D"), data.get("E")) if is_property else (data.get("E"), data.get("F"))
+    name, presentation = (
+        (data.get("D"), data.get("E")) if is_property else (data.get("E"), data.get("F"))
+    )
     if name:
         part.called[ddi] = name
     if (one := shown.get(presentation)) is not None:
         try:
-            part.shown[ddi] = Presented(one.get("E", ""), float(one.get("C", "1")), float(one.get("B", "0")))
+            part.shown[ddi] = Presented(
+                one.get("E", ""), float(one.get("C", "1")), float(one.get("B", "0"))
+            )
         except ValueError:
             pass
     if is_property and (value := data.get("C", "")).lstrip("-").isdigit():
@@ -106,7 +133,9 @@ def meaning_of(root: Element, ddi: int | None, part: DeviceElement | None) -> Me
         return DICTIONARY[ddi]
     name = part.called.get(ddi, "") if part is not None else ""
     if not name:
-        name = next((one.get("E", "") for one in root.iter("DPD") if ddi_of(one.get("B", "")) == ddi), "")
+        name = next(
+            (one.get("E", "") for one in root.iter("DPD") if ddi_of(one.get("B", "")) == ddi), ""
+        )
     shown = part.shown.get(ddi) if part is not None else None
     if shown is None:
         return Meaning(name or f"ddi {ddi}")
@@ -114,13 +143,19 @@ def meaning_of(root: Element, ddi: int | None, part: DeviceElement | None) -> Me
 
 
 def contradiction(ddi: int | None, part: DeviceElement | None) -> Meaning | None:
-    """What a rate is by its device's presentation, where that is not what the dictionary says; None: it agrees."""
+    """What a rate is by its device's presentation, where that is not what the dictionary says;
+    None: it agrees."""
     shown = None if part is None or ddi not in RATES else part.shown.get(ddi)
     if shown is None or ddi is None:
         return None
     by_book, unit = DICTIONARY[ddi], unit_named(shown.unit)
     own = unit_named(by_book.unit)
-    if unit is None or own is None or unit.quantity != own.quantity or (unit.quantity == "other" and unit != own):
+    if (
+        unit is None
+        or own is None
+        or unit.quantity != own.quantity
+        or (unit.quantity == "other" and unit != own)
+    ):
         return None
     as_shown = shown.scale * unit.factor / (by_book.step * own.factor)
     if abs(as_shown - 1.0) <= AGREES and shown.offset == 0.0:
@@ -129,7 +164,13 @@ def contradiction(ddi: int | None, part: DeviceElement | None) -> Meaning | None
 
 
 def width_m(parts: dict[str, DeviceElement], device: str | None = None) -> float | None:
-    """The working width that a device's description says, m: of its widest element; None: it says none."""
-    stated = [part.fixed[ddi] for part in parts.values() if device in (None, part.device)
-            for ddi in WIDTHS if part.fixed.get(ddi, 0) > 0]
+    """The working width that a device's description says, m: of its widest element; None: it
+    says none."""
+    stated = [
+        part.fixed[ddi]
+        for part in parts.values()
+        if device in (None, part.device)
+        for ddi in WIDTHS
+        if part.fixed.get(ddi, 0) > 0
+    ]
     return max(stated) / 1000.0 if stated else None

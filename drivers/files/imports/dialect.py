@@ -1,4 +1,5 @@
 """How a text file is written: encoding, separator, decimal sign, where the table begins."""
+
 from __future__ import annotations
 
 import codecs
@@ -21,27 +22,28 @@ class Dialect(NamedTuple):
     delimiter: Delimiter
     decimal_comma: bool
     layout: Layout
-    rows: list[list[str]]       # the sample, split
+    rows: list[list[str]]  # the sample, split
 
 
 def encoding_of(data: bytes) -> str:
     """By byte order marks, zero bytes and the runs of bytes above 127.
 
-    GB 18030 (GBK) writes a Chinese letter as two such bytes, the first from 0xA1 on: all runs are even. A Latin letter
-    with an accent is one byte among plain ones.
+    GB 18030 (GBK) writes a Chinese letter as two such bytes, the first from 0xA1 on: all runs
+    are even. A Latin letter with an accent is one byte among plain ones.
     """
     if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
         return "utf-16"
     if data.startswith(codecs.BOM_UTF8):
         return "utf-8-sig"
     even, odd = data[0:4000:2].count(0), data[1:4000:2].count(0)
-    if max(even, odd) > 0.3 * len(data[:4000:2]) and min(even, odd) < 0.5 * max(even, odd):     # not of a power loss
+    # not of a power loss
+    if max(even, odd) > 0.3 * len(data[:4000:2]) and min(even, odd) < 0.5 * max(even, odd):
         return "utf-16-le" if odd > even else "utf-16-be"
     if data.isascii() or _is_utf8(data):
         return "utf-8"
     first = _HIGH.search(data)
     assert first is not None
-    start = data[first.start():first.start() + SAMPLE_BYTES]
+    start = data[first.start() : first.start() + SAMPLE_BYTES]
     runs = _HIGH.findall(start)
     chinese = sum(len(run) % 2 == 0 and all(byte >= 0xA1 for byte in run) for run in runs)
     if chinese > 0.5 * len(runs):
@@ -54,7 +56,9 @@ def _is_utf8(data: bytes) -> bool:
     decoder = codecs.getincrementaldecoder("utf-8")()
     try:
         for begin in range(0, len(data), SAMPLE_BYTES):
-            decoder.decode(data[begin:begin + SAMPLE_BYTES], final=begin + SAMPLE_BYTES >= len(data))
+            decoder.decode(
+                data[begin : begin + SAMPLE_BYTES], final=begin + SAMPLE_BYTES >= len(data)
+            )
     except UnicodeDecodeError:
         return False
     return True
@@ -64,27 +68,47 @@ def dialect_of(label: str, sample: str, encoding: str, said: Source) -> Dialect:
     """How the lines of `sample` are to be split; what is said stands. Raises ImportTrouble."""
     lines = sample.splitlines()[:SAMPLE_LINES]
     stated = re.match(r"^\"?sep=(.)\"?$", lines[0], re.IGNORECASE) if lines else None
-    wanted: list[Delimiter] = [said.delimiter] if said.delimiter else (
-        [name for name, sign in DELIMITERS.items() if stated and sign == stated[1]] or list(DELIMITERS))
+    wanted: list[Delimiter] = (
+        [said.delimiter]
+        if said.delimiter
+        else (
+            [name for name, sign in DELIMITERS.items() if stated and sign == stated[1]]
+            or list(DELIMITERS)
+        )
+    )
     best: tuple[float, Dialect] | None = None
     for delimiter in wanted:
         rows = split(lines, delimiter)
         layout = _layout(rows, said)
-        body = [row for row in rows[layout.body:] if row] if layout is not None else []
+        body = [row for row in rows[layout.body :] if row] if layout is not None else []
         if layout is None or not body:
             continue
         width = max((len(row) for row in body), key=[len(row) for row in body].count)
         even = sum(len(row) == width for row in body) / len(body)
         cells = [cell for row in body for cell in row if cell.strip()]
         values = sum(map(is_value, cells)) / max(1, len(cells))
-        comma = said.decimal == "," if said.decimal else DELIMITERS[delimiter] != "," and _has_comma(body)
-        points = even + values + 0.2 * min(width - 1, 5) + (layout.header >= 0) - (delimiter == "blank") - (width == 1)
+        comma = (
+            said.decimal == ","
+            if said.decimal
+            else DELIMITERS[delimiter] != "," and _has_comma(body)
+        )
+        points = (
+            even
+            + values
+            + 0.2 * min(width - 1, 5)
+            + (layout.header >= 0)
+            - (delimiter == "blank")
+            - (width == 1)
+        )
         if best is None or points > best[0]:
             best = points, Dialect(encoding, delimiter, comma, layout, rows)
     if best is None:
         first = lines[0][:40].strip() if lines else ""
-        raise ImportTrouble(label, f"no row of numbers among the first {len(lines)} lines (the first is {first!r}): "
-                            "allowed is a table with a header row and rows of numbers")
+        raise ImportTrouble(
+            label,
+            f"no row of numbers among the first {len(lines)} lines (the first is {first!r}): "
+            "allowed is a table with a header row and rows of numbers",
+        )
     return best[1]
 
 
@@ -92,8 +116,12 @@ def split(lines: list[str], delimiter: Delimiter) -> list[list[str]]:
     """Lines into cells without blanks around; quotes as usual in CSV."""
     if delimiter == "blank":
         return [line.split() for line in lines]
-    return [[cell.strip() for cell in row]
-            for row in csv.reader((line.replace("\0", "") for line in lines), delimiter=DELIMITERS[delimiter])]
+    return [
+        [cell.strip() for cell in row]
+        for row in csv.reader(
+            (line.replace("\0", "") for line in lines), delimiter=DELIMITERS[delimiter]
+        )
+    ]
 
 
 def _layout(rows: list[list[str]], said: Source) -> Layout | None:

@@ -1,4 +1,6 @@
-"""Excel workbooks (.xlsx, .xlsm, .xls, .xlsb, .ods): one sheet, with its title rows, header and row of units."""
+"""Excel workbooks (.xlsx, .xlsm, .xls, .xlsb, .ods): one sheet, with its title rows, header and
+row of units."""
+
 from __future__ import annotations
 
 import datetime as dt
@@ -15,23 +17,39 @@ from drivers.files.imports.raw import RawTable, header_of
 from drivers.files.imports.trouble import ImportTrouble, listed
 from drivers.files.sheet_text import cell_text, sheets_of
 
-LEAST_ROWS = 20             # of a log: what is shorter next to a longer one are notes
+# of a log: what is shorter next to a longer one are notes
+LEAST_ROWS = 20
 
 
 def read_excel(path: Path, said: Source) -> RawTable:
     """Raises TableError, OSError. Without a sheet named, the one sheet that holds a table."""
     tables = sheets_of(path, said.sheet)
-    found = {name: (rows, layout) for name, rows in tables.items() if (layout := _layout(rows, said)) is not None}
+    found = {
+        name: (rows, layout)
+        for name, rows in tables.items()
+        if (layout := _layout(rows, said)) is not None
+    }
     if not found:
-        raise ImportTrouble(path, f"no sheet holds a table of numbers below a header (sheets: {listed(tables)})")
+        raise ImportTrouble(
+            path, f"no sheet holds a table of numbers below a header (sheets: {listed(tables)})"
+        )
     long = [name for name, (rows, layout) in found.items() if len(rows) - layout.body >= LEAST_ROWS]
     left = long if len(long) == 1 else list(found)
-    findings = tuple(Finding("other_sheets", f"sheet {name} left out: {many(len(found[name][0]), 'row')} next to a log")
-                     for name in found if name not in left)
+    findings = tuple(
+        Finding(
+            "other_sheets",
+            f"sheet {name} left out: {many(len(found[name][0]), 'row')} next to a log",
+        )
+        for name in found
+        if name not in left
+    )
     found = {name: found[name] for name in left}
     if len(found) > 1:
-        raise ImportTrouble(path, f"{len(found)} sheets hold tables: say source.sheet in the import file; allowed "
-                            f"{listed(found)}")
+        raise ImportTrouble(
+            path,
+            f"{len(found)} sheets hold tables: say source.sheet in the import file; allowed "
+            f"{listed(found)}",
+        )
     [(sheet, (rows, layout))] = found.items()
     return _table(path, said, sheet, rows, layout, findings)
 
@@ -41,34 +59,65 @@ def _layout(rows: list[list[Any]], said: Source) -> Layout | None:
         header = said.title_rows
         unit_row = said.unit_row is True
         below = header + (2 if unit_row else 1)
-        return Layout(header, header + 1 if unit_row else None, below) if below < len(rows) else None
+        return (
+            Layout(header, header + 1 if unit_row else None, below) if below < len(rows) else None
+        )
     return layout_of([[cell_text(cell) for cell in row] for row in rows[:SAMPLE_LINES]])
 
 
-def _table(path: Path, said: Source, sheet: str, rows: list[list[Any]], layout: Layout,
-           findings: tuple[Finding, ...]) -> RawTable:
+def _table(
+    path: Path,
+    said: Source,
+    sheet: str,
+    rows: list[list[Any]],
+    layout: Layout,
+    findings: tuple[Finding, ...],
+) -> RawTable:
     if layout.header < 0 and not said.names:
-        raise ImportTrouble(path, f"sheet {sheet}: no header row: allowed is a row that names the columns, or "
-                            "source.names in the import file")
-    names, units = header_of(list(said.names) if said.names else [cell_text(cell) for cell in rows[layout.header]],
-                             None if layout.units is None else [cell_text(cell) for cell in rows[layout.units]])
-    body = [row for row in rows[layout.body:] if any(cell != "" for cell in row)]
+        raise ImportTrouble(
+            path,
+            f"sheet {sheet}: no header row: allowed is a row that names the columns, or "
+            "source.names in the import file",
+        )
+    names, units = header_of(
+        list(said.names) if said.names else [cell_text(cell) for cell in rows[layout.header]],
+        None if layout.units is None else [cell_text(cell) for cell in rows[layout.units]],
+    )
+    body = [row for row in rows[layout.body :] if any(cell != "" for cell in row)]
     if not body:
         raise ImportTrouble(path, f"sheet {sheet}: no rows below the header")
-    columns = list(zip(*body, strict=False))[:len(names)]
-    frame = pl.DataFrame([_series(name, values) for name, values in zip(names, columns, strict=True)])
-    source = said.model_copy(update={"kind": "excel", "sheet": sheet, "title_rows": max(layout.header, 0),
-                                     "unit_row": layout.units is not None})
-    above = tuple(" ".join(filter(None, map(cell_text, row))) for row in rows[:max(layout.header, 0)])
+    columns = list(zip(*body, strict=False))[: len(names)]
+    frame = pl.DataFrame(
+        [_series(name, values) for name, values in zip(names, columns, strict=True)]
+    )
+    source = said.model_copy(
+        update={
+            "kind": "excel",
+            "sheet": sheet,
+            "title_rows": max(layout.header, 0),
+            "unit_row": layout.units is not None,
+        }
+    )
+    above = tuple(
+        " ".join(filter(None, map(cell_text, row))) for row in rows[: max(layout.header, 0)]
+    )
     return RawTable(path, frame, source, units, layout.body + 1, findings, above)
 
 
 def _series(name: str, values: tuple[Any, ...]) -> pl.Series:
     kinds = {type(value) for value in values if value != ""}
     if kinds <= {float, int, bool}:
-        return pl.Series(name, [None if value == "" else float(value) for value in values], pl.Float64)
+        return pl.Series(
+            name, [None if value == "" else float(value) for value in values], pl.Float64
+        )
     if kinds <= {dt.datetime, dt.date}:
-        times = [None if value == "" else value if isinstance(value, dt.datetime)
-                 else dt.datetime.combine(value, dt.time()) for value in values]
+        times = [
+            None
+            if value == ""
+            else value
+            if isinstance(value, dt.datetime)
+            else dt.datetime.combine(value, dt.time())
+            for value in values
+        ]
         return pl.Series(name, times, pl.Datetime("us"))
     return pl.Series(name, [cell_text(value) for value in values], pl.String)

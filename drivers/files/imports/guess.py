@@ -1,4 +1,6 @@
-"""A first import file by looking at a table: by names, by units, by ranges, by physics. What is not sure is said."""
+"""A first import file by looking at a table: by names, by units, by ranges, by physics. What is
+not sure is said."""
+
 from __future__ import annotations
 
 from collections.abc import Mapping
@@ -32,12 +34,17 @@ from drivers.files.imports.units import quantity_of, unit_named
 from drivers.files.imports.words import EITHER_WAY, ON, QUANTITIES, folded, says, subject_of
 
 # What the converted numbers say against a guess, or for it.
-LOOKED_AT = 50_000              # rows, for what the converted numbers say
-SLIP = (0.7, 1.6)               # a wheel's speed over the ground's, on any ground
-ALIKE = 0.1                     # command and reading so near one another are in the same unit
-BEYOND = 0.02                   # of the largest value: readings about zero are noisy
-CLOSEST_S, FARTHEST_S = 5e-5, 60.0      # between rows (median): the quickest logger of a drive, the slowest
-DRIVEN = ("shaft_rpm_cmd", "opening_mm_cmd")        # commands that a row may hold with their settled answer
+LOOKED_AT = 50_000  # rows, for what the converted numbers say
+# a wheel's speed over the ground's, on any ground
+SLIP = (0.7, 1.6)
+# command and reading so near one another are in the same unit
+ALIKE = 0.1
+# of the largest value: readings about zero are noisy
+BEYOND = 0.02
+# between rows (median): the quickest logger of a drive, the slowest
+CLOSEST_S, FARTHEST_S = 5e-5, 60.0
+# commands that a row may hold with their settled answer
+DRIVEN = ("shaft_rpm_cmd", "opening_mm_cmd")
 
 
 def check(raw: RawTable, out: Guess, chosen: Mapping[str, ColumnCandidate]) -> None:
@@ -49,8 +56,11 @@ def check(raw: RawTable, out: Guess, chosen: Mapping[str, ColumnCandidate]) -> N
         out.doubts.append(Doubt(("time",), _too_close(raw, out) or str(trouble).splitlines()[0]))
         return
     time_s = (tried.frame["us"] - tried.frame["us"][0]).to_numpy() / 1e6
-    columns = {name: tried.frame[name].to_numpy() for name in tried.frame.columns
-               if tried.frame[name].dtype == pl.Float64}
+    columns = {
+        name: tried.frame[name].to_numpy()
+        for name in tried.frame.columns
+        if tried.frame[name].dtype == pl.Float64
+    }
     _spacing(time_s, out)
     _speeds(time_s, columns, out, chosen)
     _ranges(columns, out)
@@ -59,50 +69,84 @@ def check(raw: RawTable, out: Guess, chosen: Mapping[str, ColumnCandidate]) -> N
 
 
 def _too_close(raw: RawTable, out: Guess) -> str:
-    """Of times that grow in every row and are none in the unit taken: a header says `time_us` above seconds."""
+    """Of times that grow in every row and are none in the unit taken: a header says `time_us`
+    above seconds."""
     time = out.mapping.time
     if time.column is None or time.counts not in ("ms", "us"):
         return ""
     steps = numbers(raw.frame[time.column], raw.decimal_comma).values.diff().drop_nulls()
     if not steps.len() or not (steps > 0).all():
         return ""
-    each = float(steps.median() or 0.0)                         # type: ignore[arg-type]
-    return f"{time.column} grows by {each:.3g} {time.counts} in each row: are the times in another unit?"
+    each = float(steps.median() or 0.0)  # type: ignore[arg-type]
+    return (
+        f"{time.column} grows by {each:.3g} {time.counts} in each row: are the times in "
+        "another unit?"
+    )
 
 
 def _spacing(time_s: NDArray[np.float64], out: Guess) -> None:
     """Rows so far apart, or so close, that the times are rather given in another unit."""
-    if len(time_s) < 3 or out.mapping.time.counts == "rows" or any(doubt.key == ("time",) for doubt in out.doubts):
+    if (
+        len(time_s) < 3
+        or out.mapping.time.counts == "rows"
+        or any(doubt.key == ("time",) for doubt in out.doubts)
+    ):
         return
     step_s = float(np.median(np.diff(time_s)))
     if not CLOSEST_S <= step_s <= FARTHEST_S:
-        whole, each = (f"{span:,.0f}" if span >= 100.0 else f"{span:.3g}" for span in (float(time_s[-1]), step_s))
-        out.doubts.append(Doubt(("time",), f"{whole} s for {len(time_s)} rows, one each {each} s: are the times in "
-                                "another unit?"))
+        whole, each = (
+            f"{span:,.0f}" if span >= 100.0 else f"{span:.3g}"
+            for span in (float(time_s[-1]), step_s)
+        )
+        out.doubts.append(
+            Doubt(
+                ("time",),
+                f"{whole} s for {len(time_s)} rows, one each {each} s: are the times in "
+                "another unit?",
+            )
+        )
 
 
-def _speeds(time_s: NDArray[np.float64], columns: dict[str, NDArray[np.float64]], out: Guess,
-            chosen: Mapping[str, ColumnCandidate]) -> None:
+def _speeds(
+    time_s: NDArray[np.float64],
+    columns: dict[str, NDArray[np.float64]],
+    out: Guess,
+    chosen: Mapping[str, ColumnCandidate],
+) -> None:
     if "lat_deg" not in columns or "lon_deg" not in columns:
         return
     for name in ("speed_mps", "wheel_speed_mps", "speed_used_mps"):
         if name not in columns:
             continue
-        unit, ratio = physics.speed_unit(time_s, columns["lat_deg"], columns["lon_deg"], columns[name])
+        unit, ratio = physics.speed_unit(
+            time_s, columns["lat_deg"], columns["lon_deg"], columns[name]
+        )
         if ratio != ratio:
             continue
         column, key = out.mapping.columns[name], ("columns", name)
         written = unit_named(column.unit or "m/s")
         assert written is not None
-        slips = name == "wheel_speed_mps" and chosen[name].unit is not None and SLIP[0] < ratio < SLIP[1]
-        if unit == "m/s" or slips:                          # as converted: what the header or the range said holds
+        slips = (
+            name == "wheel_speed_mps"
+            and chosen[name].unit is not None
+            and SLIP[0] < ratio < SLIP[1]
+        )
+        # as converted: what the header or the range said holds
+        if unit == "m/s" or slips:
             out.reasons[key] = f"{written.name}: {ratio:.2f} times the speed between the places"
-            out.doubts = [doubt for doubt in out.doubts if doubt.key != key or "unit" not in doubt.text]
+            out.doubts = [
+                doubt for doubt in out.doubts if doubt.key != key or "unit" not in doubt.text
+            ]
         elif chosen[name].unit is None:
             _without_stated_unit(name, ratio / written.factor, column, out)
         else:
-            out.doubts.append(Doubt(key, f"in {written.name}, as the header says, it is {ratio:.2f} times the speed "
-                                    "between the places"))
+            out.doubts.append(
+                Doubt(
+                    key,
+                    f"in {written.name}, as the header says, it is {ratio:.2f} times the speed "
+                    "between the places",
+                )
+            )
 
 
 def _without_stated_unit(name: str, ratio: float, column: Column, out: Guess) -> None:
@@ -110,7 +154,9 @@ def _without_stated_unit(name: str, ratio: float, column: Column, out: Guess) ->
     key = ("columns", name)
     fits = unit_of(ratio, physics.SPEED_FACTORS)
     if fits is None:
-        out.doubts.append(Doubt(key, f"it is {ratio:.2f} times the speed between the places: no unit makes that"))
+        out.doubts.append(
+            Doubt(key, f"it is {ratio:.2f} times the speed between the places: no unit makes that")
+        )
         return
     changed = {**out.mapping.columns, name: column.model_copy(update={"unit": fits})}
     out.mapping = out.mapping.model_copy(update={"columns": changed})
@@ -127,13 +173,21 @@ def _ranges(columns: dict[str, NDArray[np.float64]], out: Guess) -> None:
         noise = BEYOND * np.abs(known).max()
         outside = known[(known < low - noise) | (known > high + noise)]
         if outside.size > 0.01 * known.size:
-            text = f"{outside.size} of {known.size} values such as {outside[0]:g} are beyond {low:g} to {high:g}"
+            text = (
+                f"{outside.size} of {known.size} values such as {outside[0]:g} are beyond "
+                f"{low:g} to {high:g}"
+            )
             out.doubts.append(Doubt(("columns", name), f"{text}, which {name} can be"))
 
 
-def _commands(time_s: NDArray[np.float64], columns: dict[str, NDArray[np.float64]], out: Guess,
-              chosen: Mapping[str, ColumnCandidate]) -> None:
-    """Commands without a unit scaled to their readings, and whether a row holds a command with its settled answer."""
+def _commands(
+    time_s: NDArray[np.float64],
+    columns: dict[str, NDArray[np.float64]],
+    out: Guess,
+    chosen: Mapping[str, ColumnCandidate],
+) -> None:
+    """Commands without a unit scaled to their readings, and whether a row holds a command with
+    its settled answer."""
     for command, reading in PAIRS:
         if command not in columns or reading not in columns:
             continue
@@ -141,20 +195,39 @@ def _commands(time_s: NDArray[np.float64], columns: dict[str, NDArray[np.float64
         one = chosen.get(command)
         if one is not None and one.unit is None and not one.implied and command in DRIVEN:
             bare = not says(folded(one.source), QUANTITIES)
-            _scaled(command, physics.slope(columns[command], columns[reading]), bare,
-                    float(np.nanmax(np.abs(columns[command]))), out)
+            _scaled(
+                command,
+                physics.slope(columns[command], columns[reading]),
+                bare,
+                float(np.nanmax(np.abs(columns[command]))),
+                out,
+            )
         found = physics.answer(columns[command], columns[reading])
         if found is not None and found.strength >= physics.LEAST_CORRELATION:
-            if found.lag < 0 and command in DRIVEN:      # a rate may come before its target: a look-ahead set too long
-                out.doubts.append(Doubt(key, f"{reading} moves {-found.lag} rows before it: are the two exchanged?"))
+            # a rate may come before its target: a look-ahead set too long
+            if found.lag < 0 and command in DRIVEN:
+                out.doubts.append(
+                    Doubt(
+                        key, f"{reading} moves {-found.lag} rows before it: are the two exchanged?"
+                    )
+                )
             elif found.lag == 0 and command in DRIVEN:
-                _answer_in_row(out, f"{reading} moves in the very row in which {command} does: answer_in_row where a "
-                               "row holds a command and its answer, answer_next_row where it was given after the "
-                               "reading")
+                _answer_in_row(
+                    out,
+                    f"{reading} moves in the very row in which {command} does: "
+                    "answer_in_row where a "
+                    "row holds a command and its answer, answer_next_row where it was given "
+                    "after the "
+                    "reading",
+                )
         elif command in DRIVEN and physics.are_settings(time_s, columns[command]):
             apart_s = float(np.median(np.diff(time_s)))
-            _answer_in_row(out, f"nearly every row has another {command}, and rows are {apart_s:.2g} s apart: taken "
-                           "for settings with their settled answers")
+            _answer_in_row(
+                out,
+                f"nearly every row has another {command}, and rows are {apart_s:.2g} s "
+                "apart: taken "
+                "for settings with their settled answers",
+            )
 
 
 def _answer_in_row(out: Guess, text: str) -> None:
@@ -164,23 +237,35 @@ def _answer_in_row(out: Guess, text: str) -> None:
 
 
 def _scaled(command: str, factor: float, bare: bool, most: float, out: Guess) -> None:
-    """`most`: its largest number. `bare`: its name says no quantity, so that it may count anything, as PWM does."""
+    """`most`: its largest number. `bare`: its name says no quantity, so that it may count
+    anything, as PWM does."""
     key = ("columns", command)
     out.doubts = [doubt for doubt in out.doubts if doubt.key != key or "no unit" not in doubt.text]
     if not np.isfinite(factor) or factor == 0.0:
         out.doubts.append(Doubt(key, "no unit in the header, and the readings do not tell a scale"))
         return
     if not bare or abs(factor - 1.0) < ALIKE:
-        out.doubts.append(Doubt(key, f"no unit in the header; its readings are {factor:.3g} times as large: taken for "
-                                "the same unit"))
+        out.doubts.append(
+            Doubt(
+                key,
+                f"no unit in the header; its readings are {factor:.3g} times as large: taken for "
+                "the same unit",
+            )
+        )
         return
     column = out.mapping.columns[command]
     why = "the usual ratio of its reading to it; what the maker says of it is better"
     if command in out.full:
         factor = per_count(most, out.full[command])
-        why = f"so that its full count is {out.full[command]:g} r/min, as the machine file says" \
-            if command == "shaft_rpm_cmd" else "so that its full count is the machine file's"
-    changed = {**out.mapping.columns, command: column.model_copy(update={"scale": float(f"{factor:.4g}")})}
+        why = (
+            f"so that its full count is {out.full[command]:g} r/min, as the machine file says"
+            if command == "shaft_rpm_cmd"
+            else "so that its full count is the machine file's"
+        )
+    changed = {
+        **out.mapping.columns,
+        command: column.model_copy(update={"scale": float(f"{factor:.4g}")}),
+    }
     out.mapping = out.mapping.model_copy(update={"columns": changed})
     out.doubts.append(Doubt(key, f"no unit in the header: scaled by {factor:.4g}, {why}"))
 
@@ -191,16 +276,27 @@ def _hopper(columns: dict[str, NDArray[np.float64]], out: Guess) -> None:
     if hopper is not None and hopper.size > 20:
         known = hopper[np.isfinite(hopper)]
         if known.size > 20 and np.mean(np.diff(known) > 0.0) > 0.8 and known[-1] > known[0]:
-            out.doubts.append(Doubt(("columns", "hopper_kg"), "it grows nearly all the time: does it count what was "
-                                    "applied?"))
+            out.doubts.append(
+                Doubt(
+                    ("columns", "hopper_kg"),
+                    "it grows nearly all the time: does it count what was applied?",
+                )
+            )
 
 
 def guess(raw: RawTable, full: Mapping[str, float] | None = None) -> Guess:
-    """full : the most of a log column by its machine file, in the log's unit, where that is known: what 100 % of a duty
-    cycle is. Raises ImportTrouble where the table has no times that can be read at all."""
+    """full : the most of a log column by its machine file, in the log's unit, where that is
+    known: what 100 % of a duty cycle is. Raises ImportTrouble where the table has no times that
+    can be read at all."""
     time = guess_times(raw)
-    out = Guess(ImportFile(source=raw.source, time=time.times, columns={}), full=full or {}, width_m=raw.width_m)
-    out.doubts += [Doubt(("source", "names"), one.text) for one in raw.findings if one.id == NO_HEADER]
+    out = Guess(
+        ImportFile(source=raw.source, time=time.times, columns={}),
+        full=full or {},
+        width_m=raw.width_m,
+    )
+    out.doubts += [
+        Doubt(("source", "names"), one.text) for one in raw.findings if one.id == NO_HEADER
+    ]
     out.reasons[("time",)] = time.why
     if time.doubt:
         out.doubts.append(Doubt(("time",), time.doubt))
@@ -213,25 +309,46 @@ def guess(raw: RawTable, full: Mapping[str, float] | None = None) -> Guess:
             columns[target] = column
     columns |= extras_with_sentinels(raw, {one.source for one in chosen.values()} | used)
     working = _working(raw, columns, out, used)
-    out.mapping = ImportFile(source=raw.source, time=time.times, columns=columns, working=working,
-                             width_m=_width(columns, raw))
+    out.mapping = ImportFile(
+        source=raw.source,
+        time=time.times,
+        columns=columns,
+        working=working,
+        width_m=_width(columns, raw),
+    )
     check(raw, out, chosen)
     unnamed_drive(raw, out, used)
     if unseen := commands_unseen(raw, out, used):
-        out.doubts.append(Doubt(("columns",), f"{listed(unseen, 4)}: by the name a command, and taken for nothing: say "
-                                "which drive's it is (shaft_rpm_cmd, opening_mm_cmd), and which column is its reading"))
+        out.doubts.append(
+            Doubt(
+                ("columns",),
+                f"{listed(unseen, 4)}: by the name a command, and taken for nothing: say "
+                "which drive's it is (shaft_rpm_cmd, opening_mm_cmd), and which column is "
+                "its reading",
+            )
+        )
     if not any(name in COLUMNS for name in out.mapping.columns) and "shaft_rpm_cmd" not in out.open:
-        out.doubts.append(Doubt(("columns",), "no column was recognised: say which column of the file is which"))
+        out.doubts.append(
+            Doubt(("columns",), "no column was recognised: say which column of the file is which")
+        )
     return out
 
 
 def _width(columns: dict[str, Column], raw: RawTable) -> float | None:
     """Where a rate is given as a flow, the file's own working width."""
-    units = [unit_named(column.unit) for name, column in columns.items() if column.unit and quantity_of(name) == "rate"]
-    return raw.width_m if any(unit is not None and unit.quantity == "flow" for unit in units) else None
+    units = [
+        unit_named(column.unit)
+        for name, column in columns.items()
+        if column.unit and quantity_of(name) == "rate"
+    ]
+    return (
+        raw.width_m if any(unit is not None and unit.quantity == "flow" for unit in units) else None
+    )
 
 
-def _working(raw: RawTable, columns: dict[str, Column], out: Guess, used: set[str | None]) -> Working | None:
+def _working(
+    raw: RawTable, columns: dict[str, Column], out: Guess, used: set[str | None]
+) -> Working | None:
     """A switch or a word that says when the machine worked."""
     taken = {column.source for column in columns.values()} | used
     if "state" in columns or "work_switch" in columns:
@@ -241,14 +358,25 @@ def _working(raw: RawTable, columns: dict[str, Column], out: Guess, used: set[st
         subject = subject_of(plain, None)
         if source in taken or subject is None or subject.id != "work":
             continue
-        kinds = [str(value).strip() for value in raw.frame[source].drop_nulls().unique().head(12) if str(value).strip()]
+        kinds = [
+            str(value).strip()
+            for value in raw.frame[source].drop_nulls().unique().head(12)
+            if str(value).strip()
+        ]
         on = [kind for kind in kinds if kind.casefold().removesuffix(".0") in ON]
         if len(kinds) > 6 or len(on) != 1:
             continue
-        rivals = [name for name in raw.names if name.partition(" (")[0] == source.partition(" (")[0]]
+        rivals = [
+            name for name in raw.names if name.partition(" (")[0] == source.partition(" (")[0]
+        ]
         if len(rivals) > 1:
-            out.doubts.append(Doubt(("working",), f"{len(rivals)} columns say it, and not alike ({listed(rivals, 4)}): "
-                                    "which says that the machine works?"))
+            out.doubts.append(
+                Doubt(
+                    ("working",),
+                    f"{len(rivals)} columns say it, and not alike ({listed(rivals, 4)}): "
+                    "which says that the machine works?",
+                )
+            )
         mark: float | str = float(on[0]) if on[0].removesuffix(".0").isdigit() else on[0]
         out.reasons[("working",)] = f"{source} is one of {', '.join(sorted(kinds))}"
         if says(plain, EITHER_WAY):

@@ -1,4 +1,5 @@
 """Which column of a file is which of the log: by names, by units, by ranges."""
+
 from __future__ import annotations
 
 from collections.abc import Iterable
@@ -29,15 +30,21 @@ from drivers.files.imports.words import (
     subject_of,
 )
 
-TOO_FAST = 60.0                 # no machine drives so fast in any unit of speed: it is a rotation
-DEGREES = ("latitude", "longitude", "heading")      # their unit needs no word
-EFFORT_UNITS = {"%": 1.0, "A": 1.0, "mA": 0.001, "Nm": 1.0}      # kept as they are: the machine file names its own
-IN_RPM = ("rpm", "drehzahl", "转速")                 # words that are units by themselves
+# no machine drives so fast in any unit of speed: it is a rotation
+TOO_FAST = 60.0
+DEGREES = ("latitude", "longitude", "heading")  # their unit needs no word
+# kept as they are: the machine file names its own
+EFFORT_UNITS = {"%": 1.0, "A": 1.0, "mA": 0.001, "Nm": 1.0}
+IN_RPM = ("rpm", "drehzahl", "转速")  # words that are units by themselves
 
 
 def candidates_of(raw: RawTable, used: Iterable[str | None]) -> list[ColumnCandidate]:
     """The columns that may be some column of the log, but for those in use."""
-    found = [one for name in raw.names if name not in set(used) and (one := _candidate(raw, name)) is not None]
+    found = [
+        one
+        for name in raw.names
+        if name not in set(used) and (one := _candidate(raw, name)) is not None
+    ]
     _tell_roles(found)
     _tell_efforts(raw, used, found)
     return found + _commands_by_name(raw, used, found)
@@ -45,28 +52,46 @@ def candidates_of(raw: RawTable, used: Iterable[str | None]) -> list[ColumnCandi
 
 def _tell_efforts(raw: RawTable, used: Iterable[str | None], found: list[ColumnCandidate]) -> None:
     """A duty cycle next to a command that is none is no command: it is how hard the drive works."""
-    duties = [name for name in raw.names if name not in set(used) and says(folded(named(name)[0]), RAW_COMMAND)]
+    duties = [
+        name
+        for name in raw.names
+        if name not in set(used) and says(folded(named(name)[0]), RAW_COMMAND)
+    ]
     commands = [one for one in found if one.target == "shaft_rpm_cmd" and one.source not in duties]
     if len(duties) == 1 and commands and not any(one.target == "shaft_effort" for one in found):
         unit = unit_named(raw.units[duties[0]]) if duties[0] in raw.units else None
         found[:] = [one for one in found if one.source != duties[0]]
-        found.append(ColumnCandidate(duties[0], "shaft_effort", unit, True, "reading", values=_values(raw, duties[0])))
+        found.append(
+            ColumnCandidate(
+                duties[0], "shaft_effort", unit, True, "reading", values=_values(raw, duties[0])
+            )
+        )
 
 
-def _commands_by_name(raw: RawTable, used: Iterable[str | None], found: list[ColumnCandidate]) -> list[ColumnCandidate]:
-    """Where a speed is read and no command is known: the speed that is named a command and that the reading follows,
-    whatever it drives (`fan_command_rpm`: the fan of an applicator is no metering shaft, that on a bench is one)."""
+def _commands_by_name(
+    raw: RawTable, used: Iterable[str | None], found: list[ColumnCandidate]
+) -> list[ColumnCandidate]:
+    """Where a speed is read and no command is known: the speed that is named a command and that
+    the reading follows, whatever it drives (`fan_command_rpm`: the fan of an applicator is no
+    metering shaft, that on a bench is one)."""
     reading = next((one for one in found if one.target == "shaft_rpm"), None)
     if reading is None or any(one.target == "shaft_rpm_cmd" for one in found):
         return []
     commands = []
     for name in raw.names:
-        plain, unit = folded(named(name)[0]), unit_named(raw.units[name]) if name in raw.units else None
+        plain, unit = (
+            folded(named(name)[0]),
+            unit_named(raw.units[name]) if name in raw.units else None,
+        )
         turns = says(plain, IN_RPM) if unit is None else unit.quantity == "rotation"
         if name not in {*used, reading.source} and turns and says(plain, COMMAND):
             values = _values(raw, name)
             if values.size and _follows(values, reading.values):
-                commands.append(ColumnCandidate(name, "shaft_rpm_cmd", unit, unit is None, "command", values=values))
+                commands.append(
+                    ColumnCandidate(
+                        name, "shaft_rpm_cmd", unit, unit is None, "command", values=values
+                    )
+                )
     return commands
 
 
@@ -76,12 +101,18 @@ def _candidate(raw: RawTable, name: str) -> ColumnCandidate | None:
     plain = folded(named(name)[0])
     unit = unit_named(raw.units[name]) if name in raw.units else None
     if name in COLUMNS and name not in NOT_MAPPED:
-        return ColumnCandidate(name, name, None, implied=True, exact=True, values=_values(raw, name))
+        return ColumnCandidate(
+            name, name, None, implied=True, exact=True, values=_values(raw, name)
+        )
     subject = subject_of(plain, unit.quantity if unit else None)
     if unit is not None and _no_unit(name, subject, unit, plain):
         subject, unit = subject_of(plain, None), None
-    if subject is None or not subject.reading or subject.id == "work" or (
-            subject.reading in EFFORTS and unit is not None and unit.name not in EFFORT_UNITS):
+    if (
+        subject is None
+        or not subject.reading
+        or subject.id == "work"
+        or (subject.reading in EFFORTS and unit is not None and unit.name not in EFFORT_UNITS)
+    ):
         return None
     role = "command" if says(plain, COMMAND) else "reading" if says(plain, READING) else ""
     if says(plain, READING) and says(plain, COMMAND) and not says(plain, RAW_COMMAND):
@@ -90,20 +121,28 @@ def _candidate(raw: RawTable, name: str) -> ColumnCandidate | None:
     values = _values(raw, name)
     if not np.isfinite(values).any() and target not in TEXT_COLUMNS:
         return None
-    implied = quantity_of(target) is None or subject.id in DEGREES or (
-        subject.id == "shaft" and says(plain, IN_RPM))
+    implied = (
+        quantity_of(target) is None
+        or subject.id in DEGREES
+        or (subject.id == "shaft" and says(plain, IN_RPM))
+    )
     if subject.id == "speed" and unit is None and _too_fast(values):
         target = "shaft_rpm_cmd" if role == "command" else "shaft_rpm"
     elif subject.id == "speed" and role == "command":
-        return None                     # a wanted ground speed is no reading
+        return None  # a wanted ground speed is no reading
     return ColumnCandidate(name, target, unit, implied and unit is None, role, values=values)
 
 
 def _no_unit(name: str, subject: Subject | None, unit: ColumnUnit, plain: str) -> bool:
-    """Whether the end of a name only reads as a unit: `Tgt_Rate_lb_ac`, of which a shapefile leaves `Tgt_Rate_l`, and
-    the Ms of `Rt_Apd_Ms`, which is a mass."""
+    """Whether the end of a name only reads as a unit: `Tgt_Rate_lb_ac`, of which a shapefile
+    leaves `Tgt_Rate_l`, and the Ms of `Rt_Apd_Ms`, which is a mass."""
     worded = subject_of(plain, None)
-    if worded is None or worded is subject or not worded.reading or goes_with(worded.reading, unit.quantity):
+    if (
+        worded is None
+        or worded is subject
+        or not worded.reading
+        or goes_with(worded.reading, unit.quantity)
+    ):
         return False
     return len(name) == SHAPEFILE_NAME or (worded.id == "rate" and unit.quantity == "time")
 
@@ -126,10 +165,13 @@ def _too_fast(values: NDArray[np.float64]) -> bool:
 
 
 def _tell_roles(candidates: list[ColumnCandidate]) -> None:
-    """Of two columns of one kind and no word which is which: the one that the other follows is the command."""
+    """Of two columns of one kind and no word which is which: the one that the other follows is
+    the command."""
     for command, reading in PAIRS:
         alike = [one for one in candidates if one.target == reading and one.role == ""]
-        if len(alike) != 2 or any(one.target == command or (one.target == reading and one.role) for one in candidates):
+        if len(alike) != 2 or any(
+            one.target == command or (one.target == reading and one.role) for one in candidates
+        ):
             continue
         found = physics.answer(alike[0].values, alike[1].values)
         if found is not None and found.lag != 0 and found.strength > physics.LEAST_CORRELATION:
@@ -146,23 +188,45 @@ def chosen_of(candidates: list[ColumnCandidate], out: Guess) -> dict[str, Column
     for target, several in by_target.items():
         several = sorted(several, key=lambda one: one.weight, reverse=True)
         best = chosen[target] = several[0]
-        rivals = [one.source for one in several[1:] if one.weight == best.weight
-                  or one.source.startswith(f"{best.source} (")]         # of the same name
+        rivals = [
+            one.source
+            for one in several[1:]
+            if one.weight == best.weight or one.source.startswith(f"{best.source} (")
+        ]  # of the same name
         if rivals:
-            out.doubts.append(Doubt(("columns", target), f"{' and '.join(rivals)} would fit as well as {best.source}"))
-        flow = best.unit is not None and best.unit.quantity == "flow"       # is measured, whatever its name says
-        if target == "applied_rate_kg_ha" and "target_rate_kg_ha" not in by_target and not (
-                best.role or best.exact or flow):
-            out.doubts.append(Doubt(("columns", target), f"no word says whether {best.source} is what was wanted or "
-                                    "what was applied: taken for applied"))
+            out.doubts.append(
+                Doubt(
+                    ("columns", target),
+                    f"{' and '.join(rivals)} would fit as well as {best.source}",
+                )
+            )
+        # is measured, whatever its name says
+        flow = best.unit is not None and best.unit.quantity == "flow"
+        if (
+            target == "applied_rate_kg_ha"
+            and "target_rate_kg_ha" not in by_target
+            and not (best.role or best.exact or flow)
+        ):
+            out.doubts.append(
+                Doubt(
+                    ("columns", target),
+                    f"no word says whether {best.source} is what was wanted or "
+                    "what was applied: taken for applied",
+                )
+            )
         if best.role == "by physics":
-            out.doubts.append(Doubt(("columns", target), f"no word says that {best.source} is the command: the other "
-                                    "column follows it"))
+            out.doubts.append(
+                Doubt(
+                    ("columns", target),
+                    f"no word says that {best.source} is the command: the other column follows it",
+                )
+            )
     return chosen
 
 
 def column_of(one: ColumnCandidate, out: Guess) -> Column | None:
-    """The import file's words for a candidate; None where a number is wanting that the file does not hold."""
+    """The import file's words for a candidate; None where a number is wanting that the file
+    does not hold."""
     key: Key = ("columns", one.target)
     quantity = quantity_of(one.target)
     if one.exact or one.target in TEXT_COLUMNS:
@@ -177,25 +241,48 @@ def column_of(one: ColumnCandidate, out: Guess) -> Column | None:
         return Column.of(one.source, unit="slope %", missing=_missing(one))
     if one.unit.name == "%" and one.target in out.full:
         out.reasons[key] = f"100 % is {out.full[one.target]:g} {_log_unit(one)} by the machine file"
-        return Column.model_validate({"from": one.source, "unit": "%", "full": out.full[one.target],
-                                      "missing": _missing(one)})
+        return Column.model_validate(
+            {
+                "from": one.source,
+                "unit": "%",
+                "full": out.full[one.target],
+                "missing": _missing(one),
+            }
+        )
     if one.unit.name == "%" and quantity is not None:
-        out.doubts.append(Doubt(key, f"{one.source} is in %: the file does not say what 100 % is in "
-                                f"{_log_unit(one)}"))
+        out.doubts.append(
+            Doubt(
+                key,
+                f"{one.source} is in %: the file does not say what 100 % is in {_log_unit(one)}",
+            )
+        )
         out.open[one.target] = f'{{from: {_quoted(one.source)}, unit: "%", full: }}'
         return None
     if quantity == "rate" and one.unit.quantity == "flow":
         if out.width_m is not None:
-            out.reasons[key] = f"a flow, over the working width of {out.width_m:g} m that the device says"
+            out.reasons[key] = (
+                f"a flow, over the working width of {out.width_m:g} m that the device says"
+            )
             return Column.of(one.source, unit=one.unit.name, missing=_missing(one))
-        out.doubts.append(Doubt(key, f"{one.source} is a flow: the working width width_m is not in the file"))
-        out.open[one.target] = f"{{from: {_quoted(one.source)}, unit: {one.unit.name}}}     # and, on top, width_m: "
+        out.doubts.append(
+            Doubt(key, f"{one.source} is a flow: the working width width_m is not in the file")
+        )
+        out.open[one.target] = (
+            f"{{from: {_quoted(one.source)}, unit: {one.unit.name}}}     # and, on top, width_m: "
+        )
         return None
     if quantity == "rate" and one.unit.quantity == "volume":
-        out.doubts.append(Doubt(key, f"{one.source} is a volume: the product's density, density_kg_l, is not in the "
-                                "file"))
-        out.open[one.target] = (f"{{from: {_quoted(one.source)}, unit: {one.unit.name}}}"
-                                "     # and, on top, density_kg_l: ")
+        out.doubts.append(
+            Doubt(
+                key,
+                f"{one.source} is a volume: the product's density, density_kg_l, is not in the "
+                "file",
+            )
+        )
+        out.open[one.target] = (
+            f"{{from: {_quoted(one.source)}, unit: {one.unit.name}}}"
+            "     # and, on top, density_kg_l: "
+        )
         return None
     return None
 
@@ -215,7 +302,9 @@ def _without_unit(one: ColumnCandidate, quantity: str | None, out: Guess) -> Col
     if one.implied or quantity is None:
         out.reasons[key] = "the name"
         scale = 1.0 if one.unit is None else EFFORT_UNITS.get(one.unit.name, 1.0)
-        return Column.of(one.source, missing=missing).model_copy(update={} if scale == 1.0 else {"scale": scale})
+        return Column.of(one.source, missing=missing).model_copy(
+            update={} if scale == 1.0 else {"scale": scale}
+        )
     known = one.values[np.isfinite(one.values) & ~np.isin(one.values, missing)]
     unit = _log_unit(one)
     if quantity == "voltage":
@@ -225,7 +314,9 @@ def _without_unit(one: ColumnCandidate, quantity: str | None, out: Guess) -> Col
     if quantity == "angle":
         out.reasons[key] = "the name"
         if known.size and np.abs(known).max() < 1.6:
-            out.doubts.append(Doubt(key, f"no unit: degrees or radians? (values up to {np.abs(known).max():.3g})"))
+            out.doubts.append(
+                Doubt(key, f"no unit: degrees or radians? (values up to {np.abs(known).max():.3g})")
+            )
         return Column.of(one.source, unit="deg", missing=missing)
     moving = known[known > MOVING_MPS]
     if quantity == "speed" and moving.size and np.median(moving) > FAST_MPS:
@@ -236,14 +327,24 @@ def _without_unit(one: ColumnCandidate, quantity: str | None, out: Guess) -> Col
 
 
 def unnamed_drive(raw: RawTable, out: Guess, used: Iterable[str | None]) -> None:
-    """Of a file in which no drive has both its columns: which column moves others, a doubt and open lines for it.
+    """Of a file in which no drive has both its columns: which column moves others, a doubt and
+    open lines for it.
 
-    A command says so by its name (PWM, duty), or is held for many rows while others change behind it.
+    A command says so by its name (PWM, duty), or is held for many rows while others change
+    behind it.
     """
-    if any({command, reading} <= out.mapping.columns.keys() | out.open.keys() for command, reading in PAIRS):
+    if any(
+        {command, reading} <= out.mapping.columns.keys() | out.open.keys()
+        for command, reading in PAIRS
+    ):
         return
-    values = {name: one for name in raw.names if name not in set(used) and (one := _values(raw, name)).size
-              and np.nanmin(one) < np.nanmax(one)}
+    values = {
+        name: one
+        for name in raw.names
+        if name not in set(used)
+        and (one := _values(raw, name)).size
+        and np.nanmin(one) < np.nanmax(one)
+    }
     named_so = [name for name in values if says(folded(named(name)[0]), RAW_COMMAND)]
     if not named_so and any(name in COLUMNS for name in (*out.mapping.columns, *out.open)):
         return
@@ -251,15 +352,33 @@ def unnamed_drive(raw: RawTable, out: Guess, used: Iterable[str | None]) -> None
     by_custom = {folded(named(name)[0]): name for name in values}
     customary = [by_custom[INPUT]] if {INPUT, OUTPUT} <= by_custom.keys() else []
     for command in [*named_so, *customary, *held[:1]]:
-        followers = [name for name in values if name != command and (_follows(values[command], values[name])
-                     or (command in customary and name == by_custom[OUTPUT]))]
+        followers = [
+            name
+            for name in values
+            if name != command
+            and (
+                _follows(values[command], values[name])
+                or (command in customary and name == by_custom[OUTPUT])
+            )
+        ]
         if followers:
-            out.doubts.append(Doubt(("columns",), f"{', '.join(followers[:6])} follow{'s' * (len(followers) == 1)} "
-                                    f"{command}: is that the command of a drive and this its reading?"))
-            full = f", scale: {per_count(float(np.nanmax(np.abs(values[command]))), out.full['shaft_rpm_cmd']):.4g}" \
-                if "shaft_rpm_cmd" in out.full else ", scale: "
-            out.open.setdefault("shaft_rpm_cmd", f"{{from: {_quoted(command)}{full}}}     # r/min for one of it")
-            out.open.setdefault("shaft_rpm", f"{{from: {_quoted(followers[0])}, unit: rad/s}}     # or r/min")
+            out.doubts.append(
+                Doubt(
+                    ("columns",),
+                    f"{', '.join(followers[:6])} follow{'s' * (len(followers) == 1)} "
+                    f"{command}: is that the command of a drive and this its reading?",
+                )
+            )
+            full = ", scale: "
+            if "shaft_rpm_cmd" in out.full:
+                most = float(np.nanmax(np.abs(values[command])))
+                full += f"{per_count(most, out.full['shaft_rpm_cmd']):.4g}"
+            out.open.setdefault(
+                "shaft_rpm_cmd", f"{{from: {_quoted(command)}{full}}}     # r/min for one of it"
+            )
+            out.open.setdefault(
+                "shaft_rpm", f"{{from: {_quoted(followers[0])}, unit: rad/s}}     # or r/min"
+            )
             return
 
 
@@ -269,20 +388,31 @@ def commands_unseen(raw: RawTable, out: Guess, used: Iterable[str | None]) -> li
     if any(command in known for command, _ in PAIRS):
         return []
     taken = {column.source for column in out.mapping.columns.values()} | set(used)
-    return [name for name in raw.names if name not in taken and says(folded(named(name)[0]), COMMAND)
-            and np.isfinite(_values(raw, name)).any()]
+    return [
+        name
+        for name in raw.names
+        if name not in taken
+        and says(folded(named(name)[0]), COMMAND)
+        and np.isfinite(_values(raw, name)).any()
+    ]
 
 
-INPUT, OUTPUT = "u", "y"    # of a system, as books on control and recordings of experiments call them
-FOLLOWS = 0.8               # correlation of a reading with the command that moves it, or of their ranks: curves bend
-FULL_COUNTS = (1.0, 100.0, 255.0, 1000.0, 1023.0, 4095.0, 10_000.0, 32_767.0, 65_535.0)    # of drives' duty cycles
+# of a system, as books on control and recordings of experiments call them
+INPUT, OUTPUT = "u", "y"
+# correlation of a reading with the command that moves it, or of their ranks: curves bend
+FOLLOWS = 0.8
+# of drives' duty cycles
+FULL_COUNTS = (1.0, 100.0, 255.0, 1000.0, 1023.0, 4095.0, 10_000.0, 32_767.0, 65_535.0)
 
 
 def _follows(command: NDArray[np.float64], reading: NDArray[np.float64]) -> bool:
     both = np.isfinite(command) & np.isfinite(reading)
     if both.sum() < 10 or np.std(command[both]) == 0.0 or np.std(reading[both]) == 0.0:
         return False
-    return any(bool(np.corrcoef(of(command[both]), of(reading[both]))[0, 1] > FOLLOWS) for of in (np.asarray, _ranks))
+    return any(
+        bool(np.corrcoef(of(command[both]), of(reading[both]))[0, 1] > FOLLOWS)
+        for of in (np.asarray, _ranks)
+    )
 
 
 def _ranks(values: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -292,19 +422,24 @@ def _ranks(values: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def per_count(most: float, full: float) -> float:
-    """What one of a command that counts is worth: its largest number `most` is within the least usual full count, which
-    is worth `full`."""
+    """What one of a command that counts is worth: its largest number `most` is within the least
+    usual full count, which is worth `full`."""
     return full / next((count for count in FULL_COUNTS if most <= count), most)
 
 
 def _missing(one: ColumnCandidate, factor: float = 1.0) -> tuple[float, ...]:
     low, high = PLAUSIBLE.get(one.target, (-np.inf, np.inf))
     factor = factor if np.isfinite(factor) else 1.0
-    return tuple(physics.sentinels(one.values, (low / factor, high / factor))) if one.values.size else ()
+    return (
+        tuple(physics.sentinels(one.values, (low / factor, high / factor)))
+        if one.values.size
+        else ()
+    )
 
 
 def extras_with_sentinels(raw: RawTable, used: Iterable[str | None]) -> dict[str, Column]:
-    """Columns beyond the log's own are kept as they are; those with numbers that stand for nothing are named for it."""
+    """Columns beyond the log's own are kept as they are; those with numbers that stand for
+    nothing are named for it."""
     columns: dict[str, Column] = {}
     for source in raw.names:
         if source in set(used) or raw.frame[source].dtype.is_temporal():

@@ -1,4 +1,6 @@
-"""Which column tells the time, and how: by name, by unit, by how its texts read, by how its numbers run."""
+"""Which column tells the time, and how: by name, by unit, by how its texts read, by how its
+numbers run."""
+
 from __future__ import annotations
 
 import re
@@ -14,21 +16,49 @@ from drivers.files.imports.raw import RawTable
 from drivers.files.imports.times import read_texts, texts_for, with_day
 from drivers.files.imports.trouble import TableError
 from drivers.files.imports.units import unit_named
-from drivers.files.imports.words import COMMAND, DATE, NO_TIME, PLAINLY_TIME, TIME, UTC, folded, says, subject_of
+from drivers.files.imports.words import (
+    COMMAND,
+    DATE,
+    NO_TIME,
+    PLAINLY_TIME,
+    TIME,
+    UTC,
+    folded,
+    says,
+    subject_of,
+)
 
-_DATES = ("%Y-%m-%d", "%Y/%m/%d", "%d.%m.%Y", "%d/%m/%Y", "%m/%d/%Y", "%d-%m-%Y", "%Y.%m.%d", "%Y年%m月%d日",
-          "%d.%m.%y", "%d/%m/%y", "%m/%d/%y", "%d-%m-%y", "%m-%d-%y", "%y-%m-%d", "%Y%m%d")
+_DATES = (
+    "%Y-%m-%d",
+    "%Y/%m/%d",
+    "%d.%m.%Y",
+    "%d/%m/%Y",
+    "%m/%d/%Y",
+    "%d-%m-%Y",
+    "%Y.%m.%d",
+    "%Y年%m月%d日",
+    "%d.%m.%y",
+    "%d/%m/%y",
+    "%m/%d/%y",
+    "%d-%m-%y",
+    "%m-%d-%y",
+    "%y-%m-%d",
+    "%Y%m%d",
+)
 _DAYS_AS_NUMBERS = ("%d%m%Y", "%m%d%Y", "%d%m%y", "%m%d%y", "%y%m%d")
 _TIMES = ("%H:%M:%S%.f", "%H:%M", "%I:%M:%S%.f %p", "%I:%M %p", "%H时%M分%S秒", "%H%M%S%.f")
 _A_NUMBER = r"^[-+]?\d+([.,]\d+)?$"
 _CLOCK_DIGITS = "%H%M%S%.f"
 _RUN_TOGETHER, _AS_RUN = r"^(19|20)\d{12}([.,]\d+)?$", "%Y%m%d%H%M%S%.f"
-_EARLIEST_US, _LATEST_US = -2_208_988_800_000_000, 4_102_444_800_000_000        # 1900 and 2100: no machine's year is 7
+# 1900 and 2100: no machine's year is 7
+_EARLIEST_US, _LATEST_US = -2_208_988_800_000_000, 4_102_444_800_000_000
 _PART_OF_DAY = re.compile("%[dmy]")
 _SAMPLE = 2000
-_READS = 0.95               # of the texts that are there
-_LEAST_STEP_S = 60.0        # no machine logs more rarely: whole numbers with larger steps are milliseconds
-_WHOLE_STEP = 5.0           # whole numbers with steps from here on are rather milliseconds
+_READS = 0.95  # of the texts that are there
+# no machine logs more rarely: whole numbers with larger steps are milliseconds
+_LEAST_STEP_S = 60.0
+# whole numbers with steps from here on are rather milliseconds
+_WHOLE_STEP = 5.0
 
 
 class TimeGuess(NamedTuple):
@@ -41,47 +71,75 @@ def guess_times(raw: RawTable) -> TimeGuess:
     """The best guess; a doubt says what is not sure of it."""
     names = {name: folded(named(name)[0]) for name in raw.names}
     stamped = [name for name in raw.names if raw.frame[name].dtype.is_temporal()]
-    called = [name for name in raw.names if says(names[name], TIME) and not says(names[name], NO_TIME)]
+    called = [
+        name for name in raw.names if says(names[name], TIME) and not says(names[name], NO_TIME)
+    ]
     dated = [name for name in raw.names if says(names[name], DATE) and name not in called]
     for name in [*stamped, *sorted(called, key=lambda one: not says(names[one], PLAINLY_TIME))]:
         found = _of_column(raw, name, names[name], dated)
         if found is not None:
             return found
     for name in raw.names:
-        if raw.frame[name].dtype == pl.String and (found := _of_texts(raw, name, names[name], dated)) is not None:
+        if (
+            raw.frame[name].dtype == pl.String
+            and (found := _of_texts(raw, name, names[name], dated)) is not None
+        ):
             return found._replace(doubt=f"column {name} is not called a time, but reads as one")
-    others = [name for name in raw.names if not says(names[name], COMMAND)]     # a duty cycle that is swept, no time
+    # a duty cycle that is swept, no time
+    others = [name for name in raw.names if not says(names[name], COMMAND)]
     for name in others:
-        if _by_unit(raw.units.get(name, name)) is not None and _grows(raw, name) and (
-                found := _of_numbers(raw, name)) is not None:
-            return found                        # `ms`, `lap (s)`: a unit of time, and more of it in every row
+        if (
+            _by_unit(raw.units.get(name, name)) is not None
+            and _grows(raw, name)
+            and (found := _of_numbers(raw, name)) is not None
+        ):
+            # `ms`, `lap (s)`: a unit of time, and more of it in every row
+            return found
     for name in others:
-        if not _tells_place(names[name]) and _runs_evenly(raw, name) and (found := _of_numbers(raw, name)) is not None:
-            return found._replace(doubt=f"no column is called a time; {name} alone grows evenly from row to row")
-    return TimeGuess(Times(counts="rows", step_s=1.0), "no column tells the time",
-                     "no column tells the time: rows counted, one each second; say how far apart they are")
+        if (
+            not _tells_place(names[name])
+            and _runs_evenly(raw, name)
+            and (found := _of_numbers(raw, name)) is not None
+        ):
+            return found._replace(
+                doubt=f"no column is called a time; {name} alone grows evenly from row to row"
+            )
+    return TimeGuess(
+        Times(counts="rows", step_s=1.0),
+        "no column tells the time",
+        "no column tells the time: rows counted, one each second; say how far apart they are",
+    )
 
 
 def _of_column(raw: RawTable, name: str, plain: str, dated: list[str]) -> TimeGuess | None:
     series = raw.frame[name]
     if series.dtype.is_temporal():
         zone = getattr(series.dtype, "time_zone", None)
-        return TimeGuess(Times(column=name, zone="UTC" if zone is None and says(plain, UTC) else None), "times by type")
+        return TimeGuess(
+            Times(column=name, zone="UTC" if zone is None and says(plain, UTC) else None),
+            "times by type",
+        )
     texts = _of_texts(raw, name, plain, dated) if series.dtype == pl.String else None
     return texts or _of_clock_digits(raw, name, plain, dated) or _of_numbers(raw, name)
 
 
 def _of_clock_digits(raw: RawTable, name: str, plain: str, dated: list[str]) -> TimeGuess | None:
-    """Times of day as numbers, 120959 and then 121000: as seconds they would jump by 41 at each minute's end."""
+    """Times of day as numbers, 120959 and then 121000: as seconds they would jump by 41 at each
+    minute's end."""
     if _by_unit(raw.units.get(name, "")) is not None:
         return None
     values = numbers(raw.frame[name].head(_SAMPLE), raw.decimal_comma).values.drop_nulls()
     seconds, minutes = values % 100.0, (values // 100.0) % 100.0
-    if not values.len() or not (values.is_between(0.0, 240_000.0, "left") & (seconds < 60.0) & (minutes < 60.0)).all():
+    if (
+        not values.len()
+        or not (
+            values.is_between(0.0, 240_000.0, "left") & (seconds < 60.0) & (minutes < 60.0)
+        ).all()
+    ):
         return None
     of_day = (values // 10_000.0) * 3600.0 + minutes * 60.0 + seconds
     uneven, even = (_off_the_median(one) for one in (values, of_day))
-    if not even < uneven:                   # within one minute both readings are the same
+    if not even < uneven:  # within one minute both readings are the same
         return None
     zone = "UTC" if says(plain, UTC) else None
     texts = texts_for(values, _CLOCK_DIGITS)
@@ -107,13 +165,17 @@ def _of_texts(raw: RawTable, name: str, plain: str, dated: list[str]) -> TimeGue
         offset = read_texts(texts, None, None).kind == "utc"
         return TimeGuess(Times(column=name, zone=None if offset else zone), "reads as ISO 8601")
     if dated and not raw.frame[dated[0]].dtype.is_temporal():
-        found_day = _with_day(raw.frame[dated[0]].head(_SAMPLE), raw.frame[name].head(_SAMPLE), name, zone)
+        found_day = _with_day(
+            raw.frame[dated[0]].head(_SAMPLE), raw.frame[name].head(_SAMPLE), name, zone
+        )
         if found_day is not None:
             return found_day
     elif dated:
         found = _formats(texts, list(_TIMES))
         if found:
-            times = Times(column=name, date_column=dated[0], format=f"%Y-%m-%d {found[0]}", zone=zone)
+            times = Times(
+                column=name, date_column=dated[0], format=f"%Y-%m-%d {found[0]}", zone=zone
+            )
             return TimeGuess(times, "day and time")
     found = _formats(texts, [f"{d}{sep}{t}" for d, t, sep in product(_DATES, _TIMES, (" ", "T"))])
     if found:
@@ -125,17 +187,20 @@ def _of_texts(raw: RawTable, name: str, plain: str, dated: list[str]) -> TimeGue
 def _off_the_median(values: pl.Series) -> int:
     """How many steps from row to row are not the usual one."""
     steps = values.diff().drop_nulls()
-    usual = float(steps.median() or 0.0)       # type: ignore[arg-type]
+    usual = float(steps.median() or 0.0)  # type: ignore[arg-type]
     return int(((steps - usual).abs() > 0.1 * abs(usual)).sum())
 
 
 def _with_day(day: pl.Series, time: pl.Series, name: str, zone: str | None) -> TimeGuess | None:
-    """A day in a column of its own, written out, or as a number: digits run together, or as spreadsheets count."""
+    """A day in a column of its own, written out, or as a number: digits run together, or as
+    spreadsheets count."""
     reads: dict[str, pl.Series] = {}
     for day_form in (*_DATES, *_DAYS_AS_NUMBERS):
         texts = with_day(day, time, day_form)
         texts = texts.filter(texts.is_not_null())
-        reads |= {form: texts for form in _formats(texts, [f"{day_form} {one}" for one in _TIMES])[:1]}
+        reads |= {
+            form: texts for form in _formats(texts, [f"{day_form} {one}" for one in _TIMES])[:1]
+        }
     if not reads:
         return None
     us = {form: read_texts(texts, form, None).us for form, texts in reads.items()}
@@ -143,26 +208,40 @@ def _with_day(day: pl.Series, time: pl.Series, name: str, zone: str | None) -> T
     others = [form for form in others if not us[form].equals(us[first])]
     spans = {form: _span(us[form]) for form in (first, *others)}
     best = min(spans, key=lambda form: spans[form])
-    doubt = f"{' and '.join((first, *others))} {'both' if len(others) == 1 else 'all'} read: which is the day?"
-    return TimeGuess(Times(column=name, date_column=day.name, format=best, zone=zone), f"reads as {best}",
-                     doubt if others else "")
+    doubt = (
+        f"{' and '.join((first, *others))} {'both' if len(others) == 1 else 'all'} read: "
+        "which is the day?"
+    )
+    return TimeGuess(
+        Times(column=name, date_column=day.name, format=best, zone=zone),
+        f"reads as {best}",
+        doubt if others else "",
+    )
 
 
 def _dated(times: Times, found: list[str], texts: pl.Series) -> TimeGuess:
-    """Day and month may stand either way round: the way in which the times hang together, and a doubt."""
-    other = [form for form in found[1:] if _PART_OF_DAY.sub("%d", form) == _PART_OF_DAY.sub("%d", found[0])
-             and not read_texts(texts, form, None).us.equals(read_texts(texts, found[0], None).us)]
+    """Day and month may stand either way round: the way in which the times hang together, and a
+    doubt."""
+    other = [
+        form
+        for form in found[1:]
+        if _PART_OF_DAY.sub("%d", form) == _PART_OF_DAY.sub("%d", found[0])
+        and not read_texts(texts, form, None).us.equals(read_texts(texts, found[0], None).us)
+    ]
     if not other:
         return TimeGuess(times, f"reads as {times.format}")
     spans = {form: _span(read_texts(texts, form, None).us) for form in (found[0], other[0])}
     best = min(spans, key=lambda form: spans[form])
-    return TimeGuess(times.model_copy(update={"format": best}), f"reads as {best}",
-                     f"{found[0]} and {other[0]} both read: which is the day?")
+    return TimeGuess(
+        times.model_copy(update={"format": best}),
+        f"reads as {best}",
+        f"{found[0]} and {other[0]} both read: which is the day?",
+    )
 
 
 def _span(us: pl.Series) -> int:
     known = us.drop_nulls()
-    return int(known.max()) - int(known.min())          # type: ignore[arg-type]
+    return int(known.max()) - int(known.min())  # type: ignore[arg-type]
 
 
 def _formats(texts: pl.Series, forms: list[str]) -> list[str]:
@@ -173,7 +252,10 @@ def _formats(texts: pl.Series, forms: list[str]) -> list[str]:
 def _reads(texts: pl.Series, form: str | None) -> bool:
     try:
         us = read_texts(texts, form, None).us
-        return texts.len() > 0 and float(us.is_between(_EARLIEST_US, _LATEST_US).sum()) >= _READS * texts.len()
+        return (
+            texts.len() > 0
+            and float(us.is_between(_EARLIEST_US, _LATEST_US).sum()) >= _READS * texts.len()
+        )
     except TableError:
         return False
 
@@ -184,10 +266,15 @@ def _of_numbers(raw: RawTable, name: str) -> TimeGuess | None:
     if found.bad > 0.05 * found.values.len() or known.len() < 2:
         return None
     steps = known.diff().drop_nulls()
-    step = float(steps.filter(steps > 0).median() or 0.0)       # type: ignore[arg-type]
+    step = float(steps.filter(steps > 0).median() or 0.0)  # type: ignore[arg-type]
     whole = bool((known == known.round(0)).all())
-    stated = _since_1970(float(known[0])) or _by_unit(raw.units.get(name, name)) \
-        or _spreadsheet_days(float(known[0]), step, whole) or _by_name(name) or _by_step(step, whole)
+    stated = (
+        _since_1970(float(known[0]))
+        or _by_unit(raw.units.get(name, name))
+        or _spreadsheet_days(float(known[0]), step, whole)
+        or _by_name(name)
+        or _by_step(step, whole)
+    )
     return TimeGuess(Times(column=name, counts=stated.counts), stated.why, stated.doubt)
 
 
@@ -214,12 +301,13 @@ def _by_unit(stated: str) -> _Counted | None:
     unit = unit_named(stated)
     if unit is None or unit.quantity != "time":
         return None
-    counts: Counts = {"s": "s", "ms": "ms", "us": "us", "min": "min", "h": "h"}[unit.name]     # type: ignore[assignment]
+    counts: Counts = {"s": "s", "ms": "ms", "us": "us", "min": "min", "h": "h"}[unit.name]  # type: ignore[assignment]
     return _Counted(counts, "the unit in the header")
 
 
 def _spreadsheet_days(first: float, step: float, whole: bool) -> _Counted | None:
-    """Days since 1900: 30 000 is 1982, 80 000 is 2119; a row a day or more seldom is no log of a machine at work."""
+    """Days since 1900: 30 000 is 1982, 80 000 is 2119; a row a day or more seldom is no log of
+    a machine at work."""
     if 30_000.0 < first < 80_000.0 and 0.0 < step < 0.05 and not whole:
         return _Counted("excel_day", "days as spreadsheets count them")
     return None
@@ -234,15 +322,22 @@ def _by_name(name: str) -> _Counted | None:
 
 
 def _by_step(step: float, whole: bool) -> _Counted:
-    """By the step from row to row (median): milliseconds and microseconds are given in whole numbers."""
+    """By the step from row to row (median): milliseconds and microseconds are given in whole
+    numbers."""
     if whole and step >= 1000.0 * _LEAST_STEP_S:
-        return _Counted("us", "whole numbers with large steps",
-                        f"no unit: steps of {step:g}: microseconds, milliseconds?")
+        return _Counted(
+            "us",
+            "whole numbers with large steps",
+            f"no unit: steps of {step:g}: microseconds, milliseconds?",
+        )
     if whole and step >= _LEAST_STEP_S:
         return _Counted("ms", f"whole numbers, steps of {step:g}")
     if whole and step >= _WHOLE_STEP:
-        return _Counted("ms", "whole numbers",
-                        f"no unit: whole numbers with steps of {step:g}: milliseconds or seconds?")
+        return _Counted(
+            "ms",
+            "whole numbers",
+            f"no unit: whole numbers with steps of {step:g}: milliseconds or seconds?",
+        )
     return _Counted("s", f"numbers with steps of {step:g}")
 
 
@@ -255,12 +350,14 @@ def _tells_place(plain: str) -> bool:
 def _grows(raw: RawTable, name: str) -> bool:
     """Whether every row is later than the one before."""
     values = numbers(raw.frame[name].head(_SAMPLE), raw.decimal_comma).values
-    return bool(values.len() > 1 and not values.null_count() and (values.diff().drop_nulls() > 0).all())
+    return bool(
+        values.len() > 1 and not values.null_count() and (values.diff().drop_nulls() > 0).all()
+    )
 
 
 def _runs_evenly(raw: RawTable, name: str) -> bool:
     if not _grows(raw, name):
         return False
     steps = numbers(raw.frame[name].head(_SAMPLE), raw.decimal_comma).values.diff().drop_nulls()
-    middle = float(steps.median() or 0.0)                       # type: ignore[arg-type]
-    return float(((steps - middle).abs() < 0.5 * middle).mean() or 0.0) > 0.9       # type: ignore[arg-type]
+    middle = float(steps.median() or 0.0)  # type: ignore[arg-type]
+    return float(((steps - middle).abs() < 0.5 * middle).mean() or 0.0) > 0.9  # type: ignore[arg-type]

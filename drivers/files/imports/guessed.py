@@ -1,4 +1,6 @@
-"""What a guess holds: the import file, what of it is unsure, and why the rest is as it is; and all of it as text."""
+"""What a guess holds: the import file, what of it is unsure, and why the rest is as it is; and
+all of it as text."""
+
 from __future__ import annotations
 
 import shlex
@@ -17,7 +19,11 @@ from drivers.files.yaml_text import dump_yaml
 
 Key = tuple[str, ...]
 
-PAIRS = (("shaft_rpm_cmd", "shaft_rpm"), ("opening_mm_cmd", "opening_mm"), ("target_rate_kg_ha", "applied_rate_kg_ha"))
+PAIRS = (
+    ("shaft_rpm_cmd", "shaft_rpm"),
+    ("opening_mm_cmd", "opening_mm"),
+    ("target_rate_kg_ha", "applied_rate_kg_ha"),
+)
 
 
 class Doubt(NamedTuple):
@@ -32,15 +38,16 @@ class Doubt(NamedTuple):
 
 @dataclass
 class Guess:
-    """`reasons`: why each key is as it is. `open`: columns that need a number from outside the file, as YAML text.
-    `full`: what a machine file says is the most of a column, in the log's unit."""
+    """`reasons`: why each key is as it is. `open`: columns that need a number from outside the
+    file, as YAML text. `full`: what a machine file says is the most of a column, in the log's
+    unit."""
 
     mapping: ImportFile
     doubts: list[Doubt] = field(default_factory=list)
     reasons: dict[Key, str] = field(default_factory=dict)
     open: dict[str, str] = field(default_factory=dict)
     full: Mapping[str, float] = field(default_factory=dict)
-    width_m: float | None = None        # working width, where the file says one
+    width_m: float | None = None  # working width, where the file says one
 
     @property
     def sure(self) -> bool:
@@ -54,18 +61,23 @@ class Guess:
     @property
     def unsure(self) -> str:
         count = len(self.doubts)
-        return "nothing is unsure" if count == 0 else f"{count} {'line is' if count == 1 else 'lines are'} unsure"
+        return (
+            "nothing is unsure"
+            if count == 0
+            else f"{count} {'line is' if count == 1 else 'lines are'} unsure"
+        )
 
 
 @dataclass
 class ColumnCandidate:
-    """A column of the file (`source`) that may be a column of the log (`target`). `values`: as the file has them."""
+    """A column of the file (`source`) that may be a column of the log (`target`). `values`: as
+    the file has them."""
 
     source: str
     target: str
     unit: ColumnUnit | None
-    implied: bool = False           # the unit is in the name
-    role: str = ""                  # command, reading, or not given
+    implied: bool = False  # the unit is in the name
+    role: str = ""  # command, reading, or not given
     exact: bool = False
     values: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
 
@@ -76,31 +88,59 @@ class ColumnCandidate:
 
 def first_import_file(guess: Guess, files: Sequence[Path], place: Path) -> str:
     """The guess from the first of `files` as it is written at `place`, with how it is used."""
-    return mapping_text(guess, [
-        f"Guessed from {files[0].name}: {guess.unsure}. The keys: docs/import.md.",
-        f"Then: topdress import {shlex.join(path.name for path in files)} --mapping {shlex.quote(place.name)} "
-        "--out LOG.csv"])
+    return mapping_text(
+        guess,
+        [
+            f"Guessed from {files[0].name}: {guess.unsure}. The keys: docs/import.md.",
+            f"Then: topdress import {shlex.join(path.name for path in files)} --mapping "
+            f"{shlex.quote(place.name)} "
+            "--out LOG.csv",
+        ],
+    )
 
 
 def mapping_text(guess: Guess, head: Iterable[str]) -> str:
     """Reads back as the guess's own mapping."""
     mapping = guess.mapping
     lines = [f"# {line}" for line in head]
-    lines += [f"format: {IMPORT.format}", "", *_doubts(guess, ("source", "names"), 0), "source:",
-              *_pairs(_stated(plain(mapping.source)), 2)]
-    lines += ["", *_doubts(guess, ("time",), 0), "time:" + _reason(guess, ("time",)),
-              *_pairs(_stated(plain(mapping.time)), 2)]
+    lines += [
+        f"format: {IMPORT.format}",
+        "",
+        *_doubts(guess, ("source", "names"), 0),
+        "source:",
+        *_pairs(_stated(plain(mapping.source)), 2),
+    ]
+    lines += [
+        "",
+        *_doubts(guess, ("time",), 0),
+        "time:" + _reason(guess, ("time",)),
+        *_pairs(_stated(plain(mapping.time)), 2),
+    ]
     if mapping.time.zone is None and mapping.time.counts in ("text", "excel_day"):
-        lines.append("  # zone: Europe/Berlin     (times without a zone: the log then tells no UTC)")
-    lines += ["", *_doubts(guess, ("columns",), 0), "columns:" + ("" if mapping.columns or guess.open else " {}")]
+        lines.append(
+            "  # zone: Europe/Berlin     (times without a zone: the log then tells no UTC)"
+        )
+    lines += [
+        "",
+        *_doubts(guess, ("columns",), 0),
+        "columns:" + ("" if mapping.columns or guess.open else " {}"),
+    ]
     for name, column in mapping.columns.items():
         key = ("columns", name)
-        lines += [*_doubts(guess, key, 2), f"  {name}:{_reason(guess, key)}", *_pairs(_column(column), 4)]
+        lines += [
+            *_doubts(guess, key, 2),
+            f"  {name}:{_reason(guess, key)}",
+            *_pairs(_column(column), 4),
+        ]
     for name, text in guess.open.items():
         lines += [*_doubts(guess, ("columns", name), 2), f"  # {name}: {text}"]
     if mapping.working is not None:
-        lines += ["", *_doubts(guess, ("working",), 0), "working:" + _reason(guess, ("working",)),
-                  *_pairs(_stated(plain(mapping.working)), 2)]
+        lines += [
+            "",
+            *_doubts(guess, ("working",), 0),
+            "working:" + _reason(guess, ("working",)),
+            *_pairs(_stated(plain(mapping.working)), 2),
+        ]
     if mapping.width_m is not None:
         lines += ["", f"width_m: {mapping.width_m:g}"]
     lines += ["", *_doubts(guess, ("rows",), 0), f"rows: {mapping.rows}", f"extra: {mapping.extra}"]
@@ -109,7 +149,9 @@ def mapping_text(guess: Guess, head: Iterable[str]) -> str:
 
 def _column(column: Column) -> dict[str, Any]:
     usual = plain(Column.of("x"))
-    return {key: value for key, value in plain(column).items() if key == "from" or value != usual[key]}
+    return {
+        key: value for key, value in plain(column).items() if key == "from" or value != usual[key]
+    }
 
 
 def _stated(data: dict[str, Any]) -> dict[str, Any]:
@@ -117,7 +159,11 @@ def _stated(data: dict[str, Any]) -> dict[str, Any]:
 
 
 def _pairs(data: dict[str, Any], indent: int) -> list[str]:
-    return [" " * indent + line for key, value in data.items() for line in dump_yaml({key: value}).splitlines()]
+    return [
+        " " * indent + line
+        for key, value in data.items()
+        for line in dump_yaml({key: value}).splitlines()
+    ]
 
 
 def _doubts(guess: Guess, key: Key, indent: int) -> list[str]:

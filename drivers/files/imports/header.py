@@ -1,4 +1,6 @@
-"""Where a table begins: title rows, the header, a row of units, the first row of numbers. And a name with its unit."""
+"""Where a table begins: title rows, the header, a row of units, the first row of numbers. And a
+name with its unit."""
+
 from __future__ import annotations
 
 import re
@@ -8,17 +10,24 @@ from typing import NamedTuple
 
 from drivers.files.imports.units import unit_named
 
-NOTHING = frozenset({"", "-", "--", "na", "n/a", "nan", "null", "none", "nil", "#n/a", "inf", "-inf"})   # in lower case
+# in lower case
+NOTHING = frozenset(
+    {"", "-", "--", "na", "n/a", "nan", "null", "none", "nil", "#n/a", "inf", "-inf"}
+)
 
 
 _NUMBER = re.compile(r"^[-+]?(\d+([.,]\d*)?|[.,]\d+|\d{1,3}([.,   ]\d{3})+[.,]\d+)([eE][-+]?\d+)?$")
-_TIME = re.compile(r"^\d{1,4}[-./年]\d{1,2}[-./月]\d{1,4}日?([T ,;]+\d|$)|^\d{1,2}[:时]\d{2}([:分]\d{2})?"
-                   r"|^\d{8}T?\d{0,6}$")
+_TIME = re.compile(
+    r"^\d{1,4}[-./年]\d{1,2}[-./月]\d{1,4}日?([T ,;]+\d|$)|^\d{1,2}[:时]\d{2}([:分]\d{2})?"
+    r"|^\d{8}T?\d{0,6}$"
+)
 _BRACKETS = re.compile(r"^(?P<name>.*?)\s*[(\[{<]\s*(?P<unit>[^()\[\]{}<>]+?)\s*[)\]}>]\s*$")
 _LAST = re.compile(r"^(?P<name>.*[^\s,_/])(?:[\s,_]+|\s*/\s+)(?P<unit>[^\s,_]+)$")
-_GLUED = re.compile(r"(?<=[a-z])(?=[A-Z][a-z]+$|[A-Z]{2,}$)")        # `leftRpm`, `SpeedMPH`
-_ENDING = re.compile(r"^(?P<name>.*[^\W\d_]{2})(?P<unit>kmh|kmph|kph|mph|rpm|kgha|lbac)$", re.I)       # no word does
-_FEW = 0.5                  # of the cells of a header or a row of data that are filled
+_GLUED = re.compile(r"(?<=[a-z])(?=[A-Z][a-z]+$|[A-Z]{2,}$)")  # `leftRpm`, `SpeedMPH`
+# no word does
+_ENDING = re.compile(r"^(?P<name>.*[^\W\d_]{2})(?P<unit>kmh|kmph|kph|mph|rpm|kgha|lbac)$", re.I)
+# of the cells of a header or a row of data that are filled
+_FEW = 0.5
 
 
 class Layout(NamedTuple):
@@ -30,7 +39,8 @@ class Layout(NamedTuple):
 
 
 def named(text: str) -> tuple[str, str | None]:
-    """A header cell as name and unit, in the file's words: `Speed [km/h]`, `speed_kmh`, `Drehzahl in U/min`, `leftRpm`.
+    """A header cell as name and unit, in the file's words: `Speed [km/h]`, `speed_kmh`,
+    `Drehzahl in U/min`, `leftRpm`.
 
     The name is the whole cell where the unit cannot be distinguished from it.
     """
@@ -39,12 +49,14 @@ def named(text: str) -> tuple[str, str | None]:
     if found and unit_named(found["unit"]) is not None and found["name"]:
         return found["name"].strip(), found["unit"]
     words = _GLUED.sub(" ", plain) if plain.isascii() and "_" not in plain else plain
-    words = words.rstrip(" _")              # a shapefile writes `Speed(mph)` as `Speed_mph_`
+    words = words.rstrip(" _")  # a shapefile writes `Speed(mph)` as `Speed_mph_`
     for candidate in (_last_two(words), _LAST.match(words), _ENDING.match(words)):
         if candidate is None:
             continue
         unit = unit_named(candidate["unit"]) or unit_named(candidate["unit"].replace("_", "/"))
-        stated = candidate["unit"] == "%" or len(candidate["unit"]) > 1 or "_" in plain or "," in plain
+        stated = (
+            candidate["unit"] == "%" or len(candidate["unit"]) > 1 or "_" in plain or "," in plain
+        )
         if unit is not None and stated:
             return re.sub(r"\s+in$", "", candidate["name"]).strip(" _,"), candidate["unit"]
     return plain, None
@@ -52,7 +64,9 @@ def named(text: str) -> tuple[str, str | None]:
 
 def _last_two(words: str) -> re.Match[str] | None:
     """A unit of two parts written as one name: `rate_kg_ha`, `speed_km_per_h`, `drehzahl_1_min`."""
-    return re.match(r"^(?P<name>.*?)[_ ]+(?P<unit>([A-Za-z]{1,6}|1)([_/]|[_ ]per[_ ])[A-Za-z0-9]{1,4})$", words)
+    return re.match(
+        r"^(?P<name>.*?)[_ ]+(?P<unit>([A-Za-z]{1,6}|1)([_/]|[_ ]per[_ ])[A-Za-z0-9]{1,4})$", words
+    )
 
 
 def is_value(cell: str) -> bool:
@@ -67,9 +81,14 @@ def layout_of(rows: Sequence[Sequence[str]]) -> Layout | None:
     body = next((k for k, row in enumerate(rows) if len(row) == width and _is_data(row)), None)
     if body is None:
         return None
-    above = [k for k in range(body) if len(rows[k]) == width
-             and (_filled(rows[k]) > _FEW * width or is_unit_row(rows[k]))]
-    near = [k for k in above if all(_is_blank(rows[j]) for j in range(k + 1, body) if j not in above)]
+    above = [
+        k
+        for k in range(body)
+        if len(rows[k]) == width and (_filled(rows[k]) > _FEW * width or is_unit_row(rows[k]))
+    ]
+    near = [
+        k for k in above if all(_is_blank(rows[j]) for j in range(k + 1, body) if j not in above)
+    ]
     if not near:
         return Layout(-1, None, body)
     last = near[-1]
@@ -78,7 +97,8 @@ def layout_of(rows: Sequence[Sequence[str]]) -> Layout | None:
 
 
 def is_unit_row(row: Sequence[str]) -> bool:
-    """Whether most filled cells are units, and none is a number; a dash, a 1 or empty brackets stand for none."""
+    """Whether most filled cells are units, and none is a number; a dash, a 1 or empty brackets
+    stand for none."""
     cells = [cell.strip() for cell in row if cell.strip()]
     if any(is_value(cell) for cell in cells if cell != "1"):
         return False

@@ -1,4 +1,5 @@
 """Files of one machine as one log: by their clocks, or one after the other."""
+
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -15,7 +16,8 @@ from drivers.files.imports.trouble import ImportTrouble
 
 
 class JoinedFiles(NamedTuple):
-    """`frame`: `us` from 0 on, `utc_us` where known, log columns. `begins_s`: of each part, in the order of `parts`."""
+    """`frame`: `us` from 0 on, `utc_us` where known, log columns. `begins_s`: of each part, in
+    the order of `parts`."""
 
     frame: pl.DataFrame
     parts: tuple[Converted, ...]
@@ -46,20 +48,27 @@ def joined(parts: Sequence[Converted], join: Join) -> JoinedFiles:
     if len(ordered) > 1:
         how = "by their times" if by_clock else f"one after the other, {join.gap_s:g} s between"
         findings.append(Finding("joined", f"{len(ordered)} files joined {how}"))
-    return JoinedFiles(pl.concat(frames, how="diagonal_relaxed"), tuple(ordered), tuple(begins), tuple(findings))
+    return JoinedFiles(
+        pl.concat(frames, how="diagonal_relaxed"), tuple(ordered), tuple(begins), tuple(findings)
+    )
 
 
 def _by_clock(parts: Sequence[Converted], join: Join) -> bool:
     if len(parts) == 1 or join.order == "runs":
         return False
     ordered = sorted(parts, key=_first)
-    overlap = next(((a, b) for a, b in pairwise(ordered) if int(a.frame[US][-1]) >= _first(b)), None)
+    overlap = next(
+        ((a, b) for a, b in pairwise(ordered) if int(a.frame[US][-1]) >= _first(b)), None
+    )
     if overlap is None:
         return join.order == "clock" or _one_epoch(parts)
     if join.order == "clock" or (_one_epoch(parts) and join.order is None):
         a, b = overlap
-        raise ImportTrouble(b.raw.path, f"begins before {a.raw.path.name} ends: allowed are files that follow one "
-                            "another, or join.order: runs in the import file")
+        raise ImportTrouble(
+            b.raw.path,
+            f"begins before {a.raw.path.name} ends: allowed are files that follow one "
+            "another, or join.order: runs in the import file",
+        )
     return False
 
 

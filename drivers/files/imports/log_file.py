@@ -1,4 +1,5 @@
 """Imported columns as a run log with its sidecar (docs/format-run-log.md), whole or not at all."""
+
 from __future__ import annotations
 
 import hashlib
@@ -21,11 +22,14 @@ from drivers.files.run_meta import meta_from_yaml, meta_to_yaml, run_meta
 
 
 def log_frame(log: JoinedFiles) -> pl.DataFrame:
-    """The columns as they are written: those of the run log in their order, then those beyond it."""
+    """The columns as they are written: those of the run log in their order, then those beyond
+    it."""
     frame = log.frame
     columns = [_time_text(frame[US]).alias("time_s")]
     if UTC_US in frame.columns:
-        columns.append(frame[UTC_US].cast(pl.Datetime("us")).dt.strftime("%Y-%m-%dT%H:%M:%S%.3fZ").alias("utc"))
+        columns.append(
+            frame[UTC_US].cast(pl.Datetime("us")).dt.strftime("%Y-%m-%dT%H:%M:%S%.3fZ").alias("utc")
+        )
     own = [name for name in COLUMNS if name in frame.columns and name not in ("time_s", "utc")]
     beyond = [name for name in frame.columns if name not in COLUMNS and name not in (US, UTC_US)]
     return pl.DataFrame([*columns, *(_rounded(frame[name]) for name in [*own, *beyond])])
@@ -42,8 +46,11 @@ def as_read(log: JoinedFiles) -> pl.DataFrame:
     return frame.with_columns(frame["time_s"].cast(pl.Float64))
 
 
-def write_imported(path: Path, log: JoinedFiles, mapping: ImportFile, mapping_file: Path | None) -> pl.DataFrame:
-    """The log at `path`, its sidecar next to it (in a store: within); returns what was written. Raises OSError."""
+def write_imported(
+    path: Path, log: JoinedFiles, mapping: ImportFile, mapping_file: Path | None
+) -> pl.DataFrame:
+    """The log at `path`, its sidecar next to it (in a store: within); returns what was written.
+    Raises OSError."""
     if path.suffix.lower() in SUFFIXES:
         read = run_log(path, log, mapping, mapping_file)
         write_store(path, read.columns, read.meta, read.findings)
@@ -67,23 +74,38 @@ def is_import_of(log: Path, files: Iterable[Path]) -> bool:
     try:
         meta = meta_of(log)
         stated = [] if meta is None else meta.extra["imported"]["files"]
-        return meta is not None and {file["sha256"] for file in stated} == {_checksum(path) for path in files}
+        return meta is not None and {file["sha256"] for file in stated} == {
+            _checksum(path) for path in files
+        }
     except (OSError, ValueError, KeyError, TypeError):
         return False
 
 
 def _meta(log: JoinedFiles, mapping: ImportFile, mapping_file: Path | None) -> str:
-    files = [{"name": part.raw.path.name, "sha256": _checksum(part.raw.path), "rows": part.frame.height,
-              "begins_s": begin} for part, begin in zip(log.parts, log.begins_s, strict=True)]
+    files = [
+        {
+            "name": part.raw.path.name,
+            "sha256": _checksum(part.raw.path),
+            "rows": part.frame.height,
+            "begins_s": begin,
+        }
+        for part, begin in zip(log.parts, log.begins_s, strict=True)
+    ]
     started = log.frame[UTC_US].drop_nulls() if UTC_US in log.frame.columns else None
-    utc = None if started is None or not started.len() else started.head(1).cast(pl.Datetime("us")).dt.strftime(
-        "%Y-%m-%dT%H:%M:%S%.3fZ")[0]
+    utc = (
+        None
+        if started is None or not started.len()
+        else started.head(1).cast(pl.Datetime("us")).dt.strftime("%Y-%m-%dT%H:%M:%S%.3fZ")[0]
+    )
     found = [str(finding) for part in log.parts for finding in part.findings]
-    stated: dict[str, object] = {"files": files, "mapping": _without_nothing(plain(mapping)),
-                               "found": [*found, *map(str, log.findings)]}
+    stated: dict[str, object] = {
+        "files": files,
+        "mapping": _without_nothing(plain(mapping)),
+        "found": [*found, *map(str, log.findings)],
+    }
     widths = {part.raw.width_m for part in log.parts}
     if len(widths) == 1 and (width_m := widths.pop()) is not None:
-        stated["width_m"] = width_m           # as-applied areas are held against it
+        stated["width_m"] = width_m  # as-applied areas are held against it
     checksums = {} if mapping_file is None else {mapping_file.name: sha256_of(mapping_file)}
     return meta_to_yaml(run_meta(sha256=checksums, started_utc=utc, extra={"imported": stated}))
 
@@ -99,7 +121,9 @@ def _checksum(path: Path) -> str:
 def _without_nothing(value: object) -> object:
     """Without keys that are left out anyway."""
     if isinstance(value, dict):
-        return {key: _without_nothing(part) for key, part in value.items() if part not in (None, [], {})}
+        return {
+            key: _without_nothing(part) for key, part in value.items() if part not in (None, [], {})
+        }
     return value
 
 
@@ -107,10 +131,13 @@ def _time_text(us: pl.Series) -> pl.Series:
     """Seconds with 3 decimals; with 6 where two rows fall into the same millisecond."""
     ms = (us + 500) // 1000
     unit, digits = (us, 6) if (ms.diff() == 0).any() else (ms, 3)
-    per_second = 10 ** digits
+    per_second = 10**digits
     frame = unit.alias("n").to_frame()
-    text = pl.concat_str(pl.col("n") // per_second, pl.lit("."), (pl.col("n") % per_second).cast(pl.String)
-                         .str.zfill(digits))
+    text = pl.concat_str(
+        pl.col("n") // per_second,
+        pl.lit("."),
+        (pl.col("n") % per_second).cast(pl.String).str.zfill(digits),
+    )
     return frame.select(text.alias("time_s"))["time_s"]
 
 

@@ -1,4 +1,6 @@
-"""Import file "topdress-import/1": what the columns of a foreign log mean. The keys are explained in docs/import.md."""
+"""Import file "topdress-import/1": what the columns of a foreign log mean. The keys are
+explained in docs/import.md."""
+
 from __future__ import annotations
 
 import re
@@ -13,14 +15,16 @@ from drivers.files.config import Kind
 from drivers.files.config_words import nearest
 from drivers.files.imports.units import UNITS, quantity_of, unit_named
 
-EVENTS = "events"                     # column of a run log
+EVENTS = "events"  # column of a run log
 EXTRA_START = "x_"
 _EXTRA = re.compile(r"^x_\w+$")
-NOT_MAPPED = frozenset({"time_s"})      # made from the times of the file
+NOT_MAPPED = frozenset({"time_s"})  # made from the times of the file
 MADE_BY_WORKING = "state"
 
 Delimiter = Literal[",", ";", "tab", "|", "blank"]
-Counts = Literal["text", "s", "ms", "us", "min", "h", "unix_s", "unix_ms", "unix_us", "excel_day", "rows"]
+Counts = Literal[
+    "text", "s", "ms", "us", "min", "h", "unix_s", "unix_ms", "unix_us", "excel_day", "rows"
+]
 SourceKind = Literal["text", "excel", "geojson", "shapefile", "isoxml", "parquet"]
 Name = Annotated[str, Field(min_length=1)]
 Missing = tuple[float | str, ...]
@@ -33,42 +37,74 @@ class Source(FrozenModel):
     encoding: Name | None = None
     delimiter: Delimiter | None = None
     decimal: Literal[".", ","] | None = None
-    title_rows: Annotated[int | None, Field(ge=0, le=1000, description="lines before the header")] = None
-    unit_row: Annotated[bool | None, Field(description="whether the row below the header holds units")] = None
-    names: Annotated[tuple[Name, ...] | None, Field(description="the columns of a file without a header")] = None
+    title_rows: Annotated[
+        int | None, Field(ge=0, le=1000, description="lines before the header")
+    ] = None
+    unit_row: Annotated[
+        bool | None, Field(description="whether the row below the header holds units")
+    ] = None
+    names: Annotated[
+        tuple[Name, ...] | None, Field(description="the columns of a file without a header")
+    ] = None
     sheet: Name | None = None
-    inside: Annotated[Name | None, Field(description="of a zip or folder with several task sets or shapefiles")] = None
-    task: Annotated[Name | None, Field(description="of a task set with several, its id or title: TSK1")] = None
-    device: Annotated[Name | None, Field(description="of a task set with several, its id or name: DVC1")] = None
-    task_log: Annotated[Name | None, Field(description="one time log of a task set, e.g. TLG00001")] = None
-    values_from: Annotated[Literal["ddi", "presentation"] | None, Field(
-        description="where a task set's device contradicts the data dictionary on what a rate is worth")] = None
+    inside: Annotated[
+        Name | None, Field(description="of a zip or folder with several task sets or shapefiles")
+    ] = None
+    task: Annotated[
+        Name | None, Field(description="of a task set with several, its id or title: TSK1")
+    ] = None
+    device: Annotated[
+        Name | None, Field(description="of a task set with several, its id or name: DVC1")
+    ] = None
+    task_log: Annotated[
+        Name | None, Field(description="one time log of a task set, e.g. TLG00001")
+    ] = None
+    values_from: Annotated[
+        Literal["ddi", "presentation"] | None,
+        Field(
+            description="where a task set's device contradicts the data dictionary on what a rate "
+            "is worth"
+        ),
+    ] = None
 
 
 class Times(FrozenModel):
     """Which column tells the time, and how."""
 
     column: Name | None = None
-    date_column: Annotated[Name | None, Field(description="the day, where column holds the time of day only")] = None
+    date_column: Annotated[
+        Name | None, Field(description="the day, where column holds the time of day only")
+    ] = None
     counts: Counts = "text"
-    format: Annotated[Name | None, Field(description="of texts, as strptime has it; left out: ISO 8601")] = None
-    zone: Annotated[Name | None, Field(description="of local times: Europe/Berlin, UTC, +08:00")] = None
-    step_s: Annotated[float | None, Field(gt=0.0, le=3600.0, json_schema_extra={"unit": "s"},
-                                          description="with counts: rows")] = None
+    format: Annotated[
+        Name | None, Field(description="of texts, as strptime has it; left out: ISO 8601")
+    ] = None
+    zone: Annotated[
+        Name | None, Field(description="of local times: Europe/Berlin, UTC, +08:00")
+    ] = None
+    step_s: Annotated[
+        float | None,
+        Field(gt=0.0, le=3600.0, json_schema_extra={"unit": "s"}, description="with counts: rows"),
+    ] = None
 
     @model_validator(mode="after")
     def _whole(self) -> Times:
         if self.counts == "rows" and (self.step_s is None or self.column is not None):
             raise ValueError("time: counts rows: allowed with step_s and without a column")
         if self.counts != "rows" and self.column is None:
-            raise ValueError("time: no column: allowed is a column of the file, or counts: rows with step_s")
+            raise ValueError(
+                "time: no column: allowed is a column of the file, or counts: rows with step_s"
+            )
         if self.counts != "rows" and self.step_s is not None:
             raise ValueError(f"time.step_s {self.step_s:g}: allowed with counts: rows only")
         if self.format is not None and self.counts != "text":
             raise ValueError(f"time.format {self.format}: allowed with counts: text only")
         if self.zone is not None and not is_zone(self.zone):
-            raise ValueError(f"time.zone {self.zone}: allowed a name such as Europe/Berlin, UTC, or an offset such as "
-                             f"+08:00{nearest(self.zone, available_timezones())}")
+            raise ValueError(
+                f"time.zone {self.zone}: allowed a name such as Europe/Berlin, UTC, or an "
+                "offset such as "
+                f"+08:00{nearest(self.zone, available_timezones())}"
+            )
         return self
 
 
@@ -76,15 +112,21 @@ class Column(FrozenModel):
     """One column of the log: sign x (number x scale + offset), in `unit`."""
 
     source: Annotated[Name | None, Field(alias="from", description="column of the file")] = None
-    constant: Annotated[float | None, Field(description="in the place of a column, in the log's unit")] = None
+    constant: Annotated[
+        float | None, Field(description="in the place of a column, in the log's unit")
+    ] = None
     unit: Annotated[Name | None, Field(description="of scaled numbers; left out: the log's")] = None
     scale: float = 1.0
     offset: float = 0.0
     sign: Literal[1, -1] = 1
-    full: Annotated[float | None, Field(gt=0.0, description="with unit %: 100 % in the log's unit")] = None
+    full: Annotated[
+        float | None, Field(gt=0.0, description="with unit %: 100 % in the log's unit")
+    ] = None
     missing: Annotated[Missing, Field(description="numbers or texts that stand for not known")] = ()
-    valid: Annotated[tuple[float, float] | None, Field(description="lowest and highest number of the file that can "
-                                                       "be")] = None
+    valid: Annotated[
+        tuple[float, float] | None,
+        Field(description="lowest and highest number of the file that can be"),
+    ] = None
 
     @classmethod
     def of(cls, source: str, unit: str | None = None, missing: Missing = ()) -> Column:
@@ -98,9 +140,14 @@ class Column(FrozenModel):
         if self.scale == 0.0:
             raise ValueError("scale 0: allowed is any other number")
         if self.valid is not None and self.valid[0] >= self.valid[1]:
-            raise ValueError(f"valid {self.valid[0]:g}, {self.valid[1]:g}: allowed the lowest before the highest")
+            raise ValueError(
+                f"valid {self.valid[0]:g}, {self.valid[1]:g}: allowed the lowest before the highest"
+            )
         if self.unit is not None and unit_named(self.unit) is None:
-            raise ValueError(f"unit {self.unit}: not known; allowed e.g. km/h, r/min, mm, kg/ha (all: docs/import.md)")
+            raise ValueError(
+                f"unit {self.unit}: not known; allowed e.g. km/h, r/min, mm, kg/ha (all: "
+                "docs/import.md)"
+            )
         return self
 
 
@@ -124,8 +171,13 @@ class Working(FrozenModel):
 class Join(FrozenModel):
     """Several files in one log."""
 
-    order: Annotated[Literal["clock", "runs"] | None, Field(
-        description="clock: by their times; runs: one after the other; left out: clock where times allow it")] = None
+    order: Annotated[
+        Literal["clock", "runs"] | None,
+        Field(
+            description="clock: by their times; runs: one after the other; left out: clock where "
+            "times allow it"
+        ),
+    ] = None
     gap_s: Annotated[float, Field(gt=0.0, le=86_400.0, json_schema_extra={"unit": "s"})] = 60.0
 
 
@@ -134,17 +186,40 @@ class ImportFile(FrozenModel):
 
     source: Source = Source()
     time: Times
-    columns: Annotated[dict[str, Column], Field(description="log column -> where it comes from; names beyond the "
-                                                f"log's own begin with {EXTRA_START}")]
+    columns: Annotated[
+        dict[str, Column],
+        Field(
+            description="log column -> where it comes from; names beyond the "
+            f"log's own begin with {EXTRA_START}"
+        ),
+    ]
     working: Working | None = None
-    rows: Annotated[Literal["answer_next_row", "answer_in_row"], Field(
-        description="answer_in_row: a row holds a command and what it settled at")] = "answer_next_row"
+    rows: Annotated[
+        Literal["answer_next_row", "answer_in_row"],
+        Field(description="answer_in_row: a row holds a command and what it settled at"),
+    ] = "answer_next_row"
     missing: Annotated[Missing, Field(description="stand for not known in every column")] = ()
-    width_m: Annotated[float | None, Field(gt=0.0, le=100.0, json_schema_extra={"unit": "m"},
-                                           description="working width, for rates given as a flow of mass")] = None
-    density_kg_l: Annotated[float | None, Field(gt=0.0, le=5.0, json_schema_extra={"unit": "kg/l"},
-                                                description="of the product, for rates given as a volume")] = None
-    extra: Annotated[Literal["keep", "drop"], Field(description="columns that nothing here names")] = "keep"
+    width_m: Annotated[
+        float | None,
+        Field(
+            gt=0.0,
+            le=100.0,
+            json_schema_extra={"unit": "m"},
+            description="working width, for rates given as a flow of mass",
+        ),
+    ] = None
+    density_kg_l: Annotated[
+        float | None,
+        Field(
+            gt=0.0,
+            le=5.0,
+            json_schema_extra={"unit": "kg/l"},
+            description="of the product, for rates given as a volume",
+        ),
+    ] = None
+    extra: Annotated[
+        Literal["keep", "drop"], Field(description="columns that nothing here names")
+    ] = "keep"
     join: Join = Join()
 
     @model_validator(mode="after")
@@ -173,16 +248,24 @@ def is_zone(name: str) -> bool:
 
 def _check_name(name: str) -> None:
     if name in NOT_MAPPED:
-        raise ValueError(f"columns.{name}: made from the times of the file: allowed is the key time")
+        raise ValueError(
+            f"columns.{name}: made from the times of the file: allowed is the key time"
+        )
     if name not in COLUMNS and not _EXTRA.match(name):
-        raise ValueError(f"columns.{name}: no column of a run log: allowed are those of docs/format-run-log.md, and "
-                         f"names that begin with {EXTRA_START}{nearest(name, COLUMNS)}")
+        raise ValueError(
+            f"columns.{name}: no column of a run log: allowed are those of "
+            "docs/format-run-log.md, and "
+            f"names that begin with {EXTRA_START}{nearest(name, COLUMNS)}"
+        )
 
 
-BY_ANOTHER = ("flow", "volume")       # quantities of which a rate is made with another figure
+# quantities of which a rate is made with another figure
+BY_ANOTHER = ("flow", "volume")
 
 
-def _check_unit(name: str, column: Column, width_m: float | None, density_kg_l: float | None) -> None:
+def _check_unit(
+    name: str, column: Column, width_m: float | None, density_kg_l: float | None
+) -> None:
     where = f"columns.{name}"
     if name in TEXT_COLUMNS and (column.constant is not None or column.unit is not None):
         raise ValueError(f"{where}: a column of texts: allowed is from alone")
@@ -194,14 +277,21 @@ def _check_unit(name: str, column: Column, width_m: float | None, density_kg_l: 
         return
     if unit.name == "%" and quantity != "share":
         if column.full is None and name not in WHOLE_COLUMNS and quantity is not None:
-            raise ValueError(f"{where}: unit %: allowed with full, what 100 % is in the log's unit"
-                             + (" (of a slope: unit slope %)" if quantity == "angle" else ""))
+            raise ValueError(
+                f"{where}: unit %: allowed with full, what 100 % is in the log's unit"
+                + (" (of a slope: unit slope %)" if quantity == "angle" else "")
+            )
         return
     if quantity == "rate" and unit.quantity in BY_ANOTHER:
         if unit.quantity == "flow" and width_m is None:
-            raise ValueError(f"{where}.unit {column.unit}: a flow: allowed with width_m, the working width")
+            raise ValueError(
+                f"{where}.unit {column.unit}: a flow: allowed with width_m, the working width"
+            )
         if unit.quantity == "volume" and density_kg_l is None:
-            raise ValueError(f"{where}.unit {column.unit}: a volume: allowed with density_kg_l, the product's density")
+            raise ValueError(
+                f"{where}.unit {column.unit}: a volume: allowed with density_kg_l, the "
+                "product's density"
+            )
         return
     if unit.quantity != quantity:
         allowed = ", ".join(one.name for one in UNITS if one.quantity == quantity) or "none"

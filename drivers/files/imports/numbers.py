@@ -1,4 +1,6 @@
-"""Cells of a foreign table as numbers: decimal commas, thousands, words and numbers for not known."""
+"""Cells of a foreign table as numbers: decimal commas, thousands, words and numbers for not
+known."""
+
 from __future__ import annotations
 
 import re
@@ -17,7 +19,8 @@ _PLAIN = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?", re.ASCII)
 def number_of(cell: str | None, words: Collection[str] = ()) -> float | None:
     """What a cell is worth; NaN: not known (`words` stand for that too), None: no number.
 
-    Blanks and apostrophes group digits. Of a point and a comma the last is the decimal sign; a comma alone is one.
+    Blanks and apostrophes group digits. Of a point and a comma the last is the decimal sign; a
+    comma alone is one.
     """
     text = (cell or "").strip()
     if text in words or text.lower() in NOTHING:
@@ -33,8 +36,8 @@ def number_of(cell: str | None, words: Collection[str] = ()) -> float | None:
 
 
 class Numbers(NamedTuple):
-    """`values`: Float64, null: not known. `marked`: how many cells hold a number that stands for that. `bad`: how many
-    are no number; `row`, `cell`: the first of them."""
+    """`values`: Float64, null: not known. `marked`: how many cells hold a number that stands
+    for that. `bad`: how many are no number; `row`, `cell`: the first of them."""
 
     values: pl.Series
     marked: int = 0
@@ -46,6 +49,7 @@ class Numbers(NamedTuple):
 def numbers(series: pl.Series, decimal_comma: bool, missing: Iterable[float | str] = ()) -> Numbers:
     """A column as numbers; `missing` are numbers and texts that stand for not known."""
     import polars as pl
+
     words = [word for word in missing if isinstance(word, str)]
     marks = [float(mark) for mark in missing if not isinstance(mark, str)]
     if series.dtype != pl.String:
@@ -60,7 +64,9 @@ def numbers(series: pl.Series, decimal_comma: bool, missing: Iterable[float | st
         return _known(values, marks)
     cells = series.filter(odd)
     worth = {cell: number_of(cell, words) for cell in cells.unique()}
-    found = _known(values.scatter(rows, pl.Series([worth[cell] for cell in cells], dtype=pl.Float64)), marks)
+    found = _known(
+        values.scatter(rows, pl.Series([worth[cell] for cell in cells], dtype=pl.Float64)), marks
+    )
     bad = [row for row, cell in zip(rows, cells, strict=True) if worth[cell] is None]
     return found._replace(bad=len(bad), row=bad[0], cell=str(series[bad[0]])) if bad else found
 

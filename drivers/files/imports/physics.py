@@ -1,4 +1,6 @@
-"""What the numbers themselves say: speeds against distances, answers behind commands, numbers that mean nothing."""
+"""What the numbers themselves say: speeds against distances, answers behind commands, numbers
+that mean nothing."""
+
 from __future__ import annotations
 
 from typing import NamedTuple
@@ -13,12 +15,16 @@ from drivers.files.imports.units import UNITS
 
 Floats = NDArray[np.float64]
 
-SPEED_FACTORS = {unit.name: 1.0 / unit.factor for unit in UNITS if unit.quantity == "speed"}       # to one m/s
-FARTHEST_LAG = 40                   # rows, within which an answer is looked for
-LEAST_CHANGES = 8                   # a command needs so many to tell anything about its answer
-LEAST_CORRELATION = 0.3             # of steps of command and answer
-AS_GOOD = 0.98                      # of the best correlation: repeating commands agree at many lags, the nearest wins
-LEAST_SETTINGS = 4                  # known rows of a command that may be a table of settings
+# to one m/s
+SPEED_FACTORS = {unit.name: 1.0 / unit.factor for unit in UNITS if unit.quantity == "speed"}
+FARTHEST_LAG = 40  # rows, within which an answer is looked for
+# a command needs so many to tell anything about its answer
+LEAST_CHANGES = 8
+LEAST_CORRELATION = 0.3  # of steps of command and answer
+# of the best correlation: repeating commands agree at many lags, the nearest wins
+AS_GOOD = 0.98
+# known rows of a command that may be a table of settings
+LEAST_SETTINGS = 4
 
 
 class Follows(NamedTuple):
@@ -28,8 +34,11 @@ class Follows(NamedTuple):
     strength: float
 
 
-def speed_unit(time_s: Floats, lat_deg: Floats, lon_deg: Floats, speed: Floats) -> tuple[str | None, float]:
-    """The unit in which a speed (n,) makes the distance between the places, and its ratio to m/s; NaN: unknown."""
+def speed_unit(
+    time_s: Floats, lat_deg: Floats, lon_deg: Floats, speed: Floats
+) -> tuple[str | None, float]:
+    """The unit in which a speed (n,) makes the distance between the places, and its ratio to
+    m/s; NaN: unknown."""
     columns = {"time_s": time_s, "lat_deg": lat_deg, "lon_deg": lon_deg, "speed_mps": speed}
     ratio = over_track(columns, "speed_mps")
     if ratio is None:
@@ -38,7 +47,8 @@ def speed_unit(time_s: Floats, lat_deg: Floats, lon_deg: Floats, speed: Floats) 
 
 
 def answer(command: Floats, reading: Floats) -> Follows | None:
-    """How a reading (n,) follows a command (n,): the lag at which their steps agree best. None: too few steps."""
+    """How a reading (n,) follows a command (n,): the lag at which their steps agree best. None:
+    too few steps."""
     both = np.isfinite(command) & np.isfinite(reading)
     command, reading = command[both], reading[both]
     if command.size < LEAST_CHANGES + 2:
@@ -49,7 +59,11 @@ def answer(command: Floats, reading: Floats) -> Follows | None:
     most = min(FARTHEST_LAG, steps.size // 4)
     strengths = {lag: _correlation(steps, moves, lag) for lag in range(-most, most + 1)}
     best = max(strengths.values())
-    lag = min((one for one, strength in strengths.items() if strength >= AS_GOOD * best), key=abs, default=0)
+    lag = min(
+        (one for one, strength in strengths.items() if strength >= AS_GOOD * best),
+        key=abs,
+        default=0,
+    )
     return Follows(lag, strengths[lag])
 
 
@@ -60,22 +74,34 @@ def are_settings(time_s: Floats, command: Floats) -> bool:
 
 
 def slope(command: Floats, reading: Floats) -> float:
-    """Reading for one of the command where both are clearly there: the median of their ratios; NaN: is not known."""
+    """Reading for one of the command where both are clearly there: the median of their ratios;
+    NaN: is not known."""
     both = np.isfinite(command) & np.isfinite(reading)
     command, reading = command[both], reading[both]
     if not command.size:
         return float("nan")
-    there = (np.abs(command) > 0.25 * np.abs(command).max()) & (np.abs(reading) > 0.1 * np.abs(reading).max())
-    return float(np.median(reading[there] / command[there])) if np.count_nonzero(there) >= 3 else float("nan")
+    there = (np.abs(command) > 0.25 * np.abs(command).max()) & (
+        np.abs(reading) > 0.1 * np.abs(reading).max()
+    )
+    return (
+        float(np.median(reading[there] / command[there]))
+        if np.count_nonzero(there) >= 3
+        else float("nan")
+    )
 
 
 def sentinels(values: Floats, limits: tuple[float, float]) -> list[float]:
-    """Numbers by which programs say "not known", where the quantity cannot be that, or no other value comes near."""
+    """Numbers by which programs say "not known", where the quantity cannot be that, or no other
+    value comes near."""
     return [float(mark) for mark in np.unique(values[stand_for_nothing(values, limits)])]
 
 
 def _correlation(steps: Floats, moves: Floats, lag: int) -> float:
-    a, b = (steps[:steps.size - lag], moves[lag:]) if lag >= 0 else (steps[-lag:], moves[:moves.size + lag])
+    a, b = (
+        (steps[: steps.size - lag], moves[lag:])
+        if lag >= 0
+        else (steps[-lag:], moves[: moves.size + lag])
+    )
     if a.std() == 0.0 or b.std() == 0.0:
         return 0.0
     return float(np.corrcoef(a, b)[0, 1])

@@ -1,4 +1,5 @@
 """Points with attributes: GeoJSON and shapefiles, as many as-applied files are."""
+
 from __future__ import annotations
 
 from pathlib import Path
@@ -17,22 +18,27 @@ from drivers.files.layers import Layer, read_geojson
 from drivers.files.shape_sets import ShapeSet, layer_of, shape_sets
 from drivers.files.what_it_is import POINTS
 
-LAT, LON = "lat_deg", "lon_deg"     # what places are called here
+LAT, LON = "lat_deg", "lon_deg"  # what places are called here
 
 
 def read_points(path: Path, said: Source) -> RawTable:
     """Features of GeoJSON that are points. Raises ImportTrouble, Refused, OSError."""
-    return _of_layer(path, read_geojson(path, ["Point"]), said.model_copy(update={"kind": "geojson"}))
+    return _of_layer(
+        path, read_geojson(path, ["Point"]), said.model_copy(update={"kind": "geojson"})
+    )
 
 
 def read_shapefile(path: Path, said: Source) -> RawTable:
-    """A shapefile of points; of a zip or folder the one that is, or the one that `said` names. Raises ImportTrouble,
-    Refused, OSError."""
+    """A shapefile of points; of a zip or folder the one that is, or the one that `said` names.
+    Raises ImportTrouble, Refused, OSError."""
     shapes = _one_of(path, said)
     kind = _kind_of(shapes)
     if kind not in POINTS and kind in shapefile.SHAPETYPE_LOOKUP:
-        raise ImportTrouble(path, f"shapes of type {shapefile.SHAPETYPE_LOOKUP[kind]}: allowed POINT (a map of areas "
-                            "is read by topdress map)")
+        raise ImportTrouble(
+            path,
+            f"shapes of type {shapefile.SHAPETYPE_LOOKUP[kind]}: allowed POINT (a map of areas "
+            "is read by topdress map)",
+        )
     layer = layer_of(shapes, said.encoding)
     names = _own_names(list(layer.rows[0]) if layer.rows else [])
     rows = tuple(dict(zip(names, row.values(), strict=True)) for row in layer.rows)
@@ -48,8 +54,10 @@ def _one_of(path: Path, said: Source) -> ShapeSet:
     if len(found) > 1:
         found = [one for one in found if _kind_of(one) in POINTS] or found
     if len(found) != 1:
-        several = f"{len(found)} shapefiles of points: say source.inside in the import file; allowed " \
+        several = (
+            f"{len(found)} shapefiles of points: say source.inside in the import file; allowed "
             f"{listed(one.name for one in found)}"
+        )
         raise ImportTrouble(path, f"{several if found else 'no shapefile in it'}")
     return found[0]
 
@@ -63,17 +71,28 @@ def _of_layer(path: Path, layer: Layer, source: Source) -> RawTable:
     kinds = [None if shape is None else shape.geom_type for shape in layer.shapes]
     there = [k for k, kind in enumerate(kinds) if kind == "Point" and not layer.shapes[k].is_empty]
     if not there:
-        raise ImportTrouble(path, "no point in it" if layer.kind else "no feature is a point: allowed is a "
-                            "FeatureCollection of points (a map of areas is read by topdress map)")
+        raise ImportTrouble(
+            path,
+            "no point in it"
+            if layer.kind
+            else "no feature is a point: allowed is a "
+            "FeatureCollection of points (a map of areas is read by topdress map)",
+        )
     findings = list(layer.findings)
-    for id, lost, what in (("empty_shapes", kinds.count(None), "without a place left out"),
-                           ("not_points", len(kinds) - kinds.count(None) - len(there), "that are no points left out")):
+    for id, lost, what in (
+        ("empty_shapes", kinds.count(None), "without a place left out"),
+        ("not_points", len(kinds) - kinds.count(None) - len(there), "that are no points left out"),
+    ):
         if lost:
             findings.append(Finding(id, f"{many(lost)} {what}", rows=lost))
     names = list(dict.fromkeys(name for k in there for name in layer.rows[k]))
     if not names:
         raise ImportTrouble(path, "no point tells anything: allowed are points with properties")
-    columns = [_column(name, [layer.rows[k].get(name) for k in there]) for name in names if name not in (LAT, LON)]
+    columns = [
+        _column(name, [layer.rows[k].get(name) for k in there])
+        for name in names
+        if name not in (LAT, LON)
+    ]
     places = shapely.get_coordinates(layer.shapes[there])
     frame = pl.DataFrame([*columns, pl.Series(LAT, places[:, 1]), pl.Series(LON, places[:, 0])])
     units = units_in(frame.columns)
@@ -83,8 +102,10 @@ def _of_layer(path: Path, layer: Layer, source: Source) -> RawTable:
 
 
 def _own_names(names: list[str]) -> list[str]:
-    """Of our own as-applied shapefiles the names that ten letters have cut, with their units; else as they stand."""
+    """Of our own as-applied shapefiles the names that ten letters have cut, with their units;
+    else as they stand."""
     from drivers.files.exports.columns import COLUMNS, TIME_SHORT
+
     long = {column.short: column.name for column in COLUMNS} | {TIME_SHORT: "utc"}
     return [long.get(name, name) for name in names] if set(long) <= set(names) else names
 
@@ -92,5 +113,9 @@ def _own_names(names: list[str]) -> list[str]:
 def _column(name: str, values: list[Any]) -> pl.Series:
     known = [value for value in values if value is not None]
     if known and all(isinstance(value, int | float) for value in known):
-        return pl.Series(name, [None if value is None else float(value) for value in values], pl.Float64)
-    return pl.Series(name, ["" if value is None else str(value).strip() for value in values], pl.String)
+        return pl.Series(
+            name, [None if value is None else float(value) for value in values], pl.Float64
+        )
+    return pl.Series(
+        name, ["" if value is None else str(value).strip() for value in values], pl.String
+    )

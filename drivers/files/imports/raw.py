@@ -1,4 +1,5 @@
 """A table as a file holds it, before anything is said of its meaning."""
+
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -16,10 +17,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class RawTable:
-    """`frame`: columns of texts (as written), Float64, or Datetime where the file itself knows times.
+    """`frame`: columns of texts (as written), Float64, or Datetime where the file itself knows
+    times.
 
-    `units`: of columns, in the file's own words, where the header or a unit row tells one. `first_row`: the line or row
-    of the file that is row 0 here, for messages. `source`: how it was read, everything found said.
+    `units`: of columns, in the file's own words, where the header or a unit row tells one.
+    `first_row`: the line or row of the file that is row 0 here, for messages. `source`: how it
+    was read, everything found said.
     """
 
     path: Path
@@ -28,8 +31,8 @@ class RawTable:
     units: Mapping[str, str] = field(default_factory=dict)
     first_row: int = 1
     findings: tuple[Finding, ...] = ()
-    above: tuple[str, ...] = ()             # what stands above the header, line by line
-    width_m: float | None = None            # working width, where the file says one
+    above: tuple[str, ...] = ()  # what stands above the header, line by line
+    width_m: float | None = None  # working width, where the file says one
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -46,13 +49,21 @@ def units_in(names: Iterable[str]) -> dict[str, str]:
 
 
 def header_of(cells: list[str], units: Sequence[str] | None) -> tuple[list[str], dict[str, str]]:
-    """Names, each once, and units of columns, of the header's cells and those of a row of units below it."""
+    """Names, each once, and units of columns, of the header's cells and those of a row of units
+    below it."""
     while cells and not cells[-1]:
         cells = cells[:-1]
     names = unique(cells)
-    found = {name: unit for name, cell in zip(names, cells, strict=True) if (unit := named(cell)[1]) is not None}
-    return names, found | {name: cell.strip("()[] ") for name, cell in zip(names, units or (), strict=False)
-                           if cell.strip("()[]- ")}
+    found = {
+        name: unit
+        for name, cell in zip(names, cells, strict=True)
+        if (unit := named(cell)[1]) is not None
+    }
+    return names, found | {
+        name: cell.strip("()[] ")
+        for name, cell in zip(names, units or (), strict=False)
+        if cell.strip("()[]- ")
+    }
 
 
 def unique(names: list[str]) -> list[str]:

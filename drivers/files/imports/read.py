@@ -1,4 +1,5 @@
 """A file of any kind as a raw table."""
+
 from __future__ import annotations
 
 from dataclasses import replace
@@ -17,16 +18,23 @@ from drivers.files.prescriptions.column_words import MOST_UNITS, cell_of, unit_c
 from drivers.files.sheet_text import SUFFIXES
 from drivers.files.stated_units import ANY, of_texts, together
 
-LOOKED_ROWS = 1000          # for the first text of a column
-LONGEST_UNIT = 60           # letters
+LOOKED_ROWS = 1000  # for the first text of a column
+LONGEST_UNIT = 60  # letters
 
 _SUFFIXES: dict[str, SourceKind] = {
-    **dict.fromkeys(SUFFIXES, "excel"), ".geojson": "geojson", ".json": "geojson", ".shp": "shapefile",
-    ".xml": "isoxml", ".parquet": "parquet", ".pq": "parquet"}
+    **dict.fromkeys(SUFFIXES, "excel"),
+    ".geojson": "geojson",
+    ".json": "geojson",
+    ".shp": "shapefile",
+    ".xml": "isoxml",
+    ".parquet": "parquet",
+    ".pq": "parquet",
+}
 
 
 def read_raw(path: Path, said: Source | None = None, data: bytes | None = None) -> RawTable:
-    """`said`: what an import file says of the reading. `data`: lines of the text at `path`, in the place of all of it.
+    """`said`: what an import file says of the reading. `data`: lines of the text at `path`, in
+    the place of all of it.
 
     Raises ImportTrouble, Refused in one line, OSError.
     """
@@ -37,28 +45,37 @@ def read_raw(path: Path, said: Source | None = None, data: bytes | None = None) 
         check_file(path)
     need("a log or map of another program's columns", "diagnosis")
     import polars as pl
+
     try:
         return _with_stated(_read(path, said) if data is None else read_text(path, said, data))
     except pl.exceptions.PolarsError as error:
-        raise ImportTrouble(path, f"not readable as a table: {str(error).splitlines()[0]}") from None
+        raise ImportTrouble(
+            path, f"not readable as a table: {str(error).splitlines()[0]}"
+        ) from None
 
 
 def _read(path: Path, said: Source) -> RawTable:
     """Raises PolarsError too, where a table's cells are odder than its reader foresaw."""
     kind = said.kind or _kind(path)
     if path.is_dir() and kind not in ("isoxml", "shapefile"):
-        raise ImportTrouble(path, "a folder: allowed is a file, or the folder of a task (TASKDATA.XML)")
+        raise ImportTrouble(
+            path, "a folder: allowed is a file, or the folder of a task (TASKDATA.XML)"
+        )
     if kind == "excel":
         from drivers.files.imports.excel import read_excel
+
         return read_excel(path, said)
     if kind == "geojson":
         from drivers.files.imports.points import read_points
+
         return read_points(path, said)
     if kind == "shapefile":
         from drivers.files.imports.points import read_shapefile
+
         return read_shapefile(path, said)
     if kind == "isoxml":
         from drivers.files.imports.task_log import read_task_log
+
         return read_task_log(path, said)
     if kind == "parquet":
         return _parquet(path, said)
@@ -68,6 +85,7 @@ def _read(path: Path, said: Source) -> RawTable:
 def _with_stated(raw: RawTable) -> RawTable:
     """With units of a column of their own, or of a line above the header."""
     import polars as pl
+
     texts: dict[str, list[str]] = {}
     for name in raw.names:
         column = raw.frame[name]
@@ -77,13 +95,25 @@ def _with_stated(raw: RawTable) -> RawTable:
         if (first := next(filter(None, column.head(LOOKED_ROWS)), "")) and cell_of(first) is None:
             texts[name] = column.drop_nulls().unique().head(MOST_UNITS + 1).to_list()
     stated = together(of_texts(ANY, raw.above, "the lines above the header"), unit_columns(texts))
-    units = {name: stated.get(name.casefold(), stated.get(ANY)) for name in raw.names if name not in raw.units
-             and (subject := subject_of(folded(name), None)) is not None and subject.id == "rate"}
-    return replace(raw, units={**raw.units, **{name: unit.text for name, unit in units.items() if unit is not None}})
+    units = {
+        name: stated.get(name.casefold(), stated.get(ANY))
+        for name in raw.names
+        if name not in raw.units
+        and (subject := subject_of(folded(name), None)) is not None
+        and subject.id == "rate"
+    }
+    return replace(
+        raw,
+        units={
+            **raw.units,
+            **{name: unit.text for name, unit in units.items() if unit is not None},
+        },
+    )
 
 
 def _kind(path: Path) -> SourceKind:
-    """Of a folder or a zip: a task that was worked before points, points before a task that was not."""
+    """Of a folder or a zip: a task that was worked before points, points before a task that was
+    not."""
     if path.is_dir() or path.suffix.lower() == ".zip":
         files = files_at(path)
         shapes = any(name.lower().endswith(".shp") for name in files.names)
@@ -94,14 +124,23 @@ def _kind(path: Path) -> SourceKind:
 def _parquet(path: Path, said: Source) -> RawTable:
     import polars as pl
     import polars.selectors as cs
+
     check_parquet(path)
     try:
         frame = pl.read_parquet(path, use_pyarrow=False)
     except (pl.exceptions.PolarsError, OSError) as error:
-        raise ImportTrouble(path, f"not readable as Parquet: {str(error).splitlines()[0]}") from None
+        raise ImportTrouble(
+            path, f"not readable as Parquet: {str(error).splitlines()[0]}"
+        ) from None
     if frame.height == 0:
         raise ImportTrouble(path, "no rows in it")
     frame = frame.with_columns(cs.boolean().cast(pl.Float64), cs.numeric().cast(pl.Float64))
-    others = [name for name, kind in frame.schema.items() if not (kind == pl.Float64 or kind.is_temporal())]
+    others = [
+        name
+        for name, kind in frame.schema.items()
+        if not (kind == pl.Float64 or kind.is_temporal())
+    ]
     frame = frame.with_columns(pl.col(others).cast(pl.String, strict=False)) if others else frame
-    return RawTable(path, frame, said.model_copy(update={"kind": "parquet"}), units_in(frame.columns), 1)
+    return RawTable(
+        path, frame, said.model_copy(update={"kind": "parquet"}), units_in(frame.columns), 1
+    )

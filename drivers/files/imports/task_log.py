@@ -1,5 +1,6 @@
-"""The time logs of an ISO 11783-10 task set as one table: which of them are meant, how their columns are called. And
-what a task file holds, a line each."""
+"""The time logs of an ISO 11783-10 task set as one table: which of them are meant, how their
+columns are called. And what a task file holds, a line each."""
+
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -17,13 +18,20 @@ from drivers import day_clock
 from drivers.files.imports.devices import DeviceElement, Meaning, parts_of, width_m
 from drivers.files.imports.mapping import EVENTS, Source
 from drivers.files.imports.raw import RawTable, unique
-from drivers.files.imports.time_logs import LoggedValue, TimeLog, frame_of, hectares, time_logs, width_of
+from drivers.files.imports.time_logs import (
+    LoggedValue,
+    TimeLog,
+    frame_of,
+    hectares,
+    time_logs,
+    width_of,
+)
 from drivers.files.imports.trouble import ImportTrouble, listed
 from drivers.files.imports.units import unit_named
 from drivers.files.prescriptions.task_files import find_task_files, task_tree
 
 CHOICES = "--task, --device and --log (source.task, .device and .task_log of the import file)"
-MOST_LISTED = 60                # logs, a line each
+MOST_LISTED = 60  # logs, a line each
 
 
 class TaskLogs(NamedTuple):
@@ -35,8 +43,8 @@ class TaskLogs(NamedTuple):
 
 
 def read_task_log(path: Path, said: Source) -> RawTable:
-    """The time logs of one task out of a task file, its folder or a zip, joined by their times, or those that `said`
-    names. Raises ImportTrouble, Refused, OSError.
+    """The time logs of one task out of a task file, its folder or a zip, joined by their times,
+    or those that `said` names. Raises ImportTrouble, Refused, OSError.
 
     A number that a record does not hold is the one last given, as logging on change means it.
     """
@@ -58,58 +66,115 @@ def task_logs(path: Path, inside: str | None = None) -> TaskLogs | None:
 
 def _read(path: Path, found: TaskLogs, said: Source) -> RawTable:
     if not found.logs:
-        raise ImportTrouble(path, "no time log (TLG) in its tasks: allowed is a task that was worked (what is to be "
-                            "applied is read by topdress map)")
+        raise ImportTrouble(
+            path,
+            "no time log (TLG) in its tasks: allowed is a task that was worked (what is to be "
+            "applied is read by topdress map)",
+        )
     logs = _chosen(path, found, said)
-    findings = [Finding("cut_row", f"{log.name}.bin: {log.lost} bytes at its end are no whole record: left out", rows=1)
-                for log in logs if log.lost]
+    findings = [
+        Finding(
+            "cut_row",
+            f"{log.name}.bin: {log.lost} bytes at its end are no whole record: left out",
+            rows=1,
+        )
+        for log in logs
+        if log.lost
+    ]
     if empty := [log for log in logs if log.trouble]:
         if len(empty) == len(logs):
             raise ImportTrouble(path, *(f"{log.name}: {log.trouble}" for log in logs))
         if gone := [log for log in empty if "no record" not in log.trouble]:
-            raise ImportTrouble(path, *(f"{log.name}: {log.trouble}: --log takes another" for log in gone))
-        findings.append(Finding("empty_logs", f"{many(len(empty), 'time log')} without a record left out "
-                                f"({listed(log.name for log in empty)})"))
+            raise ImportTrouble(
+                path, *(f"{log.name}: {log.trouble}: --log takes another" for log in gone)
+            )
+        findings.append(
+            Finding(
+                "empty_logs",
+                f"{many(len(empty), 'time log')} without a record left out "
+                f"({listed(log.name for log in empty)})",
+            )
+        )
     logs = sorted((log for log in logs if not log.trouble), key=lambda log: log.first_us)
     _check_apart(path, found, logs)
-    logged = list({(one.ddi, one.element): one for log in logs for one in log.logged
-                 if said.device is None or _is_of(one, said.device)}.values())
+    logged = list(
+        {
+            (one.ddi, one.element): one
+            for log in logs
+            for one in log.logged
+            if said.device is None or _is_of(one, said.device)
+        }.values()
+    )
     presented = _presented(path, logged, said, findings)
     names = _names(logs, logged)
     frame = _joined(logs, names, presented)
-    units = {names[one.ddi, one.element]: (one.shown if presented and one.shown else one.meaning).unit for one in logged
-             if (one.ddi, one.element) in names}
+    units = {
+        names[one.ddi, one.element]: (one.shown if presented and one.shown else one.meaning).unit
+        for one in logged
+        if (one.ddi, one.element) in names
+    }
     findings += _elements(logged, names)
     if len(logs) > 1:
-        findings.append(Finding("joined_logs", f"{len(logs)} time logs of task {logs[0].task} joined by their times: "
-                                f"{listed(log.name for log in logs)}"))
+        findings.append(
+            Finding(
+                "joined_logs",
+                f"{len(logs)} time logs of task {logs[0].task} joined by their times: "
+                f"{listed(log.name for log in logs)}",
+            )
+        )
     several = len({log.task for log in found.logs}) > 1
-    source = said.model_copy(update={
-        "kind": "isoxml", "task": said.task or (logs[0].task if several and not said.task_log else None),
-        "task_log": said.task_log})
-    return RawTable(path, frame, source, {name: unit for name, unit in units.items() if unit}, 1, tuple(findings),
-                    width_m=_width(found, logs, logged))
+    source = said.model_copy(
+        update={
+            "kind": "isoxml",
+            "task": said.task or (logs[0].task if several and not said.task_log else None),
+            "task_log": said.task_log,
+        }
+    )
+    return RawTable(
+        path,
+        frame,
+        source,
+        {name: unit for name, unit in units.items() if unit},
+        1,
+        tuple(findings),
+        width_m=_width(found, logs, logged),
+    )
 
 
 def _chosen(path: Path, found: TaskLogs, said: Source) -> list[TimeLog]:
     """Those of one task. Raises ImportTrouble: what there is, a line for each log."""
-    logs = [log for log in found.logs if _fits(said.task_log, log.name)
-            and _fits(said.task, log.task, log.title)
-            and (said.device is None or any(_is_of(one, said.device) for one in log.logged))]
-    chosen = [f"{word} {value}" for word, value in (("log", said.task_log), ("task", said.task),
-                                                    ("device", said.device)) if value is not None]
+    logs = [
+        log
+        for log in found.logs
+        if _fits(said.task_log, log.name)
+        and _fits(said.task, log.task, log.title)
+        and (said.device is None or any(_is_of(one, said.device) for one in log.logged))
+    ]
+    chosen = [
+        f"{word} {value}"
+        for word, value in (("log", said.task_log), ("task", said.task), ("device", said.device))
+        if value is not None
+    ]
     if not logs:
-        raise ImportTrouble(path, f"{', '.join(chosen)}: no such time log: allowed with {CHOICES} are",
-                            *log_lines(found))
+        raise ImportTrouble(
+            path,
+            f"{', '.join(chosen)}: no such time log: allowed with {CHOICES} are",
+            *log_lines(found),
+        )
     tasks = {log.task for log in logs}
     if len(tasks) > 1:
-        raise ImportTrouble(path, f"{len(logs)} time logs of {len(tasks)} tasks: say which with {CHOICES}",
-                            *log_lines(found._replace(logs=logs)))
+        raise ImportTrouble(
+            path,
+            f"{len(logs)} time logs of {len(tasks)} tasks: say which with {CHOICES}",
+            *log_lines(found._replace(logs=logs)),
+        )
     return logs
 
 
 def _fits(wanted: str | None, *names: str) -> bool:
-    return wanted is None or wanted.strip().casefold() in [name.strip().casefold() for name in names]
+    return wanted is None or wanted.strip().casefold() in [
+        name.strip().casefold() for name in names
+    ]
 
 
 def _is_of(one: LoggedValue, device: str) -> bool:
@@ -125,14 +190,20 @@ def log_lines(found: TaskLogs) -> list[str]:
 
 def _line(log: TimeLog, found: TaskLogs) -> str:
     title = f" ({log.title})" if log.title else ""
-    devices = listed(f"{key} ({name})" if name else key for key, name in log.devices.items()) or "no device described"
+    devices = (
+        listed(f"{key} ({name})" if name else key for key, name in log.devices.items())
+        or "no device described"
+    )
     where = f"task {log.task}{title}, log {log.name}, device {devices}"
     if log.trouble:
         return f"{where}: {log.trouble}"
     area = hectares(log, found.parts)
     size = "hectares not given" if area is None else f"{area[0]:.3f} ha ({area[1]})"
     names = listed(dict.fromkeys(one.meaning.name for one in log.logged), 8)
-    return f"{where}: {_moment(log.first_us)} to {_moment(log.last_us)}, {many(log.rows)}, {size}; {names}"
+    return (
+        f"{where}: {_moment(log.first_us)} to {_moment(log.last_us)}, {many(log.rows)}, "
+        f"{size}; {names}"
+    )
 
 
 def _moment(us: int) -> str:
@@ -143,22 +214,33 @@ def _check_apart(path: Path, found: TaskLogs, logs: Sequence[TimeLog]) -> None:
     for before, after in pairwise(logs):
         if after.first_us <= before.last_us:
             raise ImportTrouble(
-                path, f"{after.name} begins {_moment(after.first_us)}, before {before.name} ends "
-                f"{_moment(before.last_us)}: allowed are logs that follow one another; say which with {CHOICES}",
-                *log_lines(found._replace(logs=list(logs))))
+                path,
+                f"{after.name} begins {_moment(after.first_us)}, before {before.name} ends "
+                f"{_moment(before.last_us)}: allowed are logs that follow one another; say "
+                f"which with {CHOICES}",
+                *log_lines(found._replace(logs=list(logs))),
+            )
 
 
-def _presented(path: Path, logged: Sequence[LoggedValue], said: Source, findings: list[Finding]) -> bool:
-    """Whether rates are taken as their device shows them. Raises ImportTrouble where that is not said and matters."""
+def _presented(
+    path: Path, logged: Sequence[LoggedValue], said: Source, findings: list[Finding]
+) -> bool:
+    """Whether rates are taken as their device shows them. Raises ImportTrouble where that is
+    not said and matters."""
     odd = [one for one in logged if one.shown is not None]
     if not odd:
         return False
     one = odd[0]
     assert one.shown is not None
-    text = (f"{one.meaning.name} ({one.element}): 100 is {_in_log_unit(one.meaning)} by DDI {one.ddi or 0:04X}, and "
-            f"{_in_log_unit(one.shown)} as the device shows it")
+    text = (
+        f"{one.meaning.name} ({one.element}): 100 is {_in_log_unit(one.meaning)} by DDI "
+        f"{one.ddi or 0:04X}, and "
+        f"{_in_log_unit(one.shown)} as the device shows it"
+    )
     if said.values_from is None:
-        raise ImportTrouble(path, f"{text}: say which holds: --values-from ddi or presentation (source.values_from)")
+        raise ImportTrouble(
+            path, f"{text}: say which holds: --values-from ddi or presentation (source.values_from)"
+        )
     findings.append(Finding("presentation", f"{text}: taken by {said.values_from}"))
     return said.values_from == "presentation"
 
@@ -172,16 +254,20 @@ def _in_log_unit(meaning: Meaning) -> str:
     return f"{value * unit.factor:g} {'kg/ha' if unit.quantity == 'rate' else 'kg/s'}"
 
 
-def _names(logs: Sequence[TimeLog], logged: Sequence[LoggedValue]) -> dict[tuple[int | None, str], str]:
-    """Of each number its column: what it is, and of several of one kind the element; elements that always say the same
-    share a column."""
+def _names(
+    logs: Sequence[TimeLog], logged: Sequence[LoggedValue]
+) -> dict[tuple[int | None, str], str]:
+    """Of each number its column: what it is, and of several of one kind the element; elements
+    that always say the same share a column."""
     names: dict[tuple[int | None, str], str] = {}
     taken = set(logs[0].heads.columns) if logs and logs[0].heads is not None else set()
     for name in dict.fromkeys(one.meaning.name for one in logged):
         alike = _apart([one for one in logged if one.meaning.name == name], logs)
         wanted = [name] if len(alike) == 1 else [f"{name} ({one.element})" for one in alike]
-        free = unique([*sorted(taken), *wanted])[len(taken):]
-        names |= {(one.ddi, one.element): one_name for one, one_name in zip(alike, free, strict=True)}
+        free = unique([*sorted(taken), *wanted])[len(taken) :]
+        names |= {
+            (one.ddi, one.element): one_name for one, one_name in zip(alike, free, strict=True)
+        }
         taken |= set(free)
     return names
 
@@ -196,14 +282,28 @@ def _apart(alike: list[LoggedValue], logs: Sequence[TimeLog]) -> list[LoggedValu
 
 
 def _same(log: TimeLog, one: LoggedValue, other: LoggedValue) -> bool:
-    rows = [next((k for k, value in enumerate(log.logged) if (value.ddi, value.element) == (it.ddi, it.element)), None)
-            for it in (one, other)]
+    rows = [
+        next(
+            (
+                k
+                for k, value in enumerate(log.logged)
+                if (value.ddi, value.element) == (it.ddi, it.element)
+            ),
+            None,
+        )
+        for it in (one, other)
+    ]
     if log.values is None or rows[0] is None or rows[1] is None:
         return rows[0] == rows[1]
-    return bool(np.array_equal(log.values[rows[0]], log.values[rows[1]], equal_nan=True)) and one.ddi == other.ddi
+    return (
+        bool(np.array_equal(log.values[rows[0]], log.values[rows[1]], equal_nan=True))
+        and one.ddi == other.ddi
+    )
 
 
-def _joined(logs: Sequence[TimeLog], names: dict[tuple[int | None, str], str], presented: bool) -> pl.DataFrame:
+def _joined(
+    logs: Sequence[TimeLog], names: dict[tuple[int | None, str], str], presented: bool
+) -> pl.DataFrame:
     frames = []
     for log in logs:
         frame = frame_of(log, names, presented)
@@ -214,17 +314,26 @@ def _joined(logs: Sequence[TimeLog], names: dict[tuple[int | None, str], str], p
     return pl.concat(frames, how="diagonal_relaxed")
 
 
-def _elements(logged: Sequence[LoggedValue], names: dict[tuple[int | None, str], str]) -> list[Finding]:
+def _elements(
+    logged: Sequence[LoggedValue], names: dict[tuple[int | None, str], str]
+) -> list[Finding]:
     """What the elements are that columns are called by."""
-    shown = {one.element: one.part for one in logged
-             if names.get((one.ddi, one.element), "").endswith(f"({one.element})")}
-    words = [f"{element} is {part.name or 'an element'} of {part.device_name or part.device}"
-             for element, part in shown.items() if part is not None]
+    shown = {
+        one.element: one.part
+        for one in logged
+        if names.get((one.ddi, one.element), "").endswith(f"({one.element})")
+    }
+    words = [
+        f"{element} is {part.name or 'an element'} of {part.device_name or part.device}"
+        for element, part in shown.items()
+        if part is not None
+    ]
     return [Finding("elements", listed(words))] if words else []
 
 
 def _width(found: TaskLogs, logs: Sequence[TimeLog], logged: Sequence[LoggedValue]) -> float | None:
-    """The working width, m, where all logs had one and the same; None: they do not say, or it changed."""
+    """The working width, m, where all logs had one and the same; None: they do not say, or it
+    changed."""
     widths = {width_of(log, found.parts) for log in logs}
     if len(widths) == 1:
         return widths.pop()
@@ -232,7 +341,10 @@ def _width(found: TaskLogs, logs: Sequence[TimeLog], logged: Sequence[LoggedValu
     return width_m(found.parts, devices.pop()) if len(devices) == 1 and None not in widths else None
 
 
-ORIGINS = {"1": "written before the work, by farm software", "2": "written after it, by a task controller"}
+ORIGINS = {
+    "1": "written before the work, by farm software",
+    "2": "written after it, by a task controller",
+}
 
 
 def task_words(path: Path) -> list[str] | None:
@@ -242,13 +354,18 @@ def task_words(path: Path) -> list[str] | None:
         return None
     root = found.root
     origin = ORIGINS.get(root.get("DataTransferOrigin", ""), "origin not given")
-    lines = [f"{path}: task file, version {root.get('VersionMajor', '?')}.{root.get('VersionMinor', '?')}, {origin}"]
+    lines = [
+        f"{path}: task file, version "
+        f"{root.get('VersionMajor', '?')}.{root.get('VersionMinor', '?')}, {origin}"
+    ]
     for task in root.findall("TSK"):
         lines.append(f"{path}: {_task(root, task)}")
     for field in root.findall("PFD"):
         area = field.get("D", "")
-        lines.append(f"{path}: field {_named(field, 'C')}" + (f", {int(area) / 10_000:.4f} ha as it says"
-                                                              if area.isdigit() and int(area) else ""))
+        lines.append(
+            f"{path}: field {_named(field, 'C')}"
+            + (f", {int(area) / 10_000:.4f} ha as it says" if area.isdigit() and int(area) else "")
+        )
     for product in root.findall("PDT"):
         lines.append(f"{path}: product {_named(product, 'B')}")
     for device in root.findall("DVC"):
@@ -262,11 +379,17 @@ def _named(element: Element, attribute: str) -> str:
 
 
 def _task(root: Element, task: Element) -> str:
-    held = [many(len(task.findall(tag)), what) for tag, what in (
-        ("TZN", "treatment zone"), ("GRD", "grid"), ("TLG", "time log")) if task.find(tag) is not None]
-    field = next((_named(one, "C") for one in root.findall("PFD") if one.get("A") == task.get("E")), "")
+    held = [
+        many(len(task.findall(tag)), what)
+        for tag, what in (("TZN", "treatment zone"), ("GRD", "grid"), ("TLG", "time log"))
+        if task.find(tag) is not None
+    ]
+    field = next(
+        (_named(one, "C") for one in root.findall("PFD") if one.get("A") == task.get("E")), ""
+    )
     return f"task {_named(task, 'B')}: {listed(held) or 'nothing planned and nothing logged'}" + (
-        f"; field {field}" if field else "")
+        f"; field {field}" if field else ""
+    )
 
 
 def _device(device: Element, parts: dict[str, DeviceElement]) -> str:
@@ -275,5 +398,7 @@ def _device(device: Element, parts: dict[str, DeviceElement]) -> str:
     sections = sum(part.kind == "4" for part in own)
     words = [f"{width:g} m wide" if width is not None else "width not given"]
     words += [many(sections, "section")] if sections else []
-    return f"device {_named(device, 'B')}: {', '.join(words)}; elements " \
+    return (
+        f"device {_named(device, 'B')}: {', '.join(words)}; elements "
         f"{listed(f'{part.id} {part.name}'.strip() for part in own)}"
+    )

@@ -1,9 +1,11 @@
-"""The one reader of text tables (CSV and its relatives): bytes to UTF-8, rows to columns of texts or numbers.
+"""The one reader of text tables (CSV and its relatives): bytes to UTF-8, rows to columns of
+texts or numbers.
 
-Rows that are as even as a machine writes them go the quick way (polars, where it is installed, loaded only then); all
-others are taken apart one by one, and what does not fit is left out and said. Where header and rows begin is found by
-looking (`dialect`), or is said by the caller.
+Rows that are as even as a machine writes them go the quick way (polars, where it is installed,
+loaded only then); all others are taken apart one by one, and what does not fit is left out and
+said. Where header and rows begin is found by looking (`dialect`), or is said by the caller.
 """
+
 from __future__ import annotations
 
 import codecs
@@ -31,8 +33,8 @@ _UTF16 = (b"\xff\xfe", b"\xfe\xff")
 
 
 def without_long_lines(data: bytes) -> tuple[bytes, list[Finding]]:
-    """The text without the lines below its first that are longer than `LINE`, where others are left there; and what
-    there is to say.
+    """The text without the lines below its first that are longer than `LINE`, where others are
+    left there; and what there is to say.
 
     Zero bytes, as a power loss leaves them, do not count; UTF-16 is left as it is.
     """
@@ -40,17 +42,25 @@ def without_long_lines(data: bytes) -> tuple[bytes, list[Finding]]:
     if not long:
         return data, []
     starts_at = data.count(b"\n", 0, long[0][0]) + 1
-    said = Finding("long_row", f"{many(len(long))} left out, the first in line {starts_at} with "
-                   f"{long[0][1] - long[0][0]:,} bytes: allowed up to {LINE.most:,}", rows=len(long))
+    said = Finding(
+        "long_row",
+        f"{many(len(long))} left out, the first in line {starts_at} with "
+        f"{long[0][1] - long[0][0]:,} bytes: allowed up to {LINE.most:,}",
+        rows=len(long),
+    )
     ends = [0, *(min(end + 1, len(data)) for _start, end in long)]
-    kept = b"".join([data[end:start] for end, start in zip(ends, [*(start for start, _end in long), len(data)],
-                                                           strict=True)])
+    kept = b"".join(
+        [
+            data[end:start]
+            for end, start in zip(ends, [*(start for start, _end in long), len(data)], strict=True)
+        ]
+    )
     return (kept, [said]) if kept.partition(b"\n")[2].strip() else (data, [])
 
 
 def _long_lines(data: bytes) -> list[tuple[int, int]]:
-    """First byte and line end of each. A line so long has no line end in one of the places half as long as is allowed:
-    only those are looked at."""
+    """First byte and line end of each. A line so long has no line end in one of the places half
+    as long as is allowed: only those are looked at."""
     half, place, found = LINE.most // 2, 0, list[tuple[int, int]]()
     while place + half <= len(data):
         if data.find(b"\n", place, place + half) >= 0:
@@ -65,12 +75,14 @@ def _long_lines(data: bytes) -> list[tuple[int, int]]:
 
 
 # Quotes in text tables: one that is opened and never closed swallows the rows behind it.
-MOST_LINES = 5              # of one cell with line breaks, as headers of spreadsheets have them
+# of one cell with line breaks, as headers of spreadsheets have them
+MOST_LINES = 5
 _STARTS = b",;\t| "
 
 
 def unclosed_quote(data: bytes) -> int | None:
-    """The line (from 1) with a quote that is opened and not closed within a cell's few lines; None: there is none.
+    """The line (from 1) with a quote that is opened and not closed within a cell's few lines;
+    None: there is none.
 
     A last line without its line end does not count: it was cut.
     """
@@ -91,34 +103,52 @@ def unclosed_quote(data: bytes) -> int | None:
 
 def _opens(line: bytes) -> bool:
     """Whether a quote stands where a cell begins: one behind a number is the sign for inches."""
-    return any(line[at:at + 1] == b'"' and (at == 0 or line[at - 1] in _STARTS) for at in range(len(line)))
+    return any(
+        line[at : at + 1] == b'"' and (at == 0 or line[at - 1] in _STARTS)
+        for at in range(len(line))
+    )
 
 
-NO_HEADER = "no_header"         # of a finding
+NO_HEADER = "no_header"  # of a finding
 # Findings that an import has no need to say: its import file says how the text is written.
-AS_WRITTEN = frozenset({"utf16", "byte_order_mark", "zero_bytes", "carriage_returns", "encoding", "no_last_line_end"})
+AS_WRITTEN = frozenset(
+    {"utf16", "byte_order_mark", "zero_bytes", "carriage_returns", "encoding", "no_last_line_end"}
+)
 _QUOTED = re.compile(rb'"[^"]*"')
-_PAST = "\0past"                # the column behind a delimiter after the last one
+# the column behind a delimiter after the last one
+_PAST = "\0past"
 
 
-def utf8(path: Path, data: bytes, said: str | None = None, whole: bool = True) -> tuple[bytes, str, list[Finding]]:
-    """A text in UTF-8 with line feeds, its encoding, and what was odd about it. said: the encoding, where it is known.
-    whole: False for the beginning of a file, which may end within a pair of quotes.
+def utf8(
+    path: Path, data: bytes, said: str | None = None, whole: bool = True
+) -> tuple[bytes, str, list[Finding]]:
+    """A text in UTF-8 with line feeds, its encoding, and what was odd about it. said: the
+    encoding, where it is known. whole: False for the beginning of a file, which may end within
+    a pair of quotes.
 
     Raises TableError, BeyondLimits.
     """
-    encoding = said or encoding_of(data[:data.rfind(b"\n") + 1] or data)    # the last line may be cut inside a letter
+    # the last line may be cut inside a letter
+    encoding = said or encoding_of(data[: data.rfind(b"\n") + 1] or data)
     findings: list[Finding] = []
     if encoding.lower() not in ("utf-8", "utf8"):
         try:
             data = data.decode(encoding, errors="replace" if said else "ignore").encode()
         except LookupError:
-            raise ImportTrouble(path, f"source.encoding {encoding}: not known; allowed e.g. utf-8, utf-16, latin-1, "
-                                "cp1252, gb18030") from None
+            raise ImportTrouble(
+                path,
+                f"source.encoding {encoding}: not known; allowed e.g. utf-8, utf-16, latin-1, "
+                "cp1252, gb18030",
+            ) from None
         if encoding.startswith("utf-16"):
             findings.append(Finding("utf16", "the file is UTF-16 text, read as such"))
         elif encoding == "utf-8-sig":
-            findings.append(Finding("byte_order_mark", "a byte order mark before the first column's name was skipped"))
+            findings.append(
+                Finding(
+                    "byte_order_mark",
+                    "a byte order mark before the first column's name was skipped",
+                )
+            )
         else:
             findings.append(Finding("encoding", f"the file is not UTF-8: read as {encoding}"))
     data = data.removeprefix(codecs.BOM_UTF8)
@@ -126,24 +156,32 @@ def utf8(path: Path, data: bytes, said: str | None = None, whole: bool = True) -
     findings = [*long, *findings]
     if b"\0" in data:
         data = data.replace(b"\0", b"")
-        findings.append(Finding("zero_bytes", "zero bytes, as a power loss leaves them, were skipped"))
+        findings.append(
+            Finding("zero_bytes", "zero bytes, as a power loss leaves them, were skipped")
+        )
     check_text(data, str(path))
     if not data.strip():
         raise TableError(path, "the file is empty")
     if b"\n" not in data and b"\r" in data:
         data = data.replace(b"\r", b"\n")
-        findings.append(Finding("carriage_returns", "lines end with carriage returns only, read as such"))
+        findings.append(
+            Finding("carriage_returns", "lines end with carriage returns only, read as such")
+        )
     line = unclosed_quote(data) if whole else None
     if line is not None:
-        raise TableError(path, f"line {line}: a quote is opened and not closed: allowed are pairs of quotes")
+        raise TableError(
+            path, f"line {line}: a quote is opened and not closed: allowed are pairs of quotes"
+        )
     return data, encoding, findings
 
 
-def without_cut_row(data: bytes, body: int, sign: str, width: int, own: bool = False) -> tuple[bytes, list[Finding]]:
-    """The text, its last row left out where it was cut off, and what was done. body: the byte where the rows begin.
-    own: it is of a writer that ends every row with a line end."""
+def without_cut_row(
+    data: bytes, body: int, sign: str, width: int, own: bool = False
+) -> tuple[bytes, list[Finding]]:
+    """The text, its last row left out where it was cut off, and what was done. body: the byte
+    where the rows begin. own: it is of a writer that ends every row with a line end."""
     end = data.rfind(b"\n") + 1
-    tail = data[max(end, body):].strip(b"\r ")
+    tail = data[max(end, body) :].strip(b"\r ")
     if not tail:
         return data, []
     if not own and tail.count(sign.encode()) >= width - 1:
@@ -152,14 +190,23 @@ def without_cut_row(data: bytes, body: int, sign: str, width: int, own: bool = F
     return data[:end], [Finding("cut_row", "the last row was cut off and left out", rows=1)]
 
 
-def cells_of(path: Path, data: bytes, body: int, sign: str, names: Sequence[str], *, above: int,
-             wanted: Collection[str] | None = None, numbers: Collection[str] = (), decimal_comma: bool = False
-             ) -> tuple[dict[str, pl.Series | list[str]], list[Finding]]:
+def cells_of(
+    path: Path,
+    data: bytes,
+    body: int,
+    sign: str,
+    names: Sequence[str],
+    *,
+    above: int,
+    wanted: Collection[str] | None = None,
+    numbers: Collection[str] = (),
+    decimal_comma: bool = False,
+) -> tuple[dict[str, pl.Series | list[str]], list[Finding]]:
     """The rows from byte `body` on as columns, every row with its line end; and what was left out.
 
-    above: lines before them. wanted: the columns to be read (None: all). Read the quick way those of `numbers` are
-    Float64 where all their cells are plain numbers; all others are texts. Raises TableError where no row has as many
-    cells as there are names.
+    above: lines before them. wanted: the columns to be read (None: all). Read the quick way
+    those of `numbers` are Float64 where all their cells are plain numbers; all others are
+    texts. Raises TableError where no row has as many cells as there are names.
     """
     names = list(names)
     if data.endswith((b"\n\n", b"\n\r\n")):
@@ -172,22 +219,40 @@ def cells_of(path: Path, data: bytes, body: int, sign: str, names: Sequence[str]
     return _row_by_row(path, data, body, sign, names, wanted, above)
 
 
-def _quick_frame(data: bytes, body: int, sign: str, names: list[str], above: int, wanted: list[str],
-                 numbers: Collection[str], decimal_comma: bool) -> pl.DataFrame | None:
+def _quick_frame(
+    data: bytes,
+    body: int,
+    sign: str,
+    names: list[str],
+    above: int,
+    wanted: list[str],
+    numbers: Collection[str],
+    decimal_comma: bool,
+) -> pl.DataFrame | None:
     """None where rows are not as even as that."""
     import polars as pl
+
     end = data.find(b"\n", body)
     bare = _QUOTED.sub(b"", data[body:end]).rstrip(b"\r ")
     past = bare.count(sign.encode()) == len(names) and bare.endswith(sign.encode())
-    schema: dict[str, Any] = {name: pl.Float64() if name in numbers else pl.String() for name in names}
+    schema: dict[str, Any] = {
+        name: pl.Float64() if name in numbers else pl.String() for name in names
+    }
     schema |= {_PAST: pl.String()} if past else {}
     rows, quoted = data.count(b"\n", body), b'"' in data
     if quoted or data.count(sign.encode(), body) == rows * (len(schema) - 1):
         for kinds in (schema, dict.fromkeys(schema, pl.String())):
             try:
-                frame = pl.read_csv(data, has_header=False, skip_rows=above if body else 0, schema=kinds,
-                                    separator=sign, infer_schema=False, decimal_comma=decimal_comma,
-                                    columns=[k for k, name in enumerate(kinds) if name in wanted or name == _PAST])
+                frame = pl.read_csv(
+                    data,
+                    has_header=False,
+                    skip_rows=above if body else 0,
+                    schema=kinds,
+                    separator=sign,
+                    infer_schema=False,
+                    decimal_comma=decimal_comma,
+                    columns=[k for k, name in enumerate(kinds) if name in wanted or name == _PAST],
+                )
             except pl.exceptions.PolarsError:
                 continue
             if (frame.height == rows or quoted) and not (past and (frame[_PAST] != "").any()):
@@ -195,12 +260,15 @@ def _quick_frame(data: bytes, body: int, sign: str, names: list[str], above: int
     return None
 
 
-def _row_by_row(path: Path, data: bytes, body: int, sign: str, names: list[str], wanted: list[str], above: int
-                ) -> tuple[dict[str, pl.Series | list[str]], list[Finding]]:
-    """Rows whose number of cells is not the header's, or that cannot be taken apart, are left out and said. Equal cells
-    share one object: a log repeats most of its own."""
-    reader = csv.reader(io.TextIOWrapper(io.BytesIO(memoryview(data)[body:]), "utf-8", "replace", newline=""),
-                        delimiter=sign)
+def _row_by_row(
+    path: Path, data: bytes, body: int, sign: str, names: list[str], wanted: list[str], above: int
+) -> tuple[dict[str, pl.Series | list[str]], list[Finding]]:
+    """Rows whose number of cells is not the header's, or that cannot be taken apart, are left
+    out and said. Equal cells share one object: a log repeats most of its own."""
+    reader = csv.reader(
+        io.TextIOWrapper(io.BytesIO(memoryview(data)[body:]), "utf-8", "replace", newline=""),
+        delimiter=sign,
+    )
     width, wrong = len(names), list[tuple[int, str, int]]()
     kept, shared = [(names.index(name), list[str]()) for name in wanted], dict[str, str]()
     while True:
@@ -217,23 +285,42 @@ def _row_by_row(path: Path, data: bytes, body: int, sign: str, names: list[str],
             for k, column in kept:
                 column.append(shared.setdefault(cells[k], cells[k]))
         elif any(cell.strip() for cell in cells):
-            wrong.append((above + reader.line_num, f"{len(cells)} fields where the header has {width}", len(cells)))
+            wrong.append(
+                (
+                    above + reader.line_num,
+                    f"{len(cells)} fields where the header has {width}",
+                    len(cells),
+                )
+            )
     if wrong and not (kept and kept[0][1]):
         line, what, fields = wrong[0]
         comma = "; is the decimal sign a comma? write points, or separate by semicolons"
-        raise TableError(path, f"line {line}: {what}{comma if sign == ',' and fields > width else ''}")
-    said = [Finding("wrong_fields", f"{many(len(wrong))} left out, the first in line {wrong[0][0]} with {wrong[0][1]}",
-                    rows=len(wrong))] if wrong else []
+        raise TableError(
+            path, f"line {line}: {what}{comma if sign == ',' and fields > width else ''}"
+        )
+    said = (
+        [
+            Finding(
+                "wrong_fields",
+                f"{many(len(wrong))} left out, the first in line {wrong[0][0]} with {wrong[0][1]}",
+                rows=len(wrong),
+            )
+        ]
+        if wrong
+        else []
+    )
     return {name: column for name, (_, column) in zip(wanted, kept, strict=True)}, said
 
 
 def read_text(path: Path, said: Source, data: bytes | None = None) -> RawTable:
-    """A table of any dialect, or of the one that `said` says. data: of it, where it is not all. Raises TableError,
-    BeyondLimits, OSError."""
-    data, encoding, findings = utf8(path, path.read_bytes() if data is None else data, said.encoding)
+    """A table of any dialect, or of the one that `said` says. data: of it, where it is not all.
+    Raises TableError, BeyondLimits, OSError."""
+    data, encoding, findings = utf8(
+        path, path.read_bytes() if data is None else data, said.encoding
+    )
     sample = data[:SAMPLE_BYTES].decode(errors="replace")
     if len(data) > SAMPLE_BYTES:
-        sample = sample[:sample.rfind("\n")]
+        sample = sample[: sample.rfind("\n")]
     try:
         dialect = dialect_of(str(path), sample, encoding.removesuffix("-sig"), said)
     except csv.Error as error:
@@ -242,30 +329,53 @@ def read_text(path: Path, said: Source, data: bytes | None = None) -> RawTable:
     if layout.header < 0 and not said.names:
         first = dialect.rows[layout.body]
         said = said.model_copy(update={"names": tuple(f"c{k + 1}" for k in range(len(first)))})
-        findings.append(Finding(NO_HEADER, f"no header row: the first row is {listed(first, 4)}: its columns are "
-                                f"called {listed(said.names or (), 4)}: say in source.names what they are"))
+        findings.append(
+            Finding(
+                NO_HEADER,
+                f"no header row: the first row is {listed(first, 4)}: its columns are "
+                f"called {listed(said.names or (), 4)}: say in source.names what they are",
+            )
+        )
     names, units = _header(dialect, said)
     frame, odd = _texts(path, data, dialect, names)
-    found = said.model_copy(update={
-        "kind": "text", "encoding": dialect.encoding, "delimiter": dialect.delimiter,
-        "decimal": "," if dialect.decimal_comma else ".", "title_rows": max(layout.header, 0) if not said.names
-        else layout.body, "unit_row": layout.units is not None})
-    above = tuple(" ".join(cells) for cells in dialect.rows[:max(layout.header, 0)])
-    return RawTable(path, frame, found, units, layout.body + 1,
-                    tuple(one for one in (*findings, *odd) if one.id not in AS_WRITTEN), above)
+    found = said.model_copy(
+        update={
+            "kind": "text",
+            "encoding": dialect.encoding,
+            "delimiter": dialect.delimiter,
+            "decimal": "," if dialect.decimal_comma else ".",
+            "title_rows": max(layout.header, 0) if not said.names else layout.body,
+            "unit_row": layout.units is not None,
+        }
+    )
+    above = tuple(" ".join(cells) for cells in dialect.rows[: max(layout.header, 0)])
+    return RawTable(
+        path,
+        frame,
+        found,
+        units,
+        layout.body + 1,
+        tuple(one for one in (*findings, *odd) if one.id not in AS_WRITTEN),
+        above,
+    )
 
 
 def _header(dialect: Dialect, said: Source) -> tuple[list[str], dict[str, str]]:
     if said.names:
         return unique(list(said.names)), {}
     layout = dialect.layout
-    return header_of([cell.lstrip("#").strip() for cell in dialect.rows[layout.header]],
-                     None if layout.units is None else dialect.rows[layout.units])
+    return header_of(
+        [cell.lstrip("#").strip() for cell in dialect.rows[layout.header]],
+        None if layout.units is None else dialect.rows[layout.units],
+    )
 
 
-def _texts(path: Path, data: bytes, dialect: Dialect, names: list[str]) -> tuple[pl.DataFrame, list[Finding]]:
+def _texts(
+    path: Path, data: bytes, dialect: Dialect, names: list[str]
+) -> tuple[pl.DataFrame, list[Finding]]:
     """Columns of texts without blanks around, rows of nothing left out."""
     import polars as pl
+
     start = _line_start(data, dialect.layout.body)
     if dialect.delimiter == "blank":
         data, start = b"\n".join(b" ".join(line.split()) for line in data[start:].split(b"\n")), 0

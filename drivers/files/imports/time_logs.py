@@ -1,4 +1,6 @@
-"""ISO 11783-10 time logs (TLG): the binary records that a task controller wrote, each log as a table."""
+"""ISO 11783-10 time logs (TLG): the binary records that a task controller wrote, each log as a
+table."""
+
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -13,27 +15,39 @@ from numpy.typing import NDArray
 
 from control.geodesy import TangentPlane
 from drivers.files.exports.time_log import FIRST_DAY
-from drivers.files.imports.devices import DeviceElement, Meaning, contradiction, ddi_of, meaning_of, width_m
+from drivers.files.imports.devices import (
+    DeviceElement,
+    Meaning,
+    contradiction,
+    ddi_of,
+    meaning_of,
+    width_m,
+)
 from drivers.files.imports.trouble import ImportTrouble
 from drivers.files.prescriptions.task_files import TaskSet
 
-# The fields of TIM and its PTN that every record tells, in their order in a record: attribute, type as numpy writes it,
-# step, name here, the number that means not known.
+# The fields of TIM and its PTN that every record tells, in their order in a record: attribute,
+# type as numpy writes it, step, name here, the number that means not known.
 _HEAD = (
-    ("PTN", "A", "<i4", 1e-7, "lat_deg", None), ("PTN", "B", "<i4", 1e-7, "lon_deg", None),
-    ("PTN", "C", "<i4", 0.001, "altitude_m", None), ("PTN", "D", "u1", 1.0, "fix_quality", 15),
-    ("PTN", "E", "<u2", 0.1, "pdop", 0xFFFF), ("PTN", "F", "<u2", 0.1, "hdop", 0xFFFF),
-    ("PTN", "G", "u1", 1.0, "satellites", 0xFF), ("PTN", "H", "<u4", 0.001, "gps time of day s", None),
-    ("PTN", "I", "<u2", 1.0, "gps day", None))
+    ("PTN", "A", "<i4", 1e-7, "lat_deg", None),
+    ("PTN", "B", "<i4", 1e-7, "lon_deg", None),
+    ("PTN", "C", "<i4", 0.001, "altitude_m", None),
+    ("PTN", "D", "u1", 1.0, "fix_quality", 15),
+    ("PTN", "E", "<u2", 0.1, "pdop", 0xFFFF),
+    ("PTN", "F", "<u2", 0.1, "hdop", 0xFFFF),
+    ("PTN", "G", "u1", 1.0, "satellites", 0xFF),
+    ("PTN", "H", "<u4", 0.001, "gps time of day s", None),
+    ("PTN", "I", "<u2", 1.0, "gps day", None),
+)
 _TIME = (("ms", "<u4"), ("day", "<u2"))
 UTC = "utc"
 TOTAL_AREA, WIDTH, WORK = 116, 67, 141
-MOVES_M = 0.001                 # places nearer to one another are one
+MOVES_M = 0.001  # places nearer to one another are one
 
 
 class LoggedValue(NamedTuple):
-    """A number that a log holds: of which element (DET), under which identifier; and the device's own view of its
-    step, where that contradicts the dictionary."""
+    """A number that a log holds: of which element (DET), under which identifier; and the
+    device's own view of its step, where that contradicts the dictionary."""
 
     ddi: int | None
     element: str
@@ -44,10 +58,11 @@ class LoggedValue(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class TimeLog:
-    """`task`: id of the task (TSK). `heads`: time and place. `values`: (numbers, records) raw, NaN where not reported
-    yet.
+    """`task`: id of the task (TSK). `heads`: time and place. `values`: (numbers, records) raw,
+    NaN where not reported yet.
 
-    `lost`: bytes at the end that are no whole record. `trouble`: why nothing can be read, one line; empty: it was.
+    `lost`: bytes at the end that are no whole record. `trouble`: why nothing can be read, one
+    line; empty: it was.
     """
 
     name: str
@@ -66,26 +81,34 @@ class TimeLog:
     @property
     def first_us(self) -> int:
         assert self.heads is not None
-        return int(self.heads[UTC].dt.timestamp("us").min())        # type: ignore[arg-type]
+        return int(self.heads[UTC].dt.timestamp("us").min())  # type: ignore[arg-type]
 
     @property
     def last_us(self) -> int:
         assert self.heads is not None
-        return int(self.heads[UTC].dt.timestamp("us").max())        # type: ignore[arg-type]
+        return int(self.heads[UTC].dt.timestamp("us").max())  # type: ignore[arg-type]
 
     @property
     def devices(self) -> dict[str, str]:
         """Ids of the devices whose numbers it holds, with their names."""
-        return {one.part.device: one.part.device_name for one in self.logged if one.part is not None}
+        return {
+            one.part.device: one.part.device_name for one in self.logged if one.part is not None
+        }
 
 
 def time_logs(files: TaskSet, root: Element, parts: dict[str, DeviceElement]) -> list[TimeLog]:
     """All time logs of all tasks, in the file's order."""
-    return [_read(files, root, parts, task, name) for task in root.iter("TSK") for log in task.findall("TLG")
-            if (name := log.get("A"))]
+    return [
+        _read(files, root, parts, task, name)
+        for task in root.iter("TSK")
+        for log in task.findall("TLG")
+        if (name := log.get("A"))
+    ]
 
 
-def _read(files: TaskSet, root: Element, parts: dict[str, DeviceElement], task: Element, name: str) -> TimeLog:
+def _read(
+    files: TaskSet, root: Element, parts: dict[str, DeviceElement], task: Element, name: str
+) -> TimeLog:
     empty = TimeLog(name, task.get("A", ""), task.get("B", ""))
     layout, data = files.read(f"{name}.xml"), files.read(f"{name}.bin")
     if layout is None or data is None:
@@ -95,7 +118,11 @@ def _read(files: TaskSet, root: Element, parts: dict[str, DeviceElement], task: 
         time = ElementTree.fromstring(layout)
     except ElementTree.ParseError as error:
         return _failed(empty, f"{name}.xml: not readable as XML: {error}")
-    time = time if time.tag == "TIM" else (found if (found := time.find(".//TIM")) is not None else time)
+    time = (
+        time
+        if time.tag == "TIM"
+        else (found if (found := time.find(".//TIM")) is not None else time)
+    )
     logged = tuple(_logged_value(root, parts, item) for item in time.findall("DLV"))
     place = time.find("PTN")
     fields = [row for row in _HEAD if place is not None and place.get(row[1]) == ""]
@@ -106,20 +133,27 @@ def _read(files: TaskSet, root: Element, parts: dict[str, DeviceElement], task: 
     raw = np.frombuffer(data, np.uint8)
     heads = raw[starts[:, None] + np.arange(head.itemsize)].view(head)[:, 0]
     values = _values(raw, starts + head.itemsize, heads["values"], len(logged))
-    return TimeLog(name, empty.task, empty.title, logged, _heads(heads, fields), values, len(data) - end)
+    return TimeLog(
+        name, empty.task, empty.title, logged, _heads(heads, fields), values, len(data) - end
+    )
 
 
 def _failed(log: TimeLog, why: str) -> TimeLog:
     return TimeLog(log.name, log.task, log.title, log.logged, trouble=why)
 
 
-def _heads(heads: NDArray[np.void], fields: Sequence[tuple[str, str, str, float, str, int | None]]) -> pl.DataFrame:
+def _heads(
+    heads: NDArray[np.void], fields: Sequence[tuple[str, str, str, float, str, int | None]]
+) -> pl.DataFrame:
     epoch = np.datetime64(FIRST_DAY.replace(tzinfo=None), "ms")
     times = epoch + heads["day"].astype("timedelta64[D]") + heads["ms"].astype("timedelta64[ms]")
     columns = [pl.Series(UTC, times).dt.replace_time_zone("UTC")]
     nowhere = np.zeros(len(heads), np.bool_)
     if {"lat_deg", "lon_deg"} <= set(heads.dtype.names or ()):
-        lat, lon = heads["lat_deg"].astype(np.float64) * 1e-7, heads["lon_deg"].astype(np.float64) * 1e-7
+        lat, lon = (
+            heads["lat_deg"].astype(np.float64) * 1e-7,
+            heads["lon_deg"].astype(np.float64) * 1e-7,
+        )
         nowhere = ((lat == 0.0) & (lon == 0.0)) | (np.abs(lat) > 90.0) | (np.abs(lon) > 180.0)
     for _, _, _, step, name, unknown in fields:
         numbers = heads[name].astype(np.float64)
@@ -132,11 +166,14 @@ def _heads(heads: NDArray[np.void], fields: Sequence[tuple[str, str, str, float,
 
 def _logged_value(root: Element, parts: dict[str, DeviceElement], item: Element) -> LoggedValue:
     ddi, part = ddi_of(item.get("A", "")), parts.get(item.get("C", ""))
-    return LoggedValue(ddi, item.get("C", ""), part, meaning_of(root, ddi, part), contradiction(ddi, part))
+    return LoggedValue(
+        ddi, item.get("C", ""), part, meaning_of(root, ddi, part), contradiction(ddi, part)
+    )
 
 
 def _starts(data: bytes, head_bytes: int) -> tuple[NDArray[np.int64], int]:
-    """Where each record begins, and where the last whole one ends: a record tells its own length."""
+    """Where each record begins, and where the last whole one ends: a record tells its own
+    length."""
     starts, place, size = [], 0, len(data)
     while place + head_bytes <= size:
         end = place + head_bytes + 5 * data[place + head_bytes - 1]
@@ -147,8 +184,9 @@ def _starts(data: bytes, head_bytes: int) -> tuple[NDArray[np.int64], int]:
     return np.array(starts, np.int64), place
 
 
-def _values(raw: NDArray[np.uint8], first: NDArray[np.int64], counts: NDArray[np.uint8],
-            columns: int) -> NDArray[np.float64]:
+def _values(
+    raw: NDArray[np.uint8], first: NDArray[np.int64], counts: NDArray[np.uint8], columns: int
+) -> NDArray[np.float64]:
     """(columns, records), the last one given; NaN before it was given first."""
     out = np.full((columns, len(first)), np.nan)
     for k in range(int(counts.max(initial=0))):
@@ -157,18 +195,29 @@ def _values(raw: NDArray[np.uint8], first: NDArray[np.int64], counts: NDArray[np
         which, value = cells[:, 0], np.ascontiguousarray(cells[:, 1:]).view("<i4")[:, 0]
         good = which < columns
         out[which[good], rows[good]] = value[good]
-    last = np.maximum.accumulate(np.where(np.isfinite(out), np.arange(out.shape[1]), 0), axis=1) if columns else None
+    last = (
+        np.maximum.accumulate(np.where(np.isfinite(out), np.arange(out.shape[1]), 0), axis=1)
+        if columns
+        else None
+    )
     return out if last is None else np.take_along_axis(out, last, axis=1)
 
 
 def hectares(log: TimeLog, parts: dict[str, DeviceElement]) -> tuple[float, str] | None:
-    """What a log covered, and by what: its device's own count, else way and width at work; None: not to be known."""
+    """What a log covered, and by what: its device's own count, else way and width at work;
+    None: not to be known."""
     if log.heads is None or log.values is None:
         return None
-    counted = [k for k, one in enumerate(log.logged) if one.ddi == TOTAL_AREA and np.isfinite(log.values[k]).any()]
+    counted = [
+        k
+        for k, one in enumerate(log.logged)
+        if one.ddi == TOTAL_AREA and np.isfinite(log.values[k]).any()
+    ]
     if counted:
-        areas = [float(np.diff(values[np.isfinite(values)], prepend=np.nan)[1:].clip(0.0).sum())
-                 for values in (log.values[k] for k in counted)]
+        areas = [
+            float(np.diff(values[np.isfinite(values)], prepend=np.nan)[1:].clip(0.0).sum())
+            for values in (log.values[k] for k in counted)
+        ]
         return max(areas) / 10_000.0, "counted"
     width = width_of(log, parts)
     if width is None or not {"lat_deg", "lon_deg"} <= set(log.heads.columns):
@@ -180,7 +229,8 @@ def hectares(log: TimeLog, parts: dict[str, DeviceElement]) -> tuple[float, str]
 
 
 def width_of(log: TimeLog, parts: dict[str, DeviceElement]) -> float | None:
-    """The working width, m: as logged where it stays the same, else as the device says; None where it changes."""
+    """The working width, m: as logged where it stays the same, else as the device says; None
+    where it changes."""
     if log.values is not None:
         for k, one in enumerate(log.logged):
             known = log.values[k][log.values[k] > 0.0]
@@ -202,8 +252,11 @@ def _steps_m(heads: pl.DataFrame) -> NDArray[np.float64]:
     return np.where(steps > MOVES_M, steps, 0.0)
 
 
-def frame_of(log: TimeLog, names: dict[tuple[int | None, str], str], presented: bool) -> pl.DataFrame:
-    """Time, place and numbers as columns, in their units. names: of (DDI, element); what has none is left out."""
+def frame_of(
+    log: TimeLog, names: dict[tuple[int | None, str], str], presented: bool
+) -> pl.DataFrame:
+    """Time, place and numbers as columns, in their units. names: of (DDI, element); what has
+    none is left out."""
     if log.heads is None or log.values is None:
         raise ImportTrouble(log.name, f"{log.trouble}")
     columns = {}

@@ -1,4 +1,6 @@
-"""The times of a foreign table: texts of any format and zone, counts of seconds or days, as whole microseconds."""
+"""The times of a foreign table: texts of any format and zone, counts of seconds or days, as
+whole microseconds."""
+
 from __future__ import annotations
 
 import re
@@ -15,15 +17,25 @@ from drivers.files.imports.trouble import ImportTrouble
 ISO = "%Y-%m-%d %H:%M:%S%.f"
 _OFFSET = r":\d{2}(?:\.\d+)?\s*(Z|z|[+-]\d{2}:?\d{2})$"
 _DAY_US = 86_400_000_000
-_STEPS_US = {"s": 1e6, "ms": 1e3, "us": 1.0, "min": 60e6, "h": 3600e6, "unix_s": 1e6, "unix_ms": 1e3, "unix_us": 1.0}
+_STEPS_US = {
+    "s": 1e6,
+    "ms": 1e3,
+    "us": 1.0,
+    "min": 60e6,
+    "h": 3600e6,
+    "unix_s": 1e6,
+    "unix_ms": 1e3,
+    "unix_us": 1.0,
+}
 _PARTS = re.compile(r"%\.?[A-Za-z]")
 _DIGITS = {"%Y": 4, "%y": 2, "%m": 2, "%d": 2, "%H": 2, "%M": 2, "%S": 2}
-_GOOD = 0.5                             # fewer readable times than this share: the format is wrong
+# fewer readable times than this share: the format is wrong
+_GOOD = 0.5
 
 
 class FileClock(NamedTuple):
-    """`us`: Int64, null: not known. `kind`: since 1970 in UTC; since 1970 in local time of no known zone; or counted
-    from some moment of the file's own."""
+    """`us`: Int64, null: not known. `kind`: since 1970 in UTC; since 1970 in local time of no
+    known zone; or counted from some moment of the file's own."""
 
     us: pl.Series
     kind: Literal["utc", "local", "relative"]
@@ -45,7 +57,11 @@ def clock(table: RawTable, times: Times) -> FileClock:
         return found
     found_numbers = numbers(series, table.decimal_comma).values
     if times.counts == "excel_day":
-        ms = ((found_numbers - SPREADSHEET_EPOCH_DAYS) * (_DAY_US / 1000)).round(0).cast(pl.Int64, strict=False)
+        ms = (
+            ((found_numbers - SPREADSHEET_EPOCH_DAYS) * (_DAY_US / 1000))
+            .round(0)
+            .cast(pl.Int64, strict=False)
+        )
         found = _of_naive(ms * 1000, times.zone)
     else:
         us = (found_numbers * _STEPS_US[times.counts]).round(0).cast(pl.Int64, strict=False)
@@ -55,11 +71,18 @@ def clock(table: RawTable, times: Times) -> FileClock:
 
 
 def read_texts(texts: pl.Series, form: str | None, zone: str | None) -> FileClock:
-    """Times written as texts; an offset at their end (Z, +08:00) stands above `zone`. `form` None: ISO 8601."""
-    frame = texts.cast(pl.String).alias("t").to_frame().select(
-        pl.col("t").str.strip_chars().str.replace(r"(\d{2}),(\d{1,6})", "${1}.${2}"))
-    frame = frame.with_columns(offset=pl.col("t").str.extract(_OFFSET, 1),
-                               base=pl.col("t").str.replace(r"\s*(Z|z|(:\d{2}(?:\.\d+)?)\s*[+-]\d{2}:?\d{2})$", "${2}"))
+    """Times written as texts; an offset at their end (Z, +08:00) stands above `zone`. `form`
+    None: ISO 8601."""
+    frame = (
+        texts.cast(pl.String)
+        .alias("t")
+        .to_frame()
+        .select(pl.col("t").str.strip_chars().str.replace(r"(\d{2}),(\d{1,6})", "${1}.${2}"))
+    )
+    frame = frame.with_columns(
+        offset=pl.col("t").str.extract(_OFFSET, 1),
+        base=pl.col("t").str.replace(r"\s*(Z|z|(:\d{2}(?:\.\d+)?)\s*[+-]\d{2}:?\d{2})$", "${2}"),
+    )
     base = frame["base"]
     if form is None:
         base = base.str.replace("T", " ", literal=True).str.replace_all("/", "-", literal=True)
@@ -67,7 +90,8 @@ def read_texts(texts: pl.Series, form: str | None, zone: str | None) -> FileCloc
     if not re.search(r"%[djyYF]", form or ISO):
         us = _parsed("1970-01-01 " + base, f"%Y-%m-%d {form}")
         days = (us.forward_fill().diff().fill_null(0) < -_DAY_US // 2).cast(pl.Int64).cum_sum()
-        return FileClock(us + days * _DAY_US, "relative")           # times of day go on past midnight
+        # times of day go on past midnight
+        return FileClock(us + days * _DAY_US, "relative")
     us = _parsed(base, form or ISO)
     if frame["offset"].is_not_null().any():
         return FileClock(us - _offset_us(frame["offset"]), "utc")
@@ -95,12 +119,19 @@ def with_day(day: pl.Series, time: pl.Series, day_form: str) -> pl.Series:
 
 
 def texts_for(series: pl.Series, form: str) -> pl.Series:
-    """Texts as they stand. Numbers that stand for digits run together (%Y%m%d, %H%M%S) with the zeros before them."""
+    """Texts as they stand. Numbers that stand for digits run together (%Y%m%d, %H%M%S) with the
+    zeros before them."""
     width = sum(_DIGITS.get(part, 0) for part in _PARTS.findall(form))
     if not width or _PARTS.sub("", form):
         return series.cast(pl.String)
     if "%.f" in form and series.dtype == pl.Float64:
-        ms = (series * 1000.0).round(0).cast(pl.Int64, strict=False).cast(pl.String).str.zfill(width + 3)
+        ms = (
+            (series * 1000.0)
+            .round(0)
+            .cast(pl.Int64, strict=False)
+            .cast(pl.String)
+            .str.zfill(width + 3)
+        )
         return ms.str.head(-3) + "." + ms.str.tail(3)
     whole = _whole(series)
     return series.cast(pl.String) if whole is None else whole.cast(pl.String).str.zfill(width)
@@ -122,26 +153,38 @@ def _whole(series: pl.Series) -> pl.Series | None:
 def _of_spreadsheet(whole: pl.Series) -> pl.Series:
     """Numbers where the form has a day with signs between: days as spreadsheets count them."""
     whole = whole.set(~whole.is_between(*SPREADSHEET_DAYS).fill_null(True), None)
-    return (whole - SPREADSHEET_EPOCH_DAYS).cast(pl.Int32, strict=False).cast(pl.Date).dt.strftime("%Y-%m-%d")
+    return (
+        (whole - SPREADSHEET_EPOCH_DAYS)
+        .cast(pl.Int32, strict=False)
+        .cast(pl.Date)
+        .dt.strftime("%Y-%m-%d")
+    )
 
 
 def _parsed(texts: pl.Series, form: str) -> pl.Series:
     try:
         return texts.str.to_datetime(form, time_unit="us", strict=False).cast(pl.Int64)
     except pl.exceptions.PolarsError:
-        raise ImportTrouble("", f"time.format {form}: not a format; allowed e.g. %d.%m.%Y %H:%M:%S") from None
+        raise ImportTrouble(
+            "", f"time.format {form}: not a format; allowed e.g. %d.%m.%Y %H:%M:%S"
+        ) from None
 
 
 def _offset_us(offsets: pl.Series) -> pl.Series:
     digits = offsets.str.replace_all(r"[^0-9]", "")
-    minutes = (digits.str.slice(0, 2).cast(pl.Int64, strict=False).fill_null(0) * 60
-               + digits.str.slice(2, 2).cast(pl.Int64, strict=False).fill_null(0))
+    minutes = digits.str.slice(0, 2).cast(pl.Int64, strict=False).fill_null(
+        0
+    ) * 60 + digits.str.slice(2, 2).cast(pl.Int64, strict=False).fill_null(0)
     sign = pl.select(pl.when(offsets.str.starts_with("-")).then(-1).otherwise(1)).to_series()
     return minutes * sign * 60_000_000
 
 
 def _of_datetimes(series: pl.Series, zone: str | None) -> FileClock:
-    stamped = series.cast(pl.Datetime("us")) if series.dtype == pl.Date else series.dt.cast_time_unit("us")
+    stamped = (
+        series.cast(pl.Datetime("us"))
+        if series.dtype == pl.Date
+        else series.dt.cast_time_unit("us")
+    )
     aware = isinstance(stamped.dtype, pl.Datetime) and stamped.dtype.time_zone is not None
     us = stamped.dt.timestamp("us")
     return FileClock(us, "utc") if aware else _of_naive(us, zone)
@@ -154,11 +197,14 @@ def _of_naive(us: pl.Series, zone: str | None) -> FileClock:
     if fixed:
         minutes = int(fixed[2]) * 60 + int(fixed[3])
         return FileClock(us - (-1 if fixed[1] == "-" else 1) * minutes * 60_000_000, "utc")
-    # In autumn an hour comes twice: what stands before the step back is its first, what follows its second.
+    # In autumn an hour comes twice: what stands before the step back is its first, what follows
+    # its second.
     back = (us.diff().fill_null(0) < 0).cast(pl.Int64).cum_sum() > 0
     frame = pl.DataFrame({"t": us.cast(pl.Datetime("us")), "back": back})
     which = pl.when(pl.col("back")).then(pl.lit("latest")).otherwise(pl.lit("earliest"))
-    placed = frame.select(pl.col("t").dt.replace_time_zone(zone, ambiguous=which, non_existent="null"))["t"]
+    placed = frame.select(
+        pl.col("t").dt.replace_time_zone(zone, ambiguous=which, non_existent="null")
+    )["t"]
     return FileClock(placed.dt.timestamp("us"), "utc")
 
 
@@ -169,7 +215,11 @@ def _check(table: RawTable, times: Times, us: pl.Series) -> None:
     assert times.column is not None
     row = int(us.is_null().arg_true()[0])
     cell = table.frame[times.column][row]
-    form = times.format or ("ISO 8601, e.g. 2026-03-20T08:00:00Z" if times.counts == "text" else "a number")
+    form = times.format or (
+        "ISO 8601, e.g. 2026-03-20T08:00:00Z" if times.counts == "text" else "a number"
+    )
     said = " (time.format says so)" if times.format else ""
-    raise ImportTrouble(table.path, f"row {table.first_row + row}: column {times.column}: value {cell}: allowed "
-                        f"{form}{said}")
+    raise ImportTrouble(
+        table.path,
+        f"row {table.first_row + row}: column {times.column}: value {cell}: allowed {form}{said}",
+    )

@@ -1,4 +1,5 @@
 """Units as machines write them, and what one of each is in the unit of a log column."""
+
 from __future__ import annotations
 
 import math
@@ -13,11 +14,13 @@ from control.log_row import COLUMNS, TEXT_COLUMNS, WHOLE_COLUMNS
 from control.recordings.speeds import KMH_PER_MPS, MILE_M, NAUTICAL_MILE_M
 from drivers.files.prescriptions.words import MASS_UNITS, NITROGEN_UNITS, VOLUME_UNITS
 
-SLOPE = "slope %"           # 100 m up in 100 m along: no factor, an arc tangent
+# 100 m up in 100 m along: no factor, an arc tangent
+SLOPE = "slope %"
 
 
 class ColumnUnit(NamedTuple):
-    """`factor`: one of it in the log's unit of that quantity. `other`: further spellings, in small letters."""
+    """`factor`: one of it in the log's unit of that quantity. `other`: further spellings, in
+    small letters."""
 
     name: str
     quantity: str
@@ -30,15 +33,46 @@ _FOOT_M, _INCH_MM = 0.3048, 25.4
 
 UNITS = (
     ColumnUnit("m/s", "speed", 1.0, ("mps", "m/sec", "ms-1", "m s-1", "m_s", "米/秒")),
-    ColumnUnit("km/h", "speed", 1.0 / KMH_PER_MPS, ("kmh", "kph", "kmph", "km/hr", "km/hour", "km h-1", "km_h",
-                                   "公里/小时", "千米/小时", "公里/时")),
+    ColumnUnit(
+        "km/h",
+        "speed",
+        1.0 / KMH_PER_MPS,
+        (
+            "kmh",
+            "kph",
+            "kmph",
+            "km/hr",
+            "km/hour",
+            "km h-1",
+            "km_h",
+            "公里/小时",
+            "千米/小时",
+            "公里/时",
+        ),
+    ),
     ColumnUnit("mph", "speed", MILE_M / 3600.0, ("mi/h", "miles/h", "mile/h", "miles/hour")),
     ColumnUnit("kn", "speed", NAUTICAL_MILE_M / 3600.0, ("knots", "knot", "kt", "kts")),
     ColumnUnit("ft/s", "speed", _FOOT_M, ("fps", "ft/sec")),
     ColumnUnit("cm/s", "speed", 0.01),
     ColumnUnit("mm/s", "speed", 0.001),
-    ColumnUnit("r/min", "rotation", 1.0, ("rpm", "rev/min", "u/min", "umdr/min", "1/min", "min-1", "tr/min", "giri/min",
-                                          "转/分", "转/分钟", "об/мин")),
+    ColumnUnit(
+        "r/min",
+        "rotation",
+        1.0,
+        (
+            "rpm",
+            "rev/min",
+            "u/min",
+            "umdr/min",
+            "1/min",
+            "min-1",
+            "tr/min",
+            "giri/min",
+            "转/分",
+            "转/分钟",
+            "об/мин",
+        ),
+    ),
     ColumnUnit("r/s", "rotation", 60.0, ("rps", "rev/s", "1/s", "u/s", "转/秒")),
     ColumnUnit("rad/s", "rotation", 30.0 / math.pi, ("rad/sec", "rads", "rad_s")),
     ColumnUnit("deg/s", "rotation", 1.0 / 6.0, ("°/s", "grad/s")),
@@ -51,8 +85,10 @@ UNITS = (
     ColumnUnit("g", "mass", 0.001, ("gram", "克")),
     ColumnUnit("t", "mass", 1000.0, ("to", "ton", "tons", "tonne", "吨")),
     ColumnUnit("lb", "mass", _POUND_KG, ("lbs", "pound", "pounds")),
-    *(ColumnUnit(name, "rate", factor, {"kg/ha": ("kgha",), "lb/ac": ("lbac",)}.get(name, ()))
-      for name, factor in MASS_UNITS.items()),
+    *(
+        ColumnUnit(name, "rate", factor, {"kg/ha": ("kgha",), "lb/ac": ("lbac",)}.get(name, ()))
+        for name, factor in MASS_UNITS.items()
+    ),
     *(ColumnUnit(name, "nitrogen", factor) for name, factor in NITROGEN_UNITS.items()),
     ColumnUnit("kg/s", "flow", 1.0, ("kg_s",)),
     ColumnUnit("kg/min", "flow", 1.0 / 60.0, ("kg_min", "公斤/分")),
@@ -62,8 +98,10 @@ UNITS = (
     ColumnUnit("mg/s", "flow", 1e-6),
     ColumnUnit("t/h", "flow", 1000.0 / 3600.0),
     ColumnUnit("lb/min", "flow", _POUND_KG / 60.0, ("lbs/min",)),
-    *(ColumnUnit(name, "volume", factor, {"l/ha": ("lha",), "gal/ac": ("gpa",)}.get(name, ()))
-      for name, factor in VOLUME_UNITS.items()),
+    *(
+        ColumnUnit(name, "volume", factor, {"l/ha": ("lha",), "gal/ac": ("gpa",)}.get(name, ()))
+        for name, factor in VOLUME_UNITS.items()
+    ),
     *(ColumnUnit(name, "count", 1.0) for name in ("seeds/ha", "seeds/ac", "seeds/m2")),
     ColumnUnit("deg", "angle", 1.0, ("°", "degree", "degrees", "grad", "度", "degrés")),
     ColumnUnit("rad", "angle", 180.0 / math.pi, ("radian", "radians", "弧度")),
@@ -77,49 +115,118 @@ UNITS = (
     ColumnUnit("min", "time", 60.0, ("minutes", "分钟")),
     ColumnUnit("h", "time", 3600.0, ("hours", "小时")),
     # Units that no column of the log has: known so that an extra column keeps them in its name.
-    *(ColumnUnit(name, "other", 1.0, other) for name, other in (
-        ("Nm", ("n·m", "n.m", "nm")), ("N", ("newton",)), ("kN", ()), ("bar", ()), ("kPa", ()), ("Pa", ()),
-        ("psi", ()), ("MPa", ()), ("degC", ("°c", "℃", "celsius")), ("degF", ("°f", "℉")),
-        ("A", ("amp", "ampere", "安")), ("mA", ()), ("W", ()), ("kW", ()), ("Hz", ()), ("kHz", ()),
-        ("l/h", ("lph",)), ("l/min", ()),
-        ("ha", ("hectare", "公顷")), ("ac", ("acre", "acres")), ("m2", ()), ("km", ()),
-        ("l", ("liter", "litre", "liters", "litres", "升")), ("ml", ()), ("gal", ("gallon", "gallons")),
-        ("oz", ("ounce", "ounces", "fl oz")),
-        ("counts", ("count", "cnt")), ("mg", ()))),
+    *(
+        ColumnUnit(name, "other", 1.0, other)
+        for name, other in (
+            ("Nm", ("n·m", "n.m", "nm")),
+            ("N", ("newton",)),
+            ("kN", ()),
+            ("bar", ()),
+            ("kPa", ()),
+            ("Pa", ()),
+            ("psi", ()),
+            ("MPa", ()),
+            ("degC", ("°c", "℃", "celsius")),
+            ("degF", ("°f", "℉")),
+            ("A", ("amp", "ampere", "安")),
+            ("mA", ()),
+            ("W", ()),
+            ("kW", ()),
+            ("Hz", ()),
+            ("kHz", ()),
+            ("l/h", ("lph",)),
+            ("l/min", ()),
+            ("ha", ("hectare", "公顷")),
+            ("ac", ("acre", "acres")),
+            ("m2", ()),
+            ("km", ()),
+            ("l", ("liter", "litre", "liters", "litres", "升")),
+            ("ml", ()),
+            ("gal", ("gallon", "gallons")),
+            ("oz", ("ounce", "ounces", "fl oz")),
+            ("counts", ("count", "cnt")),
+            ("mg", ()),
+        )
+    ),
 )
 
 # Of a rate: what is spread, and over which ground. In words of one kind each, the ratio of any two.
-_AMOUNTS = {spelling: name for name, spellings in {
-    "kg": "kg kgs kilo kilos kilogram kilograms kilogramm 公斤 千克", "g": "g gram grams gramm 克", "mg": "mg",
-    "t": "t tonne tonnes 吨", "lb": "lb lbs pound pounds #", "l": "l lt ltr liter litre liters litres 升",
-    "gal": "gal gals gallon gallons usgal", "m3": "m3 cbm", "mm3": "mm3", "kg N": "kgn", "lb N": "lbn lbsn",
-    "seeds": "seed seeds sds plants kernels körner"}.items() for spelling in spellings.split()}
-_GROUNDS = {spelling: name for name, spellings in {
-    "ha": "ha hectare hectares hektar hm2 公顷", "ac": "ac acre acres", "m2": "m2 sqm 平方米", "mu": "mu 亩",
-    }.items() for spelling in spellings.split()}
-_RATIO = re.compile(rf"({'|'.join(sorted(_AMOUNTS, key=len, reverse=True))})(?:/|_|·|⋅| |p(?=ha|ac))"
-                    rf"({'|'.join(sorted(_GROUNDS, key=len, reverse=True))})(?:-1)?")
-OF_A_RATE = ("rate", "volume", "nitrogen", "count")         # quantities
+_AMOUNTS = {
+    spelling: name
+    for name, spellings in {
+        "kg": "kg kgs kilo kilos kilogram kilograms kilogramm 公斤 千克",
+        "g": "g gram grams gramm 克",
+        "mg": "mg",
+        "t": "t tonne tonnes 吨",
+        "lb": "lb lbs pound pounds #",
+        "l": "l lt ltr liter litre liters litres 升",
+        "gal": "gal gals gallon gallons usgal",
+        "m3": "m3 cbm",
+        "mm3": "mm3",
+        "kg N": "kgn",
+        "lb N": "lbn lbsn",
+        "seeds": "seed seeds sds plants kernels körner",
+    }.items()
+    for spelling in spellings.split()
+}
+_GROUNDS = {
+    spelling: name
+    for name, spellings in {
+        "ha": "ha hectare hectares hektar hm2 公顷",
+        "ac": "ac acre acres",
+        "m2": "m2 sqm 平方米",
+        "mu": "mu 亩",
+    }.items()
+    for spelling in spellings.split()
+}
+_RATIO = re.compile(
+    rf"({'|'.join(sorted(_AMOUNTS, key=len, reverse=True))})(?:/|_|·|⋅| |p(?=ha|ac))"
+    rf"({'|'.join(sorted(_GROUNDS, key=len, reverse=True))})(?:-1)?"
+)
+OF_A_RATE = ("rate", "volume", "nitrogen", "count")  # quantities
 
 _BY_NAME = {unit.name: unit for unit in UNITS}
 _SPELLINGS = {unit.name: unit for unit in UNITS} | {
-    spelling: unit for unit in reversed(UNITS) for spelling in (unit.name.lower(), *unit.other)}
+    spelling: unit for unit in reversed(UNITS) for spelling in (unit.name.lower(), *unit.other)
+}
 
-# What a column holds by the ending of its name (docs/format-run-log.md); of several that fit the longest.
-ENDINGS = {"_kg_ha": "kg/ha", "_mps": "m/s", "_kmh": "km/h", "_rpm": "r/min", "_rpm_cmd": "r/min", "_mm": "mm",
-           "_mm_cmd": "mm", "_kg": "kg", "_deg": "deg", "_v": "V", "_percent": "%", "_s": "s", "_m": "m", "_min": "min"}
+# What a column holds by the ending of its name (docs/format-run-log.md); of several that fit
+# the longest.
+ENDINGS = {
+    "_kg_ha": "kg/ha",
+    "_mps": "m/s",
+    "_kmh": "km/h",
+    "_rpm": "r/min",
+    "_rpm_cmd": "r/min",
+    "_mm": "mm",
+    "_mm_cmd": "mm",
+    "_kg": "kg",
+    "_deg": "deg",
+    "_v": "V",
+    "_percent": "%",
+    "_s": "s",
+    "_m": "m",
+    "_min": "min",
+}
 _IN_NAMES = {"r/min": "rpm", "m/s": "mps", "km/h": "kmh", "%": "percent", SLOPE: "slope_percent"}
 
 
 def unit_named(text: str) -> ColumnUnit | None:
     """The unit that a text names in any known spelling; None: no unit."""
     plain = _plain(text)
-    return _BY_NAME.get(plain) or _SPELLINGS.get(plain) or _SPELLINGS.get(plain.lower()) or _ratio(plain.lower())
+    return (
+        _BY_NAME.get(plain)
+        or _SPELLINGS.get(plain)
+        or _SPELLINGS.get(plain.lower())
+        or _ratio(plain.lower())
+    )
 
 
 def _ratio(plain: str) -> ColumnUnit | None:
     """`pounds per acre`, `l ha-1`, `kg N/ha`: an amount over a ground."""
-    found = _RATIO.fullmatch(re.sub(r"(?<=[a-z]) n(?=\W)|-n(?=\W)", "n", plain.replace("us gal", "usgal")))
+    found = _RATIO.fullmatch(
+        re.sub(r"(?<=[a-z]) n(?=\W)|-n(?=\W)", "n", plain.replace("us gal", "usgal"))
+    )
     return None if found is None else _BY_NAME.get(f"{_AMOUNTS[found[1]]}/{_GROUNDS[found[2]]}")
 
 
@@ -144,7 +251,8 @@ def unit_of(column: str) -> ColumnUnit | None:
 
 
 def in_log_unit(values: NDArray[np.float64], unit: ColumnUnit, column: str) -> NDArray[np.float64]:
-    """Numbers (n,) in `unit` as the log column holds them. The unit's quantity must be the column's."""
+    """Numbers (n,) in `unit` as the log column holds them. The unit's quantity must be the
+    column's."""
     if unit.name == SLOPE:
         return np.degrees(np.arctan(values / 100.0))
     own = unit_of(column)
@@ -152,7 +260,8 @@ def in_log_unit(values: NDArray[np.float64], unit: ColumnUnit, column: str) -> N
 
 
 def slug(text: str) -> str:
-    """Small letters, digits and underscores of a name or a unit, as the names of columns are written: `N m` is `nm`."""
+    """Small letters, digits and underscores of a name or a unit, as the names of columns are
+    written: `N m` is `nm`."""
     unit = unit_named(text)
     plain = unit.name if unit is not None else text
     if plain in _IN_NAMES:
@@ -164,6 +273,8 @@ def slug(text: str) -> str:
 
 def _plain(text: str) -> str:
     """One spelling: superscripts as digits, no blanks about a slash."""
-    folded = unicodedata.normalize("NFKC", text).replace("−", "-").replace("⋅", "·").replace("^", "")
+    folded = (
+        unicodedata.normalize("NFKC", text).replace("−", "-").replace("⋅", "·").replace("^", "")
+    )
     spaced = re.sub(r"\s+", " ", folded.strip(" .[](){}<>"))
     return re.sub(r"(?<=[^\W\d])[ _]per[ _](?=[^\W\d])|\s*/\s*", "/", spaced, flags=re.IGNORECASE)

@@ -1,9 +1,11 @@
-"""What people call the columns of a machine's log and of a map, in English, German, Chinese, French and Spanish.
+"""What people call the columns of a machine's log and of a map, in English, German, Chinese,
+French and Spanish.
 
-A word stands for itself wherever it occurs in a name. `=word` is the whole of a part of the name (`=rate` is in
-`target_rate`, not in `acceleration`), `^word` its beginning, `$word` the end of the name. Names are compared in small
-letters, those of logs without accents.
+A word stands for itself wherever it occurs in a name. `=word` is the whole of a part of the
+name (`=rate` is in `target_rate`, not in `acceleration`), `^word` its beginning, `$word` the
+end of the name. Names are compared in small letters, those of logs without accents.
 """
+
 from __future__ import annotations
 
 import re
@@ -14,15 +16,16 @@ from typing import NamedTuple
 
 from drivers.files.imports.units import quantity_of
 
-SHAPEFILE_NAME = 10             # letters that a shapefile leaves of a name
+SHAPEFILE_NAME = 10  # letters that a shapefile leaves of a name
 Words = tuple[str, ...]
 
 
 class Subject(NamedTuple):
-    """What a column is about. `needs`: groups of words, one of each must be there; `never`: none of these may be.
+    """What a column is about. `needs`: groups of words, one of each must be there; `never`:
+    none of these may be.
 
-    `reading`, `command`: the log columns that its measured and its commanded kind go to, empty: none. `quantities`: a
-    column in a unit of these is one, if its words do not say otherwise.
+    `reading`, `command`: the log columns that its measured and its commanded kind go to, empty:
+    none. `quantities`: a column in a unit of these is one, if its words do not say otherwise.
     """
 
     id: str
@@ -37,125 +40,310 @@ def _words(text: str) -> Words:
     return tuple(text.split())
 
 
-_OTHER_DRIVES = _words("engine =eng =pto zapfwelle =fan geblase turbin ^motordreh 发动机 风机 =wind windgesch")
+_OTHER_DRIVES = _words(
+    "engine =eng =pto zapfwelle =fan geblase turbin ^motordreh 发动机 风机 =wind windgesch"
+)
 
 # In order: the first that fits is taken, so that the special stands before the general.
 SUBJECTS = (
-    Subject("wheel speed", (_words("wheel =rad ^rad 轮速 radar roue odometer"),
-                            _words("speed =spd ^spd velocity geschw 速 vitesse")), "wheel_speed_mps"),
-    Subject("working width", (_words("width breite 幅宽 largeur wdth swath"),
-                              _words("work arbeit implement 工作 作业 swath swth"))),
+    Subject(
+        "wheel speed",
+        (
+            _words("wheel =rad ^rad 轮速 radar roue odometer"),
+            _words("speed =spd ^spd velocity geschw 速 vitesse"),
+        ),
+        "wheel_speed_mps",
+    ),
+    Subject(
+        "working width",
+        (
+            _words("width breite 幅宽 largeur wdth swath"),
+            _words("work arbeit implement 工作 作业 swath swth"),
+        ),
+    ),
     Subject("altitude", (_words("altitude =alt elevation hohe 海拔 高程"),)),
-    Subject("latitude", (_words("=lat latitude breitengrad =breite geobreite 纬度 latitud"),), "lat_deg"),
-    Subject("longitude", (_words("=lon =lng =long longitude langengrad =lange geolange 经度 longitud"),), "lon_deg"),
+    Subject(
+        "latitude", (_words("=lat latitude breitengrad =breite geobreite 纬度 latitud"),), "lat_deg"
+    ),
+    Subject(
+        "longitude",
+        (_words("=lon =lng =long longitude langengrad =lange geolange 经度 longitud"),),
+        "lon_deg",
+    ),
     Subject("ndvi", (_words("ndvi"),), "ndvi"),
     Subject("hdop", (_words("hdop"),), "hdop"),
     Subject("satellites", (_words("satellite satellit =sats =nsat 卫星"),), "satellites"),
-    Subject("fix", (_words("fix_quality fix_type =fix gps_quality gnss_quality 定位状态 定位质量"),), "fix_quality"),
-    Subject("heading", (_words("heading =course =cog bearing =kurs fahrtrichtung 航向 azimut =cap"),), "heading_deg",
-            never=_words("error target soll")),
+    Subject(
+        "fix",
+        (_words("fix_quality fix_type =fix gps_quality gnss_quality 定位状态 定位质量"),),
+        "fix_quality",
+    ),
+    Subject(
+        "heading",
+        (_words("heading =course =cog bearing =kurs fahrtrichtung 航向 azimut =cap"),),
+        "heading_deg",
+        never=_words("error target soll"),
+    ),
     Subject("pitch", (_words("=pitch langsneigung steigung 俯仰 纵坡 坡度"),), "pitch_deg"),
     Subject("roll", (_words("=roll querneigung 横滚 侧倾 横坡"),), "roll_deg"),
-    Subject("supply", (_words("voltage =volt =volts battery batterie spannung 电压 supply tension"),), "supply_v",
-            quantities=("voltage",)),
-    Subject("hopper", (_words("hopper =tank =bin behalter gewicht weight 料箱 肥箱 料仓 重量 waage fullstand poids "
-                              "tremie"),), "hopper_kg", never=_words(
-        "temp pressure druck applied target yield ertrag crop total =n =rate ^rate apprate accel =acc ^beschl 加速"),
-            quantities=("mass",)),      # the g of an acceleration is no gram
-    Subject("gate", (_words("opening =gate schieber offnung 开度 闸门 =flap klappe slide aperture ouverture"),),
-            "opening_mm", "opening_mm_cmd", never=_words("time zeit =current strom =amps 电流 torque 扭矩 effort")),
-    Subject("rate", (_words("=rate ^rate targetrat tgtrat controlrat appliedrat applrat =apprate =rt ausbring =dose "
-                            "dosis =dosi =dosagem aufwand =menge ^istmenge sollmenge zielmenge streumenge dungemenge "
-                            "=gabe applied =appl =debit =taux =taxa =tasso =dawka норма 施肥量 施用量 亩用量 =dosage "
-                            "目标量"),), "applied_rate_kg_ha", "target_rate_kg_ha",
-            never=_words("sample baud yaw turn update frame area total fuel crop grain yield ertrag 产量 =kg =n"),
-            quantities=("rate",)),
-    Subject("shaft", (_words("shaft dosierwelle metering dosier 排肥轴 排肥 auger schnecke drehzahl 转速 =rpm motor "
-                             "=drive antrieb 电机 roller spindle revolution"),), "shaft_rpm", "shaft_rpm_cmd",
-            never=(*_OTHER_DRIVES, *_words("temp torque moment 扭矩 current strom wheel")), quantities=("rotation",)),
-    Subject("flow", (_words("=flow massflow durchfluss massenstrom 流量"),), "applied_rate_kg_ha", "target_rate_kg_ha",
-            never=_words("crop grain yield ertrag korn 产量 fuel oil hydraul"), quantities=("flow",)),
-    Subject("speed", (_words("speed =spd velocity geschw 车速 速度 vitesse velocidad =sog"),), "speed_mps",
-            never=(*_OTHER_DRIVES, *_words("limit angular")), quantities=("speed",)),
-    Subject("work", (_words("=work working arbeit 作业 工作 =lift hubwerk =switch schalter implement section spreading "
-                            "=state status travail"),), "work_switch",
-            never=_words("width breite 幅宽 pressure druck time zeit hours stunden area flache temp")),
-    *(Subject("effort", (_words("current =curr strom =amps 电流 courant corriente torque =moment drehmoment 扭矩 "
-                                "couple effort"), of), effort, never=(*_OTHER_DRIVES, *_words(
-          "speed =spd rate temp pos limit max total ^session =position wheel =rad section pass target soll set")))
-      for of, effort in ((_words("opening =gate schieber 开度 闸门 =flap klappe slide"), "gate_effort"),
-                         (_words("shaft dosier metering 排肥 auger schnecke motor =drive antrieb 电机 roller spindle "
-                                 "=current =torque =curr 电流 扭矩"), "shaft_effort"))),
+    Subject(
+        "supply",
+        (_words("voltage =volt =volts battery batterie spannung 电压 supply tension"),),
+        "supply_v",
+        quantities=("voltage",),
+    ),
+    Subject(
+        "hopper",
+        (
+            _words(
+                "hopper =tank =bin behalter gewicht weight 料箱 肥箱 料仓 重量 "
+                "waage fullstand poids "
+                "tremie"
+            ),
+        ),
+        "hopper_kg",
+        never=_words(
+            "temp pressure druck applied target yield ertrag crop total =n =rate ^rate "
+            "apprate accel =acc ^beschl 加速"
+        ),
+        quantities=("mass",),
+    ),  # the g of an acceleration is no gram
+    Subject(
+        "gate",
+        (_words("opening =gate schieber offnung 开度 闸门 =flap klappe slide aperture ouverture"),),
+        "opening_mm",
+        "opening_mm_cmd",
+        never=_words("time zeit =current strom =amps 电流 torque 扭矩 effort"),
+    ),
+    Subject(
+        "rate",
+        (
+            _words(
+                "=rate ^rate targetrat tgtrat controlrat appliedrat applrat =apprate =rt "
+                "ausbring =dose "
+                "dosis =dosi =dosagem aufwand =menge ^istmenge sollmenge zielmenge "
+                "streumenge dungemenge "
+                "=gabe applied =appl =debit =taux =taxa =tasso =dawka "
+                "норма 施肥量 施用量 亩用量 =dosage "
+                "目标量"
+            ),
+        ),
+        "applied_rate_kg_ha",
+        "target_rate_kg_ha",
+        never=_words(
+            "sample baud yaw turn update frame area total fuel crop grain yield ertrag 产量 =kg =n"
+        ),
+        quantities=("rate",),
+    ),
+    Subject(
+        "shaft",
+        (
+            _words(
+                "shaft dosierwelle metering dosier 排肥轴 排肥 auger schnecke "
+                "drehzahl 转速 =rpm motor "
+                "=drive antrieb 电机 roller spindle revolution"
+            ),
+        ),
+        "shaft_rpm",
+        "shaft_rpm_cmd",
+        never=(*_OTHER_DRIVES, *_words("temp torque moment 扭矩 current strom wheel")),
+        quantities=("rotation",),
+    ),
+    Subject(
+        "flow",
+        (_words("=flow massflow durchfluss massenstrom 流量"),),
+        "applied_rate_kg_ha",
+        "target_rate_kg_ha",
+        never=_words("crop grain yield ertrag korn 产量 fuel oil hydraul"),
+        quantities=("flow",),
+    ),
+    Subject(
+        "speed",
+        (_words("speed =spd velocity geschw 车速 速度 vitesse velocidad =sog"),),
+        "speed_mps",
+        never=(*_OTHER_DRIVES, *_words("limit angular")),
+        quantities=("speed",),
+    ),
+    Subject(
+        "work",
+        (
+            _words(
+                "=work working arbeit 作业 工作 =lift hubwerk =switch schalter implement "
+                "section spreading "
+                "=state status travail"
+            ),
+        ),
+        "work_switch",
+        never=_words("width breite 幅宽 pressure druck time zeit hours stunden area flache temp"),
+    ),
+    *(
+        Subject(
+            "effort",
+            (
+                _words(
+                    "current =curr strom =amps 电流 courant corriente torque "
+                    "=moment drehmoment 扭矩 "
+                    "couple effort"
+                ),
+                of,
+            ),
+            effort,
+            never=(
+                *_OTHER_DRIVES,
+                *_words(
+                    "speed =spd rate temp pos limit max total ^session =position wheel =rad "
+                    "section pass target soll set"
+                ),
+            ),
+        )
+        for of, effort in (
+            (_words("opening =gate schieber 开度 闸门 =flap klappe slide"), "gate_effort"),
+            (
+                _words(
+                    "shaft dosier metering 排肥 auger schnecke motor =drive antrieb 电机 roller "
+                    "spindle "
+                    "=current =torque =curr 电流 扭矩"
+                ),
+                "shaft_effort",
+            ),
+        )
+    ),
 )
-# What was wanted, and what was done: of rates in logs and maps alike (`wanted_or_done`), and of drives. English,
-# German, French, Spanish, Italian, Portuguese, Dutch, Polish, Russian, Chinese; Ag Leader's Rt_Tgt and Rt_Apd, Deere's
-# ControlRate.
-WANTED = _words("target =tgt ^tgt trgt =targ soll ziel desired demand wanted setpoint set_point =set prescri recomm "
-                "=recom =rx =rx1 control_rat controlrat vorgabe consign cible =cibl objecti objetiv =obj prevu previst "
-                "alvo obiettiv =doel gewenst ingesteld zadan задан целев 指令 设定 目标 给定 处方 推荐")
-DONE = _words("actual =act =ist ^ist measured =meas applied =apd ^apd gemessen ausgebracht tatsachlich reel =real "
-              "realis mesure appliqu =appli aplicad =aplic applicata applicato erogat effettiv effectif effectiv "
-              "werkelijk rzeczywist wykonan факт 实际 测量 已施")
+# What was wanted, and what was done: of rates in logs and maps alike (`wanted_or_done`), and of
+# drives. English, German, French, Spanish, Italian, Portuguese, Dutch, Polish, Russian,
+# Chinese; Ag Leader's Rt_Tgt and Rt_Apd, Deere's ControlRate.
+WANTED = _words(
+    "target =tgt ^tgt trgt =targ soll ziel desired demand wanted setpoint set_point =set "
+    "prescri recomm "
+    "=recom =rx =rx1 control_rat controlrat vorgabe consign cible =cibl objecti objetiv "
+    "=obj prevu previst "
+    "alvo obiettiv =doel gewenst ingesteld zadan задан целев 指令 设定 目标 给定 处方 推荐"
+)
+DONE = _words(
+    "actual =act =ist ^ist measured =meas applied =apd ^apd gemessen ausgebracht "
+    "tatsachlich reel =real "
+    "realis mesure appliqu =appli aplicad =aplic applicata applicato erogat effettiv "
+    "effectif effectiv "
+    "werkelijk rzeczywist wykonan факт 实际 测量 已施"
+)
 COMMAND = (*WANTED, *_words("=cmd command =ref request =pwm =duty =esc =sp stellwert"))
-RAW_COMMAND = _words("=pwm =duty =esc")               # a command even where a word of reading stands next to it
+# a command even where a word of reading stands next to it
+RAW_COMMAND = _words("=pwm =duty =esc")
 READING = (*DONE, *_words("feedback =fb 反馈 sensor"))
-QUANTITIES = _words("speed =spd rpm drehzahl 转速 geschw opening offnung 开度 =mm")     # such a command counts no steps
-PLAINLY_READING = _words("actual =act =ist")        # a reading even where a word of command stands next to it
+# such a command counts no steps
+QUANTITIES = _words("speed =spd rpm drehzahl 转速 geschw opening offnung 开度 =mm")
+# a reading even where a word of command stands next to it
+PLAINLY_READING = _words("actual =act =ist")
 
-TIME = _words("=time =t timestamp =zeit uhrzeit zeitstempel 时间 时刻 =utc heure =hora datetime elapsed time millis "
-              "=tiempo =tempo =temps =tijd =czas =время")
+TIME = _words(
+    "=time =t timestamp =zeit uhrzeit zeitstempel 时间 时刻 =utc heure =hora datetime elapsed "
+    "time millis "
+    "=tiempo =tempo =temps =tijd =czas =время"
+)
 PLAINLY_TIME = TIME[:6]
 NO_TIME = _words("lag zeitzone timezone")
 DATE = _words("=date =datum 日期 =fecha =tag =day")
 UTC = _words("utc gmt zulu")
-EITHER_WAY = _words("=lift hubwerk raised gehoben stop aus")        # on is up, or on is down
-ON = _words("1 on true yes working work active down ein an ja arbeit 作业 工作 是 开 spreading engaged")
+EITHER_WAY = _words("=lift hubwerk raised gehoben stop aus")  # on is up, or on is down
+ON = _words(
+    "1 on true yes working work active down ein an ja arbeit 作业 工作 是 开 spreading engaged"
+)
 
 
-HARVEST = _words("yield ertrag 产量 crop_flow grain")     # the first that a column is named by is shown
+# the first that a column is named by is shown
+HARVEST = _words("yield ertrag 产量 crop_flow grain")
 
-# Whole names that need no guess: a log with them is read as it stands. A unit may stand behind them.
-WHOLE_NAMES = {name: column for column, names in {
-    "time_s": "time t t_s timestamp_s seconds elapsed_s", "utc": "time_utc", "hopper_kg": "hopper",
-    "lat_deg": "lat latitude latitude_deg", "lon_deg": "lon lng long longitude longitude_deg",
-    "heading_deg": "heading course course_deg",
-    "speed_mps": "gps_speed_mps ground_speed_mps speed_ms speed_m_s speed",
-    "speed_kmh": "speed_km_h speed_kph speed_kmh"}.items() for name in names.split()}
-WHOLE_DATES = ("timestamp", "datetime", "date_time", "date time", "time_stamp")     # seconds, dates or texts of them
+# Whole names that need no guess: a log with them is read as it stands. A unit may stand behind
+# them.
+WHOLE_NAMES = {
+    name: column
+    for column, names in {
+        "time_s": "time t t_s timestamp_s seconds elapsed_s",
+        "utc": "time_utc",
+        "hopper_kg": "hopper",
+        "lat_deg": "lat latitude latitude_deg",
+        "lon_deg": "lon lng long longitude longitude_deg",
+        "heading_deg": "heading course course_deg",
+        "speed_mps": "gps_speed_mps ground_speed_mps speed_ms speed_m_s speed",
+        "speed_kmh": "speed_km_h speed_kph speed_kmh",
+    }.items()
+    for name in names.split()
+}
+# seconds, dates or texts of them
+WHOLE_DATES = ("timestamp", "datetime", "date_time", "date time", "time_stamp")
 
-# What one word of a map's column says that it is: the first that fits is taken. A rate is one by a word of its own,
-# unless another, or the last one, says that it is something else.
+# What one word of a map's column says that it is: the first that fits is taken. A rate is one
+# by a word of its own, unless another, or the last one, says that it is something else.
 KINDS_IN_MAPS: tuple[tuple[str, Words], ...] = (
-    ("a measurement", _words(
-        "=ec =eca =ecsh =ecdp =conductivity =cond =leitfähigkeit =ph =om =soc =cec =clay =sand =silt =elev =elevation "
-        "=alt =altitude =height =slope =aspect =ndvi =ndre =ndmi =evi =lai =yield =ertrag =rendement =moisture "
-        "=feuchte =date =time =year =day =count =pixels =x =y =lat =lon =latitude =longitude =width =speed =price "
-        "=cost =seed =seeds =seeding =planting =population =growth =infiltration =temperature =rain =erntemenge "
-        "产量 电导率 有机质 高程 坡度 水分")),
-    ("", _words("=nitrate =substrate =moderate =separate =corporate =accurate =calibrate =operate =carbonate "
-                "=elaborate =regenmenge")),
-    ("rate", _words(
-        "=rate =rates =rx =rx1 =dose =doses =dosis =dosen =dosage =dosierung =tgt =target =targetrate =tgtrate "
-        "=targetrat =tgtrat =applrate =apprate =applicationrate =appliedrate =appliedrat =vrate =vrt =vra "
-        "=prescription =prescribed =prescr =recommendation =recomm =recommended =appl =application =applied =menge "
-        "=sollmenge =zielmenge =aufwandmenge =ausbringmenge =streumenge =gabe =düngemenge =duengemenge =soll "
-        "=sollwert =setpoint =debit =débit =taux =cantidad =dosi =norma =aufwand $rate $menge $gabe "
-        "施肥量 用量 处方 推荐量 推荐施 目标量 目标施 追肥量")),
-    ("a number or a class", _words(
-        "=id =fid =oid =objectid =gid =uid =pk =key =idx =index =nr =no =num =number =nummer =numero =seq =row =col "
-        "=column =code =gridcode =zone =zones =zona =zonen =class =classes =klasse =clase =classe =cls =cluster "
-        "=category =kategorie =level =group =grp =rank =type 编号 序号 等级 类别 分区")),
-    ("a size", _words(
-        "=area =areas =flaeche =fläche =surface =superficie =acres =acre =hectare =hectares =hektar =ha =ac =m2 "
-        "=perimeter =length =leng =len =shape =total =sum =kg =mass =weight =amount =tons 面积 周长 总量")))
+    (
+        "a measurement",
+        _words(
+            "=ec =eca =ecsh =ecdp =conductivity =cond =leitfähigkeit =ph =om =soc =cec "
+            "=clay =sand =silt =elev =elevation "
+            "=alt =altitude =height =slope =aspect =ndvi =ndre =ndmi =evi =lai =yield "
+            "=ertrag =rendement =moisture "
+            "=feuchte =date =time =year =day =count =pixels =x =y =lat =lon =latitude "
+            "=longitude =width =speed =price "
+            "=cost =seed =seeds =seeding =planting =population =growth =infiltration "
+            "=temperature =rain =erntemenge "
+            "产量 电导率 有机质 高程 坡度 水分"
+        ),
+    ),
+    (
+        "",
+        _words(
+            "=nitrate =substrate =moderate =separate =corporate =accurate =calibrate "
+            "=operate =carbonate "
+            "=elaborate =regenmenge"
+        ),
+    ),
+    (
+        "rate",
+        _words(
+            "=rate =rates =rx =rx1 =dose =doses =dosis =dosen =dosage =dosierung =tgt "
+            "=target =targetrate =tgtrate "
+            "=targetrat =tgtrat =applrate =apprate =applicationrate =appliedrate "
+            "=appliedrat =vrate =vrt =vra "
+            "=prescription =prescribed =prescr =recommendation =recomm =recommended =appl "
+            "=application =applied =menge "
+            "=sollmenge =zielmenge =aufwandmenge =ausbringmenge =streumenge =gabe "
+            "=düngemenge =duengemenge =soll "
+            "=sollwert =setpoint =debit =débit =taux =cantidad =dosi =norma =aufwand $rate "
+            "$menge $gabe "
+            "施肥量 用量 处方 推荐量 推荐施 目标量 目标施 追肥量"
+        ),
+    ),
+    (
+        "a number or a class",
+        _words(
+            "=id =fid =oid =objectid =gid =uid =pk =key =idx =index =nr =no =num =number "
+            "=nummer =numero =seq =row =col "
+            "=column =code =gridcode =zone =zones =zona =zonen =class =classes =klasse "
+            "=clase =classe =cls =cluster "
+            "=category =kategorie =level =group =grp =rank =type 编号 序号 等级 类别 分区"
+        ),
+    ),
+    (
+        "a size",
+        _words(
+            "=area =areas =flaeche =fläche =surface =superficie =acres =acre =hectare "
+            "=hectares =hektar =ha =ac =m2 "
+            "=perimeter =length =leng =len =shape =total =sum =kg =mass =weight =amount "
+            "=tons 面积 周长 总量"
+        ),
+    ),
+)
 
 
 @cache
 def folded(name: str) -> str:
-    """Small letters without accents, parts joined by `_`: `targetRate` and `Target-Rate` are `target_rate`."""
+    """Small letters without accents, parts joined by `_`: `targetRate` and `Target-Rate` are
+    `target_rate`."""
     plain = unicodedata.normalize("NFKC", name).replace("ß", "ss")
     spaced = re.sub(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", "_", plain)
-    letters = "".join(c for c in unicodedata.normalize("NFKD", spaced.casefold()) if not unicodedata.combining(c))
+    letters = "".join(
+        c for c in unicodedata.normalize("NFKD", spaced.casefold()) if not unicodedata.combining(c)
+    )
     return re.sub(r"[\W_]+", "_", letters).strip("_")
 
 
@@ -178,7 +366,8 @@ def says(name: str, words: Words) -> bool:
 
 
 def wanted_or_done(name: str) -> str:
-    """What a column's name, as the file has it, says of a rate: `wanted`, `done`, or empty where no word tells."""
+    """What a column's name, as the file has it, says of a rate: `wanted`, `done`, or empty
+    where no word tells."""
     plain = folded(name)
     if says(plain, WANTED):
         return "done" if says(plain, PLAINLY_READING) else "wanted"
@@ -186,14 +375,21 @@ def wanted_or_done(name: str) -> str:
 
 
 def subject_of(name: str, quantity: str | None) -> Subject | None:
-    """What a folded name is about. A unit of `quantity`, where one is given, outweighs words that do not go with it:
-    a speed in r/min is no ground speed."""
-    worded = [subject for subject in SUBJECTS if all(says(name, group) for group in subject.needs)
-              and not says(name, subject.never)]
+    """What a folded name is about. A unit of `quantity`, where one is given, outweighs words
+    that do not go with it: a speed in r/min is no ground speed."""
+    worded = [
+        subject
+        for subject in SUBJECTS
+        if all(says(name, group) for group in subject.needs) and not says(name, subject.never)
+    ]
     if quantity is None or quantity == "share" or (worded and not worded[0].reading):
         return worded[0] if worded else None
     fitting = [subject for subject in worded if goes_with(subject.reading, quantity)]
-    by_unit = [subject for subject in SUBJECTS if quantity in subject.quantities and not says(name, subject.never)]
+    by_unit = [
+        subject
+        for subject in SUBJECTS
+        if quantity in subject.quantities and not says(name, subject.never)
+    ]
     return next(iter([*fitting, *by_unit]), None)
 
 
@@ -204,12 +400,16 @@ def tells_time(names: Iterable[str]) -> bool:
 
 def places_without_time(names: Collection[str]) -> bool:
     """Whether columns tell places and no time: points of a map, not of a log."""
-    subjects = {subject.reading for name in names if (subject := subject_of(folded(name), None)) is not None}
+    subjects = {
+        subject.reading for name in names if (subject := subject_of(folded(name), None)) is not None
+    }
     return {"lat_deg", "lon_deg"} <= subjects and not tells_time(names)
 
 
 def goes_with(column: str, quantity: str) -> bool:
-    """Whether a log column can be given in a unit of this quantity: a rate also as a flow over the ground covered, or
-    as a volume of known density."""
+    """Whether a log column can be given in a unit of this quantity: a rate also as a flow over
+    the ground covered, or as a volume of known density."""
     own = quantity_of(column)
-    return own is None or own == quantity or (own, quantity) in (("rate", "flow"), ("rate", "volume"))
+    return (
+        own is None or own == quantity or (own, quantity) in (("rate", "flow"), ("rate", "volume"))
+    )

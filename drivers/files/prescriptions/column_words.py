@@ -1,4 +1,6 @@
-"""What the words of a column's name say that it is: a rate, an id, a size, a measurement, a unit; and its own unit."""
+"""What the words of a column's name say that it is: a rate, an id, a size, a measurement, a
+unit; and its own unit."""
+
 from __future__ import annotations
 
 import math
@@ -12,7 +14,9 @@ from drivers.files.imports.units import of_a_rate, unit_named
 from drivers.files.imports.words import KINDS_IN_MAPS, SHAPEFILE_NAME, folded, says
 from drivers.files.stated_units import ANY, Stated, StatedUnit, names_unit
 
-_NUMBER = re.compile(r"^(?P<number>[-+]?[\d.,'’\s]*\d[.,]?(?:[eE][-+]?\d+)?)\s*(?P<unit>[^\d\s].*)?$")
+_NUMBER = re.compile(
+    r"^(?P<number>[-+]?[\d.,'’\s]*\d[.,]?(?:[eE][-+]?\d+)?)\s*(?P<unit>[^\d\s].*)?$"
+)
 
 
 class Cell(NamedTuple):
@@ -41,7 +45,8 @@ def cell_of(value: Any) -> Cell | None:
 
 
 def _number(text: str) -> float | None:
-    """Of a point and a comma the last is the decimal sign, and the other groups digits; a comma alone is one."""
+    """Of a point and a comma the last is the decimal sign, and the other groups digits; a comma
+    alone is one."""
     if "," in text and "." in text:
         group = "," if text.rfind(".") > text.rfind(",") else "."
         text = text.replace(group, "")
@@ -53,30 +58,53 @@ def _number(text: str) -> float | None:
     return number if math.isfinite(number) else None
 
 
-BOUNDS = frozenset("min max minimum maximum mean avg default base previous prev last".split())   # no rate to be spread
+# no rate to be spread
+BOUNDS = frozenset("min max minimum maximum mean avg default base previous prev last".split())
 RATE = sorted(word[1:] for word in dict(KINDS_IN_MAPS)["rate"] if word[0] == "=")
-NUTRIENTS = {"n": "nitrogen", "nitrogen": "nitrogen", "stickstoff": "nitrogen", "azote": "nitrogen",
-             "纯氮": "nitrogen", "p2o5": "P2O5", "k2o": "K2O", "phosphate": "P2O5", "potash": "K2O"}
+NUTRIENTS = {
+    "n": "nitrogen",
+    "nitrogen": "nitrogen",
+    "stickstoff": "nitrogen",
+    "azote": "nitrogen",
+    "纯氮": "nitrogen",
+    "p2o5": "P2O5",
+    "k2o": "K2O",
+    "phosphate": "P2O5",
+    "potash": "K2O",
+}
 
-_UNREAD = re.compile(r"[(\[{]\s*([^()\[\]{}]*/[^()\[\]{}]*?)\s*[)\]}]\s*$"
-                     r"|[\s_]([^\W_]+[\s_/](?:ha|ac|acre|hectare|mu))$", re.IGNORECASE)
-_SINGLE = ("mass", "share")     # quantities of which a single letter is a unit, as litres: Rate_t; no rate is in A or V
+_UNREAD = re.compile(
+    r"[(\[{]\s*([^()\[\]{}]*/[^()\[\]{}]*?)\s*[)\]}]\s*$"
+    r"|[\s_]([^\W_]+[\s_/](?:ha|ac|acre|hectare|mu))$",
+    re.IGNORECASE,
+)
+# quantities of which a single letter is a unit, as litres: Rate_t; no rate is in A or V
+_SINGLE = ("mass", "share")
 
 
 def own_unit(name: str) -> tuple[str, str | None]:
-    """A column's name without the unit in it, and that unit as written, whether it is known or not."""
+    """A column's name without the unit in it, and that unit as written, whether it is known or
+    not."""
     plain, text = named(name)
     if text is None and of_a_rate(name):
-        return "", name                 # `l/ha` is all its name
+        return "", name  # `l/ha` is all its name
     if text is None or not of_a_rate(text):
         unread = _UNREAD.search(name)
         if unread is not None:
-            return name[:unread.start()], unread[1] or unread[2]
+            return name[: unread.start()], unread[1] or unread[2]
     found = None if text is None else unit_named(text)
-    if text is None or found is None or found.quantity not in ("rate", "volume", "nitrogen", "count", "mass", "share",
-                                                               "flow", "other"):
-        return plain, None              # `Rate_min` is no minute
-    return (plain, text) if len(text) > 1 or found.quantity in _SINGLE or found.name == "l" else (name, None)
+    if (
+        text is None
+        or found is None
+        or found.quantity
+        not in ("rate", "volume", "nitrogen", "count", "mass", "share", "flow", "other")
+    ):
+        return plain, None  # `Rate_min` is no minute
+    return (
+        (plain, text)
+        if len(text) > 1 or found.quantity in _SINGLE or found.name == "l"
+        else (name, None)
+    )
 
 
 def kind_of(word: str) -> str:
@@ -85,28 +113,33 @@ def kind_of(word: str) -> str:
 
 
 def words_of(name: str) -> list[str]:
-    """`Tgt_Rate1`, `tgtRate` and `TGT RATE` are tgt and rate; so is `TARGET_RAT`, which a shapefile has cut."""
+    """`Tgt_Rate1`, `tgtRate` and `TGT RATE` are tgt and rate; so is `TARGET_RAT`, which a
+    shapefile has cut."""
     plain = unicodedata.normalize("NFKC", name)
     parted = re.sub(r"(?<=[a-zäöü])(?=[A-Z])", " ", plain).casefold()
     whole = [word for word in re.split(r"[\W_]+", parted) if word]
     words = [word if word in NUTRIENTS else re.sub(r"\d+$", "", word) or word for word in whole]
     words = [word for word in words if not word.isdigit()] or words
-    words = [part for word in words                 # `nrate` is n and rate
-             for part in (["n", word[1:]] if word in ("nrate", "ndose", "nmenge", "ngabe") else [word])]
+    words = [
+        part
+        for word in words  # `nrate` is n and rate
+        for part in (["n", word[1:]] if word in ("nrate", "ndose", "nmenge", "ngabe") else [word])
+    ]
     if len(name) == SHAPEFILE_NAME and words and len(words[-1]) > 1 and not kind_of(words[-1]):
         words[-1] = next((word for word in RATE if word.startswith(words[-1])), words[-1])
     return words
 
 
-MOST_UNITS = 20                 # different texts of a column of units
+MOST_UNITS = 20  # different texts of a column of units
 
 
 def unit_columns(texts: Mapping[str, Collection[str]]) -> dict[str, StatedUnit]:
-    """Units by the column that they are of, in small letters; ANY where that is not said. texts: the different ones of
-    each column.
+    """Units by the column that they are of, in small letters; ANY where that is not said.
+    texts: the different ones of each column.
 
-    A column holds units by its name, where its cells are units or one word all along, or by its cells, where all are
-    units of rates. One that names ground (Mgmt_Unit: North, South) is none.
+    A column holds units by its name, where its cells are units or one word all along, or by its
+    cells, where all are units of rates. One that names ground (Mgmt_Unit: North, South) is
+    none.
     """
     found = Stated()
     for name, written in texts.items():
@@ -114,8 +147,11 @@ def unit_columns(texts: Mapping[str, Collection[str]]) -> dict[str, StatedUnit]:
         if not 0 < len(cells) <= MOST_UNITS or any(cell_of(cell) is not None for cell in cells):
             continue
         of = [word for word in words_of(name) if not names_unit(word)]
-        said = names_unit(name) and (any(map(of_a_rate, cells)) or (len(cells) == 1 and not of)
-                                     or all(map(unit_named, cells)))
+        said = names_unit(name) and (
+            any(map(of_a_rate, cells))
+            or (len(cells) == 1 and not of)
+            or all(map(unit_named, cells))
+        )
         if not said and not all(map(of_a_rate, cells)):
             continue
         column = next((other for other in texts if other != name and _is_of(other, name)), ANY)
@@ -131,4 +167,6 @@ def _is_of(column: str, unit_column: str) -> bool:
     parts = re.sub(r"(?<=\D)(?=\d+$)", "_", folded(unit_column)).split("_")
     left = "_".join(part for part in parts if not names_unit(part))
     plain = folded(column)
-    return bool(left) and (plain == left or (left.isdigit() and re.search(rf"\D{left}$", plain) is not None))
+    return bool(left) and (
+        plain == left or (left.isdigit() and re.search(rf"\D{left}$", plain) is not None)
+    )

@@ -1,4 +1,6 @@
-"""CSV with a polygon in a cell of each row (WKT, as QGIS and PostGIS write it) and its attributes next to it."""
+"""CSV with a polygon in a cell of each row (WKT, as QGIS and PostGIS write it) and its
+attributes next to it."""
+
 from __future__ import annotations
 
 import csv
@@ -18,13 +20,14 @@ from drivers.files.stated_units import StatedUnit
 from drivers.plain_text import PlaceInFile
 
 LOOKED_BYTES = 65_536
-LONGEST_CELL = 1 << 24          # letters; a field's outline of 400 000 corners
+LONGEST_CELL = 1 << 24  # letters; a field's outline of 400 000 corners
 _POLYGON = re.compile(r"^\s*(SRID=(?P<srid>\d+)\s*;)?\s*(MULTI)?POLYGON\b", re.IGNORECASE)
 _IN_BYTES = re.compile(rb"POLYGON\s*(ZM?|M)?\s*\(", re.IGNORECASE)
 
 
 def holds_polygons(path: Path) -> bool:
-    """Whether a text file begins as a table of polygons rather than as a log. Raises BeyondLimits, OSError."""
+    """Whether a text file begins as a table of polygons rather than as a log. Raises
+    BeyondLimits, OSError."""
     check_file(path)
     with path.open("rb") as file:
         return _IN_BYTES.search(file.read(LOOKED_BYTES).replace(b"\0", b"")) is not None
@@ -44,25 +47,47 @@ def read_csv_zones(path: Path, choice: RateChoice) -> Imported:
     finally:
         csv.field_size_limit(before)
     names = [name.strip() for name in rows[0]] if rows else []
-    numbered = [(number, row) for number, row in enumerate(rows[1:], start=2) if any(cell.strip() for cell in row)]
-    where = next((k for k in range(len(names)) for _, row in numbered[:50]
-                  if len(row) > k and _POLYGON.match(row[k])), None)
+    numbered = [
+        (number, row)
+        for number, row in enumerate(rows[1:], start=2)
+        if any(cell.strip() for cell in row)
+    ]
+    where = next(
+        (
+            k
+            for k in range(len(names))
+            for _, row in numbered[:50]
+            if len(row) > k and _POLYGON.match(row[k])
+        ),
+        None,
+    )
     if where is None:
-        raise PrescriptionError(path, "no column of polygons (WKT) is in it", ": e.g. POLYGON ((lon lat, ...))")
+        raise PrescriptionError(
+            path, "no column of polygons (WKT) is in it", ": e.g. POLYGON ((lon lat, ...))"
+        )
     findings: list[Finding] = []
     features, others = [], 0
     units: dict[str, StatedUnit] = {}
     if numbered and is_unit_row(numbered[0][1]):
-        units = {name.casefold(): StatedUnit(cell.strip("()[] "), "the file's row of units")
-                 for name, cell in zip(names, numbered.pop(0)[1], strict=False) if cell.strip("()[]- ")}
+        units = {
+            name.casefold(): StatedUnit(cell.strip("()[] "), "the file's row of units")
+            for name, cell in zip(names, numbered.pop(0)[1], strict=False)
+            if cell.strip("()[]- ")
+        }
     for number, row in numbered:
         if len(row) != len(names):
-            raise PrescriptionError(_row(path, number), "{cells} cells: allowed {header_cells}, as in the header",
-                                    cells=len(row), header_cells=len(names))
+            raise PrescriptionError(
+                _row(path, number),
+                "{cells} cells: allowed {header_cells}, as in the header",
+                cells=len(row),
+                header_cells=len(names),
+            )
         if not _POLYGON.match(row[where]):
             others += 1
             continue
-        attributes = {name: cell for k, (name, cell) in enumerate(zip(names, row, strict=True)) if k != where}
+        attributes = {
+            name: cell for k, (name, cell) in enumerate(zip(names, row, strict=True)) if k != where
+        }
         features.append(Feature(number, attributes, _polygons(path, number, row[where])))
     if others:
         text = f"{many(others, 'row')} without a polygon left out"
@@ -77,11 +102,19 @@ def _row(path: Path, number: int) -> PlaceInFile:
 def _polygons(path: Path, number: int, text: str) -> list[tuple[Floats, ...]]:
     found = _POLYGON.match(text)
     if found is not None and found["srid"] not in (None, "4326"):
-        raise PrescriptionError(_row(path, number), "SRID {srid}: allowed 4326 (WGS84 degrees)", srid=found["srid"])
+        raise PrescriptionError(
+            _row(path, number), "SRID {srid}: allowed 4326 (WGS84 degrees)", srid=found["srid"]
+        )
     try:
-        shape = shapely.from_wkt(text.partition(";")[2] if found is not None and found["srid"] else text)
+        shape = shapely.from_wkt(
+            text.partition(";")[2] if found is not None and found["srid"] else text
+        )
     except shapely.errors.GEOSException as error:
-        raise PrescriptionError(_row(path, number), "not readable as WKT: {why}",
-                                why=str(error).splitlines()[0]) from None
+        raise PrescriptionError(
+            _row(path, number), "not readable as WKT: {why}", why=str(error).splitlines()[0]
+        ) from None
     parts = [part for part in shapely.get_parts(shape) if not part.is_empty]
-    return [tuple(ring(shapely.get_coordinates(edge)) for edge in (part.exterior, *part.interiors)) for part in parts]
+    return [
+        tuple(ring(shapely.get_coordinates(edge)) for edge in (part.exterior, *part.interiors))
+        for part in parts
+    ]

@@ -1,4 +1,6 @@
-"""Polygons with attributes, as shapefile and GeoJSON have them, to zones: which column is the rate, in which unit."""
+"""Polygons with attributes, as shapefile and GeoJSON have them, to zones: which column is the
+rate, in which unit."""
+
 from __future__ import annotations
 
 import math
@@ -45,15 +47,18 @@ from drivers.plain_text import PlaceInFile
 
 # Which column of a map's attributes is the rate, and in which unit: by name, by type, by range.
 #
-# A wrong column is a wrong dose on a whole field. So only a column whose name says that it is a rate is taken, and that
-# is said; all else is a question to the operator.
+# A wrong column is a wrong dose on a whole field. So only a column whose name says that it is a
+# rate is taken, and that is said; all else is a question to the operator.
 PLAIN_UNIT = "kg/ha"
 MOST_SHOWN = 12
 OF_NITROGEN: dict[str | None, str] = {None: "kg N/ha", "kg/ha": "kg N/ha", "lb/ac": "lb N/ac"}
-LEAST_LEVELS = 3                # 1, 2, 3 may be numbers of classes; 1 and 2 alone are too few to tell
+# 1, 2, 3 may be numbers of classes; 1 and 2 alone are too few to tell
+LEAST_LEVELS = 3
+
 
 class RateColumn(NamedTuple):
-    """`cells`: of every row, a number or nothing. `unit`: of the numbers; `unit_from`: who says so. `why`: this one."""
+    """`cells`: of every row, a number or nothing. `unit`: of the numbers; `unit_from`: who says
+    so. `why`: this one."""
 
     name: str
     cells: tuple[Cell, ...]
@@ -63,7 +68,8 @@ class RateColumn(NamedTuple):
 
 
 class _NumberColumn(NamedTuple):
-    """A column of numbers. `is_rate`: its name says so. `doubt`: why it may be something else all the same."""
+    """A column of numbers. `is_rate`: its name says so. `doubt`: why it may be something else
+    all the same."""
 
     name: str
     cells: tuple[Cell, ...]
@@ -71,72 +77,128 @@ class _NumberColumn(NamedTuple):
     is_rate: bool
     doubt: str
     unit: str | None
-    unread: str                 # units that it names, of which none, or not one alone, is one of a rate
+    # units that it names, of which none, or not one alone, is one of a rate
+    unread: str
 
     @property
     def text(self) -> str:
         known = [cell.value for cell in self.cells if not math.isnan(cell.value)]
-        return f"{self.name} ({min(known):g} to {max(known):g}{', ' + self.doubt if self.doubt else ''})"
+        return (
+            f"{self.name} ({min(known):g} to "
+            f"{max(known):g}{', ' + self.doubt if self.doubt else ''})"
+        )
 
 
-def rate_column(path: Path, numbered: Sequence[tuple[int, Mapping[str, Any]]], choice: RateChoice,
-                side_units: Mapping[str, StatedUnit]) -> RateColumn:
-    """`numbered`: rows with the numbers by which people find them. `side_units`: units by column, in small letters.
+def rate_column(
+    path: Path,
+    numbered: Sequence[tuple[int, Mapping[str, Any]]],
+    choice: RateChoice,
+    side_units: Mapping[str, StatedUnit],
+) -> RateColumn:
+    """`numbered`: rows with the numbers by which people find them. `side_units`: units by
+    column, in small letters.
 
-    Raises RateQuestion where the file does not say which column it is, PrescriptionError where none can be.
+    Raises RateQuestion where the file does not say which column it is, PrescriptionError where
+    none can be.
     """
     names = list(dict.fromkeys(name for _, row in numbered for name in row))
-    texts = {name: {cell for _, row in numbered if isinstance(cell := row.get(name), str)} for name in names}
+    texts = {
+        name: {cell for _, row in numbered if isinstance(cell := row.get(name), str)}
+        for name in names
+    }
     side_units = together(side_units, unit_columns(texts))
     if choice.index is not None:
-        return _chosen(path, numbered, names, choice, choice.column or _index_of(path, names, choice.index), side_units)
+        return _chosen(
+            path,
+            numbered,
+            names,
+            choice,
+            choice.column or _index_of(path, names, choice.index),
+            side_units,
+        )
     if choice.column is not None:
         return _chosen(path, numbered, names, choice, choice.column, side_units)
     columns = {name: _cells(numbered, name) for name in names}
-    numbers = [_seen(name, cells) for name, cells in columns.items() if cells is not None
-               and not all(math.isnan(cell.value) for cell in cells)]
+    numbers = [
+        _seen(name, cells)
+        for name, cells in columns.items()
+        if cells is not None and not all(math.isnan(cell.value) for cell in cells)
+    ]
     rates = [one for one in numbers if one.is_rate]
     best = _best(rates)
     if best is not None:
         others = ", ".join(one.name for one in rates if one is not best)
-        return _with_unit(path, best, choice, "by its name" + (f", not {others}" if others else ""), side_units)
+        return _with_unit(
+            path, best, choice, "by its name" + (f", not {others}" if others else ""), side_units
+        )
     if not numbers:
-        raise PrescriptionError(path, "rate column not chosen: allowed a column of numbers (columns: {columns_there})",
-                                columns_there=", ".join(names) or "-")
-    why = f"{len(rates)} are named as rates" if len(rates) > 1 else \
-        f"{rates[0].name}: {rates[0].doubt}" if rates else "none is named as a rate"
-    raise RateQuestion(path, "rate column not chosen: allowed {of_numbers}",
-                       f" ({why}: {'; '.join(one.text for one in numbers[:MOST_SHOWN])}; --column says which)",
-                       tuple(one.name for one in numbers),
-                       of_numbers=", ".join(one.name for one in numbers[:MOST_SHOWN]))
+        raise PrescriptionError(
+            path,
+            "rate column not chosen: allowed a column of numbers (columns: {columns_there})",
+            columns_there=", ".join(names) or "-",
+        )
+    why = (
+        f"{len(rates)} are named as rates"
+        if len(rates) > 1
+        else f"{rates[0].name}: {rates[0].doubt}"
+        if rates
+        else "none is named as a rate"
+    )
+    raise RateQuestion(
+        path,
+        "rate column not chosen: allowed {of_numbers}",
+        f" ({why}: {'; '.join(one.text for one in numbers[:MOST_SHOWN])}; --column says which)",
+        tuple(one.name for one in numbers),
+        of_numbers=", ".join(one.name for one in numbers[:MOST_SHOWN]),
+    )
 
 
 def _index_of(path: Path, names: Sequence[str], index: str) -> str:
-    """The column of an index: by its name in whatever letters, else the only one. Raises RateQuestion."""
+    """The column of an index: by its name in whatever letters, else the only one. Raises
+    RateQuestion."""
     named_so = [name for name in names if name.casefold() == index.casefold()]
     found = named_so or [name for name in names if index.casefold() in name.casefold()] or names
     if len(found) != 1:
-        raise RateQuestion(path, "{index} not found: allowed is a column (or band) of this name, of {columns_there}",
-                           columns=tuple(names), index=index, columns_there=", ".join(names[:MOST_SHOWN]) or "-")
+        raise RateQuestion(
+            path,
+            "{index} not found: allowed is a column (or band) of this name, of {columns_there}",
+            columns=tuple(names),
+            index=index,
+            columns_there=", ".join(names[:MOST_SHOWN]) or "-",
+        )
     return found[0]
 
 
-def _chosen(path: Path, numbered: Sequence[tuple[int, Mapping[str, Any]]], names: Sequence[str], choice: RateChoice,
-            column: str, side_units: Mapping[str, StatedUnit]) -> RateColumn:
+def _chosen(
+    path: Path,
+    numbered: Sequence[tuple[int, Mapping[str, Any]]],
+    names: Sequence[str],
+    choice: RateChoice,
+    column: str,
+    side_units: Mapping[str, StatedUnit],
+) -> RateColumn:
     if column not in names:
-        raise PrescriptionError(path, "column {column}: allowed {columns_there}", column=column,
-                                columns_there=", ".join(names) or "-")
+        raise PrescriptionError(
+            path,
+            "column {column}: allowed {columns_there}",
+            column=column,
+            columns_there=", ".join(names) or "-",
+        )
     cells = _cells(numbered, column)
     if cells is None:
         number, row = next(row for row in numbered if cell_of(row[1].get(column)) is None)
-        raise PrescriptionError(PlaceInFile(str(path)).at("row {row}", row=number),
-                                "{column} {value}: allowed is a number",
-                                column=column, value=repr(row.get(column)))
+        raise PrescriptionError(
+            PlaceInFile(str(path)).at("row {row}", row=number),
+            "{column} {value}: allowed is a number",
+            column=column,
+            value=repr(row.get(column)),
+        )
     return _with_unit(path, _seen(column, cells), choice, "chosen", side_units)
 
 
 def _best(rates: Sequence[_NumberColumn]) -> _NumberColumn | None:
-    """The one rate; of a wanted one and of those that were applied, or bounds, the wanted one. None: not given."""
+    """The one rate; of a wanted one and of those that were applied, or bounds, the wanted one.
+    None: not given."""
     if any(one.doubt for one in rates):
         return None
     no_target = [one for one in rates if one.words & BOUNDS or wanted_or_done(one.name) == "done"]
@@ -168,8 +230,15 @@ def _seen(name: str, cells: tuple[Cell, ...]) -> _NumberColumn:
         is_rate = kinds[-1] == "rate"
     other = next((kind for kind in kinds if kind not in ("", "rate")), "")
     doubt = f"in {unread}" if unread else "" if units else _looks_like(cells)
-    return _NumberColumn(name, cells, frozenset(spelled), is_rate, doubt if is_rate else other or doubt,
-                         None if unread else next(iter(units), None), unread)
+    return _NumberColumn(
+        name,
+        cells,
+        frozenset(spelled),
+        is_rate,
+        doubt if is_rate else other or doubt,
+        None if unread else next(iter(units), None),
+        unread,
+    )
 
 
 def _unit(text: str) -> str | None:
@@ -183,7 +252,11 @@ def _looks_like(cells: Sequence[Cell]) -> str:
     known = sorted({cell.value for cell in cells if not math.isnan(cell.value)})
     if not known:
         return ""
-    if len(known) >= LEAST_LEVELS and known[0] in (0.0, 1.0) and known == [known[0] + k for k in range(len(known))]:
+    if (
+        len(known) >= LEAST_LEVELS
+        and known[0] in (0.0, 1.0)
+        and known == [known[0] + k for k in range(len(known))]
+    ):
         return "counts 0, 1, 2 ... as numbers of classes or rows do"
     if len(known) >= LEAST_LEVELS and known[-1] <= 1.0:
         return "nothing above 1, as an index or a share"
@@ -194,10 +267,11 @@ def _column(path: Path, one: _NumberColumn) -> PlaceInFile:
     return PlaceInFile(str(path)).at("column {column}", column=one.name)
 
 
-def _with_unit(path: Path, one: _NumberColumn, choice: RateChoice, why: str,
-               stated: Mapping[str, StatedUnit]) -> RateColumn:
-    """The operator's unit, else the one that the file or one next to it names; a nutrient's rate is no rate of the
-    product."""
+def _with_unit(
+    path: Path, one: _NumberColumn, choice: RateChoice, why: str, stated: Mapping[str, StatedUnit]
+) -> RateColumn:
+    """The operator's unit, else the one that the file or one next to it names; a nutrient's
+    rate is no rate of the product."""
     if choice.unit is not None:
         return RateColumn(one.name, one.cells, choice.unit, "chosen", why)
     unit, source = one.unit, "the file"
@@ -210,49 +284,76 @@ def _with_unit(path: Path, one: _NumberColumn, choice: RateChoice, why: str,
         if meant is None or unit not in (None, meant):
             raise _which_unit(path, one, said, unit)
         unit, source = meant, said.source if unit is None or source == "the file" else source
-    nutrient = next((nutrient for word in sorted(one.words) if (nutrient := NUTRIENTS.get(word))), "")
+    nutrient = next(
+        (nutrient for word in sorted(one.words) if (nutrient := NUTRIENTS.get(word))), ""
+    )
     if nutrient == "nitrogen" and choice.n_fraction is not None and unit in OF_NITROGEN:
         return RateColumn(one.name, one.cells, OF_NITROGEN[unit], f"named in {source}", why)
     if nutrient and unit not in NITROGEN_UNITS:
         raise RateQuestion(
-            _column(path, one), "kg of {nutrient} or of the product: say the unit", ": allowed with --unit "
-            + (f"{unit or PLAIN_UNIT} (product), or --nitrogen SHARE of N in the product" if nutrient == "nitrogen"
-               else f"{unit or PLAIN_UNIT}, and --scale where the product holds only a share of it"),
-            nutrient=nutrient)
+            _column(path, one),
+            "kg of {nutrient} or of the product: say the unit",
+            ": allowed with --unit "
+            + (
+                f"{unit or PLAIN_UNIT} (product), or --nitrogen SHARE of N in the product"
+                if nutrient == "nitrogen"
+                else f"{unit or PLAIN_UNIT}, and --scale where the product holds only a share of it"
+            ),
+            nutrient=nutrient,
+        )
     if unit is None:
         return RateColumn(one.name, one.cells, PLAIN_UNIT, UNIT_NOT_NAMED, why)
     return RateColumn(one.name, one.cells, unit, f"named in {source}", why)
 
 
 def _which_unit(path: Path, one: _NumberColumn, said: StatedUnit, unit: str | None) -> RateQuestion:
-    return RateQuestion(_column(path, one), "unit {stated} in {source}: say which unit holds" if unit is None else
-                        "unit {stated} in {source}, {named} by its own name: say which unit holds", " (--unit)",
-                        stated=said.text, source=said.source, named=unit)
+    return RateQuestion(
+        _column(path, one),
+        "unit {stated} in {source}: say which unit holds"
+        if unit is None
+        else "unit {stated} in {source}, {named} by its own name: say which unit holds",
+        " (--unit)",
+        stated=said.text,
+        source=said.source,
+        named=unit,
+    )
 
 
-KNOWN_EXTRA = ("title",)        # of our own files
+KNOWN_EXTRA = ("title",)  # of our own files
 
 
 class Feature(NamedTuple):
-    """`number` counts from 1 as people do. polygons_deg: each outline first, then holes, latitude and longitude."""
+    """`number` counts from 1 as people do. polygons_deg: each outline first, then holes,
+    latitude and longitude."""
 
     number: int
     attributes: Mapping[str, Any]
     polygons_deg: Sequence[tuple[Floats, ...]]
 
 
-def imported(path: Path, format_name: str, features: Sequence[Feature], choice: RateChoice, findings: list[Finding],
-             *,
-             fallbacks: Fallbacks = NO_FALLBACKS, fields_deg: tuple[tuple[Floats, ...], ...] = (), title: str = "",
-             product: str = "", units: Mapping[str, StatedUnit] = NO_UNITS) -> Imported:
-    """Zones of the features, by the operator's choice. units: of columns, as the file says besides their names; what
-    lies next to it is looked at here. Raises Refused, OSError."""
+def imported(
+    path: Path,
+    format_name: str,
+    features: Sequence[Feature],
+    choice: RateChoice,
+    findings: list[Finding],
+    *,
+    fallbacks: Fallbacks = NO_FALLBACKS,
+    fields_deg: tuple[tuple[Floats, ...], ...] = (),
+    title: str = "",
+    product: str = "",
+    units: Mapping[str, StatedUnit] = NO_UNITS,
+) -> Imported:
+    """Zones of the features, by the operator's choice. units: of columns, as the file says
+    besides their names; what lies next to it is looked at here. Raises Refused, OSError."""
     if not features:
         raise NoPolygons(path, "no polygons: allowed is at least one")
     if path.is_file():
         columns = {name for feature in features for name in feature.attributes}
         units = together(units, side_units(Folder(path.parent, deep=False), path.name, columns))
-    chosen = rate_column(path, [(feature.number, feature.attributes) for feature in features], choice, units)
+    chosen = rate_column(
+        path, [(feature.number, feature.attributes) for feature in features], choice, units
+    )
     column, unit = chosen.name, chosen.unit
     where = PlaceInFile(str(path))
     factor = factor_kg_ha(choice, unit, where.at("column {column}", column=column))
@@ -262,20 +363,46 @@ def imported(path: Path, format_name: str, features: Sequence[Feature], choice: 
         if math.isnan(cell.value):
             empty += 1
             continue
-        rate = _checked(choice, cell.value * factor, where.at("row {row}: {column}", row=feature.number, column=column))
+        rate = _checked(
+            choice,
+            cell.value * factor,
+            where.at("row {row}: {column}", row=feature.number, column=column),
+        )
         zones += [Zone(rate, rings) for rings in feature.polygons_deg]
-    unused = [name for name in dict.fromkeys(name for feature in features for name in feature.attributes)
-              if name != column and name not in KNOWN_EXTRA]
+    unused = [
+        name
+        for name in dict.fromkeys(name for feature in features for name in feature.attributes)
+        if name != column and name not in KNOWN_EXTRA
+    ]
     if unused:
-        findings.append(Finding("unused_columns", f"{many(len(unused), 'column')} not used: {listed(unused)}"))
+        findings.append(
+            Finding("unused_columns", f"{many(len(unused), 'column')} not used: {listed(unused)}")
+        )
     if empty:
-        findings.append(Finding("empty_rates", f"{many(empty, 'polygon')} without a rate left out", column, empty))
+        findings.append(
+            Finding(
+                "empty_rates", f"{many(empty, 'polygon')} without a rate left out", column, empty
+            )
+        )
     if not zones:
-        raise PrescriptionError(where.at("column {column}", column=column), "empty everywhere: allowed is a number")
+        raise PrescriptionError(
+            where.at("column {column}", column=column), "empty everywhere: allowed is a number"
+        )
     check_degrees(path, np.concatenate([rings[0] for _, rings, _ in zones]))
-    data = MapData(tuple(zones), None, with_choice(fallbacks, choice, where), fields_deg, title, product)
-    return Imported(path, format_name, data, unit, factor, (column,), tuple(findings),
-                    f"{column} ({chosen.why})", chosen.unit_from)
+    data = MapData(
+        tuple(zones), None, with_choice(fallbacks, choice, where), fields_deg, title, product
+    )
+    return Imported(
+        path,
+        format_name,
+        data,
+        unit,
+        factor,
+        (column,),
+        tuple(findings),
+        f"{column} ({chosen.why})",
+        chosen.unit_from,
+    )
 
 
 def _checked(choice: RateChoice, value: float, where: PlaceInFile) -> float:
@@ -286,7 +413,8 @@ def _checked(choice: RateChoice, value: float, where: PlaceInFile) -> float:
 
 
 def ring(corners: Sequence[Sequence[float]] | Floats) -> Floats:
-    """(k, 2) latitude and longitude of a ring given as longitude and latitude, its closing corner left out."""
+    """(k, 2) latitude and longitude of a ring given as longitude and latitude, its closing
+    corner left out."""
     lon_lat = np.asarray([corner[:2] for corner in corners], dtype=np.float64).reshape(-1, 2)
     if len(lon_lat) > 1 and (lon_lat[0] == lon_lat[-1]).all():
         lon_lat = lon_lat[:-1]

@@ -1,4 +1,6 @@
-"""Map, plant list, index map and done ground that a job names, laid on the plane that its loop works on."""
+"""Map, plant list, index map and done ground that a job names, laid on the plane that its loop
+works on."""
+
 from __future__ import annotations
 
 import csv
@@ -25,14 +27,18 @@ from drivers.files.prescriptions.words import ZONE_FACTOR, PrescriptionError, Ra
 from drivers.plain_text import PlaceInFile
 
 Made = TypeVar("Made")
-FASTEST_MPS = 10.0          # of a machine that gives single doses; a speed in km/h is beyond it
+# of a machine that gives single doses; a speed in km/h is beyond it
+FASTEST_MPS = 10.0
 
 
 # Plant lists: CSV with lat_deg and lon_deg, or GeoJSON points.
 def read_plants(path: Path) -> Floats:
-    """Places (n, 2), latitude and longitude, in the file's order. Raises Refused in one line, OSError."""
+    """Places (n, 2), latitude and longitude, in the file's order. Raises Refused in one line,
+    OSError."""
     if not path.exists():
-        raise PrescriptionError(path, "not there", ": allowed is a CSV with lat_deg and lon_deg, or GeoJSON points")
+        raise PrescriptionError(
+            path, "not there", ": allowed is a CSV with lat_deg and lon_deg, or GeoJSON points"
+        )
     check_file(path)
     rows = _geojson(path) if path.suffix.lower() in (".geojson", ".json") else _csv(path)
     if not rows:
@@ -41,55 +47,77 @@ def read_plants(path: Path) -> Floats:
     bad = np.flatnonzero(~((np.abs(places[:, 0]) <= 90.0) & (np.abs(places[:, 1]) <= 180.0)))
     if len(bad):
         lat, lon = places[bad[0]]
-        raise PrescriptionError(PlaceInFile(str(path)).at("plant {plant}", plant=bad[0] + 1),
-                                "{lat:g}, {lon:g}: allowed are "
-                                "degrees, latitude -90 to 90, longitude -180 to 180", lat=lat, lon=lon)
+        raise PrescriptionError(
+            PlaceInFile(str(path)).at("plant {plant}", plant=bad[0] + 1),
+            "{lat:g}, {lon:g}: allowed are degrees, latitude -90 to 90, longitude -180 to 180",
+            lat=lat,
+            lon=lon,
+        )
     return places
 
 
 def read_dose_errors(path: Path) -> tuple[DoseError, ...]:
-    """A CSV with error_m (late positive), speed_mps and, where it was not 0, threshold_m. Raises PrescriptionError in
-    one line, OSError."""
+    """A CSV with error_m (late positive), speed_mps and, where it was not 0, threshold_m.
+    Raises PrescriptionError in one line, OSError."""
     if not path.exists():
-        raise PrescriptionError(path, "not there", ": allowed is a table with error_m and speed_mps")
+        raise PrescriptionError(
+            path, "not there", ": allowed is a table with error_m and speed_mps"
+        )
     check_file(path)
     found = []
     for number, cells in enumerate(_csv(path, ("error_m", "speed_mps"), ("threshold_m",)), start=2):
         one = DoseError(*cells)
-        if not (abs(one.error_m) <= FARTHEST_DOSE_M and 0.0 < one.speed_mps <= FASTEST_MPS
-                and abs(one.threshold_m) <= FARTHEST_DOSE_M):
-            raise PrescriptionError(PlaceInFile(str(path)).at("line {line}", line=number),
-                                    "{error:g} m at {speed:g} m/s: allowed are errors and thresholds of at most "
-                                    "{most:g} m, speeds above 0 to {fastest:g} m/s", error=one.error_m,
-                                    speed=one.speed_mps, most=FARTHEST_DOSE_M, fastest=FASTEST_MPS)
+        if not (
+            abs(one.error_m) <= FARTHEST_DOSE_M
+            and 0.0 < one.speed_mps <= FASTEST_MPS
+            and abs(one.threshold_m) <= FARTHEST_DOSE_M
+        ):
+            raise PrescriptionError(
+                PlaceInFile(str(path)).at("line {line}", line=number),
+                "{error:g} m at {speed:g} m/s: allowed are errors and thresholds of at most "
+                "{most:g} m, speeds above 0 to {fastest:g} m/s",
+                error=one.error_m,
+                speed=one.speed_mps,
+                most=FARTHEST_DOSE_M,
+                fastest=FASTEST_MPS,
+            )
         found.append(one)
     return tuple(found)
 
 
-def _csv(path: Path, needed: tuple[str, ...] = ("lat_deg", "lon_deg"), more: tuple[str, ...] = ()
-         ) -> list[tuple[float, ...]]:
-    """The columns `needed`, and of `more` those that are there; below the header, in the file's order."""
+def _csv(
+    path: Path, needed: tuple[str, ...] = ("lat_deg", "lon_deg"), more: tuple[str, ...] = ()
+) -> list[tuple[float, ...]]:
+    """The columns `needed`, and of `more` those that are there; below the header, in the file's
+    order."""
     with path.open(encoding="utf-8-sig", errors="replace", newline="") as file:
         reader = csv.DictReader(file)
         names = reader.fieldnames or []
         for name in needed:
             if name not in names:
-                raise PrescriptionError(path, "column {column} missing: allowed is a header with {names}",
-                                        column=name, names=", ".join(needed))
+                raise PrescriptionError(
+                    path,
+                    "column {column} missing: allowed is a header with {names}",
+                    column=name,
+                    names=", ".join(needed),
+                )
         rows = []
         for number, row in enumerate(reader, start=2):
             cells = [row[name] for name in (*needed, *more) if name in names]
             try:
                 rows.append(tuple(float(cell or "") for cell in cells))
             except ValueError:
-                raise PrescriptionError(PlaceInFile(str(path)).at("line {line}", line=number),
-                                        "{cells}: allowed are numbers",
-                                        cells=", ".join(str(cell) for cell in cells)) from None
+                raise PrescriptionError(
+                    PlaceInFile(str(path)).at("line {line}", line=number),
+                    "{cells}: allowed are numbers",
+                    cells=", ".join(str(cell) for cell in cells),
+                ) from None
         return rows
 
 
 def _geojson(path: Path) -> list[tuple[float, ...]]:
     from drivers.files.layers import read_geojson  # most jobs name no plants
+
     points = read_geojson(path, ["Point"]).shapes
     return [(point.y, point.x) for point in points if point is not None and not point.is_empty]
 
@@ -108,7 +136,9 @@ def check_of_job(job: Job, limit_kg_ha: float, folder: Path) -> MapCheck | None:
 
     limit_kg_ha: the crop's. Raises PrescriptionError in one line, OSError.
     """
-    return _of_map(job, folder, lambda data, plane: map_check(data, limit_kg_ha, job.field.boundary(), plane))
+    return _of_map(
+        job, folder, lambda data, plane: map_check(data, limit_kg_ha, job.field.boundary(), plane)
+    )
 
 
 def _of_map(job: Job, folder: Path, make: Callable[[MapData, TangentPlane], Made]) -> Made | None:
@@ -117,11 +147,13 @@ def _of_map(job: Job, folder: Path, make: Callable[[MapData, TangentPlane], Made
     if job.target.map is None:
         return None
     from drivers.files.prescriptions.read import read_prescription  # most jobs have no map
+
     try:
         read = read_prescription(folder / job.target.map)
     except RateQuestion as question:
-        raise RateQuestion.of(question, hint="; a job takes what topdress map IN ... --out NEW.geojson writes") \
-            from None
+        raise RateQuestion.of(
+            question, hint="; a job takes what topdress map IN ... --out NEW.geojson writes"
+        ) from None
     try:
         return make(read.data, _origin(job) or read.data.plane())
     except ValueError as error:
@@ -129,12 +161,16 @@ def _of_map(job: Job, folder: Path, make: Callable[[MapData, TangentPlane], Made
 
 
 def plants_of_job(job: Job, folder: Path, plane: TangentPlane | None = None) -> PlantList | None:
-    """The plants of `target.plants`, a path next to the job file, on the field's plane, else on `plane`, else on one of
-    their own. Raises PrescriptionError, OSError."""
+    """The plants of `target.plants`, a path next to the job file, on the field's plane, else on
+    `plane`, else on one of their own. Raises PrescriptionError, OSError."""
     if job.target.plants is None:
         return None
     places = read_plants(folder / job.target.plants)
-    own = _origin(job) or plane or TangentPlane(float(places[:, 0].mean()), float(places[:, 1].mean()))
+    own = (
+        _origin(job)
+        or plane
+        or TangentPlane(float(places[:, 0].mean()), float(places[:, 1].mean()))
+    )
     return PlantList(places, own)
 
 
@@ -155,28 +191,41 @@ class LoopTargets(TypedDict):
 
 
 def placed_of_job(job: Job, folder: Path, machine: Machine, index: str) -> LoopTargets:
-    """Map, plants, index map, zones and done ground of a job on one plane. index: of the crop's rule. Raises
-    PrescriptionError or FieldError in one line, OSError."""
+    """Map, plants, index map, zones and done ground of a job on one plane. index: of the crop's
+    rule. Raises PrescriptionError or FieldError in one line, OSError."""
     prescription = map_of_job(job, folder)
     plants = plants_of_job(job, folder, None if prescription is None else prescription.plane)
-    plane = plants.plane if plants is not None else None if prescription is None else prescription.plane
+    plane = (
+        plants.plane if plants is not None else None if prescription is None else prescription.plane
+    )
     width_m = machine.geometry.working_width_m
     under = _numbers_of(job, job.target.index_map, folder, width_m, index, plane)
     plane = plane or (None if under is None else under.plane)
     zones = _numbers_of(job, job.target.zone_map, folder, width_m, ZONE_FACTOR, plane)
     plane = plane or (None if zones is None else zones.plane)
-    return {"prescription": prescription, "plants": plants, "index_map": under, "zone_map": zones,
-            "done": done_of_job(job, folder, plane), "dose_errors": (
-                () if job.target.dose_errors is None else read_dose_errors(folder / job.target.dose_errors))}
+    return {
+        "prescription": prescription,
+        "plants": plants,
+        "index_map": under,
+        "zone_map": zones,
+        "done": done_of_job(job, folder, plane),
+        "dose_errors": (
+            ()
+            if job.target.dose_errors is None
+            else read_dose_errors(folder / job.target.dose_errors)
+        ),
+    }
 
 
-def _numbers_of(job: Job, name: str | None, folder: Path, width_m: float, index: str, plane: TangentPlane | None
-                ) -> IndexMap | None:
-    """A map of an index, or of zones, on the field's plane, else on `plane`, else on its own; None where none is named.
-    Raises PrescriptionError in one line, OSError."""
+def _numbers_of(
+    job: Job, name: str | None, folder: Path, width_m: float, index: str, plane: TangentPlane | None
+) -> IndexMap | None:
+    """A map of an index, or of zones, on the field's plane, else on `plane`, else on its own;
+    None where none is named. Raises PrescriptionError in one line, OSError."""
     if name is None:
         return None
     from drivers.files.prescriptions.read import read_index
+
     data = read_index(folder / name, index).data
     plane = _origin(job) or plane or data.plane()
     return IndexMap(rates_on(data, plane), plane, width_m)
@@ -187,9 +236,14 @@ def done_of_job(job: Job, folder: Path, plane: TangentPlane | None) -> DoneGroun
     if job.field.done is None:
         return None
     from drivers.files.fields.done import read_done
+
     return read_done(folder / job.field.done, _origin(job) or plane)
 
 
 def _origin(job: Job) -> TangentPlane | None:
     """The plane of the job's field, where it has one: fence and map then share it."""
-    return TangentPlane(job.field.origin_lat_deg, job.field.origin_lon_deg) if job.field.boundary_m else None
+    return (
+        TangentPlane(job.field.origin_lat_deg, job.field.origin_lon_deg)
+        if job.field.boundary_m
+        else None
+    )

@@ -1,4 +1,6 @@
-"""ISO 11783-10 task files, versions 3 and 4: treatment zones, grids of type 1 and 2, fallback zones."""
+"""ISO 11783-10 task files, versions 3 and 4: treatment zones, grids of type 1 and 2, fallback
+zones."""
+
 from __future__ import annotations
 
 from pathlib import Path
@@ -40,12 +42,20 @@ class _TaskLayer(NamedTuple):
 
     @property
     def id(self) -> str:
-        return "/".join(part for part in (self.task.get("A", ""), f"{self.ddi:04X}", self.product) if part)
+        return "/".join(
+            part for part in (self.task.get("A", ""), f"{self.ddi:04X}", self.product) if part
+        )
 
     def of(self, zone: Element) -> Element | None:
         """Its process data (PDV) in a zone."""
-        return next((one for one in zone.findall("PDV") if int(one.get("A", "0"), 16) == self.ddi
-                     and one.get("C", "") == self.product), None)
+        return next(
+            (
+                one
+                for one in zone.findall("PDV")
+                if int(one.get("A", "0"), 16) == self.ddi and one.get("C", "") == self.product
+            ),
+            None,
+        )
 
 
 def read_isoxml(files: TaskSet, path: Path, choice: RateChoice) -> Imported:
@@ -53,23 +63,37 @@ def read_isoxml(files: TaskSet, path: Path, choice: RateChoice) -> Imported:
     root = task_tree(files)
     layer, ids = _picked(root, files.label, choice)
     where = PlaceInFile(files.label).at("task {task}", task=layer.id)
-    values = {_number(zone.get("A", ""), 10, where.at("zone code")): _value(zone, layer, where)
-              for zone in layer.task.findall("TZN")}
+    values = {
+        _number(zone.get("A", ""), 10, where.at("zone code")): _value(zone, layer, where)
+        for zone in layer.task.findall("TZN")
+    }
     unit, factor, offset, findings = _meaning(root, layer, where, choice)
-    rates = {code: None if value is None else (value + offset) * factor for code, value in values.items()}
+    rates = {
+        code: None if value is None else (value + offset) * factor for code, value in values.items()
+    }
     for code, rate in rates.items():
         if rate is not None:
             checked_rate(rate, lambda code=code: where.at("zone {zone}", zone=code))  # type: ignore[misc]
     fallbacks = with_choice(_fallbacks(layer.task, rates, where, findings), choice, where)
     fields = _fields(root, layer.task, files.label, findings)
-    product = next((p.get("B", "") for p in root.findall("PDT") if p.get("A") == layer.product), layer.product)
+    product = next(
+        (p.get("B", "") for p in root.findall("PDT") if p.get("A") == layer.product), layer.product
+    )
     grid_element = layer.task.find("GRD")
     grid = None
     zones: tuple[Zone, ...] = ()
     findings += _unused(layer, ids, grid_element is not None)
     if grid_element is not None:
-        grid = _grid(files, grid_element, layer, rates=rates, factor=factor, offset=offset, where=where,
-                     findings=findings)
+        grid = _grid(
+            files,
+            grid_element,
+            layer,
+            rates=rates,
+            factor=factor,
+            offset=offset,
+            where=where,
+            findings=findings,
+        )
     else:
         zones = _zones(layer.task, rates, where)
     data = MapData(zones, grid, fallbacks, fields, layer.task.get("B", ""), product)
@@ -81,7 +105,11 @@ def _picked(root: Element, label: str, choice: RateChoice) -> tuple[_TaskLayer, 
     others: set[int] = set()
     for task in root.findall("TSK"):
         for variable in task.findall("TZN/PDV"):
-            ddi = _number(variable.get("A", ""), 16, PlaceInFile(label).at("task {task}: PDV A", task=task.get("A")))
+            ddi = _number(
+                variable.get("A", ""),
+                16,
+                PlaceInFile(label).at("task {task}: PDV A", task=task.get("A")),
+            )
             layer = _TaskLayer(task, ddi, variable.get("C", ""))
             if ddi not in SETPOINTS:
                 others.add(ddi)
@@ -90,30 +118,41 @@ def _picked(root: Element, label: str, choice: RateChoice) -> tuple[_TaskLayer, 
     ids = tuple(layer.id for layer in layers)
     if not layers:
         raise PrescriptionError(
-            label, "only DDI {ddis}: allowed are tasks with zones of DDI 0001 (volume per area) or 0006 (mass per area)"
-            if others else
-            "no treatment zones: allowed are tasks with zones of DDI 0001 (volume per area) or 0006 (mass per area)",
-            ddis=", ".join(f"{ddi:04X}" for ddi in sorted(others)))
+            label,
+            "only DDI {ddis}: allowed are tasks with zones of DDI 0001 (volume per area) or "
+            "0006 (mass per area)"
+            if others
+            else "no treatment zones: allowed are tasks with zones of DDI 0001 (volume per "
+            "area) or 0006 (mass per area)",
+            ddis=", ".join(f"{ddi:04X}" for ddi in sorted(others)),
+        )
     if choice.layer is None and len(layers) == 1:
         return layers[0], ids
     for layer in layers:
         if choice.layer == layer.id:
             return layer, ids
     raise (PrescriptionError if choice.layer else RateQuestion)(
-        label, "layer {layer}: allowed {layers}" if choice.layer else "layer not chosen: allowed {layers}",
-        layer=choice.layer, layers=", ".join(ids))
+        label,
+        "layer {layer}: allowed {layers}" if choice.layer else "layer not chosen: allowed {layers}",
+        layer=choice.layer,
+        layers=", ".join(ids),
+    )
 
 
-def _meaning(root: Element, layer: _TaskLayer, where: PlaceInFile, choice: RateChoice
-             ) -> tuple[str, float, float, list[Finding]]:
-    """Unit of the numbers, kg/ha for one of them, what is added to each before, and what had to be said about it.
+def _meaning(
+    root: Element, layer: _TaskLayer, where: PlaceInFile, choice: RateChoice
+) -> tuple[str, float, float, list[Finding]]:
+    """Unit of the numbers, kg/ha for one of them, what is added to each before, and what had to
+    be said about it.
 
-    The data dictionary tells what a number is worth; the file's own presentation (VPN) should agree. Where it does
-    not, a wrong guess is a wrong dose: the operator says which holds.
+    The data dictionary tells what a number is worth; the file's own presentation (VPN) should
+    agree. Where it does not, a wrong guess is a wrong dose: the operator says which holds.
     """
     unit, step = SETPOINTS[layer.ddi]
     by_ddi = factor_kg_ha(choice, unit, where) * step
-    named = {one.get("E") for zone in layer.task.findall("TZN") if (one := layer.of(zone)) is not None}
+    named = {
+        one.get("E") for zone in layer.task.findall("TZN") if (one := layer.of(zone)) is not None
+    }
     for presentation in (one for one in root.findall("VPN") if one.get("A") in named):
         shown = unit_named(presentation.get("E", ""))
         if shown is None or shown.name not in UNITS:
@@ -124,13 +163,24 @@ def _meaning(root: Element, layer: _TaskLayer, where: PlaceInFile, choice: RateC
         if abs(by_shown - by_ddi) <= 0.01 * by_ddi and offset == 0.0:
             continue
         differs = Reason(
-            "100 is {by_ddi:g} kg/ha by DDI {ddi} but, an offset of {offset:g} added, {shown:g} kg/ha as presented "
-            "({presentation})" if offset else
-            "100 is {by_ddi:g} kg/ha by DDI {ddi} but {shown:g} kg/ha as presented ({presentation})",
-            {"by_ddi": 100 * by_ddi / choice.scale, "ddi": f"{layer.ddi:04X}", "offset": offset,
-             "shown": (100 + offset) * by_shown / choice.scale, "presentation": presentation.get("A")})
+            "100 is {by_ddi:g} kg/ha by DDI {ddi} but, an offset of {offset:g} added, "
+            "{shown:g} kg/ha as presented "
+            "({presentation})"
+            if offset
+            else "100 is {by_ddi:g} kg/ha by DDI {ddi} but {shown:g} kg/ha as presented "
+            "({presentation})",
+            {
+                "by_ddi": 100 * by_ddi / choice.scale,
+                "ddi": f"{layer.ddi:04X}",
+                "offset": offset,
+                "shown": (100 + offset) * by_shown / choice.scale,
+                "presentation": presentation.get("A"),
+            },
+        )
         if choice.rate_from is None:
-            raise RateQuestion(where, "{shown}: rate source not chosen: allowed ddi, presentation", shown=differs)
+            raise RateQuestion(
+                where, "{shown}: rate source not chosen: allowed ddi, presentation", shown=differs
+            )
         taken = Finding("presentation", f"{where}: {differs}: taken by {choice.rate_from}")
         if choice.rate_from == "presentation":
             return shown.name, by_shown, offset, [taken]
@@ -141,37 +191,66 @@ def _meaning(root: Element, layer: _TaskLayer, where: PlaceInFile, choice: RateC
 def _unused(layer: _TaskLayer, ids: tuple[str, ...], has_grid: bool) -> list[Finding]:
     """What the task holds next to the layer and is not used."""
     found = []
-    drawn = [zone.get("A", "") for zone in layer.task.findall("TZN") if zone.find("PLN") is not None]
+    drawn = [
+        zone.get("A", "") for zone in layer.task.findall("TZN") if zone.find("PLN") is not None
+    ]
     if has_grid and drawn:
-        text = f"{many(len(drawn), 'zone')} with a polygon next to the grid not used: the grid holds"
-        found.append(Finding("zones_beside_grid", f"{text} (zones {', '.join(drawn[:8])})", rows=len(drawn)))
-    others = sorted({variable.get("A", "") for variable in layer.task.findall("TZN/PDV")
-                     if int(variable.get("A", "0"), 16) not in SETPOINTS})
+        text = (
+            f"{many(len(drawn), 'zone')} with a polygon next to the grid not used: the grid holds"
+        )
+        found.append(
+            Finding("zones_beside_grid", f"{text} (zones {', '.join(drawn[:8])})", rows=len(drawn))
+        )
+    others = sorted(
+        {
+            variable.get("A", "")
+            for variable in layer.task.findall("TZN/PDV")
+            if int(variable.get("A", "0"), 16) not in SETPOINTS
+        }
+    )
     if others:
         found.append(Finding("other_data", f"process data not used: DDI {', '.join(others)}"))
     if len(ids) > 1:
-        found.append(Finding("other_layers", f"layers not used: {', '.join(one for one in ids if one != layer.id)}"))
+        found.append(
+            Finding(
+                "other_layers",
+                f"layers not used: {', '.join(one for one in ids if one != layer.id)}",
+            )
+        )
     return found
 
 
 def _value(zone: Element, layer: _TaskLayer, where: PlaceInFile) -> int | None:
     found = layer.of(zone)
-    return None if found is None else _number(found.get("B", ""), 10, where.at("zone {zone}: PDV B",
-                                                                               zone=zone.get("A")))
+    return (
+        None
+        if found is None
+        else _number(found.get("B", ""), 10, where.at("zone {zone}: PDV B", zone=zone.get("A")))
+    )
 
 
-def _fallbacks(task: Element, rates: dict[int, float | None], where: PlaceInFile, findings: list[Finding]) -> Fallbacks:
+def _fallbacks(
+    task: Element, rates: dict[int, float | None], where: PlaceInFile, findings: list[Finding]
+) -> Fallbacks:
     found = {}
-    for field, attribute, name in (("default_kg_ha", "H", "default"), ("lost_kg_ha", "I", "position-lost"),
-                                   ("outside_kg_ha", "J", "out-of-field")):
+    for field, attribute, name in (
+        ("default_kg_ha", "H", "default"),
+        ("lost_kg_ha", "I", "position-lost"),
+        ("outside_kg_ha", "J", "out-of-field"),
+    ):
         text = task.get(attribute)
         if text is None:
             findings.append(Finding(f"no_{field[:-6]}_zone", f"no {name} zone: 0 kg/ha there"))
             continue
         code = _number(text, 10, where.at("{key}", key=attribute))
         if code not in rates:
-            raise PrescriptionError(where, "{name} zone {zone}: allowed {zones}", name=name, zone=code,
-                                    zones=_listed(rates))
+            raise PrescriptionError(
+                where,
+                "{name} zone {zone}: allowed {zones}",
+                name=name,
+                zone=code,
+                zones=_listed(rates),
+            )
         found[field] = rates[code] or 0.0
     return Fallbacks(**found)
 
@@ -190,7 +269,9 @@ def _zones(task: Element, rates: dict[int, float | None], where: PlaceInFile) ->
     return tuple(zones)
 
 
-def _fields(root: Element, task: Element, label: str, findings: list[Finding]) -> tuple[tuple[Floats, ...], ...]:
+def _fields(
+    root: Element, task: Element, label: str, findings: list[Finding]
+) -> tuple[tuple[Floats, ...], ...]:
     """Outlines of the task's field; what cannot be one is left out, and said."""
     from control.field.boundary import Boundary
 
@@ -200,12 +281,18 @@ def _fields(root: Element, task: Element, label: str, findings: list[Finding]) -
             continue
         for polygon in field.findall("PLN"):
             if polygon.get("A") == "1":
-                outlines += _rings(polygon, PlaceInFile(label).at("field {field}", field=field.get("A")))
+                outlines += _rings(
+                    polygon, PlaceInFile(label).at("field {field}", field=field.get("A"))
+                )
     usable = []
     for rings in outlines:
         try:
-            Boundary(*([(float(a), float(b)) for a, b in rings[0]],
-                       [[(float(a), float(b)) for a, b in hole] for hole in rings[1:]]))
+            Boundary(
+                *(
+                    [(float(a), float(b)) for a, b in rings[0]],
+                    [[(float(a), float(b)) for a, b in hole] for hole in rings[1:]],
+                )
+            )
             usable.append(rings)
         except ValueError as error:
             findings.append(Finding("field_outline", f"the field's outline was left out: {error}"))
@@ -224,8 +311,11 @@ def _rings(polygon: Element, where: PlaceInFile) -> list[tuple[Floats, ...]]:
 def _ring(line: Element, where: PlaceInFile) -> Floats:
     points = line.findall("PNT")
     if any(point.get("J") for point in points):
-        raise PrescriptionError(where, "points in a binary file ({name}): allowed are points in the XML",
-                                name=points[0].get("J"))
+        raise PrescriptionError(
+            where,
+            "points in a binary file ({name}): allowed are points in the XML",
+            name=points[0].get("J"),
+        )
     corners = np.array([(_float(point, "C", where), _float(point, "D", where)) for point in points])
     if len(corners) > 1 and (corners[0] == corners[-1]).all():
         corners = corners[:-1]
@@ -234,20 +324,39 @@ def _ring(line: Element, where: PlaceInFile) -> Floats:
     return corners
 
 
-def _grid(files: TaskSet, grid: Element, layer: _TaskLayer, *, rates: dict[int, float | None], factor: float,
-          offset: float, where: PlaceInFile, findings: list[Finding]) -> GridDeg:
+def _grid(
+    files: TaskSet,
+    grid: Element,
+    layer: _TaskLayer,
+    *,
+    rates: dict[int, float | None],
+    factor: float,
+    offset: float,
+    where: PlaceInFile,
+    findings: list[Finding],
+) -> GridDeg:
     name, kind = f"{grid.get('G', '')}.bin", grid.get("I", "")
-    columns, rows = (_number(grid.get(key, ""), 10, where.at("grid {key}", key=key)) for key in ("E", "F"))
+    columns, rows = (
+        _number(grid.get(key, ""), 10, where.at("grid {key}", key=key)) for key in ("E", "F")
+    )
     cell_lat, cell_lon = (_float(grid, key, where.at("grid")) for key in ("C", "D"))
     if not (rows > 0 and columns > 0 and cell_lat > 0.0 and cell_lon > 0.0):
         raise PrescriptionError(
-            where, "grid of {rows} rows, {columns_across} columns, cell {lat:g} x {lon:g} deg: allowed is above 0",
-            rows=rows, columns_across=columns, lat=cell_lat, lon=cell_lon)
+            where,
+            "grid of {rows} rows, {columns_across} columns, cell {lat:g} x {lon:g} deg: "
+            "allowed is above 0",
+            rows=rows,
+            columns_across=columns,
+            lat=cell_lat,
+            lon=cell_lon,
+        )
     data = files.read(name)
     if data is None:
         raise PrescriptionError(where, "{name}, which the grid names, is not there", name=name)
     if kind == "1":
-        rate = _by_code(_cells(data, rows, columns, 1, np.dtype("u1"), name, where)[:, :, 0], rates, findings)
+        rate = _by_code(
+            _cells(data, rows, columns, 1, np.dtype("u1"), name, where)[:, :, 0], rates, findings
+        )
     elif kind == "2":
         order = _template(layer, grid, where)
         values = _cells(data, rows, columns, len(order), np.dtype("<i4"), name, where)
@@ -255,21 +364,41 @@ def _grid(files: TaskSet, grid: Element, layer: _TaskLayer, *, rates: dict[int, 
         bad = np.argwhere(~((rate >= 0.0) & (rate <= HIGHEST_KG_HA)))
         if len(bad):
             row, column = bad[0].tolist()
-            checked_rate(float(rate[row, column]), lambda: where.at("{name}: row {row}, column {column}", name=name,
-                                                                      row=row, column=column))
+            checked_rate(
+                float(rate[row, column]),
+                lambda: where.at(
+                    "{name}: row {row}, column {column}", name=name, row=row, column=column
+                ),
+            )
     else:
         raise PrescriptionError(where, "grid type {kind}: allowed 1 and 2", kind=kind)
     return GridDeg(_float(grid, "A", where), _float(grid, "B", where), cell_lat, cell_lon, rate)
 
 
-def _cells(data: bytes, rows: int, columns: int, depth: int, kind: np.dtype[np.generic], name: str,
-           where: PlaceInFile) -> Floats:
+def _cells(
+    data: bytes,
+    rows: int,
+    columns: int,
+    depth: int,
+    kind: np.dtype[np.generic],
+    name: str,
+    where: PlaceInFile,
+) -> Floats:
     wanted = rows * columns * depth * kind.itemsize
     if len(data) != wanted:
         raise PrescriptionError(
-            where, "{name}: {found} bytes: allowed {wanted} ({rows} rows, {columns_across} columns, {depth} x {item} "
-            "bytes a cell)", name=name, found=len(data), wanted=wanted, rows=rows, columns_across=columns, depth=depth,
-            item=kind.itemsize)
+            where,
+            "{name}: {found} bytes: allowed {wanted} ({rows} rows, {columns_across} "
+            "columns, {depth} x {item} "
+            "bytes a cell)",
+            name=name,
+            found=len(data),
+            wanted=wanted,
+            rows=rows,
+            columns_across=columns,
+            depth=depth,
+            item=kind.itemsize,
+        )
     return np.frombuffer(data, dtype=kind).reshape(rows, columns, depth).astype(np.float64)
 
 
@@ -281,8 +410,14 @@ def _by_code(codes: Floats, rates: dict[int, float | None], findings: list[Findi
     unknown = sorted(set(np.unique(codes).astype(int).tolist()) - set(rates))
     if unknown:
         count = int(np.isin(codes, unknown).sum())
-        findings.append(Finding("unknown_codes", f"{many(count, 'cell')} with codes that no zone has "
-                                f"({', '.join(map(str, unknown[:5]))}): without a rate", rows=count))
+        findings.append(
+            Finding(
+                "unknown_codes",
+                f"{many(count, 'cell')} with codes that no zone has "
+                f"({', '.join(map(str, unknown[:5]))}): without a rate",
+                rows=count,
+            )
+        )
     return np.asarray(table[codes.astype(np.int64)], dtype=np.float64)
 
 
@@ -292,8 +427,11 @@ def _template(layer: _TaskLayer, grid: Element, where: PlaceInFile) -> list[tupl
     for zone in layer.task.findall("TZN"):
         if zone.get("A") == code and layer.of(zone) is not None:
             return [(int(one.get("A", "0"), 16), one.get("C", "")) for one in zone.findall("PDV")]
-    raise PrescriptionError(where, "grid of type 2 names zone {zone}: allowed is a zone with this layer's data",
-                            zone=code)
+    raise PrescriptionError(
+        where,
+        "grid of type 2 names zone {zone}: allowed is a zone with this layer's data",
+        zone=code,
+    )
 
 
 def _listed(rates: dict[int, float | None]) -> str:
@@ -305,7 +443,9 @@ def _number(text: str, base: int, where: PlaceInFile) -> int:
     try:
         return int(text, base)
     except ValueError:
-        raise PrescriptionError(where, "{value}: allowed is a whole number", value=repr(text)) from None
+        raise PrescriptionError(
+            where, "{value}: allowed is a whole number", value=repr(text)
+        ) from None
 
 
 def _float(element: Element, attribute: str, where: PlaceInFile) -> float:
@@ -313,11 +453,21 @@ def _float(element: Element, attribute: str, where: PlaceInFile) -> float:
     try:
         value = float(text)
     except ValueError:
-        raise PrescriptionError(where.at("{key}", key=f"{element.tag} {attribute}"), "{value}: allowed is a number",
-                                value=repr(text)) from None
-    limit = {"PNT": {"C": 90.0, "D": 180.0}, "GRD": {"A": 90.0, "B": 180.0}}.get(element.tag, {}).get(attribute)
+        raise PrescriptionError(
+            where.at("{key}", key=f"{element.tag} {attribute}"),
+            "{value}: allowed is a number",
+            value=repr(text),
+        ) from None
+    limit = {"PNT": {"C": 90.0, "D": 180.0}, "GRD": {"A": 90.0, "B": 180.0}}.get(
+        element.tag, {}
+    ).get(attribute)
     if not np.isfinite(value) or (limit is not None and abs(value) > limit):
         raise PrescriptionError(
-            where.at("{key}", key=f"{element.tag} {attribute}"), "{value:g}: allowed a finite number"
-            if limit is None else "{value:g}: allowed -{limit:g} to {limit:g}", value=value, limit=limit)
+            where.at("{key}", key=f"{element.tag} {attribute}"),
+            "{value:g}: allowed a finite number"
+            if limit is None
+            else "{value:g}: allowed -{limit:g} to {limit:g}",
+            value=value,
+            limit=limit,
+        )
     return value

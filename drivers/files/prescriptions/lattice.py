@@ -1,8 +1,11 @@
-"""A prescription given as points: the middles of even cells, each with its rate, in a table or a file of shapes.
+"""A prescription given as points: the middles of even cells, each with its rate, in a table or
+a file of shapes.
 
-The cells are had from the points alone: rows and columns at a right angle, at any heading, even in metres or in
-degrees. What is no such lattice is refused, for a point without its cell covers no ground.
+The cells are had from the points alone: rows and columns at a right angle, at any heading, even
+in metres or in degrees. What is no such lattice is refused, for a point without its cell covers
+no ground.
 """
+
 from __future__ import annotations
 
 import re
@@ -24,28 +27,41 @@ from drivers.files.imports.read import read_raw
 from drivers.files.imports.trouble import TableError
 from drivers.files.imports.words import folded, places_without_time, subject_of
 from drivers.files.prescriptions.features import Feature, imported
-from drivers.files.prescriptions.words import Imported, NotAMap, PrescriptionError, RateChoice, check_degrees
+from drivers.files.prescriptions.words import (
+    Imported,
+    NotAMap,
+    PrescriptionError,
+    RateChoice,
+    check_degrees,
+)
 from drivers.files.stated_units import StatedUnit
 from drivers.plain_text import Reason
 
 LEAST_POINTS = 4
 _THOUSANDS = re.compile(r"^\s*([-+]?\d{1,3})\.(\d{3})\s*$")
-SAME_M = 0.01               # points nearer than this are one place
-OFF_CELLS = 0.25            # of a cell, that a point may lie off its middle: rounded degrees
-STEP_SHARE = 0.3            # of the nearest points' distance: a larger step leads to the next row
-JOINED_SHARE = 0.8          # of the points have one next to them in their row, and one in their column
-FIRST_CELLS = 4.0           # the lattice is laid out from its middle, over twice the ground each time
-LONGEST_CELL = 10.0         # times its width; longer ones are tracks with their points, not cells
+SAME_M = 0.01  # points nearer than this are one place
+# of a cell, that a point may lie off its middle: rounded degrees
+OFF_CELLS = 0.25
+# of the nearest points' distance: a larger step leads to the next row
+STEP_SHARE = 0.3
+# of the points have one next to them in their row, and one in their column
+JOINED_SHARE = 0.8
+# the lattice is laid out from its middle, over twice the ground each time
+FIRST_CELLS = 4.0
+# times its width; longer ones are tracks with their points, not cells
+LONGEST_CELL = 10.0
 
 
 class Lattice(NamedTuple):
-    """Cell (i, j) has its middle at origin + i along + j aside, m; cells: (n, 2) whole numbers, one for each point."""
+    """Cell (i, j) has its middle at origin + i along + j aside, m; cells: (n, 2) whole numbers,
+    one for each point."""
 
     origin: Floats
     along: Floats
     aside: Floats
     cells: NDArray[np.int64]
-    off: float                  # of a cell, the farthest that a point lies off its cell's middle
+    # of a cell, the farthest that a point lies off its cell's middle
+    off: float
 
     @property
     def size_m(self) -> tuple[float, float]:
@@ -67,8 +83,13 @@ def read_lattice(path: Path, choice: RateChoice) -> Imported:
     except TableError as trouble:
         raise PrescriptionError(trouble.where, "{why}", why=trouble.reasons[0]) from None
     if not places_without_time(raw.names):
-        raise NotAMap(path, "columns {columns_there}: allowed are latitude, longitude and a rate without times, or "
-                      "polygons (WKT)", " (a log is read by topdress import)", columns_there=", ".join(raw.names[:12]))
+        raise NotAMap(
+            path,
+            "columns {columns_there}: allowed are latitude, longitude and a rate without times, or "
+            "polygons (WKT)",
+            " (a log is read by topdress import)",
+            columns_there=", ".join(raw.names[:12]),
+        )
     lat, lon = (_place(raw, column) for column in ("lat_deg", "lon_deg"))
     known = np.isfinite(lat) & np.isfinite(lon)
     rows = np.flatnonzero(known)
@@ -79,47 +100,78 @@ def read_lattice(path: Path, choice: RateChoice) -> Imported:
     try:
         found, corners = _cells(lat, lon)
     except NoLattice as why:
-        raise PrescriptionError(path, "points with no time form no even lattice ({why}): allowed are the middles of "
-                                "even cells, or polygons", why=why.reason) from None
+        raise PrescriptionError(
+            path,
+            "points with no time form no even lattice ({why}): allowed are the middles of "
+            "even cells, or polygons",
+            why=why.reason,
+        ) from None
     attributes = _attributes(raw)
-    features = [Feature(raw.first_row + row, attributes[row], [(corners[k],)]) for k, row in enumerate(rows.tolist())]
+    features = [
+        Feature(raw.first_row + row, attributes[row], [(corners[k],)])
+        for k, row in enumerate(rows.tolist())
+    ]
     wide, high = found.size_m
-    lattice = f"{many(len(rows), 'point')} taken for the middles of cells of {wide:.4g} x {high:.4g} m"
+    lattice = (
+        f"{many(len(rows), 'point')} taken for the middles of cells of {wide:.4g} x {high:.4g} m"
+    )
     findings = [*raw.findings, Finding("lattice", lattice)]
     if not known.all():
-        findings.append(Finding("no_place", f"{many(int((~known).sum()), 'point')} without a place left out"))
-    units = {name.casefold(): StatedUnit(unit, "the file, besides its name") for name, unit in raw.units.items()
-             if unit not in name}
+        findings.append(
+            Finding("no_place", f"{many(int((~known).sum()), 'point')} without a place left out")
+        )
+    units = {
+        name.casefold(): StatedUnit(unit, "the file, besides its name")
+        for name, unit in raw.units.items()
+        if unit not in name
+    }
     return imported(path, "points", features, choice, findings, title=path.stem, units=units)
 
 
 def _place(raw: RawTable, column: str) -> Floats:
-    name = next(name for name in raw.names
-                if (subject := subject_of(folded(name), None)) is not None and subject.reading == column)
+    name = next(
+        name
+        for name in raw.names
+        if (subject := subject_of(folded(name), None)) is not None and subject.reading == column
+    )
     return numbers(raw.frame[name], raw.decimal_comma, ()).values.fill_null(np.nan).to_numpy()
 
 
 def _attributes(raw: RawTable) -> list[dict[str, object]]:
-    """What each point tells next to its place; a point in numbers with a decimal comma groups digits."""
-    frame = raw.frame.select(name for name in raw.names if (subject := subject_of(folded(name), None)) is None
-                             or subject.reading not in ("lat_deg", "lon_deg"))
+    """What each point tells next to its place; a point in numbers with a decimal comma groups
+    digits."""
+    frame = raw.frame.select(
+        name
+        for name in raw.names
+        if (subject := subject_of(folded(name), None)) is None
+        or subject.reading not in ("lat_deg", "lon_deg")
+    )
     rows: list[dict[str, object]] = frame.rows(named=True)
     if not raw.decimal_comma:
         return rows
-    return [{name: _THOUSANDS.sub(r"\1\2", cell) if isinstance(cell, str) else cell for name, cell in row.items()}
-            for row in rows]
+    return [
+        {
+            name: _THOUSANDS.sub(r"\1\2", cell) if isinstance(cell, str) else cell
+            for name, cell in row.items()
+        }
+        for row in rows
+    ]
 
 
 def _cells(lat: Floats, lon: Floats) -> tuple[Lattice, list[Floats]]:
-    """The lattice, and each point's cell as (4, 2) latitude and longitude. Even in metres or in degrees, whichever
-    fits better. Raises NoLattice."""
+    """The lattice, and each point's cell as (4, 2) latitude and longitude. Even in metres or in
+    degrees, whichever fits better. Raises NoLattice."""
     plane = TangentPlane(float(np.mean(lat)), float(np.mean(lon)))
-    east, north = np.array(plane.to_m(plane.lat_deg, plane.lon_deg + 1e-4)), np.array(
-        plane.to_m(plane.lat_deg + 1e-4, plane.lon_deg))
+    east, north = (
+        np.array(plane.to_m(plane.lat_deg, plane.lon_deg + 1e-4)),
+        np.array(plane.to_m(plane.lat_deg + 1e-4, plane.lon_deg)),
+    )
     per_deg = np.array([east[0], north[1]]) / 1e-4
 
     def of_degrees(places: Floats) -> Floats:
-        return np.column_stack((plane.lat_deg + places[:, 1] / per_deg[1], plane.lon_deg + places[:, 0] / per_deg[0]))
+        return np.column_stack(
+            (plane.lat_deg + places[:, 1] / per_deg[1], plane.lon_deg + places[:, 0] / per_deg[0])
+        )
 
     def of_metres(places: Floats) -> Floats:
         return np.array([plane.to_deg(*place) for place in places.tolist()])
@@ -128,7 +180,9 @@ def _cells(lat: Floats, lon: Floats) -> tuple[Lattice, list[Floats]]:
     found: list[tuple[Lattice, Callable[[Floats], Floats]]] = []
     trouble: NoLattice | None = None
     ways: tuple[tuple[Floats, Callable[[Floats], Floats]], ...] = (
-        (in_degrees, of_degrees), (plane.many_to_m(lat, lon), of_metres))
+        (in_degrees, of_degrees),
+        (plane.many_to_m(lat, lon), of_metres),
+    )
     for places, back in ways:
         try:
             found.append((lattice_of(places), back))
@@ -139,23 +193,30 @@ def _cells(lat: Floats, lon: Floats) -> tuple[Lattice, list[Floats]]:
         raise trouble
     best, to_deg = min(found, key=lambda one: one[0].off)
     halves = np.concatenate([best.cells + half for half in ((0, 0), (1, 0), (1, 1), (0, 1))])
-    corners, which = np.unique(halves, axis=0, return_inverse=True)      # each corner once: cells meet exactly
-    at = to_deg(best.origin + (corners[:, :1] - 0.5) * best.along + (corners[:, 1:] - 0.5) * best.aside)
+    # each corner once: cells meet exactly
+    corners, which = np.unique(halves, axis=0, return_inverse=True)
+    at = to_deg(
+        best.origin + (corners[:, :1] - 0.5) * best.along + (corners[:, 1:] - 0.5) * best.aside
+    )
     return best, list(at[which.reshape(4, -1)].transpose(1, 0, 2))
 
 
 def lattice_of(places: Floats) -> Lattice:
     """Places (n, 2), m. Raises NoLattice."""
     if len(places) < LEAST_POINTS:
-        raise NoLattice("{count} points: {least} are the least", count=len(places), least=LEAST_POINTS)
+        raise NoLattice(
+            "{count} points: {least} are the least", count=len(places), least=LEAST_POINTS
+        )
     points = shapely.points(places)
-    (of, nearest), near = shapely.STRtree(points).query_nearest(points, exclusive=True, return_distance=True)
+    (of, nearest), near = shapely.STRtree(points).query_nearest(
+        points, exclusive=True, return_distance=True
+    )
     twice = len(places) - len(np.unique(np.round(places / SAME_M), axis=0))
     if twice:
         raise NoLattice("{count} points share their place with another", count=twice)
     apart = float(np.median(near))
     way = places[nearest] - places[of]
-    turned = 4.0 * np.arctan2(way[:, 1], way[:, 0])                     # a right angle is a whole turn of this
+    turned = 4.0 * np.arctan2(way[:, 1], way[:, 0])  # a right angle is a whole turn of this
     angle = 0.25 * float(np.arctan2(np.sin(turned).sum(), np.cos(turned).sum()))
     axes = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
     along, aside = (axis * _spacing(places @ axis, apart) for axis in axes)
@@ -172,11 +233,16 @@ def lattice_of(places: Floats) -> Lattice:
     cells = np.rint(exact).astype(np.int64)
     off = float(np.abs(exact - cells).max())
     if off > OFF_CELLS:
-        raise NoLattice("a point lies {off:.2f} of a cell off its middle: {most} is the most", off=off, most=OFF_CELLS)
+        raise NoLattice(
+            "a point lies {off:.2f} of a cell off its middle: {most} is the most",
+            off=off,
+            most=OFF_CELLS,
+        )
     wide, high = float(np.hypot(*along)), float(np.hypot(*aside))
     _check(cells, wide, high)
     return Lattice(origin, along, aside, cells - cells.min(axis=0), off)._replace(
-        origin=origin + cells.min(axis=0)[0] * along + cells.min(axis=0)[1] * aside)
+        origin=origin + cells.min(axis=0)[0] * along + cells.min(axis=0)[1] * aside
+    )
 
 
 def _spacing(along: Floats, apart: float) -> float:
@@ -188,7 +254,9 @@ def _spacing(along: Floats, apart: float) -> float:
     return float(np.median(rows))
 
 
-def _laid(places: Floats, origin: Floats, along: Floats, aside: Floats) -> tuple[Floats, Floats, Floats]:
+def _laid(
+    places: Floats, origin: Floats, along: Floats, aside: Floats
+) -> tuple[Floats, Floats, Floats]:
     """The lattice again by least squares, once each place has its cell."""
     cells = np.rint((places - origin) @ np.linalg.inv(np.array([along, aside])))
     if np.linalg.matrix_rank(cells - cells[0]) < 2:
@@ -202,9 +270,14 @@ def _check(cells: NDArray[np.int64], wide: float, high: float) -> None:
         raise NoLattice("cells of {wide:.3g} x {high:.3g} m", wide=wide, high=high)
     there = {(i, j) for i, j in cells.tolist()}
     if len(there) < len(cells):
-        raise NoLattice("{count} points share their cell with another", count=len(cells) - len(there))
+        raise NoLattice(
+            "{count} points share their cell with another", count=len(cells) - len(there)
+        )
     for i, j in ((1, 0), (0, 1)):
         joined = sum((a + i, b + j) in there or (a - i, b - j) in there for a, b in there)
         if joined < JOINED_SHARE * len(there):
-            raise NoLattice("{count} of {total} points have none next to them", count=len(there) - joined,
-                            total=len(there))
+            raise NoLattice(
+                "{count} of {total} points have none next to them",
+                count=len(there) - joined,
+                total=len(there),
+            )

@@ -1,8 +1,11 @@
-"""Metres of a transverse Mercator projection (UTM, Gauss-Krueger) to degrees, and what a `.prj` file says of it.
+"""Metres of a transverse Mercator projection (UTM, Gauss-Krueger) to degrees, and what a `.prj`
+file says of it.
 
-Krueger's series in the third flattening, to its fifth power: right to a tenth of a millimetre within 10 degrees of the
-central meridian (Karney 2011, "Transverse Mercator with an accuracy of a few nanometers", eq 10-12, 35, 36).
+Krueger's series in the third flattening, to its fifth power: right to a tenth of a millimetre
+within 10 degrees of the central meridian (Karney 2011, "Transverse Mercator with an accuracy of
+a few nanometers", eq 10-12, 35, 36).
 """
+
 from __future__ import annotations
 
 import math
@@ -15,9 +18,12 @@ import numpy as np
 
 from control.targets.rate_map import Floats
 
-SEMI_MAJOR_M = 6_378_137.0                      # WGS84 and GRS80; datums on them lie within 2 m of one another
+# WGS84 and GRS80; datums on them lie within 2 m of one another
+SEMI_MAJOR_M = 6_378_137.0
 INVERSE_FLATTENING = (298.2572, 298.2573)
-_TOKEN = re.compile(r'\s*(?:"([^"]*)"|([A-Za-z_][A-Za-z_0-9]*)|([-+]?[0-9.]+(?:[eE][-+]?[0-9]+)?)|([\[\](),]))')
+_TOKEN = re.compile(
+    r'\s*(?:"([^"]*)"|([A-Za-z_][A-Za-z_0-9]*)|([-+]?[0-9.]+(?:[eE][-+]?[0-9]+)?)|([\[\](),]))'
+)
 
 
 @dataclass(frozen=True)
@@ -37,7 +43,7 @@ class TransverseMercator:
     def to_deg(self, east: Floats, north: Floats) -> tuple[Floats, Floats]:
         """Latitude and longitude (n,) of places in the file's own unit."""
         n = self.flattening / (2.0 - self.flattening)
-        radius = SEMI_MAJOR_M / (1.0 + n) * (1.0 + n ** 2 / 4.0 + n ** 4 / 64.0) * self.scale
+        radius = SEMI_MAJOR_M / (1.0 + n) * (1.0 + n**2 / 4.0 + n**4 / 64.0) * self.scale
         xi = (np.asarray(north) - self.false_north) * self.unit_m / radius + self._xi0(n)
         eta = (np.asarray(east) - self.false_east) * self.unit_m / radius
         sphere_xi, sphere_eta = xi.copy(), eta.copy()
@@ -49,7 +55,8 @@ class TransverseMercator:
         return np.degrees(self._geodetic(conformal)), (lon + 180.0) % 360.0 - 180.0
 
     def _geodetic(self, conformal: Floats) -> Floats:
-        """Latitude of a conformal latitude, radians: each round takes two and a half digits more."""
+        """Latitude of a conformal latitude, radians: each round takes two and a half digits
+        more."""
         e = math.sqrt(self.flattening * (2.0 - self.flattening))
         isometric = np.arctanh(np.sin(conformal))
         lat = conformal
@@ -63,7 +70,9 @@ class TransverseMercator:
         e = math.sqrt(self.flattening * (2.0 - self.flattening))
         sine = math.tanh(math.atanh(math.sin(lat)) - e * math.atanh(e * math.sin(lat)))
         conformal = math.asin(sine)
-        return conformal + sum(factor * math.sin(2 * j * conformal) for j, factor in enumerate(_alpha(n), start=1))
+        return conformal + sum(
+            factor * math.sin(2 * j * conformal) for j, factor in enumerate(_alpha(n), start=1)
+        )
 
 
 class NationalGrid(NamedTuple):
@@ -83,8 +92,9 @@ Projection = TransverseMercator | NationalGrid
 
 
 def national_grid(text: str, places: Floats) -> NationalGrid | None:
-    """What well-known text says, where pyproj is installed and finds it in the EPSG register, with the best of the ways
-    to WGS84 that hold where the places lie, (n, 2) in the file's own unit. The numbers are the register's."""
+    """What well-known text says, where pyproj is installed and finds it in the EPSG register,
+    with the best of the ways to WGS84 that hold where the places lie, (n, 2) in the file's own
+    unit. The numbers are the register's."""
     try:
         from pyproj import CRS, Transformer
         from pyproj.exceptions import ProjError
@@ -96,33 +106,52 @@ def national_grid(text: str, places: Floats) -> NationalGrid | None:
         if code is None or not len(places):
             return None
         crs = CRS.from_epsg(code)
-        roughly = Transformer.from_crs(crs, crs.geodetic_crs, always_xy=True).transform(*places.T)     # 1 km at most
+        # 1 km at most
+        roughly = Transformer.from_crs(crs, crs.geodetic_crs, always_xy=True).transform(*places.T)
         (west, south), (east, north) = np.min(roughly, axis=1), np.max(roughly, axis=1)
-        with warnings.catch_warnings():             # that a better way needs a file: its accuracy is said instead
+        # that a better way needs a file: its accuracy is said instead
+        with warnings.catch_warnings():
             warnings.simplefilter("ignore", UserWarning)
-            ways = TransformerGroup(crs, 4326, always_xy=True, allow_ballpark=False,
-                                    area_of_interest=AreaOfInterest(west, south, east, north)).transformers
+            ways = TransformerGroup(
+                crs,
+                4326,
+                always_xy=True,
+                allow_ballpark=False,
+                area_of_interest=AreaOfInterest(west, south, east, north),
+            ).transformers
     except ProjError:
         return None
-    here = [one for one in ways if (area := one.area_of_use) is None
-            or (area.west <= west and area.south <= south and east <= area.east and north <= area.north)]
+    here = [
+        one
+        for one in ways
+        if (area := one.area_of_use) is None
+        or (area.west <= west and area.south <= south and east <= area.east and north <= area.north)
+    ]
     if not here:
         return None
-    return NationalGrid(crs.name, f", right to {here[0].accuracy:g} m" if here[0].accuracy >= 0.0 else "", here[0])
+    return NationalGrid(
+        crs.name, f", right to {here[0].accuracy:g} m" if here[0].accuracy >= 0.0 else "", here[0]
+    )
 
 
 def _alpha(n: float) -> tuple[float, ...]:
-    return (n / 2 - 2 * n ** 2 / 3 + 5 * n ** 3 / 16 + 41 * n ** 4 / 180 - 127 * n ** 5 / 288,
-            13 * n ** 2 / 48 - 3 * n ** 3 / 5 + 557 * n ** 4 / 1440 + 281 * n ** 5 / 630,
-            61 * n ** 3 / 240 - 103 * n ** 4 / 140 + 15061 * n ** 5 / 26880,
-            49561 * n ** 4 / 161280 - 179 * n ** 5 / 168, 34729 * n ** 5 / 80640)
+    return (
+        n / 2 - 2 * n**2 / 3 + 5 * n**3 / 16 + 41 * n**4 / 180 - 127 * n**5 / 288,
+        13 * n**2 / 48 - 3 * n**3 / 5 + 557 * n**4 / 1440 + 281 * n**5 / 630,
+        61 * n**3 / 240 - 103 * n**4 / 140 + 15061 * n**5 / 26880,
+        49561 * n**4 / 161280 - 179 * n**5 / 168,
+        34729 * n**5 / 80640,
+    )
 
 
 def _beta(n: float) -> tuple[float, ...]:
-    return (n / 2 - 2 * n ** 2 / 3 + 37 * n ** 3 / 96 - n ** 4 / 360 - 81 * n ** 5 / 512,
-            n ** 2 / 48 + n ** 3 / 15 - 437 * n ** 4 / 1440 + 46 * n ** 5 / 105,
-            17 * n ** 3 / 480 - 37 * n ** 4 / 840 - 209 * n ** 5 / 4480,
-            4397 * n ** 4 / 161280 - 11 * n ** 5 / 504, 4583 * n ** 5 / 161280)
+    return (
+        n / 2 - 2 * n**2 / 3 + 37 * n**3 / 96 - n**4 / 360 - 81 * n**5 / 512,
+        n**2 / 48 + n**3 / 15 - 437 * n**4 / 1440 + 46 * n**5 / 105,
+        17 * n**3 / 480 - 37 * n**4 / 840 - 209 * n**5 / 4480,
+        4397 * n**4 / 161280 - 11 * n**5 / 504,
+        4583 * n**5 / 161280,
+    )
 
 
 @dataclass(frozen=True)
@@ -158,14 +187,23 @@ def projection_of(text: str) -> TransverseMercator | None:
     flattening = _check_spheroid(geographic, node.name)
     if kind.name.lower() not in ("transverse_mercator", "gauss_kruger"):
         raise ValueError(f"{node.name}: projection {kind.name}")
-    values = {child.name.lower(): child.numbers[0] for child in node.children
-              if child.key == "PARAMETER" and child.numbers}
+    values = {
+        child.name.lower(): child.numbers[0]
+        for child in node.children
+        if child.key == "PARAMETER" and child.numbers
+    }
     if "central_meridian" not in values:
         raise ValueError(f"{node.name}: without a central meridian")
     return TransverseMercator(
-        node.name, values["central_meridian"], values.get("latitude_of_origin", 0.0), values.get("scale_factor", 1.0),
-        values.get("false_easting", 0.0), values.get("false_northing", 0.0),
-        unit.numbers[0] if unit is not None and unit.numbers else 1.0, flattening)
+        node.name,
+        values["central_meridian"],
+        values.get("latitude_of_origin", 0.0),
+        values.get("scale_factor", 1.0),
+        values.get("false_easting", 0.0),
+        values.get("false_northing", 0.0),
+        unit.numbers[0] if unit is not None and unit.numbers else 1.0,
+        flattening,
+    )
 
 
 def _check_spheroid(geographic: _Node, name: str) -> float:
@@ -177,7 +215,9 @@ def _check_spheroid(geographic: _Node, name: str) -> float:
     axis, inverse = spheroid.numbers[:2]
     low, high = INVERSE_FLATTENING
     if abs(axis - SEMI_MAJOR_M) > 0.5 or not low <= inverse <= high:
-        raise ValueError(f"{name}: datum {datum.name} on spheroid {spheroid.name} may lie 100 m off WGS84")
+        raise ValueError(
+            f"{name}: datum {datum.name} on spheroid {spheroid.name} may lie 100 m off WGS84"
+        )
     return 1.0 / inverse
 
 

@@ -1,4 +1,5 @@
 """Reading a prescription of any known format."""
+
 from __future__ import annotations
 
 from collections.abc import Callable
@@ -14,28 +15,43 @@ from drivers.files.imports.trouble import listed
 from drivers.files.limits import check_file
 from drivers.files.outlines import check_zones
 from drivers.files.prescriptions.task_files import find_task_files
-from drivers.files.prescriptions.words import Imported, NoPolygons, NotAMap, PrescriptionError, RateChoice, RateQuestion
+from drivers.files.prescriptions.words import (
+    Imported,
+    NoPolygons,
+    NotAMap,
+    PrescriptionError,
+    RateChoice,
+    RateQuestion,
+)
 from drivers.files.shape_sets import ShapeSet, layer_of, shape_sets
 from drivers.files.what_it_is import TABLES, holds_points
 from drivers.plugins import format_of
 
-EVEN = ("raster", "points")     # formats of even cells: none over another
+EVEN = ("raster", "points")  # formats of even cells: none over another
 SHAPES, RASTERS = (".gpkg", ".kml", ".kmz"), (".tif", ".tiff")
-KNOWN = ("an ISO 11783-10 task (TASKDATA.XML, its folder or zip), a shapefile (.shp or zip), GeoJSON (.geojson, "
-         ".json), GeoPackage, KML, KMZ, GeoTIFF, CSV with polygons (WKT), a table of the middles of even cells "
-         "(.csv, .xlsx)")
+KNOWN = (
+    "an ISO 11783-10 task (TASKDATA.XML, its folder or zip), a shapefile (.shp or zip), "
+    "GeoJSON (.geojson, "
+    ".json), GeoPackage, KML, KMZ, GeoTIFF, CSV with polygons (WKT), a table of the middles "
+    "of even cells "
+    "(.csv, .xlsx)"
+)
 
 
 def read_prescription(path: str | Path, choice: RateChoice | None = None) -> Imported:
-    """Reads a prescription; the operator's choices as given. Raises Refused in one line, of which PrescriptionError and
-    its kinds are those that a look at the map itself brings; OSError."""
+    """Reads a prescription; the operator's choices as given. Raises Refused in one line, of
+    which PrescriptionError and its kinds are those that a look at the map itself brings;
+    OSError."""
     path, choice = Path(path), choice or RateChoice()
     if not path.exists():
         raise PrescriptionError(path, "not there", f": allowed is {KNOWN}")
     check_file(path)
     read = _read(path, choice)
-    if read.format not in EVEN and read.data.grid is None and (
-            crossed := check_zones([zone.rings_deg for zone in read.data.zones], path)):
+    if (
+        read.format not in EVEN
+        and read.data.grid is None
+        and (crossed := check_zones([zone.rings_deg for zone in read.data.zones], path))
+    ):
         said = f"{many(crossed, 'zone')} with edges that cross: what they enclose is taken"
         read = replace(read, findings=(*read.findings, Finding("crossing", said, rows=crossed)))
     return read
@@ -44,29 +60,44 @@ def read_prescription(path: str | Path, choice: RateChoice | None = None) -> Imp
 def with_merged_zones(read: Imported, step_kg_ha: float) -> Imported:
     """Its zones merged by a step of rate, and what that changes. Raises PrescriptionError."""
     if not step_kg_ha > 0.0 or not read.data.zones:
-        raise PrescriptionError(read.path, "merge {step:g}: allowed is a step above 0 kg/ha, for a map of zones",
-                                step=step_kg_ha)
+        raise PrescriptionError(
+            read.path,
+            "merge {step:g}: allowed is a step above 0 kg/ha, for a map of zones",
+            step=step_kg_ha,
+        )
     found = merged(read.data.zones, step_kg_ha)
-    said = (f"{many(len(read.data.zones), 'zone')} merged to {len(found.zones)} by steps of {step_kg_ha:g} kg/ha: as "
-            f"much mass, rates changed by up to {found.most_kg_ha:.2f} kg/ha, by {found.mean_kg_ha:.2f} in the mean")
-    return replace(read, data=replace(read.data, zones=found.zones), findings=(*read.findings, Finding("merged", said)))
+    said = (
+        f"{many(len(read.data.zones), 'zone')} merged to {len(found.zones)} by steps of "
+        f"{step_kg_ha:g} kg/ha: as "
+        f"much mass, rates changed by up to {found.most_kg_ha:.2f} kg/ha, by "
+        f"{found.mean_kg_ha:.2f} in the mean"
+    )
+    return replace(
+        read,
+        data=replace(read.data, zones=found.zones),
+        findings=(*read.findings, Finding("merged", said)),
+    )
 
 
 def _read(path: Path, choice: RateChoice) -> Imported:
     suffix = "" if path.is_dir() else path.suffix.lower()
     if suffix in (".geojson", ".json"):
         from drivers.files.prescriptions.shapes import read_map
+
         return _areas_or_points(partial(read_map, path, choice), path, choice)
     if suffix in SHAPES or format_of(suffix) is not None:
         from drivers.files.prescriptions.shapes import read_shapes
+
         return read_shapes(path, choice)
     if suffix in RASTERS:
         from drivers.files.prescriptions.raster import read_raster
+
         return read_raster(path, choice)
     if suffix in TABLES:
         from drivers.files.opened import Opened
         from drivers.files.prescriptions.csv_zones import holds_polygons, read_csv_zones
         from drivers.files.prescriptions.lattice import read_lattice
+
         if holds_polygons(path):
             return read_csv_zones(path, choice)
         if suffix == ".csv" or Opened(path).holds == "map":
@@ -75,7 +106,8 @@ def _read(path: Path, choice: RateChoice) -> Imported:
 
 
 def _of_several(path: Path, choice: RateChoice) -> Imported:
-    """Of a folder or zip: its task set, next to which shapefiles do not count, else its shapefile."""
+    """Of a folder or zip: its task set, next to which shapefiles do not count, else its
+    shapefile."""
     shapes = [] if path.suffix.lower() == ".xml" else shape_sets(path)
     if choice.inside is not None:
         named = chosen([one.name for one in shapes], choice.inside)
@@ -83,20 +115,36 @@ def _of_several(path: Path, choice: RateChoice) -> Imported:
     files = find_task_files(path, choice.inside)
     if files is not None:
         from drivers.files.prescriptions.isoxml_read import read_isoxml
+
         return _said(read_isoxml(files, path, choice), shapes)
     if len(shapes) > 1:
-        raise RateQuestion(path, "{count} shapefiles: allowed is one of {names}", " (--inside says which)",
-                           count=len(shapes), names=listed(one.name for one in shapes))
+        raise RateQuestion(
+            path,
+            "{count} shapefiles: allowed is one of {names}",
+            " (--inside says which)",
+            count=len(shapes),
+            names=listed(one.name for one in shapes),
+        )
     if not shapes:
-        packed = listed(name for name in files_at(path).names if name.lower().endswith(".zip")) \
-            if path.suffix.lower() == ".zip" else ""
-        raise NotAMap(path, "no prescription" if choice.inside is None else "no prescription named {name}",
-                      f": allowed is {KNOWN}" + (f"; it holds {packed}: unpack that first" if packed else ""),
-                      name=choice.inside)
+        packed = (
+            listed(name for name in files_at(path).names if name.lower().endswith(".zip"))
+            if path.suffix.lower() == ".zip"
+            else ""
+        )
+        raise NotAMap(
+            path,
+            "no prescription" if choice.inside is None else "no prescription named {name}",
+            f": allowed is {KNOWN}" + (f"; it holds {packed}: unpack that first" if packed else ""),
+            name=choice.inside,
+        )
     from drivers.files.prescriptions.shapes import of_layer
+
     [one] = shapes
-    return _areas_or_points(lambda: of_layer(Path(one.label), "shapefile", layer_of(one), choice, title=one.stem), path,
-                            choice)
+    return _areas_or_points(
+        lambda: of_layer(Path(one.label), "shapefile", layer_of(one), choice, title=one.stem),
+        path,
+        choice,
+    )
 
 
 def _areas_or_points(areas: Callable[[], Imported], path: Path, choice: RateChoice) -> Imported:
@@ -107,6 +155,7 @@ def _areas_or_points(areas: Callable[[], Imported], path: Path, choice: RateChoi
         if not holds_points(path):
             raise
     from drivers.files.prescriptions.lattice import read_lattice
+
     return read_lattice(path, choice)
 
 
@@ -114,24 +163,32 @@ def _said(read: Imported, shapes: list[ShapeSet]) -> Imported:
     if not shapes:
         return read
     names = listed(one.name for one in shapes)
-    unused = Finding("shapefiles_beside", f"not used next to the task set: {names} (--inside takes one)")
+    unused = Finding(
+        "shapefiles_beside", f"not used next to the task set: {names} (--inside takes one)"
+    )
     return replace(read, findings=(*read.findings, unused))
 
 
 def index_choice(choice: RateChoice, rule: Rule, where: str) -> RateChoice:
     """How the map is read: the index's column as plain numbers. Raises PrescriptionError."""
     if choice.unit is not None or choice.scale != 1.0:
-        raise PrescriptionError(where, "--unit and --scale: allowed without --rule, whose map holds an index")
+        raise PrescriptionError(
+            where, "--unit and --scale: allowed without --rule, whose map holds an index"
+        )
     if not rule.is_ready:
-        raise PrescriptionError(where, "the rule waits for its strips: allowed is a job with ndvi_nrich (and, by the "
-                                "field's response, ndvi_check)")
+        raise PrescriptionError(
+            where,
+            "the rule waits for its strips: allowed is a job with ndvi_nrich (and, by the "
+            "field's response, ndvi_check)",
+        )
     return replace(choice, index=rule.crop.index.upper(), unit="kg/ha")
 
 
 def read_index(path: Path, index: str) -> Imported:
-    """A map of the canopy's index, or of zones, for the loop, its numbers in the place of rates. index: ndvi, ndre or
-    ZONE_FACTOR. Raises PrescriptionError for what is none, OSError."""
+    """A map of the canopy's index, or of zones, for the loop, its numbers in the place of
+    rates. index: ndvi, ndre or ZONE_FACTOR. Raises PrescriptionError for what is none, OSError."""
     from drivers.files.prescriptions.read import read_prescription
+
     read = read_prescription(path, RateChoice(index=index.upper(), unit="kg/ha"))
     _need_zones(read)
     return read
@@ -139,15 +196,22 @@ def read_index(path: Path, index: str) -> Imported:
 
 def _need_zones(read: Imported) -> None:
     if read.data.grid is not None:
-        raise PrescriptionError(read.path, "a grid of rates: allowed is a map of the canopy's index")
+        raise PrescriptionError(
+            read.path, "a grid of rates: allowed is a map of the canopy's index"
+        )
 
 
 def by_rule(read: Imported, rule: Rule) -> Imported:
-    """Each zone with the rate that the rule gives for its index. Raises PrescriptionError for what is no index."""
+    """Each zone with the rate that the rule gives for its index. Raises PrescriptionError for
+    what is no index."""
     data = read.data
     _need_zones(read)
     index = rule.crop.index.upper()
-    zones = tuple(zone._replace(rate_kg_ha=rule.decide(zone.rate_kg_ha).rate_kg_ha) for zone in data.zones)
+    zones = tuple(
+        zone._replace(rate_kg_ha=rule.decide(zone.rate_kg_ha).rate_kg_ha) for zone in data.zones
+    )
     said = Finding("by_rule", f"{index} taken to rates by the rule of {rule.crop.name}")
     new = MapData(zones, None, data.fallbacks, data.fields_deg, data.title, data.product)
-    return replace(read, data=new, findings=(*read.findings, said), unit_from=f"by the rule, from {index}")
+    return replace(
+        read, data=new, findings=(*read.findings, said), unit_from=f"by the rule, from {index}"
+    )

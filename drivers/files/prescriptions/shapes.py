@@ -1,7 +1,9 @@
-"""Prescriptions as polygons with attributes in GeoPackage, KML, KMZ, out too; and in GeoJSON (RFC 7946), where our own
-also carry fallbacks and the field."""
+"""Prescriptions as polygons with attributes in GeoPackage, KML, KMZ, out too; and in GeoJSON
+(RFC 7946), where our own also carry fallbacks and the field."""
+
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -34,24 +36,46 @@ def read_shapes(path: Path, choice: RateChoice) -> Imported:
         layers = [layer for layer in layers if layer.name.casefold() == choice.inside.casefold()]
     held = [layer for layer in layers if any(_is_area(shape) for shape in layer.shapes)]
     if len(held) > 1:
-        raise RateQuestion(path, "{count} layers of polygons: allowed is one of {names}", " (--inside says which)",
-                           count=len(held), names=listed(layer.name for layer in held))
+        raise RateQuestion(
+            path,
+            "{count} layers of polygons: allowed is one of {names}",
+            " (--inside says which)",
+            count=len(held),
+            names=listed(layer.name for layer in held),
+        )
     if not held:
-        raise NoPolygons(path, "no layer of polygons: allowed is at least one polygon" if choice.inside is None else
-                         "no layer of polygons named {name}: allowed is at least one polygon", name=choice.inside)
+        raise NoPolygons(
+            path,
+            "no layer of polygons: allowed is at least one polygon"
+            if choice.inside is None
+            else "no layer of polygons named {name}: allowed is at least one polygon",
+            name=choice.inside,
+        )
     named = tuple({**stated(row), "title": name_of(row)} for row in held[0].rows)
-    return of_layer(path, path.suffix[1:].lower(), held[0]._replace(rows=named), choice, title=path.stem)
+    return of_layer(
+        path, path.suffix[1:].lower(), held[0]._replace(rows=named), choice, title=path.stem
+    )
 
 
-def of_layer(path: Path, format_name: str, layer: Layer, choice: RateChoice, **more: Any) -> Imported:
+def of_layer(
+    path: Path, format_name: str, layer: Layer, choice: RateChoice, **more: Any
+) -> Imported:
     """Its polygons as zones; `more` as `imported` takes it. Raises Refused, OSError."""
     features = _features(layer)
     findings = list(layer.findings)
     nothing = sum(shape is None for shape in layer.shapes)
     if nothing:
-        findings.append(Finding("empty_shapes", f"{many(nothing)} without a shape left out", rows=nothing))
+        findings.append(
+            Finding("empty_shapes", f"{many(nothing)} without a shape left out", rows=nothing)
+        )
     if others := len(layer.shapes) - len(features) - nothing:
-        findings.append(Finding("not_polygons", f"{many(others, 'shape')} that are no polygons left out", rows=others))
+        findings.append(
+            Finding(
+                "not_polygons",
+                f"{many(others, 'shape')} that are no polygons left out",
+                rows=others,
+            )
+        )
     if not features and layer.kind and "POLYGON" not in layer.kind:
         raise NoPolygons(path, "shapes of type {kind}: allowed POLYGON", kind=layer.kind)
     return imported(path, format_name, features, choice, findings, units=layer.units, **more)
@@ -66,8 +90,11 @@ def _features(layer: Layer) -> list[Feature]:
     for number, (row, shape) in enumerate(zip(layer.rows, layer.shapes, strict=True), start=1):
         if not _is_area(shape):
             continue
-        polygons = [tuple(ring(shapely.get_coordinates(edge)) for edge in (part.exterior, *part.interiors))
-                    for part in shapely.get_parts(shape) if not part.is_empty]
+        polygons = [
+            tuple(ring(shapely.get_coordinates(edge)) for edge in (part.exterior, *part.interiors))
+            for part in shapely.get_parts(shape)
+            if not part.is_empty
+        ]
         found.append(Feature(number, row, polygons))
     return found
 
@@ -78,15 +105,23 @@ def write_shapes(data: MapData, path: Path) -> None:
     Raises Refused, OSError.
     """
     from drivers.files.prescriptions.write import zones_of
+
     zones = zones_of(data)
-    shapes = [shapely.Polygon(zone.rings_deg[0][:, ::-1], [hole[:, ::-1] for hole in zone.rings_deg[1:]])
-              for zone in zones]
+    shapes = [
+        shapely.Polygon(zone.rings_deg[0][:, ::-1], [hole[:, ::-1] for hole in zone.rings_deg[1:]])
+        for zone in zones
+    ]
     name = "title" if path.suffix.lower() == ".gpkg" else "Name"
-    write_layer(path, "prescription", shapes, {name: [zone.title for zone in zones],
-                                               "rate_kg_ha": [zone.rate_kg_ha for zone in zones]})
+    write_layer(
+        path,
+        "prescription",
+        shapes,
+        {name: [zone.title for zone in zones], "rate_kg_ha": [zone.rate_kg_ha for zone in zones]},
+    )
 
 
-OURS = "topdress"            # foreign member with what GeoJSON has no place for
+# foreign member with what GeoJSON has no place for
+OURS = "topdress"
 
 
 def read_map(path: Path, choice: RateChoice) -> Imported:
@@ -94,17 +129,29 @@ def read_map(path: Path, choice: RateChoice) -> Imported:
     layer = read_geojson(path, POLYGONS, strict=True)
     ours = layer.about.get(OURS)
     fallbacks, fields = _ours(ours, path) if isinstance(ours, dict) else (NO_FALLBACKS, ())
-    return of_layer(path, "geojson", layer, choice, fallbacks=fallbacks, fields_deg=fields, title=layer.name,
-                    product=str(ours.get("product", "")) if isinstance(ours, dict) else "")
+    return of_layer(
+        path,
+        "geojson",
+        layer,
+        choice,
+        fallbacks=fallbacks,
+        fields_deg=fields,
+        title=layer.name,
+        product=str(ours.get("product", "")) if isinstance(ours, dict) else "",
+    )
 
 
 def _ours(ours: dict[str, Any], path: Path) -> tuple[Fallbacks, tuple[tuple[Floats, ...], ...]]:
     values = ours.get("fallbacks") or {}
     try:
         fallbacks = Fallbacks(**{name: float(value) for name, value in values.items()})
-        fields = tuple(tuple(ring(corners) for corners in rings) for rings in ours.get("fields") or ())
+        fields = tuple(
+            tuple(ring(corners) for corners in rings) for rings in ours.get("fields") or ()
+        )
     except (TypeError, ValueError) as error:
         raise PrescriptionError(path, "{member}: {why}", member=OURS, why=error) from None
     for name, value in fallbacks._asdict().items():
-        checked_rate(value, lambda name=name: PlaceInFile(str(path)).at("{key}", key=f"{OURS}: {name}"))  # type: ignore[misc]
+        place = PlaceInFile(str(path))
+        key = f"{OURS}: {name}"
+        checked_rate(value, partial(place.at, "{key}", key=key))
     return fallbacks, fields

@@ -1,5 +1,6 @@
-"""The files of an ISO 11783-10 data transfer, read and written: in a folder or a zip, whatever the case of their
-names."""
+"""The files of an ISO 11783-10 data transfer, read and written: in a folder or a zip, whatever
+the case of their names."""
+
 from __future__ import annotations
 
 import io
@@ -24,7 +25,8 @@ from drivers.files.xml_text import Total, XmlError, xml_root
 
 @dataclass(frozen=True)
 class TaskSet:
-    """`inside`: the folder of the task file within `files`, with its slash; empty: the top. `label`: for messages."""
+    """`inside`: the folder of the task file within `files`, with its slash; empty: the top.
+    `label`: for messages."""
 
     files: Files
     inside: str
@@ -42,15 +44,18 @@ class TaskSet:
 
 
 def task_sets(path: Path) -> list[TaskSet]:
-    """The task sets at a path: a TASKDATA.XML, a folder or a zip that holds some, however deep. Raises Refused for a
-    zip that cannot be opened, OSError."""
+    """The task sets at a path: a TASKDATA.XML, a folder or a zip that holds some, however deep.
+    Raises Refused for a zip that cannot be opened, OSError."""
     if path.suffix.lower() == ".xml" and not path.is_dir():
         return [TaskSet(Folder(path.parent, deep=False), "", str(path))] if path.is_file() else []
     if not path.is_dir() and path.suffix.lower() != ".zip":
         return []
     files = files_at(path)
-    return [TaskSet(files, parent(name), files.label(name)) for name in files.names
-            if PurePosixPath(name).name.lower() == "taskdata.xml"]
+    return [
+        TaskSet(files, parent(name), files.label(name))
+        for name in files.names
+        if PurePosixPath(name).name.lower() == "taskdata.xml"
+    ]
 
 
 def find_task_files(path: Path, inside: str | None = None) -> TaskSet | None:
@@ -64,8 +69,13 @@ def find_task_files(path: Path, inside: str | None = None) -> TaskSet | None:
         found = [one for one in found if one.inside + "TASKDATA.XML" in names]
     if len(found) > 1:
         names = [one.inside.rstrip("/") or "TASKDATA.XML" for one in found]
-        raise RateQuestion(path, "{count} task sets: allowed is one of {names}", " (--inside says which)",
-                           count=len(found), names=", ".join(names))
+        raise RateQuestion(
+            path,
+            "{count} task sets: allowed is one of {names}",
+            " (--inside says which)",
+            count=len(found),
+            names=", ".join(names),
+        )
     return found[0] if found else None
 
 
@@ -77,7 +87,9 @@ def task_tree(files: TaskSet) -> ElementTree.Element:
     total = Total(files.label)
     root = _parsed(data, files.label, total)
     if root.tag != "ISO11783_TaskData":
-        raise PrescriptionError(files.label, "root element {tag}: allowed ISO11783_TaskData", tag=root.tag)
+        raise PrescriptionError(
+            files.label, "root element {tag}: allowed ISO11783_TaskData", tag=root.tag
+        )
     references = [f"{reference.get('A', '')}.XML" for reference in root.findall("XFR")]
     held_to(REFERENCES, len(references), files.label)
     for name in dict.fromkeys(references):
@@ -98,15 +110,23 @@ def _parsed(data: bytes, label: str, total: Total) -> ElementTree.Element:
 
 
 LONGEST_NAME = 32
-WGS84_PRJ = ('GEOGCS["GCS_WGS_1984",DATUM["D_WGS_1984",SPHEROID["WGS_1984",6378137.0,298.257223563]],'
-             'PRIMEM["Greenwich",0.0],UNIT["Degree",0.0174532925199433]]')
+WGS84_PRJ = (
+    'GEOGCS["GCS_WGS_1984",DATUM["D_WGS_1984",SPHEROID["WGS_1984",6378137.0,298.257223563]],'
+    'PRIMEM["Greenwich",0.0],UNIT["Degree",0.0174532925199433]]'
+)
 
 
 def task_root(from_terminal: bool) -> Element:
     """The root element, version 4.3. `from_terminal`: written after the work, not before it."""
     version = software_version()
-    root = Element("ISO11783_TaskData", VersionMajor="4", VersionMinor="3", ManagementSoftwareManufacturer="topdress",
-                   ManagementSoftwareVersion=version, DataTransferOrigin="2" if from_terminal else "1")
+    root = Element(
+        "ISO11783_TaskData",
+        VersionMajor="4",
+        VersionMinor="3",
+        ManagementSoftwareManufacturer="topdress",
+        ManagementSoftwareVersion=version,
+        DataTransferOrigin="2" if from_terminal else "1",
+    )
     if from_terminal:
         root.set("TaskControllerManufacturer", "topdress")
         root.set("TaskControllerVersion", version)
@@ -114,17 +134,20 @@ def task_root(from_terminal: bool) -> Element:
 
 
 def degrees(value: float) -> str:
-    """A place's degrees: nine decimals at most, as the public schema has them (0.1 mm), never with an exponent."""
+    """A place's degrees: nine decimals at most, as the public schema has them (0.1 mm), never
+    with an exponent."""
     return np.format_float_positional(round(value, 9), trim="-")
 
 
 def cell_degrees(value: float) -> str:
-    """The size of a grid's cell: the shortest decimal that reads back the same, for it counts once a cell."""
+    """The size of a grid's cell: the shortest decimal that reads back the same, for it counts
+    once a cell."""
     return np.format_float_positional(value, trim="-")
 
 
 def outline(parent: Element, rings: Sequence[Floats], kind: str) -> None:
-    """A polygon of this kind with its outline, then its holes, (k, 2) latitude and longitude each."""
+    """A polygon of this kind with its outline, then its holes, (k, 2) latitude and longitude
+    each."""
     polygon = SubElement(parent, "PLN", A=kind)
     for k, corners in enumerate(rings):
         line = SubElement(polygon, "LSG", A="1" if k == 0 else "2")
@@ -138,7 +161,8 @@ def name_of(text: str) -> str:
 
 
 def write_task(path: Path, root: Element, files: Mapping[str, bytes]) -> None:
-    """A zip where the path ends in .zip, else the folder (or that of a path that ends in .xml). Raises OSError."""
+    """A zip where the path ends in .zip, else the folder (or that of a path that ends in .xml).
+    Raises OSError."""
     ElementTree.indent(root)
     text = bytes(ElementTree.tostring(root, encoding="UTF-8", xml_declaration=True))
     everything = {"TASKDATA.XML": text, **files}

@@ -1,4 +1,5 @@
 """Writing a prescription: ISO 11783-10 task (zones, grid of type 1 or 2), GeoJSON, shapefile."""
+
 from __future__ import annotations
 
 import json
@@ -26,14 +27,16 @@ from drivers.files.prescriptions.words import PrescriptionError
 MG_M2_PER_KG_HA = 100.0
 DEFAULT, LOST, OUTSIDE, GRID_CELL = "0", "1", "2", "3"
 FIRST_CODE = 3
-MOST_LEVELS = 252            # codes 0 to 254 less the three fallbacks
+MOST_LEVELS = 252  # codes 0 to 254 less the three fallbacks
 
 
 def write_prescription(data: MapData, path: Path) -> None:
-    """By the ending: .geojson or .json, .shp, .gpkg, .kml, .kmz, .zip (task), else a folder for a task.
+    """By the ending: .geojson or .json, .shp, .gpkg, .kml, .kmz, .zip (task), else a folder for
+    a task.
 
     Task files hold whole mg/m2 (0.01 kg/ha). A shapefile has no place for fallbacks and field.
-    Raises ValueError, OSError; PrescriptionError where a task file has no room for so many rates.
+    Raises ValueError, OSError; PrescriptionError where a task file has no room for so many
+    rates.
     """
     path = Path(path)
     suffix = path.suffix.lower()
@@ -43,6 +46,7 @@ def write_prescription(data: MapData, path: Path) -> None:
         _write_shapefile(data, path)
     elif suffix in (".gpkg", ".kml", ".kmz"):
         from drivers.files.prescriptions.shapes import write_shapes
+
         write_shapes(data, path)
     else:
         try:
@@ -54,9 +58,15 @@ def write_prescription(data: MapData, path: Path) -> None:
 
 def not_written(data: MapData, path: Path) -> str:
     """What the format has no place for, in one sentence; empty: it holds all."""
-    lost = [f"rates where the map says nothing ({data.fallbacks.default_kg_ha:g} in the field, "
-            f"{data.fallbacks.outside_kg_ha:g} outside, {data.fallbacks.lost_kg_ha:g} kg/ha with the position lost)"] \
-        if data.fallbacks != NO_FALLBACKS else []
+    lost = (
+        [
+            f"rates where the map says nothing ({data.fallbacks.default_kg_ha:g} in the field, "
+            f"{data.fallbacks.outside_kg_ha:g} outside, {data.fallbacks.lost_kg_ha:g} kg/ha "
+            "with the position lost)"
+        ]
+        if data.fallbacks != NO_FALLBACKS
+        else []
+    )
     lost += ["the field's outline"] if data.fields_deg else []
     if not lost or path.suffix.lower() not in (".shp", ".gpkg", ".kml", ".kmz"):
         return ""
@@ -64,27 +74,41 @@ def not_written(data: MapData, path: Path) -> str:
 
 
 def prescription_task(data: MapData) -> tuple[Element, dict[str, bytes]]:
-    """The task file's tree and the files next to it, valid against the public schema of version 4.3.
+    """The task file's tree and the files next to it, valid against the public schema of version
+    4.3.
 
-    Zones of one rate share a code. Raises PrescriptionError for more than MOST_LEVELS rates of zones.
+    Zones of one rate share a code. Raises PrescriptionError for more than MOST_LEVELS rates of
+    zones.
     """
     root = task_root(from_terminal=False)
     SubElement(root, "VPN", A="VPN1", B="0", C="0.01", D="2", E="kg/ha")
     if data.product:
         SubElement(root, "PDT", A="PDT1", B=name_of(data.product))
-    task = Element("TSK", A="TSK1", B=name_of(data.title) or "prescription", G="1", H=DEFAULT, I=LOST, J=OUTSIDE)
+    task = Element(
+        "TSK",
+        A="TSK1",
+        B=name_of(data.title) or "prescription",
+        G="1",
+        H=DEFAULT,
+        I=LOST,
+        J=OUTSIDE,
+    )
     if data.fields_deg:
         alone = MapData(zones=tuple(Zone(0.0, rings) for rings in data.fields_deg))
         area_m2 = 10_000.0 * sum(share.area_ha for share in statistics(alone))
-        field = SubElement(root, "PFD", A="PFD1", C=name_of(data.title) or "field", D=str(round(area_m2)))
+        field = SubElement(
+            root, "PFD", A="PFD1", C=name_of(data.title) or "field", D=str(round(area_m2))
+        )
         for rings in data.fields_deg:
             outline(field, rings, "1")
         task.set("E", "PFD1")
     files: dict[str, bytes] = {}
     fallbacks = data.fallbacks
-    for code, title, rate in ((DEFAULT, "default", fallbacks.default_kg_ha),
-                              (LOST, "position lost", fallbacks.lost_kg_ha),
-                              (OUTSIDE, "out of field", fallbacks.outside_kg_ha)):
+    for code, title, rate in (
+        (DEFAULT, "default", fallbacks.default_kg_ha),
+        (LOST, "position lost", fallbacks.lost_kg_ha),
+        (OUTSIDE, "out of field", fallbacks.outside_kg_ha),
+    ):
         _variable(SubElement(task, "TZN", A=code, B=title), rate, data)
     if data.grid is not None:
         files["GRD00001.bin"] = _grid(task, data.grid, data)
@@ -95,17 +119,25 @@ def prescription_task(data: MapData) -> tuple[Element, dict[str, bytes]]:
 
 
 def _zones(task: Element, data: MapData) -> None:
-    """A zone for each rate, with the polygons of that rate; where zones overlap, only the ground where each holds."""
+    """A zone for each rate, with the polygons of that rate; where zones overlap, only the
+    ground where each holds."""
     by_rate: dict[int, list[Zone]] = {}
     for zone in apart(data.zones):
         by_rate.setdefault(round(zone.rate_kg_ha * MG_M2_PER_KG_HA), []).append(zone)
     if len(by_rate) > MOST_LEVELS:
-        raise PrescriptionError("", "{count} different rates: allowed {most} in a task file of zones",
-                                "; .geojson and .shp hold any number", count=len(by_rate), most=MOST_LEVELS)
+        raise PrescriptionError(
+            "",
+            "{count} different rates: allowed {most} in a task file of zones",
+            "; .geojson and .shp hold any number",
+            count=len(by_rate),
+            most=MOST_LEVELS,
+        )
     for code, (steps, zones) in enumerate(by_rate.items(), start=FIRST_CODE):
         titles = {zone.title for zone in zones}
         title = name_of(titles.pop()) if len(titles) == 1 else ""
-        element = SubElement(task, "TZN", A=str(code), B=title or f"{steps / MG_M2_PER_KG_HA:g} kg/ha")
+        element = SubElement(
+            task, "TZN", A=str(code), B=title or f"{steps / MG_M2_PER_KG_HA:g} kg/ha"
+        )
         for zone in zones:
             outline(element, zone.rings_deg, "2")
         _variable(element, steps / MG_M2_PER_KG_HA, data)
@@ -119,7 +151,9 @@ def _grid(task: Element, grid: GridDeg, data: MapData) -> bytes:
     few = len(levels) + silent <= MOST_LEVELS
     if few:
         for k, level in enumerate(levels.tolist()):
-            zone = SubElement(task, "TZN", A=str(FIRST_CODE + k), B=f"{level / MG_M2_PER_KG_HA:g} kg/ha")
+            zone = SubElement(
+                task, "TZN", A=str(FIRST_CODE + k), B=f"{level / MG_M2_PER_KG_HA:g} kg/ha"
+            )
             _variable(zone, level / MG_M2_PER_KG_HA, data)
         nothing = FIRST_CODE + len(levels)
         if silent:
@@ -127,31 +161,66 @@ def _grid(task: Element, grid: GridDeg, data: MapData) -> bytes:
         codes = np.where(np.isfinite(steps), FIRST_CODE + np.searchsorted(levels, steps), nothing)
         cells = codes.astype("u1").tobytes()
     else:
-        elsewhere = data.fallbacks.default_kg_ha if data.fields_deg else data.fallbacks.outside_kg_ha
+        elsewhere = (
+            data.fallbacks.default_kg_ha if data.fields_deg else data.fallbacks.outside_kg_ha
+        )
         _variable(SubElement(task, "TZN", A=GRID_CELL, B="cell"), 0.0, data)
-        cells = np.where(np.isfinite(steps), steps, round(elsewhere * MG_M2_PER_KG_HA)).astype("<i4").tobytes()
-    grid_element = SubElement(task, "GRD", A=degrees(grid.south_deg), B=degrees(grid.west_deg),
-                              C=cell_degrees(grid.cell_lat_deg), D=cell_degrees(grid.cell_lon_deg),
-                              E=str(columns), F=str(rows), G="GRD00001", H=str(len(cells)), I="1" if few else "2")
+        cells = (
+            np.where(np.isfinite(steps), steps, round(elsewhere * MG_M2_PER_KG_HA))
+            .astype("<i4")
+            .tobytes()
+        )
+    grid_element = SubElement(
+        task,
+        "GRD",
+        A=degrees(grid.south_deg),
+        B=degrees(grid.west_deg),
+        C=cell_degrees(grid.cell_lat_deg),
+        D=cell_degrees(grid.cell_lon_deg),
+        E=str(columns),
+        F=str(rows),
+        G="GRD00001",
+        H=str(len(cells)),
+        I="1" if few else "2",
+    )
     if not few:
         grid_element.set("J", GRID_CELL)
     return cells
 
 
 def _variable(zone: Element, rate_kg_ha: float, data: MapData) -> None:
-    variable = SubElement(zone, "PDV", A="0006", B=str(round(rate_kg_ha * MG_M2_PER_KG_HA)), E="VPN1")
+    variable = SubElement(
+        zone, "PDV", A="0006", B=str(round(rate_kg_ha * MG_M2_PER_KG_HA)), E="VPN1"
+    )
     if data.product:
         variable.set("C", "PDT1")
 
 
 def _write_geojson(data: MapData, path: Path) -> None:
-    features = [{"type": "Feature", "properties": {"rate_kg_ha": zone.rate_kg_ha, "title": zone.title},
-                 "geometry": {"type": "Polygon", "coordinates": [_closed_lon_lat(r) for r in zone.rings_deg]}}
-                for zone in zones_of(data)]
-    ours = {"format": "topdress-prescription/1", "product": data.product, "fallbacks": data.fallbacks._asdict(),
-            "fields": [[_closed_lon_lat(ring) for ring in rings] for rings in data.fields_deg]}
-    write_atomically(path, json.dumps({"type": "FeatureCollection", "name": data.title, OURS: ours,
-                                       "features": features}, ensure_ascii=False))
+    features = [
+        {
+            "type": "Feature",
+            "properties": {"rate_kg_ha": zone.rate_kg_ha, "title": zone.title},
+            "geometry": {
+                "type": "Polygon",
+                "coordinates": [_closed_lon_lat(r) for r in zone.rings_deg],
+            },
+        }
+        for zone in zones_of(data)
+    ]
+    ours = {
+        "format": "topdress-prescription/1",
+        "product": data.product,
+        "fallbacks": data.fallbacks._asdict(),
+        "fields": [[_closed_lon_lat(ring) for ring in rings] for rings in data.fields_deg],
+    }
+    write_atomically(
+        path,
+        json.dumps(
+            {"type": "FeatureCollection", "name": data.title, OURS: ours, "features": features},
+            ensure_ascii=False,
+        ),
+    )
 
 
 def _write_shapefile(data: MapData, path: Path) -> None:
@@ -172,7 +241,10 @@ def zones_of(data: MapData) -> tuple[Zone, ...]:
     grid = data.grid
     zones = []
     for row, column in np.argwhere(np.isfinite(grid.rate_kg_ha)).tolist():
-        south, west = grid.south_deg + row * grid.cell_lat_deg, grid.west_deg + column * grid.cell_lon_deg
+        south, west = (
+            grid.south_deg + row * grid.cell_lat_deg,
+            grid.west_deg + column * grid.cell_lon_deg,
+        )
         north = grid.south_deg + (row + 1) * grid.cell_lat_deg
         east = grid.west_deg + (column + 1) * grid.cell_lon_deg
         corners = np.array([(south, west), (south, east), (north, east), (north, west)])
@@ -193,4 +265,3 @@ def _oriented(rings: tuple[Floats, ...]) -> list[list[tuple[float, float]]]:
         ordered = corners if clockwise == (k == 0) else corners[::-1]
         found.append([(lon, lat) for lat, lon in ordered.tolist()])
     return found
-

@@ -1,4 +1,6 @@
-"""A made-up job service for the Job screen's pictures and tests: every answer at once, nothing read or written."""
+"""A made-up job service for the Job screen's pictures and tests: every answer at once, nothing
+read or written."""
+
 from __future__ import annotations
 
 import datetime as dt
@@ -32,50 +34,112 @@ from drivers.files.kinds import CROP
 from drivers.files.setup import load_setup
 
 NOMINAL = load_setup("huanghai", "demo", dt.date(2014, 3, 7))
-DURUM = load("osu_durum_2006", CROP).model          # which has nothing to be warned of
-OF_CROP = {"name": "winter wheat", "flag": "", "examples": ("efficiency",), "response_index": "paper",
-           "ndvi_nrich": None, "ndvi_check": None, "max_rate_kg_ha": 500.0, "fallback_rate_kg_ha": 260.0}
+DURUM = load("osu_durum_2006", CROP).model  # which has nothing to be warned of
+OF_CROP = {
+    "name": "winter wheat",
+    "flag": "",
+    "examples": ("efficiency",),
+    "response_index": "paper",
+    "ndvi_nrich": None,
+    "ndvi_check": None,
+    "max_rate_kg_ha": 500.0,
+    "fallback_rate_kg_ha": 260.0,
+}
 OF_JOB = {"title": "Topdressing winter wheat, division 2", "ndvi_nrich": 0.712}
-OF_MACHINE = {"title": "huanghai", "adopted": (Adopted(id="flow.gain", size=3.1, unit="%", data="catch test",
-                                                       date="2026-03-18"),)}
+OF_MACHINE = {
+    "title": "huanghai",
+    "adopted": (Adopted(id="flow.gain", size=3.1, unit="%", data="catch test", date="2026-03-18"),),
+}
 
 
-def facts_of(crop: Mapping[str, object] = {}, job: Mapping[str, object] = {},
-             machine: Mapping[str, object] = {}, **others: Any) -> Facts:
+def facts_of(
+    crop: Mapping[str, object] = {},
+    job: Mapping[str, object] = {},
+    machine: Mapping[str, object] = {},
+    **others: Any,
+) -> Facts:
     """Of a made-up job; what is other in its files, and of what stands next to them."""
-    of_crop, of_job = DURUM.model_copy(update=OF_CROP | crop), NOMINAL.job.model_copy(update=OF_JOB | job)
-    setup = replace(NOMINAL, crop=of_crop, job=of_job, rule=rule_of(of_crop, of_job, 82),
-                    machine=NOMINAL.machine.model_copy(update=OF_MACHINE | machine))
-    return Facts(setup, **{
-        "job_file": "jobs/division-2.yaml", "crop_file": "crops/winter_wheat.yaml",
-        "machine_file": "machines/huanghai-0318.yaml", "field": "division 2", "field_ha": 8.64,
-        "jobs": (File("jobs/division-2.yaml", "division-2"), File("jobs/demo.yaml", "demo")),
-        "crops": (File("crops/winter_wheat.yaml", "winter_wheat"), File("crops/durum.yaml", "durum")),
-        "machines": (File("machines/huanghai-0318.yaml", "huanghai-0318"), File("machines/bench.yaml", "bench")),
-    } | others)
+    of_crop, of_job = (
+        DURUM.model_copy(update=OF_CROP | crop),
+        NOMINAL.job.model_copy(update=OF_JOB | job),
+    )
+    setup = replace(
+        NOMINAL,
+        crop=of_crop,
+        job=of_job,
+        rule=rule_of(of_crop, of_job, 82),
+        machine=NOMINAL.machine.model_copy(update=OF_MACHINE | machine),
+    )
+    return Facts(
+        setup,
+        **{
+            "job_file": "jobs/division-2.yaml",
+            "crop_file": "crops/winter_wheat.yaml",
+            "machine_file": "machines/huanghai-0318.yaml",
+            "field": "division 2",
+            "field_ha": 8.64,
+            "jobs": (File("jobs/division-2.yaml", "division-2"), File("jobs/demo.yaml", "demo")),
+            "crops": (
+                File("crops/winter_wheat.yaml", "winter_wheat"),
+                File("crops/durum.yaml", "durum"),
+            ),
+            "machines": (
+                File("machines/huanghai-0318.yaml", "huanghai-0318"),
+                File("machines/bench.yaml", "bench"),
+            ),
+        }
+        | others,
+    )
 
 
 FACTS = facts_of()
-CUT_OFF = Offer("run.resume.json", "2026-03-18T06:18:00+00:00", "2026-03-18T07:02:00+00:00",
-                "Topdressing winter wheat, division 2", 1.2)
+CUT_OFF = Offer(
+    "run.resume.json",
+    "2026-03-18T06:18:00+00:00",
+    "2026-03-18T07:02:00+00:00",
+    "Topdressing winter wheat, division 2",
+    1.2,
+)
 
 
-MAPS = (MapFile("/media/STICK/north.geojson", "north.geojson", "STICK", "2026-03-17 19:40"),
-        MapFile("/media/STICK/zones.shp", "zones.shp", "STICK", "2026-03-16 08:12"))
+MAPS = (
+    MapFile("/media/STICK/north.geojson", "north.geojson", "STICK", "2026-03-17 19:40"),
+    MapFile("/media/STICK/zones.shp", "zones.shp", "STICK", "2026-03-16 08:12"),
+)
 
 
 RING = ((0.0, 0.0), (60.0, -4.0), (64.0, 40.0), (20.0, 55.0))
 RECENT = (
-    Recent(("jobs/north-40.yaml", "machines/spreader.yaml", "cabs/red.yaml"), "Second dressing", "North 40",
-           "Two-disc spreader", "2026-03-17T13:05:00Z", JobCard("Second dressing", "North 40", "winter_wheat", "", 0.86,
-                                                                 "2026-03-17T15:20:00Z", FieldPicture("", (RING,)))),
-    Recent(("jobs/division-2.yaml", "machines/huanghai.yaml"), "Huanghai, 23 February", "Huanghai, division 2",
-           "Six-outlet fluted-roller applicator", "2026-03-14T06:30:00Z"),
-    Recent(("jobs/river.yaml",), "River field", "River field"))
+    Recent(
+        ("jobs/north-40.yaml", "machines/spreader.yaml", "cabs/red.yaml"),
+        "Second dressing",
+        "North 40",
+        "Two-disc spreader",
+        "2026-03-17T13:05:00Z",
+        JobCard(
+            "Second dressing",
+            "North 40",
+            "winter_wheat",
+            "",
+            0.86,
+            "2026-03-17T15:20:00Z",
+            FieldPicture("", (RING,)),
+        ),
+    ),
+    Recent(
+        ("jobs/division-2.yaml", "machines/huanghai.yaml"),
+        "Huanghai, 23 February",
+        "Huanghai, division 2",
+        "Six-outlet fluted-roller applicator",
+        "2026-03-14T06:30:00Z",
+    ),
+    Recent(("jobs/river.yaml",), "River field", "River field"),
+)
 
 
 class SampleJobService:
-    """Keeps what was asked of it in `asked`. `trouble`: what every answer fails with; `cut_off`: what is offered."""
+    """Keeps what was asked of it in `asked`. `trouble`: what every answer fails with;
+    `cut_off`: what is offered."""
 
     def __init__(self, facts: Facts = FACTS, cut_off: Offer | None = None) -> None:
         self.known, self.cut_off = facts, cut_off
@@ -126,13 +190,30 @@ class SampleJobService:
         self._fail()
         if path.endswith("zones.shp") and not reading.column:
             return MapPreview(path, reading, ("RATE_N", "ZONE"), f"{path}: rate column not chosen")
-        rates = np.array([[200.0 + 40.0 * ((row + column) % 4) for column in range(12)] for row in range(10)],
-                         np.float32)
-        picture = FieldPicture("division 2", (((0.0, 0.0), (120.0, 0.0), (120.0, 100.0), (0.0, 100.0)),), 1.2, 2.4,
-                               Planned(0.0, 0.0, 10.0, rates))
-        return MapPreview(path, reading._replace(column=reading.column or "rate"), ("rate", "zone"), "",
-                          f"{reading.unit or 'kg/ha'} (as the file names no unit)", 1.2, 312.0, (200.0, 320.0), picture,
-                          MapCheck(1.2, 1.2, 0.0, 0.0, 0.0, 0.0, 300.0, 0.3, 6.0, 320.0), "/tmp/kept.geojson")
+        rates = np.array(
+            [[200.0 + 40.0 * ((row + column) % 4) for column in range(12)] for row in range(10)],
+            np.float32,
+        )
+        picture = FieldPicture(
+            "division 2",
+            (((0.0, 0.0), (120.0, 0.0), (120.0, 100.0), (0.0, 100.0)),),
+            1.2,
+            2.4,
+            Planned(0.0, 0.0, 10.0, rates),
+        )
+        return MapPreview(
+            path,
+            reading._replace(column=reading.column or "rate"),
+            ("rate", "zone"),
+            "",
+            f"{reading.unit or 'kg/ha'} (as the file names no unit)",
+            1.2,
+            312.0,
+            (200.0, 320.0),
+            picture,
+            MapCheck(1.2, 1.2, 0.0, 0.0, 0.0, 0.0, 300.0, 0.3, 6.0, 320.0),
+            "/tmp/kept.geojson",
+        )
 
     def take_map(self, preview: MapPreview) -> str:
         self.asked.append(("map", preview.path, *preview.reading))
@@ -150,14 +231,25 @@ class SampleJobService:
         return "jobs/division-2-who.yaml"
 
     def cards(self) -> tuple[tuple[File, JobCard | None], ...]:
-        known = {"division-2": JobCard("Topdressing winter wheat, division 2", "division 2", "winter_wheat",
-                                       "north.geojson", 1.18, "2026-03-18T07:02:00+00:00", FieldPicture("", (RING,)))}
+        known = {
+            "division-2": JobCard(
+                "Topdressing winter wheat, division 2",
+                "division 2",
+                "winter_wheat",
+                "north.geojson",
+                1.18,
+                "2026-03-18T07:02:00+00:00",
+                FieldPicture("", (RING,)),
+            )
+        }
         return tuple((file, known.get(file.label)) for file in self.known.jobs)
 
     async def restart(self, anew: bool = False) -> FrameSource:
         return self._source("restart anew" if anew else "restart")
 
-    def export(self, log_path: str, ending: str, progress: Progress, cancelled: Cancelled) -> tuple[str, ...]:
+    def export(
+        self, log_path: str, ending: str, progress: Progress, cancelled: Cancelled
+    ) -> tuple[str, ...]:
         self.asked.append(("export", log_path, ending))
         self._fail()
         return (f"run-applied{ending}",)

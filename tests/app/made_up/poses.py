@@ -1,4 +1,5 @@
 """Brings the Devices and Calibrate screens to what their pictures show."""
+
 from __future__ import annotations
 
 from dataclasses import replace
@@ -22,8 +23,8 @@ KINDS = ("catch", "lag", "heads", "wheel")
 
 
 def pose(app: TopdressApp, screen: str, frame: Frame) -> Frame:
-    """The frame that the picture's source is to have. screen: devices, calibrate, calibrate-running, calibrate-lag,
-    calibrate-heads, calibrate-wheel."""
+    """The frame that the picture's source is to have. screen: devices, calibrate,
+    calibrate-running, calibrate-lag, calibrate-heads, calibrate-wheel."""
     page = app.page
     if isinstance(page, DevicesScreen):
         page.picked = "board"
@@ -38,7 +39,10 @@ def pose(app: TopdressApp, screen: str, frame: Frame) -> Frame:
         if kind == "running":
             calibration.test.points.pop()
             calibration.test.set(90.0, 50.0)
-            calibration.test.phase, calibration.test.turned = "weigh", Turned(12.4, 18.6, 18.6 * 90.0, 18.6 * 50.0)
+            calibration.test.phase, calibration.test.turned = (
+                "weigh",
+                Turned(12.4, 18.6, 18.6 * 90.0, 18.6 * 50.0),
+            )
             row = frame.row._replace(state="calibrating", shaft_rpm=89.8, opening_mm=50.0)
             return replace(frame, row=row, bench=BenchRun(90.0, 50.0, 12.6, 107.4))
         assert page.service is not None
@@ -46,10 +50,16 @@ def pose(app: TopdressApp, screen: str, frame: Frame) -> Frame:
     elif isinstance(calibration, HeadsCalibration):
         _check_heads(calibration, frame)
     elif isinstance(calibration, WheelCalibration):
-        calibration.run.running, calibration.run.drive = True, WheelDrive(132.4, 133.1, 0.18, 70.2, 4)
+        calibration.run.running, calibration.run.drive = (
+            True,
+            WheelDrive(132.4, 133.1, 0.18, 70.2, 4),
+        )
     else:
-        frame = replace(lag_under_way(many_devices(frame)), bench=BenchRun(40.0, 25.0, 2.1, 117.9),
-                        row=frame.row._replace(state="calibrating", shaft_rpm=39.8))
+        frame = replace(
+            lag_under_way(many_devices(frame)),
+            bench=BenchRun(40.0, 25.0, 2.1, 117.9),
+            row=frame.row._replace(state="calibrating", shaft_rpm=39.8),
+        )
     return frame
 
 
@@ -58,7 +68,9 @@ def _check_heads(calibration: HeadsCalibration, frame: Frame) -> None:
     calibration.check.start(0.0)
     for index in range(int(CHECK_S / 0.2) + 1):
         wave = 0.55 + 0.02 * ((index * 7) % 11 - 5) / 5
-        heads: list[float | None] = [wave + 0.006 * ((index * (3 + n)) % 7 - 3) / 3 for n in range(6)]
+        heads: list[float | None] = [
+            wave + 0.006 * ((index * (3 + n)) % 7 - 3) / 3 for n in range(6)
+        ]
         heads[4] = (heads[4] or 0.0) - 0.05
         heads[2] = heads[2] if index < 20 else None
         calibration.check.see(0.2 * index, heads)

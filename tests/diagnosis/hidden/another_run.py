@@ -1,4 +1,6 @@
-"""Another run of a machine with a term or a column hidden in it: other drive, other canopy, other noise."""
+"""Another run of a machine with a term or a column hidden in it: other drive, other canopy,
+other noise."""
+
 from __future__ import annotations
 
 from typing import Any
@@ -9,14 +11,20 @@ from .programmes import PROGRAMMES, Drive, chosen, drive
 from .terms import ANGLE
 from .truth import Redrive, Redriven
 
-MINUTES = (12.0, 14.0)            # enough to see errors; the size is not estimated here
-LEAST_SPREAD = 0.5                # of each variable, as a share of that in the first run: else the term is not asked
-TURN_SEEN_S = 0.05                # a log with longer rows does not show a turn of the shaft
+# enough to see errors; the size is not estimated here
+MINUTES = (12.0, 14.0)
+# of each variable, as a share of that in the first run: else the term is not asked
+LEAST_SPREAD = 0.5
+# a log with longer rows does not show a turn of the shaft
+TURN_SEEN_S = 0.05
 TRIES = 60
 
 
-def another_run(redriven: Redriven, truth: dict[str, Any], seed: int, elsewhere: bool) -> Redrive | None:
-    """The same machine driven again, on its own programme or (`elsewhere`) on another one of the same half.
+def another_run(
+    redriven: Redriven, truth: dict[str, Any], seed: int, elsewhere: bool
+) -> Redrive | None:
+    """The same machine driven again, on its own programme or (`elsewhere`) on another one of
+    the same half.
 
     None where no programme of the half moves what the term depends on.
     """
@@ -34,7 +42,11 @@ def another_run(redriven: Redriven, truth: dict[str, Any], seed: int, elsewhere:
 def _asks(driven: Drive, term: dict[str, Any]) -> bool:
     """Whether the drive moves the variables of a term; an extra column moves on every drive."""
     for name, spread in zip(term["variables"], term["spread"], strict=True):
-        if name in Drive._fields and name != "time_s" and np.std(getattr(driven, name)) < LEAST_SPREAD * spread:
+        if (
+            name in Drive._fields
+            and name != "time_s"
+            and np.std(getattr(driven, name)) < LEAST_SPREAD * spread
+        ):
             return False
         if name == ANGLE and driven.row_s > TURN_SEEN_S:
             return False
@@ -44,4 +56,5 @@ def _asks(driven: Drive, term: dict[str, Any]) -> bool:
 def _always(driven: Drive) -> Any:
     def change(_: Drive) -> Drive:
         return driven
+
     return change

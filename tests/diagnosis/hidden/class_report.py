@@ -1,4 +1,6 @@
-"""Figures of the examination by classes (classes.py), each on all cases and on each half of the programmes."""
+"""Figures of the examination by classes (classes.py), each on all cases and on each half of the
+programmes."""
+
 from __future__ import annotations
 
 from collections import Counter
@@ -18,7 +20,9 @@ def _in(marks: Marks, *categories: str, z: float = 0.0) -> list[Mark]:
     return [m for m in marks if m.truth["category"] in categories and m.strongest_z >= z]
 
 
-def _share(ask: Callable[[Mark], float | None], *categories: str, z: float = 0.0) -> Callable[[Marks], list[float]]:
+def _share(
+    ask: Callable[[Mark], float | None], *categories: str, z: float = 0.0
+) -> Callable[[Marks], list[float]]:
     return lambda marks: asked(_in(marks, *categories, z=z), ask)
 
 
@@ -28,8 +32,15 @@ def _weak(ask: Callable[[Mark], float | None], *categories: str) -> Callable[[Ma
 
 
 def _alarms(*categories: str, drift: bool | None = None) -> Callable[[Marks], list[float]]:
-    return lambda marks: asked([m for m in _in(marks, *categories) if m.truth["data_kind"] == "run" and
-                                (drift is None or drift == (m.truth["noise"] == "drift"))], lambda m: m.false_alarm)
+    return lambda marks: asked(
+        [
+            m
+            for m in _in(marks, *categories)
+            if m.truth["data_kind"] == "run"
+            and (drift is None or drift == (m.truth["noise"] == "drift"))
+        ],
+        lambda m: m.false_alarm,
+    )
 
 
 def _nothing(marks: Marks) -> list[float]:
@@ -53,73 +64,221 @@ def _sure_and_wrong(m: Mark) -> float:
 
 
 FIGURES = (
-    Figure("\"none\" said where something of z >= 12 is hidden", "<= 1 %", _nothing, lambda x: x <= 0.01),
+    Figure(
+        '"none" said where something of z >= 12 is hidden', "<= 1 %", _nothing, lambda x: x <= 0.01
+    ),
     Figure("causes said with p >= 0.9: right", ">= 90 %", _sure, lambda x: x >= 0.9),
-    Figure("false alarms, healthy, 10 to 50 Hz, no slow drift", "<= 1 %",
-           _alarms("none", "healthy_fast", drift=False), lambda x: x <= 0.01),
-    Figure("false alarms, healthy, 10 to 50 Hz, slow drift", "<= 2 %",
-           _alarms("none", "healthy_fast", drift=True), lambda x: x <= 0.02),
-    Figure("false alarms, healthy, 5 to 0.5 Hz", "<= 2 %", _alarms("healthy_coarse"), lambda x: x <= 0.02),
+    Figure(
+        "false alarms, healthy, 10 to 50 Hz, no slow drift",
+        "<= 1 %",
+        _alarms("none", "healthy_fast", drift=False),
+        lambda x: x <= 0.01,
+    ),
+    Figure(
+        "false alarms, healthy, 10 to 50 Hz, slow drift",
+        "<= 2 %",
+        _alarms("none", "healthy_fast", drift=True),
+        lambda x: x <= 0.02,
+    ),
+    Figure(
+        "false alarms, healthy, 5 to 0.5 Hz",
+        "<= 2 %",
+        _alarms("healthy_coarse"),
+        lambda x: x <= 0.02,
+    ),
     Figure("false alarms, healthy, rows missing", "", _alarms("healthy_sparse"), None),
     Figure("false alarms, healthy, other and louder noise", "", _alarms("healthy_loud"), None),
     Figure("false alarms, healthy, foreign rows and columns", "", _alarms("healthy_foreign"), None),
     Figure("false alarms, healthy, further columns", "", _alarms("healthy_columns"), None),
     Figure("false alarms, healthy, loop trims", "", _alarms("healthy_loop"), None),
-    *(Figure(f"{word}, z >= 12: name right", goal, _share(lambda m: m.exact, c, z=STRONG_Z), good)
-      for word, c, goal, good in (("begins", "onset", ">= 85 %", lambda x: x >= 0.85),
-                                  ("grows", "growth", ">= 85 %", lambda x: x >= 0.85),
-                                  ("begins and ends", "temporary", "", None))),
-    Figure("begins or grows, z >= 12, named: begin within 60 s", "", _share(_near, *BEGINS, z=STRONG_Z), None),
-    Figure("the same, where the data hold the begin to 30 s (1 s.d.)", "", _share(_sharp, *BEGINS, z=STRONG_Z), None),
-    Figure("extra column as cause, z >= 12: right column", ">= 85 %",
-           _share(lambda m: m.right_variable, "column", z=STRONG_Z), lambda x: x >= 0.85),
-    Figure("coarse log, z >= 12: name right", "", _share(lambda m: m.exact, "coarse", z=STRONG_Z), None),
-    Figure("rows missing, z >= 12: name right", "", _share(lambda m: m.exact, "sparse", z=STRONG_Z), None),
-    Figure("foreign rows and columns, z >= 12: name right", "", _share(lambda m: m.exact, "foreign", z=STRONG_Z), None),
-    Figure("other and louder noise, z >= 12: name right", "", _share(lambda m: m.exact, "loud", z=STRONG_Z), None),
-    Figure("loop trims, z >= 12: name right", "", _share(lambda m: m.exact, "loop", z=STRONG_Z), None),
-    Figure("three at once, each z >= 12: all named, nothing else", "", _weak(lambda m: m.exact, "triple"), None),
-    Figure("three at once, any z: all named, nothing else", "", _share(lambda m: m.exact, "triple"), None),
-    Figure("terms, z >= 12: right stage", "", _share(lambda m: m.right_stage, "term", z=STRONG_Z), None),
-    Figure("terms, z >= 12: right variable first", "", _share(lambda m: m.right_variable, "term", z=STRONG_Z), None),
-    Figure("terms, z >= 12: every variable right", "", _share(lambda m: m.all_variables, "term", z=STRONG_Z), None),
-    Figure("terms and extra columns: a name said with p >= 0.9", "",
-           _share(_sure_and_wrong, "term", "column", "outside"), None),
+    *(
+        Figure(f"{word}, z >= 12: name right", goal, _share(lambda m: m.exact, c, z=STRONG_Z), good)
+        for word, c, goal, good in (
+            ("begins", "onset", ">= 85 %", lambda x: x >= 0.85),
+            ("grows", "growth", ">= 85 %", lambda x: x >= 0.85),
+            ("begins and ends", "temporary", "", None),
+        )
+    ),
+    Figure(
+        "begins or grows, z >= 12, named: begin within 60 s",
+        "",
+        _share(_near, *BEGINS, z=STRONG_Z),
+        None,
+    ),
+    Figure(
+        "the same, where the data hold the begin to 30 s (1 s.d.)",
+        "",
+        _share(_sharp, *BEGINS, z=STRONG_Z),
+        None,
+    ),
+    Figure(
+        "extra column as cause, z >= 12: right column",
+        ">= 85 %",
+        _share(lambda m: m.right_variable, "column", z=STRONG_Z),
+        lambda x: x >= 0.85,
+    ),
+    Figure(
+        "coarse log, z >= 12: name right", "", _share(lambda m: m.exact, "coarse", z=STRONG_Z), None
+    ),
+    Figure(
+        "rows missing, z >= 12: name right",
+        "",
+        _share(lambda m: m.exact, "sparse", z=STRONG_Z),
+        None,
+    ),
+    Figure(
+        "foreign rows and columns, z >= 12: name right",
+        "",
+        _share(lambda m: m.exact, "foreign", z=STRONG_Z),
+        None,
+    ),
+    Figure(
+        "other and louder noise, z >= 12: name right",
+        "",
+        _share(lambda m: m.exact, "loud", z=STRONG_Z),
+        None,
+    ),
+    Figure(
+        "loop trims, z >= 12: name right", "", _share(lambda m: m.exact, "loop", z=STRONG_Z), None
+    ),
+    Figure(
+        "three at once, each z >= 12: all named, nothing else",
+        "",
+        _weak(lambda m: m.exact, "triple"),
+        None,
+    ),
+    Figure(
+        "three at once, any z: all named, nothing else",
+        "",
+        _share(lambda m: m.exact, "triple"),
+        None,
+    ),
+    Figure(
+        "terms, z >= 12: right stage", "", _share(lambda m: m.right_stage, "term", z=STRONG_Z), None
+    ),
+    Figure(
+        "terms, z >= 12: right variable first",
+        "",
+        _share(lambda m: m.right_variable, "term", z=STRONG_Z),
+        None,
+    ),
+    Figure(
+        "terms, z >= 12: every variable right",
+        "",
+        _share(lambda m: m.all_variables, "term", z=STRONG_Z),
+        None,
+    ),
+    Figure(
+        "terms and extra columns: a name said with p >= 0.9",
+        "",
+        _share(_sure_and_wrong, "term", "column", "outside"),
+        None,
+    ),
     Figure("answers that broke", "0", lambda ms: asked(ms, lambda m: m.broken), lambda x: x == 0.0),
 )
 
 
 def sections(marks: Marks) -> list[str]:
-    """Markdown lines: the figures, how far a probability can be believed, every class, terms by class, by rate."""
+    """Markdown lines: the figures, how far a probability can be believed, every class, terms by
+    class, by rate."""
     groups = {"all": list(marks)}
-    groups |= {s: some for s in ("tuning", "unseen") if (some := [m for m in marks if m.truth["split"] == s])}
-    out = ["## Classes", "",
-           *table(["figure", "to reach", *groups],
-                  [[f.title, f.goal, *(f.cell(g) for g in groups.values())] for f in FIGURES])]
+    groups |= {
+        s: some
+        for s in ("tuning", "unseen")
+        if (some := [m for m in marks if m.truth["split"] == s])
+    }
+    out = [
+        "## Classes",
+        "",
+        *table(
+            ["figure", "to reach", *groups],
+            [[f.title, f.goal, *(f.cell(g) for g in groups.values())] for f in FIGURES],
+        ),
+    ]
     for word, some in groups.items():
-        out += ["", f"## Classes: causes said, by their probability ({word})", "",
-                *table(["p", "said", "mean p", "right"], _reliability(some))]
-    out += ["", "## Classes: each", "",
-            *table(["class", "cases", "alarm", "name right, z >= 12", "truth among what is said, z >= 12",
-                    "\"none\", z >= 12", "wrong name, p >= 0.9", "begin within 60 s"],
-                   [_row(c, g) for c, g in grouped(marks, lambda m: m.truth["category"]).items()])]
+        out += [
+            "",
+            f"## Classes: causes said, by their probability ({word})",
+            "",
+            *table(["p", "said", "mean p", "right"], _reliability(some)),
+        ]
+    out += [
+        "",
+        "## Classes: each",
+        "",
+        *table(
+            [
+                "class",
+                "cases",
+                "alarm",
+                "name right, z >= 12",
+                "truth among what is said, z >= 12",
+                '"none", z >= 12',
+                "wrong name, p >= 0.9",
+                "begin within 60 s",
+            ],
+            [_row(c, g) for c, g in grouped(marks, lambda m: m.truth["category"]).items()],
+        ),
+    ]
     terms = [m for m in marks if m.truth["outside"] and "class" in m.truth["outside"]]
-    out += ["", "## Classes: terms, z >= 12", "",
-            *table(["class", "cases", "right stage", "right variable", "every variable", "name, p >= 0.9", "said"],
-                   [_term_row(c, [m for m in g if m.z >= STRONG_Z])
-                    for c, g in grouped(terms, lambda m: m.truth["outside"]["class"]).items()])]
+    out += [
+        "",
+        "## Classes: terms, z >= 12",
+        "",
+        *table(
+            [
+                "class",
+                "cases",
+                "right stage",
+                "right variable",
+                "every variable",
+                "name, p >= 0.9",
+                "said",
+            ],
+            [
+                _term_row(c, [m for m in g if m.z >= STRONG_Z])
+                for c, g in grouped(terms, lambda m: m.truth["outside"]["class"]).items()
+            ],
+        ),
+    ]
     slow = [m for m in marks if "hz" in m.truth.get("log", {})]
-    out += ["", "## Classes: by rate of the log", "",
-            *table(["class, rows a second", "false alarms", "name right, z >= 12", "verdicts"],
-                   [[key, share(g, lambda m: m.false_alarm), share([m for m in g if m.z >= STRONG_Z],
-                                                                         lambda m: m.exact), _verdicts(g)]
-                    for key, g in grouped(slow, lambda m: f"{m.truth['category']}, {m.truth['log']['hz']:g}").items()])]
+    out += [
+        "",
+        "## Classes: by rate of the log",
+        "",
+        *table(
+            ["class, rows a second", "false alarms", "name right, z >= 12", "verdicts"],
+            [
+                [
+                    key,
+                    share(g, lambda m: m.false_alarm),
+                    share([m for m in g if m.z >= STRONG_Z], lambda m: m.exact),
+                    _verdicts(g),
+                ]
+                for key, g in grouped(
+                    slow, lambda m: f"{m.truth['category']}, {m.truth['log']['hz']:g}"
+                ).items()
+            ],
+        ),
+    ]
     odd = [m for m in marks if m.truth["category"] in ("foreign", "healthy_foreign")]
-    out += ["", "## Classes: foreign logs", "",
-            *table(["log", "false alarms", "name right, z >= 12", "verdicts"],
-                   [[key, share(g, lambda m: m.false_alarm), share([m for m in g if m.z >= STRONG_Z],
-                                                                         lambda m: m.exact), _verdicts(g)]
-                    for key, g in grouped(odd, _oddity).items()])]
+    out += [
+        "",
+        "## Classes: foreign logs",
+        "",
+        *table(
+            ["log", "false alarms", "name right, z >= 12", "verdicts"],
+            [
+                [
+                    key,
+                    share(g, lambda m: m.false_alarm),
+                    share([m for m in g if m.z >= STRONG_Z], lambda m: m.exact),
+                    _verdicts(g),
+                ]
+                for key, g in grouped(odd, _oddity).items()
+            ],
+        ),
+    ]
     return out
 
 
@@ -134,16 +293,28 @@ def _verdicts(marks: Marks) -> str:
 
 def _row(category: str, marks: Marks) -> list[str]:
     strong = [m for m in marks if m.strongest_z >= STRONG_Z]
-    return [category, str(len(marks)), share(marks, lambda m: m.false_alarm), share(strong, lambda m: m.exact),
-            share(strong, lambda m: m.said_truth), share(strong, lambda m: m.verdict == "none"),
-            share(marks, _sure_and_wrong), share(strong, _near)]
+    return [
+        category,
+        str(len(marks)),
+        share(marks, lambda m: m.false_alarm),
+        share(strong, lambda m: m.exact),
+        share(strong, lambda m: m.said_truth),
+        share(strong, lambda m: m.verdict == "none"),
+        share(marks, _sure_and_wrong),
+        share(strong, _near),
+    ]
 
 
 def _term_row(kind: str, marks: Marks) -> list[str]:
-    return [kind, str(len(marks)), share(marks, lambda m: m.right_stage),
-            share(marks, lambda m: m.right_variable), share(marks, lambda m: m.all_variables),
-            share(marks, _sure_and_wrong),
-            ", ".join(f"{a} {n}" for a, n in Counter(m.answer for m in marks).most_common(3))]
+    return [
+        kind,
+        str(len(marks)),
+        share(marks, lambda m: m.right_stage),
+        share(marks, lambda m: m.right_variable),
+        share(marks, lambda m: m.all_variables),
+        share(marks, _sure_and_wrong),
+        ", ".join(f"{a} {n}" for a, n in Counter(m.answer for m in marks).most_common(3)),
+    ]
 
 
 def _reliability(marks: Marks) -> list[list[str]]:
@@ -152,6 +323,12 @@ def _reliability(marks: Marks) -> list[list[str]]:
     for low, high in pairwise(BINS):
         some = [(p, right) for p, right in said if low <= p < high]
         mean = f"{sum(p for p, _ in some) / len(some):.3f}" if some else "-"
-        rows.append([f"{low:g} to {min(high, 1.0):g}", str(len(some)), mean,
-                     percent(sum(right for _, right in some), len(some))])
+        rows.append(
+            [
+                f"{low:g} to {min(high, 1.0):g}",
+                str(len(some)),
+                mean,
+                percent(sum(right for _, right in some), len(some)),
+            ]
+        )
     return rows

@@ -1,4 +1,5 @@
 """When an effect is there: from the first row to the last, or begun, growing, or gone again."""
+
 from __future__ import annotations
 
 from typing import NamedTuple
@@ -11,16 +12,18 @@ ONSET, GROWTH, TEMPORARY = "onset", "growth", "temporary"
 
 
 class Course(NamedTuple):
-    """Share of the final size over time: 0 before `from_s`; 0 again after `to_s` where that is told.
+    """Share of the final size over time: 0 before `from_s`; 0 again after `to_s` where that is
+    told.
 
     `over_s`: how long it takes to come (and, of a temporary one, to go).
     """
 
-    kind: str                     # onset, growth, temporary
+    kind: str  # onset, growth, temporary
     from_s: float
     over_s: float
     to_s: float | None = None
-    form: int = 0                 # of a growth: straight to the end, straight and level, levelling off, two speeds
+    # of a growth: straight to the end, straight and level, levelling off, two speeds
+    form: int = 0
 
     def at(self, time_s: Floats) -> Floats:
         """0 to 1 at each time (samples,)."""
@@ -29,11 +32,13 @@ class Course(NamedTuple):
             return np.asarray(_grown(np.maximum(since, 0.0), self.form))
         come = np.clip(since, 0.0, 1.0)
         if self.form % 3 == 2:
-            come = 0.5 * (np.floor(1.999 * come) + (come > 0.0))     # in two steps
+            come = 0.5 * (np.floor(1.999 * come) + (come > 0.0))  # in two steps
         come = np.where(time_s >= self.from_s, come, 0.0)
         if self.to_s is None:
             return np.asarray(come)
-        return np.asarray(np.minimum(come, np.clip((self.to_s - time_s) / max(self.over_s, 1e-9), 0.0, 1.0)))
+        return np.asarray(
+            np.minimum(come, np.clip((self.to_s - time_s) / max(self.over_s, 1e-9), 0.0, 1.0))
+        )
 
 
 def _grown(since: Floats, form: int) -> Floats:
@@ -48,7 +53,8 @@ def _grown(since: Floats, form: int) -> Floats:
 
 
 def dealt(kind: str, time_s: Floats, rng: np.random.Generator) -> Course:
-    """A course of one kind, its times and form drawn; begins late enough for a before, early enough for an after."""
+    """A course of one kind, its times and form drawn; begins late enough for a before, early
+    enough for an after."""
     first, length = float(time_s[0]), float(time_s[-1] - time_s[0])
     form = int(rng.integers(12))
     if kind == GROWTH:
@@ -56,6 +62,10 @@ def dealt(kind: str, time_s: Floats, rng: np.random.Generator) -> Course:
         return Course(kind, round(start, 1), round(first + length - start, 1), None, form)
     over = float(rng.choice([0.0, rng.uniform(1.0, 25.0)]))
     if kind == ONSET:
-        return Course(kind, round(first + rng.uniform(0.12, 0.85) * length, 1), round(over, 1), None, form)
+        return Course(
+            kind, round(first + rng.uniform(0.12, 0.85) * length, 1), round(over, 1), None, form
+        )
     start, lasts = first + rng.uniform(0.1, 0.6) * length, rng.uniform(0.08, 0.3) * length
-    return Course(kind, round(start, 1), round(over, 1), round(start + max(lasts, 3.0 * over), 1), form)
+    return Course(
+        kind, round(start, 1), round(over, 1), round(start + max(lasts, 3.0 * over), 1), form
+    )

@@ -1,9 +1,11 @@
 """How visible an effect is: z, and whether another effect leaves the very same trace.
 
-z is the length of the difference that the effect makes in all channels, whitened by the true noise, after the
-machine's tolerances and the unknown scale levels have taken of it what they can under their priors; an effect on what a
-tolerance moves too (a dead time) counts only as far as no tolerated value does the same.
+z is the length of the difference that the effect makes in all channels, whitened by the true
+noise, after the machine's tolerances and the unknown scale levels have taken of it what they
+can under their priors; an effect on what a tolerance moves too (a dead time) counts only as far
+as no tolerated value does the same.
 """
+
 from __future__ import annotations
 
 from collections.abc import Iterable
@@ -24,7 +26,9 @@ Floats = npt.NDArray[np.float64]
 class Eye:
     """Sees differences between simulated readings in units of noise, nuisances taken out."""
 
-    def __init__(self, plant: Plant, noises: dict[str, Noise], around: Physics, log: Logged | None = None) -> None:
+    def __init__(
+        self, plant: Plant, noises: dict[str, Noise], around: Physics, log: Logged | None = None
+    ) -> None:
         self.plant, self.noises = plant, noises
         self.around = around
         self.log = log or Logged()
@@ -38,11 +42,22 @@ class Eye:
     def _nuisances(self) -> Floats:
         """One whitened row per nuisance and prior s.d."""
         p = self.around
-        changed = [p._replace(**{name: getattr(p, name) + sd}) for name, sd in nom.TOLERANCE.items()]
-        heads = [p._replace(heads_ratio=tuple(r + nom.HEAD_TOLERANCE * (i == m) for i, r in enumerate(p.heads_ratio)))
-                 for m in range(nom.HEADS)]
-        refill = [p._replace(level_kg=(p.level_kg[0], p.level_kg[1] + nom.LEVEL_TOLERANCE_KG[1]))] \
-            if self.plant.drive.refill_kg else []
+        changed = [
+            p._replace(**{name: getattr(p, name) + sd}) for name, sd in nom.TOLERANCE.items()
+        ]
+        heads = [
+            p._replace(
+                heads_ratio=tuple(
+                    r + nom.HEAD_TOLERANCE * (i == m) for i, r in enumerate(p.heads_ratio)
+                )
+            )
+            for m in range(nom.HEADS)
+        ]
+        refill = (
+            [p._replace(level_kg=(p.level_kg[0], p.level_kg[1] + nom.LEVEL_TOLERANCE_KG[1]))]
+            if self.plant.drive.refill_kg
+            else []
+        )
         rows = [self.whitened(self.plant.run(q)) for q in (*changed, *heads, *refill)]
         level = {k: np.zeros_like(v) for k, v in self.base.items()}
         level["scale"] = np.full_like(level["scale"], nom.LEVEL_TOLERANCE_KG[0])
@@ -50,7 +65,8 @@ class Eye:
         return np.array(rows)
 
     def whitened(self, readings: dict[str, Floats], is_difference: bool = False) -> Floats:
-        """All channels of a difference to the base, whitened, one after another (samples of all channels,)."""
+        """All channels of a difference to the base, whitened, one after another (samples of all
+        channels,)."""
         d = readings if is_difference else {k: readings[k] - self.base[k] for k in READINGS}
         t = self.plant.drive.time_s
         parts = []
@@ -62,13 +78,17 @@ class Eye:
         gnss, wheel = self.noises["gnss"], self.noises["wheel"]
         at = self.log.seen(fresh_samples(t.size, gnss), gnss.fresh_rows, "speed")
         # The ground speed itself is unknown: wheel minus GNSS.
-        both = gnss._replace(sd=float(np.hypot(gnss.sd, wheel.sd)), step=float(np.hypot(gnss.step, wheel.step)),
-                             slow_sd=float(np.hypot(gnss.slow_sd, wheel.slow_sd)))
+        both = gnss._replace(
+            sd=float(np.hypot(gnss.sd, wheel.sd)),
+            step=float(np.hypot(gnss.step, wheel.step)),
+            slow_sd=float(np.hypot(gnss.slow_sd, wheel.slow_sd)),
+        )
         parts.append(self._white((d["wheel"] - d["gnss"])[None, at], t[at], both))
         n = self.noises["heads"]
         at = self.log.seen(fresh_samples(t.size, n), n.fresh_rows, "heads")
         heads = d["heads"][:, at]
-        parts.append(self._white(heads - heads.mean(axis=0), t[at], n))     # the canopy itself is unknown
+        # the canopy itself is unknown
+        parts.append(self._white(heads - heads.mean(axis=0), t[at], n))
         return np.concatenate(parts)
 
     def _white(self, signals: Floats, time_s: Floats, n: Noise) -> Floats:
@@ -77,7 +97,8 @@ class Eye:
         return n.whitened(signals, time_s).ravel()
 
     def trace(self, effects: Iterable[Effect], beside: Iterable[Effect] = ()) -> Floats:
-        """Whitened difference that `effects` make (in a machine that has `beside` already), before projection."""
+        """Whitened difference that `effects` make (in a machine that has `beside` already),
+        before projection."""
         beside = tuple(beside)
         if not beside:
             return self.whitened(self.plant.run(self.around, effects))
@@ -109,9 +130,11 @@ class Eye:
         return float(np.sqrt(max(0.0, found)))
 
     def _beyond_twin(self, e: Effect, d: Floats, beside: tuple[Effect, ...]) -> float:
-        """Squared z of an effect that moves what a tolerance moves too, the tolerance moved as far as pays.
+        """Squared z of an effect that moves what a tolerance moves too, the tolerance moved as
+        far as pays.
 
-        A delay or a slew shorter than a row has kinks: the slope of the tolerance at nominal is no straight line to it.
+        A delay or a slew shorter than a row has kinks: the slope of the tolerance at nominal is
+        no straight line to it.
         """
         if e.id not in nom.TWINS:
             return np.inf
@@ -121,7 +144,9 @@ class Eye:
             moved = share * per_size * e.size
             other = self.around._replace(**{name: getattr(self.around, name) + moved})
             with_it, without = self.plant.run(other, beside), self.plant.run(self.around, beside)
-            rest = d - self.whitened({k: with_it[k] - without[k] for k in READINGS}, is_difference=True)
+            rest = d - self.whitened(
+                {k: with_it[k] - without[k] for k in READINGS}, is_difference=True
+            )
             found = min(found, self.inner(rest, rest) + (moved / nom.TOLERANCE[name]) ** 2)
         return found
 

@@ -1,4 +1,6 @@
-"""Columns beyond the standard ones: what a tractor's bus tells besides. At most one of them is to blame."""
+"""Columns beyond the standard ones: what a tractor's bus tells besides. At most one of them is
+to blame."""
+
 from __future__ import annotations
 
 from typing import NamedTuple
@@ -12,7 +14,8 @@ Floats = npt.NDArray[np.float64]
 
 
 class Column(NamedTuple):
-    """Usual middle and spread of a column, its resolution, and the stages (terms.STAGES) that it could well drive."""
+    """Usual middle and spread of a column, its resolution, and the stages (terms.STAGES) that
+    it could well drive."""
 
     middle: float
     spread: float
@@ -43,7 +46,8 @@ KNOWN: dict[str, Column] = {
     "can_bus_load_percent": Column(31.0, 4.0, 0.1),
 }
 LIKE = ("wander", "gusts", "held", "place", "speed", "time", "noise")
-_DRIVING = ("wander", "gusts", "held", "place")           # those of a cause: not just the clock, nor another column
+# those of a cause: not just the clock, nor another column
+_DRIVING = ("wander", "gusts", "held", "place")
 
 
 class Extra(NamedTuple):
@@ -59,9 +63,13 @@ def dealt(drive: Drive, count: int, rng: np.random.Generator, cause: bool) -> li
     """`count` columns; with `cause` the first of them is one that could drive a stage."""
     able = [n for n, c in KNOWN.items() if c.drives]
     first = [str(rng.choice(able))] if cause else []
-    names = [*first, *(str(n) for n in rng.permutation([n for n in KNOWN if n not in first]))][:count]
-    return [_column(n, drive, rng, str(rng.choice(_DRIVING if cause and k == 0 else LIKE)))
-            for k, n in enumerate(names)]
+    names = [*first, *(str(n) for n in rng.permutation([n for n in KNOWN if n not in first]))][
+        :count
+    ]
+    return [
+        _column(n, drive, rng, str(rng.choice(_DRIVING if cause and k == 0 else LIKE)))
+        for k, n in enumerate(names)
+    ]
 
 
 def again(one: Extra, drive: Drive, rng: np.random.Generator) -> Extra:
@@ -72,7 +80,8 @@ def again(one: Extra, drive: Drive, rng: np.random.Generator) -> Extra:
 def _column(name: str, drive: Drive, rng: np.random.Generator, like: str) -> Extra:
     known, t = KNOWN[name], drive.time_s
     true = known.middle + known.spread * _unit(like, drive, rng)
-    every = max(1, round(float(rng.choice([0.0, 0.1, 1.0])) / drive.row_s))          # a bus tells it now and then
+    # a bus tells it now and then
+    every = max(1, round(float(rng.choice([0.0, 0.1, 1.0])) / drive.row_s))
     rows = np.arange(t.size) // every * every
     noisy = true[rows] + 0.03 * known.spread * rng.normal(size=t.size)[rows]
     return Extra(name, like, true, np.round(np.round(noisy / known.step) * known.step, 4))
@@ -101,7 +110,8 @@ def _unit(like: str, d: Drive, rng: np.random.Generator) -> Floats:
 
 
 def _wander(at: Floats, correlation: float, rng: np.random.Generator) -> Floats:
-    """Smooth random values over `at` (seconds or metres): knots every `correlation`, half-cosines between them."""
+    """Smooth random values over `at` (seconds or metres): knots every `correlation`,
+    half-cosines between them."""
     x = (at - at[0]) / correlation
     knots = rng.normal(size=int(x[-1]) + 3)
     k = x.astype(int)

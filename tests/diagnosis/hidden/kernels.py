@@ -1,5 +1,7 @@
-"""The recursions of the generator that no array expression does. Compiled, because a run has a million steps; not kept
-on disk, where they would be known by one name of this module, and tests and benchmarks import it by two."""
+"""The recursions of the generator that no array expression does. Compiled, because a run has a
+million steps; not kept on disk, where they would be known by one name of this module, and tests
+and benchmarks import it by two."""
+
 from __future__ import annotations
 
 import numba
@@ -11,7 +13,8 @@ Floats = npt.NDArray[np.float64]
 
 @numba.njit
 def chase(wanted: Floats, tau_s: Floats, most_per_s: float, dt_s: float, start: float) -> Floats:
-    """First-order approach to `wanted` (steps,), each step exact for a constant input, its speed bounded."""
+    """First-order approach to `wanted` (steps,), each step exact for a constant input, its
+    speed bounded."""
     out = np.empty_like(wanted)
     x = start
     for k in range(wanted.size):
@@ -24,7 +27,8 @@ def chase(wanted: Floats, tau_s: Floats, most_per_s: float, dt_s: float, start: 
 
 @numba.njit
 def drag(leader: Floats, half_play: Floats, start: float) -> Floats:
-    """What a leader (steps,) drags along through a play of twice `half_play` (steps,), in the leader's unit."""
+    """What a leader (steps,) drags along through a play of twice `half_play` (steps,), in the
+    leader's unit."""
     out = np.empty_like(leader)
     x = start
     for k in range(leader.size):
@@ -46,12 +50,20 @@ def slew(wanted: Floats, most_per_s: Floats, dt_s: float, start: float) -> Float
 
 
 @numba.njit
-def whiten(signals: Floats, time_s: Floats, fast_var: float, fast_s: float, slow_var: float, slow_s: float,
-           white_var: float) -> Floats:
-    """Standardised innovations of `signals` (columns, samples) under fast AR(1) + slow AR(1) + white noise.
+def whiten(
+    signals: Floats,
+    time_s: Floats,
+    fast_var: float,
+    fast_s: float,
+    slow_var: float,
+    slow_s: float,
+    white_var: float,
+) -> Floats:
+    """Standardised innovations of `signals` (columns, samples) under fast AR(1) + slow AR(1) +
+    white noise.
 
-    One Kalman filter with states (fast, slow) serves all columns, for its gains do not depend on the data.
-    Uneven times are exact: both components are processes in continuous time.
+    One Kalman filter with states (fast, slow) serves all columns, for its gains do not depend
+    on the data. Uneven times are exact: both components are processes in continuous time.
     """
     columns, count = signals.shape
     out = np.empty_like(signals)

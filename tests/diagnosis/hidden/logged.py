@@ -1,7 +1,10 @@
-"""What of a run gets into its log: rows left out, columns left out, cells left empty, other row conventions.
+"""What of a run gets into its log: rows left out, columns left out, cells left empty, other row
+conventions.
 
-The run is simulated finely whatever is logged, so commands between two rows of a coarse log are lost.
+The run is simulated finely whatever is logged, so commands between two rows of a coarse log are
+lost.
 """
+
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
@@ -32,18 +35,26 @@ LACKS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "gate_only": ((), ("shaft", "scale", "speed", "heads")),
     "speed_only": ((), ("shaft", "gate", "scale", "heads")),
 }
-KEPT_ALONE = {"shaft_only": ("time_s", "shaft_rpm_cmd", "shaft_rpm", "supply_v"),
-              "gate_only": ("time_s", "opening_mm_cmd", "opening_mm"),
-              "speed_only": ("time_s", "speed_mps", "wheel_speed_mps", "pitch_deg")}
+KEPT_ALONE = {
+    "shaft_only": ("time_s", "shaft_rpm_cmd", "shaft_rpm", "supply_v"),
+    "gate_only": ("time_s", "opening_mm_cmd", "opening_mm"),
+    "speed_only": ("time_s", "speed_mps", "wheel_speed_mps", "pitch_deg"),
+}
 CONVENTIONS = ("same_row", "in_force", "row_later")
 ANSWERS = ("shaft_rpm", "opening_mm", "applied_rate_kg_ha")
 COMMANDS = ("shaft_rpm_cmd", "opening_mm_cmd", "target_rate_kg_ha")
-_PATCHY = {"shaft": ("shaft_rpm",), "gate": ("opening_mm",), "scale": ("hopper_kg",), "speed": ("wheel_speed_mps",),
-           "": ("supply_v", "pitch_deg")}
+_PATCHY = {
+    "shaft": ("shaft_rpm",),
+    "gate": ("opening_mm",),
+    "scale": ("hopper_kg",),
+    "speed": ("wheel_speed_mps",),
+    "": ("supply_v", "pitch_deg"),
+}
 
 
 class Logged(NamedTuple):
-    """`rows`: which rows are written (None: all). `absent`: sensors whose columns are not. `empty`: cells that are."""
+    """`rows`: which rows are written (None: all). `absent`: sensors whose columns are not.
+    `empty`: cells that are."""
 
     rows: Rows | None = None
     absent: tuple[str, ...] = ()
@@ -58,18 +69,25 @@ class Logged(NamedTuple):
         return fresh if sensor not in self.empty else fresh[~self.empty[sensor][fresh]]
 
     def doubt(self, plant: Plant, around: Physics, base: Mapping[str, Floats]) -> dict[str, Floats]:
-        """How far a prediction from the log's commands may be off (rows,), by sensor: it counts as further noise.
+        """How far a prediction from the log's commands may be off (rows,), by sensor: it counts
+        as further noise.
 
         Between rows a command is taken as held, or as straight, whichever happens to be nearer.
         """
         if self.rows is None:
             return {}
         d, rows = plant.drive, self.rows
-        last = rows[np.maximum(np.searchsorted(rows, np.arange(d.time_s.size), side="right") - 1, 0)]
+        last = rows[
+            np.maximum(np.searchsorted(rows, np.arange(d.time_s.size), side="right") - 1, 0)
+        ]
         ways = []
         for way in (lambda x: x[last], lambda x: np.interp(d.time_s, d.time_s[rows], x[rows])):
-            known = type(plant)(d._replace(shaft_rpm_cmd=way(d.shaft_rpm_cmd), opening_mm_cmd=way(d.opening_mm_cmd)),
-                                plant.columns).run(around)
+            known = type(plant)(
+                d._replace(
+                    shaft_rpm_cmd=way(d.shaft_rpm_cmd), opening_mm_cmd=way(d.opening_mm_cmd)
+                ),
+                plant.columns,
+            ).run(around)
             ways.append(known)
         out = {k: np.min([np.abs(w[k] - base[k]) for w in ways], axis=0) for k in ("shaft", "gate")}
         flow = np.interp(d.time_s, d.time_s[rows], (base["true_shaft"] * base["true_gate"])[rows])
@@ -97,21 +115,24 @@ def thinned(rows: Rows, step_s: float, rng: np.random.Generator) -> tuple[Rows, 
         while lost < share:
             length = max(1, int(rng.uniform(0.5, 40.0) / step_s))
             at = int(rng.integers(rows.size))
-            keep[at:at + length] = False
+            keep[at : at + length] = False
             lost += length
     keep[0] = keep[-1] = True
     return rows[keep], how
 
 
-def patches(count: int, rng: np.random.Generator) -> tuple[dict[str, npt.NDArray[np.bool_]], list[str]]:
-    """Empty cells by sensor (rows,), and which columns they are in ("" as sensor: a column that is only a cause)."""
+def patches(
+    count: int, rng: np.random.Generator
+) -> tuple[dict[str, npt.NDArray[np.bool_]], list[str]]:
+    """Empty cells by sensor (rows,), and which columns they are in ("" as sensor: a column that
+    is only a cause)."""
     sensors = [str(s) for s in rng.choice(list(_PATCHY), int(rng.integers(1, 4)), replace=False)]
     empty = {}
     for sensor in sensors:
         gone = np.zeros(count, bool)
         for _ in range(int(rng.integers(1, 6))):
             at = int(rng.integers(count))
-            gone[at:at + int(rng.uniform(0.02, 0.2) * count)] = True
+            gone[at : at + int(rng.uniform(0.02, 0.2) * count)] = True
         empty[sensor] = gone
     return empty, [c for s in sensors for c in _PATCHY[s]]
 
@@ -129,12 +150,14 @@ def written(columns: Columns, logged: Logged, lacks: str = "", convention: str =
             out[name] = np.where(gone[rows], np.nan, out[name])
     if lacks in KEPT_ALONE:
         return {name: out[name] for name in KEPT_ALONE[lacks]}
-    return {name: column for name, column in out.items() if not lacks or name not in LACKS[lacks][0]}
+    return {
+        name: column for name, column in out.items() if not lacks or name not in LACKS[lacks][0]
+    }
 
 
 def _rewrite(out: Columns, columns: Columns, rows: Rows, convention: str) -> None:
-    """The logs of others: what answers a row's command stands in the same row, or a row later than it was measured;
-    or a row holds the command under which it was measured."""
+    """The logs of others: what answers a row's command stands in the same row, or a row later
+    than it was measured; or a row holds the command under which it was measured."""
     if convention == "same_row":
         ends = np.r_[rows[1:] - 1, rows[-1]]
         for name in ANSWERS:
@@ -144,7 +167,8 @@ def _rewrite(out: Columns, columns: Columns, rows: Rows, convention: str) -> Non
 
 
 def _moved(events: npt.NDArray[Any], rows: Rows) -> npt.NDArray[Any]:
-    """Texts (all rows,) on the rows that are written: an event between two rows is told in the next."""
+    """Texts (all rows,) on the rows that are written: an event between two rows is told in the
+    next."""
     out = events[rows].copy()
     for k in np.flatnonzero(events != ""):
         at = int(np.searchsorted(rows, k))
@@ -154,7 +178,8 @@ def _moved(events: npt.NDArray[Any], rows: Rows) -> npt.NDArray[Any]:
 
 
 def judged(lacks: str, ids: Sequence[str], needs: Mapping[str, tuple[str, ...]]) -> list[str]:
-    """Of `ids` those that can be told without what the log lacks. `needs`: id -> sensors and columns it is told by."""
+    """Of `ids` those that can be told without what the log lacks. `needs`: id -> sensors and
+    columns it is told by."""
     if not lacks:
         return list(ids)
     gone = {*LACKS[lacks][1], *LACKS[lacks][0]}

@@ -1,4 +1,5 @@
 """Short runs that an operator drives at the end of a day because a diagnosis asked for one."""
+
 from __future__ import annotations
 
 from collections.abc import Callable
@@ -10,9 +11,17 @@ from . import nominal as nom
 from .programmes import Drive
 
 Floats = npt.NDArray[np.float64]
-WORDS = {"Shaft staircase": "stairs", "Opening staircase": "openings", "slope": "slope", "ground speeds": "two_speeds",
-         "shaft stopped every second": "out_of_work", "Stand still": "standing", "fill up": "refill"}
-SPARE_KG = 90.0                   # must be left in the hopper when the manoeuvre begins
+WORDS = {
+    "Shaft staircase": "stairs",
+    "Opening staircase": "openings",
+    "slope": "slope",
+    "ground speeds": "two_speeds",
+    "shaft stopped every second": "out_of_work",
+    "Stand still": "standing",
+    "fill up": "refill",
+}
+# must be left in the hopper when the manoeuvre begins
+SPARE_KG = 90.0
 REFILL_KG = 150.0
 PER_KG_S = nom.FLOW_G_PER_REV_MM / 60_000.0
 
@@ -23,14 +32,22 @@ def asked_for(plan: str) -> str | None:
 
 
 def driven_too(name: str) -> Callable[[Drive], Drive]:
-    """Drives the manoeuvre after the rest of the run, which ends earlier where the hopper would not last."""
+    """Drives the manoeuvre after the rest of the run, which ends earlier where the hopper would
+    not last."""
     return lambda drive: _joined(_with_spare(drive), name)
 
 
 def _with_spare(d: Drive) -> Drive:
-    level = d.start_kg - np.cumsum(PER_KG_S * d.shaft_rpm_cmd * d.opening_mm_cmd - d.refill_kg_s) * d.row_s
+    level = (
+        d.start_kg
+        - np.cumsum(PER_KG_S * d.shaft_rpm_cmd * d.opening_mm_cmd - d.refill_kg_s) * d.row_s
+    )
     low = np.flatnonzero(level < SPARE_KG)
-    keep = int(low[0]) if low.size and (d.refill_row is None or low[0] > d.refill_row + 400) else d.time_s.size
+    keep = (
+        int(low[0])
+        if low.size and (d.refill_row is None or low[0] > d.refill_row + 400)
+        else d.time_s.size
+    )
     return d._replace(**{k: v[:keep] for k, v in d._asdict().items() if isinstance(v, np.ndarray)})
 
 
@@ -62,13 +79,29 @@ def _joined(d: Drive, name: str) -> Drive:
         pour[inside] = REFILL_KG / (inside.sum() * d.row_s)
         row, kg = int(d.time_s.size + np.flatnonzero(inside)[-1] + 2.0 / d.row_s), REFILL_KG
     shaft = np.where(working, shaft, 0.0)
-    rate = np.where(working, PER_KG_S * shaft * opening * 1e4 / nom.WIDTH_M / np.maximum(speed, 0.4), 0.0)
-    more = {"time_s": d.time_s[-1] + d.row_s + t, "working": working, "speed_mps": _eased(speed, d.row_s),
-            "heading_deg": d.heading_deg[-1] * n, "pitch_deg": pitch, "roll_deg": 0.5 * np.sin(t / 11.0),
-            "supply_v": supply, "rate_kg_ha": rate, "shaft_rpm_cmd": shaft, "opening_mm_cmd": opening,
-            "speed_first": n < 0, "ndvi": 0.5 + 0.05 * np.sin(t / 23.0), "refill_kg_s": pour}
-    return d._replace(refill_row=row, refill_kg=kg,
-                      **{k: np.concatenate((getattr(d, k), v)) for k, v in more.items()})
+    rate = np.where(
+        working, PER_KG_S * shaft * opening * 1e4 / nom.WIDTH_M / np.maximum(speed, 0.4), 0.0
+    )
+    more = {
+        "time_s": d.time_s[-1] + d.row_s + t,
+        "working": working,
+        "speed_mps": _eased(speed, d.row_s),
+        "heading_deg": d.heading_deg[-1] * n,
+        "pitch_deg": pitch,
+        "roll_deg": 0.5 * np.sin(t / 11.0),
+        "supply_v": supply,
+        "rate_kg_ha": rate,
+        "shaft_rpm_cmd": shaft,
+        "opening_mm_cmd": opening,
+        "speed_first": n < 0,
+        "ndvi": 0.5 + 0.05 * np.sin(t / 23.0),
+        "refill_kg_s": pour,
+    }
+    return d._replace(
+        refill_row=row,
+        refill_kg=kg,
+        **{k: np.concatenate((getattr(d, k), v)) for k, v in more.items()},
+    )
 
 
 def _eased(speed: Floats, row_s: float) -> Floats:

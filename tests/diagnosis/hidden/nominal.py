@@ -1,7 +1,10 @@
-"""The figures of the nominal machine, its noise and its tolerances, written down a second time on purpose.
+"""The figures of the nominal machine, its noise and its tolerances, written down a second time
+on purpose.
 
-Source: the published machine description (machine file and catalogue of effects), not the program's code.
+Source: the published machine description (machine file and catalogue of effects), not the
+program's code.
 """
+
 from __future__ import annotations
 
 from typing import NamedTuple
@@ -25,7 +28,8 @@ RESPONSE_S = 0.383
 
 
 class Physics(NamedTuple):
-    """What a machine of this type really is, once it has been built: nominal values and their scatter."""
+    """What a machine of this type really is, once it has been built: nominal values and their
+    scatter."""
 
     shaft_ratio: float = 1.0
     shaft_dead_s: float = 0.373
@@ -36,27 +40,42 @@ class Physics(NamedTuple):
     flow_ratio: float = 1.0
     wheel_ratio: float = 1.0
     heads_ratio: tuple[float, ...] = (1.0,) * HEADS
-    level_kg: tuple[float, ...] = (0.0, 0.0)      # reading's unknown level at the start, and error of the refill's kg
+    # reading's unknown level at the start, and error of the refill's kg
+    level_kg: tuple[float, ...] = (0.0, 0.0)
 
 
-TOLERANCE = {"shaft_ratio": 0.0005, "shaft_dead_s": 0.010, "shaft_tau_s": 0.015, "gate_dead_s": 0.010,
-             "gate_slew_mm_s": 0.6, "opening_off_mm": 0.01, "flow_ratio": 0.001, "wheel_ratio": 0.0005}
+TOLERANCE = {
+    "shaft_ratio": 0.0005,
+    "shaft_dead_s": 0.010,
+    "shaft_tau_s": 0.015,
+    "gate_dead_s": 0.010,
+    "gate_slew_mm_s": 0.6,
+    "opening_off_mm": 0.01,
+    "flow_ratio": 0.001,
+    "wheel_ratio": 0.0005,
+}
 # Effects that move what a tolerance moves too: the value, and by how much for one unit of the size.
-TWINS = {"shaft.dead_time": ("shaft_dead_s", 1.0), "shaft.slow": ("shaft_tau_s", 1.0),
-         "gate.slow": ("gate_slew_mm_s", -1.0), "gate.home_error": ("opening_off_mm", 1.0)}
+TWINS = {
+    "shaft.dead_time": ("shaft_dead_s", 1.0),
+    "shaft.slow": ("shaft_tau_s", 1.0),
+    "gate.slow": ("gate_slew_mm_s", -1.0),
+    "gate.home_error": ("opening_off_mm", 1.0),
+}
 HEAD_TOLERANCE = 0.001
 LEVEL_TOLERANCE_KG = (50.0, 0.05)
 
 
 class Kind(NamedTuple):
-    """How the generator treats one id: sign of its size, first guess, largest size, unit, where it shows."""
+    """How the generator treats one id: sign of its size, first guess, largest size, unit, where
+    it shows."""
 
-    sign: int                     # +1: only positive, 0: either sign
+    sign: int  # +1: only positive, 0: either sign
     guess: float
     most: float
     unit: str
     seen: tuple[str, ...]
-    by_z: bool = True             # False: the size is drawn from [guess, most], its z is what comes out
+    # False: the size is drawn from [guess, most], its z is what comes out
+    by_z: bool = True
 
 
 IDS: dict[str, Kind] = {
@@ -64,14 +83,17 @@ IDS: dict[str, Kind] = {
     "shaft.slow": Kind(1, 0.04, 1.0, "s", ("run",)),
     "shaft.dead_time": Kind(1, 0.03, 1.0, "s", ("run", "lag")),
     "shaft.dead_band": Kind(1, 12.0, 24.0, "r/min", ("run",), by_z=False),
-    # None of the examined machine, which holds its speed by an encoder and turns one way: tests/diagnosis has others.
+    # None of the examined machine, which holds its speed by an encoder and turns one way:
+    # tests/diagnosis has others.
     "shaft.dead_zone": Kind(1, 1.0, 40.0, "r/min", ()),
     "shaft.saturation": Kind(1, 2.0, 60.0, "%", ()),
-    "shaft.neutral": Kind(0, 1.0, 60.0, "r/min", ()),       # tests/diagnosis/test_planted_drives.py
+    # tests/diagnosis/test_planted_drives.py
+    "shaft.neutral": Kind(0, 1.0, 60.0, "r/min", ()),
     "shaft.back_gain": Kind(0, 0.2, 30.0, "%", ()),
     "shaft.back_zone": Kind(0, 1.0, 40.0, "r/min", ()),
-    "shaft.second_order": Kind(1, 0.02, 1.0, "s", ()),      # tests/diagnosis/test_second_order.py
-    "shaft.ramp": Kind(1, 0.1, 10.0, "s", ()),              # tests/diagnosis/test_planted_drives.py
+    # tests/diagnosis/test_second_order.py
+    "shaft.second_order": Kind(1, 0.02, 1.0, "s", ()),
+    "shaft.ramp": Kind(1, 0.1, 10.0, "s", ()),  # tests/diagnosis/test_planted_drives.py
     "shaft.voltage_sag": Kind(1, 0.2, 10.0, "%/V", ("run",)),
     "shaft.load_droop": Kind(1, 0.5, 30.0, "%", ("run",)),
     "shaft.coarse_encoder": Kind(1, 0.8, 6.0, "r/min", ("run",), by_z=False),
@@ -112,9 +134,18 @@ IDS: dict[str, Kind] = {
     "lag.speed_scale": Kind(0, 1.0, 30.0, "%", ("lag",)),
     "place.lever_arm": Kind(0, 0.05, 3.0, "m", ("place",)),
     "place.latency": Kind(0, 0.05, 2.0, "s", ("place",)),
-    # How hard the drives work: a generator of its own, tests/diagnosis/hidden/effort.py, so that the timetable stays.
-    **{name: Kind(0, 5.0, 200.0, "%", ()) for name in (
-        "effort.friction", "effort.drag", "effort.load", "effort.gate_friction", "effort.gate_drag")},
+    # How hard the drives work: a generator of its own, tests/diagnosis/hidden/effort.py, so
+    # that the timetable stays.
+    **{
+        name: Kind(0, 5.0, 200.0, "%", ())
+        for name in (
+            "effort.friction",
+            "effort.drag",
+            "effort.load",
+            "effort.gate_friction",
+            "effort.gate_drag",
+        )
+    },
 }
 
 # Effects that no catalogue holds: channel they are born in, variables an answer may rightly name.
@@ -146,14 +177,16 @@ OUTSIDE_TABLES: dict[str, tuple[str, tuple[str, ...], float, tuple[str, ...]]] =
 
 
 class Effect(NamedTuple):
-    """One thing hidden in a machine. `form` picks one of several mathematical shapes, `knob` bends it (0 to 1)."""
+    """One thing hidden in a machine. `form` picks one of several mathematical shapes, `knob`
+    bends it (0 to 1)."""
 
     id: str
     size: float
     form: int = 0
     knob: float = 0.5
     onset_s: float | None = None
-    member: int | None = None     # 1-based
-    seed: int = 0                 # of whatever is random in it
-    course: Course | None = None  # over time; None: the form's own, from the first row on
-    term: Term | None = None      # of an id `y.*`: the dependence
+    member: int | None = None  # 1-based
+    seed: int = 0  # of whatever is random in it
+    # over time; None: the form's own, from the first row on
+    course: Course | None = None
+    term: Term | None = None  # of an id `y.*`: the dependence

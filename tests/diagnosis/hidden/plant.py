@@ -1,7 +1,10 @@
-"""A machine at work, stage after stage on a step of about 3 ms: what each sensor would say if it had no noise.
+"""A machine at work, stage after stage on a step of about 3 ms: what each sensor would say if
+it had no noise.
 
-Written from the published description of the machine, with mathematical forms of its own (see shapes.py).
+Written from the published description of the machine, with mathematical forms of its own (see
+shapes.py).
 """
+
 from __future__ import annotations
 
 from collections.abc import Iterable
@@ -24,7 +27,8 @@ _SHAFT = ("shaft.", "x.shaft", "t.shaft", "y.shaft")
 
 
 class Plant:
-    """Simulates one drive under any physics and effects; remembers gate and shaft, which most effects leave alone."""
+    """Simulates one drive under any physics and effects; remembers gate and shaft, which most
+    effects leave alone."""
 
     def __init__(self, drive: Drive, columns: dict[str, Floats] | None = None) -> None:
         """`columns`: further variables (rows,) that a term may depend on."""
@@ -36,31 +40,42 @@ class Plant:
         self._kept: dict[Any, Any] = {}
 
     def run(self, physics: Physics, effects: Iterable[Effect] = ()) -> dict[str, Floats]:
-        """Noise-free readings a row: shaft (r/min), gate (mm), scale (kg), wheel, gnss (m/s), heads (6, rows).
+        """Noise-free readings a row: shaft (r/min), gate (mm), scale (kg), wheel, gnss (m/s),
+        heads (6, rows).
 
-        True values ride along under `true_*`: true_shaft, true_gate, true_flow (kg/s, mean of the row to come).
+        True values ride along under `true_*`: true_shaft, true_gate, true_flow (kg/s, mean of
+        the row to come).
         """
         some = tuple(effects)
         opening = self._gate(physics, some)
         shaft = self._shaft(physics, some, opening)
         flow = self._flow(physics, some, shaft, opening)
         wheel, gnss = self._speeds(physics, some)
-        return {"shaft": self._shaft_reading(shaft, some), "gate": self._gate_reading(opening, some),
-                "scale": self._scale(physics, some, flow), "wheel": wheel, "gnss": gnss,
-                "heads": self._heads(physics, some), "true_shaft": self._at_rows(shaft),
-                "true_gate": self._at_rows(opening),
-                "true_flow": flow.reshape(-1, self.substeps).mean(axis=1)}
+        return {
+            "shaft": self._shaft_reading(shaft, some),
+            "gate": self._gate_reading(opening, some),
+            "scale": self._scale(physics, some, flow),
+            "wheel": wheel,
+            "gnss": gnss,
+            "heads": self._heads(physics, some),
+            "true_shaft": self._at_rows(shaft),
+            "true_gate": self._at_rows(opening),
+            "true_flow": flow.reshape(-1, self.substeps).mean(axis=1),
+        }
 
-    # -- helpers ---------------------------------------------------------------------------------------------------
+    # -- helpers
+    # ----------------------------------------------------------------------------------------------
 
     def _at_rows(self, fine: Floats) -> Floats:
         """The state at each row's time stamp: what the last step before it left."""
-        return np.r_[fine[0], fine[self.substeps - 1:-1:self.substeps]]
+        return np.r_[fine[0], fine[self.substeps - 1 : -1 : self.substeps]]
 
     def fine(self, name: str) -> Floats:
         """A row variable of the drive on the fine grid."""
         if name not in self._kept:
-            rows = (self.columns[name] if name in self.columns else getattr(self.drive, name)).astype(float)
+            rows = (
+                self.columns[name] if name in self.columns else getattr(self.drive, name)
+            ).astype(float)
             if name == "heading_deg":
                 rows = np.unwrap(rows, period=360.0)
             self._kept[name] = np.interp(self.fine_s, self.drive.time_s, rows)
@@ -75,24 +90,32 @@ class Plant:
         return e.size if e.course is None else e.size * e.course.at(self.drive.time_s)
 
     def _term(self, e: Effect, own: dict[str, Floats]) -> Any:
-        """Size times signal on the fine grid. `own`: variables that the stage itself knows better than the drive."""
+        """Size times signal on the fine grid. `own`: variables that the stage itself knows
+        better than the drive."""
         term = e.term
         assert term is not None
         values = {v: own[v] if v in own else self.fine(v) for v in {*term.variables, "time_s"}}
         return self._size(e) * term.signal(values, self.dt_s)
 
     def _delayed(self, rows: Floats, delay_s: Any) -> Floats:
-        """Commands (rows,), each in force until the next row, seen `delay_s` later: exact mean over each fine step."""
+        """Commands (rows,), each in force until the next row, seen `delay_s` later: exact mean
+        over each fine step."""
         t0, step = self.drive.time_s[0], self.drive.row_s
         edges = np.r_[t0 - 30.0, t0 + step * np.arange(rows.size + 1)]
         total = np.r_[-30.0 * rows[0], 0.0, np.cumsum(rows) * step]
         if np.ndim(delay_s):
             first = t0 + self.dt_s * np.arange(self.fine_s.size) - delay_s
-            return np.asarray(np.interp(first + self.dt_s, edges, total) - np.interp(first, edges, total)) / self.dt_s
+            return (
+                np.asarray(
+                    np.interp(first + self.dt_s, edges, total) - np.interp(first, edges, total)
+                )
+                / self.dt_s
+            )
         at = t0 + self.dt_s * np.arange(self.fine_s.size + 1) - delay_s
         return np.diff(np.interp(at, edges, total)) / self.dt_s
 
-    # -- stages ----------------------------------------------------------------------------------------------------
+    # -- stages
+    # ----------------------------------------------------------------------------------------------
 
     def _gate(self, p: Physics, effects: tuple[Effect, ...]) -> Floats:
         mine = tuple(e for e in effects if e.id.startswith(_GATE) and e.id != "gate.offset")
@@ -118,7 +141,7 @@ class Plant:
                     moved = moved * e.course.at(self.fine_s)
                 share = np.cumsum(moved) / 100.0
                 if e.form % 2:
-                    share = np.floor(share / 0.5) * 0.5          # lost in slips rather than evenly
+                    share = np.floor(share / 0.5) * 0.5  # lost in slips rather than evenly
                 x = x - e.size * share
             elif e.id == "gate.stuck":
                 at = int(np.searchsorted(self.fine_s, e.onset_s or 0.0))
@@ -150,9 +173,20 @@ class Plant:
 
     def _shaft(self, p: Physics, effects: tuple[Effect, ...], opening: Floats) -> Floats:
         mine = tuple(e for e in effects if e.id.startswith(_SHAFT))
-        gate = tuple(e for e in effects if e.id.startswith(_GATE)) if any("droop" in e.id for e in mine) else ()
-        key = ("shaft", p.shaft_ratio, p.shaft_dead_s, p.shaft_tau_s, mine, gate,
-               p.opening_off_mm if gate else 0.0)
+        gate = (
+            tuple(e for e in effects if e.id.startswith(_GATE))
+            if any("droop" in e.id for e in mine)
+            else ()
+        )
+        key = (
+            "shaft",
+            p.shaft_ratio,
+            p.shaft_dead_s,
+            p.shaft_tau_s,
+            mine,
+            gate,
+            p.opening_off_mm if gate else 0.0,
+        )
         if key in self._kept and not any("droop" in e.id for e in mine):
             return self._kept[key]  # type: ignore[no-any-return]
         dead = p.shaft_dead_s + sum(self._size(e) for e in mine if e.id == "shaft.dead_time")
@@ -182,7 +216,9 @@ class Plant:
             elif e.id == "shaft.stall":
                 factor = factor * (1 - shapes.begun(self.fine_s, e.onset_s))
             elif e.id == "x.shaft_heading":
-                factor = factor * (1 + e.size / 100 * np.cos(np.radians(self.fine("heading_deg") - 360 * e.knob)))
+                factor = factor * (
+                    1 + e.size / 100 * np.cos(np.radians(self.fine("heading_deg") - 360 * e.knob))
+                )
             elif e.id == "x.shaft_day":
                 day = self.fine_s / self.fine_s[-1] * (1.2 + e.knob) + e.knob
                 factor = factor * (1 + e.size / 100 * np.sin(2 * np.pi * day))
@@ -213,7 +249,9 @@ class Plant:
                 y = np.where(self._size_at_rows(e) > 0.5 * e.size, np.round(y / e.size) * e.size, y)
         return y
 
-    def _flow(self, p: Physics, effects: tuple[Effect, ...], shaft: Floats, opening: Floats) -> Floats:
+    def _flow(
+        self, p: Physics, effects: tuple[Effect, ...], shaft: Floats, opening: Floats
+    ) -> Floats:
         """kg/s on the fine grid."""
         revs = shaft / 60.0
         per_rev = nom.FLOW_G_PER_REV_MM / 1000.0 * p.flow_ratio * opening
@@ -236,7 +274,9 @@ class Plant:
             elif e.id == "flow.batch":
                 factor = factor * (1 + s * shapes.begun(t, self.refill_s))
             elif e.id == "flow.blocked_outlet":
-                factor = factor * (1 - s * (shapes.begun(t, e.onset_s) if e.course is None else 1.0))
+                factor = factor * (
+                    1 - s * (shapes.begun(t, e.onset_s) if e.course is None else 1.0)
+                )
             elif e.id == "flow.bridging":
                 factor = factor * (1 - shapes.spells(t, s, e.seed))
             elif e.id == "flow.leak":
@@ -253,7 +293,9 @@ class Plant:
                 far = np.cumsum(self.fine("speed_mps")) * self.dt_s
                 factor = factor * (1 + e.size * np.sin(2 * np.pi * far / (40.0 + 30.0 * e.knob)))
             elif e.id == "y.flow":
-                factor = factor * (1 + self._term(e, {"shaft_rpm_cmd": shaft, "opening_mm_cmd": opening}) / 100.0)
+                factor = factor * (
+                    1 + self._term(e, {"shaft_rpm_cmd": shaft, "opening_mm_cmd": opening}) / 100.0
+                )
         flow = per_rev * revs * factor + extra
         for e in mine:
             if e.id == "flow.hopper_head":
@@ -270,12 +312,15 @@ class Plant:
         return out
 
     def _with_head(self, p: Physics, flow: Floats, e: Effect) -> Floats:
-        """The loss depends on the level and the level on the loss: three rounds of substitution settle it."""
+        """The loss depends on the level and the level on the loss: three rounds of substitution
+        settle it."""
         poured = np.repeat(self.drive.refill_kg_s, self.substeps)
         out = flow
         for _ in range(3):
             level = self.drive.start_kg - np.cumsum(out - poured) * self.dt_s
-            out = flow * (1 - e.size / 100.0 * shapes.emptied(level / nom.FULL_HOPPER_KG, e.form, e.knob))
+            out = flow * (
+                1 - e.size / 100.0 * shapes.emptied(level / nom.FULL_HOPPER_KG, e.form, e.knob)
+            )
         return out
 
     @property
@@ -286,14 +331,20 @@ class Plant:
 
     def _scale(self, p: Physics, effects: tuple[Effect, ...], flow: Floats) -> Floats:
         d, t = self.drive, self.drive.time_s
-        poured = d.refill_kg_s * ((d.refill_kg + p.level_kg[1]) / d.refill_kg if d.refill_kg else 1.0)
+        poured = d.refill_kg_s * (
+            (d.refill_kg + p.level_kg[1]) / d.refill_kg if d.refill_kg else 1.0
+        )
         out = flow.reshape(-1, self.substeps).sum(axis=1) * self.dt_s
         level = d.start_kg - np.r_[0.0, np.cumsum(out - poured * d.row_s)[:-1]]
         reading = level + p.level_kg[0]
         for e in effects:
             s = self._size_at_rows(e) / 100.0
             if e.id == "scale.gain":
-                bend = 1.0 + 0.04 * (e.knob - 0.5) * (level / nom.FULL_HOPPER_KG - 0.5) if e.form % 2 else 1.0
+                bend = (
+                    1.0 + 0.04 * (e.knob - 0.5) * (level / nom.FULL_HOPPER_KG - 0.5)
+                    if e.form % 2
+                    else 1.0
+                )
                 reading = reading + s * level * bend
             elif e.id == "scale.drift":
                 reading = reading + e.size * self._aged(e, t)
@@ -314,7 +365,11 @@ class Plant:
             s = self._size_at_rows(e) / 100.0
             if e.id == "speed.wheel_slip":
                 steep = 0.04 + 0.08 * e.knob
-                hill = np.exp(steep * d.pitch_deg) if e.form % 2 else np.maximum(0.0, 1 + steep * d.pitch_deg)
+                hill = (
+                    np.exp(steep * d.pitch_deg)
+                    if e.form % 2
+                    else np.maximum(0.0, 1 + steep * d.pitch_deg)
+                )
                 wheel = wheel * (1 + s * d.working * hill)
             elif e.id == "speed.wheel_radius":
                 wheel = wheel * (1 + s)
@@ -328,7 +383,9 @@ class Plant:
             elif e.id == "x.wheel_supply":
                 wheel = wheel * (1 + s * (d.supply_v - nom.NOMINAL_SUPPLY_V))
             elif e.id == "t.wheel_wobble":
-                wheel = wheel * (1 + e.size * np.sin(2 * np.pi * np.cumsum(d.speed_mps) * d.row_s / 2.5))
+                wheel = wheel * (
+                    1 + e.size * np.sin(2 * np.pi * np.cumsum(d.speed_mps) * d.row_s / 2.5)
+                )
             elif e.id == "y.wheel":
                 wheel = wheel * (1 + self._at_rows(self._term(e, {})) / 100.0)
         return wheel, gnss
@@ -337,8 +394,9 @@ class Plant:
         t, lag = self.drive.time_s, e.size
         if e.form % 2 == 0:
             return np.interp(t - lag, t, speed)
-        moved = np.interp(t - 0.7 * lag, t, speed)               # part delay, part smoothing inside the receiver
-        window = 0.6 * lag                                       # of a running mean, which delays by half of it
+        # part delay, part smoothing inside the receiver
+        moved = np.interp(t - 0.7 * lag, t, speed)
+        window = 0.6 * lag  # of a running mean, which delays by half of it
         if window <= self.drive.row_s:
             return np.interp(t - lag, t, speed)
         far = np.r_[0.0, np.cumsum((moved[1:] + moved[:-1]) / 2.0)] * self.drive.row_s

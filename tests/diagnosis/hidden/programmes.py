@@ -1,8 +1,9 @@
 """Drive programmes: what was driven and ordered, before any machine is asked what it made of it.
 
-Every programme belongs to one half for good: `tuning` may be looked at while the diagnosis is being built,
-`unseen` is kept for its examination.
+Every programme belongs to one half for good: `tuning` may be looked at while the diagnosis is
+being built, `unseen` is kept for its examination.
 """
+
 from __future__ import annotations
 
 from collections.abc import Callable
@@ -19,12 +20,13 @@ Floats = npt.NDArray[np.float64]
 
 class Programme(NamedTuple):
     name: str
-    split: str                    # tuning, unseen
-    pattern: str                  # of the wanted rate, or of the set-points themselves (grid, walk)
-    strategy: str                 # opening_first, speed_first, switch
+    split: str  # tuning, unseen
+    # of the wanted rate, or of the set-points themselves (grid, walk)
+    pattern: str
+    strategy: str  # opening_first, speed_first, switch
     speeds_mps: tuple[float, ...]
-    ground: str                   # flat, slope
-    supply: str                   # steady, dips, wander
+    ground: str  # flat, slope
+    supply: str  # steady, dips, wander
     headlands: bool
     refill: bool
     stops: int
@@ -33,36 +35,242 @@ class Programme(NamedTuple):
 
 
 _TUNING = (
-    ("canopy_opening", "canopy", "opening_first", (1.25,), "flat", "steady", True, False, 0, 20, (22, 40)),
-    ("canopy_speed", "canopy", "speed_first", (1.25,), "flat", "wander", True, False, 0, 20, (22, 40)),
-    ("canopy_refill", "canopy", "opening_first", (1.1, 1.6), "slope", "wander", True, True, 1, 20, (28, 40)),
+    (
+        "canopy_opening",
+        "canopy",
+        "opening_first",
+        (1.25,),
+        "flat",
+        "steady",
+        True,
+        False,
+        0,
+        20,
+        (22, 40),
+    ),
+    (
+        "canopy_speed",
+        "canopy",
+        "speed_first",
+        (1.25,),
+        "flat",
+        "wander",
+        True,
+        False,
+        0,
+        20,
+        (22, 40),
+    ),
+    (
+        "canopy_refill",
+        "canopy",
+        "opening_first",
+        (1.1, 1.6),
+        "slope",
+        "wander",
+        True,
+        True,
+        1,
+        20,
+        (28, 40),
+    ),
     ("stairs_speed", "stairs", "speed_first", (1.4,), "flat", "dips", True, False, 1, 20, (20, 30)),
-    ("stairs_opening", "stairs", "opening_first", (1.4, 1.8), "slope", "steady", True, False, 0, 20, (20, 32)),
-    ("sine_speed", "sine", "speed_first", (1.25,), "slope", "wander", False, False, 0, 10, (20, 40)),
+    (
+        "stairs_opening",
+        "stairs",
+        "opening_first",
+        (1.4, 1.8),
+        "slope",
+        "steady",
+        True,
+        False,
+        0,
+        20,
+        (20, 32),
+    ),
+    (
+        "sine_speed",
+        "sine",
+        "speed_first",
+        (1.25,),
+        "slope",
+        "wander",
+        False,
+        False,
+        0,
+        10,
+        (20, 40),
+    ),
     ("grid_refill", "grid", "switch", (1.0, 1.5), "slope", "dips", True, True, 2, 20, (28, 40)),
-    ("stop_and_go", "canopy", "speed_first", (0.9, 1.3), "slope", "dips", True, False, 5, 20, (20, 36)),
-    ("hills_refill", "sine", "opening_first", (1.0, 1.7), "slope", "wander", True, True, 0, 20, (28, 40)),
+    (
+        "stop_and_go",
+        "canopy",
+        "speed_first",
+        (0.9, 1.3),
+        "slope",
+        "dips",
+        True,
+        False,
+        5,
+        20,
+        (20, 36),
+    ),
+    (
+        "hills_refill",
+        "sine",
+        "opening_first",
+        (1.0, 1.7),
+        "slope",
+        "wander",
+        True,
+        True,
+        0,
+        20,
+        (28, 40),
+    ),
     ("switching", "canopy", "switch", (1.25, 1.9), "flat", "dips", True, True, 1, 10, (28, 40)),
-    ("steady_rate", "constant", "opening_first", (1.25,), "flat", "steady", False, False, 0, 20, (20, 30)),
+    (
+        "steady_rate",
+        "constant",
+        "opening_first",
+        (1.25,),
+        "flat",
+        "steady",
+        False,
+        False,
+        0,
+        20,
+        (20, 30),
+    ),
     ("grid_long", "grid", "switch", (1.5,), "slope", "wander", True, False, 1, 20, (30, 40)),
 )
 _UNSEEN = (
-    ("field_opening", "walk", "opening_first", (1.3,), "flat", "wander", True, False, 1, 20, (22, 40)),
-    ("field_speed", "walk", "speed_first", (1.15, 1.5), "slope", "steady", True, False, 0, 20, (22, 40)),
-    ("field_refill", "walk", "speed_first", (1.2, 1.7), "slope", "dips", True, True, 0, 20, (28, 40)),
-    ("telegraph_speed", "telegraph", "speed_first", (1.35,), "flat", "wander", True, False, 0, 20, (20, 34)),
-    ("telegraph_opening", "telegraph", "opening_first", (1.2, 1.6), "slope", "dips", True, False, 2, 20, (20, 34)),
+    (
+        "field_opening",
+        "walk",
+        "opening_first",
+        (1.3,),
+        "flat",
+        "wander",
+        True,
+        False,
+        1,
+        20,
+        (22, 40),
+    ),
+    (
+        "field_speed",
+        "walk",
+        "speed_first",
+        (1.15, 1.5),
+        "slope",
+        "steady",
+        True,
+        False,
+        0,
+        20,
+        (22, 40),
+    ),
+    (
+        "field_refill",
+        "walk",
+        "speed_first",
+        (1.2, 1.7),
+        "slope",
+        "dips",
+        True,
+        True,
+        0,
+        20,
+        (28, 40),
+    ),
+    (
+        "telegraph_speed",
+        "telegraph",
+        "speed_first",
+        (1.35,),
+        "flat",
+        "wander",
+        True,
+        False,
+        0,
+        20,
+        (20, 34),
+    ),
+    (
+        "telegraph_opening",
+        "telegraph",
+        "opening_first",
+        (1.2, 1.6),
+        "slope",
+        "dips",
+        True,
+        False,
+        2,
+        20,
+        (20, 34),
+    ),
     ("chirp_speed", "chirp", "speed_first", (1.4,), "slope", "dips", False, False, 0, 10, (20, 40)),
-    ("scatter_refill", "scatter", "switch", (0.9, 1.6), "slope", "wander", True, True, 1, 20, (28, 40)),
-    ("crawl_and_go", "canopy", "opening_first", (0.7, 1.4), "slope", "wander", True, False, 6, 20, (20, 36)),
-    ("valley_refill", "chirp", "opening_first", (1.1, 1.5), "slope", "dips", True, True, 2, 20, (28, 40)),
+    (
+        "scatter_refill",
+        "scatter",
+        "switch",
+        (0.9, 1.6),
+        "slope",
+        "wander",
+        True,
+        True,
+        1,
+        20,
+        (28, 40),
+    ),
+    (
+        "crawl_and_go",
+        "canopy",
+        "opening_first",
+        (0.7, 1.4),
+        "slope",
+        "wander",
+        True,
+        False,
+        6,
+        20,
+        (20, 36),
+    ),
+    (
+        "valley_refill",
+        "chirp",
+        "opening_first",
+        (1.1, 1.5),
+        "slope",
+        "dips",
+        True,
+        True,
+        2,
+        20,
+        (28, 40),
+    ),
     ("both_ways", "walk", "switch", (1.3, 1.8), "flat", "wander", True, True, 0, 10, (28, 40)),
-    ("plain_rate", "constant", "speed_first", (1.3,), "flat", "steady", False, False, 0, 20, (20, 30)),
+    (
+        "plain_rate",
+        "constant",
+        "speed_first",
+        (1.3,),
+        "flat",
+        "steady",
+        False,
+        False,
+        0,
+        20,
+        (20, 30),
+    ),
     ("scatter_long", "scatter", "switch", (1.4,), "slope", "dips", True, False, 2, 20, (30, 40)),
 )
 PROGRAMMES: tuple[Programme, ...] = tuple(
     Programme(name, split, *rest)  # type: ignore[arg-type]
-    for split, rows in (("tuning", _TUNING), ("unseen", _UNSEEN)) for name, *rest in rows)
+    for split, rows in (("tuning", _TUNING), ("unseen", _UNSEEN))
+    for name, *rest in rows
+)
 SPLITS = ("tuning", "unseen")
 
 
@@ -91,26 +299,35 @@ class Drive(NamedTuple):
     speed_first: npt.NDArray[np.bool_]
     ndvi: Floats
     start_kg: float
-    refill_kg_s: Floats           # kg/s poured in
-    refill_row: int | None        # where the operator told it
+    refill_kg_s: Floats  # kg/s poured in
+    refill_row: int | None  # where the operator told it
     refill_kg: float
 
 
 def _slow(rng: np.random.Generator, count: int, step: float, correlation: float) -> Floats:
-    """A stationary random wander (count,) of unit variance, smooth beyond `correlation` (in units of `step`)."""
+    """A stationary random wander (count,) of unit variance, smooth beyond `correlation` (in
+    units of `step`)."""
     knots = max(4, int(count * step / correlation) + 4)
     coarse = rng.normal(size=knots)
     x = np.linspace(1.0, knots - 2.0, count)
     k = x.astype(int)
     f = x - k
-    w = np.stack([(1 - f) ** 3, 3 * f**3 - 6 * f**2 + 4, -3 * f**3 + 3 * f**2 + 3 * f + 1, f**3]) / 6.0
+    w = (
+        np.stack([(1 - f) ** 3, 3 * f**3 - 6 * f**2 + 4, -3 * f**3 + 3 * f**2 + 3 * f + 1, f**3])
+        / 6.0
+    )
     k = np.clip(k, 1, knots - 3)
     out = sum(w[j] * coarse[k - 1 + j] for j in range(4))
     return np.asarray(out / 0.69)
 
 
-def _held(rng: np.random.Generator, time_s: Floats, low_s: float, high_s: float,
-          draw: Callable[[int], float]) -> Floats:
+def _held(
+    rng: np.random.Generator,
+    time_s: Floats,
+    low_s: float,
+    high_s: float,
+    draw: Callable[[int], float],
+) -> Floats:
     """Values from `draw(i)` held for a random span each."""
     edges = [0.0]
     while edges[-1] < time_s[-1]:
@@ -119,7 +336,9 @@ def _held(rng: np.random.Generator, time_s: Floats, low_s: float, high_s: float,
     return values[np.searchsorted(edges, time_s, side="right") - 1]
 
 
-def _phases(p: Programme, rng: np.random.Generator, total_s: float) -> list[tuple[float, str, float]]:
+def _phases(
+    p: Programme, rng: np.random.Generator, total_s: float
+) -> list[tuple[float, str, float]]:
     """(length in s, what, speed): rows, headlands, stops and one refill, one after another."""
     spans: list[tuple[float, str, float]] = [(rng.uniform(4, 8), "ready", 0.0)]
     worked, row = 0.0, 0
@@ -211,7 +430,11 @@ def drive(p: Programme, seed: int) -> Drive:
 
     turned = np.cumsum(np.r_[0, (np.diff((what == "turn").astype(int)) == 1)])
     base = rng.uniform(0, 360)
-    progress = np.clip((t - np.r_[0, ends][which]) / np.maximum(1.0, np.r_[ends][which] - np.r_[0, ends][which]), 0, 1)
+    progress = np.clip(
+        (t - np.r_[0, ends][which]) / np.maximum(1.0, np.r_[ends][which] - np.r_[0, ends][which]),
+        0,
+        1,
+    )
     in_turn = what == "turn"
     heading = base + 180.0 * (turned - in_turn) + np.where(in_turn, 180.0 * progress, 0.0)
     if not p.headlands:
@@ -221,7 +444,10 @@ def drive(p: Programme, seed: int) -> Drive:
     rough = _by_place(rng, place, 6.0)
     slope = rng.uniform(3.0, 6.0) if p.ground == "slope" else rng.uniform(0.3, 0.8)
     uphill = rng.uniform(0, 360)
-    pitch = slope * np.cos(np.radians(heading - uphill)) * (1 + 0.3 * _by_place(rng, place, 60.0)) + 0.7 * rough
+    pitch = (
+        slope * np.cos(np.radians(heading - uphill)) * (1 + 0.3 * _by_place(rng, place, 60.0))
+        + 0.7 * rough
+    )
     cross = rng.uniform(1.5, 3.5)
     bank = 0.5 * np.sin(np.radians(heading - uphill + 40)) + _by_place(rng, place, 35.0)
     roll = cross * bank + 0.8 * _by_place(rng, place, 5.0)
@@ -239,7 +465,9 @@ def drive(p: Programme, seed: int) -> Drive:
     shaft = np.where(speed_first, flow / per / fixed_mm, fixed_rpm)
     opening = np.where(speed_first, fixed_mm, flow / per / fixed_rpm)
     if p.pattern == "grid":
-        shaft = _held(rng, t, 14, 30, lambda i: (12.0, 30.0, 48.0, 64.0, 80.0, 96.0)[int(i * 5 % 6)])
+        shaft = _held(
+            rng, t, 14, 30, lambda i: (12.0, 30.0, 48.0, 64.0, 80.0, 96.0)[int(i * 5 % 6)]
+        )
         opening = _held(rng, t, 22, 45, lambda i: (8.0, 20.0, 33.0, 46.0, 57.0)[int(i * 3 % 5)])
     elif p.pattern == "scatter":
         shaft = _held(rng, t, 8, 40, lambda i: rng.uniform(11, 99))
@@ -250,8 +478,13 @@ def drive(p: Programme, seed: int) -> Drive:
     dead = rng.choice([0.0, 0.2, 0.5])
     shaft = np.where(working, np.round(_deadened(np.clip(shaft, 10, 100), dead), 1), 0.0)
     opening = np.round(_deadened(_keep_when_idle(np.clip(opening, 5, 60), working), dead), 1)
-    rate = np.where(working, rate if p.pattern not in ("grid", "scatter")
-                    else per * shaft * opening * 1e4 / nom.WIDTH_M / np.maximum(used, 0.4), 0.0)
+    rate = np.where(
+        working,
+        rate
+        if p.pattern not in ("grid", "scatter")
+        else per * shaft * opening * 1e4 / nom.WIDTH_M / np.maximum(used, 0.4),
+        0.0,
+    )
 
     pour, row, kg = np.zeros(t.size), None, 0.0
     start = rng.uniform(240, 300)
@@ -263,16 +496,36 @@ def drive(p: Programme, seed: int) -> Drive:
         inside = (t >= first) & (t < last)
         pour[inside] = kg / (inside.sum() * row_s)
         row = int(np.flatnonzero(inside)[-1] + rng.integers(20, 60))
-    ndvi = np.clip(0.5 + 0.09 * _by_place(rng, place, 25.0) + 0.03 * _by_place(rng, place, 5.0), 0.22, 0.8)
-    if used_kg[-1] - kg > start - 5.0:                       # ends before the hopper is empty
+    ndvi = np.clip(
+        0.5 + 0.09 * _by_place(rng, place, 25.0) + 0.03 * _by_place(rng, place, 5.0), 0.22, 0.8
+    )
+    if used_kg[-1] - kg > start - 5.0:  # ends before the hopper is empty
         last_row = int(np.searchsorted(used_kg - np.cumsum(pour) * row_s, start - 5.0))
         keep = slice(0, max(last_row, 2000))
     else:
         keep = slice(0, t.size)
     if row is not None and row >= t[keep].size:
         row = None
-    return Drive(p, t[keep], row_s, working[keep], speed[keep], heading[keep], pitch[keep], roll[keep], supply[keep],
-                 rate[keep], shaft[keep], opening[keep], speed_first[keep], ndvi[keep], start, pour[keep], row, kg)
+    return Drive(
+        p,
+        t[keep],
+        row_s,
+        working[keep],
+        speed[keep],
+        heading[keep],
+        pitch[keep],
+        roll[keep],
+        supply[keep],
+        rate[keep],
+        shaft[keep],
+        opening[keep],
+        speed_first[keep],
+        ndvi[keep],
+        start,
+        pour[keep],
+        row,
+        kg,
+    )
 
 
 def _smooth(x: Floats, step: float, tau: float) -> Floats:

@@ -1,4 +1,5 @@
 """A drive and a machine become the columns of a run log, by the published contract."""
+
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -17,11 +18,12 @@ _PULSE_M = 2.5 / 16.0
 
 
 def _missed(wheel: Floats, distance: Floats, time_s: Floats, row_s: float, e: Effect) -> Floats:
-    """Wheel speed with random pulses missing: an interval twice as long, or a thinner count over half a second."""
+    """Wheel speed with random pulses missing: an interval twice as long, or a thinner count
+    over half a second."""
     rng = np.random.default_rng([e.seed, 3])
     pulses = np.floor(distance / _PULSE_M).astype(int)
     share: Floats | float = e.size / 100.0
-    if e.course is not None:                                 # more and more of them, or from some time on
+    if e.course is not None:  # more and more of them, or from some time on
         first = np.searchsorted(pulses, np.arange(pulses[-1] + 3)).clip(0, time_s.size - 1)
         share = share * e.course.at(time_s[first])
     lost = rng.random(pulses[-1] + 3) < share
@@ -33,11 +35,15 @@ def _missed(wheel: Floats, distance: Floats, time_s: Floats, row_s: float, e: Ef
     return np.maximum(0.0, wheel - gone * _PULSE_M / 0.5)
 
 
-def columns(plant: Plant, physics: Physics, effects: Sequence[Effect], noises: dict[str, Noise],
-            seed: int) -> dict[str, npt.NDArray[Any]]:
+def columns(
+    plant: Plant, physics: Physics, effects: Sequence[Effect], noises: dict[str, Noise], seed: int
+) -> dict[str, npt.NDArray[Any]]:
     """Contract columns: float64 with NaN for empty cells, object with "" for texts."""
     rng = np.random.default_rng([seed, 21])
-    d, clean = plant.drive, plant.run(physics, [e for e in effects if e.id != "shaft.coarse_encoder"])
+    d, clean = (
+        plant.drive,
+        plant.run(physics, [e for e in effects if e.id != "shaft.coarse_encoder"]),
+    )
     rows = d.time_s.size
     wheel = clean["wheel"]
     for e in effects:
@@ -52,12 +58,16 @@ def columns(plant: Plant, physics: Physics, effects: Sequence[Effect], noises: d
 
     moving = d.speed_mps > 0
     out["speed_mps"] = np.maximum(0.0, np.round(seen(clean["gnss"], "gnss"), 4))
-    out["wheel_speed_mps"] = np.where(moving, np.maximum(0.0, np.round(seen(wheel, "wheel"), 4)), 0.0)
+    out["wheel_speed_mps"] = np.where(
+        moving, np.maximum(0.0, np.round(seen(wheel, "wheel"), 4)), 0.0
+    )
     shaft = seen(clean["shaft"], "shaft")
     for e in effects:
         if e.id == "shaft.coarse_encoder":
             coarse = np.round(shaft / e.size) * e.size
-            shaft = coarse if e.course is None else np.where(e.course.at(d.time_s) > 0.5, coarse, shaft)
+            shaft = (
+                coarse if e.course is None else np.where(e.course.at(d.time_s) > 0.5, coarse, shaft)
+            )
     out["shaft_rpm"] = np.round(shaft, 3)
     out["opening_mm"] = np.round(seen(clean["gate"], "gate"), 3)
     out["hopper_kg"] = np.round(seen(clean["scale"], "scale"), 3)
@@ -76,18 +86,24 @@ def columns(plant: Plant, physics: Physics, effects: Sequence[Effect], noises: d
     out["lon_deg"] = np.round(116.0 + (east + 0.02 * rng.normal(size=rows))[fresh] / 85_390.0, 9)
     out["fix_quality"], out["satellites"] = np.full(rows, 4.0), np.full(rows, 14.0)
     out["hdop"] = np.full(rows, 0.7)
-    out["speed_used_mps"] = np.where(np.isnan(out["speed_mps"]), out["wheel_speed_mps"], out["speed_mps"])
+    out["speed_used_mps"] = np.where(
+        np.isnan(out["speed_mps"]), out["wheel_speed_mps"], out["speed_mps"]
+    )
     out["target_rate_kg_ha"], out["nudge_percent"] = d.rate_kg_ha.copy(), np.zeros(rows)
     out["shaft_rpm_cmd"], out["opening_mm_cmd"] = d.shaft_rpm_cmd.copy(), d.opening_mm_cmd.copy()
     out["flow_trim"] = np.ones(rows)
     flow = nom.FLOW_G_PER_REV_MM / 1000.0 * out["opening_mm"] * out["shaft_rpm"] / 60.0
     v = out["speed_used_mps"]
     with np.errstate(all="ignore"):
-        out["applied_rate_kg_ha"] = np.where(v > 0.3, np.round(flow * 1e4 / (nom.WIDTH_M * v), 3), 0.0)
+        out["applied_rate_kg_ha"] = np.where(
+            v > 0.3, np.round(flow * 1e4 / (nom.WIDTH_M * v), 3), 0.0
+        )
     lag = nom.RESPONSE_S + nom.DROP_INTERCEPT_S + nom.DROP_SLOPE_S_PER_RPM * d.shaft_rpm_cmd
     out["lag_s"], out["lag_m"] = np.round(lag, 4), np.round(lag * np.nan_to_num(v), 4)
     standing = (d.speed_mps < 0.05) & (d.time_s > 10.0)
-    out["state"] = np.where(d.time_s < 4.0, "ready", np.where(standing, "held", "working")).astype(object)
+    out["state"] = np.where(d.time_s < 4.0, "ready", np.where(standing, "held", "working")).astype(
+        object
+    )
     out["strategy"] = np.where(d.speed_first, "speed_first", "opening_first").astype(object)
     out["target_source"] = np.full(rows, "map", dtype=object)
     out["events"] = np.full(rows, "", dtype=object)

@@ -1,4 +1,6 @@
-"""The mathematical forms an effect may take here. Each is 1 at the point where the catalogue defines the size."""
+"""The mathematical forms an effect may take here. Each is 1 at the point where the catalogue
+defines the size."""
+
 from __future__ import annotations
 
 import numpy as np
@@ -14,10 +16,14 @@ def fill_loss(shaft_rpm: Floats, form: int, knob: float) -> Floats:
         return (n / 100.0) ** (1.7 + 0.8 * knob)
     if form == 1:
         foot = 25.0 + 25.0 * knob
-        return np.asarray(np.logaddexp(0.0, (n - foot) / 3.0) / np.logaddexp(0.0, (100.0 - foot) / 3.0))
+        return np.asarray(
+            np.logaddexp(0.0, (n - foot) / 3.0) / np.logaddexp(0.0, (100.0 - foot) / 3.0)
+        )
     if form == 2:
+
         def s(x):  # type: ignore[no-untyped-def]
             return np.tanh((x - 55.0 - 15.0 * knob) / 28.0)
+
         return np.asarray((s(n) - s(0.0)) / (s(100.0) - s(0.0)))
     width = 30.0 + 20.0 * knob
     return np.asarray(np.expm1(n / width) / np.expm1(100.0 / width))
@@ -88,7 +94,7 @@ def spells(time_s: Floats, share: float, seed: int) -> Floats:
 
 def hump(x: Floats, middle: float, width: float) -> Floats:
     """1 in the middle, nothing far from it."""
-    return np.asarray(np.exp(-((x - middle) / width) ** 2))
+    return np.asarray(np.exp(-(((x - middle) / width) ** 2)))
 
 
 def trend(x: Floats) -> Floats:

@@ -1,4 +1,5 @@
 """Bench tables with something hidden in them."""
+
 from __future__ import annotations
 
 from typing import Any
@@ -9,18 +10,33 @@ from . import tables
 from .nominal import IDS, OUTSIDE_TABLES, Effect
 from .truth import Floats, Made, Relations, share_of, told
 
-OUTSIDE_LEFT = 0.5                # share of an outside trace's length that the whole catalogue must leave
+# share of an outside trace's length that the whole catalogue must leave
+OUTSIDE_LEFT = 0.5
 SIDED = ("lag.offset", "shaft.dead_time")
 MEMBERED = ("canopy.head_fouled", "flow.outlet_uneven")
 
 
-def table_case(category: str, wanted: tuple[str, ...], kind: str, split: str,
-               rng: np.random.Generator, outsiders: tuple[str, ...] = ()) -> Made | None:
-    """`outsiders`: of the category outside, only these (empty: any). None where the draw does not work out."""
-    pool = [lay for lay in tables.LAYOUTS if lay.split in (split, "all") and lay.kind == kind and
-            all(w in tables.shown(lay) for w in wanted)]
+def table_case(
+    category: str,
+    wanted: tuple[str, ...],
+    kind: str,
+    split: str,
+    rng: np.random.Generator,
+    outsiders: tuple[str, ...] = (),
+) -> Made | None:
+    """`outsiders`: of the category outside, only these (empty: any). None where the draw does
+    not work out."""
+    pool = [
+        lay
+        for lay in tables.LAYOUTS
+        if lay.split in (split, "all")
+        and lay.kind == kind
+        and all(w in tables.shown(lay) for w in wanted)
+    ]
     if category == "outside":
-        return _outside(pool, rng, [n for n in OUTSIDE_TABLES if n in outsiders] or list(OUTSIDE_TABLES))
+        return _outside(
+            pool, rng, [n for n in OUTSIDE_TABLES if n in outsiders] or list(OUTSIDE_TABLES)
+        )
     if category == "lookalike" and kind == "place":
         pool = [lay for lay in pool if len(lay.others) == 1]
     if not pool:
@@ -28,7 +44,8 @@ def table_case(category: str, wanted: tuple[str, ...], kind: str, split: str,
     layout = pool[int(rng.integers(len(pool)))]
     table, noise = tables.Table(layout, rng), str(rng.choice(tables.KINDS))
     found: list[tuple[Effect, float]] = []
-    for name in sorted(wanted, key=lambda i: IDS[i].by_z):       # a clock first: the others show less beside it
+    # a clock first: the others show less beside it
+    for name in sorted(wanted, key=lambda i: IDS[i].by_z):
         hidden = _hidden(table, name, 5.0 if category == "lookalike" else 2.0, rng)
         if hidden is None:
             return None
@@ -40,19 +57,37 @@ def table_case(category: str, wanted: tuple[str, ...], kind: str, split: str,
     for e, z in found:
         span = {"shaft_high_rpm": max(layout.values, default=0.0), "opening_high_mm": 60.0}
         cause = told(e, z, _relations(table, e, z), span)
-        if kind == "weigh" or (len(planted) == 2 and e.id in SIDED and any(p.id == "lag.asymmetry" for p in planted)):
-            cause["size_defined"] = False        # depends on an opening, or on which side is called nominal
+        if kind == "weigh" or (
+            len(planted) == 2 and e.id in SIDED and any(p.id == "lag.asymmetry" for p in planted)
+        ):
+            # depends on an opening, or on which side is called nominal
+            cause["size_defined"] = False
         causes.append(cause)
     if category == "lookalike" and not causes[0]["equal"] and not causes[0]["near"]:
         return None
     columns = table.observed(planted, noise, rng)
-    return kind, columns, {"programme": layout.name, "noise": noise, "rows": int(table.sd.shape[1]), "outside": None,
-                           "causes": causes, "traits": [], "physics": {}}, \
-        share_of(tuple(planted), table.trace, lambda a, b: float(a @ b)), None
+    return (
+        kind,
+        columns,
+        {
+            "programme": layout.name,
+            "noise": noise,
+            "rows": int(table.sd.shape[1]),
+            "outside": None,
+            "causes": causes,
+            "traits": [],
+            "physics": {},
+        },
+        share_of(tuple(planted), table.trace, lambda a, b: float(a @ b)),
+        None,
+    )
 
 
-def _hidden(table: tables.Table, name: str, least_z: float, rng: np.random.Generator) -> tuple[Effect, float] | None:
-    """The effect with a size that makes its z log-uniform from `least_z` to 40; None where no size does.
+def _hidden(
+    table: tables.Table, name: str, least_z: float, rng: np.random.Generator
+) -> tuple[Effect, float] | None:
+    """The effect with a size that makes its z log-uniform from `least_z` to 40; None where no
+    size does.
 
     A coarse clock is set in the table, with a natural size.
     """
@@ -81,7 +116,9 @@ def _outside(pool: list[tables.Layout], rng: np.random.Generator, names: list[st
     Its z, of what the whole catalogue leaves, is log-uniform from 6 to 40."""
     name = str(rng.choice(names))
     kind, variants, guess, variables = OUTSIDE_TABLES[name]
-    pool = [lay for lay in pool if lay.kind == kind and lay.variant in variants and _varies(name, lay)]
+    pool = [
+        lay for lay in pool if lay.kind == kind and lay.variant in variants and _varies(name, lay)
+    ]
     if not pool:
         return None
     layout = pool[int(rng.integers(len(pool)))]
@@ -92,28 +129,51 @@ def _outside(pool: list[tables.Layout], rng: np.random.Generator, names: list[st
     left = float(np.linalg.norm(mine - known @ np.linalg.lstsq(known, mine, rcond=1e-8)[0]))
     share = left / max(1e-9, float(np.linalg.norm(mine)))
     if share < OUTSIDE_LEFT:
-        return None                                          # effects of the catalogue would be a fair answer
+        return None  # effects of the catalogue would be a fair answer
     z = float(np.exp(rng.uniform(np.log(6.0), np.log(40.0))))
     e = e._replace(size=float(f"{e.size * z / left:.4g}"))
-    return kind, table.observed([e], noise, rng), {
-        "programme": layout.name, "noise": noise, "rows": int(table.sd.shape[1]), "causes": [], "traits": [],
-        "physics": {}, "outside": {"name": name, "channel": {"catch": "flow"}.get(kind, kind),
-                                   "variables": list(variables), "z": round(z, 3), "size": e.size,
-                                   "likest_catalogued": round(float(np.sqrt(max(0.0, 1 - share**2))), 3)}}, \
-        share_of((), table.trace, lambda a, b: float(a @ b)), None
+    return (
+        kind,
+        table.observed([e], noise, rng),
+        {
+            "programme": layout.name,
+            "noise": noise,
+            "rows": int(table.sd.shape[1]),
+            "causes": [],
+            "traits": [],
+            "physics": {},
+            "outside": {
+                "name": name,
+                "channel": {"catch": "flow"}.get(kind, kind),
+                "variables": list(variables),
+                "z": round(z, 3),
+                "size": e.size,
+                "likest_catalogued": round(float(np.sqrt(max(0.0, 1 - share**2))), 3),
+            },
+        },
+        share_of((), table.trace, lambda a, b: float(a @ b)),
+        None,
+    )
 
 
 def _varies(name: str, layout: tables.Layout) -> bool:
     """The layout varies what the effect depends on, often enough to show its shape."""
     if name.endswith(("tiring", "packing")):
         return layout.replicates > 1
-    return {"x.heads_swing": len(layout.others) > 1, "x.lag_hump": len(layout.values) > 4}.get(name, True)
+    return {"x.heads_swing": len(layout.others) > 1, "x.lag_hump": len(layout.values) > 4}.get(
+        name, True
+    )
 
 
 def _catalogued(table: tables.Table) -> list[Effect]:
-    """Every effect that the table can show, once (two forms of one effect together can imitate anything)."""
-    return [Effect(i, IDS[i].guess, 0, 0.5, None, member) for i in tables.shown(table.layout) if IDS[i].by_z
-            for member in (range(1, 7) if i in MEMBERED else (None,))]
+    """Every effect that the table can show, once (two forms of one effect together can imitate
+    anything)."""
+    return [
+        Effect(i, IDS[i].guess, 0, 0.5, None, member)
+        for i in tables.shown(table.layout)
+        if IDS[i].by_z
+        for member in (range(1, 7) if i in MEMBERED else (None,))
+    ]
 
 
 def _relations(table: tables.Table, e: Effect, z: float) -> dict[str, Any]:

@@ -1,4 +1,6 @@
-"""Bench tables with something hidden in them: lag, catch, weigh, heads, place. Rows are few, so all is plain arrays."""
+"""Bench tables with something hidden in them: lag, catch, weigh, heads, place. Rows are few, so
+all is plain arrays."""
+
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -12,7 +14,15 @@ from . import shapes
 from .nominal import Effect
 
 Floats = npt.NDArray[np.float64]
-_DIGITS = {"lag_s": 3, "response_s": 3, "lag_m": 3, "mass_kg": 5, "applied_kg": 3, "ndvi": 4, "miss_m": 3}
+_DIGITS = {
+    "lag_s": 3,
+    "response_s": 3,
+    "lag_m": 3,
+    "mass_kg": 5,
+    "applied_kg": 3,
+    "ndvi": 4,
+    "miss_m": 3,
+}
 KINDS = ("plain", "quantised", "tails")
 
 
@@ -21,10 +31,12 @@ class Layout(NamedTuple):
 
     name: str
     split: str
-    kind: str                     # lag, catch, weigh, heads, place
+    kind: str  # lag, catch, weigh, heads, place
     variant: str
-    values: tuple[float, ...]     # shaft speeds (lag, catch, place), references (heads)
-    others: tuple[float, ...]     # speeds m/s (lag, place), openings (catch), minutes (heads), plots (weigh)
+    # shaft speeds (lag, catch, place), references (heads)
+    values: tuple[float, ...]
+    # speeds m/s (lag, place), openings (catch), minutes (heads), plots (weigh)
+    others: tuple[float, ...]
     replicates: int
 
 
@@ -60,11 +72,12 @@ LAYOUTS: tuple[Layout, ...] = (
 )
 SHOWS: dict[str, tuple[str, ...]] = {
     "lag_s": ("lag.offset", "lag.rebound", "lag.coarse_clock", "shaft.dead_time"),
-    "response_s": ("shaft.dead_time",),          # the extra lag lies between shaft and ground
+    "response_s": ("shaft.dead_time",),  # the extra lag lies between shaft and ground
     "start": ("lag.first_fill", "lag.offset", "shaft.dead_time"),
     "direction": ("lag.asymmetry", "lag.offset", "shaft.dead_time"),
     "both": ("lag.speed_scale", "lag.offset", "shaft.dead_time"),
-    "all": ("flow.gain", "flow.zero_offset", "flow.fill_falloff"), "outlet": ("flow.outlet_uneven", "flow.gain"),
+    "all": ("flow.gain", "flow.zero_offset", "flow.fill_falloff"),
+    "outlet": ("flow.outlet_uneven", "flow.gain"),
     "short": ("flow.pulsation",),
 }
 
@@ -72,7 +85,13 @@ SHOWS: dict[str, tuple[str, ...]] = {
 def shown(layout: Layout) -> tuple[str, ...]:
     """Ids that a table of this layout can show."""
     if layout.kind == "weigh":
-        return ("flow.gain", "flow.zero_offset", "speed.wheel_slip", "speed.wheel_radius", "scale.gain")
+        return (
+            "flow.gain",
+            "flow.zero_offset",
+            "speed.wheel_slip",
+            "speed.wheel_radius",
+            "scale.gain",
+        )
     if layout.kind == "place":
         return ("place.lever_arm", "place.latency")
     if layout.kind == "heads":
@@ -82,7 +101,8 @@ def shown(layout: Layout) -> tuple[str, ...]:
 
 
 class Table:
-    """One bench test: given columns, the measured ones predicted for any effects, its noise and its nuisances."""
+    """One bench test: given columns, the measured ones predicted for any effects, its noise and
+    its nuisances."""
 
     def __init__(self, layout: Layout, rng: np.random.Generator) -> None:
         self.layout = layout
@@ -90,7 +110,7 @@ class Table:
         self.measured: tuple[str, ...] = ()
         self.sd: Floats = np.zeros(0)
         getattr(self, f"_lay_{layout.kind}")(layout, rng)
-        self.clock_s = 0.0            # of a detector that rounds the times
+        self.clock_s = 0.0  # of a detector that rounds the times
         self.base = self.predict(())
 
     def _cross(self, **axes: Sequence[Any]) -> None:
@@ -102,8 +122,10 @@ class Table:
             self.given["replicate"] = self.given["replicate"].astype(float)
 
     def _lay_lag(self, lay: Layout, rng: np.random.Generator) -> None:
-        axes: dict[str, Sequence[Any]] = {"replicate": range(1, lay.replicates + 1),
-                                          "shaft_rpm": [float(v) for v in lay.values]}
+        axes: dict[str, Sequence[Any]] = {
+            "replicate": range(1, lay.replicates + 1),
+            "shaft_rpm": [float(v) for v in lay.values],
+        }
         if lay.variant == "both":
             axes["speed_kmh"] = [round(3.6 * v, 2) for v in lay.others]
         if lay.variant == "start":
@@ -111,8 +133,13 @@ class Table:
         if lay.variant == "direction":
             axes["direction"] = ["up", "down"]
         self._cross(**axes)
-        self.measured = ("lag_s", "lag_m") if lay.variant == "both" else \
-            ("response_s",) if lay.variant == "response_s" else ("lag_s",)
+        self.measured = (
+            ("lag_s", "lag_m")
+            if lay.variant == "both"
+            else ("response_s",)
+            if lay.variant == "response_s"
+            else ("lag_s",)
+        )
         sd = rng.uniform(0.015, 0.06) * (0.3 if lay.variant == "response_s" else 1.0)
         rows = self.given["shaft_rpm"].size
         self.sd = np.full((len(self.measured), rows), sd)
@@ -120,30 +147,42 @@ class Table:
             self.sd[1] = np.maximum(0.02, 0.5 * sd)
 
     def _lay_catch(self, lay: Layout, rng: np.random.Generator) -> None:
-        axes: dict[str, Sequence[Any]] = {"replicate": range(1, lay.replicates + 1),
-                                          "shaft_rpm": [float(v) for v in lay.values],
-                                          "opening_mm": [float(v) for v in lay.others]}
+        axes: dict[str, Sequence[Any]] = {
+            "replicate": range(1, lay.replicates + 1),
+            "shaft_rpm": [float(v) for v in lay.values],
+            "opening_mm": [float(v) for v in lay.others],
+        }
         if lay.variant == "outlet":
             axes["outlet"] = [float(k) for k in range(1, nom.OUTLETS + 1)]
-        axes["duration_s"] = [round(0.1 + 0.07 * k, 2) for k in range(17)] if lay.variant == "short" \
+        axes["duration_s"] = (
+            [round(0.1 + 0.07 * k, 2) for k in range(17)]
+            if lay.variant == "short"
             else [float(rng.choice([30.0, 60.0]))]
+        )
         self._cross(**axes)
         self.measured = ("mass_kg",)
         mass = self.predict(())
-        self.sd = np.hypot(0.0004 if lay.variant == "short" else 0.002, rng.uniform(0.002, 0.006) * mass)
+        self.sd = np.hypot(
+            0.0004 if lay.variant == "short" else 0.002, rng.uniform(0.002, 0.006) * mass
+        )
 
     def _lay_weigh(self, lay: Layout, rng: np.random.Generator) -> None:
         count = int(lay.others[0])
         rate = rng.choice([250.0, 300.0, 350.0], count)
         area = np.full(count, 600.0)
-        self.given = {"plot": np.array([f"P{k + 1}" for k in range(count)]), "area_m2": area,
-                      "target_kg": np.round(rate * area / 1e4, 2)}
+        self.given = {
+            "plot": np.array([f"P{k + 1}" for k in range(count)]),
+            "area_m2": area,
+            "target_kg": np.round(rate * area / 1e4, 2),
+        }
         self.measured = ("applied_kg",)
         self.sd = (rng.uniform(0.005, 0.012) * self.given["target_kg"])[None]
 
     def _lay_heads(self, lay: Layout, rng: np.random.Generator) -> None:
-        axes: dict[str, Sequence[Any]] = {"head": [float(k) for k in range(1, nom.HEADS + 1)],
-                                          "ndvi_reference": list(lay.values)}
+        axes: dict[str, Sequence[Any]] = {
+            "head": [float(k) for k in range(1, nom.HEADS + 1)],
+            "ndvi_reference": list(lay.values),
+        }
         if lay.others:
             axes["warm_min"] = [float(m) for m in lay.others]
         self._cross(**axes, replicate=range(1, lay.replicates + 1))
@@ -152,18 +191,24 @@ class Table:
         self.sd = np.full((1, self.given["head"].size), 0.01 * rng.uniform(0.5, 1.2))
 
     def _lay_place(self, lay: Layout, rng: np.random.Generator) -> None:
-        self._cross(replicate=range(1, lay.replicates + 1), shaft_rpm=[float(v) for v in lay.values],
-                    speed_mps=[float(v) for v in lay.others])
+        self._cross(
+            replicate=range(1, lay.replicates + 1),
+            shaft_rpm=[float(v) for v in lay.values],
+            speed_mps=[float(v) for v in lay.others],
+        )
         if rng.random() < 0.4:
             self.given["corrected_lag_s"] = np.zeros(self.given["shaft_rpm"].size)
         self.measured = ("miss_m",)
         self.sd = np.full((1, self.given["shaft_rpm"].size), rng.uniform(0.05, 0.15))
 
-    # -- what would be measured ------------------------------------------------------------------------------------
+    # -- what would be measured
+    # ------------------------------------------------------------------------------------
 
     def predict(self, effects: Sequence[Effect], shift: dict[str, float] | None = None) -> Floats:
         """Noise-free measured columns (columns, rows). `shift`: nuisances in their own units."""
-        return np.atleast_2d(getattr(self, f"_{self.layout.kind}")({e.id: e for e in effects}, shift or {}))
+        return np.atleast_2d(
+            getattr(self, f"_{self.layout.kind}")({e.id: e for e in effects}, shift or {})
+        )
 
     def nuisances(self) -> dict[str, float]:
         """Name -> prior s.d."""
@@ -186,12 +231,15 @@ class Table:
                 t = t + e.size
             elif e.id == "lag.rebound":
                 foot = (70.0, 60.0)[e.form % 2]
-                t = t + e.size * (np.maximum(0.0, n - foot) / (100.0 - foot)) ** (1.0 + 0.8 * e.knob)
+                t = t + e.size * (np.maximum(0.0, n - foot) / (100.0 - foot)) ** (
+                    1.0 + 0.8 * e.knob
+                )
             elif e.id == "lag.first_fill" and "start" in self.given:
                 t = t + e.size * (self.given["start"] == "empty")
             elif e.id == "lag.asymmetry" and "direction" in self.given:
                 down = self.given["direction"] == "down"
-                t = t + e.size * (down - 0.1 * e.knob * (e.form % 2))       # rising ones: nominal, or nearly
+                # rising ones: nominal, or nearly
+                t = t + e.size * (down - 0.1 * e.knob * (e.form % 2))
             elif e.id == "x.lag_hump":
                 t = t + e.size * shapes.hump(n, 28.0 + 20.0 * e.knob, 9.0)
             elif e.id == "x.lag_tiring":
@@ -205,7 +253,11 @@ class Table:
 
     def _catch(self, has: dict[str, Effect], shift: dict[str, float]) -> Floats:
         n, o, duration = (self.given[k] for k in ("shaft_rpm", "opening_mm", "duration_s"))
-        g_rev = nom.FLOW_G_PER_REV_MM * (1 + shift.get("flow", 0.0)) * (o + shift.get("opening_mm", 0.0))
+        g_rev = (
+            nom.FLOW_G_PER_REV_MM
+            * (1 + shift.get("flow", 0.0))
+            * (o + shift.get("opening_mm", 0.0))
+        )
         turns = n / 60.0 * duration
         factor: Any = 1.0 / nom.OUTLETS if "outlet" in self.given else 1.0
         for e in has.values():
@@ -213,7 +265,9 @@ class Table:
             if e.id == "flow.gain":
                 factor = factor * (1 + s)
             elif e.id == "flow.zero_offset":
-                g_rev = np.maximum(0.0, g_rev + e.size * (np.exp(-o / 400.0) if e.form % 2 else 1.0))
+                g_rev = np.maximum(
+                    0.0, g_rev + e.size * (np.exp(-o / 400.0) if e.form % 2 else 1.0)
+                )
             elif e.id == "flow.fill_falloff":
                 factor = factor * (1 - s * shapes.fill_loss(n, e.form, e.knob))
             elif e.id == "flow.outlet_uneven" and "outlet" in self.given:
@@ -233,7 +287,7 @@ class Table:
     def _weigh(self, has: dict[str, Effect], shift: dict[str, float]) -> Floats:
         factor = 1 + shift.get("flow", 0.0) + shift.get("wheel", 0.0)
         for e in has.values():
-            if e.id == "flow.zero_offset":                   # at 25 mm, where these plots were sown
+            if e.id == "flow.zero_offset":  # at 25 mm, where these plots were sown
                 factor *= 1 + e.size / (nom.FLOW_G_PER_REV_MM * 25.0)
             else:
                 factor *= 1 + e.size / 100.0
@@ -248,16 +302,29 @@ class Table:
                 y = y * (1 + s * (head == e.member))
             elif e.id == "canopy.warm_up" and "warm_min" in self.given:
                 minutes = self.given["warm_min"]
-                y = y * (1 + s * (np.exp(-minutes / (3.0 + 4.0 * e.knob)) if e.form % 2 == 0
-                                  else 1.0 / (1.0 + minutes / (2.5 + 3.0 * e.knob)) ** 2))
+                y = y * (
+                    1
+                    + s
+                    * (
+                        np.exp(-minutes / (3.0 + 4.0 * e.knob))
+                        if e.form % 2 == 0
+                        else 1.0 / (1.0 + minutes / (2.5 + 3.0 * e.knob)) ** 2
+                    )
+                )
             elif e.id == "canopy.saturation":
                 power = 2.0 + 2.0 * e.knob
-                loss = (r / 0.8) ** power if e.form % 2 == 0 else np.maximum(0.0, (r - 0.35) / 0.45) ** (0.5 * power)
+                loss = (
+                    (r / 0.8) ** power
+                    if e.form % 2 == 0
+                    else np.maximum(0.0, (r - 0.35) / 0.45) ** (0.5 * power)
+                )
                 y = y * (1 - s * loss)
             elif e.id == "x.heads_hump":
                 y = y + e.size * shapes.hump(r, 0.45 + 0.1 * e.knob, 0.1)
             elif e.id == "x.heads_swing" and "warm_min" in self.given:
-                y = y * (1 + s * shapes.hump(np.log(self.given["warm_min"]), 1.7 + 0.5 * e.knob, 0.6))
+                y = y * (
+                    1 + s * shapes.hump(np.log(self.given["warm_min"]), 1.7 + 0.5 * e.knob, 0.6)
+                )
         return np.asarray(y)
 
     def _place(self, has: dict[str, Effect], shift: dict[str, float]) -> Floats:
@@ -274,14 +341,20 @@ class Table:
                 miss = miss + (e.size if e.id == "place.lever_arm" else v * e.size)
         return np.asarray(miss)
 
-    # -- how visible -----------------------------------------------------------------------------------------------
+    # -- how visible
+    # ----------------------------------------------------------------------------------------------
 
     def trace(self, effects: Sequence[Effect], beside: Sequence[Effect] = ()) -> Floats:
-        """Difference in units of noise, nuisances projected under their priors (rows + nuisances,)."""
+        """Difference in units of noise, nuisances projected under their priors (rows +
+        nuisances,)."""
         noise = self._noise_sd()
         d = ((self.predict((*beside, *effects)) - self.predict(beside)) / noise).ravel()
-        j = np.array([((self.predict((), {k: sd}) - self.base) / noise).ravel()
-                      for k, sd in self.nuisances().items()])
+        j = np.array(
+            [
+                ((self.predict((), {k: sd}) - self.base) / noise).ravel()
+                for k, sd in self.nuisances().items()
+            ]
+        )
         theta = np.linalg.solve(j @ j.T + np.eye(len(j)), j @ d)
         return np.r_[d - theta @ j, theta]
 
@@ -291,14 +364,23 @@ class Table:
         timed = np.array([[name != "lag_m"] for name in self.measured])
         return np.asarray(np.sqrt(self.sd**2 + shared * timed))
 
-    def observed(self, effects: Sequence[Effect], noise: str, rng: np.random.Generator) -> dict[str, npt.NDArray[Any]]:
+    def observed(
+        self, effects: Sequence[Effect], noise: str, rng: np.random.Generator
+    ) -> dict[str, npt.NDArray[Any]]:
         """The table as measured: given columns and noisy ones."""
         shift = {k: sd * rng.normal() for k, sd in self.nuisances().items()}
         clean = self.predict(effects, shift)
-        draws = rng.standard_t(4.0, clean.shape) / np.sqrt(2.0) if noise == "tails" else rng.normal(size=clean.shape)
+        draws = (
+            rng.standard_t(4.0, clean.shape) / np.sqrt(2.0)
+            if noise == "tails"
+            else rng.normal(size=clean.shape)
+        )
         y = clean + self.sd * draws
         clock = next((e.size for e in effects if e.id == "lag.coarse_clock"), None)
-        out = {k: v.astype(object) if v.dtype.kind == "U" else v.astype(float) for k, v in self.given.items()}
+        out = {
+            k: v.astype(object) if v.dtype.kind == "U" else v.astype(float)
+            for k, v in self.given.items()
+        }
         for name, row in zip(self.measured, y, strict=True):
             digits = _DIGITS[name] - (noise == "quantised")
             if clock is not None and name != "lag_m":
@@ -306,5 +388,6 @@ class Table:
             out[name] = np.round(row, digits)
         if noise != "tails":
             return out
-        kept = rng.random(y.shape[1]) > rng.uniform(0.0, 0.08)               # rows that somebody failed to write down
+        # rows that somebody failed to write down
+        kept = rng.random(y.shape[1]) > rng.uniform(0.0, 0.08)
         return {k: v[kept] for k, v in out.items()} if kept.sum() >= 0.8 * kept.size else out

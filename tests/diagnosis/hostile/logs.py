@@ -1,4 +1,6 @@
-"""Hostile logs by number and seed: a plain machine, and one to three things that went wrong with its recording."""
+"""Hostile logs by number and seed: a plain machine, and one to three things that went wrong
+with its recording."""
+
 from __future__ import annotations
 
 from typing import NamedTuple
@@ -8,17 +10,19 @@ import numpy as np
 from .machines import MACHINES, Table
 from .spoil import SPOILERS, Spoiler
 
-FURTHER = 2                 # of the spoilers, at most, on top of the one that the number names
+# of the spoilers, at most, on top of the one that the number names
+FURTHER = 2
 
 
 class Hostile(NamedTuple):
     name: str
-    text: str                   # the file
-    refusable: bool             # a program may refuse it in one line
+    text: str  # the file
+    refusable: bool  # a program may refuse it in one line
 
 
 def hostile_log(number: int, seed: int = 1) -> Hostile:
-    """One of a series without end: every spoiler and every machine in turn, further spoilers drawn."""
+    """One of a series without end: every spoiler and every machine in turn, further spoilers
+    drawn."""
     rng = np.random.default_rng((seed, number))
     machine = MACHINES[(number + number // len(MACHINES)) % len(MACHINES)]
     spoilers = [SPOILERS[number % len(SPOILERS)]]
@@ -32,7 +36,9 @@ def hostile_log(number: int, seed: int = 1) -> Hostile:
 
 def _further(rng: np.random.Generator, had: list[Spoiler]) -> Spoiler:
     """Another one; the wide and those that end the numbers are applied alone or first."""
-    left = [one for one in SPOILERS if one not in had and one.name not in ("wide", "words_in_numbers")]
+    left = [
+        one for one in SPOILERS if one not in had and one.name not in ("wide", "words_in_numbers")
+    ]
     return left[int(rng.integers(len(left)))]
 
 
@@ -46,5 +52,7 @@ def text_of(table: Table) -> str:
 def _cells(column: np.ndarray) -> list[str]:
     if column.dtype == object:
         return [str(cell) for cell in column]
-    return ["" if value != value else repr(round(value, 4) if 1e-3 < abs(value) < 1e12 else value)
-            for value in column.tolist()]
+    return [
+        "" if value != value else repr(round(value, 4) if 1e-3 < abs(value) < 1e12 else value)
+        for value in column.tolist()
+    ]

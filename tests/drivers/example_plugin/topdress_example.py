@@ -1,4 +1,5 @@
 """A package that adds a canopy head, a receiver, a file format and an effect to topdress."""
+
 from __future__ import annotations
 
 from pathlib import Path
@@ -10,8 +11,11 @@ from drivers.devices.lines import LineDecoder
 from drivers.plugins import EffectPlugin
 
 HEAD = HeadFields(fields=2, ndvi=2)
-FAST = EffectPlugin("Flutes fill less when it goes fast", "flow_percent bend speed_mps bend={size} at=1.2",
-                    "drive slower")
+FAST = EffectPlugin(
+    "Flutes fill less when it goes fast",
+    "flow_percent bend speed_mps bend={size} at=1.2",
+    "drive slower",
+)
 
 
 class PlainFix(LineDecoder[GnssFix]):
@@ -33,6 +37,11 @@ def squares(path: Path) -> dict[str, Any]:
     for text in path.read_text(encoding="utf-8").splitlines():
         x, y, side, rate = map(float, text.split())
         ring = [[x, y], [x + side, y], [x + side, y + side], [x, y + side], [x, y]]
-        features.append({"type": "Feature", "properties": {"rate_kg_ha": rate},
-                         "geometry": {"type": "Polygon", "coordinates": [ring]}})
+        features.append(
+            {
+                "type": "Feature",
+                "properties": {"rate_kg_ha": rate},
+                "geometry": {"type": "Polygon", "coordinates": [ring]},
+            }
+        )
     return {"type": "FeatureCollection", "features": features}

@@ -1,4 +1,5 @@
 """What each calibration of the Calibrate screen is made of."""
+
 from __future__ import annotations
 
 import os
@@ -19,17 +20,34 @@ if TYPE_CHECKING:
     from console.app.pages.calibrate.page import CalibrateScreen
 
 ESTIMATES = {
-    "grams_per_rev_mm": N_("flow"), "zero_offset": N_("at zero opening"), "fill_falloff": N_("lost at 100 r/min"),
-    "slope": N_("slope"), "intercept": N_("at 0 r/min"), "circumference": N_("circumference"),
-    "carried_share": N_("carried along"), "coulomb": N_("shaft, dry"), "coulomb_back": N_("shaft backwards, dry"),
-    "viscous": N_("shaft, with its speed"), "viscous_back": N_("shaft backwards, with its speed"),
-    "load": N_("shaft, with the material"), "gate_coulomb": N_("gate, dry"),
-    "gate_coulomb_back": N_("gate backwards, dry"), "gate_viscous": N_("gate, with its speed"),
+    "grams_per_rev_mm": N_("flow"),
+    "zero_offset": N_("at zero opening"),
+    "fill_falloff": N_("lost at 100 r/min"),
+    "slope": N_("slope"),
+    "intercept": N_("at 0 r/min"),
+    "circumference": N_("circumference"),
+    "carried_share": N_("carried along"),
+    "coulomb": N_("shaft, dry"),
+    "coulomb_back": N_("shaft backwards, dry"),
+    "viscous": N_("shaft, with its speed"),
+    "viscous_back": N_("shaft backwards, with its speed"),
+    "load": N_("shaft, with the material"),
+    "gate_coulomb": N_("gate, dry"),
+    "gate_coulomb_back": N_("gate backwards, dry"),
+    "gate_viscous": N_("gate, with its speed"),
     "gate_viscous_back": N_("gate backwards, with its speed"),
 }
-UNIT_WORDS = {"g/rev/mm": N_("g per turn and mm"), "g/rev": N_("g per turn"), "s per r/min": N_("s per r/min")}
-AXES = {"opening mm": N_("opening, mm"), "shaft r/min": N_("shaft, r/min"), "g per turn": N_("g per turn"),
-        "lag s": N_("lag, s")}
+UNIT_WORDS = {
+    "g/rev/mm": N_("g per turn and mm"),
+    "g/rev": N_("g per turn"),
+    "s per r/min": N_("s per r/min"),
+}
+AXES = {
+    "opening mm": N_("opening, mm"),
+    "shaft r/min": N_("shaft, r/min"),
+    "g per turn": N_("g per turn"),
+    "lag s": N_("lag, s"),
+}
 
 
 class FrameSeen(NamedTuple):
@@ -56,10 +74,12 @@ Deed = Callable[[FrameSeen], object]
 
 
 class Calibration:
-    """A list of steps: what is to be done in each, which of them is next, and what was found in the end.
+    """A list of steps: what is to be done in each, which of them is next, and what was found in
+    the end.
 
-    kind: as its machine files are named. name, heading: untranslated. holds: has a run that goes on while a key is
-    held. deeds: what its keys do, by action; a key that none has belongs to another calibration.
+    kind: as its machine files are named. name, heading: untranslated. holds: has a run that
+    goes on while a key is held. deeds: what its keys do, by action; a key that none has belongs
+    to another calibration.
     """
 
     kind = name = heading = ""
@@ -85,7 +105,13 @@ class Calibration:
         raise NotImplementedError
 
     def guide(self, seen: FrameSeen, said: str) -> GuideView:
-        return GuideView(_(self.heading), self.steps(seen), self.step(seen), self.trouble(seen, said), self.found())
+        return GuideView(
+            _(self.heading),
+            self.steps(seen),
+            self.step(seen),
+            self.trouble(seen, said),
+            self.found(),
+        )
 
     def trouble(self, seen: FrameSeen, said: str) -> str:
         """Why it does not go on, in words; said: what was refused."""
@@ -116,7 +142,9 @@ class Calibration:
             rows.append(_("scatter {scatter}").format(scatter=self.fitted.scatter))
         if self.fitted.range != (0.0, 0.0):
             low, high = self.fitted.range
-            rows.append(_("holds from {low} to {high} r/min").format(low=f"{low:g}", high=f"{high:g}"))
+            rows.append(
+                _("holds from {low} to {high} r/min").format(low=f"{low:g}", high=f"{high:g}")
+            )
         if self.saved:
             rows.append(_("saved: {path}").format(path=short_path(self.saved)))
             rows.append(_("use it with: topdress run --config FILE"))
@@ -141,7 +169,8 @@ class HeldRun(Calibration):
             return _("No machine is connected.")
         if seen.calibrating and frame.why_no_flow:
             return _("The shaft may not turn: {why}.").format(
-                why=", ".join(words.note_word(note) for note in frame.why_no_flow))
+                why=", ".join(words.note_word(note) for note in frame.why_no_flow)
+            )
         if seen.state == "fault":
             return _("The machine is in FAULT: see the alarm above, then make it ready.")
         if seen.state == "ready" and frame.why_state == "calibration_time":
@@ -161,13 +190,20 @@ def estimate_words(one: Estimate) -> str:
     if one.value is None or one.low is None or one.high is None:
         return _("{name}: not shown by this test").format(name=name)
     value, low, high = (f"{number:.{one.decimals}f}" for number in (one.value, one.low, one.high))
-    return _("{name} {value} {unit} (90 %: {low} to {high})").format(name=name, value=value, unit=unit, low=low,
-                                                                     high=high)
+    return _("{name} {value} {unit} (90 %: {low} to {high})").format(
+        name=name, value=value, unit=unit, low=low, high=high
+    )
 
 
-def curve_of(fitted: Calibrated | None, points: tuple[tuple[float, float], ...], x_name: str, y_name: str) -> CurveView:
+def curve_of(
+    fitted: Calibrated | None, points: tuple[tuple[float, float], ...], x_name: str, y_name: str
+) -> CurveView:
     """What was measured, with the fitted line where there is one."""
     if fitted is None:
         return CurveView(_(AXES[x_name]), _(AXES[y_name]), points)
-    return CurveView(_(AXES[fitted.x_name]), _(AXES[fitted.y_name]), fitted.points,
-                     tuple((one.x, one.y, one.low, one.high) for one in fitted.line))
+    return CurveView(
+        _(AXES[fitted.x_name]),
+        _(AXES[fitted.y_name]),
+        fitted.points,
+        tuple((one.x, one.y, one.low, one.high) for one in fitted.line),
+    )

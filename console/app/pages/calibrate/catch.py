@@ -1,8 +1,10 @@
-"""The catch test: settle, then catch and weigh, at three settings or more. Counts seconds and revolutions from frames.
+"""The catch test: settle, then catch and weigh, at three settings or more. Counts seconds and
+revolutions from frames.
 
-Sampling five times a second, a start or a stop of the shaft is counted to 0.02 revolutions (the corner of a ramp of
-200 r/min per s); thirty revolutions are counted to 0.1 %.
+Sampling five times a second, a start or a stop of the shaft is counted to 0.02 revolutions (the
+corner of a ramp of 200 r/min per s); thirty revolutions are counted to 0.1 %.
 """
+
 from __future__ import annotations
 
 from collections import deque
@@ -10,23 +12,30 @@ from collections.abc import Callable
 from statistics import fmean
 from typing import Literal, NamedTuple
 
-TURNING_RPM = 2.0             # below this the shaft stands: the lag paper starts its clock here
-SETTLE_S = 5.0                # flutes and tubes are full and the gate stands still after that
-WEIGH_S = 30.0                # advised
-LEAST_REVOLUTIONS = 3.0       # fewer revolutions make no point
+# below this the shaft stands: the lag paper starts its clock here
+TURNING_RPM = 2.0
+# flutes and tubes are full and the gate stands still after that
+SETTLE_S = 5.0
+WEIGH_S = 30.0  # advised
+LEAST_REVOLUTIONS = 3.0  # fewer revolutions make no point
 LEAST_POINTS = 3
-GAP_S = 1.0                   # frames farther apart: nothing is counted between them
-RESTING_READINGS = 15         # of the hopper scale, five a second
-SCALE_OFF_KG = 0.6            # four s.d. (0.15 kg) of one reading of a hopper scale: it says that much wrong of a catch
-SCALE_SHARE = 0.25            # and its gain a few percent: farther off than this, one of the two is wrong
-MODEL_FACTOR = 3.0            # products differ by less in grams a turn; a lost decimal sign makes 10 at least
+# frames farther apart: nothing is counted between them
+GAP_S = 1.0
+RESTING_READINGS = 15  # of the hopper scale, five a second
+# four s.d. (0.15 kg) of one reading of a hopper scale: it says that much wrong of a catch
+SCALE_OFF_KG = 0.6
+# and its gain a few percent: farther off than this, one of the two is wrong
+SCALE_SHARE = 0.25
+# products differ by less in grams a turn; a lost decimal sign makes 10 at least
+MODEL_FACTOR = 3.0
 
 Phase = Literal["settle", "weigh"]
 
 
 class CatchPoint(NamedTuple):
-    """One weighed catch, all outlets together. shaft_rpm, opening_mm: means over the revolutions, so that ramps hardly
-    count; duration_s: such that shaft_rpm x duration_s are the revolutions."""
+    """One weighed catch, all outlets together. shaft_rpm, opening_mm: means over the
+    revolutions, so that ramps hardly count; duration_s: such that shaft_rpm x duration_s are
+    the revolutions."""
 
     shaft_rpm: float
     opening_mm: float
@@ -47,14 +56,19 @@ class Turned(NamedTuple):
 
     seconds: float = 0.0
     revolutions: float = 0.0
-    shaft_rpm_rev: float = 0.0            # shaft speed and opening, summed over revolutions
+    # shaft speed and opening, summed over revolutions
+    shaft_rpm_rev: float = 0.0
     opening_mm_rev: float = 0.0
 
     def after(self, dt_s: float, shaft_rpm: float, opening_mm: float) -> Turned:
         """shaft_rpm, opening_mm: means over dt_s."""
         turned = shaft_rpm * dt_s / 60.0
-        return Turned(self.seconds + dt_s, self.revolutions + turned, self.shaft_rpm_rev + shaft_rpm * turned,
-                      self.opening_mm_rev + opening_mm * turned)
+        return Turned(
+            self.seconds + dt_s,
+            self.revolutions + turned,
+            self.shaft_rpm_rev + shaft_rpm * turned,
+            self.opening_mm_rev + opening_mm * turned,
+        )
 
 
 class _Sample(NamedTuple):
@@ -93,7 +107,8 @@ class CatchRun:
 
     @property
     def scale_says_kg(self) -> float | None:
-        """What the hopper scale lost in the catch: a hint along with the weighed mass, with the scale's own noise."""
+        """What the hopper scale lost in the catch: a hint along with the weighed mass, with the
+        scale's own noise."""
         if self._before_kg is None or len(self._resting_kg) < RESTING_READINGS // 3:
             return None
         return self._before_kg - fmean(self._resting_kg)
@@ -101,20 +116,31 @@ class CatchRun:
     def scale_doubts(self, mass_kg: float) -> bool:
         """The hopper scale lost quite another mass than this."""
         says = self.scale_says_kg
-        return says is not None and abs(mass_kg - says) > max(SCALE_OFF_KG, SCALE_SHARE * max(says, mass_kg))
+        return says is not None and abs(mass_kg - says) > max(
+            SCALE_OFF_KG, SCALE_SHARE * max(says, mass_kg)
+        )
 
     def expected_kg(self, of: Callable[[float, float, float], float]) -> float:
         """of: `CalibrateService.expected_kg`; asked for what turned in this catch."""
         turned = self.turned
-        return of(turned.shaft_rpm_rev / turned.revolutions, turned.opening_mm_rev / turned.revolutions,
-                  turned.revolutions)
+        return of(
+            turned.shaft_rpm_rev / turned.revolutions,
+            turned.opening_mm_rev / turned.revolutions,
+            turned.revolutions,
+        )
 
     def weighed(self, mass_kg: float) -> None:
         """The caught mass makes a point; the same setting may be caught again without settling."""
         turned = self.turned
         shaft_rpm = turned.shaft_rpm_rev / turned.revolutions
-        self.points.append(CatchPoint(shaft_rpm, turned.opening_mm_rev / turned.revolutions,
-                                      60.0 * turned.revolutions / shaft_rpm, mass_kg))
+        self.points.append(
+            CatchPoint(
+                shaft_rpm,
+                turned.opening_mm_rev / turned.revolutions,
+                60.0 * turned.revolutions / shaft_rpm,
+                mass_kg,
+            )
+        )
         self.turned, self._before_kg = Turned(), None
 
     def undo(self) -> None:
@@ -127,11 +153,20 @@ class CatchRun:
         self._last = None
         self._resting_kg.clear()
 
-    def see(self, time_s: float, shaft_rpm: float | None, opening_mm: float | None, hopper_kg: float | None,
-            running: bool) -> None:
+    def see(
+        self,
+        time_s: float,
+        shaft_rpm: float | None,
+        opening_mm: float | None,
+        hopper_kg: float | None,
+        running: bool,
+    ) -> None:
         """One frame. running: a run is going on; the shaft is counted until it stands again."""
-        now = None if shaft_rpm is None else _Sample(time_s, shaft_rpm, self.opening_mm if opening_mm is None
-                                                     else opening_mm)
+        now = (
+            None
+            if shaft_rpm is None
+            else _Sample(time_s, shaft_rpm, self.opening_mm if opening_mm is None else opening_mm)
+        )
         last, self._last = self._last, now
         turning = now is not None and now.shaft_rpm > TURNING_RPM
         if turning or running:

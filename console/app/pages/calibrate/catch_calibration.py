@@ -1,4 +1,6 @@
-"""The catch test on the screen: settle, catch, weigh, at three settings or more; then flow per turn."""
+"""The catch test on the screen: settle, catch, weigh, at three settings or more; then flow per
+turn."""
+
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
@@ -6,7 +8,13 @@ from typing import TYPE_CHECKING
 
 from console.app.number_dialog import NumberDialog
 from console.app.pages.calibrate.calibration import Deed, FrameSeen, HeldRun, curve_of
-from console.app.pages.calibrate.catch import LEAST_POINTS, MODEL_FACTOR, SETTLE_S, WEIGH_S, CatchRun
+from console.app.pages.calibrate.catch import (
+    LEAST_POINTS,
+    MODEL_FACTOR,
+    SETTLE_S,
+    WEIGH_S,
+    CatchRun,
+)
 from console.app.pages.calibrate.curve import CurveView
 from console.app.pages.calibrate.guide import GuideStep
 from console.app.pages.calibrate.sheet import Bar, Cells, Line, Row
@@ -19,21 +27,31 @@ from control.orders import Do, Order
 if TYPE_CHECKING:
     from console.app.pages.calibrate.page import CalibrateScreen
 
-SPEEDS_APART_RPM = 1.0        # closer settings are one setting
+SPEEDS_APART_RPM = 1.0  # closer settings are one setting
 OPENINGS_APART_MM = 0.5
-BENCH_STATES = ("calibrating", "ready")      # let go of, a run is over at once, and the shaft stands a little later
+# let go of, a run is over at once, and the shaft stands a little later
+BENCH_STATES = ("calibrating", "ready")
 
 
 class CatchCalibration(HeldRun):
     kind, name, heading = "catch", N_("catch test"), N_("Catch test: how much flows per turn")
 
     def __init__(self, page: CalibrateScreen) -> None:
-        super().__init__(page, {
-            "cal_shaft": self._standing(self._ask_shaft), "cal_opening": self._standing(self._ask_opening),
-            "cal_weigh": self._standing(self._ask_mass), "cal_again": self._standing(lambda: self.test.again()),
-            "cal_undo": lambda _seen: self._undo(), "cal_fit": lambda _seen: self._fit()})
+        super().__init__(
+            page,
+            {
+                "cal_shaft": self._standing(self._ask_shaft),
+                "cal_opening": self._standing(self._ask_opening),
+                "cal_weigh": self._standing(self._ask_mass),
+                "cal_again": self._standing(lambda: self.test.again()),
+                "cal_undo": lambda _seen: self._undo(),
+                "cal_fit": lambda _seen: self._fit(),
+            },
+        )
         service = page.service
-        self.test = CatchRun(service.set_shaft_rpm if service else 50.0, service.set_opening_mm if service else 25.0)
+        self.test = CatchRun(
+            service.set_shaft_rpm if service else 50.0, service.set_opening_mm if service else 25.0
+        )
 
     def see(self, seen: FrameSeen) -> None:
         frame = seen.frame
@@ -42,16 +60,27 @@ class CatchCalibration(HeldRun):
         if frame.row.state not in BENCH_STATES:
             self.test.pause()
         else:
-            self.test.see(frame.row.time_s, frame.row.shaft_rpm, frame.row.opening_mm, frame.row.hopper_kg,
-                          seen.calibrating)
+            self.test.see(
+                frame.row.time_s,
+                frame.row.shaft_rpm,
+                frame.row.opening_mm,
+                frame.row.hopper_kg,
+                seen.calibrating,
+            )
 
     def settings(self) -> Sequence[Order]:
-        return (Order(Do.CALIBRATE_OPENING, self.test.opening_mm), Order(Do.CALIBRATE_SHAFT, self.test.shaft_rpm))
+        return (
+            Order(Do.CALIBRATE_OPENING, self.test.opening_mm),
+            Order(Do.CALIBRATE_SHAFT, self.test.shaft_rpm),
+        )
 
     def step(self, seen: FrameSeen) -> int:
         test = self.test
-        if self.fitted is not None or (len(test.points) >= LEAST_POINTS and test.turned.revolutions == 0.0
-                                       and not seen.calibrating):
+        if self.fitted is not None or (
+            len(test.points) >= LEAST_POINTS
+            and test.turned.revolutions == 0.0
+            and not seen.calibrating
+        ):
             return 4
         if not seen.ready:
             return 0
@@ -62,16 +91,41 @@ class CatchCalibration(HeldRun):
     def steps(self, seen: FrameSeen) -> tuple[GuideStep, ...]:
         rest = max(0, LEAST_POINTS - len(self.test.points))
         return (
-            GuideStep(_("make ready"), _("The tractor stands still. R makes the machine ready; nothing turns yet.")),
-            GuideStep(_("settle"), _("Enough: let go of I.") if self.test.turned.seconds >= SETTLE_S else
-             _("A vessel under the outlets. Hold I until the bar is full; what fell is put back.")),
-            GuideStep(_("catch"), _("Enough: let go of I.") if self.test.turned.seconds >= WEIGH_S else
-             _("Empty vessels of known weight under all outlets. Hold I for about {seconds} s, then let go.").format(
-                 seconds=f"{WEIGH_S:.0f}")),
-            GuideStep(_("weigh"), _("Q3: type what all outlets together gave. If in doubt, Q4 settles again.")),
-            GuideStep(_("fit and save"),
-             _("Q5 fits the curve. More settings make it better: Q1 and Q2 change them.") if not rest else
-             _("{rest} more catches: change the setting with Q1 or Q2, for a wide range.").format(rest=rest)))
+            GuideStep(
+                _("make ready"),
+                _("The tractor stands still. R makes the machine ready; nothing turns yet."),
+            ),
+            GuideStep(
+                _("settle"),
+                _("Enough: let go of I.")
+                if self.test.turned.seconds >= SETTLE_S
+                else _(
+                    "A vessel under the outlets. Hold I until the bar is full; what fell is "
+                    "put back."
+                ),
+            ),
+            GuideStep(
+                _("catch"),
+                _("Enough: let go of I.")
+                if self.test.turned.seconds >= WEIGH_S
+                else _(
+                    "Empty vessels of known weight under all outlets. Hold I for about "
+                    "{seconds} s, then let go."
+                ).format(seconds=f"{WEIGH_S:.0f}"),
+            ),
+            GuideStep(
+                _("weigh"),
+                _("Q3: type what all outlets together gave. If in doubt, Q4 settles again."),
+            ),
+            GuideStep(
+                _("fit and save"),
+                _("Q5 fits the curve. More settings make it better: Q1 and Q2 change them.")
+                if not rest
+                else _(
+                    "{rest} more catches: change the setting with Q1 or Q2, for a wide range."
+                ).format(rest=rest),
+            ),
+        )
 
     def sheet(self, seen: FrameSeen) -> tuple[Row, ...]:
         test, row = self.test, seen.frame.row if seen.frame else None
@@ -86,46 +140,86 @@ class CatchCalibration(HeldRun):
         bars: list[Row] = [
             Line(_("setting"), f"{test.shaft_rpm:g} r/min   {test.opening_mm:g} mm"),
             Line(_("measured"), f"{shaft} r/min   {opening} mm", "stale" if old else ""),
-            Bar(_("settle"), round(settled, 2), f"{min(seconds if settling else SETTLE_S, 99.0):4.1f} s",
-                "lead" if settling and seen.calibrating else ""),
-            Bar(_("catch"), round(min(1.0, caught_s / WEIGH_S), 2), caught,
-                "lead" if not settling and seen.calibrating else "")]
+            Bar(
+                _("settle"),
+                round(settled, 2),
+                f"{min(seconds if settling else SETTLE_S, 99.0):4.1f} s",
+                "lead" if settling and seen.calibrating else "",
+            ),
+            Bar(
+                _("catch"),
+                round(min(1.0, caught_s / WEIGH_S), 2),
+                caught,
+                "lead" if not settling and seen.calibrating else "",
+            ),
+        ]
         says = test.scale_says_kg
         mass = self.page.app.units.mass._replace(decimals=1)
-        bars.append(Line(_("hopper scale"), "--" if says is None else
-                         _("about {mass} less").format(mass=mass.full(says))))
+        bars.append(
+            Line(
+                _("hopper scale"),
+                "--" if says is None else _("about {mass} less").format(mass=mass.full(says)),
+            )
+        )
         kilograms = self.page.app.units.mass._replace(decimals=3)
-        bars.append(Cells(("r/min", "mm", "s", _("turns"), kilograms.name, _("g/turn")), heading=True))
-        bars += [Cells((f"{one.shaft_rpm:.1f}", f"{one.opening_mm:.1f}", f"{one.duration_s:.1f}",
-                        f"{one.revolutions:.1f}", kilograms.text(one.mass_kg), f"{one.grams_per_revolution:.1f}"))
-                 for one in test.points]
+        bars.append(
+            Cells(("r/min", "mm", "s", _("turns"), kilograms.name, _("g/turn")), heading=True)
+        )
+        bars += [
+            Cells(
+                (
+                    f"{one.shaft_rpm:.1f}",
+                    f"{one.opening_mm:.1f}",
+                    f"{one.duration_s:.1f}",
+                    f"{one.revolutions:.1f}",
+                    kilograms.text(one.mass_kg),
+                    f"{one.grams_per_revolution:.1f}",
+                )
+            )
+            for one in test.points
+        ]
         return tuple(bars)
 
     def curve(self) -> CurveView:
         points = self.test.points
         speeds = [one.shaft_rpm for one in points]
         openings = [one.opening_mm for one in points]
-        by_speed = bool(points) and (max(openings) - min(openings) < OPENINGS_APART_MM
-                                     and max(speeds) - min(speeds) > SPEEDS_APART_RPM)
+        by_speed = bool(points) and (
+            max(openings) - min(openings) < OPENINGS_APART_MM
+            and max(speeds) - min(speeds) > SPEEDS_APART_RPM
+        )
         across = speeds if by_speed else openings
-        return curve_of(self.fitted, tuple(zip(across, (one.grams_per_revolution for one in points), strict=True)),
-                        "shaft r/min" if by_speed else "opening mm", "g per turn")
+        return curve_of(
+            self.fitted,
+            tuple(zip(across, (one.grams_per_revolution for one in points), strict=True)),
+            "shaft r/min" if by_speed else "opening mm",
+            "g per turn",
+        )
 
     def chips(self, seen: FrameSeen) -> tuple[Chip, ...]:
         test, step, free = self.test, self.step(seen), not seen.calibrating
         enough = len(test.points) >= LEAST_POINTS
-        return (Chip("cal_ready", "R", _("make ready"), not seen.ready, lead=step == 0),
-                Chip("cal_shaft", "Q1", _("shaft speed"), free), Chip("cal_opening", "Q2", _("opening"), free),
-                Chip("cal_run", "I", _("run while held"), seen.ready, lead=step in (1, 2), held=True),
-                Chip("cal_again", "Q4", _("settle again"), free and test.phase == "weigh"),
-                Chip("cal_weigh", "Q3", _("weighed"), free and test.can_weigh, lead=step == 3),
-                Chip("cal_undo", "Bksp", _("drop last point"), bool(test.points)),
-                Chip("cal_fit", "Q5", _("fit"), enough and not self.page.busy, lead=step == 4 and self.fitted is None
-                     and enough),
-                self.save_chip())
+        return (
+            Chip("cal_ready", "R", _("make ready"), not seen.ready, lead=step == 0),
+            Chip("cal_shaft", "Q1", _("shaft speed"), free),
+            Chip("cal_opening", "Q2", _("opening"), free),
+            Chip("cal_run", "I", _("run while held"), seen.ready, lead=step in (1, 2), held=True),
+            Chip("cal_again", "Q4", _("settle again"), free and test.phase == "weigh"),
+            Chip("cal_weigh", "Q3", _("weighed"), free and test.can_weigh, lead=step == 3),
+            Chip("cal_undo", "Bksp", _("drop last point"), bool(test.points)),
+            Chip(
+                "cal_fit",
+                "Q5",
+                _("fit"),
+                enough and not self.page.busy,
+                lead=step == 4 and self.fitted is None and enough,
+            ),
+            self.save_chip(),
+        )
 
     def _standing(self, do: Callable[[], object]) -> Deed:
         """Refused while the shaft turns."""
+
         def run(seen: FrameSeen) -> None:
             if seen.calibrating:
                 self.page.app.notice(_("let go first: the shaft turns"))
@@ -135,13 +229,21 @@ class CatchCalibration(HeldRun):
         return run
 
     def _ask_shaft(self) -> None:
-        self.page.ask(NumberDialog(_("Shaft speed"), "r/min", *self.page.served.shaft_rpm,
-                                   _("The shaft turns only while I is held.")),
-                      lambda shaft_rpm: self.test.set(shaft_rpm=shaft_rpm))
+        self.page.ask(
+            NumberDialog(
+                _("Shaft speed"),
+                "r/min",
+                *self.page.served.shaft_rpm,
+                _("The shaft turns only while I is held."),
+            ),
+            lambda shaft_rpm: self.test.set(shaft_rpm=shaft_rpm),
+        )
 
     def _ask_opening(self) -> None:
-        self.page.ask(NumberDialog(_("Opening"), "mm", *self.page.served.opening_mm),
-                      lambda opening_mm: self.test.set(opening_mm=opening_mm))
+        self.page.ask(
+            NumberDialog(_("Opening"), "mm", *self.page.served.opening_mm),
+            lambda opening_mm: self.test.set(opening_mm=opening_mm),
+        )
 
     def _undo(self) -> None:
         self.test.undo()
@@ -152,32 +254,55 @@ class CatchCalibration(HeldRun):
             self.page.app.notice(_("nothing is caught yet: hold I first"))
             return
         unit = self.page.app.units.mass
-        text = _("{turns} turns in {seconds} s").format(turns=f"{self.test.turned.revolutions:.1f}",
-                                                        seconds=f"{self.test.turned.seconds:.1f}")
+        text = _("{turns} turns in {seconds} s").format(
+            turns=f"{self.test.turned.revolutions:.1f}", seconds=f"{self.test.turned.seconds:.1f}"
+        )
         low, high = inside(unit, 0.001, self.page.served.most_kg, 3)
-        self.page.ask(NumberDialog(_("Weighed, all outlets together"), unit.name, low, high, text, unit.to_si,
-                                   doubt=self._doubt), self._weighed)
+        self.page.ask(
+            NumberDialog(
+                _("Weighed, all outlets together"),
+                unit.name,
+                low,
+                high,
+                text,
+                unit.to_si,
+                doubt=self._doubt,
+            ),
+            self._weighed,
+        )
 
     def _doubt(self, mass_kg: float) -> str:
-        """What speaks against a weighed mass: the hopper scale; where it says nothing, what the machine's model has."""
+        """What speaks against a weighed mass: the hopper scale; where it says nothing, what the
+        machine's model has."""
         mass = self.page.app.units.mass._replace(decimals=2)
         if self.test.scale_says_kg is not None:
-            return _("The hopper scale lost about {mass}.").format(
-                mass=mass.full(self.test.scale_says_kg)) if self.test.scale_doubts(mass_kg) else ""
+            return (
+                _("The hopper scale lost about {mass}.").format(
+                    mass=mass.full(self.test.scale_says_kg)
+                )
+                if self.test.scale_doubts(mass_kg)
+                else ""
+            )
         expected_kg = self.test.expected_kg(self.page.served.expected_kg)
         if expected_kg <= 0.0 or 1.0 / MODEL_FACTOR <= mass_kg / expected_kg <= MODEL_FACTOR:
             return ""
-        return _("By the machine file it would be about {mass}.").format(mass=mass.full(expected_kg))
+        return _("By the machine file it would be about {mass}.").format(
+            mass=mass.full(expected_kg)
+        )
 
     def _weighed(self, mass_kg: float) -> None:
         if self.test.can_weigh:
             self.test.weighed(mass_kg)
             self.forget()
-            self.page.app.notice(_("weighed: {mass}").format(mass=in_words(self.page.app.units.mass, mass_kg)))
+            self.page.app.notice(
+                _("weighed: {mass}").format(mass=in_words(self.page.app.units.mass, mass_kg))
+            )
 
     def _fit(self) -> None:
         service, points = self.page.served, tuple(self.test.points)
         if len(points) < LEAST_POINTS:
-            self.page.app.notice(_("{have} of {count} catches done").format(count=LEAST_POINTS, have=len(points)))
+            self.page.app.notice(
+                _("{have} of {count} catches done").format(count=LEAST_POINTS, have=len(points))
+            )
         else:
             self.page.compute(lambda: service.fit_catch(points), self.take)

@@ -1,8 +1,10 @@
-"""Measured points, the line fitted through them, and the band in which 90 % of single measurements lie.
+"""Measured points, the line fitted through them, and the band in which 90 % of single
+measurements lie.
 
-Told apart by shape, not by colour alone: points are letters o, the line is braille without a gap, the band's two edges
-are braille dots with gaps.
+Told apart by shape, not by colour alone: points are letters o, the line is braille without a
+gap, the band's two edges are braille dots with gaps.
 """
+
 from __future__ import annotations
 
 from itertools import pairwise
@@ -23,7 +25,8 @@ _AXIS = 8
 
 
 class CurveView(NamedTuple):
-    """points: (x, y). line: (x, y, low, high), by x. x_name, y_name: what and unit, in the language in use."""
+    """points: (x, y). line: (x, y, low, high), by x. x_name, y_name: what and unit, in the
+    language in use."""
 
     x_name: str
     y_name: str
@@ -42,48 +45,86 @@ def ends(values: list[float], least: float) -> tuple[float, float]:
 
 
 class Curve(Canvas[CurveView]):
-    COMPONENT_CLASSES: ClassVar[set[str]] = {"curve--point", "curve--line", "curve--band", "curve--muted",
-                                             "curve--title"}
+    COMPONENT_CLASSES: ClassVar[set[str]] = {
+        "curve--point",
+        "curve--line",
+        "curve--band",
+        "curve--muted",
+        "curve--title",
+    }
 
     def lines(self, view: CurveView, width: int, height: int) -> list[Strip]:
         rows, columns = height - 2, width - _AXIS - 1
         if rows < 2 or columns < 10:
             return []
         muted, title = self.style("curve--muted"), self.style("curve--title")
-        point, drawn, band = self.style("curve--point"), self.style("curve--line"), self.style("curve--band")
+        point, drawn, band = (
+            self.style("curve--point"),
+            self.style("curve--line"),
+            self.style("curve--band"),
+        )
         head = [(f" {view.y_name}  ", title), ("o ", point), (_("measured"), muted)]
         if view.line:
-            head += [("  ⣀⣀ ", drawn), (_("fitted"), muted), ("  ⢀⢀ ", band), (_("90 % lie between"), muted)]
+            head += [
+                ("  ⣀⣀ ", drawn),
+                (_("fitted"), muted),
+                ("  ⢀⢀ ", band),
+                (_("90 % lie between"), muted),
+            ]
         while sum(cell_len(text) for text, _style in head) > width and len(head) > 3:
-            head = head[:-2]            # the last of what is explained goes first, whole
+            head = head[:-2]  # the last of what is explained goes first, whole
         strips = [self.text_strip(width, *head)]
         ys = [y for _x, y in view.points] + [value for one in view.line for value in one[1:]]
         if not ys:
-            blank = self.text_strip(width, (right(_("no points yet"), _AXIS + columns // 2 + 6), muted))
+            blank = self.text_strip(
+                width, (right(_("no points yet"), _AXIS + columns // 2 + 6), muted)
+            )
             return [*strips, *([Strip.blank(width, self.rich_style)] * (rows // 2)), blank]
         xs = [x for x, _y in view.points] + [one[0] for one in view.line]
-        across, up = ends(xs, max(1.0, 0.1 * abs(max(xs)))), ends(ys, max(0.001, 0.02 * abs(max(ys))))
+        across, up = (
+            ends(xs, max(1.0, 0.1 * abs(max(xs)))),
+            ends(ys, max(0.001, 0.02 * abs(max(ys)))),
+        )
 
         def dot(x: float, y: float) -> tuple[int, int]:
-            return (round((x - across[0]) / (across[1] - across[0]) * (2 * columns - 1)),
-                    round((1.0 - (y - up[0]) / (up[1] - up[0])) * (4 * rows - 1)))
+            return (
+                round((x - across[0]) / (across[1] - across[0]) * (2 * columns - 1)),
+                round((1.0 - (y - up[0]) / (up[1] - up[0])) * (4 * rows - 1)),
+            )
 
         line = _joined([dot(x, y) for x, y, _low, _high in view.line])
-        edges = {place for edge in (2, 3) for place in _joined([dot(one[0], one[edge]) for one in view.line])
-                 if place[0] % 4 == 0}
+        edges = {
+            place
+            for edge in (2, 3)
+            for place in _joined([dot(one[0], one[edge]) for one in view.line])
+            if place[0] % 4 == 0
+        }
         marks = {(x // 2, y // 4) for x, y in (dot(*one) for one in view.points)}
         labels = {0: _number(up[1], up), rows - 1: _number(up[0], up)}
         if rows >= 5:
             labels[rows // 2] = _number(up[1] + (up[0] - up[1]) * (rows // 2 + 0.5) / rows, up)
         for row in range(rows):
             cells = [Segment(right(labels.get(row, ""), _AXIS - 1) + " ", muted)]
-            cells += [_cell(column, row, marks=marks, line=line, edges=edges, point=point, drawn=drawn,
-                            band=band) or Segment(" ", self.rich_style)
-                      for column in range(columns)]
+            cells += [
+                _cell(
+                    column,
+                    row,
+                    marks=marks,
+                    line=line,
+                    edges=edges,
+                    point=point,
+                    drawn=drawn,
+                    band=band,
+                )
+                or Segment(" ", self.rich_style)
+                for column in range(columns)
+            ]
             strips.append(Strip(cells).adjust_cell_length(width, self.rich_style))
         first, last = _number(across[0], across), _number(across[1], across)
         middle = fit(f" {view.x_name}", max(0, columns - len(first) - len(last)))
-        strips.append(self.text_strip(width, (" " * _AXIS + first, muted), (middle, title), (last, muted)))
+        strips.append(
+            self.text_strip(width, (" " * _AXIS + first, muted), (middle, title), (last, muted))
+        )
         return strips
 
 
@@ -92,16 +133,33 @@ def _joined(places: list[tuple[int, int]]) -> set[tuple[int, int]]:
     found = set(places)
     for (x0, y0), (x1, y1) in pairwise(places):
         steps = max(abs(x1 - x0), abs(y1 - y0), 1)
-        found |= {(round(x0 + (x1 - x0) * k / steps), round(y0 + (y1 - y0) * k / steps)) for k in range(steps + 1)}
+        found |= {
+            (round(x0 + (x1 - x0) * k / steps), round(y0 + (y1 - y0) * k / steps))
+            for k in range(steps + 1)
+        }
     return found
 
 
-def _cell(column: int, row: int, *, marks: set[tuple[int, int]], line: set[tuple[int, int]],
-          edges: set[tuple[int, int]], point: Style, drawn: Style, band: Style) -> Segment | None:
+def _cell(
+    column: int,
+    row: int,
+    *,
+    marks: set[tuple[int, int]],
+    line: set[tuple[int, int]],
+    edges: set[tuple[int, int]],
+    point: Style,
+    drawn: Style,
+    band: Style,
+) -> Segment | None:
     if (column, row) in marks:
         return Segment("o", point)
     for places, style in ((line, drawn), (edges, band)):
-        bits = sum(BITS[y][x] for y in range(4) for x in range(2) if (2 * column + x, 4 * row + y) in places)
+        bits = sum(
+            BITS[y][x]
+            for y in range(4)
+            for x in range(2)
+            if (2 * column + x, 4 * row + y) in places
+        )
         if bits:
             return Segment(chr(BLANK | bits), style)
     return None

@@ -1,4 +1,6 @@
-"""The reference of effort on the screen: what the drives of a sound machine take, from the log of this run."""
+"""The reference of effort on the screen: what the drives of a sound machine take, from the log
+of this run."""
+
 from __future__ import annotations
 
 from pathlib import PurePath
@@ -15,7 +17,11 @@ if TYPE_CHECKING:
 
 
 class EffortCalibration(Calibration):
-    kind, name, heading = "effort", N_("effort"), N_("Effort: how hard the drives of a sound machine work")
+    kind, name, heading = (
+        "effort",
+        N_("effort"),
+        N_("Effort: how hard the drives of a sound machine work"),
+    )
 
     def __init__(self, page: CalibrateScreen) -> None:
         super().__init__(page, {"cal_fit": self._fit})
@@ -25,22 +31,44 @@ class EffortCalibration(Calibration):
 
     def steps(self, seen: FrameSeen) -> tuple[GuideStep, ...]:
         return (
-            GuideStep(_("work"), _("Work with a sound, warm machine for ten minutes, at several speeds and openings. "
-                                   "Then Q5 fits it to this run's log.")),
-            GuideStep(_("save"), _("E saves it as a new machine file: alarms of effort and later diagnoses are held "
-                                   "against it.")))
+            GuideStep(
+                _("work"),
+                _(
+                    "Work with a sound, warm machine for ten minutes, at several speeds and "
+                    "openings. "
+                    "Then Q5 fits it to this run's log."
+                ),
+            ),
+            GuideStep(
+                _("save"),
+                _(
+                    "E saves it as a new machine file: alarms of effort and later diagnoses "
+                    "are held "
+                    "against it."
+                ),
+            ),
+        )
 
     def sheet(self, seen: FrameSeen) -> tuple[Row, ...]:
         if seen.frame is None:
             return ()
         row = seen.frame.row
-        return (Line(_("log"), PurePath(seen.frame.log_path).name), *(
-            Line(_(word), "--" if value is None else f"{value:.3g}") for word, value in (
-                (N_("effort of the shaft"), row.shaft_effort), (N_("effort of the gate"), row.gate_effort))))
+        return (
+            Line(_("log"), PurePath(seen.frame.log_path).name),
+            *(
+                Line(_(word), "--" if value is None else f"{value:.3g}")
+                for word, value in (
+                    (N_("effort of the shaft"), row.shaft_effort),
+                    (N_("effort of the gate"), row.gate_effort),
+                )
+            ),
+        )
 
     def chips(self, seen: FrameSeen) -> tuple[Chip, ...]:
         on = seen.frame is not None and bool(seen.frame.log_path) and not self.page.busy
-        return Chip("cal_fit", "Q5", _("fit"), on, lead=on and self.fitted is None), self.save_chip()
+        return Chip(
+            "cal_fit", "Q5", _("fit"), on, lead=on and self.fitted is None
+        ), self.save_chip()
 
     def _fit(self, seen: FrameSeen) -> None:
         service, path = self.page.served, "" if seen.frame is None else seen.frame.log_path

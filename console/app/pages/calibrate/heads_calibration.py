@@ -1,4 +1,5 @@
 """The heads check on the screen: six heads against their median for 30 s of driving."""
+
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -18,11 +19,14 @@ if TYPE_CHECKING:
 
 # The heads check: every canopy head against the median of all, over 30 s of driving.
 CHECK_S = 30.0
-FOULED_SHARE = 0.04           # of the median: published fouling is 2 to 10 %, heads agree to 0.1 % when clean
-UNSTEADY_NDVI = 0.05          # spread (1 s.d.) about the median; a good head has 0.01, the crop itself about as much
-LEAST_HEADS = 3               # with two heads the median cannot tell which is wrong
+# of the median: published fouling is 2 to 10 %, heads agree to 0.1 % when clean
+FOULED_SHARE = 0.04
+# spread (1 s.d.) about the median; a good head has 0.01, the crop itself about as much
+UNSTEADY_NDVI = 0.05
+# with two heads the median cannot tell which is wrong
+LEAST_HEADS = 3
 LEAST_SAMPLES = 25
-SILENT_SHARE = 0.5            # of the samples
+SILENT_SHARE = 0.5  # of the samples
 
 Verdict = Literal["", "good", "fouled", "unsteady", "silent"]
 
@@ -98,12 +102,26 @@ class HeadsCheck:
         return "fouled" if abs(offset) - certain > FOULED_SHARE * fmean(self._medians) else "good"
 
 
-FULL_NDVI = 0.10              # the bars' ends
-VERDICTS = {"": "", "good": N_("good"), "fouled": N_("! FOULED"), "unsteady": N_("! UNSTEADY"),
-            "silent": N_("✖ SILENT")}
-ADVICE = {"fouled": N_("head {head}: clean it"), "unsteady": N_("head {head}: look at its mount and cable"),
-          "silent": N_("head {head}: look at its plug and power")}
-LEVELS: dict[str, Level] = {"": "", "good": "", "fouled": "amber", "unsteady": "amber", "silent": "red"}
+FULL_NDVI = 0.10  # the bars' ends
+VERDICTS = {
+    "": "",
+    "good": N_("good"),
+    "fouled": N_("! FOULED"),
+    "unsteady": N_("! UNSTEADY"),
+    "silent": N_("✖ SILENT"),
+}
+ADVICE = {
+    "fouled": N_("head {head}: clean it"),
+    "unsteady": N_("head {head}: look at its mount and cable"),
+    "silent": N_("head {head}: look at its plug and power"),
+}
+LEVELS: dict[str, Level] = {
+    "": "",
+    "good": "",
+    "fouled": "amber",
+    "unsteady": "amber",
+    "silent": "red",
+}
 
 
 class HeadsCalibration(Calibration):
@@ -117,7 +135,14 @@ class HeadsCalibration(Calibration):
         frame = seen.frame
         if frame is not None:
             row = frame.row
-            ndvi = frame.head_ndvi or (row.ndvi_1, row.ndvi_2, row.ndvi_3, row.ndvi_4, row.ndvi_5, row.ndvi_6)
+            ndvi = frame.head_ndvi or (
+                row.ndvi_1,
+                row.ndvi_2,
+                row.ndvi_3,
+                row.ndvi_4,
+                row.ndvi_5,
+                row.ndvi_6,
+            )
             self.check.see(frame.row.time_s, ndvi)
 
     def step(self, seen: FrameSeen) -> int:
@@ -125,32 +150,59 @@ class HeadsCalibration(Calibration):
 
     def steps(self, seen: FrameSeen) -> tuple[GuideStep, ...]:
         return (
-            GuideStep(_("drive"), _("Drive over even crop at working speed, heads at their usual height. B begins.")),
-            GuideStep(_("measure"), _("Drive on for {seconds} s.").format(seconds=f"{CHECK_S:.0f}")),
-            GuideStep(_("act"), _("Clean the marked heads, then check again with B. A head that still reads off goes "
-                                  "back to the maker.")))
+            GuideStep(
+                _("drive"),
+                _("Drive over even crop at working speed, heads at their usual height. B begins."),
+            ),
+            GuideStep(
+                _("measure"), _("Drive on for {seconds} s.").format(seconds=f"{CHECK_S:.0f}")
+            ),
+            GuideStep(
+                _("act"),
+                _(
+                    "Clean the marked heads, then check again with B. A head that still "
+                    "reads off goes "
+                    "back to the maker."
+                ),
+            ),
+        )
 
     def found(self) -> tuple[str, ...]:
         if not self.check.done:
             return ()
-        advice = tuple(_(ADVICE[one.verdict]).format(head=one.number) for one in self.check.found()
-                       if one.verdict in ADVICE)
+        advice = tuple(
+            _(ADVICE[one.verdict]).format(head=one.number)
+            for one in self.check.found()
+            if one.verdict in ADVICE
+        )
         return advice or (_("all heads agree"),)
 
     def sheet(self, seen: FrameSeen) -> tuple[Row, ...]:
         check = self.check
         seconds = min(check.seconds, CHECK_S)
-        rows: list[Row] = [Bar(_("time"), round(seconds / CHECK_S, 2), f"{seconds:4.1f} s",
-                               "lead" if check.running else ""),
-                           Line(_("head"), _("NDVI against the median of all: offset, spread"))]
+        rows: list[Row] = [
+            Bar(
+                _("time"),
+                round(seconds / CHECK_S, 2),
+                f"{seconds:4.1f} s",
+                "lead" if check.running else "",
+            ),
+            Line(_("head"), _("NDVI against the median of all: offset, spread")),
+        ]
         for one in check.found():
             offset = "--" if one.offset is None else f"{one.offset:+.3f}"
             spread = "--" if one.spread is None else f"{one.spread:.3f}"
             ndvi = "--" if one.ndvi is None else f"{one.ndvi:.2f}"
             share = None if one.offset is None else round(one.offset / FULL_NDVI, 2)
             verdict = _(VERDICTS[one.verdict])
-            rows.append(Middle(f"{one.number}  {ndvi}", share, f"{offset:>6} {spread:>6} {verdict}".rstrip(),
-                               LEVELS[one.verdict]))
+            rows.append(
+                Middle(
+                    f"{one.number}  {ndvi}",
+                    share,
+                    f"{offset:>6} {spread:>6} {verdict}".rstrip(),
+                    LEVELS[one.verdict],
+                )
+            )
         return tuple(rows)
 
     def chips(self, seen: FrameSeen) -> tuple[Chip, ...]:

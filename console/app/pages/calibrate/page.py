@@ -1,4 +1,6 @@
-"""The Calibrate screen: five guided sequences; what turns the shaft turns it only while a key or button is held."""
+"""The Calibrate screen: five guided sequences; what turns the shaft turns it only while a key
+or button is held."""
+
 from __future__ import annotations
 
 from collections.abc import Awaitable, Callable, Sequence
@@ -36,8 +38,9 @@ from console.frame import Frame
 from console.locale import _
 from control.orders import Answer, Do, Order
 
-# Runs shaft and gate while a key or button is held: orders out, repeated, and a release the moment it is let go.
-REPEAT_S = 0.1                # the control worker stops 0.5 s after the last one
+# Runs shaft and gate while a key or button is held: orders out, repeated, and a release the
+# moment it is let go. the control worker stops 0.5 s after the last one
+REPEAT_S = 0.1
 
 Give = Callable[[Order], Awaitable[Answer]]
 Start = Callable[[Awaitable[None]], object]
@@ -48,7 +51,7 @@ class Runner:
 
     def __init__(self, give: Give, start: Start) -> None:
         self.held = HeldKey()
-        self.said = ""                # why it does not run, in words
+        self.said = ""  # why it does not run, in words
         self._give, self._start = give, start
         self._running = False
         self._sent_s = -REPEAT_S
@@ -56,7 +59,9 @@ class Runner:
     def key(self, now_s: float) -> None:
         self.held.key(now_s)
         if self.held.armed:
-            self.said = _("Keep it pressed: the shaft turns while the key or the mouse button is down.")
+            self.said = _(
+                "Keep it pressed: the shaft turns while the key or the mouse button is down."
+            )
 
     def mouse(self, down: bool) -> None:
         self.held.mouse(down)
@@ -113,8 +118,14 @@ class TabsRow(Panel[TabsView]):
     """Posts Picked."""
 
     def _row(self) -> tuple[tuple[int, str, int], ...]:
-        texts = (f"[{name}]" if index == self.view.at else f" {name} " for index, name in enumerate(self.view.names))
-        return tuple((index, text, start + index) for index, text, start in in_row(enumerate(texts), 1))    # gaps
+        texts = (
+            f"[{name}]" if index == self.view.at else f" {name} "
+            for index, name in enumerate(self.view.names)
+        )
+        # gaps
+        return tuple(
+            (index, text, start + index) for index, text, start in in_row(enumerate(texts), 1)
+        )
 
     def lines(self, view: TabsView, width: int, height: int) -> list[Content]:
         parts: list[Part] = [" "]
@@ -132,8 +143,9 @@ class TabsRow(Panel[TabsView]):
             self.post_message(Picked(index))
 
 
-WATCH_S = 0.05                # how often a held key is looked at
-COMPUTED = frozenset({"cal_shaft", "cal_opening", "cal_weigh", "cal_table", "cal_fit"})     # by the machine's file
+WATCH_S = 0.05  # how often a held key is looked at
+# by the machine's file
+COMPUTED = frozenset({"cal_shaft", "cal_opening", "cal_weigh", "cal_table", "cal_fit"})
 T = TypeVar("T")
 
 
@@ -145,15 +157,22 @@ class CalibrateScreen(Page):
         super().__init__()
         self.service = service
         self.busy = ""
-        self.runner = Runner(self._give, lambda asked: self.run_worker(asked, group="held", exit_on_error=False))
+        self.runner = Runner(
+            self._give, lambda asked: self.run_worker(asked, group="held", exit_on_error=False)
+        )
         self.calibrations: tuple[Calibration, ...] = (
-            CatchCalibration(self), LagCalibration(self), HeadsCalibration(self), WheelCalibration(self),
-            EffortCalibration(self))
+            CatchCalibration(self),
+            LagCalibration(self),
+            HeadsCalibration(self),
+            WheelCalibration(self),
+            EffortCalibration(self),
+        )
         self.at = 0
         self._computing: Worker[None] | None = None
         self._watch: Timer | None = None
 
-    # --- what it shows -------------------------------------------------------------------------------------------
+    # --- what it shows
+    # -------------------------------------------------------------------------------------------
 
     def body(self) -> ComposeResult:
         with Vertical(id="calibrate"):
@@ -206,8 +225,11 @@ class CalibrateScreen(Page):
     def show_numbers(self, view: RunView) -> None:
         super().show_numbers(view)
         seen = self.now()
-        self.query_one("#cal-tabs", TabsRow).show(TabsView(
-            tuple(_(calibration.name) for calibration in self.calibrations), self.at, "< >"))
+        self.query_one("#cal-tabs", TabsRow).show(
+            TabsView(
+                tuple(_(calibration.name) for calibration in self.calibrations), self.at, "< >"
+            )
+        )
         guide = self.calibration.guide(seen, self.busy or self.runner.said)
         self.query_one("#cal-guide", Guide).show(guide)
         self.query_one("#cal-sheet", Sheet).show(self.calibration.sheet(seen))
@@ -217,7 +239,8 @@ class CalibrateScreen(Page):
         self.query_one("#cal-chips", Chips).show(chips)
         self.query_one("#cal-curve", Curve).display = self.calibration.curve() is not None
 
-    # --- what is done --------------------------------------------------------------------------------------------
+    # --- what is done
+    # --------------------------------------------------------------------------------------------
 
     def do(self, name: str) -> None:
         """What a key does in the calibration that is open."""
@@ -270,10 +293,12 @@ class CalibrateScreen(Page):
     async def _give(self, order: Order) -> Any:
         return await self.app.asked(lambda source: source.order(order), quiet=True)
 
-    # --- for the calibrations ------------------------------------------------------------------------------------
+    # --- for the calibrations
+    # ------------------------------------------------------------------------------------
 
     def ask(self, question: ModalScreen[T | None], then: Callable[[T], object]) -> None:
         """The shaft stands while something is asked."""
+
         def answered(answer: T) -> None:
             then(answer)
             self.app.look()
@@ -283,14 +308,16 @@ class CalibrateScreen(Page):
 
     def compute(self, what: Callable[[], T], then: Callable[[T], object]) -> None:
         """Long work in a thread; Escape forgets it, an error is one line in the key bar."""
+
         def ended(say: Callable[[Any], object], found: Any) -> None:
             self.busy = ""
             say(found)
             self.app.look()
 
         self.busy = _("computing, Esc cancels")
-        self._computing = self.app.with_files(what, partial(ended, then), partial(ended, self.app.notice),
-                                              group="calibrate")
+        self._computing = self.app.with_files(
+            what, partial(ended, then), partial(ended, self.app.notice), group="calibrate"
+        )
 
     def ask_name(self) -> None:
         service, fitted, calibration = self.service, self.calibration.fitted, self.calibration
@@ -303,10 +330,15 @@ class CalibrateScreen(Page):
             if self.app.services.job is not None:
                 self.app.job_page.ask_use(path)
 
-        text = _("Calibrated from {machine}; nothing is overwritten, the machine at work stays as it is.").format(
-            machine=service.machine)
-        self.ask(NameDialog(_("Name of the new machine file"), service.name_for(fitted.kind), text, _wrong_name),
-                 lambda name: self.compute(lambda: service.save(fitted, name), saved))
+        text = _(
+            "Calibrated from {machine}; nothing is overwritten, the machine at work stays as it is."
+        ).format(machine=service.machine)
+        self.ask(
+            NameDialog(
+                _("Name of the new machine file"), service.name_for(fitted.kind), text, _wrong_name
+            ),
+            lambda name: self.compute(lambda: service.save(fitted, name), saved),
+        )
 
     def key_escape(self) -> None:
         if self.busy and self._computing is not None:
@@ -316,6 +348,10 @@ class CalibrateScreen(Page):
 
 
 def _wrong_name(name: str) -> str:
-    if not name or any(not (letter.isalnum() or letter in "-_.") for letter in name) or name.startswith("."):
+    if (
+        not name
+        or any(not (letter.isalnum() or letter in "-_.") for letter in name)
+        or name.startswith(".")
+    ):
         return _("letters, digits, - and _ only")
     return ""

@@ -1,4 +1,6 @@
-"""What the Calibrate screen can have computed and saved: given by the command line, made up for pictures."""
+"""What the Calibrate screen can have computed and saved: given by the command line, made up for
+pictures."""
+
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
@@ -8,9 +10,24 @@ from typing import Any, Literal, NamedTuple
 from console.app.pages.calibrate.catch import CatchPoint
 from console.app.pages.calibrate.wheel import WheelSample
 
-Number = Literal["grams_per_rev_mm", "zero_offset", "fill_falloff", "slope", "intercept", "circumference",
-                 "carried_share", "coulomb", "coulomb_back", "viscous", "viscous_back", "load", "gate_coulomb",
-                 "gate_coulomb_back", "gate_viscous", "gate_viscous_back"]
+Number = Literal[
+    "grams_per_rev_mm",
+    "zero_offset",
+    "fill_falloff",
+    "slope",
+    "intercept",
+    "circumference",
+    "carried_share",
+    "coulomb",
+    "coulomb_back",
+    "viscous",
+    "viscous_back",
+    "load",
+    "gate_coulomb",
+    "gate_coulomb_back",
+    "gate_viscous",
+    "gate_viscous_back",
+]
 
 
 class Estimate(NamedTuple):
@@ -36,8 +53,8 @@ class CurvePoint(NamedTuple):
 class Calibrated(NamedTuple):
     """What a calibration found. `source` goes back to `save` as it is.
 
-    kind: catch, lag, wheel, effort. x_name, y_name: words of the axes (untranslated), with units. range: of x, where it
-    holds.
+    kind: catch, lag, wheel, effort. x_name, y_name: words of the axes (untranslated), with
+    units. range: of x, where it holds.
     """
 
     kind: str
@@ -47,12 +64,14 @@ class Calibrated(NamedTuple):
     x_name: str = ""
     y_name: str = ""
     range: tuple[float, float] = (0.0, 0.0)
-    scatter: str = ""                     # 1 s.d. of the points about the line, with its unit
+    # 1 s.d. of the points about the line, with its unit
+    scatter: str = ""
     source: tuple[Any, ...] = ()
 
 
 class LagTable(NamedTuple):
-    """A bench table that can be fitted. labels: the values of its label column, of which one must be chosen."""
+    """A bench table that can be fitted. labels: the values of its label column, of which one
+    must be chosen."""
 
     path: str
     rows: int
@@ -61,11 +80,13 @@ class LagTable(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class CalibrateService:
-    """Ranges of the machine in force, and the long work. Errors are one-line ValueErrors or OSErrors.
+    """Ranges of the machine in force, and the long work. Errors are one-line ValueErrors or
+    OSErrors.
 
-    machine: name of the file calibrated from. shaft_rpm, opening_mm: lowest and highest; set: the machine's own.
-    expected_kg: (mean shaft r/min, mean opening mm, revolutions) -> what the machine's own flow model makes of a catch.
-    save: (what was found, name of the new file) -> its path; it never overwrites.
+    machine: name of the file calibrated from. shaft_rpm, opening_mm: lowest and highest; set:
+    the machine's own. expected_kg: (mean shaft r/min, mean opening mm, revolutions) -> what the
+    machine's own flow model makes of a catch. save: (what was found, name of the new file) ->
+    its path; it never overwrites.
     """
 
     machine: str
@@ -81,6 +102,7 @@ class CalibrateService:
     open_lag_table: Callable[[str], LagTable]
     fit_lag: Callable[[str, str | None], Calibrated]
     fit_wheel: Callable[[Sequence[WheelSample]], Calibrated]
-    fit_effort: Callable[[str], Calibrated]     # to the run log at this path
+    fit_effort: Callable[[str], Calibrated]  # to the run log at this path
     save: Callable[[Calibrated, str], str]
-    name_for: Callable[[str], str]        # a free name for a new machine file of this kind of calibration
+    # a free name for a new machine file of this kind of calibration
+    name_for: Callable[[str], str]

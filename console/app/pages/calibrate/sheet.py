@@ -1,4 +1,6 @@
-"""Rows of a measurement under way: bars that fill, bars about a middle, a small table, plain lines."""
+"""Rows of a measurement under way: bars that fill, bars about a middle, a small table, plain
+lines."""
+
 from __future__ import annotations
 
 from typing import NamedTuple
@@ -8,10 +10,15 @@ from textual.content import Content
 
 from console.app.widgets.panel import Panel, Part, fit, line, right, solid, wrapped
 
-Level = str                    # "", stale, amber, red, lead
+Level = str  # "", stale, amber, red, lead
 
-_TEXTS = {"": "bold", "stale": "$stale", "amber": "bold $on-alarm-amber on $alarm-amber",
-          "red": "bold $on-alarm-red on $alarm-red", "lead": "bold reverse"}
+_TEXTS = {
+    "": "bold",
+    "stale": "$stale",
+    "amber": "bold $on-alarm-amber on $alarm-amber",
+    "red": "bold $on-alarm-red on $alarm-red",
+    "lead": "bold reverse",
+}
 
 
 class Bar(NamedTuple):
@@ -51,10 +58,17 @@ Row = Bar | Middle | Line | Cells
 
 class Sheet(Panel[tuple[Row, ...]]):
     def lines(self, view: tuple[Row, ...], width: int, height: int) -> list[Content]:
-        labels = max((cell_len(row.label) for row in view if not isinstance(row, Cells)), default=0) + 2
-        texts = max((cell_len(row.text) for row in view if isinstance(row, (Bar, Middle))), default=0) + 2
+        labels = (
+            max((cell_len(row.label) for row in view if not isinstance(row, Cells)), default=0) + 2
+        )
+        texts = (
+            max((cell_len(row.text) for row in view if isinstance(row, (Bar, Middle))), default=0)
+            + 2
+        )
         room = max(6, width - labels - texts - 2)
-        return [line_ for row in _kept(view, height) for line_ in self._rows(row, labels, room, width)][:height]
+        return [
+            line_ for row in _kept(view, height) for line_ in self._rows(row, labels, room, width)
+        ][:height]
 
     @classmethod
     def _rows(cls, row: Row, labels: int, room: int, width: int) -> list[Content]:
@@ -62,8 +76,10 @@ class Sheet(Panel[tuple[Row, ...]]):
         if not isinstance(row, Line) or cell_len(row.text) + 1 <= width - labels:
             return [cls._row(row, labels, room, width)]
         texts = wrapped(row.text, width - labels - 1)
-        return [cls._row(Line("" if k else row.label, text, row.level), labels, room, width)
-                for k, text in enumerate(texts)]
+        return [
+            cls._row(Line("" if k else row.label, text, row.level), labels, room, width)
+            for k, text in enumerate(texts)
+        ]
 
     @staticmethod
     def _row(row: Row, labels: int, room: int, width: int) -> Content:
@@ -84,8 +100,12 @@ class Sheet(Panel[tuple[Row, ...]]):
             filled = round(abs(share) * arm)
             left = " " * (arm - filled) + "█" * filled if share < 0 else " " * arm
             after = "█" * filled + " " * (arm - filled) if share > 0 else " " * arm
-            drawn = [*solid(left, colour, "$track"), ("┃", "bold on $track"), *solid(after, colour, "$track"),
-                     " " * (room - 2 * arm - 1)]
+            drawn = [
+                *solid(left, colour, "$track"),
+                ("┃", "bold on $track"),
+                *solid(after, colour, "$track"),
+                " " * (room - 2 * arm - 1),
+            ]
         return line(label, *drawn, " ", (f" {row.text} ", _TEXTS[row.level]))
 
 

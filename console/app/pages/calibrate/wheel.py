@@ -1,4 +1,6 @@
-"""The wheel's circumference by GNSS: a straight drive of 100 m or more, measured by both at once."""
+"""The wheel's circumference by GNSS: a straight drive of 100 m or more, measured by both at
+once."""
+
 from __future__ import annotations
 
 from math import hypot
@@ -7,9 +9,11 @@ from typing import NamedTuple
 from control.geodesy import Place, TangentPlane
 
 LEAST_M = 100.0
-STRAIGHT_M = 1.0              # farthest aside from the straight line: 100 m with a bend of 1 m are 0.03 % longer
-GAP_S = 1.0                   # frames farther apart: the drive is not whole
-POSITION_SD_M = {4: 0.02, 5: 0.30, 2: 0.60}       # by fix quality: RTK fixed, float, differential
+# farthest aside from the straight line: 100 m with a bend of 1 m are 0.03 % longer
+STRAIGHT_M = 1.0
+GAP_S = 1.0  # frames farther apart: the drive is not whole
+# by fix quality: RTK fixed, float, differential
+POSITION_SD_M = {4: 0.02, 5: 0.30, 2: 0.60}
 PLAIN_SD_M = 1.5
 
 
@@ -19,11 +23,12 @@ class WheelSample(NamedTuple):
     lon_deg: float
     fix_quality: int
     wheel_speed_mps: float
-    flowing: bool = False             # under load a wheel slips
+    flowing: bool = False  # under load a wheel slips
 
 
 class WheelDrive(NamedTuple):
-    """gnss_m: straight from first to last place. aside_m: farthest from that line. trouble: an id, empty while good."""
+    """gnss_m: straight from first to last place. aside_m: farthest from that line. trouble: an
+    id, empty while good."""
 
     gnss_m: float = 0.0
     wheel_m: float = 0.0
@@ -40,7 +45,7 @@ class WheelRun:
         self.running = False
         self.drive = WheelDrive()
         self.samples: list[WheelSample] = []
-        self._places: list[Place] = []          # of the samples, on the plane of the first one
+        self._places: list[Place] = []  # of the samples, on the plane of the first one
 
     def start(self) -> None:
         self.running, self.drive, self.samples, self._places = True, WheelDrive(), [], []
@@ -71,13 +76,19 @@ class WheelRun:
         dt_s = now.time_s - last.time_s
         east, north = self._places[-1]
         far = hypot(east, north)
-        thinned = self._places[::max(1, len(self._places) // 50)]
+        thinned = self._places[:: max(1, len(self._places) // 50)]
         aside = max(abs(e * north - n * east) / far for e, n in thinned) if far > 5.0 else 0.0
         qualities = [one.fix_quality for one in (first, now)]
         worst = max(qualities, key=lambda quality: POSITION_SD_M.get(quality, PLAIN_SD_M))
         wheel_m = before.wheel_m + 0.5 * (last.wheel_speed_mps + now.wheel_speed_mps) * dt_s
-        return WheelDrive(far, wheel_m, aside, now.time_s - first.time_s, worst,
-                          "bent" if aside > STRAIGHT_M + 2.0 * POSITION_SD_M.get(worst, PLAIN_SD_M) else "")
+        return WheelDrive(
+            far,
+            wheel_m,
+            aside,
+            now.time_s - first.time_s,
+            worst,
+            "bent" if aside > STRAIGHT_M + 2.0 * POSITION_SD_M.get(worst, PLAIN_SD_M) else "",
+        )
 
     @property
     def enough(self) -> bool:

@@ -1,4 +1,5 @@
 """Devices as the Devices screen shows them: a frame's device in, texts out. Pure."""
+
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -10,15 +11,22 @@ from console.frame import DeviceView
 from console.locale import N_, _
 from control.readings import EffortSays
 
-SLOW_AGE_S = 99.95            # above, an age is shown as minutes
-BAR = 20                      # cells of the bar of effort
+SLOW_AGE_S = 99.95  # above, an age is shown as minutes
+BAR = 20  # cells of the bar of effort
 
 REJECTED = {
-    "garbage": N_("bytes before a frame"), "bad_crc": N_("wrong check sum"), "bad_checksum": N_("wrong check sum"),
-    "missing_crc": N_("no check sum"), "wrong_length": N_("wrong length"), "overlong": N_("line too long"),
-    "repeated_sequence": N_("sent twice"), "out_of_range": N_("number out of range"),
-    "impossible_value": N_("impossible number"), "not_a_number": N_("not a number"),
-    "unknown_frame": N_("unknown frame"), "unknown_message": N_("unknown message"),
+    "garbage": N_("bytes before a frame"),
+    "bad_crc": N_("wrong check sum"),
+    "bad_checksum": N_("wrong check sum"),
+    "missing_crc": N_("no check sum"),
+    "wrong_length": N_("wrong length"),
+    "overlong": N_("line too long"),
+    "repeated_sequence": N_("sent twice"),
+    "out_of_range": N_("number out of range"),
+    "impossible_value": N_("impossible number"),
+    "not_a_number": N_("not a number"),
+    "unknown_frame": N_("unknown frame"),
+    "unknown_message": N_("unknown message"),
 }
 
 
@@ -47,63 +55,119 @@ def rows_of(devices: Sequence[DeviceView], frame_age_s: float) -> tuple[ShownDev
     lines = []
     for one in devices:
         symbol, word, level = state_of(one)
-        marks = " ".join(mark for mark, on in ((_("[raw file]"), bool(one.capture_path)),
-                                               (_("[listening]"), one.test is not None and one.test.running)) if on)
+        marks = " ".join(
+            mark
+            for mark, on in (
+                (_("[raw file]"), bool(one.capture_path)),
+                (_("[listening]"), one.test is not None and one.test.running),
+            )
+            if on
+        )
         age_s = None if one.age_s is None else one.age_s + (frame_age_s if old else 0.0)
-        lines.append(ShownDevice(one.name, symbol, word, level, f"{one.rate_hz:.1f}", age_words(age_s),
-                                 str(one.accepted), str(one.rejected), one.protocol, one.port, marks,
-                                 old or one.age_s is None or one.age_s > STALE_S))
+        lines.append(
+            ShownDevice(
+                one.name,
+                symbol,
+                word,
+                level,
+                f"{one.rate_hz:.1f}",
+                age_words(age_s),
+                str(one.accepted),
+                str(one.rejected),
+                one.protocol,
+                one.port,
+                marks,
+                old or one.age_s is None or one.age_s > STALE_S,
+            )
+        )
     return tuple(lines)
 
 
 def details(device: DeviceView, frame_age_s: float) -> RowsView:
     """What is known of the picked device."""
     symbol, word, level = state_of(device)
-    kinds = ", ".join(f"{_(REJECTED.get(kind, kind))} {count}" for kind, count in device.rejected_kinds)
+    kinds = ", ".join(
+        f"{_(REJECTED.get(kind, kind))} {count}" for kind, count in device.rejected_kinds
+    )
     connects = _("times opened {count}").format(count=device.connects)
     rows = [
         DeviceRow(_("state"), f"{symbol} {word}", "stale" if frame_age_s > STALE_S else level),
         DeviceRow(_("port"), device.port or "--"),
         DeviceRow(_("protocol"), device.protocol or "--"),
-        DeviceRow(_("bytes"), f"{_('in')} {device.bytes_in}   {_('out')} {device.bytes_out}   {connects}"),
+        DeviceRow(
+            _("bytes"), f"{_('in')} {device.bytes_in}   {_('out')} {device.bytes_out}   {connects}"
+        ),
         DeviceRow(_("rejected"), kinds or "0"),
     ]
     if device.last_error:
-        rows.append(DeviceRow(_("last error"), device.last_error, "" if device.connected else "amber"))
+        rows.append(
+            DeviceRow(_("last error"), device.last_error, "" if device.connected else "amber")
+        )
     if device.test is not None:
         rows.append(DeviceRow(_("test"), _test_words(device)))
-    rows.append(DeviceRow(_("raw file"), device.capture_path or _("not written; E starts one next to the log")))
+    rows.append(
+        DeviceRow(
+            _("raw file"), device.capture_path or _("not written; E starts one next to the log")
+        )
+    )
     return RowsView(device.name, tuple(rows))
 
 
 def effort_row(says: EffortSays, frame_age_s: float) -> RowsView:
-    """How hard the metering drive works, and between which marks it raises no alarm; nothing where no file says."""
+    """How hard the metering drive works, and between which marks it raises no alarm; nothing
+    where no file says."""
     if not says.unit:
         return RowsView("", ())
     text, level = _("stands: not judged"), "stale"
     if says.mean is not None:
         full = 1.25 * max(says.high, says.mean)
-        cells = [min(BAR - 1, round(one / full * BAR)) for one in (says.mean, says.should, says.low, says.high)]
+        cells = [
+            min(BAR - 1, round(one / full * BAR))
+            for one in (says.mean, says.should, says.low, says.high)
+        ]
         marks = ["█"] * cells[0] + ["░"] * (BAR - cells[0])
         for at, mark in zip(cells[1:], "│┃┃", strict=True):
             marks[at] = mark
-        text = "".join(marks) + " " + _("{mean} {unit}, expected {should}, alarm outside {low} to {high}").format(
-            unit=says.unit, **{name: f"{getattr(says, name):.3g}" for name in ("mean", "should", "low", "high")})
-        level = "stale" if frame_age_s > STALE_S else "amber" if says.harder_percent or says.unloaded else ""
+        text = (
+            "".join(marks)
+            + " "
+            + _("{mean} {unit}, expected {should}, alarm outside {low} to {high}").format(
+                unit=says.unit,
+                **{
+                    name: f"{getattr(says, name):.3g}" for name in ("mean", "should", "low", "high")
+                },
+            )
+        )
+        level = (
+            "stale"
+            if frame_age_s > STALE_S
+            else "amber"
+            if says.harder_percent or says.unloaded
+            else ""
+        )
     return RowsView("", (DeviceRow(_("effort"), text, level),))
 
 
 def _test_words(device: DeviceView) -> str:
     test = device.test
     assert test is not None
-    found = (_("{protocol} is heard").format(protocol=test.protocol) if test.protocol else
-             _("listening, nothing known yet") if test.running else _("no known device is heard here"))
-    counts = _("{accepted} understood, {rejected} rejected").format(accepted=test.accepted, rejected=test.rejected)
+    found = (
+        _("{protocol} is heard").format(protocol=test.protocol)
+        if test.protocol
+        else _("listening, nothing known yet")
+        if test.running
+        else _("no known device is heard here")
+    )
+    counts = _("{accepted} understood, {rejected} rejected").format(
+        accepted=test.accepted, rejected=test.rejected
+    )
     baud = _("at {baud} Bd").format(baud=test.baud) if test.baud else ""
     return "; ".join(part for part in (found, baud, counts, test.said) if part)
 
 
 def raw_rows(lines: Sequence[tuple[float, str]]) -> RowsView:
     """The last lines as they came, newest last. lines: (time since the log began, s, text)."""
-    return RowsView(_("last lines, as seen five times a second"),
-                    tuple(DeviceRow(duration(time_s), text) for time_s, text in lines))
+    return RowsView(
+        _("last lines, as seen five times a second"),
+        tuple(DeviceRow(duration(time_s), text) for time_s, text in lines),
+    )

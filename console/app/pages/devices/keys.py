@@ -1,4 +1,5 @@
 """Keys of the Devices page and what they do, all to the device that is picked."""
+
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
@@ -19,21 +20,61 @@ def write_raw(page: DevicesScreen) -> None:
 def plug(page: DevicesScreen) -> None:
     device = page.picked_device
     if device.plugged:
-        page.app.confirm(_("Disconnect {device}?").format(device=device.name),
-                         _("It stays disconnected until C connects it again; work may stop without it."),
-                         lambda: page.order(device, DeviceDo.DISCONNECT))
+        page.app.confirm(
+            _("Disconnect {device}?").format(device=device.name),
+            _("It stays disconnected until C connects it again; work may stop without it."),
+            lambda: page.order(device, DeviceDo.DISCONNECT),
+        )
     else:
         page.order(device, DeviceDo.CONNECT)
 
 
 ACTIONS = on(
     DEVICES,
-    Action("dev_up", "up", "Up", N_("device above"), N_("Picks the device above."), lambda page: page.move(-1)),
-    Action("dev_down", "down", "Down", N_("device below"), N_("Picks the device below."), lambda page: page.move(1)),
-    Action("dev_test", "enter", "Enter", N_("test"), N_("Listens to what is on this port; nothing is sent."),
-           lambda page: page.order(page.picked_device, DeviceDo.TEST), bar=4),
-    Action("dev_capture", "e", "E", N_("write raw"),
-           N_("Records what is received and sent in a file next to the log; again: stops."), write_raw, bar=5),
-    Action("dev_plug", "c", "C", N_("connect / disconnect"),
-           N_("Connects or disconnects the port; disconnecting asks first and is refused while working."), plug, bar=6),
+    Action(
+        "dev_up",
+        "up",
+        "Up",
+        N_("device above"),
+        N_("Picks the device above."),
+        lambda page: page.move(-1),
+    ),
+    Action(
+        "dev_down",
+        "down",
+        "Down",
+        N_("device below"),
+        N_("Picks the device below."),
+        lambda page: page.move(1),
+    ),
+    Action(
+        "dev_test",
+        "enter",
+        "Enter",
+        N_("test"),
+        N_("Listens to what is on this port; nothing is sent."),
+        lambda page: page.order(page.picked_device, DeviceDo.TEST),
+        bar=4,
+    ),
+    Action(
+        "dev_capture",
+        "e",
+        "E",
+        N_("write raw"),
+        N_("Records what is received and sent in a file next to the log; again: stops."),
+        write_raw,
+        bar=5,
+    ),
+    Action(
+        "dev_plug",
+        "c",
+        "C",
+        N_("connect / disconnect"),
+        N_(
+            "Connects or disconnects the port; disconnecting asks first and is refused "
+            "while working."
+        ),
+        plug,
+        bar=6,
+    ),
 )

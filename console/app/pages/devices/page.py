@@ -1,4 +1,5 @@
 """The Devices screen: every line of the machine, what it says, and what can be done about it."""
+
 from __future__ import annotations
 
 from collections import deque
@@ -29,7 +30,7 @@ class DevicesScreen(Page):
 
     def __init__(self) -> None:
         super().__init__()
-        self.picked = ""                                  # name of the device
+        self.picked = ""  # name of the device
         self._raw: dict[str, deque[tuple[float, str]]] = {}
 
     def body(self) -> ComposeResult:
@@ -48,7 +49,9 @@ class DevicesScreen(Page):
     @property
     def device(self) -> DeviceView | None:
         devices = self.devices
-        return next((one for one in devices if one.name == self.picked), devices[0] if devices else None)
+        return next(
+            (one for one in devices if one.name == self.picked), devices[0] if devices else None
+        )
 
     def gather(self, frame: Frame) -> None:
         """Remember the last raw lines of every device."""
@@ -67,7 +70,9 @@ class DevicesScreen(Page):
         device, devices = self.device, self.devices
         at = devices.index(device) if device is not None else 0
         self.query_one("#device-table", DeviceTable).show(TableView(rows_of(devices, age_s), at))
-        self.query_one("#device-table").styles.height = min(len(devices) + 1, max(4, self.size.height - 16))
+        self.query_one("#device-table").styles.height = min(
+            len(devices) + 1, max(4, self.size.height - 16)
+        )
         if device is None:
             empty = RowsView("", ())
             self.query_one("#device-details", Rows).show(empty)
@@ -77,7 +82,7 @@ class DevicesScreen(Page):
             self.query_one("#device-details", Rows).show(about)
             self.query_one("#device-details").styles.height = len(about.rows) + 1
             raw = self.query_one("#device-raw", Rows)
-            lines = list(self._raw.get(device.name, ()))[-max(1, raw.size.height - 1):]
+            lines = list(self._raw.get(device.name, ()))[-max(1, raw.size.height - 1) :]
             raw.show(raw_rows(lines))
         self.query_one("#device-chips", Chips).show(self._chips(device))
 
@@ -86,13 +91,33 @@ class DevicesScreen(Page):
         capturing = device is not None and bool(device.capture_path)
         testing = device is not None and device.test is not None and device.test.running
         plugged = device is None or device.plugged
-        return (Chip("dev_up", "Up", _("above"), on), Chip("dev_down", "Down", _("below"), on),
-                Chip("dev_test", "Enter", _("listening") if testing else _("test"), on and plugged and not testing),
-                Chip("dev_capture", "E", _("end the raw file") if capturing else _("write raw to a file"), on,
-                     lead=capturing and on),
-                Chip("dev_plug", "C", _("disconnect") if plugged else _("connect"), on, lead=not plugged and on))
+        return (
+            Chip("dev_up", "Up", _("above"), on),
+            Chip("dev_down", "Down", _("below"), on),
+            Chip(
+                "dev_test",
+                "Enter",
+                _("listening") if testing else _("test"),
+                on and plugged and not testing,
+            ),
+            Chip(
+                "dev_capture",
+                "E",
+                _("end the raw file") if capturing else _("write raw to a file"),
+                on,
+                lead=capturing and on,
+            ),
+            Chip(
+                "dev_plug",
+                "C",
+                _("disconnect") if plugged else _("connect"),
+                on,
+                lead=not plugged and on,
+            ),
+        )
 
-    # --- what is done --------------------------------------------------------------------------------------------
+    # --- what is done
+    # --------------------------------------------------------------------------------------------
 
     def perform(self, action: Action) -> None:
         if self.device is None:
@@ -107,8 +132,11 @@ class DevicesScreen(Page):
         return self.device
 
     def order(self, device: DeviceView, do: DeviceDo) -> None:
-        self.app.run_worker(self.app.asked(lambda source: source.device(device.name, do)), group="orders",
-                            exit_on_error=False)
+        self.app.run_worker(
+            self.app.asked(lambda source: source.device(device.name, do)),
+            group="orders",
+            exit_on_error=False,
+        )
 
     def move(self, by: int) -> None:
         names = [one.name for one in self.devices]

@@ -1,4 +1,6 @@
-"""A heading, where it has one, and rows of label and text; a long text is broken, not cut, while there is room."""
+"""A heading, where it has one, and rows of label and text; a long text is broken, not cut,
+while there is room."""
+
 from __future__ import annotations
 
 from typing import NamedTuple
@@ -22,8 +24,12 @@ class RowsView(NamedTuple):
     rows: tuple[DeviceRow, ...]
 
 
-_STYLES = {"": "", "stale": "$stale", "amber": "bold $on-alarm-amber on $alarm-amber",
-           "red": "bold $on-alarm-red on $alarm-red"}
+_STYLES = {
+    "": "",
+    "stale": "$stale",
+    "amber": "bold $on-alarm-amber on $alarm-amber",
+    "red": "bold $on-alarm-red on $alarm-red",
+}
 
 
 class Rows(Panel[RowsView]):
@@ -35,8 +41,12 @@ class Rows(Panel[RowsView]):
             room = max(1, height - len(found) - after)
             texts = wrapped(row.text, width - labels - 1) or [""]
             if len(texts) > room:
-                texts = [*texts[:room - 1], fit("".join(texts[room - 1:]), width - labels - 1)]
+                texts = [*texts[: room - 1], fit("".join(texts[room - 1 :]), width - labels - 1)]
             for number, text in enumerate(texts):
-                found.append(line((fit(f" {row.label}" if not number else "", labels), "$muted"),
-                                  (text, _STYLES[row.level])))
+                found.append(
+                    line(
+                        (fit(f" {row.label}" if not number else "", labels), "$muted"),
+                        (text, _STYLES[row.level]),
+                    )
+                )
         return found

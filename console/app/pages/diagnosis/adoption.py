@@ -1,4 +1,6 @@
-"""What of a diagnosis a machine file takes up with an Enter, and what only where the operator picks it by name."""
+"""What of a diagnosis a machine file takes up with an Enter, and what only where the operator
+picks it by name."""
+
 from __future__ import annotations
 
 from collections.abc import Iterator
@@ -8,13 +10,16 @@ from console.app.pages.diagnosis.service import AdoptionOffer, DiagnosisView
 from console.reports import said
 from control.diagnosis.result import Cause
 
-MOST_TOGETHER = 4           # undecided causes of which any may be picked together; of more, one at a time
+# undecided causes of which any may be picked together; of more, one at a time
+MOST_TOGETHER = 4
 
 
 def undecided(found: DiagnosisView) -> tuple[Cause, ...]:
-    """Those that could be adopted and are not decided: the data cannot tell them from others, or they are suspected
-    only."""
-    return tuple(one for one in found.found.causes if one.id in found.adoptable and said.undecided(one))
+    """Those that could be adopted and are not decided: the data cannot tell them from others,
+    or they are suspected only."""
+    return tuple(
+        one for one in found.found.causes if one.id in found.adoptable and said.undecided(one)
+    )
 
 
 def sure(found: DiagnosisView) -> tuple[str, ...]:

@@ -1,4 +1,6 @@
-"""Every cause: what, how big, how sure, what else it could be, what it costs. One of them is chosen."""
+"""Every cause: what, how big, how sure, what else it could be, what it costs. One of them is
+chosen."""
+
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -18,14 +20,16 @@ class CauseLine(NamedTuple):
     rivals: str
     cost: str
     advice: str
-    interval: tuple[float, float, float] | None     # low, value, high, as shares of a bar from -1 to 1
-    tied: tuple[tuple[str, str], ...] = ()          # title and probability of each that it could be, as equals
+    # low, value, high, as shares of a bar from -1 to 1
+    interval: tuple[float, float, float] | None
+    # title and probability of each that it could be, as equals
+    tied: tuple[tuple[str, str], ...] = ()
 
 
 class CausesView(NamedTuple):
     causes: tuple[CauseLine, ...]
     at: int
-    calm: tuple[str, ...]       # what stands there where there is no cause
+    calm: tuple[str, ...]  # what stands there where there is no cause
     language: str
 
 
@@ -34,6 +38,7 @@ BAR = 24
 
 def interval_bar(interval: tuple[float, float, float]) -> str:
     """-1 ... 1 on BAR cells: `|` zero, `=` the interval, `#` the size."""
+
     def cell(share: float) -> int:
         return round((share + 1.0) / 2.0 * (BAR - 1))
 
@@ -55,15 +60,24 @@ class Causes(PickList[CausesView]):
         rows = [line((fit(f" {_('causes')}", width), "bold $primary"))]
         self._row_of = [None]
         if not view.causes:
-            return [*rows, *(line(f" {row}") for text in view.calm for row in wrapped(text, width - 2))]
-        blocks = [self._block(cause, index == view.at, width) for index, cause in enumerate(view.causes)]
+            return [
+                *rows,
+                *(line(f" {row}") for text in view.calm for row in wrapped(text, width - 2)),
+            ]
+        blocks = [
+            self._block(cause, index == view.at, width) for index, cause in enumerate(view.causes)
+        ]
         shown: list[list[Content]] = []
         for index, block in enumerate(blocks):
             left = height - 1 - sum(map(len, shown)) - (len(blocks) - index - 1)
-            shown.append(block if index == view.at else block[:max(1, min(len(block), left))])
+            shown.append(block if index == view.at else block[: max(1, min(len(block), left))])
         room = height - 1
-        while sum(map(len, shown)) > room and any(len(b) > 1 for k, b in enumerate(shown) if k != view.at):
-            longest = max((k for k in range(len(shown)) if k != view.at), key=lambda k: len(shown[k]))
+        while sum(map(len, shown)) > room and any(
+            len(b) > 1 for k, b in enumerate(shown) if k != view.at
+        ):
+            longest = max(
+                (k for k in range(len(shown)) if k != view.at), key=lambda k: len(shown[k])
+            )
             shown[longest] = shown[longest][:-1]
         for index, block in enumerate(shown):
             rows += block
@@ -71,20 +85,38 @@ class Causes(PickList[CausesView]):
         return rows
 
     def _block(self, cause: CauseLine, chosen: bool, width: int) -> list[Content]:
-        label = max(cell_len(word) for word in (_("size"), _("sure"), _("or else"), _("costs"), _("do"))) + 5
+        label = (
+            max(
+                cell_len(word) for word in (_("size"), _("sure"), _("or else"), _("costs"), _("do"))
+            )
+            + 5
+        )
         mark = ">" if chosen else " "
         heads = wrapped(cause.title, width - 4)
-        block = [line((fit(f" {mark if not k else ' '} {head}", width),
-                       "bold $on-select on $select" if chosen else "bold")) for k, head in enumerate(heads)]
+        block = [
+            line(
+                (
+                    fit(f" {mark if not k else ' '} {head}", width),
+                    "bold $on-select on $select" if chosen else "bold",
+                )
+            )
+            for k, head in enumerate(heads)
+        ]
 
         def row(name: str, text: str, style: str = "") -> None:
             for k, part in enumerate(wrapped(text, width - label)):
-                block.append(line((fit(f"   {name}" if not k else "", label), "$muted"), (part, style)))
+                block.append(
+                    line((fit(f"   {name}" if not k else "", label), "$muted"), (part, style))
+                )
 
         for name, sure in cause.tied:
             for k, part in enumerate(wrapped(name, width - 14)):
-                block.append(line((fit(f"   {'o' if not k else ' '} {part}", width - 8), "bold"),
-                                  (f"{sure if not k else '':>6}", "")))
+                block.append(
+                    line(
+                        (fit(f"   {'o' if not k else ' '} {part}", width - 8), "bold"),
+                        (f"{sure if not k else '':>6}", ""),
+                    )
+                )
         row(_("size"), f"{cause.size}   {_('(of the first)')}" if cause.tied else cause.size)
         if cause.interval is not None and width - label >= BAR:
             block.append(line(" " * label, (interval_bar(cause.interval), "$target")))

@@ -1,4 +1,5 @@
 """Keys of the Diagnosis page and what they do."""
+
 from __future__ import annotations
 
 from collections.abc import Callable
@@ -18,8 +19,10 @@ if TYPE_CHECKING:
 
 
 TYPED = "typed"
-COMPARED_S = 10.0           # two predictions of a log and its pictures, on two cores
-DRIVE_S_PER_MIN = 1.5       # simulating a minute and diagnosing it, on two cores
+# two predictions of a log and its pictures, on two cores
+COMPARED_S = 10.0
+# simulating a minute and diagnosing it, on two cores
+DRIVE_S_PER_MIN = 1.5
 
 
 def above(page: DiagnosisScreen) -> None:
@@ -59,14 +62,19 @@ def type_path(page: DiagnosisScreen) -> None:
 
 
 def against(page: DiagnosisScreen) -> None:
-    choices = [Choice("", _("as the log says")), *(Choice(name, Path(name).stem) for name in page.machines[:8])]
+    choices = [
+        Choice("", _("as the log says")),
+        *(Choice(name, Path(name).stem) for name in page.machines[:8]),
+    ]
 
     def answer(name: str | None) -> None:
         if name is not None:
             page.machine = name or None
             page.look()
 
-    page.app.push_screen(ChoiceDialog(_("Compare against which machine file?"), choices, page.machine or ""), answer)
+    page.app.push_screen(
+        ChoiceDialog(_("Compare against which machine file?"), choices, page.machine or ""), answer
+    )
 
 
 def next_view(page: DiagnosisScreen) -> None:
@@ -74,8 +82,11 @@ def next_view(page: DiagnosisScreen) -> None:
     page.see = views[(views.index(page.see) + 1) % len(views)] if page.see in views else views[0]
 
 
-def _of_found(do: Callable[[DiagnosisScreen, DiagnosisView], None]) -> Callable[[DiagnosisScreen], None]:
+def _of_found(
+    do: Callable[[DiagnosisScreen, DiagnosisView], None],
+) -> Callable[[DiagnosisScreen], None]:
     """Of what was found in the data; not done before, see `why_not_found`."""
+
     def run(page: DiagnosisScreen) -> None:
         assert page.shown is not None
         do(page, page.shown)
@@ -88,8 +99,11 @@ def why_not_found(page: DiagnosisScreen) -> str:
 
 
 def why_no_drive(page: DiagnosisScreen) -> str:
-    return why_not_found(page) or ("" if page.shown is not None and page.shown.drives else
-                                   _("there is no separating run that can be driven here"))
+    return why_not_found(page) or (
+        ""
+        if page.shown is not None and page.shown.drives
+        else _("there is no separating run that can be driven here")
+    )
 
 
 @_of_found
@@ -99,26 +113,34 @@ def adopt(page: DiagnosisScreen, found: DiagnosisView) -> None:
         page.app.push_screen(TextDialog(_("Not adopted"), why))
         return
     from console.app.pages.diagnosis.adoption import undecided
+
     _ask_next(page, found, undecided(found), ())
 
 
 NONE = ""
 
 
-def _ask_next(page: DiagnosisScreen, found: DiagnosisView, open_: tuple[Cause, ...], picked: tuple[str, ...]
-              ) -> None:
-    """One undecided cause after the other: none of them is taken up unless the operator picks it by its name."""
+def _ask_next(
+    page: DiagnosisScreen, found: DiagnosisView, open_: tuple[Cause, ...], picked: tuple[str, ...]
+) -> None:
+    """One undecided cause after the other: none of them is taken up unless the operator picks
+    it by its name."""
     if not open_:
         _ask_why(page, found, picked)
         return
     from console.reports.numbers import percent
     from console.reports.said import others, title, title_of
+
     cause, rest = open_[0], open_[1:]
     unsized = _("its size is not known before the separating run")
-    choices = (Choice(NONE, _("none of these: the next test is driven first")),
-               Choice(cause.id, f"{title(cause)} {percent(cause.probability)}"),
-               *(Choice(f"rival {rival}", f"{title_of(rival)} {percent(share)}", unsized)
-                 for rival, share in others(cause)))
+    choices = (
+        Choice(NONE, _("none of these: the next test is driven first")),
+        Choice(cause.id, f"{title(cause)} {percent(cause.probability)}"),
+        *(
+            Choice(f"rival {rival}", f"{title_of(rival)} {percent(share)}", unsized)
+            for rival, share in others(cause)
+        ),
+    )
 
     def answer(value: str | None) -> None:
         if value is not None:
@@ -126,7 +148,9 @@ def _ask_next(page: DiagnosisScreen, found: DiagnosisView, open_: tuple[Cause, .
 
     question = _("Undecided: this is only suspected. Is it adopted all the same?")
     if others(cause):
-        question = _("Undecided: this data cannot tell these apart. Is one of them adopted all the same?")
+        question = _(
+            "Undecided: this data cannot tell these apart. Is one of them adopted all the same?"
+        )
     page.app.push_screen(ChoiceDialog(question, choices, ""), answer)
 
 
@@ -134,35 +158,57 @@ def _ask_why(page: DiagnosisScreen, found: DiagnosisView, picked: tuple[str, ...
     """What was picked against the data's silence is written with its reason."""
     from console.app.pages.diagnosis.adoption import with_picked
     from console.app.pages.diagnosis.service import Adoption
+
     ids = with_picked(found, picked)
     if not ids:
         page.app.notice(_("nothing is adopted: the next test decides"))
     elif not picked:
         _ask_to_write(page, found, Adoption(ids))
     else:
+
         def why(text: str | None) -> None:
             if text is not None:
                 _ask_to_write(page, found, Adoption(ids, text))
 
-        page.app.push_screen(NameDialog(_("Why this one?"), "", _("It is kept in the machine file, for whoever reads "
-                                                                  "it later.")), why)
+        page.app.push_screen(
+            NameDialog(
+                _("Why this one?"),
+                "",
+                _("It is kept in the machine file, for whoever reads it later."),
+            ),
+            why,
+        )
 
 
 def _ask_to_write(page: DiagnosisScreen, found: DiagnosisView, chosen: Adoption) -> None:
     from console.app.pages.diagnosis import words
     from console.app.pages.diagnosis.adoption import offer_of, undecided
     from console.reports.said import title
+
     offer = offer_of(found, chosen.ids)
     left = [title(one) for one in undecided(found) if one.id not in chosen.ids]
-    lines = [_("Adopted: {what}").format(what=", ".join(words.adopted_title(found, one) for one in chosen.ids))]
-    lines += [_("Machine file, before -> after:"), *offer.changes] if offer is not None and offer.changes else []
+    lines = [
+        _("Adopted: {what}").format(
+            what=", ".join(words.adopted_title(found, one) for one in chosen.ids)
+        )
+    ]
+    lines += (
+        [_("Machine file, before -> after:"), *offer.changes]
+        if offer is not None and offer.changes
+        else []
+    )
     lines += [_("Not adopted, undecided: {what}").format(what=", ".join(left))] if left else []
     refused = offer.refused if offer is not None else ()
     lines += [_("Not adopted: {why}").format(why=why) for why in (*refused, *found.refused)]
     if offer is not None and not offer.file:
         page.app.push_screen(TextDialog(_("Not adopted"), "\n".join(refused)))
         return
-    lines.append(_("The running job keeps its machine file; the next one may use the new file. Del takes it back."))
+    lines.append(
+        _(
+            "The running job keeps its machine file; the next one may use the new file. Del "
+            "takes it back."
+        )
+    )
 
     def answer(yes: bool | None) -> None:
         if yes:
@@ -174,7 +220,9 @@ def _ask_to_write(page: DiagnosisScreen, found: DiagnosisView, chosen: Adoption)
 def take_back(page: DiagnosisScreen) -> None:
     """Of the machine file that was adopted here, else of the one that is held against."""
     machine = page.adopted or page.machine
-    page.app.list_files(partial(page.served.last_change, machine), partial(_ask_to_take_back, page, machine))
+    page.app.list_files(
+        partial(page.served.last_change, machine), partial(_ask_to_take_back, page, machine)
+    )
 
 
 def _ask_to_take_back(page: DiagnosisScreen, machine: str | None, lines: tuple[str, ...]) -> None:
@@ -184,7 +232,9 @@ def _ask_to_take_back(page: DiagnosisScreen, machine: str | None, lines: tuple[s
 
     def answer(yes: bool | None) -> None:
         if yes:
-            page.write(_("The machine file without it"), partial(page.served.take_back, machine), True)
+            page.write(
+                _("The machine file without it"), partial(page.served.take_back, machine), True
+            )
 
     text = [*lines, _("A new machine file is written without this; the one that has it stays.")]
     page.app.push_screen(Confirm(_("Take the last change back?"), "\n".join(text)), answer)
@@ -192,14 +242,23 @@ def _ask_to_take_back(page: DiagnosisScreen, machine: str | None, lines: tuple[s
 
 def compare(page: DiagnosisScreen) -> None:
     """Of the machine file that was adopted here: before and after, on a log of another day."""
-    logs = [one for one in page.sources or () if one.kind == "run" and not one.working
-            and one.path not in [one.found.data.path for one in page.found]]
-    choices = [*(Choice(one.path, f"{one.name}  {one.changed}") for one in logs),
-               Choice(TYPED, _("another file: type its path"))]
+    logs = [
+        one
+        for one in page.sources or ()
+        if one.kind == "run"
+        and not one.working
+        and one.path not in [one.found.data.path for one in page.found]
+    ]
+    choices = [
+        *(Choice(one.path, f"{one.name}  {one.changed}") for one in logs),
+        Choice(TYPED, _("another file: type its path")),
+    ]
 
     def chosen(path: str | None) -> None:
         if path == TYPED:
-            page.app.push_screen(NameDialog(_("Which file?"), "", _("A run log of the same machine"), wrong), started)
+            page.app.push_screen(
+                NameDialog(_("Which file?"), "", _("A run log of the same machine"), wrong), started
+            )
         elif path is not None:
             started(path)
 
@@ -213,11 +272,16 @@ def compare(page: DiagnosisScreen) -> None:
     def started(path: str | None) -> None:
         if path is not None:
             source = page.served.source(path)
-            page.begin(_("Before and after, on {name}").format(name=source.name),
-                       partial(page.served.compare, page.adopted, source), COMPARED_S)
+            page.begin(
+                _("Before and after, on {name}").format(name=source.name),
+                partial(page.served.compare, page.adopted, source),
+                COMPARED_S,
+            )
 
-    page.app.push_screen(ChoiceDialog(_("On which log? One that the machine file was not made from."), choices, ""),
-                         chosen)
+    page.app.push_screen(
+        ChoiceDialog(_("On which log? One that the machine file was not made from."), choices, ""),
+        chosen,
+    )
 
 
 @_of_found
@@ -238,15 +302,24 @@ def job_file(page: DiagnosisScreen, found: DiagnosisView) -> None:
 @_of_found
 def drive(page: DiagnosisScreen, found: DiagnosisView) -> None:
     from console.reports.said import to_do
-    text = _("{minutes} minutes of simulated time, in seconds. Only a simulated machine moves; the real one and "
-             "its job are left alone.").format(minutes=f"{found.minutes:g}")
+
+    text = _(
+        "{minutes} minutes of simulated time, in seconds. Only a simulated machine moves; "
+        "the real one and "
+        "its job are left alone."
+    ).format(minutes=f"{found.minutes:g}")
 
     def answer(yes: bool | None) -> None:
         if yes:
-            page.begin(_("Separating run, simulated"), partial(page.served.drive, found),
-                       DRIVE_S_PER_MIN * found.minutes)
+            page.begin(
+                _("Separating run, simulated"),
+                partial(page.served.drive, found),
+                DRIVE_S_PER_MIN * found.minutes,
+            )
 
-    page.app.push_screen(Confirm(_("Drive the separating run?"), "\n".join((*to_do(found.found), text))), answer)
+    page.app.push_screen(
+        Confirm(_("Drive the separating run?"), "\n".join((*to_do(found.found), text))), answer
+    )
 
 
 @_of_found
@@ -256,35 +329,149 @@ def other_log(page: DiagnosisScreen, found: DiagnosisView) -> None:
 
 ACTIONS = (
     Action("dia_up", "up", "Up", N_("above"), N_("Moves up one file or cause."), above, DIAGNOSIS),
-    Action("dia_down", "down", "Down", N_("below"), N_("Moves down one file or cause."), below, DIAGNOSIS),
-    Action("dia_begin", "enter", "Enter", N_("diagnose"),
-           N_("Checks the chosen file; nothing on the machine is touched."), diagnose, DIAGNOSIS, 3),
-    Action("dia_pick", "j", "J", N_("other data"), N_("Back to the list of files, read anew."), other_data, DIAGNOSIS,
-           4),
-    Action("dia_path", "q_2", "Q2", N_("type a path"), N_("A file that is not in the list."), type_path, DIAGNOSIS,
-           asks="text"),
-    Action("dia_machine", "q_3", "Q3", N_("against"), N_("The machine file that the data is compared with."), against,
-           DIAGNOSIS),
-    Action("dia_view", "v", "V", N_("next view"), N_("Causes, channels, plots, the separating run, in turn."),
-           next_view, DIAGNOSIS, 5),
-    Action("dia_adopt", "q_1", "Q1", N_("adopt"),
-           N_("Writes a new machine file with what is decided, and what you pick by name; Del takes it back."),
-           adopt, DIAGNOSIS, why=why_not_found),
-    Action("dia_back", "delete,backspace", "Del", N_("take back"),
-           N_("Writes the machine file without what was adopted last; asks first."), take_back, DIAGNOSIS),
-    Action("dia_compare", "q_4", "Q4", N_("compare"),
-           N_("Says on another log whether the adopted machine file predicts better than before."), compare, DIAGNOSIS,
-           why=lambda page: "" if page.adopted else _(
-               "adopt something first: it is compared on a log that it was not made from")),
-    Action("dia_report", "e", "E", N_("report"), N_("Writes a page with pictures (HTML)."), report, DIAGNOSIS, 7,
-           why=why_not_found),
-    Action("dia_data", "q_6", "Q6", N_("data"), N_("Writes the result as data (JSON)."), data, DIAGNOSIS,
-           why=why_not_found),
-    Action("dia_run_file", "q_7", "Q7", N_("job file"), N_("Writes the separating run as a job file."), job_file,
-           DIAGNOSIS, why=why_no_drive),
-    Action("dia_drive", "q_5", "Q5", N_("drive it, simulated"),
-           N_("Drives the separating run on a simulated machine and diagnoses it too."), drive, DIAGNOSIS,
-           why=why_no_drive),
-    Action("dia_other", "right,left", ">", N_("other log"), N_("From the log to the separating run and back."),
-           other_log, DIAGNOSIS, why=why_not_found),
+    Action(
+        "dia_down",
+        "down",
+        "Down",
+        N_("below"),
+        N_("Moves down one file or cause."),
+        below,
+        DIAGNOSIS,
+    ),
+    Action(
+        "dia_begin",
+        "enter",
+        "Enter",
+        N_("diagnose"),
+        N_("Checks the chosen file; nothing on the machine is touched."),
+        diagnose,
+        DIAGNOSIS,
+        3,
+    ),
+    Action(
+        "dia_pick",
+        "j",
+        "J",
+        N_("other data"),
+        N_("Back to the list of files, read anew."),
+        other_data,
+        DIAGNOSIS,
+        4,
+    ),
+    Action(
+        "dia_path",
+        "q_2",
+        "Q2",
+        N_("type a path"),
+        N_("A file that is not in the list."),
+        type_path,
+        DIAGNOSIS,
+        asks="text",
+    ),
+    Action(
+        "dia_machine",
+        "q_3",
+        "Q3",
+        N_("against"),
+        N_("The machine file that the data is compared with."),
+        against,
+        DIAGNOSIS,
+    ),
+    Action(
+        "dia_view",
+        "v",
+        "V",
+        N_("next view"),
+        N_("Causes, channels, plots, the separating run, in turn."),
+        next_view,
+        DIAGNOSIS,
+        5,
+    ),
+    Action(
+        "dia_adopt",
+        "q_1",
+        "Q1",
+        N_("adopt"),
+        N_(
+            "Writes a new machine file with what is decided, and what you pick by name; Del "
+            "takes it back."
+        ),
+        adopt,
+        DIAGNOSIS,
+        why=why_not_found,
+    ),
+    Action(
+        "dia_back",
+        "delete,backspace",
+        "Del",
+        N_("take back"),
+        N_("Writes the machine file without what was adopted last; asks first."),
+        take_back,
+        DIAGNOSIS,
+    ),
+    Action(
+        "dia_compare",
+        "q_4",
+        "Q4",
+        N_("compare"),
+        N_("Says on another log whether the adopted machine file predicts better than before."),
+        compare,
+        DIAGNOSIS,
+        why=lambda page: (
+            ""
+            if page.adopted
+            else _("adopt something first: it is compared on a log that it was not made from")
+        ),
+    ),
+    Action(
+        "dia_report",
+        "e",
+        "E",
+        N_("report"),
+        N_("Writes a page with pictures (HTML)."),
+        report,
+        DIAGNOSIS,
+        7,
+        why=why_not_found,
+    ),
+    Action(
+        "dia_data",
+        "q_6",
+        "Q6",
+        N_("data"),
+        N_("Writes the result as data (JSON)."),
+        data,
+        DIAGNOSIS,
+        why=why_not_found,
+    ),
+    Action(
+        "dia_run_file",
+        "q_7",
+        "Q7",
+        N_("job file"),
+        N_("Writes the separating run as a job file."),
+        job_file,
+        DIAGNOSIS,
+        why=why_no_drive,
+    ),
+    Action(
+        "dia_drive",
+        "q_5",
+        "Q5",
+        N_("drive it, simulated"),
+        N_("Drives the separating run on a simulated machine and diagnoses it too."),
+        drive,
+        DIAGNOSIS,
+        why=why_no_drive,
+    ),
+    Action(
+        "dia_other",
+        "right,left",
+        ">",
+        N_("other log"),
+        N_("From the log to the separating run and back."),
+        other_log,
+        DIAGNOSIS,
+        why=why_not_found,
+    ),
 )

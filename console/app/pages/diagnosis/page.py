@@ -1,5 +1,6 @@
-"""The Diagnosis screen: choose data, watch, read the verdict, adopt it; plan and drive the run that tells rivals
-apart. The work itself is done by a process that the service starts."""
+"""The Diagnosis screen: choose data, watch, read the verdict, adopt it; plan and drive the run
+that tells rivals apart. The work itself is done by a process that the service starts."""
+
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
@@ -41,14 +42,15 @@ from console.app.widgets.panel import Panel, Picked, PickList, fit, line, right,
 from console.frame import Frame
 from console.locale import _, in_use
 
-# Data to diagnose, newest first: a row a file. A click chooses, a second one on the same row begins.
+# Data to diagnose, newest first: a row a file. A click chooses, a second one on the same row
+# begins.
 HEAD_ROWS = 2
 
 
 class SourcesView(NamedTuple):
     sources: tuple[DiagnosisSource, ...]
     at: int
-    looking: bool               # True while the folders are read
+    looking: bool  # True while the folders are read
     language: str
 
 
@@ -61,15 +63,27 @@ class SourceList(PickList[SourcesView]):
     def lines(self, view: SourcesView, width: int, height: int) -> list[Content]:
         rows = [line((fit(f" {_('Which data is to be checked?')}", width), "bold $primary"))]
         if not view.sources:
-            said = _("reading the folders") if view.looking else _("no log or table here; / types a path")
+            said = (
+                _("reading the folders")
+                if view.looking
+                else _("no log or table here; / types a path")
+            )
             return [*rows, line((f" {said}", "$muted"))]
-        rows.append(line((self._row(_("changed"), _("kind"), _("size"), _("file"), width), "$muted")))
+        rows.append(
+            line((self._row(_("changed"), _("kind"), _("size"), _("file"), width), "$muted"))
+        )
         room = max(1, height - HEAD_ROWS)
         first = first_row(view.at, len(view.sources), room)
-        for index, source in enumerate(view.sources[first:first + room], first):
+        for index, source in enumerate(view.sources[first : first + room], first):
             mark = f"  < {_('now')}" if source.working else ""
-            text = self._row(source.changed, _(KINDS.get(source.kind, source.kind)), source.size, source.name + mark,
-                             width, ">" if index == view.at else " ")
+            text = self._row(
+                source.changed,
+                _(KINDS.get(source.kind, source.kind)),
+                source.size,
+                source.name + mark,
+                width,
+                ">" if index == view.at else " ",
+            )
             rows.append(line((text, "bold $on-select on $select" if index == view.at else "")))
         return rows
 
@@ -85,7 +99,8 @@ class SourceList(PickList[SourcesView]):
 
 # How far long work is: stage, bar, share, time left, how to cancel it.
 class WorkView(NamedTuple):
-    """percent, left_s: rounded to what is shown; left_s None where it takes longer than was thought."""
+    """percent, left_s: rounded to what is shown; left_s None where it takes longer than was
+    thought."""
 
     title: str
     stage: str
@@ -99,21 +114,32 @@ class WorkBar(Panel[WorkView | None]):
     def lines(self, view: WorkView | None, width: int, height: int) -> list[Content]:
         if view is None:
             return []
-        left = f"   {_('longer than expected')}" if view.left_s is None else (
-            f"   {_('about {time} left').format(time=duration(view.left_s))}")
+        left = (
+            f"   {_('longer than expected')}"
+            if view.left_s is None
+            else (f"   {_('about {time} left').format(time=duration(view.left_s))}")
+        )
         room = max(10, min(60, width - 12))
         full = round(room * view.percent / 100)
-        return [line((fit(f" {view.title}", width), "bold $primary")),
-                line(" ", *solid("█" * full, "$target"), *solid("░" * (room - full), "$muted"),
-                     (f" {view.percent:3d} %", "bold")),
-                line((fit(f" {view.stage}{left}   {_('Esc cancels')}", width), ""))]
+        return [
+            line((fit(f" {view.title}", width), "bold $primary")),
+            line(
+                " ",
+                *solid("█" * full, "$target"),
+                *solid("░" * (room - full), "$muted"),
+                (f" {view.percent:3d} %", "bold"),
+            ),
+            line((fit(f" {view.stage}{left}   {_('Esc cancels')}", width), "")),
+        ]
 
 
-# How far long work is and how long it still takes: by how much there is to read at first, by its own pace later.
-START_S = 3.0               # imports and reading, whatever the size
-S_PER_MB = 0.6              # of a run log, on two cores
-MOST_BY_TIME = 0.3          # of the bar, that time alone may fill: it must not stand at its end for minutes
-ENOUGH = 0.2                # of the work, to tell its pace
+# How far long work is and how long it still takes: by how much there is to read at first, by
+# its own pace later.
+START_S = 3.0  # imports and reading, whatever the size
+S_PER_MB = 0.6  # of a run log, on two cores
+# of the bar, that time alone may fill: it must not stand at its end for minutes
+MOST_BY_TIME = 0.3
+ENOUGH = 0.2  # of the work, to tell its pace
 
 
 def expected_s(megabytes: float) -> float:
@@ -122,15 +148,16 @@ def expected_s(megabytes: float) -> float:
 
 
 class Expected:
-    """The bar moves from the start and never back; the time left is reported from the start, and never less than
-    none."""
+    """The bar moves from the start and never back; the time left is reported from the start,
+    and never less than none."""
 
     def __init__(self, whole_s: float) -> None:
         self._whole_s = max(1.0, whole_s)
         self._shown = 0.0
 
     def at(self, gone_s: float, share: float) -> tuple[float, float | None]:
-        """Share of the work to show, and seconds left; None: longer than was thought, and nobody knows how long.
+        """Share of the work to show, and seconds left; None: longer than was thought, and
+        nobody knows how long.
 
         share: as the work itself tells it. Its own pace counts alone once `ENOUGH` is done.
         """
@@ -147,7 +174,6 @@ View = Literal["causes", "channels", "over", "time", "run"]
 Work = Callable[[Tell, Stop], DiagnosisView | ComparedShown]
 
 
-
 BEGIN = next(action for action in ACTIONS if action.do is diagnose)
 
 
@@ -159,24 +185,26 @@ class DiagnosisScreen(Page):
         super().__init__()
         self.add_class("diagnosis")
         self.sources: tuple[DiagnosisSource, ...] | None = None
-        self.at = 0                                 # chosen file
-        self.machine: str | None = None             # None: the one that the data names
+        self.at = 0  # chosen file
+        self.machine: str | None = None  # None: the one that the data names
         self.machines: tuple[str, ...] = ()
-        self.adopted = ""                           # the machine file that was written here last
-        self.found: tuple[DiagnosisView, ...] = ()          # the log's, then that of its separating run
-        self.which = 0                              # the one that is shown
+        self.adopted = ""  # the machine file that was written here last
+        # the log's, then that of its separating run
+        self.found: tuple[DiagnosisView, ...] = ()
+        self.which = 0  # the one that is shown
         self.cause = 0
         self.see: View = "causes"
-        self.said = ""                              # why the last thing did not go
-        self.stop: Stop | None = None               # of the work under way
+        self.said = ""  # why the last thing did not go
+        self.stop: Stop | None = None  # of the work under way
         self._working: Worker[DiagnosisView | ComparedShown] | None = None
         self._listing: Worker[tuple[tuple[DiagnosisSource, ...], tuple[str, ...]]] | None = None
-        self._brings_in = False                     # a new file will be there
+        self._brings_in = False  # a new file will be there
         self._title = ""
         self._started_s = 0.0
         self._share, self._stage = 0.0, ""
         self._expected = Expected(0.0)
-        self._listed_for = ""                       # the log that was written when the files were listed
+        # the log that was written when the files were listed
+        self._listed_for = ""
 
     def body(self) -> ComposeResult:
         with Vertical(id="diagnosis"):
@@ -217,7 +245,8 @@ class DiagnosisScreen(Page):
         if self.sources is not None and frame.log_path != self._listed_for:
             self.sources = None
 
-    # --- showing -------------------------------------------------------------------------------------------------
+    # --- showing
+    # ----------------------------------------------------------------------------------------------
 
     def show_numbers(self, view: RunView) -> None:
         super().show_numbers(view)
@@ -236,16 +265,40 @@ class DiagnosisScreen(Page):
         work.display = self.busy
         if self.busy:
             share, left_s = self._expected.at(self.app.clock() - self._started_s, self._share)
-            work.show(WorkView(self._title, _(words.STAGES.get(self._stage, self._stage)), int(100 * share),
-                               None if left_s is None else max(1, round(left_s))))
+            work.show(
+                WorkView(
+                    self._title,
+                    _(words.STAGES.get(self._stage, self._stage)),
+                    int(100 * share),
+                    None if left_s is None else max(1, round(left_s)),
+                )
+            )
         self.query_one("#dia-sources", SourceList).show(
-            SourcesView(self.sources or (), self.at, self.sources is None and self.service is not None, in_use()))
+            SourcesView(
+                self.sources or (),
+                self.at,
+                self.sources is None and self.service is not None,
+                in_use(),
+            )
+        )
         self.query_one("#dia-chips", Chips).show(self._chips())
         if found is not None:
-            self.query_one("#dia-verdict", VerdictPanel).show(tuple(
-                shown.said(one, "" if len(self.found) == 1 else _("log") if not index else _("separating run"))
-                for index, one in enumerate(self.found)))
-            self.query_one("#dia-causes", Causes).show(shown.causes(found, self.cause, self.app.units))
+            self.query_one("#dia-verdict", VerdictPanel).show(
+                tuple(
+                    shown.said(
+                        one,
+                        ""
+                        if len(self.found) == 1
+                        else _("log")
+                        if not index
+                        else _("separating run"),
+                    )
+                    for index, one in enumerate(self.found)
+                )
+            )
+            self.query_one("#dia-causes", Causes).show(
+                shown.causes(found, self.cause, self.app.units)
+            )
             self.query_one("#dia-channels", ChannelTable).show(shown.channels(found))
             self.query_one("#dia-run", RunPlanPanel).show(shown.plan(found))
 
@@ -259,7 +312,9 @@ class DiagnosisScreen(Page):
     def views(self) -> tuple[View, ...]:
         """Those that one key goes through at this size; the others are shown with it."""
         found = self.shown
-        run: tuple[View, ...] = ("run",) if found is not None and found.found.next_run is not None else ()
+        run: tuple[View, ...] = (
+            ("run",) if found is not None and found.found.next_run is not None else ()
+        )
         if self.has_class("-wide") and self.has_class("-tall"):
             return ("causes", *run)
         if self.has_class("-wide"):
@@ -272,28 +327,40 @@ class DiagnosisScreen(Page):
             return ()
         if found is None:
             against = Path(self.machine).stem if self.machine is not None else _("as the log says")
-            wanted = [("dia_begin", "", bool(self.sources), True), ("dia_path", "", True, False),
-                      ("dia_machine", f"{_('against')}: {against}", True, False),
-                      ("dia_pick", _("read anew"), True, False)]
+            wanted = [
+                ("dia_begin", "", bool(self.sources), True),
+                ("dia_path", "", True, False),
+                ("dia_machine", f"{_('against')}: {against}", True, False),
+                ("dia_pick", _("read anew"), True, False),
+            ]
         else:
             run = bool(found.drives)
             views = self.views()
             at = views.index(self.see) + 1 if self.see in views else 1
-            wanted = [("dia_view", f"{_('next view')} {at}/{len(views)}", len(views) > 1, False),
-                      ("dia_adopt", "", bool(found.adoptable), found.found.verdict == "named"),
-                      *([("dia_compare", "", True, True)] if self.adopted else []),
-                      ("dia_back", "", bool(self.adopted), False),
-                      ("dia_report", "", True, False), ("dia_data", "", True, False)]
+            wanted = [
+                ("dia_view", f"{_('next view')} {at}/{len(views)}", len(views) > 1, False),
+                ("dia_adopt", "", bool(found.adoptable), found.found.verdict == "named"),
+                *([("dia_compare", "", True, True)] if self.adopted else []),
+                ("dia_back", "", bool(self.adopted), False),
+                ("dia_report", "", True, False),
+                ("dia_data", "", True, False),
+            ]
             if found.found.next_run is not None:
-                wanted += [("dia_run_file", "", run, False), ("dia_drive", "", run, found.found.verdict == "ambiguous")]
+                wanted += [
+                    ("dia_run_file", "", run, False),
+                    ("dia_drive", "", run, found.found.verdict == "ambiguous"),
+                ]
             if len(self.found) > 1:
                 wanted.append(("dia_other", "", True, False))
             wanted.append(("dia_pick", "", True, False))
         known = {action.id: action for action in self.app.offered(DIAGNOSIS)}
-        return tuple(Chip(name, known[name].shown, label or _(known[name].label), on, lead)
-                     for name, label, on, lead in wanted)
+        return tuple(
+            Chip(name, known[name].shown, label or _(known[name].label), on, lead)
+            for name, label, on, lead in wanted
+        )
 
-    # --- what is done ----------------------------------------------------------------------------------------------
+    # --- what is done
+    # ----------------------------------------------------------------------------------------------
 
     def perform(self, action: Action) -> None:
         if self.service is None:
@@ -321,6 +388,7 @@ class DiagnosisScreen(Page):
     def write(self, what: str, write: Callable[[], str], machine: bool = False) -> None:
         """A file; the path stays on the screen until it is read. machine: then it is asked
         whether the job takes the file."""
+
         def written(path: str) -> None:
             def read(_answer: bool | None) -> None:
                 if machine and self.app.services.job is not None:
@@ -330,8 +398,13 @@ class DiagnosisScreen(Page):
             text = path
             if machine:
                 self.adopted = path
-                text = "\n".join((path, _("Del on the Diagnosis page takes the last change of it back."),
-                                  _("Q4 there says, on another log, whether it predicts better than before.")))
+                text = "\n".join(
+                    (
+                        path,
+                        _("Del on the Diagnosis page takes the last change of it back."),
+                        _("Q4 there says, on another log, whether it predicts better than before."),
+                    )
+                )
             self.app.push_screen(TextDialog(_("{what} is written").format(what=what), text), read)
             self.look()
 
@@ -341,7 +414,8 @@ class DiagnosisScreen(Page):
 
         self.app.with_files(write, written, failed)
 
-    # --- long work -------------------------------------------------------------------------------------------------
+    # --- long work
+    # ----------------------------------------------------------------------------------------------
 
     def _list(self) -> None:
         service = self.service
@@ -350,15 +424,22 @@ class DiagnosisScreen(Page):
         frame = self.app.arrival.frame
         running = frame.log_path if frame is not None else ""
         self._listed_for = running
-        self._listing = self.run_worker(lambda: (service.sources(running), service.machines()), group="list",
-                                        thread=True, exit_on_error=False)
+        self._listing = self.run_worker(
+            lambda: (service.sources(running), service.machines()),
+            group="list",
+            thread=True,
+            exit_on_error=False,
+        )
 
     def diagnose(self, source: DiagnosisSource) -> None:
         assert self.service is not None
         self.back()
         self._brings_in = source.kind == IMPORT
-        self.begin(_("Diagnosis of {name}").format(name=source.name),
-                    partial(self.service.diagnose, source, self.machine), expected_s(source.bytes / 1e6))
+        self.begin(
+            _("Diagnosis of {name}").format(name=source.name),
+            partial(self.service.diagnose, source, self.machine),
+            expected_s(source.bytes / 1e6),
+        )
 
     def begin(self, title: str, work: Work, takes_s: float) -> None:
         """takes_s: as far as that is known beforehand."""
@@ -366,7 +447,9 @@ class DiagnosisScreen(Page):
         self._title, self._started_s, self.said = title, self.app.clock(), ""
         self._share, self._stage = 0.0, "reading"
         stop = self.stop = Stop()
-        self._working = self.run_worker(lambda: work(self._tell, stop), group="work", thread=True, exit_on_error=False)
+        self._working = self.run_worker(
+            lambda: work(self._tell, stop), group="work", thread=True, exit_on_error=False
+        )
         self.look()
 
     def _tell(self, share: float, stage: str) -> None:
@@ -396,7 +479,11 @@ class DiagnosisScreen(Page):
         elif event.worker is self._working:
             self._worked(event.worker, event.state)
 
-    def _listed(self, worker: Worker[tuple[tuple[DiagnosisSource, ...], tuple[str, ...]]], state: WorkerState) -> None:
+    def _listed(
+        self,
+        worker: Worker[tuple[tuple[DiagnosisSource, ...], tuple[str, ...]]],
+        state: WorkerState,
+    ) -> None:
         if state is WorkerState.SUCCESS and worker.result is not None:
             self.sources, self.machines = worker.result
             self.at = min(self.at, max(0, len(self.sources) - 1))
@@ -408,9 +495,17 @@ class DiagnosisScreen(Page):
 
     def _worked(self, worker: Worker[DiagnosisView | ComparedShown], state: WorkerState) -> None:
         if state is WorkerState.SUCCESS and isinstance(worker.result, ComparedShown):
-            where = [_("Pictures: {path}").format(path=worker.result.report)] if worker.result.report else []
-            self.app.push_screen(TextDialog(_("Before and after, on a log that it was not made from"),
-                                            "\n".join([*words.compared(worker.result), *where])))
+            where = (
+                [_("Pictures: {path}").format(path=worker.result.report)]
+                if worker.result.report
+                else []
+            )
+            self.app.push_screen(
+                TextDialog(
+                    _("Before and after, on a log that it was not made from"),
+                    "\n".join([*words.compared(worker.result), *where]),
+                )
+            )
         elif state is WorkerState.SUCCESS and isinstance(worker.result, DiagnosisView):
             drove = bool(self.found) and bool(worker.result.planted)
             self.found = (*self.found[:1], worker.result) if drove else (worker.result,)
@@ -419,7 +514,7 @@ class DiagnosisScreen(Page):
             self.ask(worker.error)
         elif state is WorkerState.ERROR and not isinstance(worker.error, WorkStopped):
             self.said = (str(worker.error).splitlines() or [type(worker.error).__name__])[0]
-        if state is WorkerState.CANCELLED:              # the app ends: its process must not outlive it
+        if state is WorkerState.CANCELLED:  # the app ends: its process must not outlive it
             self.cancel()
         elif state in (WorkerState.SUCCESS, WorkerState.ERROR):
             self._working = self.stop = None
@@ -430,12 +525,16 @@ class DiagnosisScreen(Page):
     def ask(self, open_: OpenQuestions) -> None:
         """What is unsure about a file of another machine, and where it can be put right."""
         self.said = _("not brought in: the import file has open questions")
-        how = _("Put these lines right in the import file, or take away the comments that say unsure; then choose it "
-                "or the file again. It is written here:")
+        how = _(
+            "Put these lines right in the import file, or take away the comments that say "
+            "unsure; then choose it "
+            "or the file again. It is written here:"
+        )
         lines = [*open_.questions, "", how, open_.import_file]
         self.app.push_screen(TextDialog(_("What the file does not say"), "\n".join(lines)))
 
-    # --- mouse -----------------------------------------------------------------------------------------------------
+    # --- mouse
+    # ----------------------------------------------------------------------------------------------
 
     def on_picked(self, event: Picked) -> None:
         """A cause of what was found; before, a file: the second click on it begins."""

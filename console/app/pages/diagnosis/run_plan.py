@@ -1,4 +1,5 @@
 """The run that would tell rivals apart: why, its steps, how to go on."""
+
 from __future__ import annotations
 
 from typing import NamedTuple
@@ -21,6 +22,8 @@ class RunPlanPanel(Panel[PlanView]):
         rows = [line((fit(f" {_('separating run')}", width), "bold $primary"))]
         rows += [line((f" {row}", "$muted")) for row in wrapped(view.why, width - 2)]
         for number, step in enumerate(view.steps, 1):
-            rows += [line((f" {number}. {row}" if not k else f"    {row}", "bold"))
-                     for k, row in enumerate(wrapped(step, width - 5))]
+            rows += [
+                line((f" {number}. {row}" if not k else f"    {row}", "bold"))
+                for k, row in enumerate(wrapped(step, width - 5))
+            ]
         return [*rows, *(line(f" {row}") for row in wrapped(view.how, width - 2))]

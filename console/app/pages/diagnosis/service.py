@@ -1,4 +1,5 @@
 """What the Diagnosis page is given: data to choose from, what was found in it, and who finds it."""
+
 from __future__ import annotations
 
 import threading
@@ -7,10 +8,12 @@ from typing import Literal, NamedTuple, Protocol
 
 from control.diagnosis.result import Diagnosis
 
-Tell = Callable[[float, str], None]         # share of the work done, 0 to 1; the stage, a word
+# share of the work done, 0 to 1; the stage, a word
+Tell = Callable[[float, str], None]
 Export = Literal["report", "data"]
 
-IMPORT = "import"           # kind of a file that is brought in first, or of how one is
+# kind of a file that is brought in first, or of how one is
+IMPORT = "import"
 
 
 class DiagnosisSource(NamedTuple):
@@ -19,17 +22,19 @@ class DiagnosisSource(NamedTuple):
     path: str
     name: str
     kind: str
-    changed: str            # local date and time, to the minute
-    size: str               # "12.3 MB"
-    working: bool = False   # the log that the control worker writes now
+    changed: str  # local date and time, to the minute
+    size: str  # "12.3 MB"
+    working: bool = False  # the log that the control worker writes now
     bytes: int = 0
 
 
 class ResidualCurve(NamedTuple):
-    """Means of a residual over bins of one variable (by its id), before and after the causes are in the model.
+    """Means of a residual over bins of one variable (by its id), before and after the causes
+    are in the model.
 
-    before, after, half: in `unit`, as long as `at`; half: of the 90 % interval of `after`. names: of the places 0, 1,
-    ... where the variable is no scale. onset: place on the axis where a cause began.
+    before, after, half: in `unit`, as long as `at`; half: of the 90 % interval of `after`.
+    names: of the places 0, 1, ... where the variable is no scale. onset: place on the axis
+    where a cause began.
     """
 
     channel: str
@@ -44,9 +49,9 @@ class ResidualCurve(NamedTuple):
 
 
 class AdoptionOffer(NamedTuple):
-    """A machine file that is made already, in the folder of `DiagnosisView`. ids: what was chosen; file: "" where
-    nothing of it can be taken up; changes: before and after, a line each; refused: why what was chosen is not in it, a
-    line each."""
+    """A machine file that is made already, in the folder of `DiagnosisView`. ids: what was
+    chosen; file: "" where nothing of it can be taken up; changes: before and after, a line
+    each; refused: why what was chosen is not in it, a line each."""
 
     ids: tuple[str, ...]
     file: str
@@ -55,7 +60,8 @@ class AdoptionOffer(NamedTuple):
 
 
 class Drawn(NamedTuple):
-    """Curves of one cause: over the variable that tells it, and over the log; None where nothing can be drawn."""
+    """Curves of one cause: over the variable that tells it, and over the log; None where
+    nothing can be drawn."""
 
     over: ResidualCurve | None = None
     time: ResidualCurve | None = None
@@ -67,18 +73,22 @@ class DiagnosisView(NamedTuple):
     folder: where report, data and the extended machine lie until they are exported or adopted.
     """
 
-    source: str                         # file name
-    found: Diagnosis                    # the causes that are only suspected come last
-    drawn: tuple[Drawn, ...]            # one for each cause
-    after: dict[str, float]             # error of a channel with the causes in the model, where it was computed
-    adoptable: tuple[str, ...]          # ids, those that are not decided among them
-    refused: tuple[str, ...]            # why the others are not adopted, a line each
-    drives: str = ""                    # the next run as the simulated machine can drive it; "" where it cannot
+    source: str  # file name
+    found: Diagnosis  # the causes that are only suspected come last
+    drawn: tuple[Drawn, ...]  # one for each cause
+    # error of a channel with the causes in the model, where it was computed
+    after: dict[str, float]
+    adoptable: tuple[str, ...]  # ids, those that are not decided among them
+    refused: tuple[str, ...]  # why the others are not adopted, a line each
+    # the next run as the simulated machine can drive it; "" where it cannot
+    drives: str = ""
     left_curve: ResidualCurve | None = None
     mean_target_kg_ha: float | None = None
     folder: str = ""
-    planted: tuple[str, ...] = ()       # of a simulated separating run: what its machine had
-    offers: tuple[AdoptionOffer, ...] = ()      # machine files, one for each choice that the operator can come to
+    # of a simulated separating run: what its machine had
+    planted: tuple[str, ...] = ()
+    # machine files, one for each choice that the operator can come to
+    offers: tuple[AdoptionOffer, ...] = ()
 
     @property
     def minutes(self) -> float:
@@ -87,15 +97,16 @@ class DiagnosisView(NamedTuple):
 
 
 class Adoption(NamedTuple):
-    """What the operator chose to take up: all that is sure, and by name what is not. why: in their own words, kept in
-    the machine file; empty where nothing had to be chosen."""
+    """What the operator chose to take up: all that is sure, and by name what is not. why: in
+    their own words, kept in the machine file; empty where nothing had to be chosen."""
 
     ids: tuple[str, ...]
     why: str = ""
 
 
 class ComparedRow(NamedTuple):
-    """Error (r.m.s.) of one channel before and after; low, high: 90 % interval of before less after, if known."""
+    """Error (r.m.s.) of one channel before and after; low, high: 90 % interval of before less
+    after, if known."""
 
     channel: str
     unit: str
@@ -106,8 +117,8 @@ class ComparedRow(NamedTuple):
 
 
 class ComparedShown(NamedTuple):
-    """A machine file before and after a change, held against one log. report: path of the page with pictures, empty
-    where none could be drawn."""
+    """A machine file before and after a change, held against one log. report: path of the page
+    with pictures, empty where none could be drawn."""
 
     rows: tuple[ComparedRow, ...]
     report: str = ""
@@ -147,7 +158,8 @@ class OpenQuestions(ValueError):
 
 
 class DiagnosisService(Protocol):
-    """Files and long work of the page. Errors are one-line ValueErrors; long work raises Stopped where it is cancelled.
+    """Files and long work of the page. Errors are one-line ValueErrors; long work raises
+    Stopped where it is cancelled.
 
     Everything here blocks: the page calls it in a thread.
     """
@@ -161,17 +173,21 @@ class DiagnosisService(Protocol):
     def machines(self) -> tuple[str, ...]:
         """Machine files to hold the data against, along with the one that the log names."""
 
-    def diagnose(self, source: DiagnosisSource, machine: str | None, tell: Tell, stop: Stop) -> DiagnosisView:
+    def diagnose(
+        self, source: DiagnosisSource, machine: str | None, tell: Tell, stop: Stop
+    ) -> DiagnosisView:
         """machine None: the one that the log names, else the configured one.
 
-        A file of kind IMPORT is brought in first: as a new log of the user's own folder; OpenQuestions where not sure.
+        A file of kind IMPORT is brought in first: as a new log of the user's own folder;
+        OpenQuestions where not sure.
         """
 
     def adopt(self, found: DiagnosisView, chosen: Adoption) -> str:
         """Writes the new machine file; its path."""
 
     def last_change(self, machine: str | None) -> tuple[str, ...]:
-        """What a diagnosis changed last in a machine file, before and after, a line each; () where nothing is left."""
+        """What a diagnosis changed last in a machine file, before and after, a line each; ()
+        where nothing is left."""
 
     def take_back(self, machine: str | None) -> str:
         """Writes a new machine file without the last change; its path."""
@@ -185,5 +201,8 @@ class DiagnosisService(Protocol):
     def drive(self, found: DiagnosisView, tell: Tell, stop: Stop) -> DiagnosisView:
         """Drives the separating run on the simulated machine and diagnoses its log."""
 
-    def compare(self, machine: str, source: DiagnosisSource, tell: Tell, stop: Stop) -> ComparedShown:
-        """A machine file as it was before its last change, and as it is, on a log that it was not made from."""
+    def compare(
+        self, machine: str, source: DiagnosisSource, tell: Tell, stop: Stop
+    ) -> ComparedShown:
+        """A machine file as it was before its last change, and as it is, on a log that it was
+        not made from."""

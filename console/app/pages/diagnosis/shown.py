@@ -1,4 +1,5 @@
 """The Diagnosis page's views: a diagnosis in, what its panels show out. Pure."""
+
 from __future__ import annotations
 
 from console.app.pages.diagnosis import words
@@ -16,32 +17,55 @@ from console.reports.variables import recorded
 from control.diagnosis.result import Cause, Channel, Diagnosis, Size
 
 MOST_GAIN_LINES = 3
-STRUCTURE_P = 0.01              # below it a channel has more than noise
-LEAST_SHARE = 0.01              # of a channel's error beyond its noise: less is there, and is worth no mark
+STRUCTURE_P = 0.01  # below it a channel has more than noise
+# of a channel's error beyond its noise: less is there, and is worth no mark
+LEAST_SHARE = 0.01
 
 
 def said(view: DiagnosisView, lead: str) -> SaidVerdict:
     _word, name, symbol = sentences.VERDICTS[view.found.verdict]
-    return SaidVerdict(view.found.verdict, symbol, _(name), words.about(view), sentences.sentence(view.found),
-                       words.todo(view), lead)
+    return SaidVerdict(
+        view.found.verdict,
+        symbol,
+        _(name),
+        words.about(view),
+        sentences.sentence(view.found),
+        words.todo(view),
+        lead,
+    )
 
 
 def causes(view: DiagnosisView, at: int, units: Units) -> CausesView:
     found = view.found
     unseen = sum(one.smallest_detectable.value is None for one in found.not_shown)
     none = _("None. {count} kinds of fault never show in a file of this kind.").format(count=unseen)
-    return CausesView(tuple(_cause(cause, view.mean_target_kg_ha, units) for cause in found.causes), at,
-                      (*_left(found), *_whole(found), none), in_use())
+    return CausesView(
+        tuple(_cause(cause, view.mean_target_kg_ha, units) for cause in found.causes),
+        at,
+        (*_left(found), *_whole(found), none),
+        in_use(),
+    )
 
 
 def _cause(cause: Cause, mean_target_kg_ha: float | None, units: Units) -> CauseLine:
     tied = sentences.ties(cause)
-    rivals = "" if tied else ", ".join(f"{sentences.title_of(one)} {percent(share)}"
-                                       for one, share in sentences.others(cause))
-    return CauseLine(sentences.heading(cause), words.size(cause), percent(cause.probability), rivals,
-                     words.cost(cause, mean_target_kg_ha, units),
-                     _("Drive the next test before anything is changed.") if tied else _(cause.advice),
-                     interval(cause.size), tied)
+    rivals = (
+        ""
+        if tied
+        else ", ".join(
+            f"{sentences.title_of(one)} {percent(share)}" for one, share in sentences.others(cause)
+        )
+    )
+    return CauseLine(
+        sentences.heading(cause),
+        words.size(cause),
+        percent(cause.probability),
+        rivals,
+        words.cost(cause, mean_target_kg_ha, units),
+        _("Drive the next test before anything is changed.") if tied else _(cause.advice),
+        interval(cause.size),
+        tied,
+    )
 
 
 def interval(size: Size) -> tuple[float, float, float] | None:
@@ -49,18 +73,36 @@ def interval(size: Size) -> tuple[float, float, float] | None:
     if size.value is None or size.low is None or size.high is None:
         return None
     most = max(abs(size.value), abs(size.low), abs(size.high))
-    return (round(size.low / most, 2), round(size.value / most, 2), round(size.high / most, 2)) if most > 0.0 else None
+    return (
+        (round(size.low / most, 2), round(size.value / most, 2), round(size.high / most, 2))
+        if most > 0.0
+        else None
+    )
 
 
 def channels(view: DiagnosisView) -> ChannelsView:
     """Gains are those of the causes themselves; what is compared with them stands in the report."""
     found = view.found
-    gains = [_("checked on a part of the log kept aside: {channel} off by {before} before, {after} with it "
-               "({metric})").format(
-        channel=sentences.channel_word(gain.channel), before=words.figure(gain.before), after=words.figure(gain.after),
-        metric=gain.metric) for gain in found.gain if gain.of == "names"]
-    return ChannelsView(tuple(_channel(one, view.after.get(one.channel)) for one in found.channels),
-                        (*found.findings, *_left(found)), (*_whole(found), *gains[:MOST_GAIN_LINES]), in_use())
+    gains = [
+        _(
+            "checked on a part of the log kept aside: {channel} off by {before} before, "
+            "{after} with it "
+            "({metric})"
+        ).format(
+            channel=sentences.channel_word(gain.channel),
+            before=words.figure(gain.before),
+            after=words.figure(gain.after),
+            metric=gain.metric,
+        )
+        for gain in found.gain
+        if gain.of == "names"
+    ]
+    return ChannelsView(
+        tuple(_channel(one, view.after.get(one.channel)) for one in found.channels),
+        (*found.findings, *_left(found)),
+        (*_whole(found), *gains[:MOST_GAIN_LINES]),
+        in_use(),
+    )
 
 
 def _left(found: Diagnosis) -> tuple[str, ...]:
@@ -69,17 +111,28 @@ def _left(found: Diagnosis) -> tuple[str, ...]:
 
 def _whole(found: Diagnosis) -> tuple[str, ...]:
     """The drive as a whole, where it was fitted so."""
-    return () if found.fitted is None else (f"{sentences.whole(found.fitted)}. {sentences.whole_gain(found.fitted)}",)
+    return (
+        ()
+        if found.fitted is None
+        else (f"{sentences.whole(found.fitted)}. {sentences.whole_gain(found.fitted)}",)
+    )
 
 
 def _channel(one: Channel, after: float | None) -> ChannelLine:
-    share = 0.0                     # of the mean square error, that is not the sensor's noise
+    # of the mean square error, that is not the sensor's noise
+    share = 0.0
     if one.structure_p < STRUCTURE_P and one.rmse > 0.0:
         share = 1.0 - (one.noise_floor / one.rmse) ** 2
     wrong = share >= LEAST_SHARE
-    return ChannelLine(sentences.channel_word(one.channel), one.unit, words.figure(one.rmse),
-                       "" if after is None else words.figure(after), words.figure(one.noise_floor),
-                       percent(share) if wrong else "-", wrong)
+    return ChannelLine(
+        sentences.channel_word(one.channel),
+        one.unit,
+        words.figure(one.rmse),
+        "" if after is None else words.figure(after),
+        words.figure(one.noise_floor),
+        percent(share) if wrong else "-",
+        wrong,
+    )
 
 
 def plan(view: DiagnosisView) -> PlanView:
@@ -87,13 +140,20 @@ def plan(view: DiagnosisView) -> PlanView:
         return PlanView("", (), "", in_use())
     names = [sentences.title(cause) for cause in view.found.causes if sentences.others(cause)]
     why = _("Tells apart: {names}.").format(names=", ".join(names)) if names else ""
-    how = _("About {minutes} minutes. Drive it and diagnose its log; or try it on the simulated machine first.").format(
-        minutes=f"{view.minutes:g}") if view.drives else _("Do it by these steps; it cannot be simulated.")
+    how = (
+        _(
+            "About {minutes} minutes. Drive it and diagnose its log; or try it on the "
+            "simulated machine first."
+        ).format(minutes=f"{view.minutes:g}")
+        if view.drives
+        else _("Do it by these steps; it cannot be simulated.")
+    )
     return PlanView(why, sentences.to_do(view.found), how, in_use())
 
 
 def over(view: DiagnosisView, at: int) -> PlotView | None:
-    """Along the variable that tells the chosen cause; of what no cause explains where there is none."""
+    """Along the variable that tells the chosen cause; of what no cause explains where there is
+    none."""
     return _plot(view, view.drawn[at].over if view.drawn else view.left_curve)
 
 
@@ -104,5 +164,9 @@ def time(view: DiagnosisView, at: int) -> PlotView | None:
 def _plot(view: DiagnosisView, curve: ResidualCurve | None) -> PlotView | None:
     if curve is None:
         return None
-    title = _("error of {channel}, {unit}").format(channel=sentences.channel_word(curve.channel), unit=curve.unit)
-    return PlotView(title, recorded(curve.variable, view.found.data.kind).label, curve, not view.drawn, in_use())
+    title = _("error of {channel}, {unit}").format(
+        channel=sentences.channel_word(curve.channel), unit=curve.unit
+    )
+    return PlotView(
+        title, recorded(curve.variable, view.found.data.kind).label, curve, not view.drawn, in_use()
+    )

@@ -1,4 +1,5 @@
 """The verdict: one word, one line, what to do; next to it that of the separating run."""
+
 from __future__ import annotations
 
 from typing import NamedTuple
@@ -8,9 +9,13 @@ from textual.content import Content
 
 from console.app.widgets.panel import Panel, fullest, line, wrapped
 
-_STYLES = {"none": "bold reverse", "named": "bold $on-alarm-amber on $alarm-amber",
-           "ambiguous": "bold $on-alarm-amber on $alarm-amber", "unexplained": "bold $on-alarm-red on $alarm-red",
-           "not_judged": "bold $on-alarm-red on $alarm-red"}
+_STYLES = {
+    "none": "bold reverse",
+    "named": "bold $on-alarm-amber on $alarm-amber",
+    "ambiguous": "bold $on-alarm-amber on $alarm-amber",
+    "unexplained": "bold $on-alarm-red on $alarm-red",
+    "not_judged": "bold $on-alarm-red on $alarm-red",
+}
 
 
 class SaidVerdict(NamedTuple):
@@ -19,14 +24,15 @@ class SaidVerdict(NamedTuple):
     verdict: str
     symbol: str
     word: str
-    about: tuple[str, ...]          # the last ones go first where there is no room
+    about: tuple[str, ...]  # the last ones go first where there is no room
     sentence: str
     todo: str
     lead: str = ""
 
 
 class VerdictPanel(Panel[tuple[SaidVerdict, ...]]):
-    """Rows: word and data; the sentence; what to do. Two verdicts stand one below the other, in fewer rows each."""
+    """Rows: word and data; the sentence; what to do. Two verdicts stand one below the other, in
+    fewer rows each."""
 
     def lines(self, view: tuple[SaidVerdict, ...], width: int, height: int) -> list[Content]:
         rows: list[Content] = []
@@ -39,10 +45,18 @@ class VerdictPanel(Panel[tuple[SaidVerdict, ...]]):
     def _one(said: SaidVerdict, width: int, room: int) -> list[Content]:
         lead = f"{said.lead}: " if said.lead else ""
         left = cell_len(f" {said.symbol} {said.word}   {lead}")
-        about = fullest(("   ".join(said.about[:kept]) for kept in range(len(said.about), -1, -1)), width - left)
-        head = line((f" {said.symbol} {said.word} ", _STYLES[said.verdict]), (f"  {lead}", "bold"), (about, "$muted"))
-        todo = [line((f" > {row}" if not k else f"   {row}", "bold $primary"))
-                for k, row in enumerate(wrapped(said.todo, width - 4))]
+        about = fullest(
+            ("   ".join(said.about[:kept]) for kept in range(len(said.about), -1, -1)), width - left
+        )
+        head = line(
+            (f" {said.symbol} {said.word} ", _STYLES[said.verdict]),
+            (f"  {lead}", "bold"),
+            (about, "$muted"),
+        )
+        todo = [
+            line((f" > {row}" if not k else f"   {row}", "bold $primary"))
+            for k, row in enumerate(wrapped(said.todo, width - 4))
+        ]
         sentence = [line((f" {row}", "bold")) for row in wrapped(said.sentence, width - 2)]
         spare = room - 1 - len(sentence)
-        return [head, *sentence[:max(1, room - 1)], *todo[:max(0, spare)]]
+        return [head, *sentence[: max(1, room - 1)], *todo[: max(0, spare)]]

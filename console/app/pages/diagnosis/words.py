@@ -2,6 +2,7 @@
 
 What it says of the data itself is said for all: `console.reports.said`.
 """
+
 from __future__ import annotations
 
 from console.app.pages.diagnosis.service import IMPORT, ComparedShown, DiagnosisView
@@ -12,23 +13,44 @@ from console.reports.numbers import number, plain
 from console.reports.said import better, channel_word, headlined, title, when, whole, whole_id
 from control.diagnosis.result import Cause
 
-KINDS = {"run": N_("run log"), "lag": N_("lag table"), "catch": N_("catch test"), "weigh": N_("weighed plots"),
-         "heads": N_("heads table"), "place": N_("place table"), IMPORT: N_("other log")}
+KINDS = {
+    "run": N_("run log"),
+    "lag": N_("lag table"),
+    "catch": N_("catch test"),
+    "weigh": N_("weighed plots"),
+    "heads": N_("heads table"),
+    "place": N_("place table"),
+    IMPORT: N_("other log"),
+}
 
-STAGES = {"reading": N_("reading the file"), "importing": N_("bringing in the file"),
-          "data": N_("looking at the data"), "model": N_("predicting every channel"),
-          "shaft": N_("shaft and gate"), "gate": N_("shaft and gate"), "metering": N_("shaft, gate, flow, scale"),
-          "flow": N_("flow and scale"), "gate_effort": N_("gate's effort"),
-          "speed": N_("speeds"), "heads": N_("sensor heads"),
-          "result": N_("weighing the causes"), "pictures": N_("drawing"), "report": N_("writing the report"),
-          "driving": N_("driving the separating run"), "noise and steps in the times": N_("looking at the data"),
-          "search": N_("searching causes"), "what is left": N_("what is left"), "gain": N_("measuring the gain")}
+STAGES = {
+    "reading": N_("reading the file"),
+    "importing": N_("bringing in the file"),
+    "data": N_("looking at the data"),
+    "model": N_("predicting every channel"),
+    "shaft": N_("shaft and gate"),
+    "gate": N_("shaft and gate"),
+    "metering": N_("shaft, gate, flow, scale"),
+    "flow": N_("flow and scale"),
+    "gate_effort": N_("gate's effort"),
+    "speed": N_("speeds"),
+    "heads": N_("sensor heads"),
+    "result": N_("weighing the causes"),
+    "pictures": N_("drawing"),
+    "report": N_("writing the report"),
+    "driving": N_("driving the separating run"),
+    "noise and steps in the times": N_("looking at the data"),
+    "search": N_("searching causes"),
+    "what is left": N_("what is left"),
+    "gain": N_("measuring the gain"),
+}
 
-LEAST_PLACE_M = 0.005           # less is not said
+LEAST_PLACE_M = 0.005  # less is not said
 
 
 def figure(value: float, digits: int = 3) -> str:
-    """As many digits as one reads at a glance, no powers of ten, with a minus that every terminal has."""
+    """As many digits as one reads at a glance, no powers of ten, with a minus that every
+    terminal has."""
     return plain(number(value, digits))
 
 
@@ -47,24 +69,33 @@ def todo(view: DiagnosisView) -> str:
     if found.verdict == "none":
         return _("Nothing to do.")
     if found.verdict == "not_judged" and found.channels:
-        return _("Record more: longer, and with more different commands. The notes say what would not show.")
+        return _(
+            "Record more: longer, and with more different commands. The notes say what "
+            "would not show."
+        )
     if found.verdict == "not_judged":
         return _("Look at the notes: they say which columns are missing or empty.")
     if found.verdict == "ambiguous" and found.next_run is not None:
         if view.drives:
-            return _("V shows its steps, Q7 writes it as a job file, Q5 drives it on the simulated machine.")
+            return _(
+                "V shows its steps, Q7 writes it as a job file, Q5 drives it on the "
+                "simulated machine."
+            )
         return _("V shows its steps.")
     if found.causes and headlined(found.causes[0]):
         return _(found.causes[0].advice)
     if found.causes:
         return _("Do not act on a suspicion alone: look at the machine, or record more data.")
     if found.fitted is not None:
-        return _("Q1 adopts the drive as a whole; look for what changed on the machine all the same.")
+        return _(
+            "Q1 adopts the drive as a whole; look for what changed on the machine all the same."
+        )
     return _("Look for what changed on the machine; a smooth curve alone is not adopted.")
 
 
 def adopted_title(view: DiagnosisView, name: str) -> str:
-    """Of an id that may be adopted: a cause by its title, a drive as a whole by its sizes, a term by its id."""
+    """Of an id that may be adopted: a cause by its title, a drive as a whole by its sizes, a
+    term by its id."""
     fitted = view.found.fitted
     if fitted is not None and name == whole_id(fitted):
         return whole(fitted)
@@ -88,18 +119,29 @@ def cost(cause: Cause, mean_target_kg_ha: float | None, units: Units) -> str:
     percent_, place_m = cause.field_cost.rate_error_percent, cause.field_cost.place_error_m
     said = []
     if percent_:
-        rate = "" if mean_target_kg_ha is None else (
-            f" = {percent_ * mean_target_kg_ha / 100.0 * units.rate.per_si:+.0f} {units.rate.name}")
+        rate = (
+            ""
+            if mean_target_kg_ha is None
+            else (
+                f" = {percent_ * mean_target_kg_ha / 100.0 * units.rate.per_si:+.0f} "
+                f"{units.rate.name}"
+            )
+        )
         said.append(f"{percent_:+.1f} %{rate}")
     if place_m is not None and abs(place_m) >= LEAST_PLACE_M:
         said.append(f"{place_m * units.fine_distance.per_si:+.2f} {units.fine_distance.name}")
     if said:
         return "   ".join(said)
-    return _("not known") if percent_ is None and place_m is None else _("no effect on rate or place")
+    return (
+        _("not known") if percent_ is None and place_m is None else _("no effect on rate or place")
+    )
 
 
 def compared(found: ComparedShown) -> list[str]:
     """A line for each channel: error before and after, and which is better beyond chance."""
-    lines = [f"{channel_word(one.channel)}: {figure(one.old)} -> {figure(one.new)} {one.unit}   "
-             f"{better(one.old, one.new, one.low, one.high)}" for one in found.rows]
+    lines = [
+        f"{channel_word(one.channel)}: {figure(one.old)} -> {figure(one.new)} {one.unit}   "
+        f"{better(one.old, one.new, one.low, one.high)}"
+        for one in found.rows
+    ]
     return lines or [_("no channel of this log could be held against both")]

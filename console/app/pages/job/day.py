@@ -1,4 +1,5 @@
 """The Job screen's words: the check list before work, the totals, what was filled in. Pure."""
+
 from __future__ import annotations
 
 from dataclasses import replace
@@ -23,20 +24,33 @@ if TYPE_CHECKING:
 
 OK, LOOK, STOP = "ok", "look", "stop"
 LEVEL_WORDS = {OK: N_("ok"), LOOK: N_("look"), STOP: N_("STOP")}
-LEAST_STOPPED_KG = 0.05   # shown to 0.1 kg; a stop's own run-down is some 0.1 kg
-SILENT_S = 2.0              # a device that said nothing for this long
+# shown to 0.1 kg; a stop's own run-down is some 0.1 kg
+LEAST_STOPPED_KG = 0.05
+SILENT_S = 2.0  # a device that said nothing for this long
 LEAST_FREE_BYTES = 200_000_000
 LOW_FREE_BYTES = 2_000_000_000
 SCALES = {"feekes": N_("Feekes"), "bbch": N_("BBCH"), "days": N_("growing days")}
-STRIP_BEGINS = {"nrich": N_("N-rich strip begins here; B again at its end, after {least} or more"),
-                "check": N_("farmer check begins here; B again at its end, after {least} or more")}
-STRIP_RUNS = {"nrich": N_("N-rich strip: {way}  NDVI {ndvi}  CV {cv} %   B ends it"),
-              "check": N_("farmer check: {way}  NDVI {ndvi}  CV {cv} %   B ends it")}
-STRIP_TITLES = {"nrich": N_("NDVI {ndvi} as the N-rich strip of this job?"),
-                "check": N_("NDVI {ndvi} as the farmer check of this job?")}
-DEVICE_WORDS = {"gnss": N_("GNSS"), "heads": N_("canopy heads"), "board": N_("drive board"),
-                "rate_module": N_("rate module"), "lag_rig": N_("lag rig"), "tractor": N_("tractor"),
-                "rate_line": N_("other display")}
+STRIP_BEGINS = {
+    "nrich": N_("N-rich strip begins here; B again at its end, after {least} or more"),
+    "check": N_("farmer check begins here; B again at its end, after {least} or more"),
+}
+STRIP_RUNS = {
+    "nrich": N_("N-rich strip: {way}  NDVI {ndvi}  CV {cv} %   B ends it"),
+    "check": N_("farmer check: {way}  NDVI {ndvi}  CV {cv} %   B ends it"),
+}
+STRIP_TITLES = {
+    "nrich": N_("NDVI {ndvi} as the N-rich strip of this job?"),
+    "check": N_("NDVI {ndvi} as the farmer check of this job?"),
+}
+DEVICE_WORDS = {
+    "gnss": N_("GNSS"),
+    "heads": N_("canopy heads"),
+    "board": N_("drive board"),
+    "rate_module": N_("rate module"),
+    "lag_rig": N_("lag rig"),
+    "tractor": N_("tractor"),
+    "rate_line": N_("other display"),
+}
 
 
 class Check(NamedTuple):
@@ -48,16 +62,33 @@ class Check(NamedTuple):
     full: tuple[str, ...] = ()
 
 
-def checks(frame: Frame | None, age_s: float, facts: Facts | None, trouble: str, free_bytes: int | None,
-           units: Units) -> tuple[Check, ...]:
-    """The list before work. facts: None while they are being read; trouble: why they cannot be, one line."""
+def checks(
+    frame: Frame | None,
+    age_s: float,
+    facts: Facts | None,
+    trouble: str,
+    free_bytes: int | None,
+    units: Units,
+) -> tuple[Check, ...]:
+    """The list before work. facts: None while they are being read; trouble: why they cannot be,
+    one line."""
     found = [_devices(frame, age_s)]
     if facts is None:
         found.append(Check(_("job"), STOP if trouble else LOOK, trouble or _("being read")))
     else:
-        found += [*_who(facts), _crop(facts), *_growth(facts), *_year_n(facts), _strip(facts, frame),
-                  *_response(facts, frame), *_product(facts), _limits(facts, units), _field(facts, units),
-                  *_map(facts, units), _machine(facts)]
+        found += [
+            *_who(facts),
+            _crop(facts),
+            *_growth(facts),
+            *_year_n(facts),
+            _strip(facts, frame),
+            *_response(facts, frame),
+            *_product(facts),
+            _limits(facts, units),
+            _field(facts, units),
+            *_map(facts, units),
+            _machine(facts),
+        ]
     found += [_hopper(frame, age_s, units), _log(frame, free_bytes)]
     return tuple(found)
 
@@ -78,13 +109,22 @@ def _devices(frame: Frame | None, age_s: float) -> Check:
         return Check(label, STOP, _("no values from the machine"))
     if not frame.devices:
         return Check(label, STOP, _("no device is configured"))
-    silent = [one for one in frame.devices if not one.connected or one.age_s is None or one.age_s > SILENT_S]
+    silent = [
+        one
+        for one in frame.devices
+        if not one.connected or one.age_s is None or one.age_s > SILENT_S
+    ]
     lines = tuple(f"{_device(one)}: {one.port}  {one.rate_hz:.0f} Hz" for one in frame.devices)
     simulated = f"  {_('SIMULATED')}" if frame.simulated else ""
     if silent:
         drive = any(one.name in ("board", "rate_module") for one in silent)
         names = ", ".join(_device(one) for one in silent)
-        return Check(label, STOP if drive else LOOK, _("silent: {names}").format(names=names) + simulated, lines)
+        return Check(
+            label,
+            STOP if drive else LOOK,
+            _("silent: {names}").format(names=names) + simulated,
+            lines,
+        )
     heads = [one for one in frame.devices if one.name.startswith("head_")]
     others = ", ".join(_device(one) for one in frame.devices if one not in heads)
     text = f"{others}, {_('{count} heads').format(count=len(heads))}" if heads else others
@@ -106,8 +146,8 @@ def _who(facts: Facts) -> tuple[Check, ...]:
 
 
 def crop_note(note: str) -> str:
-    """What a crop file notes about itself, in the language in use; what its author wrote stays as it is. The names of
-    keys behind a colon are those of the file."""
+    """What a crop file notes about itself, in the language in use; what its author wrote stays
+    as it is. The names of keys behind a colon are those of the file."""
     head, colon, keys = note.partition(": ")
     known = _(note)
     return f"{_(head)}{colon}{keys}" if known == note else known
@@ -115,9 +155,14 @@ def crop_note(note: str) -> str:
 
 def _crop(facts: Facts) -> Check:
     setup = facts.setup
-    name, notes = setup.crop.name, [crop_note(note) for note in (*setup.job.warnings, *setup.crop.warnings)]
+    name, notes = (
+        setup.crop.name,
+        [crop_note(note) for note in (*setup.job.warnings, *setup.crop.warnings)],
+    )
     if notes:
-        return Check(_("crop"), LOOK, f"{name}: {notes[0]}", (f"{name} ({facts.crop_file})", *notes))
+        return Check(
+            _("crop"), LOOK, f"{name}: {notes[0]}", (f"{name} ({facts.crop_file})", *notes)
+        )
     return Check(_("crop"), OK, name, (facts.crop_file,))
 
 
@@ -127,9 +172,17 @@ def _year_n(facts: Facts) -> tuple[Check, ...]:
     if year is None:
         return ()
     said = _("at most {ceiling} kg N/ha, {given} given: {left} left on any place")
-    return (Check(_("nitrogen of the year"), OK, said.format(
-        ceiling=f"{year.ceiling_kg_ha:g}", given=f"{year.given_kg_ha + year.earlier_kg_ha:.0f}",
-        left=f"{year.left_kg_ha:.0f}")),)
+    return (
+        Check(
+            _("nitrogen of the year"),
+            OK,
+            said.format(
+                ceiling=f"{year.ceiling_kg_ha:g}",
+                given=f"{year.given_kg_ha + year.earlier_kg_ha:.0f}",
+                left=f"{year.left_kg_ha:.0f}",
+            ),
+        ),
+    )
 
 
 def _growth(facts: Facts) -> tuple[Check, ...]:
@@ -140,16 +193,31 @@ def _growth(facts: Facts) -> tuple[Check, ...]:
     label, scale = _("growth stage"), _(SCALES[growth.scale])
     first, last = f"{growth.first:g}", f"{growth.last:g}"
     if growth.stage is None:
-        return (Check(label, LOOK, _("not said; the rule holds from {scale} {first} to {last}").format(
-            scale=scale, first=first, last=last)),)
+        return (
+            Check(
+                label,
+                LOOK,
+                _("not said; the rule holds from {scale} {first} to {last}").format(
+                    scale=scale, first=first, last=last
+                ),
+            ),
+        )
     if growth.is_outside:
-        return (Check(label, LOOK, _("{scale} {stage}: the rule holds from {first} to {last} only").format(
-            scale=scale, stage=f"{growth.stage:g}", first=first, last=last)),)
+        return (
+            Check(
+                label,
+                LOOK,
+                _("{scale} {stage}: the rule holds from {first} to {last} only").format(
+                    scale=scale, stage=f"{growth.stage:g}", first=first, last=last
+                ),
+            ),
+        )
     return (Check(label, OK, f"{scale} {growth.stage:g}  ({first}-{last})"),)
 
 
 def strips_now(frame: Frame | None, facts: Facts | None) -> Strips:
-    """As they count now: those of the worker, which knows what was measured since it began; else of the files."""
+    """As they count now: those of the worker, which knows what was measured since it began;
+    else of the files."""
     live = frame.strips if frame is not None else Strips()
     if facts is None:
         return live
@@ -158,37 +226,61 @@ def strips_now(frame: Frame | None, facts: Facts | None) -> Strips:
 
 
 def doubt_words(strips: Strips) -> str:
-    """Why the response index of the field is not to be believed as it stands; empty where nothing speaks against it."""
+    """Why the response index of the field is not to be believed as it stands; empty where
+    nothing speaks against it."""
     index, why = measured_index(strips), doubt(strips)
     if index is None or not why:
         return ""
-    said = (_("RI {index}: the N-rich strip is no greener than the check. No response: nothing will be given.")
-            if why == "below_1" else
-            _("RI {index}: above 3 is not to be believed. Were both strips of this crop, on this day?"))
+    said = (
+        _(
+            "RI {index}: the N-rich strip is no greener than the check. No response: "
+            "nothing will be given."
+        )
+        if why == "below_1"
+        else _(
+            "RI {index}: above 3 is not to be believed. Were both strips of this crop, on this day?"
+        )
+    )
     return said.format(index=f"{index:.2f}")
 
 
-def strip_rates(facts: Facts | None, before: Strips, after: Strips, field_ndvi: float | None, units: Units) -> str:
-    """The canopy's target on the field's ground without and with a strip, by the crop's rule; empty where it is not
-    known."""
+def strip_rates(
+    facts: Facts | None, before: Strips, after: Strips, field_ndvi: float | None, units: Units
+) -> str:
+    """The canopy's target on the field's ground without and with a strip, by the crop's rule;
+    empty where it is not known."""
     if facts is None or field_ndvi is None:
         return ""
     rates = []
     for strips in (before, after):
         rule = replace(facts.setup.rule, ndvi_nrich=strips.nrich, ndvi_check=strips.check)
         decided = rule.decide(field_ndvi)
-        rates.append(units.rate.full(decided.rate_kg_ha if rule.is_ready else facts.setup.crop.fallback_rate_kg_ha))
-    return _("Target from canopy in this field, NDVI {ndvi}: {before} now, {after} with it.").format(
-        ndvi=f"{field_ndvi:.3f}", before=rates[0], after=rates[1])
+        rates.append(
+            units.rate.full(
+                decided.rate_kg_ha if rule.is_ready else facts.setup.crop.fallback_rate_kg_ha
+            )
+        )
+    return _(
+        "Target from canopy in this field, NDVI {ndvi}: {before} now, {after} with it."
+    ).format(ndvi=f"{field_ndvi:.3f}", before=rates[0], after=rates[1])
 
 
 def hardly_richer_words(strip: StripValue | None, field_ndvi: float | None) -> str:
-    """A strip that reads as the field does is no N-rich strip, or the field has enough; empty where it is richer."""
-    if (strip is None or strip.which != "nrich" or strip.ndvi is None or field_ndvi is None
-            or field_ndvi < HARDLY_RICHER * strip.ndvi):
+    """A strip that reads as the field does is no N-rich strip, or the field has enough; empty
+    where it is richer."""
+    if (
+        strip is None
+        or strip.which != "nrich"
+        or strip.ndvi is None
+        or field_ndvi is None
+        or field_ndvi < HARDLY_RICHER * strip.ndvi
+    ):
         return ""
-    return _("! The strip is hardly richer than the field (NDVI {field}): little or nothing will be given. "
-             "Was it driven in the N-rich strip?").format(field=f"{field_ndvi:.3f}")
+    return _(
+        "! The strip is hardly richer than the field (NDVI {field}): little or nothing will "
+        "be given. "
+        "Was it driven in the N-rich strip?"
+    ).format(field=f"{field_ndvi:.3f}")
 
 
 def _response(facts: Facts, frame: Frame | None) -> tuple[Check, ...]:
@@ -198,30 +290,51 @@ def _response(facts: Facts, frame: Frame | None) -> tuple[Check, ...]:
     label, strips = _("response index"), strips_now(frame, facts)
     index = measured_index(strips)
     if index is None:
-        missing = _("farmer check missing: drive one with B") if strips.nrich is not None else (
-            _("no strips yet: drive both with B"))
+        missing = (
+            _("farmer check missing: drive one with B")
+            if strips.nrich is not None
+            else (_("no strips yet: drive both with B"))
+        )
         return (Check(label, LOOK, missing),)
     said = doubt_words(strips)
     if said:
         return (Check(label, LOOK, said),)
-    return (Check(label, OK, _("RI {index}: N-rich {nrich} over check {check}").format(
-        index=f"{index:.2f}", nrich=f"{strips.nrich:.3f}", check=f"{strips.check:.3f}")),)
+    return (
+        Check(
+            label,
+            OK,
+            _("RI {index}: N-rich {nrich} over check {check}").format(
+                index=f"{index:.2f}", nrich=f"{strips.nrich:.3f}", check=f"{strips.check:.3f}"
+            ),
+        ),
+    )
 
 
 def _strip(facts: Facts, frame: Frame | None) -> Check:
     label, job, crop = _("N-rich strip"), facts.setup.job, facts.setup.crop
     if job.target.source not in BY_CANOPY:
-        return Check(label, OK, _("not needed: {source} in use").format(source=words.source_word(job.target.source)))
+        return Check(
+            label,
+            OK,
+            _("not needed: {source} in use").format(source=words.source_word(job.target.source)),
+        )
     live = frame.strips.nrich if frame is not None else None
     if live is not None and live != facts.setup.rule.ndvi_nrich:
         return Check(label, OK, f"NDVI {live:.3f}  {_('measured on the way')}")
     if job.ndvi_nrich is not None:
         return Check(label, OK, f"NDVI {job.ndvi_nrich:.3f}  {_('of the job')}")
     if crop.ndvi_nrich is not None:
-        return Check(label, LOOK, f"NDVI {crop.ndvi_nrich:.3f}  {_('of the crop file, not of this field')}")
+        return Check(
+            label, LOOK, f"NDVI {crop.ndvi_nrich:.3f}  {_('of the crop file, not of this field')}"
+        )
     if crop.fixed_yield_t_ha is not None:
-        return Check(label, LOOK, _("none; a fixed yield of {yield_t_ha} t/ha is used").format(
-            yield_t_ha=f"{crop.fixed_yield_t_ha:g}"))
+        return Check(
+            label,
+            LOOK,
+            _("none; a fixed yield of {yield_t_ha} t/ha is used").format(
+                yield_t_ha=f"{crop.fixed_yield_t_ha:g}"
+            ),
+        )
     return Check(label, LOOK, _("none: drive one with B"))
 
 
@@ -230,20 +343,48 @@ def _product(facts: Facts) -> tuple[Check, ...]:
     product, machine = facts.setup.product, facts.setup.machine
     if product is None:
         return ()
-    label, name, percent = _("product"), facts.names.product, f"{100.0 * facts.setup.crop.product_n_fraction:.0f}"
+    label, name, percent = (
+        _("product"),
+        facts.names.product,
+        f"{100.0 * facts.setup.crop.product_n_fraction:.0f}",
+    )
     test = product.newest_test(machine.id)
     if test is None:
-        return (Check(label, LOOK, _("{product}, {percent} % N: no catch test with this machine, whose own file "
-                                     "counts").format(product=name, percent=percent), (facts.product_file,)),)
-    return (Check(label, OK, _("{product}, {percent} % N, {grams} g a turn and mm (catch test of {date})").format(
-        product=name, percent=percent, grams=f"{machine.flow.grams_per_rev_mm:.2f}", date=test.date.isoformat()),
-        (facts.product_file,)),)
+        return (
+            Check(
+                label,
+                LOOK,
+                _(
+                    "{product}, {percent} % N: no catch test with this machine, whose own file "
+                    "counts"
+                ).format(product=name, percent=percent),
+                (facts.product_file,),
+            ),
+        )
+    return (
+        Check(
+            label,
+            OK,
+            _("{product}, {percent} % N, {grams} g a turn and mm (catch test of {date})").format(
+                product=name,
+                percent=percent,
+                grams=f"{machine.flow.grams_per_rev_mm:.2f}",
+                date=test.date.isoformat(),
+            ),
+            (facts.product_file,),
+        ),
+    )
 
 
 def _limits(facts: Facts, units: Units) -> Check:
-    return Check(_("limits"), OK, _("at most {most}; without canopy {fallback}").format(
-        most=units.rate.full(facts.setup.crop.max_rate_kg_ha),
-        fallback=units.rate.full(facts.setup.crop.fallback_rate_kg_ha)))
+    return Check(
+        _("limits"),
+        OK,
+        _("at most {most}; without canopy {fallback}").format(
+            most=units.rate.full(facts.setup.crop.max_rate_kg_ha),
+            fallback=units.rate.full(facts.setup.crop.fallback_rate_kg_ha),
+        ),
+    )
 
 
 def _field(facts: Facts, units: Units) -> Check:
@@ -256,7 +397,11 @@ def _map(facts: Facts, units: Units) -> tuple[Check, ...]:
     """Of a job that names one."""
     label, name = _("map"), file_name(facts.map_file)
     if facts.map_trouble:
-        return (Check(label, STOP if facts.setup.job.target.source in BY_MAP else LOOK, facts.map_trouble),)
+        return (
+            Check(
+                label, STOP if facts.setup.job.target.source in BY_MAP else LOOK, facts.map_trouble
+            ),
+        )
     if facts.map_check is None:
         return ()
     said = map_words(facts.map_check, units)
@@ -270,17 +415,25 @@ def _machine(facts: Facts) -> Check:
     label, machine = _("machine"), facts.setup.machine
     name = machine.title or machine.id
     if machine.adopted:
-        text = _("{machine}: effects adopted from data: {count}").format(machine=name, count=len(machine.adopted))
+        text = _("{machine}: effects adopted from data: {count}").format(
+            machine=name, count=len(machine.adopted)
+        )
         return Check(label, OK, text, (facts.machine_file, *map(_adopted, machine.adopted)))
     if facts.shipped_machine:
-        return Check(label, LOOK, _("{machine}: as delivered, not calibrated here").format(machine=name),
-                     (facts.machine_file,))
+        return Check(
+            label,
+            LOOK,
+            _("{machine}: as delivered, not calibrated here").format(machine=name),
+            (facts.machine_file,),
+        )
     return Check(label, OK, name, (facts.machine_file,))
 
 
 def _adopted(one: Adopted) -> str:
     """An adopted effect with the data that it comes from."""
-    return f"{one.id} {one.size:+g} {one.unit}".rstrip() + (f"  ({one.data}, {one.date})" if one.data else "")
+    return f"{one.id} {one.size:+g} {one.unit}".rstrip() + (
+        f"  ({one.data}, {one.date})" if one.data else ""
+    )
 
 
 def _hopper(frame: Frame | None, age_s: float, units: Units) -> Check:
@@ -288,7 +441,9 @@ def _hopper(frame: Frame | None, age_s: float, units: Units) -> Check:
     if frame is None or frame.row.hopper_kg is None:
         return Check(label, LOOK, _("no scale: fill level not known"))
     if age_s > STALE_S:
-        return Check(label, LOOK, _("was {state}").format(state=units.mass.full(frame.row.hopper_kg)))
+        return Check(
+            label, LOOK, _("was {state}").format(state=units.mass.full(frame.row.hopper_kg))
+        )
     low = any(alarm.id.startswith("hopper") for alarm in frame.alarms)
     return Check(label, LOOK if low else OK, units.mass.full(frame.row.hopper_kg))
 
@@ -308,14 +463,21 @@ def _log(frame: Frame | None, free_bytes: int | None) -> Check:
     return Check(label, level, f"{text}  {file_name(frame.log_path)}", (frame.log_path,))
 
 
-def totals(frame: Frame | None, age_s: float, units: Units, picture: FieldPicture | None = None) -> tuple[Item, ...]:
-    """What the job amounts to so far, its parts before a power cut included, and what it still takes."""
+def totals(
+    frame: Frame | None, age_s: float, units: Units, picture: FieldPicture | None = None
+) -> tuple[Item, ...]:
+    """What the job amounts to so far, its parts before a power cut included, and what it still
+    takes."""
     t = frame.totals if frame is not None else None
     tally = frame.tally if frame is not None else None
     old = age_s > STALE_S
     if frame is None or t is None:
-        return tuple(Item(label, Shown("--", True)) for label in (_("area"), _("applied"), _("mean rate")))
-    cv, cuc = ("--" if value is None else f"{value:.1f} %" for value in (t.cv_percent, t.cuc_percent))
+        return tuple(
+            Item(label, Shown("--", True)) for label in (_("area"), _("applied"), _("mean rate"))
+        )
+    cv, cuc = (
+        "--" if value is None else f"{value:.1f} %" for value in (t.cv_percent, t.cuc_percent)
+    )
     error = "--" if t.error_percent is None else f"{t.error_percent:+.1f} %"
     held_s = 0.0 if tally is None else tally.held_s
     moves_h = None if tally is None or t.worked_s < 60.0 else tally.moves * 3600.0 / t.worked_s
@@ -324,19 +486,37 @@ def totals(frame: Frame | None, age_s: float, units: Units, picture: FieldPictur
         Item(_("to finish"), Shown(remaining_work(frame, picture).text(units), old)),
         Item(_("area"), Shown(units.area.full(t.area_ha), old)),
         Item(_("applied"), Shown(units.mass.full(t.applied_kg), old)),
-        *(() if t.stopped_kg < LEAST_STOPPED_KG else (
-            Item(_("while stopped"), Shown(units.mass._replace(decimals=1).full(t.stopped_kg), old)),)),
+        *(
+            ()
+            if t.stopped_kg < LEAST_STOPPED_KG
+            else (
+                Item(
+                    _("while stopped"),
+                    Shown(units.mass._replace(decimals=1).full(t.stopped_kg), old),
+                ),
+            )
+        ),
         Item(_("covered"), Shown(_covered(t, units), old)),
         Item(_("mean rate"), Shown(units.rate.full(t.mean_rate_kg_ha), old)),
         Item(_("N used"), Shown(units.mass._replace(decimals=1).full(t.applied_n_kg), old)),
-        *(point_items(frame, old, units) or (
-            Item(_("against target"), Shown(error, old)),
-            Item(_("evenness"), Shown(f"CV {cv}  C_uc {cuc}", old)))),
+        *(
+            point_items(frame, old, units)
+            or (
+                Item(_("against target"), Shown(error, old)),
+                Item(_("evenness"), Shown(f"CV {cv}  C_uc {cuc}", old)),
+            )
+        ),
         Item(_("working"), Shown(duration(t.worked_s), old)),
         Item(_("held"), Shown(duration(held_s), old)),
-        Item(_("gate moves"), Shown("--" if moves_h is None else _("{count} an hour").format(count=f"{moves_h:.0f}"),
-                                    old)),
-        Item(_("filled in"), Shown("--" if filled is None else units.mass.full(filled), old))]
+        Item(
+            _("gate moves"),
+            Shown(
+                "--" if moves_h is None else _("{count} an hour").format(count=f"{moves_h:.0f}"),
+                old,
+            ),
+        ),
+        Item(_("filled in"), Shown("--" if filled is None else units.mass.full(filled), old)),
+    ]
     return tuple(items)
 
 
@@ -344,13 +524,17 @@ def _covered(t: Totals, units: Units) -> str:
     """Ground that got something, each place once, and what was passed over again."""
     if t.covered_ha is None or t.overlap_ha is None:
         return "--"
-    return f"{units.area.full(t.covered_ha)}  {_('twice {area}').format(area=units.area.full(t.overlap_ha))}"
+    return (
+        f"{units.area.full(t.covered_ha)}  "
+        f"{_('twice {area}').format(area=units.area.full(t.overlap_ha))}"
+    )
 
 
 def refills(frame: Frame | None, units: Units, utc_offset_s: float) -> tuple[str, ...]:
     """Each refill with its time of day, the newest first."""
     if frame is None or frame.tally is None:
         return ()
-    return tuple(f"{wall_clock(utc, utc_offset_s)}  {in_words(units.mass, round(kg, 1))}"
-                 for utc, kg in reversed(frame.tally.refills))
-
+    return tuple(
+        f"{wall_clock(utc, utc_offset_s)}  {in_words(units.mass, round(kg, 1))}"
+        for utc, kg in reversed(frame.tally.refills)
+    )

@@ -1,4 +1,5 @@
 """Keys of the Job page and what they do."""
+
 from __future__ import annotations
 
 from collections.abc import Callable
@@ -29,14 +30,22 @@ if TYPE_CHECKING:
 
 Kind = Literal["job", "crop", "machine"]
 P = ParamSpec("P")
-ENDINGS = ((".geojson", "GeoJSON"), (".shp", "shapefile"), (".zip", "ISO 11783-10"), (".csv", "CSV"))
+ENDINGS = (
+    (".geojson", "GeoJSON"),
+    (".shp", "shapefile"),
+    (".zip", "ISO 11783-10"),
+    (".csv", "CSV"),
+)
 
 
 def details(page: JobScreen) -> None:
     frame, age_s = page.seen(page.app.clock())
     lines = []
     for check in checks(frame, age_s, page.facts, page.trouble, page.free_bytes, page.app.units):
-        lines += [f"{check.label}: {check.text}", *(f"    {text}" for text in check.full if text != check.text)]
+        lines += [
+            f"{check.label}: {check.text}",
+            *(f"    {text}" for text in check.full if text != check.text),
+        ]
     page.app.push_screen(TextDialog(_("before work"), "\n".join(lines)))
 
 
@@ -47,7 +56,9 @@ def strip(page: JobScreen) -> None:
     so_far = page.strip.strip
     if not so_far.enough or so_far.ndvi is None:
         text = _("{way} with NDVI so far; at least {least} are needed.").format(
-            way=page.app.units.distance.full(so_far.length_m), least=page.app.units.distance.full(LEAST_M))
+            way=page.app.units.distance.full(so_far.length_m),
+            least=page.app.units.distance.full(LEAST_M),
+        )
         page.app.confirm(_("Cancel the strip?"), text, lambda: _forget_strip(page))
         return
     value = page.strip.value
@@ -57,29 +68,51 @@ def strip(page: JobScreen) -> None:
             page.strip = None
             _use_strip(page, value)
 
-    text = _("Mean over {way}, CV {cv} %, standard error {se}, {samples} samples. It counts from the next decision on, "
-             "and is kept with the job.").format(
-        way=page.app.units.distance.full(so_far.length_m), cv=f"{so_far.cv_percent or 0.0:.1f}",
-        se="--" if so_far.se is None else f"{so_far.se:.3f}", samples=so_far.samples)
+    text = _(
+        "Mean over {way}, CV {cv} %, standard error {se}, {samples} samples. It counts from "
+        "the next decision on, "
+        "and is kept with the job."
+    ).format(
+        way=page.app.units.distance.full(so_far.length_m),
+        cv=f"{so_far.cv_percent or 0.0:.1f}",
+        se="--" if so_far.se is None else f"{so_far.se:.3f}",
+        samples=so_far.samples,
+    )
     title = _(STRIP_TITLES[page.strip.which]).format(ndvi=f"{so_far.ndvi:.3f}")
     with_it = page.strips_with(value)
-    said = (strip_rates(page.facts, strips_now(page.app.arrival.frame, page.facts), with_it, page.field_ndvi,
-                        page.app.units), hardly_richer_words(value, page.field_ndvi), doubt_words(with_it), text)
+    said = (
+        strip_rates(
+            page.facts,
+            strips_now(page.app.arrival.frame, page.facts),
+            with_it,
+            page.field_ndvi,
+            page.app.units,
+        ),
+        hardly_richer_words(value, page.field_ndvi),
+        doubt_words(with_it),
+        text,
+    )
     page.app.confirm(title, "\n".join(part for part in said if part), use)
 
 
 def _begin_strip(page: JobScreen) -> None:
-    """Where the response index of the field counts, there are two strips: which one is asked first."""
+    """Where the response index of the field counts, there are two strips: which one is asked
+    first."""
+
     def begin(which: str) -> None:
         page.strip = StripRun("check" if which == "check" else "nrich")
-        page.app.notice(_(STRIP_BEGINS[page.strip.which]).format(least=page.app.units.distance.full(LEAST_M)))
+        page.app.notice(
+            _(STRIP_BEGINS[page.strip.which]).format(least=page.app.units.distance.full(LEAST_M))
+        )
         page.hurry()
 
     if page.facts is None or page.facts.setup.rule.response_rule != "field":
         begin("nrich")
         return
-    choices = [Choice("nrich", _("N-rich strip: got enough nitrogen")),
-               Choice("check", _("farmer check: got what the field got"))]
+    choices = [
+        Choice("nrich", _("N-rich strip: got enough nitrogen")),
+        Choice("check", _("farmer check: got what the field got")),
+    ]
     page.app.ask(ChoiceDialog(_("Which strip begins here?"), choices, ""), begin)
 
 
@@ -89,8 +122,11 @@ def _forget_strip(page: JobScreen) -> None:
 
 
 def _use_strip(page: JobScreen, value: StripValue) -> None:
-    """At once by an order; and into a job file, for the next start. Taken back, both are as before."""
-    before = value._replace(ndvi=getattr(strips_now(page.app.arrival.frame, page.facts), value.which), se=None)
+    """At once by an order; and into a job file, for the next start. Taken back, both are as
+    before."""
+    before = value._replace(
+        ndvi=getattr(strips_now(page.app.arrival.frame, page.facts), value.which), se=None
+    )
 
     def keep(strip: StripValue) -> None:
         service = page.service
@@ -101,8 +137,11 @@ def _use_strip(page: JobScreen, value: StripValue) -> None:
     keep(value)
 
 
-def _with_files(do: Callable[Concatenate[JobScreen, JobService, P], None]) -> Callable[Concatenate[JobScreen, P], None]:
+def _with_files(
+    do: Callable[Concatenate[JobScreen, JobService, P], None],
+) -> Callable[Concatenate[JobScreen, P], None]:
     """Refused in words where this console has no files at hand."""
+
     def run(page: JobScreen, /, *of: P.args, **named: P.kwargs) -> None:
         if page.service is None:
             page.app.notice(_("files are not available here"))
@@ -117,17 +156,31 @@ def _ask_file(page: JobScreen, service: JobService, kind: Kind) -> None:
     if page.facts is None:
         page.app.notice(page.trouble or _("being read"))
         return
-    now = {"job": page.facts.job_file, "crop": page.facts.crop_file, "machine": page.facts.machine_file}[kind]
+    now = {
+        "job": page.facts.job_file,
+        "crop": page.facts.crop_file,
+        "machine": page.facts.machine_file,
+    }[kind]
     if kind == "job":
-        page.app.list_files(lambda: [Choice(file.value, card_lines(file, card, page.app.units),
-                                            picture=card and card.picture) for file, card in service.cards()],
-                            lambda choices: _choose_file(page, service, kind, choices, now))
+        page.app.list_files(
+            lambda: [
+                Choice(
+                    file.value,
+                    card_lines(file, card, page.app.units),
+                    picture=card and card.picture,
+                )
+                for file, card in service.cards()
+            ],
+            lambda choices: _choose_file(page, service, kind, choices, now),
+        )
     else:
         files = page.facts.crops if kind == "crop" else page.facts.machines
         _choose_file(page, service, kind, [Choice(one.value, one.label) for one in files], now)
 
 
-def _choose_file(page: JobScreen, service: JobService, kind: Kind, choices: list[Choice], now: str) -> None:
+def _choose_file(
+    page: JobScreen, service: JobService, kind: Kind, choices: list[Choice], now: str
+) -> None:
     title = {"job": _("Job"), "crop": _("Crop"), "machine": _("Machine")}[kind]
 
     def chosen(value: str) -> None:
@@ -148,27 +201,43 @@ def card_lines(file: File, card: JobCard | None, units: Units) -> str:
     said = [card.title, "  ".join(part for part in (card.field, card.crop) if part)]
     if card.map:
         said.append(_("map {name}").format(name=card.map))
-    said.append(_("{area} done, {day}").format(area=units.area.full(card.done_ha), day=card.worked_utc[:10])
-                if card.worked_utc else _("not worked yet"))
+    said.append(
+        _("{area} done, {day}").format(area=units.area.full(card.done_ha), day=card.worked_utc[:10])
+        if card.worked_utc
+        else _("not worked yet")
+    )
     return "\n".join(said)
 
 
 @_with_files
 def export(page: JobScreen, service: JobService) -> None:
     choices = [Choice(ending, f"{name} ({ending})") for ending, name in ENDINGS]
-    page.app.ask(ChoiceDialog(_("Export as"), choices, ""), lambda ending: page.begin(
-        _("export"), lambda log, progress, cancelled: service.export(log, ending, progress, cancelled)))
+    page.app.ask(
+        ChoiceDialog(_("Export as"), choices, ""),
+        lambda ending: page.begin(
+            _("export"),
+            lambda log, progress, cancelled: service.export(log, ending, progress, cancelled),
+        ),
+    )
 
 
 @_with_files
 def end_of_job(page: JobScreen, service: JobService) -> None:
     def end() -> None:
         page.app.give(Do.MARK, "job finished")
-        page.begin(_("export"), lambda log, progress, cancelled: (
-            *service.export(log, ".geojson", progress, cancelled), *service.report(log, progress, cancelled)))
+        page.begin(
+            _("export"),
+            lambda log, progress, cancelled: (
+                *service.export(log, ".geojson", progress, cancelled),
+                *service.report(log, progress, cancelled),
+            ),
+        )
 
-    page.app.confirm(_("End this job?"), _("It is exported and reported, and not offered again after a power cut."),
-                     end)
+    page.app.confirm(
+        _("End this job?"),
+        _("It is exported and reported, and not offered again after a power cut."),
+        end,
+    )
 
 
 def why_no_log(page: JobScreen) -> str:
@@ -184,31 +253,129 @@ def why_no_end(page: JobScreen) -> str:
 
 ACTIONS = on(
     JOB,
-    Action("job_ready", "r", "R", N_("ready"), N_("Off, held or fault: make the machine ready."),
-           lambda page: page.app.give(Do.READY), bar=3, why=lambda page: why_not_ready(page.app), judged=True),
-    Action("job_start", "s", "S", N_("start"), N_("Ready or held: begins to work, from any page; asks first."),
-           lambda page: start_from_any_page(page.app), bar=3, why=lambda page: why_no_start(page.app)),
-    Action("job_details", "v", "V", N_("details"), N_("The whole checklist, in full."), details, bar=4, locked=True),
-    Action("job_file", "j", "J", N_("job"), N_("Changes over to another job; the machine goes to OFF for it."),
-           lambda page: _ask_file(page, "job"), bar=4),
-    Action("job_crop", "q_1", "Q1", N_("crop"), N_("Takes another crop; the job keeps what it was before."),
-           lambda page: _ask_file(page, "crop")),
-    Action("job_machine", "q_2", "Q2", N_("machine"), N_("Takes another machine file."),
-           lambda page: _ask_file(page, "machine")),
-    Action("job_map", "p", "P", N_("prescription"),
-           N_("Picks a map from a stick or folder, shows it, takes it; column and unit can be chosen."),
-           _with_files(lambda page, service: page.look_for_maps(service)), bar=5),
-    Action("job_who", "q_3", "Q3", N_("whose"), N_("Client, farm, field, product and operator of the job."),
-           _with_files(lambda page, service: page.ask_who(service))),
-    Action("job_strip", "b", "B", N_("N strip"),
-           N_("Begins at the strip's start, ends at its end: the mean NDVI between counts at once, and is kept."),
-           strip, bar=7),
-    Action("job_refill", "f", "F", N_("refill"), N_("Records kg filled in; a step of the scale is offered by itself."),
-           lambda page: page.ask_refill(), bar=8, asks="number"),
-    Action("job_export", "e", "E", N_("export"), N_("What was applied where, as a file for other programs."), export,
-           bar=9, why=why_no_log),
-    Action("job_report", "q_4", "Q4", N_("report"), N_("The job's report: sums, map, evenness."),
-           _with_files(lambda page, service: page.begin(_("report"), service.report)), why=why_no_log),
-    Action("job_end", "q_5", "Q5", N_("end of job"),
-           N_("Export and report; the job is not offered again after a power cut."), end_of_job, why=why_no_end),
+    Action(
+        "job_ready",
+        "r",
+        "R",
+        N_("ready"),
+        N_("Off, held or fault: make the machine ready."),
+        lambda page: page.app.give(Do.READY),
+        bar=3,
+        why=lambda page: why_not_ready(page.app),
+        judged=True,
+    ),
+    Action(
+        "job_start",
+        "s",
+        "S",
+        N_("start"),
+        N_("Ready or held: begins to work, from any page; asks first."),
+        lambda page: start_from_any_page(page.app),
+        bar=3,
+        why=lambda page: why_no_start(page.app),
+    ),
+    Action(
+        "job_details",
+        "v",
+        "V",
+        N_("details"),
+        N_("The whole checklist, in full."),
+        details,
+        bar=4,
+        locked=True,
+    ),
+    Action(
+        "job_file",
+        "j",
+        "J",
+        N_("job"),
+        N_("Changes over to another job; the machine goes to OFF for it."),
+        lambda page: _ask_file(page, "job"),
+        bar=4,
+    ),
+    Action(
+        "job_crop",
+        "q_1",
+        "Q1",
+        N_("crop"),
+        N_("Takes another crop; the job keeps what it was before."),
+        lambda page: _ask_file(page, "crop"),
+    ),
+    Action(
+        "job_machine",
+        "q_2",
+        "Q2",
+        N_("machine"),
+        N_("Takes another machine file."),
+        lambda page: _ask_file(page, "machine"),
+    ),
+    Action(
+        "job_map",
+        "p",
+        "P",
+        N_("prescription"),
+        N_(
+            "Picks a map from a stick or folder, shows it, takes it; column and unit can be chosen."
+        ),
+        _with_files(lambda page, service: page.look_for_maps(service)),
+        bar=5,
+    ),
+    Action(
+        "job_who",
+        "q_3",
+        "Q3",
+        N_("whose"),
+        N_("Client, farm, field, product and operator of the job."),
+        _with_files(lambda page, service: page.ask_who(service)),
+    ),
+    Action(
+        "job_strip",
+        "b",
+        "B",
+        N_("N strip"),
+        N_(
+            "Begins at the strip's start, ends at its end: the mean NDVI between counts at "
+            "once, and is kept."
+        ),
+        strip,
+        bar=7,
+    ),
+    Action(
+        "job_refill",
+        "f",
+        "F",
+        N_("refill"),
+        N_("Records kg filled in; a step of the scale is offered by itself."),
+        lambda page: page.ask_refill(),
+        bar=8,
+        asks="number",
+    ),
+    Action(
+        "job_export",
+        "e",
+        "E",
+        N_("export"),
+        N_("What was applied where, as a file for other programs."),
+        export,
+        bar=9,
+        why=why_no_log,
+    ),
+    Action(
+        "job_report",
+        "q_4",
+        "Q4",
+        N_("report"),
+        N_("The job's report: sums, map, evenness."),
+        _with_files(lambda page, service: page.begin(_("report"), service.report)),
+        why=why_no_log,
+    ),
+    Action(
+        "job_end",
+        "q_5",
+        "Q5",
+        N_("end of job"),
+        N_("Export and report; the job is not offered again after a power cut."),
+        end_of_job,
+        why=why_no_end,
+    ),
 )

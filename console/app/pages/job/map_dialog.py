@@ -1,4 +1,6 @@
-"""A prescription before it is taken: what it looks like, how its numbers are read, what of it will not be applied."""
+"""A prescription before it is taken: what it looks like, how its numbers are read, what of it
+will not be applied."""
+
 from __future__ import annotations
 
 from typing import ClassVar
@@ -21,21 +23,27 @@ from console.app.widgets.map_legend import ramp_of
 from console.locale import _
 
 COLUMNS, ROWS, LEAST_ROWS, RAMP_CELLS = 44, 9, 3, 16
-OTHER_ROWS = 20                 # of the screen, that what is said below the picture needs first
+# of the screen, that what is said below the picture needs first
+OTHER_ROWS = 20
 TAKE, COLUMN, UNIT = "take", "column", "unit"
 
 
 class MapDialog(ChoiceDialog):
-    """Dismissed with what to do next: TAKE, COLUMN or UNIT; None: nothing. The text above the lines scrolls."""
+    """Dismissed with what to do next: TAKE, COLUMN or UNIT; None: nothing. The text above the
+    lines scrolls."""
 
-    BINDINGS: ClassVar = [Binding("pageup", "scroll_text(-5)", show=False),
-                          Binding("pagedown", "scroll_text(5)", show=False)]
+    BINDINGS: ClassVar = [
+        Binding("pageup", "scroll_text(-5)", show=False),
+        Binding("pagedown", "scroll_text(5)", show=False),
+    ]
 
     def __init__(self, shown: MapPreview, units: Units) -> None:
         asked = bool(shown.question)
-        wanted = (*(() if asked else (Choice(TAKE, _("take it")),)),
-                  *((Choice(COLUMN, _("the column that is the rate ...")),) if shown.columns else ()),
-                  Choice(UNIT, _("the unit of the rates ...")))
+        wanted = (
+            *(() if asked else (Choice(TAKE, _("take it")),)),
+            *((Choice(COLUMN, _("the column that is the rate ...")),) if shown.columns else ()),
+            Choice(UNIT, _("the unit of the rates ...")),
+        )
         super().__init__(file_name(shown.path), wanted, "")
         self.shown, self.units = shown, units
 
@@ -43,7 +51,12 @@ class MapDialog(ChoiceDialog):
         with Vertical(classes="dialog wide"):
             yield Static(self.heading, classes="dialog-title", markup=False)
             with VerticalScroll(classes="dialog-body", can_focus=False):
-                yield Static(Content("\n").join(self.lines()), classes="dialog-text", id="map-said", markup=False)
+                yield Static(
+                    Content("\n").join(self.lines()),
+                    classes="dialog-text",
+                    id="map-said",
+                    markup=False,
+                )
             yield ChoiceList(self._view(), id="choices")
             with Horizontal(classes="dialog-buttons"):
                 yield from self.buttons()
@@ -58,15 +71,29 @@ class MapDialog(ChoiceDialog):
     def lines(self) -> tuple[Content, ...]:
         shown, units = self.shown, self.units
         if shown.question:
-            return Content(_("Before this map can be used, say what its rates are.")), Content(shown.question)
+            return Content(_("Before this map can be used, say what its rates are.")), Content(
+                shown.question
+            )
         rows = max(LEAST_ROWS, min(ROWS, self.app.size.height - OTHER_ROWS))
         drawn = [Content.assemble(*row) for row in small_map(self, shown.picture, COLUMNS, rows)]
         scale = planned_scale(shown.picture, units)
         ramp = ((text, str(style)) for text, style in ramp_of(self, scale, RAMP_CELLS, LEVELS_PLAN))
         said = map_words(shown.check, units) if shown.check is not None else ()
-        return (*drawn, Content.assemble(f"{scale.text(scale.low)} ", *ramp, f" {scale.text(scale.high)} {scale.unit}"),
-                *map(Content, (_("{area}, {mass} in all").format(area=units.area.full(shown.area_ha),
-                                                                 mass=units.mass.full(shown.mass_kg)),
-                               _("column {column}, read as {unit}").format(column=shown.reading.column or "--",
-                                                                           unit=shown.unit),
-                               *(f"! {one}" for one in said))))
+        return (
+            *drawn,
+            Content.assemble(
+                f"{scale.text(scale.low)} ", *ramp, f" {scale.text(scale.high)} {scale.unit}"
+            ),
+            *map(
+                Content,
+                (
+                    _("{area}, {mass} in all").format(
+                        area=units.area.full(shown.area_ha), mass=units.mass.full(shown.mass_kg)
+                    ),
+                    _("column {column}, read as {unit}").format(
+                        column=shown.reading.column or "--", unit=shown.unit
+                    ),
+                    *(f"! {one}" for one in said),
+                ),
+            ),
+        )

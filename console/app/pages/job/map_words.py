@@ -1,4 +1,6 @@
-"""What is to be said of a job's map before it is worked: what of it will not be applied as it stands. Pure."""
+"""What is to be said of a job's map before it is worked: what of it will not be applied as it
+stands. Pure."""
+
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
@@ -9,8 +11,9 @@ from console.locale import _
 if TYPE_CHECKING:
     from control.targets.map_check import MapCheck
 
-MUCH = 0.1              # of map or field: beyond it the map may be the wrong one
-LEAST_HA = 0.0001       # less is the rounding of corners
+# of map or field: beyond it the map may be the wrong one
+MUCH = 0.1
+LEAST_HA = 0.0001  # less is the rounding of corners
 
 
 def map_words(check: MapCheck, units: Units) -> tuple[str, ...]:
@@ -19,38 +22,92 @@ def map_words(check: MapCheck, units: Units) -> tuple[str, ...]:
     if check.away_m > 0.0:
         away = f"{check.away_m / 1000.0:.1f}"
         if check.swapped:
-            return (_("latitude and longitude look swapped: exchanged, the map lies on the field; as it is, {away} km "
-                      "away").format(away=away),)
+            return (
+                _(
+                    "latitude and longitude look swapped: exchanged, the map lies on the "
+                    "field; as it is, {away} km "
+                    "away"
+                ).format(away=away),
+            )
         if check.away_kg_ha > 0.0:
-            return (_("the map lies {away} km away from the field: its rate for outside, {rate}, is applied "
-                      "everywhere").format(away=away, rate=rate.full(check.away_kg_ha)),)
-        return (_("the map lies {away} km away from the field: nothing of it is applied").format(away=away),)
+            return (
+                _(
+                    "the map lies {away} km away from the field: its rate for outside, "
+                    "{rate}, is applied "
+                    "everywhere"
+                ).format(away=away, rate=rate.full(check.away_kg_ha)),
+            )
+        return (
+            _("the map lies {away} km away from the field: nothing of it is applied").format(
+                away=away
+            ),
+        )
     said = []
     if check.above_ha > LEAST_HA and check.limit_kg_ha is not None:
-        said.append(_("{area} of the map want up to {highest}, above the crop's limit: {limit} are applied there, "
-                      "{mass} less than the map wants").format(
-            area=area.full(check.above_ha), highest=rate.full(check.highest_kg_ha),
-            limit=rate.full(check.limit_kg_ha), mass=units.mass.full(check.above_kg)))
+        said.append(
+            _(
+                "{area} of the map want up to {highest}, above the crop's limit: {limit} "
+                "are applied there, "
+                "{mass} less than the map wants"
+            ).format(
+                area=area.full(check.above_ha),
+                highest=rate.full(check.highest_kg_ha),
+                limit=rate.full(check.limit_kg_ha),
+                mass=units.mass.full(check.above_kg),
+            )
+        )
     if check.outside_ha > LEAST_HA:
-        text = _("{area} of the map's {mapped} lie outside the field: the map's rate for outside, {rate}, is applied "
-                 "there") if check.beyond_kg_ha > 0.0 else (
-            _("{area} of the map's {mapped} lie outside the field: not applied"))
-        said.append(text.format(area=area.full(check.outside_ha), mapped=area.full(check.mapped_ha),
-                                rate=rate.full(check.beyond_kg_ha)))
+        text = (
+            _(
+                "{area} of the map's {mapped} lie outside the field: the map's rate for "
+                "outside, {rate}, is applied "
+                "there"
+            )
+            if check.beyond_kg_ha > 0.0
+            else (_("{area} of the map's {mapped} lie outside the field: not applied"))
+        )
+        said.append(
+            text.format(
+                area=area.full(check.outside_ha),
+                mapped=area.full(check.mapped_ha),
+                rate=rate.full(check.beyond_kg_ha),
+            )
+        )
     if check.uncovered_ha > LEAST_HA:
-        text = _("{area} of the field's {field} have no rate of their own in the map: its rate for the rest, {rate}, "
-                 "is applied there") if check.uncovered_kg_ha > 0.0 else (
-            _("{area} of the field's {field} have no rate in the map: nothing is applied there"))
-        said.append(text.format(area=area.full(check.uncovered_ha), field=area.full(check.field_ha),
-                                rate=rate.full(check.uncovered_kg_ha)))
+        text = (
+            _(
+                "{area} of the field's {field} have no rate of their own in the map: its "
+                "rate for the rest, {rate}, "
+                "is applied there"
+            )
+            if check.uncovered_kg_ha > 0.0
+            else (
+                _("{area} of the field's {field} have no rate in the map: nothing is applied there")
+            )
+        )
+        said.append(
+            text.format(
+                area=area.full(check.uncovered_ha),
+                field=area.full(check.field_ha),
+                rate=rate.full(check.uncovered_kg_ha),
+            )
+        )
     if check.overlap_ha > LEAST_HA:
-        said.append(_("{area} lie in more than one zone: the first in the file holds, each place counts once").format(
-            area=area.full(check.overlap_ha)))
+        said.append(
+            _(
+                "{area} lie in more than one zone: the first in the file holds, each place "
+                "counts once"
+            ).format(area=area.full(check.overlap_ha))
+        )
     return tuple(said)
 
 
 def is_doubtful(check: MapCheck) -> bool:
     """Whether the map may be the wrong one, or wants what will not be given."""
     field_ha = check.field_ha or 0.0
-    return (check.away_m > 0.0 or check.above_ha > LEAST_HA or check.outside_ha > MUCH * check.mapped_ha
-            or check.uncovered_ha > MUCH * field_ha)
+    return (
+        check.away_m > 0.0
+        or check.above_ha > LEAST_HA
+        or check.outside_ha > MUCH * check.mapped_ha
+        or check.uncovered_ha > MUCH * field_ha
+    )

@@ -1,4 +1,6 @@
-"""A strip between two key presses, N-rich or farmer check: mean NDVI, its standard error, how many samples. Pure."""
+"""A strip between two key presses, N-rich or farmer check: mean NDVI, its standard error, how
+many samples. Pure."""
+
 from __future__ import annotations
 
 from itertools import pairwise
@@ -10,13 +12,15 @@ from control.agronomy.strips import StripValue
 from control.log_row import HEAD_COLUMNS, NDRE_COLUMNS, LogRow
 
 LEAST_M = 20.0
-MOST_STEP_S = 2.0           # a longer step between frames is a gap: nothing is counted in it
-MOST_ALIKE = 0.95           # of neighbouring samples: the error of the mean is not let grow beyond all bounds
+# a longer step between frames is a gap: nothing is counted in it
+MOST_STEP_S = 2.0
+# of neighbouring samples: the error of the mean is not let grow beyond all bounds
+MOST_ALIKE = 0.95
 
 
 class NRichStrip(NamedTuple):
-    """What was driven so far; ndvi None before any. cv_percent: of the fused NDVI along the way. se: standard error of
-    the mean; None for fewer than three samples."""
+    """What was driven so far; ndvi None before any. cv_percent: of the fused NDVI along the
+    way. se: standard error of the mean; None for fewer than three samples."""
 
     length_m: float
     ndvi: float | None
@@ -30,7 +34,8 @@ class NRichStrip(NamedTuple):
 
 
 class FieldRun:
-    """Fed with rows of ground that is no strip, for as long as a day. Every metre with an NDVI counts alike."""
+    """Fed with rows of ground that is no strip, for as long as a day. Every metre with an NDVI
+    counts alike."""
 
     def __init__(self) -> None:
         self._before_s: float | None = None
@@ -64,7 +69,7 @@ class StripRun(FieldRun):
     def __init__(self, which: Literal["nrich", "check"] = "nrich") -> None:
         super().__init__()
         self.which = which
-        self._samples: list[float] = []         # decisions: a value that stays is one sample
+        self._samples: list[float] = []  # decisions: a value that stays is one sample
 
     def _count(self, step_m: float, ndvi: float) -> None:
         super()._count(step_m, ndvi)
@@ -77,8 +82,13 @@ class StripRun(FieldRun):
             return NRichStrip(0.0, None, None)
         mean = self._sum / self._length_m
         variance = max(0.0, self._sum2 / self._length_m - mean * mean)
-        return NRichStrip(self._length_m, mean, 100.0 * sqrt(variance) / mean if mean > 0.0 else None,
-                          standard_error(self._samples), len(self._samples))
+        return NRichStrip(
+            self._length_m,
+            mean,
+            100.0 * sqrt(variance) / mean if mean > 0.0 else None,
+            standard_error(self._samples),
+            len(self._samples),
+        )
 
     @property
     def value(self) -> StripValue | None:
@@ -90,17 +100,22 @@ class StripRun(FieldRun):
 
 
 def reading_of(row: LogRow) -> float | None:
-    """What the heads read: the fused value of the decision; where another source of the target leaves it empty, their
-    middle one. None: they are silent."""
+    """What the heads read: the fused value of the decision; where another source of the target
+    leaves it empty, their middle one. None: they are silent."""
     if row.ndvi is not None or row.ndre is not None:
         return row.ndvi if row.ndvi is not None else row.ndre
-    known = [value for name in (*HEAD_COLUMNS, *NDRE_COLUMNS) if (value := getattr(row, name)) is not None]
+    known = [
+        value
+        for name in (*HEAD_COLUMNS, *NDRE_COLUMNS)
+        if (value := getattr(row, name)) is not None
+    ]
     return median(known) if known else None
 
 
 def standard_error(samples: list[float]) -> float | None:
-    """Of the mean of samples along a way, where neighbours are alike: n counts as n (1 - r) / (1 + r), r their
-    correlation (Bayley and Hammersley 1946, J. R. Stat. Soc. Suppl. 8:184-197, for a first-order process).
+    """Of the mean of samples along a way, where neighbours are alike: n counts as n (1 - r) /
+    (1 + r), r their correlation (Bayley and Hammersley 1946, J. R. Stat. Soc. Suppl. 8:184-197,
+    for a first-order process).
 
     None for fewer than three samples."""
     n = len(samples)

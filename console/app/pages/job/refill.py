@@ -1,5 +1,6 @@
-"""A refill recognised by the scale: the machine does not work, the mass rises by more than 5 kg, and settles; and
-what the scale says against one that is typed. Pure."""
+"""A refill recognised by the scale: the machine does not work, the mass rises by more than 5
+kg, and settles; and what the scale says against one that is typed. Pure."""
+
 from __future__ import annotations
 
 from collections import deque
@@ -9,22 +10,26 @@ from console.locale import _
 from control.log_row import LogRow
 
 LEAST_KG = 5.0
-SETTLE_S = 3.0              # the mass must have stood this long ...
-SETTLE_KG = 1.0             # ... within this
+SETTLE_S = 3.0  # the mass must have stood this long ...
+SETTLE_KG = 1.0  # ... within this
 STANDING_MPS = 0.2
-LEAST_FILLED_KG = 0.1       # less is no refill
-GROSS_SHARE = 0.25          # bags are weighed to a few percent, a scale reads to one: farther apart one is wrong
-SCALE_OFF_KG = 5.0          # and both may be off by this: the scale's zero on a slope, what fell next to it
+LEAST_FILLED_KG = 0.1  # less is no refill
+# bags are weighed to a few percent, a scale reads to one: farther apart one is wrong
+GROSS_SHARE = 0.25
+# and both may be off by this: the scale's zero on a slope, what fell next to it
+SCALE_OFF_KG = 5.0
 
 
 class RefillWatch:
-    """Fed with rows. `seen_kg`: what was added since the machine stopped, None while nothing was."""
+    """Fed with rows. `seen_kg`: what was added since the machine stopped, None while nothing
+    was."""
 
     def __init__(self) -> None:
         self.seen_kg: float | None = None
-        self._worked = False                        # seen at work: no refill came before it was watched
+        # seen at work: no refill came before it was watched
+        self._worked = False
         self._window: deque[tuple[float, float]] = deque()
-        self._level_kg: float | None = None         # before the refill
+        self._level_kg: float | None = None  # before the refill
 
     def add(self, row: LogRow) -> None:
         """A row of the run. Work, movement or a silent scale begins the watch anew."""
@@ -41,7 +46,10 @@ class RefillWatch:
         while row.time_s - self._window[0][0] > SETTLE_S:
             self._window.popleft()
         masses = [kg for _time, kg in self._window]
-        if row.time_s - self._window[0][0] < 0.8 * SETTLE_S or max(masses) - min(masses) > SETTLE_KG:
+        if (
+            row.time_s - self._window[0][0] < 0.8 * SETTLE_S
+            or max(masses) - min(masses) > SETTLE_KG
+        ):
             return
         level_kg = sum(masses) / len(masses)
         if self._level_kg is None or level_kg < self._level_kg:
@@ -51,7 +59,8 @@ class RefillWatch:
 
     @property
     def before_kg(self) -> float | None:
-        """What is in the hopper, to which nothing was added since the machine worked; None where that is not known."""
+        """What is in the hopper, to which nothing was added since the machine worked; None
+        where that is not known."""
         return self._level_kg if self._worked and self.seen_kg is None else None
 
     def done(self) -> None:
@@ -61,10 +70,13 @@ class RefillWatch:
         self._window.clear()
 
 
-def doubt(filled_kg: float, watch: RefillWatch, hopper_kg: float | None, full_kg: float, unit: Unit) -> str:
+def doubt(
+    filled_kg: float, watch: RefillWatch, hopper_kg: float | None, full_kg: float, unit: Unit
+) -> str:
     """Why a typed refill is not believed, in words; "" where nothing speaks against it.
 
-    hopper_kg: the scale's reading now. It holds the refill already or does not yet, where `watch` does not know.
+    hopper_kg: the scale's reading now. It holds the refill already or does not yet, where
+    `watch` does not know.
     """
     if watch.seen_kg is not None:
         if abs(filled_kg - watch.seen_kg) <= max(SCALE_OFF_KG, GROSS_SHARE * watch.seen_kg):
@@ -74,8 +86,15 @@ def doubt(filled_kg: float, watch: RefillWatch, hopper_kg: float | None, full_kg
         if watch.before_kg + filled_kg <= full_kg + SCALE_OFF_KG:
             return ""
         return _("The scale says {now} are in the hopper: {room} more fit.").format(
-            now=unit.full(watch.before_kg), room=unit.full(max(0.0, full_kg - watch.before_kg)))
-    if hopper_kg is None or filled_kg <= hopper_kg + SCALE_OFF_KG or hopper_kg + filled_kg <= full_kg + SCALE_OFF_KG:
+            now=unit.full(watch.before_kg), room=unit.full(max(0.0, full_kg - watch.before_kg))
+        )
+    if (
+        hopper_kg is None
+        or filled_kg <= hopper_kg + SCALE_OFF_KG
+        or hopper_kg + filled_kg <= full_kg + SCALE_OFF_KG
+    ):
         return ""
-    return _("The scale says {now} are in the hopper now, which holds {full}: neither before nor after it.").format(
-        now=unit.full(hopper_kg), full=unit.full(full_kg))
+    return _(
+        "The scale says {now} are in the hopper now, which holds {full}: neither before nor "
+        "after it."
+    ).format(now=unit.full(hopper_kg), full=unit.full(full_kg))

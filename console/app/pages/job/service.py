@@ -1,4 +1,6 @@
-"""What the Job screen is given by the command line: files, exports, and going on after a power cut."""
+"""What the Job screen is given by the command line: files, exports, and going on after a power
+cut."""
+
 from __future__ import annotations
 
 from collections.abc import Callable
@@ -17,7 +19,8 @@ if TYPE_CHECKING:
     from control.targets.map_check import MapCheck
     from drivers.files.setup import Setup
 
-READING, GATHERING, WRITING = N_("reading the log"), N_("gathering"), N_("writing")     # steps of an export
+# steps of an export
+READING, GATHERING, WRITING = N_("reading the log"), N_("gathering"), N_("writing")
 
 
 class File(NamedTuple):
@@ -29,10 +32,12 @@ class File(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Facts:
-    """What the files of the run say, as its worker reads them, where they stand, and what else can be taken.
+    """What the files of the run say, as its worker reads them, where they stand, and what else
+    can be taken.
 
-    product_file: empty: machine and crop say what is spread. field, field_ha: of the ground that is worked, None: no
-    boundary known. map_trouble: why the job's map cannot be used; one line.
+    product_file: empty: machine and crop say what is spread. field, field_ha: of the ground
+    that is worked, None: no boundary known. map_trouble: why the job's map cannot be used; one
+    line.
     """
 
     setup: Setup
@@ -55,13 +60,19 @@ class Facts:
     def names(self) -> JobNames:
         """Whose job it is, and what is spread."""
         job, product = self.setup.job, self.setup.product
-        return JobNames(job.client, job.farm, self.field, job.product or ("" if product is None else product.name),
-                        job.operator, self.product_file)
+        return JobNames(
+            job.client,
+            job.farm,
+            self.field,
+            job.product or ("" if product is None else product.name),
+            job.operator,
+            self.product_file,
+        )
 
 
 class JobCard(NamedTuple):
-    """What an operator knows a job by. map: its file's name. done_ha, worked_utc: of its newest run, 0 and empty where
-    there is none. picture: the field's outline, else what its map plans."""
+    """What an operator knows a job by. map: its file's name. done_ha, worked_utc: of its newest
+    run, 0 and empty where there is none. picture: the field's outline, else what its map plans."""
 
     title: str
     field: str
@@ -90,8 +101,8 @@ class MapReading(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MapPreview:
-    """A prescription as it was read. question: what has to be said first, one line; then the rest is empty but for
-    `columns`. kept: the map in kg of product per ha, in a file of ours."""
+    """A prescription as it was read. question: what has to be said first, one line; then the
+    rest is empty but for `columns`. kept: the map in kg of product per ha, in a file of ours."""
 
     path: str
     reading: MapReading
@@ -107,8 +118,8 @@ class MapPreview:
 
 
 class Offer(NamedTuple):
-    """A job that was left, not ended: cut off, or started again. others: files of the next start that it did not go
-    by."""
+    """A job that was left, not ended: cut off, or started again. others: files of the next
+    start that it did not go by."""
 
     path: str
     began_utc: str
@@ -119,8 +130,8 @@ class Offer(NamedTuple):
 
 
 class Recent(NamedTuple):
-    """A job that was worked, or could be: its files, and what an operator knows it by. began_utc: of its last run.
-    card: of its job file."""
+    """A job that was worked, or could be: its files, and what an operator knows it by.
+    began_utc: of its last run. card: of its job file."""
 
     files: tuple[str, ...]
     job: str
@@ -131,7 +142,8 @@ class Recent(NamedTuple):
 
 
 class Earlier(NamedTuple):
-    """What happened before this console looked: alarms, and where material lies (east m, north m, heading, kg/ha)."""
+    """What happened before this console looked: alarms, and where material lies (east m, north
+    m, heading, kg/ha)."""
 
     alarms: tuple[AlarmRecord, ...]
     track: tuple[tuple[float, float, float, float], ...]
@@ -142,15 +154,16 @@ class AtWork(NamedTuple):
 
     most_rate_kg_ha: float
     hopper_kg: float
-    machine: Machine | None = None      # None: what its log says of it cannot be read
+    machine: Machine | None = None  # None: what its log says of it cannot be read
 
 
-Progress = Callable[[int, int, str], None]      # steps done, steps in all, what is being done
+Progress = Callable[[int, int, str], None]  # steps done, steps in all, what is being done
 Cancelled = Callable[[], bool]
 
 
 class JobService(Protocol):
-    """Errors are one-line ValueErrors. All but `restart`, `resume` and `anew` may take their time: in a thread."""
+    """Errors are one-line ValueErrors. All but `restart`, `resume` and `anew` may take their
+    time: in a thread."""
 
     def facts(self) -> Facts: ...
 
@@ -158,7 +171,8 @@ class JobService(Protocol):
         """On the disk where the log is written; None where it is not known."""
 
     def take(self, kind: str, value: str) -> None:
-        """Another job, crop or machine for `restart`; checked first. `facts` are those of what runs until then."""
+        """Another job, crop or machine for `restart`; checked first. `facts` are those of what
+        runs until then."""
 
     def recent(self) -> tuple[Recent, ...]:
         """What was worked lately, the newest first."""
@@ -170,15 +184,16 @@ class JobService(Protocol):
         """What was taken last is not wanted: the next start has the files that run."""
 
     def take_strip(self, strip: StripValue) -> str:
-        """The job with this NDVI of a strip, or without one, which the worker knows already; returns where it
-        stands."""
+        """The job with this NDVI of a strip, or without one, which the worker knows already;
+        returns where it stands."""
 
     def maps(self) -> tuple[MapFile, ...]:
-        """What may be a prescription, on sticks, among downloads and the user's own files; the newest first."""
+        """What may be a prescription, on sticks, among downloads and the user's own files; the
+        newest first."""
 
     def map_folder(self, folder: str, kind: str = "map") -> tuple[MapFile, ...]:
-        """Folders, whose names end in a slash, then maps, or files of another kind (job, crop, machine); "": the places
-        where one may begin to look."""
+        """Folders, whose names end in a slash, then maps, or files of another kind (job, crop,
+        machine); "": the places where one may begin to look."""
 
     def preview(self, path: str, reading: MapReading) -> MapPreview:
         """Reads a prescription for the job; nothing of the job changes."""
@@ -187,8 +202,8 @@ class JobService(Protocol):
         """The job with this map, for `restart`; returns where it stands."""
 
     def take_boundary(self, ring_deg: tuple[tuple[float, float], ...]) -> str:
-        """The job with this ring of latitude and longitude as the field's edge, for `restart`; returns where it
-        stands."""
+        """The job with this ring of latitude and longitude as the field's edge, for `restart`;
+        returns where it stands."""
 
     def take_names(self, who: JobNames) -> str:
         """The job with these names, for `restart`; returns where it stands."""
@@ -197,16 +212,22 @@ class JobService(Protocol):
         """The jobs of `facts`, the newest first; None: it cannot be read."""
 
     async def restart(self, anew: bool = False) -> FrameSource:
-        """A worker with what was taken. The one before must have ended. What was left on its field goes on, or is ended
-        (anew). Where it does not start, the files are those of before."""
+        """A worker with what was taken. The one before must have ended. What was left on its
+        field goes on, or is ended (anew). Where it does not start, the files are those of
+        before."""
 
-    def export(self, log_path: str, ending: str, progress: Progress, cancelled: Cancelled) -> tuple[str, ...]:
+    def export(
+        self, log_path: str, ending: str, progress: Progress, cancelled: Cancelled
+    ) -> tuple[str, ...]:
         """As applied, a file for each part of the job; returns where they stand."""
 
-    def report(self, log_path: str, progress: Progress, cancelled: Cancelled) -> tuple[str, ...]: ...
+    def report(
+        self, log_path: str, progress: Progress, cancelled: Cancelled
+    ) -> tuple[str, ...]: ...
 
     def offer(self) -> Offer | None:
-        """The job that was left on the field of the next start; where no files are chosen, the newest of any."""
+        """The job that was left on the field of the next start; where no files are chosen, the
+        newest of any."""
 
     async def resume(self, offer: Offer) -> FrameSource: ...
 

@@ -1,4 +1,5 @@
 """One row: which file is laid on the map, and what its colours mean."""
+
 from __future__ import annotations
 
 from functools import partial
@@ -22,13 +23,15 @@ from console.app.widgets.canvas import Canvas
 from console.app.widgets.map_legend import ramp_of
 from console.app.widgets.panel import fit
 
-# The file that is laid on the map, read along with the screen, and again where another job has another plane.
-NEAR_M = 500.0           # further from the field or the machine, and it is said
+# The file that is laid on the map, read along with the screen, and again where another job has
+# another plane. further from the field or the machine, and it is said
+NEAR_M = 500.0
 M_PER_KM = 1000.0
 
 
 class LaidFiles:
-    """path: of the file that is wanted, "": none. A file that cannot be laid is said once and not wanted any more."""
+    """path: of the file that is wanted, "": none. A file that cannot be laid is said once and
+    not wanted any more."""
 
     def __init__(self, page: Page) -> None:
         self._page = page
@@ -40,15 +43,20 @@ class LaidFiles:
         self.path, self._asked, self._laid = path, None, None
 
     def of(self, frame: Frame | None) -> LaidFile | None:
-        """The wanted file on a frame's plane; asked for the first time, it is read and comes later."""
+        """The wanted file on a frame's plane; asked for the first time, it is read and comes
+        later."""
         files = self._page.app.services.layers
         if not self.path or files is None or frame is None or frame.place_m is None:
             return None
         key = (self.path, frame.log_path, frame.job)
         if key != self._asked:
             self._asked, self._laid = key, None
-            self._page.app.with_files(partial(files.lay, self.path, frame), partial(self._have, key),
-                                      partial(self._not_laid, key), group="laid")
+            self._page.app.with_files(
+                partial(files.lay, self.path, frame),
+                partial(self._have, key),
+                partial(self._not_laid, key),
+                group="laid",
+            )
         return self._laid
 
     def _not_laid(self, key: tuple[str, str, str], why: str) -> None:
@@ -61,8 +69,11 @@ class LaidFiles:
             return
         self._laid = laid
         if laid.apart_m > NEAR_M:
-            self._page.app.notice(_("{name} lies {distance} km from here").format(
-                name=laid.name, distance=f"{laid.apart_m / M_PER_KM:.1f}"))
+            self._page.app.notice(
+                _("{name} lies {distance} km from here").format(
+                    name=laid.name, distance=f"{laid.apart_m / M_PER_KM:.1f}"
+                )
+            )
         self._page.hurry()
 
 
@@ -94,8 +105,15 @@ class LaidLegend(Canvas[LaidLegendView]):
         name = fit(name, min(cell_len(name), max(0, room - _LEAST_CELLS)))
         cells = max(_LEAST_CELLS, min(_MOST_CELLS, room - cell_len(name)))
         levels = LEVELS_ERROR if scale.layer is MapLayer.ERROR else LEVELS_LAID
-        return [self.text_strip(width, (name, self.rich_style), (low, muted),
-                                *ramp_of(self, scale, cells, levels, LAID_SHARE), (high, muted))]
+        return [
+            self.text_strip(
+                width,
+                (name, self.rich_style),
+                (low, muted),
+                *ramp_of(self, scale, cells, levels, LAID_SHARE),
+                (high, muted),
+            )
+        ]
 
 
 def label_of(scale: LayerScale | None, harvest: str) -> str:

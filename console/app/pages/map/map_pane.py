@@ -1,5 +1,6 @@
-"""The large map: drag moves it, the wheel changes its scale at the pointer, and the place under the pointer is
-reported."""
+"""The large map: drag moves it, the wheel changes its scale at the pointer, and the place under
+the pointer is reported."""
+
 from __future__ import annotations
 
 from typing import NamedTuple
@@ -34,8 +35,10 @@ class MapBar(Panel[MapBarView]):
             self.layer = layer
 
     def lines(self, view: MapBarView, width: int, height: int) -> list[Content]:
-        left: list[Part] = [(text, "bold reverse" if layer is view.layer else "bold $primary")
-                            for layer, text, _start in laid_out()]
+        left: list[Part] = [
+            (text, "bold reverse" if layer is view.layer else "bold $primary")
+            for layer, text, _start in laid_out()
+        ]
         return [spread(left, [(f" {'   '.join(view.states)} ", "$muted")], width)]
 
     def places(self) -> tuple[tuple[int, int], ...]:

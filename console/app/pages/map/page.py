@@ -1,4 +1,6 @@
-"""The Map screen: the field by what was applied, wanted, missed or sensed, the plan under it, and the machine on it."""
+"""The Map screen: the field by what was applied, wanted, missed or sensed, the plan under it,
+and the machine on it."""
+
 from __future__ import annotations
 
 from pathlib import Path
@@ -28,12 +30,14 @@ from console.app.widgets.rates import SeatRates
 from console.frame import Frame
 from console.locale import _
 
-PAN_SHARE = 0.2                # of the picture's width, by an arrow key
-NEAR_M = 0.5                   # of a pixel, when the machine is followed from the whole field's picture
+PAN_SHARE = 0.2  # of the picture's width, by an arrow key
+# of a pixel, when the machine is followed from the whole field's picture
+NEAR_M = 0.5
 
 
 class MapScreen(LogPage):
-    """camera None: the whole field, however it grows. A place is marked where the map was moved to by keys."""
+    """camera None: the whole field, however it grows. A place is marked where the map was moved
+    to by keys."""
 
     where: ClassVar[str] = MAP
     BINDINGS: ClassVar = bindings(ACTIONS)
@@ -47,7 +51,7 @@ class MapScreen(LogPage):
         self.laid = LaidFiles(self)
         self._frame: Frame | None = None
         self.drive: BoundaryDrive | None = None
-        self._driven: list[Place] = []          # of the drive, as the map draws it
+        self._driven: list[Place] = []  # of the drive, as the map draws it
 
     def body(self) -> ComposeResult:
         rates = look(None, 0.0, self.app.units).rates
@@ -55,7 +59,9 @@ class MapScreen(LogPage):
             yield SeatRates(rates, id="map-strip")
             yield MapBar(MapBarView(self.shown_layer, ()), id="map-bar")
             yield MapPane(EMPTY_MAP, id="map-pane")
-            yield MapLegend(LegendView(EMPTY_MAP.scale, 1.0, self.app.units.distance, False), id="map-scale")
+            yield MapLegend(
+                LegendView(EMPTY_MAP.scale, 1.0, self.app.units.distance, False), id="map-scale"
+            )
             yield LaidLegend(LaidLegendView("", "", None, ""), id="map-laid")
             yield ReadingLine(PlaceReading("", ()), id="map-reading")
         with Vertical(id="map-right"):
@@ -77,9 +83,11 @@ class MapScreen(LogPage):
             rates.show(view.rates)
         frame, age_s = self.seen(self.app.clock())
         self.query_one("#map-job", Items).show(
-            job_items(frame, self.app.fields.of(frame), self.app.units, age_s > STALE_S))
+            job_items(frame, self.app.fields.of(frame), self.app.units, age_s > STALE_S)
+        )
 
-    # --- a boundary by driving round it, and the A-B line ----------------------------------------------------------
+    # --- a boundary by driving round it, and the A-B line
+    # ----------------------------------------------------------
 
     def gather(self, frame: Frame) -> None:
         super().gather(frame)
@@ -88,7 +96,9 @@ class MapScreen(LogPage):
             self.drive.add(frame.row)
             if frame.place_m is not None and len(self.drive.corners) > before:
                 self._driven.append(frame.place_m)
-                self.app.keep_line(corner_record(self.drive.corners[-1], frame.place_m, frame.row.time_s))
+                self.app.keep_line(
+                    corner_record(self.drive.corners[-1], frame.place_m, frame.row.time_s)
+                )
 
     def _drive_is(self, drive: BoundaryDrive | None) -> None:
         """One begins, or the one that there was has ended."""
@@ -99,8 +109,11 @@ class MapScreen(LogPage):
     def go_on_driving(self, drive: BoundaryDrive, way: tuple[Place, ...]) -> None:
         """One that another console began."""
         self.drive, self._driven = drive, list(way)
-        self.app.notice(_("the boundary goes on: {way} driven so far").format(
-            way=self.app.units.distance.full(drive.way_m)))
+        self.app.notice(
+            _("the boundary goes on: {way} driven so far").format(
+                way=self.app.units.distance.full(drive.way_m)
+            )
+        )
         self.hurry()
 
     def boundary_key(self) -> None:
@@ -117,12 +130,28 @@ class MapScreen(LogPage):
             self.app.notice(_("the boundary begins here: drive round the field, then B again"))
             self.app.look()
 
-        self.app.ask(ChoiceDialog(_("Drive round the field. Where is its edge?"), [
-            Choice("right", _("to the right, half a width ({half}): driven clockwise").format(
-                half=distance.full(half_m))),
-            Choice("left", _("to the left, half a width ({half}): driven anticlockwise").format(
-                half=distance.full(half_m))),
-            Choice("middle", _("under the middle of the machine"))], ""), begin)
+        self.app.ask(
+            ChoiceDialog(
+                _("Drive round the field. Where is its edge?"),
+                [
+                    Choice(
+                        "right",
+                        _("to the right, half a width ({half}): driven clockwise").format(
+                            half=distance.full(half_m)
+                        ),
+                    ),
+                    Choice(
+                        "left",
+                        _("to the left, half a width ({half}): driven anticlockwise").format(
+                            half=distance.full(half_m)
+                        ),
+                    ),
+                    Choice("middle", _("under the middle of the machine")),
+                ],
+                "",
+            ),
+            begin,
+        )
 
     def _end_drive(self, drive: BoundaryDrive) -> None:
         way, units = self.app.units.distance.full(drive.way_m), self.app.units
@@ -132,9 +161,14 @@ class MapScreen(LogPage):
             self.app.look()
 
         if not drive.enough:
-            self.app.confirm(_("Cancel the boundary?"), _(
-                "{way} driven, {open} from the end back to its beginning: that is no field yet. Esc goes on.").format(
-                    way=way, open=units.distance.full(drive.open_m)), drop)
+            self.app.confirm(
+                _("Cancel the boundary?"),
+                _(
+                    "{way} driven, {open} from the end back to its beginning: that is no "
+                    "field yet. Esc goes on."
+                ).format(way=way, open=units.distance.full(drive.open_m)),
+                drop,
+            )
             return
 
         def keep(answer: str) -> None:
@@ -147,13 +181,30 @@ class MapScreen(LogPage):
                 self.app.turn_to(JOB)
                 self.call_later(self.app.job_page.take, lambda: service.take_boundary(ring))
 
-        no_files = _("files are not available here") if self.app.services.job is None else (
-            _("stop the machine first (X); the boundary waits") if self.app.job_page.at_work else "")
-        self.app.ask(ChoiceDialog(_("The boundary ends here"), [
-            Choice("keep", _("keep it as the job's field"), no_files), Choice("more", _("go on driving")),
-            Choice("drop", _("cancel it"))], "", _("{way} driven; the last {open} back to its beginning are drawn "
-                                                  "straight.").format(way=way, open=units.distance.full(drive.open_m))),
-            keep)
+        no_files = (
+            _("files are not available here")
+            if self.app.services.job is None
+            else (
+                _("stop the machine first (X); the boundary waits")
+                if self.app.job_page.at_work
+                else ""
+            )
+        )
+        self.app.ask(
+            ChoiceDialog(
+                _("The boundary ends here"),
+                [
+                    Choice("keep", _("keep it as the job's field"), no_files),
+                    Choice("more", _("go on driving")),
+                    Choice("drop", _("cancel it")),
+                ],
+                "",
+                _("{way} driven; the last {open} back to its beginning are drawn straight.").format(
+                    way=way, open=units.distance.full(drive.open_m)
+                ),
+            ),
+            keep,
+        )
 
     def guide_key(self) -> None:
         """Sets A, then B; a third time it begins anew."""
@@ -167,12 +218,18 @@ class MapScreen(LogPage):
             self.app.notice(_("A is here: drive along the line, then N sets B"))
         elif guide.end(frame.place_m):
             self.app.keep_line(guide_record(guide))
-            self.app.notice(_("the A-B line is set: the Run page shows how far the machine is off it"))
+            self.app.notice(
+                _("the A-B line is set: the Run page shows how far the machine is off it")
+            )
         else:
-            self.app.notice(_("B is too near to A: {least} or more are needed").format(
-                least=self.app.units.distance.full(LEAST_M)))
+            self.app.notice(
+                _("B is too near to A: {least} or more are needed").format(
+                    least=self.app.units.distance.full(LEAST_M)
+                )
+            )
 
-    # --- drawing ------------------------------------------------------------------------------------------------
+    # --- drawing
+    # ----------------------------------------------------------------------------------------------
 
     @property
     def pane(self) -> MapPane:
@@ -196,12 +253,16 @@ class MapScreen(LogPage):
         camera = self._camera()
         cross = (camera.east_m, camera.north_m) if self.marked else None
         laid = self.laid.of(frame)
-        view = self.map_view(frame, age_s, self.shown_layer, camera, laid)._replace(plan=self.plan, cross=cross)
+        view = self.map_view(frame, age_s, self.shown_layer, camera, laid)._replace(
+            plan=self.plan, cross=cross
+        )
         if self.driven:
             view = view._replace(lines=(*view.lines, self.driven))
         self.pane.show(view)
         planned = self.plan and view.picture is not None and view.picture.planned is not None
-        self.query_one("#map-scale", MapLegend).show(LegendView(view.scale, camera.metres, units.distance, planned))
+        self.query_one("#map-scale", MapLegend).show(
+            LegendView(view.scale, camera.metres, units.distance, planned)
+        )
         self.query_one("#map-bar", MapBar).show(MapBarView(self.shown_layer, self._states()))
         self._tell_laid(laid, view.laid)
         self._read(camera)
@@ -220,7 +281,7 @@ class MapScreen(LogPage):
         legend.show(LaidLegendView(laid.name, label, scale, "" if scale is not None else lacks))
 
     def lay(self, path: str) -> None:
-        """"": none."""
+        """ "": none."""
         self.laid.want(path)
         self.app.look()
 
@@ -232,7 +293,10 @@ class MapScreen(LogPage):
     def _states(self) -> tuple[str, ...]:
         log: tuple[str, ...] = (_("log"),) if self.replayed() is not None else ()
         if self.drive is not None:
-            log = (_("BOUNDARY {way}").format(way=self.app.units.distance.full(self.drive.way_m)), *log)
+            log = (
+                _("BOUNDARY {way}").format(way=self.app.units.distance.full(self.drive.way_m)),
+                *log,
+            )
         if self.camera is None:
             return (*log, _("whole field"))
         return (*log, _("following") if self.follow else _("standing"))
@@ -249,10 +313,19 @@ class MapScreen(LogPage):
         else:
             where, place = _("under machine"), frame.place_m if frame is not None else None
         self.query_one("#map-reading", ReadingLine).show(
-            reading(where, place, max(worked.cells_m[0], camera.metres), worked, picture, self.app.units,
-                    self.pane.view.laid))
+            reading(
+                where,
+                place,
+                max(worked.cells_m[0], camera.metres),
+                worked,
+                picture,
+                self.app.units,
+                self.pane.view.laid,
+            )
+        )
 
-    # --- what is pressed, clicked, pulled -----------------------------------------------------------------------
+    # --- what is pressed, clicked, pulled
+    # -----------------------------------------------------------------------
 
     def zoom(self, steps: int) -> None:
         self.camera = self._camera().zoomed(steps)
@@ -298,6 +371,8 @@ class MapScreen(LogPage):
         near = before.zoomed(event.steps)
         share = near.metres / before.metres
         east, north = event.place
-        self.camera = near._replace(east_m=east + share * (before.east_m - east),
-                                    north_m=north + share * (before.north_m - north))
+        self.camera = near._replace(
+            east_m=east + share * (before.east_m - east),
+            north_m=north + share * (before.north_m - north),
+        )
         self.app.look()

@@ -1,4 +1,6 @@
-"""What the Map page is given: files of another day laid on it, and the lines that are kept next to the log."""
+"""What the Map page is given: files of another day laid on it, and the lines that are kept next
+to the log."""
+
 from __future__ import annotations
 
 from typing import Protocol
@@ -24,5 +26,5 @@ class LineFiles(Protocol):
         """Kept next to the log; returns at once."""
 
     def read(self, log_path: str) -> KeptLines:
-        """What holds, with what the log tells of the drive since; where nothing was said of a line, that of the last
-        job on the same field. Takes its time; never raises."""
+        """What holds, with what the log tells of the drive since; where nothing was said of a
+        line, that of the last job on the same field. Takes its time; never raises."""

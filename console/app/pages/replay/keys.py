@@ -1,4 +1,5 @@
 """Keys of the Replay page and what they do."""
+
 from __future__ import annotations
 
 from functools import partial
@@ -30,7 +31,9 @@ def _choose_log(page: ReplayScreen, files: LogFiles, listed: tuple[LogFile, ...]
         page.app.notice(_("there is no log yet"))
         return
     choices = [Choice(one.path, f"{one.name}  {one.changed}  {one.size}") for one in listed]
-    page.app.ask(ChoiceDialog(_("Open a log"), choices, ""), lambda path: page.read_log(files, path))
+    page.app.ask(
+        ChoiceDialog(_("Open a log"), choices, ""), lambda path: page.read_log(files, path)
+    )
 
 
 def next_alarm(page: ReplayScreen) -> None:
@@ -40,11 +43,16 @@ def next_alarm(page: ReplayScreen) -> None:
 
 def what_if(page: ReplayScreen) -> None:
     job = page.played
-    choices = [Choice(f"strategy:{name}", f"{_('strategy')}: {words.strategy_word(name)}")
-               for name in STRATEGIES]
+    choices = [
+        Choice(f"strategy:{name}", f"{_('strategy')}: {words.strategy_word(name)}")
+        for name in STRATEGIES
+    ]
     choices += [Choice(f"crop:{name}", f"{_('crop')}: {name}") for name in job.crops]
     choices += [Choice(f"machine:{name}", f"{_('machine')}: {name}") for name in job.machines]
-    page.app.ask(ChoiceDialog(_("What if"), choices, "", _("changes add up; Del goes back to the log")), page.begin)
+    page.app.ask(
+        ChoiceDialog(_("What if"), choices, "", _("changes add up; Del goes back to the log")),
+        page.begin,
+    )
 
 
 def findings(page: ReplayScreen) -> None:
@@ -65,33 +73,137 @@ def why_no_what_if(page: ReplayScreen) -> str:
 ACTIONS = on(
     REPLAY,
     Action("open_log", "j", "J", N_("open"), N_("Another log, the newest first."), open_log, bar=3),
-    Action("play", "y", "Y", N_("play / pause"), N_("Plays or pauses the log."), lambda page: page.player.toggle(),
-           bar=3, why=why_no_log),
-    Action("step_back", "left", "<", N_("back"), N_("One row back."), lambda page: page.player.step(-1), bar=4,
-           why=why_no_log),
-    Action("step_on", "right", ">", N_("on"), N_("One row on."), lambda page: page.player.step(1), bar=5,
-           why=why_no_log),
-    Action("seek_back", "pageup,shift+left", "PgUp", N_("-30 s"), N_("30 s back."),
-           lambda page: page.player.seek(page.player.at_s - SEEK_S), bar=6, why=why_no_log),
-    Action("seek_on", "pagedown,shift+right", "PgDn", N_("+30 s"), N_("30 s on."),
-           lambda page: page.player.seek(page.player.at_s + SEEK_S), bar=7, why=why_no_log),
-    Action("seek_start", "home", "Home", N_("start of log"), N_("To the first row."),
-           lambda page: page.player.seek(page.player.start_s), why=why_no_log),
-    Action("seek_end", "end", "End", N_("end of log"), N_("To the last row."),
-           lambda page: page.player.seek(page.player.end_s), why=why_no_log),
-    Action("slower", "left_square_bracket", "[", N_("slower"), N_("Half as fast, down to 0.1x."),
-           lambda page: page.player.change_speed(-1), bar=8, why=why_no_log),
-    Action("faster", "right_square_bracket", "]", N_("faster"), N_("Twice as fast, up to 1000x."),
-           lambda page: page.player.change_speed(1), bar=8, why=why_no_log),
-    Action("next_alarm", "down", "Down", N_("next alarm"), N_("To the next row on which a new alarm stands."),
-           next_alarm, why=why_no_log),
-    Action("what_if", "q_1", "Q1", N_("what if"), N_("The same log with another strategy, crop or machine."), what_if,
-           why=why_no_what_if),
-    Action("cancel_what_if", "escape", "Esc", N_("cancel"), N_("Stops computing a what-if."),
-           lambda page: page.cancel(),
-           why=lambda page: _("no what-if is being computed") if page.computing is None else ""),
-    Action("as_recorded", "delete,backspace", "Del", N_("as recorded"), N_("Back to the log as it was recorded."),
-           lambda page: page.back_to_recorded(), why=why_no_log),
-    Action("findings", "q_2", "Q2", N_("findings"), N_("What was found in this log when it was opened."), findings,
-           why=why_no_log),
+    Action(
+        "play",
+        "y",
+        "Y",
+        N_("play / pause"),
+        N_("Plays or pauses the log."),
+        lambda page: page.player.toggle(),
+        bar=3,
+        why=why_no_log,
+    ),
+    Action(
+        "step_back",
+        "left",
+        "<",
+        N_("back"),
+        N_("One row back."),
+        lambda page: page.player.step(-1),
+        bar=4,
+        why=why_no_log,
+    ),
+    Action(
+        "step_on",
+        "right",
+        ">",
+        N_("on"),
+        N_("One row on."),
+        lambda page: page.player.step(1),
+        bar=5,
+        why=why_no_log,
+    ),
+    Action(
+        "seek_back",
+        "pageup,shift+left",
+        "PgUp",
+        N_("-30 s"),
+        N_("30 s back."),
+        lambda page: page.player.seek(page.player.at_s - SEEK_S),
+        bar=6,
+        why=why_no_log,
+    ),
+    Action(
+        "seek_on",
+        "pagedown,shift+right",
+        "PgDn",
+        N_("+30 s"),
+        N_("30 s on."),
+        lambda page: page.player.seek(page.player.at_s + SEEK_S),
+        bar=7,
+        why=why_no_log,
+    ),
+    Action(
+        "seek_start",
+        "home",
+        "Home",
+        N_("start of log"),
+        N_("To the first row."),
+        lambda page: page.player.seek(page.player.start_s),
+        why=why_no_log,
+    ),
+    Action(
+        "seek_end",
+        "end",
+        "End",
+        N_("end of log"),
+        N_("To the last row."),
+        lambda page: page.player.seek(page.player.end_s),
+        why=why_no_log,
+    ),
+    Action(
+        "slower",
+        "left_square_bracket",
+        "[",
+        N_("slower"),
+        N_("Half as fast, down to 0.1x."),
+        lambda page: page.player.change_speed(-1),
+        bar=8,
+        why=why_no_log,
+    ),
+    Action(
+        "faster",
+        "right_square_bracket",
+        "]",
+        N_("faster"),
+        N_("Twice as fast, up to 1000x."),
+        lambda page: page.player.change_speed(1),
+        bar=8,
+        why=why_no_log,
+    ),
+    Action(
+        "next_alarm",
+        "down",
+        "Down",
+        N_("next alarm"),
+        N_("To the next row on which a new alarm stands."),
+        next_alarm,
+        why=why_no_log,
+    ),
+    Action(
+        "what_if",
+        "q_1",
+        "Q1",
+        N_("what if"),
+        N_("The same log with another strategy, crop or machine."),
+        what_if,
+        why=why_no_what_if,
+    ),
+    Action(
+        "cancel_what_if",
+        "escape",
+        "Esc",
+        N_("cancel"),
+        N_("Stops computing a what-if."),
+        lambda page: page.cancel(),
+        why=lambda page: _("no what-if is being computed") if page.computing is None else "",
+    ),
+    Action(
+        "as_recorded",
+        "delete,backspace",
+        "Del",
+        N_("as recorded"),
+        N_("Back to the log as it was recorded."),
+        lambda page: page.back_to_recorded(),
+        why=why_no_log,
+    ),
+    Action(
+        "findings",
+        "q_2",
+        "Q2",
+        N_("findings"),
+        N_("What was found in this log when it was opened."),
+        findings,
+        why=why_no_log,
+    ),
 )

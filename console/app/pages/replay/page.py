@@ -1,4 +1,6 @@
-"""The Replay screen: the same panels, fed from a log; a machine at work keeps its alarms, hold and stop."""
+"""The Replay screen: the same panels, fed from a log; a machine at work keeps its alarms, hold
+and stop."""
+
 from __future__ import annotations
 
 from typing import TYPE_CHECKING, NamedTuple, cast
@@ -37,20 +39,22 @@ from console.frame import Frame
 from console.worker.resume_alarms import AlarmBook, AlarmRecord
 
 
-# Where in the log the replay stands, how fast it runs, and whether it is the log or a what-if. A click seeks.
+# Where in the log the replay stands, how fast it runs, and whether it is the log or a what-if.
+# A click seeks.
 class ReplayView(NamedTuple):
     name: str
     playing: bool
     speed: str
     at: str
     end: str
-    share: float              # of the log, rounded to what a wide bar can show
-    mode: str                 # "as recorded", or what is other
+    share: float  # of the log, rounded to what a wide bar can show
+    mode: str  # "as recorded", or what is other
     other: bool
     findings: int
     busy: str
     alarm_shares: tuple[float, ...] = ()
-    changed: str = ""         # what a what-if would have changed; in the place of the log's name
+    # what a what-if would have changed; in the place of the log's name
+    changed: str = ""
 
 
 class ReplayBar(Panel[ReplayView]):
@@ -68,9 +72,12 @@ class ReplayBar(Panel[ReplayView]):
 
     def lines(self, view: ReplayView, width: int, height: int) -> list[Content]:
         symbol, word = ("▸", _("playing")) if view.playing else ("▮▮", _("paused"))
-        left: list[Part] = [(f" {symbol} {word} ", "bold"), (f" {view.speed} ", "bold $primary"),
-                            (f" {view.mode} ", "bold reverse" if view.other else "$muted"),
-                            f" {view.changed or view.name}"]
+        left: list[Part] = [
+            (f" {symbol} {word} ", "bold"),
+            (f" {view.speed} ", "bold $primary"),
+            (f" {view.mode} ", "bold reverse" if view.other else "$muted"),
+            f" {view.changed or view.name}",
+        ]
         return [spread(left, self._end(view), width), self._time_line(view, width)]
 
     def _end(self, view: ReplayView) -> list[Part]:
@@ -79,7 +86,12 @@ class ReplayBar(Panel[ReplayView]):
             return [(f" {view.busy} ", "bold reverse")]
         if view.findings:
             key = cast("TopdressApp", self.app).shown_key("findings")
-            return [(f" {key}: {_('findings')} {view.findings} ", "bold $on-alarm-amber on $alarm-amber")]
+            return [
+                (
+                    f" {key}: {_('findings')} {view.findings} ",
+                    "bold $on-alarm-amber on $alarm-amber",
+                )
+            ]
         return []
 
     def _end_cells(self, view: ReplayView) -> int:
@@ -112,7 +124,11 @@ class ReplayBar(Panel[ReplayView]):
         return (*cancel, (first, 1), (width - last - 1, 1))
 
     def on_click(self, event: events.Click) -> None:
-        if event.y == 0 and self.view.busy and event.x >= self.content_size.width - self._end_cells(self.view):
+        if (
+            event.y == 0
+            and self.view.busy
+            and event.x >= self.content_size.width - self._end_cells(self.view)
+        ):
             event.stop()
             self.post_message(self.Cancel())
             return
@@ -127,21 +143,32 @@ _NO_LOG = ReplayView("", False, "", "--", "--", 0.0, "", False, 0, "")
 
 
 def changed_words(before: Sequence[Frame], after: Sequence[Frame], units: Units) -> str:
-    """What a what-if would have changed: kg in all, and how far the rate is off the target at work, in the mean."""
+    """What a what-if would have changed: kg in all, and how far the rate is off the target at
+    work, in the mean."""
     kg, was_kg = (frames[-1].applied_kg for frames in (after, before))
     sign = "+" if kg >= was_kg else "-"
     said = _("{more} ({kg} instead of {before})").format(
-        more=sign + units.mass.full(abs(kg - was_kg)), kg=units.mass.full(kg), before=units.mass.full(was_kg))
+        more=sign + units.mass.full(abs(kg - was_kg)),
+        kg=units.mass.full(kg),
+        before=units.mass.full(was_kg),
+    )
 
     def mean_error(frames: Sequence[Frame]) -> float | None:
-        found = [abs(error) for frame in frames if frame.row.state in (None, "working")
-                 and (error := rate_error(frame.row.target_rate_kg_ha, frame.row.applied_rate_kg_ha)) is not None]
+        found = [
+            abs(error)
+            for frame in frames
+            if frame.row.state in (None, "working")
+            and (error := rate_error(frame.row.target_rate_kg_ha, frame.row.applied_rate_kg_ha))
+            is not None
+        ]
         return 100.0 * sum(found) / len(found) if found else None
 
     now, was = mean_error(after), mean_error(before)
     if now is None or was is None:
         return said
-    off = _("off the target by {now} % instead of {before} %").format(now=f"{now:.1f}", before=f"{was:.1f}")
+    off = _("off the target by {now} % instead of {before} %").format(
+        now=f"{now:.1f}", before=f"{was:.1f}"
+    )
     return f"{said}, {off}"
 
 
@@ -221,17 +248,38 @@ class ReplayScreen(PanelScreen):
             return
         source = self.job.source
         share = (source.at_s - source.start_s) / max(1e-9, source.end_s - source.start_s)
-        busy = "" if self.computing is None else _("computing {percent} %, Esc cancels").format(
-            percent=f"{100.0 * self._share:.0f}")
-        self.query_one("#replay-bar", ReplayBar).show(ReplayView(
-            self.job.name, source.playing and not source.at_end, f"{source.speed:g}x", duration(source.at_s),
-            duration(source.end_s), round(share, 3), self.mode_words(), self.chosen != WhatIf(),
-            len(self.job.findings), busy, self._alarm_shares, self._changed if self.chosen != WhatIf() else ""))
+        busy = (
+            ""
+            if self.computing is None
+            else _("computing {percent} %, Esc cancels").format(
+                percent=f"{100.0 * self._share:.0f}"
+            )
+        )
+        self.query_one("#replay-bar", ReplayBar).show(
+            ReplayView(
+                self.job.name,
+                source.playing and not source.at_end,
+                f"{source.speed:g}x",
+                duration(source.at_s),
+                duration(source.end_s),
+                round(share, 3),
+                self.mode_words(),
+                self.chosen != WhatIf(),
+                len(self.job.findings),
+                busy,
+                self._alarm_shares,
+                self._changed if self.chosen != WhatIf() else "",
+            )
+        )
 
     def mode_words(self) -> str:
         if self.chosen == WhatIf():
             return _("as recorded")
-        other = (words.strategy_word(self.chosen.strategy), self.chosen.crop or "", self.chosen.machine or "")
+        other = (
+            words.strategy_word(self.chosen.strategy),
+            self.chosen.crop or "",
+            self.chosen.machine or "",
+        )
         return _("what if: {other}").format(other=", ".join(part for part in other if part))
 
     async def on_replay_bar_cancel(self, event: ReplayBar.Cancel) -> None:

@@ -1,4 +1,6 @@
-"""What the Replay page is given: a log to play, how a what-if of it is computed, and the logs that can be opened."""
+"""What the Replay page is given: a log to play, how a what-if of it is computed, and the logs
+that can be opened."""
+
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
@@ -24,8 +26,9 @@ ComputeAnew = Callable[[WhatIf, Cancelled, Tell], Sequence[Frame]]
 
 @dataclass(frozen=True, slots=True)
 class ReplayJob:
-    """name: of the log, as shown. what_if: computes other frames, in a thread; errors are one-line ValueErrors. It asks
-    `cancelled` between rows and then comes back at once with whatever it has; `tell` takes the share that is done."""
+    """name: of the log, as shown. what_if: computes other frames, in a thread; errors are
+    one-line ValueErrors. It asks `cancelled` between rows and then comes back at once with
+    whatever it has; `tell` takes the share that is done."""
 
     source: ReplaySource
     name: str

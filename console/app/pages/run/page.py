@@ -1,4 +1,5 @@
 """The Run screen: the machine at work."""
+
 from __future__ import annotations
 
 from typing import TYPE_CHECKING, ClassVar, NamedTuple
@@ -28,7 +29,8 @@ if TYPE_CHECKING:
 #
 # It is empty while the machine turns; at hold it also says what can be done about it.
 class ModelCheck(Panel[tuple[str, ...]]):
-    """The line, in the fullest of its forms that fits; hidden by the page while there is nothing to say."""
+    """The line, in the fullest of its forms that fits; hidden by the page while there is
+    nothing to say."""
 
     def lines(self, view: tuple[str, ...], width: int, height: int) -> list[Content]:
         text = next((text for text in view if cell_len(text) <= width), view[-1] if view else "")
@@ -36,21 +38,33 @@ class ModelCheck(Panel[tuple[str, ...]]):
 
 
 def model_check_texts(found: Departure, frame: Frame, utc_offset_s: float) -> tuple[str, ...]:
-    """What is said, the fullest form first; nothing while the machine turns. utc_offset_s: local time minus UTC.
+    """What is said, the fullest form first; nothing while the machine turns. utc_offset_s:
+    local time minus UTC.
 
-    At work the name counts for more than the time; at hold what can be done counts for more than both.
+    At work the name counts for more than the time; at hold what can be done counts for more
+    than both.
     """
     if turns(frame):
         return ()
     from console.reports.live_words import departure_line, offer, todo
+
     since = ""
     if found.since_s is not None:
-        since = wall_clock(frame.row.utc, utc_offset_s, frame.row.time_s - found.since_s)[:5] or duration(found.since_s)
-    full, named, dated, plain = (departure_line(found, time, why) for time, why in
-                                 ((since, True), ("", True), (since, False), ("", False)))
+        since = wall_clock(frame.row.utc, utc_offset_s, frame.row.time_s - found.since_s)[
+            :5
+        ] or duration(found.since_s)
+    full, named, dated, plain = (
+        departure_line(found, time, why)
+        for time, why in ((since, True), ("", True), (since, False), ("", False))
+    )
     if frame.row.state == State.HELD:
-        pairs = [(full, todo(found)), (full, offer(found)), (named, offer(found)), (dated, offer(found)),
-                 (plain, offer(found))]
+        pairs = [
+            (full, todo(found)),
+            (full, offer(found)),
+            (named, offer(found)),
+            (dated, offer(found)),
+            (plain, offer(found)),
+        ]
     else:
         pairs = [(said, "F9") for said in (full, named, dated, plain)]
     forms = [_("check: {said}; {todo}").format(said=said, todo=end) for said, end in pairs]
@@ -63,21 +77,26 @@ def turns(frame: Frame) -> bool:
     return row.state == State.WORKING and (row.work_switch == 0 or not row.target_rate_kg_ha)
 
 
-# One row on the Run page: how far the machine is off the A-B line, as lights to either side. It does not steer.
-LIGHT_M = 0.1           # of each light: a tenth of a metre, as the light bars of other makers are set at first
-LIGHTS = 8              # to either side
+# One row on the Run page: how far the machine is off the A-B line, as lights to either side. It
+# does not steer. of each light: a tenth of a metre, as the light bars of other makers are set
+# at first
+LIGHT_M = 0.1
+LIGHTS = 8  # to either side
 LIT, DARK = "█", "·"
 
 
 class LightView(NamedTuple):
-    """lights: to the left negative, to the right positive, 0: on the line. said: the distance off it in words."""
+    """lights: to the left negative, to the right positive, 0: on the line. said: the distance
+    off it in words."""
 
     lights: int
     said: Shown
     track: str
 
 
-def light_view(guide: GuideLine, frame: Frame | None, stale: bool, units: Units) -> LightView | None:
+def light_view(
+    guide: GuideLine, frame: Frame | None, stale: bool, units: Units
+) -> LightView | None:
     """None while there is no line, or no place to hold against it."""
     if frame is None or frame.place_m is None:
         return None
@@ -87,10 +106,18 @@ def light_view(guide: GuideLine, frame: Frame | None, stale: bool, units: Units)
     near = units.fine_distance._replace(decimals=2 if units.id == "metric" else 1)
     lights = max(-LIGHTS, min(LIGHTS, round(off.right_m / LIGHT_M)))
     text = near.full(abs(off.right_m))
-    said = (_("{distance} right of the line") if lights > 0 else _("{distance} left of the line") if lights < 0 else
-            _("on the line, {distance}")).format(distance=text)
-    return LightView(lights, Shown(said, stale), _("track {number}").format(number=f"{off.number:+d}" if off.number
-                                                                          else "A-B"))
+    said = (
+        _("{distance} right of the line")
+        if lights > 0
+        else _("{distance} left of the line")
+        if lights < 0
+        else _("on the line, {distance}")
+    ).format(distance=text)
+    return LightView(
+        lights,
+        Shown(said, stale),
+        _("track {number}").format(number=f"{off.number:+d}" if off.number else "A-B"),
+    )
 
 
 class LightBar(Panel[LightView | None]):
@@ -107,8 +134,17 @@ class LightBar(Panel[LightView | None]):
         text = f" {view.said.text}"
         track = fullest((f"{view.track} ", ""), width - bar - cell_len(text) - 2)
         gap = " " * max(0, width - bar - cell_len(text) - cell_len(track) - 1)
-        return [line(" ", (left, f"bold {lit}"), middle, (after, f"bold {lit}"),
-                     (text, "$stale" if view.said.stale else "bold"), gap, (track, "$muted"))]
+        return [
+            line(
+                " ",
+                (left, f"bold {lit}"),
+                middle,
+                (after, f"bold {lit}"),
+                (text, "$stale" if view.said.stale else "bold"),
+                gap,
+                (track, "$muted"),
+            )
+        ]
 
 
 class RunScreen(PanelScreen):
@@ -117,7 +153,8 @@ class RunScreen(PanelScreen):
 
     def __init__(self) -> None:
         super().__init__()
-        self.start_key = HeldKey()          # held down it lets the flow begin with the creep: the launch
+        # held down it lets the flow begin with the creep: the launch
+        self.start_key = HeldKey()
 
     def perform(self, action: Action) -> None:
         """An order waits for nothing to be drawn."""
@@ -151,5 +188,7 @@ class RunScreen(PanelScreen):
         view = super().seen_view(frame, age_s)
         if frame is None or view.alarms.lines or view.alarms.urgent:
             return view
-        about = tuple(part for part in (frame.machine, frame.crop, frame.job, frame.log_path) if part)
+        about = tuple(
+            part for part in (frame.machine, frame.crop, frame.job, frame.log_path) if part
+        )
         return view._replace(alarms=AlarmsView((), view.alarms.calm, about=about))

@@ -1,4 +1,6 @@
-"""One line on the Run page of a machine whose sections have valves: which are open, and why the others are not."""
+"""One line on the Run page of a machine whose sections have valves: which are open, and why the
+others are not."""
+
 from __future__ import annotations
 
 from itertools import groupby
@@ -42,10 +44,25 @@ def section_parts(sections: tuple[SectionState, ...]) -> list[Part]:
 
 
 def section_choices(frame: Frame | None) -> tuple[Choice, ...]:
-    """Values are those of the order; each line turns a section into its opposite, the last gives all back."""
+    """Values are those of the order; each line turns a section into its opposite, the last
+    gives all back."""
     states = frame.sections if frame is not None else ()
-    found = [Choice(f"{k} {'auto' if state.why == 'hand' else 'off'}", (
-        _("section {number}: closed by hand, give back") if state.why == "hand" else
-        _("section {number}: close by hand")).format(number=k)) for k, state in enumerate(states, start=1)]
-    return (*found, Choice(GIVE_ALL_BACK, _("give all sections back"),
-                           "" if any(state.why == "hand" for state in states) else _("none is closed by hand")))
+    found = [
+        Choice(
+            f"{k} {'auto' if state.why == 'hand' else 'off'}",
+            (
+                _("section {number}: closed by hand, give back")
+                if state.why == "hand"
+                else _("section {number}: close by hand")
+            ).format(number=k),
+        )
+        for k, state in enumerate(states, start=1)
+    ]
+    return (
+        *found,
+        Choice(
+            GIVE_ALL_BACK,
+            _("give all sections back"),
+            "" if any(state.why == "hand" for state in states) else _("none is closed by hand"),
+        ),
+    )

@@ -1,4 +1,6 @@
-"""The Settings screen: units, language, look, sound, limits, rates, and every key. What is changed is kept at once."""
+"""The Settings screen: units, language, look, sound, limits, rates, and every key. What is
+changed is kept at once."""
+
 from __future__ import annotations
 
 import asyncio
@@ -30,7 +32,8 @@ from console.locale import N_, _, languages
 from drivers.files.settings import ManualRate, Presets, Rates, Settings
 
 
-# The settings one below the other, as many as there is room for around the marked one. A click marks and changes.
+# The settings one below the other, as many as there is room for around the marked one. A click
+# marks and changes.
 class SettingLine(NamedTuple):
     """group: a heading, shown before the first line of it. own: other than delivered."""
 
@@ -44,15 +47,17 @@ class SettingLine(NamedTuple):
 class SettingsView(NamedTuple):
     lines: tuple[SettingLine, ...]
     at: int
-    place: str                  # the file
-    trouble: str                # why it was not used
+    place: str  # the file
+    trouble: str  # why it was not used
 
 
 class SettingsList(PickList[SettingsView]):
     def lines(self, view: SettingsView, width: int, height: int) -> list[Content]:
         head = self._head(view, width)
         label = max((cell_len(one.label) for one in view.lines), default=0) + 4
-        value = min(max((cell_len(one.value) for one in view.lines), default=0) + 3, max(12, width // 3))
+        value = min(
+            max((cell_len(one.value) for one in view.lines), default=0) + 3, max(12, width // 3)
+        )
         rows = []
         foot = self._foot(view, width)
         for index in self._rows(view, height - len(head) - len(foot)):
@@ -62,9 +67,11 @@ class SettingsList(PickList[SettingsView]):
             one = view.lines[index]
             here = index == view.at
             style = "bold $on-select on $select" if here else "bold" if one.own else ""
-            parts: list[Part] = [(fit(f" {'>' if here else ' '} {one.label}", label), style),
-                                 (fit(f" {'*' if one.own else ' '}{one.value}", value), style or "bold"),
-                                 (fullest((f" {one.hint}", ""), width - label - value), "$muted")]
+            parts: list[Part] = [
+                (fit(f" {'>' if here else ' '} {one.label}", label), style),
+                (fit(f" {'*' if one.own else ' '}{one.value}", value), style or "bold"),
+                (fullest((f" {one.hint}", ""), width - label - value), "$muted"),
+            ]
             rows.append(line(*parts))
         return [*head, *rows, *[line("")] * (height - len(head) - len(rows) - len(foot)), *foot]
 
@@ -73,19 +80,30 @@ class SettingsList(PickList[SettingsView]):
         """The file, and why it was not used."""
         place = fullest((view.place, file_name(view.place)), width - 1)
         trouble = wrapped(view.trouble, width - 4)
-        return [line((f" {place}", "$muted")),
-                *(line((fit(f" {'!' if not k else ' '} {row}", width), "bold $on-alarm-amber on $alarm-amber"))
-                  for k, row in enumerate(trouble))]
+        return [
+            line((f" {place}", "$muted")),
+            *(
+                line(
+                    (
+                        fit(f" {'!' if not k else ' '} {row}", width),
+                        "bold $on-alarm-amber on $alarm-amber",
+                    )
+                )
+                for k, row in enumerate(trouble)
+            ),
+        ]
 
     @staticmethod
     def _foot(view: SettingsView, width: int) -> list[Content]:
-        """What the marked setting is about, in full, and as many rows for each: the list must not jump."""
+        """What the marked setting is about, in full, and as many rows for each: the list must
+        not jump."""
         count = max((len(wrapped(one.hint, width - 2)) for one in view.lines), default=0)
         said = wrapped(view.lines[view.at].hint, width - 2) if view.at < len(view.lines) else []
         return [line((f" {row}", "$muted")) for row in (said + [""] * count)[:count]]
 
     def _rows(self, view: SettingsView, height: int) -> list[int | str]:
-        """Indices of lines and texts of headings that are shown, the marked line always among them."""
+        """Indices of lines and texts of headings that are shown, the marked line always among
+        them."""
         rows: list[int | str] = []
         group = None
         for index, one in enumerate(view.lines):
@@ -95,7 +113,7 @@ class SettingsList(PickList[SettingsView]):
             rows.append(index)
         at = rows.index(view.at) if view.at in rows else 0
         first = max(0, min(at - height // 2, len(rows) - height))
-        return rows[first:first + max(0, height)]
+        return rows[first : first + max(0, height)]
 
     def things(self) -> Sequence[int | None]:
         width = self.content_size.width
@@ -111,7 +129,8 @@ SOUND_WORDS = {"on": N_("sound on"), "off": N_("sound off")}
 
 
 class SettingRow(NamedTuple):
-    """One setting: what it is called, what it is now, and how it is changed. path: keys in the settings."""
+    """One setting: what it is called, what it is now, and how it is changed. path: keys in the
+    settings."""
 
     group: str
     label: str
@@ -119,7 +138,7 @@ class SettingRow(NamedTuple):
     shown: str
     hint: str
     choices: tuple[Choice, ...] = ()
-    number: tuple[float, float, Unit] | None = None     # low, high, as shown
+    number: tuple[float, float, Unit] | None = None  # low, high, as shown
 
 
 class SettingsScreen(Page):
@@ -130,7 +149,7 @@ class SettingsScreen(Page):
         super().__init__()
         self.at = 0
         self._writing = asyncio.Lock()
-        self._kept: Settings | None = None          # as the file has them, from the first change on
+        self._kept: Settings | None = None  # as the file has them, from the first change on
 
     @property
     def store(self) -> SettingsStore | None:
@@ -143,48 +162,118 @@ class SettingsScreen(Page):
         super().show_numbers(view)
         if self.store is None:
             self.query_one("#settings-list", SettingsList).show(
-                SettingsView((), 0, _("settings are not saved here"), ""))
+                SettingsView((), 0, _("settings are not saved here"), "")
+            )
             return
         default = Settings()
-        lines = tuple(SettingLine(row.group, row.label, row.shown, _at(self.store.settings, row.path)
-                                  != _at(default, row.path), row.hint) for row in self.rows())
-        self.query_one("#settings-list", SettingsList).show(SettingsView(
-            lines, self.at, self.store.place, self.store.trouble))
+        lines = tuple(
+            SettingLine(
+                row.group,
+                row.label,
+                row.shown,
+                _at(self.store.settings, row.path) != _at(default, row.path),
+                row.hint,
+            )
+            for row in self.rows()
+        )
+        self.query_one("#settings-list", SettingsList).show(
+            SettingsView(lines, self.at, self.store.place, self.store.trouble)
+        )
 
     def rows(self) -> list[SettingRow]:
         """Every setting, in the language and units in use."""
         assert self.store is not None
         now, rate = self.store.settings, self.app.units.rate
         general, limits, speed = _("general"), _("manual rate"), _("how often the console looks")
-        themes_known = [Choice(name, _(THEME_WORDS.get(name, name)))
-                        for name in (*themes.NAMES, *(one.name for one in self.store.themes))]
+        themes_known = [
+            Choice(name, _(THEME_WORDS.get(name, name)))
+            for name in (*themes.NAMES, *(one.name for one in self.store.themes))
+        ]
         found = [
             _choice(general, _("units"), ("units",), now.units, _choices(UNIT_WORDS), ""),
-            _choice(general, _("language"), ("language",), now.language,
-                    [one for one in _choices(LANGUAGE_WORDS) if one.value in ("auto", *languages())], ""),
-            _choice(general, _("theme"), ("theme",), now.theme, themes_known, _("D changes it for now")),
-            _choice(general, _("sound"), ("sound",), "on" if now.sound else "off", _choices(SOUND_WORDS),
-                    _("the bell: once for a caution, three times for an alarm")),
-            _number(limits, _("lowest"), ("manual_rate", "low_kg_ha"), self.app.limits_kg_ha[0],
-                    (self.app.crop_limits_kg_ha[0], self.app.limits_kg_ha[1]), rate),
-            _number(limits, _("highest"), ("manual_rate", "high_kg_ha"), self.app.limits_kg_ha[1],
-                    (self.app.limits_kg_ha[0], self.app.crop_limits_kg_ha[1]), rate),
-            *(_number(_("preset rates"), label, ("presets", key), getattr(now.presets, key), self.app.limits_kg_ha,
-                      rate)
-              for label, key in ((_("preset 1"), "first_kg_ha"), (_("preset 2"), "second_kg_ha"),
-                                 (_("preset 3"), "third_kg_ha"))),
-            _number(speed, _("numbers"), ("console", "numbers_hz"), now.console.numbers_hz, (1.0, 5.0), _HZ),
-            _number(speed, _("plots"), ("console", "plots_hz"), now.console.plots_hz, (0.2, 2.0), _HZ),
-            _number(speed, _("maps"), ("console", "maps_hz"), now.console.maps_hz, (0.1, 1.0), _HZ)]
-        pages = {one.id.removesuffix("_screen"): _("keys: {page}").format(page=_(one.label)) for one in actions.pages()}
+            _choice(
+                general,
+                _("language"),
+                ("language",),
+                now.language,
+                [one for one in _choices(LANGUAGE_WORDS) if one.value in ("auto", *languages())],
+                "",
+            ),
+            _choice(
+                general, _("theme"), ("theme",), now.theme, themes_known, _("D changes it for now")
+            ),
+            _choice(
+                general,
+                _("sound"),
+                ("sound",),
+                "on" if now.sound else "off",
+                _choices(SOUND_WORDS),
+                _("the bell: once for a caution, three times for an alarm"),
+            ),
+            _number(
+                limits,
+                _("lowest"),
+                ("manual_rate", "low_kg_ha"),
+                self.app.limits_kg_ha[0],
+                (self.app.crop_limits_kg_ha[0], self.app.limits_kg_ha[1]),
+                rate,
+            ),
+            _number(
+                limits,
+                _("highest"),
+                ("manual_rate", "high_kg_ha"),
+                self.app.limits_kg_ha[1],
+                (self.app.limits_kg_ha[0], self.app.crop_limits_kg_ha[1]),
+                rate,
+            ),
+            *(
+                _number(
+                    _("preset rates"),
+                    label,
+                    ("presets", key),
+                    getattr(now.presets, key),
+                    self.app.limits_kg_ha,
+                    rate,
+                )
+                for label, key in (
+                    (_("preset 1"), "first_kg_ha"),
+                    (_("preset 2"), "second_kg_ha"),
+                    (_("preset 3"), "third_kg_ha"),
+                )
+            ),
+            _number(
+                speed,
+                _("numbers"),
+                ("console", "numbers_hz"),
+                now.console.numbers_hz,
+                (1.0, 5.0),
+                _HZ,
+            ),
+            _number(
+                speed, _("plots"), ("console", "plots_hz"), now.console.plots_hz, (0.2, 2.0), _HZ
+            ),
+            _number(speed, _("maps"), ("console", "maps_hz"), now.console.maps_hz, (0.1, 1.0), _HZ),
+        ]
+        pages = {
+            one.id.removesuffix("_screen"): _("keys: {page}").format(page=_(one.label))
+            for one in actions.pages()
+        }
         groups = {ANYWHERE: _("keys of every screen")} | pages
         for action in sorted(actions.ACTIONS, key=lambda one: list(groups).index(one.where)):
             keys = actions.keys_of(action, now.keymap)
-            found.append(SettingRow(groups[action.where], _(action.label), ("keymap", action.id),
-                                    "  ".join(actions.key_name(key) for key in keys), _(action.help)))
+            found.append(
+                SettingRow(
+                    groups[action.where],
+                    _(action.label),
+                    ("keymap", action.id),
+                    "  ".join(actions.key_name(key) for key in keys),
+                    _(action.help),
+                )
+            )
         return found
 
-    # --- actions ------------------------------------------------------------------------------------------------
+    # --- actions
+    # ----------------------------------------------------------------------------------------------
 
     def perform(self, action: Action) -> None:
         if self.store is None:
@@ -209,16 +298,26 @@ class SettingsScreen(Page):
         row, now = self.rows()[self.at], self.store.settings
         if row.choices:
             value = _at(now, row.path)
-            value = {True: "on", False: "off"}.get(value, value) if isinstance(value, bool) else value
+            value = (
+                {True: "on", False: "off"}.get(value, value) if isinstance(value, bool) else value
+            )
             kind = ThemeDialog if row.path == ("theme",) else ChoiceDialog
-            self.app.ask(kind(row.label, row.choices, str(value)),
-                         lambda value: self._set(row.path, value == "on" if row.path == ("sound",) else value))
+            self.app.ask(
+                kind(row.label, row.choices, str(value)),
+                lambda value: self._set(
+                    row.path, value == "on" if row.path == ("sound",) else value
+                ),
+            )
         elif row.number is not None:
             low, high, unit = row.number
-            self.app.ask(NumberDialog(f"{row.group}: {row.label}", unit.name, low, high, to_si=unit.to_si),
-                         lambda value: self._set(row.path, round(value, 3)))
+            self.app.ask(
+                NumberDialog(f"{row.group}: {row.label}", unit.name, low, high, to_si=unit.to_si),
+                lambda value: self._set(row.path, round(value, 3)),
+            )
         else:
-            self.app.ask(KeyChoice(row.label, row.shown), lambda key: self._take_key(row.path[1], key))
+            self.app.ask(
+                KeyChoice(row.label, row.shown), lambda key: self._take_key(row.path[1], key)
+            )
 
     def _take_key(self, name: str, key: str) -> None:
         assert self.store is not None
@@ -238,7 +337,9 @@ class SettingsScreen(Page):
         if path[0] != "keymap":
             self._set(path, _at(Settings(), path))
             return
-        keymap = {name: keys for name, keys in self.store.settings.keymap.items() if name != path[1]}
+        keymap = {
+            name: keys for name, keys in self.store.settings.keymap.items() if name != path[1]
+        }
         self._set_keymap(keymap, clash(keymap))
 
     def _set(self, path: tuple[str, ...], value: Any) -> None:
@@ -268,8 +369,8 @@ class SettingsScreen(Page):
         self._redraw_all()
 
     async def _keep(self, settings: Settings) -> None:
-        """Written in a thread, one after the other: a disk may take its time. Where that fails, those that the file
-        has are used again."""
+        """Written in a thread, one after the other: a disk may take its time. Where that fails,
+        those that the file has are used again."""
         store = self.store
         assert store is not None and self._kept is not None
         try:
@@ -279,7 +380,9 @@ class SettingsScreen(Page):
         except OSError as error:
             store.settings = self._kept
             apply(self.app, self._kept)
-            store.trouble = _("not kept: {why}").format(why=f"{store.place}: {error.strerror or error}")
+            store.trouble = _("not kept: {why}").format(
+                why=f"{store.place}: {error.strerror or error}"
+            )
             self.app.notice(store.trouble)
             self._redraw_all()
 
@@ -310,11 +413,15 @@ class KeyChoice(Dialog[str | None]):
     """The next key that is pressed; Escape keeps the old one."""
 
     def __init__(self, label: str, now: str) -> None:
-        super().__init__(_("Press a key for: {action}").format(action=label),
-                         _("now: {keys}").format(keys=now))
+        super().__init__(
+            _("Press a key for: {action}").format(action=label), _("now: {keys}").format(keys=now)
+        )
         self.key = ""
 
-    BINDINGS: ClassVar = [Binding("escape", "cancel", show=False), Binding("enter", "yes", show=False)]
+    BINDINGS: ClassVar = [
+        Binding("escape", "cancel", show=False),
+        Binding("enter", "yes", show=False),
+    ]
 
     def body(self) -> ComposeResult:
         yield Static("_", classes="dialog-value", id="key-value", markup=False)
@@ -342,17 +449,33 @@ def _choices(words: dict[str, str]) -> list[Choice]:
     return [Choice(value, _(word)) for value, word in words.items()]
 
 
-def _choice(group: str, label: str, path: tuple[str, ...], now: str, choices: list[Choice], hint: str) -> SettingRow:
+def _choice(
+    group: str, label: str, path: tuple[str, ...], now: str, choices: list[Choice], hint: str
+) -> SettingRow:
     shown = next((one.label for one in choices if one.value == now), now)
     return SettingRow(group, label, path, shown, hint, tuple(choices))
 
 
-def _number(group: str, label: str, path: tuple[str, ...], now: float, allowed: tuple[float, float],
-            unit: Unit) -> SettingRow:
+def _number(
+    group: str,
+    label: str,
+    path: tuple[str, ...],
+    now: float,
+    allowed: tuple[float, float],
+    unit: Unit,
+) -> SettingRow:
     low, high = inside(unit, *allowed, 1)
-    said = _("allowed: {low} to {high} {unit}").format(low=f"{low:g}", high=f"{high:g}", unit=unit.name)
-    return SettingRow(group, label, path, f"{now * unit.per_si:g} {unit.name}" if unit is _HZ else unit.full(now), said,
-                      number=(low, high, unit))
+    said = _("allowed: {low} to {high} {unit}").format(
+        low=f"{low:g}", high=f"{high:g}", unit=unit.name
+    )
+    return SettingRow(
+        group,
+        label,
+        path,
+        f"{now * unit.per_si:g} {unit.name}" if unit is _HZ else unit.full(now),
+        said,
+        number=(low, high, unit),
+    )
 
 
 def _at(settings: Settings, path: tuple[str, ...]) -> Any:

@@ -1,4 +1,5 @@
 """What the Settings page is given."""
+
 from __future__ import annotations
 
 from collections.abc import Callable
@@ -10,7 +11,8 @@ from drivers.files.settings_theme import ThemeData
 
 @dataclass(slots=True)
 class SettingsStore:
-    """Where settings come from and go to. trouble: why the file was not used. write: raises OSError."""
+    """Where settings come from and go to. trouble: why the file was not used. write: raises
+    OSError."""
 
     settings: Settings
     write: Callable[[Settings], None]

@@ -1,4 +1,5 @@
 """Keys of the Trends page and what they do."""
+
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
@@ -9,7 +10,7 @@ from console.locale import N_, _
 if TYPE_CHECKING:
     from console.app.pages.trends.page import TrendsScreen
 
-FAR_SHARE = 0.1                # of the span, by which the cursor goes far
+FAR_SHARE = 0.1  # of the span, by which the cursor goes far
 SCROLL_SHARE = 0.5
 
 
@@ -28,31 +29,117 @@ def machine_or_log(page: TrendsScreen) -> None:
 
 ACTIONS = on(
     TRENDS,
-    Action("trends_channels", "v", "V", N_("channels"), N_("What is plotted, up to three; also a click on a name."),
-           lambda page: page.ask_channels(), bar=3),
-    Action("trends_shorter", "plus,equals_sign,kp_plus", "+", N_("shorter"), N_("A shorter span; also by the wheel."),
-           lambda page: page.change_span(-1), bar=4),
-    Action("trends_longer", "minus,kp_minus", "-", N_("longer"), N_("A longer span; also by the wheel."),
-           lambda page: page.change_span(1), bar=5),
-    Action("trends_freeze", "y", "Y", N_("freeze"), N_("Freezes the plots, or lets them run."),
-           lambda page: page.toggle_freeze(), bar=6),
-    Action("trends_whole", "z", "Z", N_("whole run"), N_("All of the run or log."), whole_run, bar=7),
-    Action("trends_scale", "q_2", "Q2", N_("fixed scale"),
-           N_("Keeps the scales as they are, or fits them to the values."), lambda page: page.toggle_scale()),
-    Action("trends_left", "left", "<", N_("cursor back"), N_("Reads the values at a time; also a click in the plot."),
-           lambda page: page.move_cursor(-page.cell_s())),
-    Action("trends_right", "right", ">", N_("cursor on"), N_("Reads the values at a time; also a click in the plot."),
-           lambda page: page.move_cursor(page.cell_s())),
-    Action("trends_far_left", "shift+left", "S-<", N_("cursor far back"), N_("A tenth of the span at once."),
-           lambda page: page.move_cursor(-FAR_SHARE * page.window().length_s)),
-    Action("trends_far_right", "shift+right", "S->", N_("cursor far on"), N_("A tenth of the span at once."),
-           lambda page: page.move_cursor(FAR_SHARE * page.window().length_s)),
-    Action("trends_cursor_off", "escape", "Esc", N_("cursor away"), N_("Back to the newest values."), cursor_away,
-           why=lambda page: _("no cursor is set") if page.cursor_s is None else ""),
-    Action("trends_earlier", "pageup", "PgUp", N_("earlier"), N_("Half a span back; the plots stand still."),
-           lambda page: page.scroll_span(-SCROLL_SHARE)),
-    Action("trends_later", "pagedown", "PgDn", N_("later"), N_("Half a span on."),
-           lambda page: page.scroll_span(SCROLL_SHARE)),
-    Action("trends_log", "q_1", "Q1", N_("machine / log"), N_("The machine at work, or the log of the replay."),
-           machine_or_log, why=lambda page: page.why_no_turn()),
+    Action(
+        "trends_channels",
+        "v",
+        "V",
+        N_("channels"),
+        N_("What is plotted, up to three; also a click on a name."),
+        lambda page: page.ask_channels(),
+        bar=3,
+    ),
+    Action(
+        "trends_shorter",
+        "plus,equals_sign,kp_plus",
+        "+",
+        N_("shorter"),
+        N_("A shorter span; also by the wheel."),
+        lambda page: page.change_span(-1),
+        bar=4,
+    ),
+    Action(
+        "trends_longer",
+        "minus,kp_minus",
+        "-",
+        N_("longer"),
+        N_("A longer span; also by the wheel."),
+        lambda page: page.change_span(1),
+        bar=5,
+    ),
+    Action(
+        "trends_freeze",
+        "y",
+        "Y",
+        N_("freeze"),
+        N_("Freezes the plots, or lets them run."),
+        lambda page: page.toggle_freeze(),
+        bar=6,
+    ),
+    Action(
+        "trends_whole", "z", "Z", N_("whole run"), N_("All of the run or log."), whole_run, bar=7
+    ),
+    Action(
+        "trends_scale",
+        "q_2",
+        "Q2",
+        N_("fixed scale"),
+        N_("Keeps the scales as they are, or fits them to the values."),
+        lambda page: page.toggle_scale(),
+    ),
+    Action(
+        "trends_left",
+        "left",
+        "<",
+        N_("cursor back"),
+        N_("Reads the values at a time; also a click in the plot."),
+        lambda page: page.move_cursor(-page.cell_s()),
+    ),
+    Action(
+        "trends_right",
+        "right",
+        ">",
+        N_("cursor on"),
+        N_("Reads the values at a time; also a click in the plot."),
+        lambda page: page.move_cursor(page.cell_s()),
+    ),
+    Action(
+        "trends_far_left",
+        "shift+left",
+        "S-<",
+        N_("cursor far back"),
+        N_("A tenth of the span at once."),
+        lambda page: page.move_cursor(-FAR_SHARE * page.window().length_s),
+    ),
+    Action(
+        "trends_far_right",
+        "shift+right",
+        "S->",
+        N_("cursor far on"),
+        N_("A tenth of the span at once."),
+        lambda page: page.move_cursor(FAR_SHARE * page.window().length_s),
+    ),
+    Action(
+        "trends_cursor_off",
+        "escape",
+        "Esc",
+        N_("cursor away"),
+        N_("Back to the newest values."),
+        cursor_away,
+        why=lambda page: _("no cursor is set") if page.cursor_s is None else "",
+    ),
+    Action(
+        "trends_earlier",
+        "pageup",
+        "PgUp",
+        N_("earlier"),
+        N_("Half a span back; the plots stand still."),
+        lambda page: page.scroll_span(-SCROLL_SHARE),
+    ),
+    Action(
+        "trends_later",
+        "pagedown",
+        "PgDn",
+        N_("later"),
+        N_("Half a span on."),
+        lambda page: page.scroll_span(SCROLL_SHARE),
+    ),
+    Action(
+        "trends_log",
+        "q_1",
+        "Q1",
+        N_("machine / log"),
+        N_("The machine at work, or the log of the replay."),
+        machine_or_log,
+        why=lambda page: page.why_no_turn(),
+    ),
 )

@@ -1,4 +1,6 @@
-"""The Trends screen: up to three channels of the run or log, over any span, frozen, read at a time."""
+"""The Trends screen: up to three channels of the run or log, over any span, frozen, read at a
+time."""
+
 from __future__ import annotations
 
 from bisect import bisect_left
@@ -30,13 +32,19 @@ MOST = 3
 
 
 class ChannelDialog(ChoiceDialog):
-    """tell: called with the chosen channels' ids, in the order of choosing, after every change. A fourth one takes the
-    place of the first."""
+    """tell: called with the chosen channels' ids, in the order of choosing, after every change.
+    A fourth one takes the place of the first."""
 
-    def __init__(self, chosen: tuple[str, ...], units: Units, tell: Callable[[tuple[str, ...]], None]) -> None:
+    def __init__(
+        self, chosen: tuple[str, ...], units: Units, tell: Callable[[tuple[str, ...]], None]
+    ) -> None:
         self.chosen, self._units, self._tell = list(chosen), units, tell
-        super().__init__(_("What is plotted"), self._listed(), "", _(
-            "Up to three; a fourth one takes the place of the first."))
+        super().__init__(
+            _("What is plotted"),
+            self._listed(),
+            "",
+            _("Up to three; a fourth one takes the place of the first."),
+        )
 
     def buttons(self) -> ComposeResult:
         yield Button(f"{_('Enter')}  {_('take or drop')}", id="yes", classes="dialog-button")
@@ -76,13 +84,16 @@ class SpanView(NamedTuple):
 class SpanBar(Panel[SpanView]):
     def lines(self, view: SpanView, width: int, height: int) -> list[Content]:
         style = "bold reverse" if view.standing else "$muted"
-        return [spread([(f" {view.span} ", "bold")], [(f" {'   '.join(view.states)} ", style)], width)]
+        return [
+            spread([(f" {view.span} ", "bold")], [(f" {'   '.join(view.states)} ", style)], width)
+        ]
 
 
 SPANS_S = (10.0, 30.0, 60.0, 120.0, 300.0, 600.0, 1800.0, 3600.0, 7200.0, 14_400.0, 28_800.0)
 FIRST_SPAN = SPANS_S.index(120.0)
-GAP_S = 2.5                     # and three buckets: a longer time without rows is a gap
-FINEST = 100_000                # buckets of a span: more than it has rows
+# and three buckets: a longer time without rows is a gap
+GAP_S = 2.5
+FINEST = 100_000  # buckets of a span: more than it has rows
 
 
 class Window(NamedTuple):
@@ -97,7 +108,8 @@ class Window(NamedTuple):
 
 
 class TrendsScreen(LogPage):
-    """ends: at which the plots stand frozen, s of the run; None: they run. span None: the whole run."""
+    """ends: at which the plots stand frozen, s of the run; None: they run. span None: the whole
+    run."""
 
     where: ClassVar[str] = TRENDS
     BINDINGS: ClassVar = bindings(ACTIONS)
@@ -124,7 +136,8 @@ class TrendsScreen(LogPage):
         if self.plots.due(now_s):
             self._draw(*self.seen(now_s))
 
-    # --- drawing ------------------------------------------------------------------------------------------------
+    # --- drawing
+    # ----------------------------------------------------------------------------------------------
 
     def window(self) -> Window:
         """What is seen now."""
@@ -143,16 +156,30 @@ class TrendsScreen(LogPage):
         buckets = 2 * pane.columns(max(1, pane.content_size.width))
         stretches = {name: series.stretch(name, *window, buckets) for name in self.channels}
         self._axes = self._fitted(stretches)
-        plots = tuple(self._plot(BY_ID[name], stretches[name], window, buckets) for name in self.channels)
-        cursor = None if self.cursor_s is None else (self.cursor_s - window.from_s) / window.length_s
+        plots = tuple(
+            self._plot(BY_ID[name], stretches[name], window, buckets) for name in self.channels
+        )
+        cursor = (
+            None if self.cursor_s is None else (self.cursor_s - window.from_s) / window.length_s
+        )
         if cursor is not None and not 0.0 <= cursor <= 1.0:
             cursor = self.cursor_s = None
         times = (window.from_s, 0.5 * (window.from_s + window.to_s), window.to_s)
         begin, middle, end = (self._time(time_s, frame) for time_s in times)
-        pane.show(PlotsView(plots, begin, middle, end, cursor,
-                            "" if self.cursor_s is None else self._time(self.cursor_s, frame), age_s > STALE_S))
+        pane.show(
+            PlotsView(
+                plots,
+                begin,
+                middle,
+                end,
+                cursor,
+                "" if self.cursor_s is None else self._time(self.cursor_s, frame),
+                age_s > STALE_S,
+            )
+        )
         self.query_one("#trends-bar", SpanBar).show(
-            SpanView(self._span_words(window), self._states(), self.ends_s is not None))
+            SpanView(self._span_words(window), self._states(), self.ends_s is not None)
+        )
 
     def _fitted(self, stretches: dict[str, TrendStretch]) -> dict[str, tuple[float, float]]:
         """Ends of the axes, as shown; channels of one group share them."""
@@ -163,25 +190,47 @@ class TrendsScreen(LogPage):
                 axes[name] = self.fixed[name]
                 continue
             unit = channel.unit(self.app.units)
-            alike = [sums(other) for one, other in stretches.items()
-                     if one == name or (channel.group and BY_ID[one].group == channel.group)]
+            alike = [
+                sums(other)
+                for one, other in stretches.items()
+                if one == name or (channel.group and BY_ID[one].group == channel.group)
+            ]
             known = [each for each in alike if each.low == each.low] or [sums(stretch)]
-            axes[name] = round_ends(min(each.low for each in known) * unit.per_si,
-                                    max(each.high for each in known) * unit.per_si, unit.decimals)
+            axes[name] = round_ends(
+                min(each.low for each in known) * unit.per_si,
+                max(each.high for each in known) * unit.per_si,
+                unit.decimals,
+            )
         return axes
 
-    def _plot(self, channel: TrendChannel, stretch: TrendStretch, window: Window, buckets: int) -> Plot:
+    def _plot(
+        self, channel: TrendChannel, stretch: TrendStretch, window: Window, buckets: int
+    ) -> Plot:
         unit = channel.unit(self.app.units)
         low, high = self._axes[channel.id]
         all_of_it = sums(stretch)
-        words = "" if all_of_it.low != all_of_it.low else _("min {low}   mean {mean}   max {high}").format(
-            low=unit.text(all_of_it.low), mean=unit.text(all_of_it.mean), high=unit.text(all_of_it.high))
+        words = (
+            ""
+            if all_of_it.low != all_of_it.low
+            else _("min {low}   mean {mean}   max {high}").format(
+                low=unit.text(all_of_it.low),
+                mean=unit.text(all_of_it.mean),
+                high=unit.text(all_of_it.high),
+            )
+        )
         gap_s = max(GAP_S, 3.0 * window.length_s / buckets)
         at_s = window.to_s if self.cursor_s is None else self.cursor_s
-        return Plot(_(channel.label), unit.name, self._value(channel, unit, at_s), words,
-                    _plain(low, unit), _plain(0.5 * (low + high), unit), _plain(high, unit),
-                    _pieces(stretch, window, gap_s, unit, low, high),
-                    self.fixed is not None and channel.id in self.fixed)
+        return Plot(
+            _(channel.label),
+            unit.name,
+            self._value(channel, unit, at_s),
+            words,
+            _plain(low, unit),
+            _plain(0.5 * (low + high), unit),
+            _plain(high, unit),
+            _pieces(stretch, window, gap_s, unit, low, high),
+            self.fixed is not None and channel.id in self.fixed,
+        )
 
     def _value(self, channel: TrendChannel, unit: Unit, at_s: float) -> str:
         """The value in force at a time, as finely as it is held; nothing in a gap."""
@@ -191,20 +240,28 @@ class TrendsScreen(LogPage):
 
     def _time(self, time_s: float, frame: Frame | None) -> str:
         """Time of day where it is known, else the run's own."""
-        clock = "" if frame is None else wall_clock(frame.row.utc, self.app.utc_offset_s, frame.row.time_s - time_s)
+        clock = (
+            ""
+            if frame is None
+            else wall_clock(frame.row.utc, self.app.utc_offset_s, frame.row.time_s - time_s)
+        )
         return clock or duration(time_s)
 
     def _span_words(self, window: Window) -> str:
         length = duration(window.length_s)
-        return _("whole run, {length}").format(length=length) if self.span is None else _("span {length}").format(
-            length=length)
+        return (
+            _("whole run, {length}").format(length=length)
+            if self.span is None
+            else _("span {length}").format(length=length)
+        )
 
     def _states(self) -> tuple[str, ...]:
         log = (_("log"),) if self.replayed() is not None else ()
         fixed = (_("fixed scale"),) if self.fixed is not None else ()
         return (*log, *fixed, _("FROZEN") if self.ends_s is not None else _("running"))
 
-    # --- what is pressed and clicked ----------------------------------------------------------------------------
+    # --- what is pressed and clicked
+    # ----------------------------------------------------------------------------
 
     def toggle_freeze(self) -> None:
         self.ends_s = self.window().to_s if self.ends_s is None else None
@@ -233,7 +290,9 @@ class TrendsScreen(LogPage):
     def _stay_inside(self) -> None:
         series = self.series()
         if self.ends_s is not None and series.start_s is not None and series.end_s is not None:
-            self.ends_s = max(min(series.start_s + SPANS_S[0], series.end_s), min(series.end_s, self.ends_s))
+            self.ends_s = max(
+                min(series.start_s + SPANS_S[0], series.end_s), min(series.end_s, self.ends_s)
+            )
 
     def cell_s(self) -> float:
         pane = self.query_one("#plots", Plots)
@@ -280,17 +339,26 @@ def _plain(shown: float, unit: Unit) -> str:
     return text.rstrip("0").rstrip(".") if "." in text else text
 
 
-def _pieces(stretch: TrendStretch, window: Window, gap_s: float, unit: Unit, low: float,
-            high: float) -> tuple[Piece, ...]:
+def _pieces(
+    stretch: TrendStretch, window: Window, gap_s: float, unit: Unit, low: float, high: float
+) -> tuple[Piece, ...]:
     """A stretch on the span and the axis; unknown values and gaps break it."""
     pieces: list[Piece] = []
     last_s: float | None = None
-    for time_s, least, most in zip(stretch.time_s.tolist(), stretch.low.tolist(), stretch.high.tolist(), strict=True):
+    for time_s, least, most in zip(
+        stretch.time_s.tolist(), stretch.low.tolist(), stretch.high.tolist(), strict=True
+    ):
         if least != least:
             last_s = None
             continue
         joined = last_s is not None and time_s - last_s <= gap_s
-        pieces.append(Piece((time_s - window.from_s) / window.length_s, (least * unit.per_si - low) / (high - low),
-                            (most * unit.per_si - low) / (high - low), joined))
+        pieces.append(
+            Piece(
+                (time_s - window.from_s) / window.length_s,
+                (least * unit.per_si - low) / (high - low),
+                (most * unit.per_si - low) / (high - low),
+                joined,
+            )
+        )
         last_s = time_s
     return tuple(pieces)

@@ -1,4 +1,6 @@
-"""Up to three channels, one above the other, on one time axis, in braille. A click reads the values at that time."""
+"""Up to three channels, one above the other, on one time axis, in braille. A click reads the
+values at that time."""
+
 from __future__ import annotations
 
 import re
@@ -18,9 +20,9 @@ from console.app.widgets.canvas import Canvas
 from console.app.widgets.panel import fit, right
 from console.locale import _
 
-_AXIS = 9                       # cells of the axis' numbers
-LEAST_ROWS = 3                  # a title and two rows of plot
-LEAST_LABELLED = 5              # rows of a plot whose middle is labelled too
+_AXIS = 9  # cells of the axis' numbers
+LEAST_ROWS = 3  # a title and two rows of plot
+LEAST_LABELLED = 5  # rows of a plot whose middle is labelled too
 
 
 class Plot(NamedTuple):
@@ -38,7 +40,8 @@ class Plot(NamedTuple):
 
 
 class PlotsView(NamedTuple):
-    """begin, middle, end: times as shown; cursor: place in the span, 0 ... 1; now: where the log is played."""
+    """begin, middle, end: times as shown; cursor: place in the span, 0 ... 1; now: where the
+    log is played."""
 
     plots: tuple[Plot, ...]
     begin: str
@@ -50,13 +53,19 @@ class PlotsView(NamedTuple):
 
 
 def _runs(text: str, style: Style) -> Iterator[Segment]:
-    """Dots and gaps apart, so that a picture in a font of other widths keeps every run in its place."""
+    """Dots and gaps apart, so that a picture in a font of other widths keeps every run in its
+    place."""
     return (Segment(run, style) for run in re.findall(" +|[^ ]+", text))
 
 
 class Plots(Canvas[PlotsView]):
-    COMPONENT_CLASSES: ClassVar[set[str]] = {"trend--applied", "trend--muted", "trend--title", "trend--stale",
-                                             "plots--cursor"}
+    COMPONENT_CLASSES: ClassVar[set[str]] = {
+        "trend--applied",
+        "trend--muted",
+        "trend--title",
+        "trend--stale",
+        "plots--cursor",
+    }
 
     class Pointed(Message):
         """The plot was clicked or dragged over at this share of the span."""
@@ -98,14 +107,24 @@ class Plots(Canvas[PlotsView]):
                 rows.append(self._title(plot, width))
                 rows += self._plot(plot, width, count - 1)
             else:
-                rows += [self._title(plot, width), *[Strip.blank(width, self.rich_style)] * (count - 1)][:count]
+                rows += [
+                    self._title(plot, width),
+                    *[Strip.blank(width, self.rich_style)] * (count - 1),
+                ][:count]
         rows.append(self._times(view, width))
         return rows
 
     def _title(self, plot: Plot, width: int) -> Strip:
-        muted, value = self.style("trend--muted"), self.style("trend--stale" if self.view.stale else "trend--title")
+        muted, value = (
+            self.style("trend--muted"),
+            self.style("trend--stale" if self.view.stale else "trend--title"),
+        )
         unit = f" {plot.unit}" if plot.unit else ""
-        left = [(f" {plot.label}", self.style("trend--title")), (f"  {plot.value}", value), (f"{unit}   ", muted)]
+        left = [
+            (f" {plot.label}", self.style("trend--title")),
+            (f"  {plot.value}", value),
+            (f"{unit}   ", muted),
+        ]
         fixed = f"  {_('fixed')} " if plot.fixed else ""
         room = width - sum(cell_len(text) for text, _style in left) - cell_len(fixed)
         return self.text_strip(width, *left, (fit(plot.sums, room), muted), (fixed, muted))
@@ -116,7 +135,9 @@ class Plots(Canvas[PlotsView]):
         line = self.style("trend--stale" if self.view.stale else "trend--applied")
         cursor_style = self.style("plots--cursor")
         dots = traced(plot.pieces, columns, count)
-        cursor = None if self.view.cursor is None else round(self.view.cursor * (2 * columns - 1)) // 2
+        cursor = (
+            None if self.view.cursor is None else round(self.view.cursor * (2 * columns - 1)) // 2
+        )
         labels = {(count - 1) // 2: plot.middle} if count >= LEAST_LABELLED else {}
         labels |= {0: plot.high, count - 1: plot.low}
         for row in range(count):
@@ -126,32 +147,47 @@ class Plots(Canvas[PlotsView]):
             yield Strip(segments).adjust_cell_length(width, self.rich_style)
 
     @staticmethod
-    def _cells(dots: Dots, row: int, columns: int, cursor: int | None, line: Style, cursor_style: Style
-               ) -> Iterator[Segment]:
+    def _cells(
+        dots: Dots, row: int, columns: int, cursor: int | None, line: Style, cursor_style: Style
+    ) -> Iterator[Segment]:
         """Cells before the cursor, its own, and those after it."""
-        row_of = [chr(BLANK | bits) if (bits := dots.get((column, row), 0)) else " " for column in range(columns)]
+        row_of = [
+            chr(BLANK | bits) if (bits := dots.get((column, row), 0)) else " "
+            for column in range(columns)
+        ]
         if cursor is None or not 0 <= cursor < columns:
             yield from _runs("".join(row_of), line)
             return
         yield from _runs("".join(row_of[:cursor]), line)
         yield Segment("│" if row_of[cursor] == " " else row_of[cursor], cursor_style)
-        yield from _runs("".join(row_of[cursor + 1:]), line)
+        yield from _runs("".join(row_of[cursor + 1 :]), line)
 
     def _times(self, view: PlotsView, width: int) -> Strip:
         columns = self.columns(width)
         read = f" {view.cursor_time} " if view.cursor is not None else ""
-        taken = max(0, min(columns - len(read), round((view.cursor or 0.0) * (columns - 1)) - len(read) // 2))
+        taken = max(
+            0,
+            min(columns - len(read), round((view.cursor or 0.0) * (columns - 1)) - len(read) // 2),
+        )
         text = [" "] * columns
-        for words, at in ((view.begin, 0), (view.middle, (columns - len(view.middle)) // 2),
-                          (view.end, columns - len(view.end))):
+        for words, at in (
+            (view.begin, 0),
+            (view.middle, (columns - len(view.middle)) // 2),
+            (view.end, columns - len(view.end)),
+        ):
             if not read or at + len(words) < taken or at > taken + len(read):
-                text[max(0, at):max(0, at) + len(words)] = words
+                text[max(0, at) : max(0, at) + len(words)] = words
         line = "".join(text)[:columns]
         muted = self.style("trend--muted")
-        return self.text_strip(width, (" " * _AXIS + line[:taken], muted), (read, self.style("plots--cursor")),
-                               (line[taken + len(read):], muted))
+        return self.text_strip(
+            width,
+            (" " * _AXIS + line[:taken], muted),
+            (read, self.style("plots--cursor")),
+            (line[taken + len(read) :], muted),
+        )
 
-    # --- mouse --------------------------------------------------------------------------------------------------
+    # --- mouse
+    # ----------------------------------------------------------------------------------------------
 
     def _titles(self) -> set[int]:
         found, row = set(), 0
@@ -185,10 +221,11 @@ _PIECES = 4
 
 
 def round_ends(low: float, high: float, decimals: int) -> tuple[float, float]:
-    """Round numbers that hold low ... high, wide enough that their last shown decimal differs. NaN: 0 ... 1."""
+    """Round numbers that hold low ... high, wide enough that their last shown decimal differs.
+    NaN: 0 ... 1."""
     if not (isfinite(low) and isfinite(high)):
         return 0.0, 1.0
-    least = _PIECES * 10.0 ** -decimals
+    least = _PIECES * 10.0**-decimals
     if high - low < least:
         middle = 0.5 * (low + high)
         low, high = middle - 0.5 * least, middle + 0.5 * least
@@ -199,4 +236,6 @@ def round_ends(low: float, high: float, decimals: int) -> tuple[float, float]:
 def _round_step(about: float) -> float:
     """1, 2 or 5 times a power of ten, not below `about`."""
     power = 10.0 ** floor(log10(about))
-    return next(factor * power for factor in (1.0, 2.0, 5.0, 10.0) if factor * power >= about * (1.0 - 1e-9))
+    return next(
+        factor * power for factor in (1.0, 2.0, 5.0, 10.0) if factor * power >= about * (1.0 - 1e-9)
+    )
