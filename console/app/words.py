@@ -79,6 +79,7 @@ NOTES = {
     "zero_map": N_("the map says 0 here"),
     "zero_no_zone": N_("the zone gets nothing"),
     "zero_external": N_("the other display says 0"),
+    "zero_silent": N_("the other display is silent: 0"),
     "zero_manual": N_("the manual rate is 0"),
     "zero_fallback": N_("the fallback rate is 0"),
 }

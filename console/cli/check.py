@@ -213,6 +213,12 @@ def _notes_of(loaded: Any) -> list[str]:
     except ConfigError:
         return []
     found = [growth_note(setup.growth), "" if setup.n_year is None else setup.n_year.text]
+    target = loaded.model.target
+    if target.source == "external" and target.external_silent_kg_ha is None:
+        found.append(
+            "source external: nothing is spread while the other display is silent; "
+            "target.external_silent_kg_ha may say how much is"
+        )
     rule = setup.rule
     lowest = (
         f"{setup.crop.min_rate_kg_ha:g} kg/ha" if setup.crop.min_rate_kg_ha > 0.0 else "nothing"

@@ -43,7 +43,8 @@ class Wanted(FrozenModel):
     manual_rate_kg_ha: Rate = 300.0
     # external: so long the other display's is believed
     external_holds_s: Annotated[float, Field(ge=0.5, le=60)] = 2.0
-    # external: what holds without; None: the crop's fallback rate
+    # external: what is spread while the other display is silent, unless it last wanted
+    # nothing; None: 0
     external_silent_kg_ha: Rate | None = None
     # canopy: the field's mean comes to this, the canopy says where; None: the rule says how
     # much as well

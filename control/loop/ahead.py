@@ -4,6 +4,7 @@ the canopy."""
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from math import cos, inf, radians, sin
 
 from control.agronomy.crop import Crop
@@ -18,6 +19,7 @@ from control.machine.change_lag import Lag
 from control.machine.fall import drop_s
 from control.machine.machine import Machine
 from control.machine.steps import Steps
+from control.metering.strategies import least_rate_kg_ha
 from control.orders import TargetSource
 from control.readings import Measurements, is_fresh
 from control.sensing import Sensed
@@ -25,6 +27,7 @@ from control.targets.canopy import Around, CanopyDecisions, HoldMean, MapAndCano
 from control.targets.fence import OUTSIDE, Fence, Fenced
 from control.targets.index_map import IndexMap
 from control.targets.map_profile import MapProfile
+from control.targets.outside_target import OutsideTarget
 from control.targets.overlap import LONGEST_M, Overlap
 from control.targets.profile import Everywhere, Profile, Stretches, Target, Unspread
 from control.targets.section_ground import SectionsGround
@@ -93,25 +96,16 @@ class Ahead:
         if done is not None:
             self.overlap.seed(done.raster, ours=False)
         self._fallback = Everywhere(Target(crop.fallback_rate_kg_ha, TargetSource.FALLBACK))
-        silent_kg_ha, self._external_holds_s = (
-            job.target.external_silent_kg_ha,
+        self.outside_target = OutsideTarget(
+            job.target.external_silent_kg_ha or 0.0,
             job.target.external_holds_s,
-        )
-        self._external = self._silent = (
-            self._fallback
-            if silent_kg_ha is None
-            else Everywhere(Target(silent_kg_ha, TargetSource.FALLBACK))
+            partial(least_rate_kg_ha, machine),
         )
 
     def look(self, m: Measurements, sensed: Sensed, fired_to_m: float, no_double: bool) -> None:
         """Changes up to `fired_to_m` of the track have been made, and stay where they were seen."""
         self.heads.look(m, sensed)
-        asked = m.rate_asked
-        self._external = (
-            self._silent
-            if asked is None or not is_fresh(asked.time_s, m.time_s, self._external_holds_s)
-            else Everywhere(Target(asked.value, TargetSource.EXTERNAL))
-        )
+        self.outside_target.hear(m.rate_asked, m.time_s, sensed.speed_mps or 0.0)
         self._look_at_edges(sensed, fired_to_m)
         self._look_at_done(m, sensed, fired_to_m, no_double)
         self._look_at_map(sensed, fired_to_m)
@@ -230,12 +224,9 @@ class Ahead:
             return DOSES_ONLY
         if choices.source is TargetSource.MANUAL:
             return Everywhere(Target(choices.manual_rate_kg_ha, TargetSource.MANUAL))
-        return self._external if choices.source is TargetSource.EXTERNAL else self._fallback
-
-    @property
-    def external_speaks(self) -> bool:
-        """Whether another display's target is heard."""
-        return self._external is not self._silent
+        if choices.source is TargetSource.EXTERNAL:
+            return self.outside_target.profile
+        return self._fallback
 
     def landing_inside(
         self,

@@ -259,6 +259,7 @@ class ControlLoop:
         if self._sensing.plane is None:
             self._sensing.plane = plane
         self._ahead.overlap.seed(done)
+        self._ahead.outside_target.forbid_flow_in_silence()
         if after_cut_kg > 0.0:
             self._events.add(f"released_after_cut {after_cut_kg:.3f}")
 
@@ -347,7 +348,7 @@ class ControlLoop:
                 map_elsewhere=self._near.elsewhere_m is not None,
                 scale=self._flow_trim.says,
                 effort=self._effort.says,
-                external_speaks=self._ahead.external_speaks,
+                outside_target=self._ahead.outside_target,
             ),
         )
         command = self._command_of(moment, decision, verdict)
@@ -883,6 +884,11 @@ class ControlLoop:
                 else ""
             )
             return [f"zero_{why}"] if why in ZERO_BY_CANOPY else []
+        if (
+            self._operator.choices.source is TargetSource.EXTERNAL
+            and source is TargetSource.FALLBACK
+        ):
+            return ["zero_silent"]
         return [f"zero_{source.value}"] if source in ZERO_BY_SOURCE else []
 
 

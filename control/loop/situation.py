@@ -7,6 +7,7 @@ from control.loop.moment import Choices, Metered, Moment, TickDecision
 from control.orders import BY_CANOPY, TargetSource
 from control.readings import EffortSays, ScaleSays
 from control.safety import Commanded, Situation
+from control.targets.outside_target import OutsideTarget
 
 
 def situation(
@@ -23,7 +24,7 @@ def situation(
     map_elsewhere: bool,
     scale: ScaleSays,
     effort: EffortSays,
-    external_speaks: bool,
+    outside_target: OutsideTarget,
 ) -> Situation:
     """`between_doses`: a rate means nothing there, and is not given."""
     m, sensed = moment.m, moment.sensed
@@ -60,6 +61,8 @@ def situation(
         commanded=commanded,
         map_elsewhere=map_elsewhere,
         scale=scale,
-        target_silent=choices.source is TargetSource.EXTERNAL and not external_speaks,
+        silent_rate_kg_ha=outside_target.silent_rate_kg_ha
+        if choices.source is TargetSource.EXTERNAL and not outside_target.speaks
+        else None,
         effort=effort,
     )

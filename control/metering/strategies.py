@@ -10,6 +10,9 @@ from control.orders import Strategy
 from .inverse import Conditions, flow_kg_s, lowest_flow_kg_s, opening_for, shaft_for
 from .trims import NOTHING_LEFT, Left
 
+# of the lowest flow: what is wanted above it is rounded up to the lowest, below it to none
+ROUNDED_TO_LOWEST = 0.5
+
 
 class Pair(NamedTuple):
     """True shaft speed and opening. `limited`: "", "lowest", "highest" or "zero" (less than
@@ -73,6 +76,13 @@ def reach(
     )
 
 
+def least_rate_kg_ha(machine: Machine, speed_mps: float) -> float:
+    """Rate up to which nothing flows at this ground speed, kg/ha: less than half of what the
+    drives' lowest set-points give. speed_mps: above 0."""
+    lowest_kg_s = ROUNDED_TO_LOWEST * lowest_flow_kg_s(machine)
+    return 10_000.0 * lowest_kg_s / (machine.geometry.working_width_m * speed_mps)
+
+
 def pair_for(
     machine: Machine,
     strategy: Strategy,
@@ -90,7 +100,7 @@ def pair_for(
     """
     limits = machine.limits
     lowest = lowest_flow_kg_s(machine, c)
-    if not wanted_kg_s > 0.5 * lowest:
+    if not wanted_kg_s > ROUNDED_TO_LOWEST * lowest:
         return Pair(0.0, opening_now_mm, "" if wanted_kg_s <= 0.0 else "zero")
     if wanted_kg_s < lowest:
         return Pair(limits.shaft_low_rpm, limits.opening_low_mm, "lowest")

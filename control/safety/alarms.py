@@ -277,7 +277,7 @@ _KINDS = (
     AlarmKind(
         "target_silent",
         _AMBER,
-        N_("The other display tells no target; the fallback rate is spread."),
+        N_("The other display tells no target; until it does {silent_kg_ha} kg/ha are spread."),
         N_("Check the display and its cable, or take another source of the target."),
         N_("other display"),
     ),

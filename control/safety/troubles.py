@@ -190,8 +190,8 @@ def _working(
         and (motion.moving or not s.course_awaited)
     ):
         found["position_lost"] = ()
-    if s.target_silent:
-        found["target_silent"] = ()
+    if s.silent_rate_kg_ha is not None:
+        found["target_silent"] = (("silent_kg_ha", _rounded(s.silent_rate_kg_ha)),)
     if s.cut_from_kg_ha is not None:
         found["target_cut"] = (
             ("planned_kg_ha", _rounded(s.cut_from_kg_ha)),

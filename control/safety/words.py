@@ -81,7 +81,8 @@ class Situation(NamedTuple):
     # what the metering drive's effort says of its load
     effort: EffortSays = NO_EFFORT
     map_elsewhere: bool = False  # the map does not lie where work was started
-    target_silent: bool = False  # the other display that tells the target
+    # what is spread while the other display tells no target; None: it tells one, or is not asked
+    silent_rate_kg_ha: float | None = None
     by_index_map: bool = False  # the index map stands in for silent heads
     # the position is known, but it never moved: where it points is not
     course_awaited: bool = False

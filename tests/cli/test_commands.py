@@ -229,6 +229,14 @@ def test_check_says_ok_for_everything_shipped() -> None:
     )
 
 
+def test_check_says_what_a_silent_display_gives(tmp_path: Path) -> None:
+    job, note = tmp_path / "outside.yaml", "nothing is spread while the other display is silent"
+    for key, is_said in (("", True), (", external_silent_kg_ha: 0", False)):
+        job.write_text(f"format: topdress-job/1\nid: a\ntarget: {{source: external{key}}}\n")
+        checked = topdress("check", job)
+        assert checked.exit_code == 0 and (note in checked.output) == is_said
+
+
 def test_check_names_key_value_and_range(tmp_path: Path) -> None:
     bad = tmp_path / "m.yaml"
     bad.write_text("format: topdress-machine/1\nflow: {gain_percent: 700}\n")

@@ -19,7 +19,7 @@ from drivers.ports import PortState
 from tests.control_loop.closed import SETUP, STEP_S, Closed
 from tests.waiting import wait_for
 
-WANTED_KG_HA, FALLBACK_KG_HA = 200.0, SETUP.crop.fallback_rate_kg_ha
+WANTED_KG_HA, SILENT_KG_HA = 200.0, 120.0
 MOST_KG_HA = SETUP.crop.max_rate_kg_ha
 RAVEN = b"$R,RC,2000,0\r\n"
 TOO_MUCH = target_sentence(1000.0)
@@ -63,7 +63,11 @@ class Metering:
             CabConfig.model_validate({"rate_line": {"port": str(folder / "display")}}),
             lambda: self.now_s,
         )
-        job = SETUP.job.model_copy(update={"target": Wanted(source=TargetSource.EXTERNAL)})
+        job = SETUP.job.model_copy(
+            update={
+                "target": Wanted(source=TargetSource.EXTERNAL, external_silent_kg_ha=SILENT_KG_HA)
+            }
+        )
         self.closed = Closed(
             sim={"begin_m": 10.0, "passes": 1, "pass_length_m": 400.0}, target=job.target
         ).start()
@@ -109,8 +113,8 @@ class Metering:
     ("what", "data", "pulled", "ground_kg_ha", "source", "alarm"),
     [
         ("the display goes on", RAVEN, False, WANTED_KG_HA, "external", None),
-        ("its cable is pulled", b"", True, FALLBACK_KG_HA, "fallback", "target_silent"),
-        ("garbage", GARBAGE, False, FALLBACK_KG_HA, "fallback", "target_silent"),
+        ("its cable is pulled", b"", True, SILENT_KG_HA, "fallback", "target_silent"),
+        ("garbage", GARBAGE, False, SILENT_KG_HA, "fallback", "target_silent"),
         ("1,000 kg/ha", TOO_MUCH, False, MOST_KG_HA, "external", "target_cut"),
         ("0 kg/ha", target_sentence(0.0), False, 0.0, "external", None),
     ],

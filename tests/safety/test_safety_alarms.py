@@ -89,7 +89,7 @@ RAISED = [
     ("wheel_fault", {"wheel_mps": 0.0, "gnss_mps": 0.55}, 0.4, 0.6, State.WORKING),
     ("target_refused", {"target_rate_kg_ha": nan}, 0.0, 0.05, State.WORKING),
     ("target_cut", {"cut_from_kg_ha": 1000.0}, 0.0, 0.05, State.WORKING),
-    ("target_silent", {"target_silent": True}, 0.0, 0.05, State.WORKING),
+    ("target_silent", {"silent_rate_kg_ha": 0.0}, 0.0, 0.05, State.WORKING),
     ("rate_far_off", {"applied_rate_kg_ha": 365.0}, 1.9, 2.1, State.WORKING),
     ("rate_far_off", {"applied_rate_kg_ha": 235.0}, 1.9, 2.1, State.WORKING),
     ("rate_off", {"applied_rate_kg_ha": 335.0}, 2.9, 3.1, State.WORKING),
