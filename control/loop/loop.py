@@ -169,6 +169,7 @@ class ControlLoop:
             machine.noise.scale_correlation_s,
             outlets=machine.geometry.outlets,
             most_kg_s=flow_kg_s(machine, limits.shaft_high_rpm, limits.opening_high_mm),
+            scale=machine.scale,
         )
         self._catch_test = newest_test_date(machine)  # until a fix says how old it is
         self._expected = ExpectedDrives(machine, steps)

@@ -1,8 +1,13 @@
 """Hopper scale: true kg -> reading. The tare is taken full at the start; noise and rounding
-come after."""
+come after.
+
+A cell fixed to the frame carries what presses across it: weight x cos(pitch). One that hangs, or
+whose electronics correct it by an inclinometer, reads none of that.
+"""
 
 from __future__ import annotations
 
+from math import cos, radians
 from typing import Annotated, NamedTuple
 
 from pydantic import Field
@@ -68,6 +73,9 @@ class Scale(NamedTuple):
             ),
         ),
     ] = 0.0
+    # of the weight's loss with the cosine of the pitch: 1 cells fixed to the frame, 0 hanging ones
+    # or corrected ones
+    cosine_share: Annotated[float, Field(ge=0, le=1)] = 0.0
 
 
 class ScaleInput(NamedTuple):
@@ -83,5 +91,6 @@ def scale_reads(p: Scale, u: ScaleInput) -> float:
         u.hopper_kg
         * (1.0 + p.gain_percent / 100.0)
         * (1.0 + p.tilt_percent_per_deg * u.pitch_deg / 100.0)
+        * (1.0 - p.cosine_share * (1.0 - cos(radians(u.pitch_deg))))
     )
     return read + p.drift_kg_h * u.time_s / 3600.0 + u.more_kg

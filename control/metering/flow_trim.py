@@ -2,13 +2,16 @@
 what no trim hides.
 
 One series of blocks of `BLOCK_S`: what the model says has gone by then, and what the scale
-read. Filter `flow_trim` is a Kalman filter on it; its state is the mass in the hopper and three
-effects that a scale can tell while working: the gain (density, product, head of the hopper,
-moisture: a slow random walk), what flows more a revolution whatever the opening, and what a
-degree of pitch does. It never goes faster than its evidence: where the estimate is x standard
-deviations from what is trimmed, the trim goes 1 - (DOUBT_SD / x)^2 of the way, and does not
-move below `DOUBT_SD`. The estimate is kept within `most_percent`; of it as much is believed as
-the flow's own prior (by the age of its catch test) is wider than the scale's.
+read at which pitch. Filter `flow_trim` is a Kalman filter on it; its state is the mass in the
+hopper, three effects of the flow that a scale can tell while working: the gain (density,
+product, head of the hopper, moisture: a slow random walk), what flows more a revolution
+whatever the opening, and what a degree of pitch does; and two of the scale itself: what a
+degree of pitch makes it read, and how much of the cosine of the pitch it reads. So no reading
+is held against one at another pitch for more than is known of these two. The filter never goes
+faster than its evidence: where the estimate is x standard deviations from what is trimmed, the
+trim goes 1 - (DOUBT_SD / x)^2 of the way, and does not move below `DOUBT_SD`. The estimate is
+kept within `most_percent`; of it as much is believed as the flow's own prior (by the age of its
+catch test) is wider than the scale's.
 
 The watch asks what the filter of 2, 4, ... 120 blocks ago would read now. Where the scale is
 more than `CHANGED_SD` from that:
@@ -22,6 +25,10 @@ more than `CHANGED_SD` from that:
   than is trimmed: the trim is 1), or a change that may be trimmed. The same line through the
   last two minutes finds what was wrong from the start.
 
+How far is far is what this scale has shown: the file's noise, times what its readings were
+off over windows of the same length before (wind on the hopper, rough ground), `SWAY_S` late,
+so that a change is not taken for its own measure.
+
 Inputs: measured shaft and opening through the model, `hopper_kg`, `pitch_deg`; output:
 `flow_trim`. All are logged.
 """
@@ -32,11 +39,12 @@ from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import islice
-from math import exp, inf, sqrt
+from math import cos, exp, inf, radians, sqrt
 from typing import NamedTuple
 
 import numpy as np
 
+from control.machine.scale import Scale
 from control.readings import NOTHING_SAID, Reading, ScaleSays
 
 
@@ -52,6 +60,10 @@ class FlowTrimLimits:
     scale_percent: float = 1.0
     offset_g_rev: float = 4.0  # an offset near 8 g per revolution is published
     slope_percent_per_deg: float = 0.5  # 0.3-1 % per degree are published
+    # of the scale: side load on its cells, 0 to 0.3 % a degree
+    tilt_percent_per_deg: float = 0.15
+    # of the cosine that the machine file has: cells on the frame read all of it, others none
+    cosine_share: float = 0.5
     # the gain, in the square root of an hour: head 1-3 % an hopper, moisture
     wanders_percent: float = 1.0
     # the gain, at a refill: with 3 every refill was a minute of noise trimmed
@@ -105,17 +117,19 @@ TEST_PERCENT = 1.5  # what a catch test of today leaves open ...
 # ... and what store and weather add in the square root of a day: 5 % after three months
 TEST_WANDERS_PERCENT = 0.5
 
-H, GAIN, OFFSET, SLOPE = range(4)
+H, GAIN, OFFSET, SLOPE, TILT, COSINE = range(6)
 # of the state, one of each: numpy's own calls take longer than so few numbers
 Numbers = tuple[float, ...]
 Rows = tuple[Numbers, ...]
-NO_TRIM = (0.0, 0.0, 0.0, 0.0)
+NO_TRIM = (0.0,) * 6
+UPRIGHT = Scale()  # reads the same at every pitch
 
 
 class _Block(NamedTuple):
     # expected kg, 1000 revolutions, kg x degrees: so far
     sums: Numbers
     kg: float  # mean of the scale
+    reads: Numbers  # what that is made of: the level, and what pitch adds for a unit of each effect
     flows: bool  # material flowed in it, by the model
     state: Numbers  # after it
     spread: Rows
@@ -133,9 +147,11 @@ class FlowTrim:
         *,
         outlets: int = 6,
         most_kg_s: float = inf,
+        scale: Scale = UPRIGHT,
     ) -> None:
-        """scale_kg, correlation_s: the scale's noise, as the machine file has it. most_kg_s:
-        the machine's largest flow."""
+        """scale_kg, correlation_s: the scale's noise, as the machine file has it; scale: what
+        the file knows of its tilt and cosine. most_kg_s: the machine's largest flow."""
+        self._scale = scale
         self._limits, self._outlets, self._most_kg = limits, outlets, FASTER * most_kg_s * BLOCK_S
         self._scale_kg2, self._correlation_s = scale_kg**2, correlation_s
         # as if blocks were independent
@@ -145,11 +161,14 @@ class FlowTrim:
         self._judged = 0  # blocks that spoke of the noise
         self._refill_percent: float | None = None
         self._sums = 0.0, 0.0, 0.0
-        self._block: list[tuple[tuple[float, float, float], float]] = []
+        self._block: list[tuple[tuple[float, float, float], float, tuple[float, float]]] = []
         self._since_s = 0.0
-        self._last_kg: float | None = None
+        # the newest weighing, and what it is made of
+        self._last: tuple[float, Numbers] | None = None
         self._weighed_s: float | None = None
-        self._filled_kg, self._lowest_kg = 0.0, inf  # ordered in this rest; read in it
+        self._filled_kg = 0.0  # ordered in this rest
+        # read in it: the lowest, and what that is made of
+        self._lowest: tuple[float, Numbers] | None = None
         self._unordered_kg = self._taken_kg = 0.0
         self.grams_per_rev, self.pitch_deg = 100.0, 0.0  # of the newest tick
         self.forget()
@@ -158,10 +177,25 @@ class FlowTrim:
         """Back to the model's own calibration, as before the first weighing; what the scale's
         noise is stays."""
         limits = self._limits
-        self._state: Numbers = NO_TRIM
-        sds = limits.level_kg, self._gain_percent, limits.offset_g_rev, limits.slope_percent_per_deg
+        scale = self._scale
+        self._state: Numbers = (
+            *NO_TRIM[:TILT],
+            scale.tilt_percent_per_deg,
+            scale.cosine_share,
+        )
+        sds = (
+            limits.level_kg,
+            self._gain_percent,
+            limits.offset_g_rev,
+            limits.slope_percent_per_deg,
+            limits.tilt_percent_per_deg,
+            limits.cosine_share,
+        )
         self._spread: Rows = tuple(
-            [tuple([sd * sd if j == k else 0.0 for j in range(4)]) for k, sd in enumerate(sds)]
+            [
+                tuple([sd * sd if j == k else 0.0 for j in range(len(sds))])
+                for k, sd in enumerate(sds)
+            ]
         )
         # of the state, without the level: as far as it is believed
         self._trimmed: Numbers = NO_TRIM
@@ -221,7 +255,7 @@ class FlowTrim:
         self._left: _Block | None = None
         self._unordered_kg = self._taken_kg = 0.0
         self._quiet = 0  # blocks in which nothing more left
-        self._spread = _of_level(self._spread, (self._limits.level_kg**2, 0.0, 0.0, 0.0))
+        self._spread = _of_level(self._spread, (self._limits.level_kg**2, *NO_TRIM[GAIN:]))
         if another_lot:
             self._spread = _wider(self._spread, self._limits.another_lot_percent)
 
@@ -245,9 +279,7 @@ class FlowTrim:
         """Ordered. Where the scale rises by another amount before work goes on, its gain is
         wrong."""
         self._filled_kg += kg
-        lowest_kg = self._lowest_kg
         self.restart(another_lot=True)
-        self._lowest_kg = lowest_kg
 
     def take_unordered_kg(self) -> float:
         """What left since it was asked last."""
@@ -276,12 +308,15 @@ class FlowTrim:
         if scale is None or now_s - scale.time_s > STALE_S or scale.time_s == self._weighed_s:
             return
         self._weighed_s = scale.time_s
-        if self._last_kg is not None and scale.value - self._last_kg > REFILL_KG:
-            self.restart(another_lot=True)
-        self._last_kg = scale.value
+        leans = pitch_deg, 100.0 * (cos(radians(pitch_deg)) - 1.0)
+        last, self._last = self._last, (scale.value, _reads(scale.value, leans))
+        if last is not None:
+            rise_kg, unknown_kg2 = self._rise(last, self._last)
+            if rise_kg > REFILL_KG + CHANGED_SD * sqrt(unknown_kg2):
+                self.restart(another_lot=True)
         if not self._block:
             self._since_s = now_s
-        self._block.append((self._sums, scale.value))
+        self._block.append((self._sums, scale.value, leans))
         if now_s - self._since_s + dt_s > BLOCK_S - 1e-6:
             self._take_block()
 
@@ -289,48 +324,67 @@ class FlowTrim:
     # ----------------------------------------------------------------------------------------------
 
     def _take_block(self) -> None:
-        sums = _means([sums for sums, _ in self._block])
-        kg = sum([kg for _, kg in self._block]) / len(self._block)
+        sums = _means([sums for sums, _, _ in self._block])
+        kg = sum([kg for _, kg, _ in self._block]) / len(self._block)
+        reads = _reads(kg, _means([leans for _, _, leans in self._block]))
         self._block.clear()
         if not self._blocks:
-            self._level(kg)
-            self._keep(sums, kg, False)
+            self._level(kg, reads)
+            self._keep(sums, kg, reads, False)
             return
         before = self._blocks[-1]
         gone = _more(sums, -1.0, before.sums)
         flows = gone[0] >= LEAST_KG_S * BLOCK_S
-        if abs(kg - before.kg + gone[0]) > self._most_kg + CHANGED_SD * sqrt(
-            2.0 * self._mean_kg2(1)
+        rise_kg, unknown_kg2 = self._rise((before.kg, before.reads), (kg, reads))
+        if abs(rise_kg + gone[0]) > self._most_kg + CHANGED_SD * sqrt(
+            2.0 * self._mean_kg2(1) + unknown_kg2
         ):
             self.restart()  # stood on, or taken off
-            self._level(kg)
-            self._keep(sums, kg, flows)
+            self._level(kg, reads)
+            self._keep(sums, kg, reads, flows)
             return
         if flows:
-            self._check_refill(before.kg)
-        elif before.flows:
-            self._lowest_kg = kg
-        self._lowest_kg = min(self._lowest_kg, kg)
+            self._check_refill(before)
+        self._note_lowest(kg, reads, before.flows and not flows)
         if self._rests and flows:
             # the filter rests; what is read is what a standstill begins with
-            self._level(kg)
+            self._level(kg, reads)
         elif self._left is None:
             self._gone(gone)
             # what the level does now says nothing of the flow
             if not flows:
-                level_kg2 = max(self._spread[H][H], 0.25 * self._noise * self._block_kg2)
-                self._spread = _of_level(self._spread, (level_kg2, 0.0, 0.0, 0.0))
-            self._weighed(kg)
+                self._spread = _level_alone(
+                    self._spread, reads, 0.25 * self._noise * self._block_kg2
+                )
+            self._weighed(kg, reads)
             if flows:
                 self._bound()
-        self._keep(sums, kg, flows)
+        self._keep(sums, kg, reads, flows)
         if flows:
             self._with_flow()
         else:
             self._standing()
 
-    def _keep(self, sums: Numbers, kg: float, flows: bool) -> None:
-        self._blocks.append(_Block(sums, kg, flows, self._state, self._spread, self._trimmed))
+    def _note_lowest(self, kg: float, reads: Numbers, begins: bool) -> None:
+        """The lowest reading of this rest. begins: it begins with this block."""
+        lowest = self._lowest
+        if begins or lowest is None or self._rise(lowest, (kg, reads))[0] < 0.0:
+            self._lowest = kg, reads
+
+    def _rise(
+        self, before: tuple[float, Numbers], now: tuple[float, Numbers]
+    ) -> tuple[float, float]:
+        """How much more is weighed than before, kg, once what pitch does to the scale is taken
+        off; and the variance of what is not known of that, kg2."""
+        apart = _more(now[1], -1.0, before[1])
+        return now[0] - before[0] - _dot(apart, self._state), _dot(
+            apart, _along(self._spread, apart)
+        )
+
+    def _keep(self, sums: Numbers, kg: float, reads: Numbers, flows: bool) -> None:
+        self._blocks.append(
+            _Block(sums, kg, reads, flows, self._state, self._spread, self._trimmed)
+        )
 
     def _gone(self, gone: Numbers) -> None:
         """What left the hopper since the block before, by the model and what is believed of it."""
@@ -342,13 +396,15 @@ class FlowTrim:
             self._limits.wanders_percent * sqrt(BLOCK_S / 3600.0),
         )
 
-    def _weighed(self, weighed_kg: float) -> None:
-        variance = self._spread[H][H] + self._noise * self._block_kg2
-        off = (weighed_kg - self._state[H]) / sqrt(variance)
-        gain = tuple([one / variance for one in self._spread[H]])
-        self._state = _more(self._state, off * sqrt(variance), gain)
+    def _weighed(self, weighed_kg: float, reads: Numbers) -> None:
+        along = _along(self._spread, reads)
+        variance = _dot(reads, along) + self._noise * self._block_kg2
+        off_kg = weighed_kg - _dot(reads, self._state)
+        off = off_kg / sqrt(variance)
+        gain = tuple([one / variance for one in along])
+        self._state = _more(self._state, off_kg, gain)
         self._spread = tuple(
-            [_more(row, -variance * one, gain) for row, one in zip(self._spread, gain, strict=True)]
+            [_more(row, -one, gain) for row, one in zip(self._spread, along, strict=True)]
         )
         self._judged += 1
         rate = max(NOISE_RATE, 1.0 / (NOISE_BLOCKS + self._judged))
@@ -364,29 +420,34 @@ class FlowTrim:
         along = _along(self._spread, shows)
         self._state = _more(self._state, -over / max(1e-12, _dot(shows, along)), along)
 
-    def _level(self, weighed_kg: float) -> None:
+    def _level(self, weighed_kg: float, reads: Numbers) -> None:
         """The hopper holds what was just weighed, whatever was thought before."""
-        self._state = (weighed_kg, *self._state[GAIN:])
-        self._spread = _of_level(self._spread, (self._noise * self._block_kg2, 0.0, 0.0, 0.0))
+        by_pitch = (0.0, *reads[GAIN:])
+        along = _along(self._spread, by_pitch)
+        self._state = (weighed_kg - _dot(by_pitch, self._state), *self._state[GAIN:])
+        own_kg2 = self._noise * self._block_kg2 + _dot(by_pitch, along)
+        self._spread = _of_level(self._spread, (own_kg2, *[-one for one in along[GAIN:]]))
 
     def _believe(self) -> None:
         """The trim goes towards the estimate as far as the evidence for the flow of now goes."""
-        apart = _more((0.0, *self._state[GAIN:]), -1.0, self._trimmed)
+        apart = _more((0.0, *self._state[GAIN:TILT], 0.0, 0.0), -1.0, self._trimmed)
         percent, sd = _dot(apart, _shows(self.grams_per_rev, self.pitch_deg)), self.sd_percent
         if abs(percent) > DOUBT_SD * sd:
             self._trimmed = _more(self._trimmed, 1.0 - (DOUBT_SD * sd / percent) ** 2, apart)
 
-    def _check_refill(self, kg: float) -> None:
-        """When work goes on after a rest in which a refill was ordered."""
-        if self._filled_kg > 0.0 and self._lowest_kg < inf:
-            off_kg = kg - self._lowest_kg - self._filled_kg
+    def _check_refill(self, before: _Block) -> None:
+        """When work goes on after a rest in which a refill was ordered. before: the last block
+        of the rest."""
+        if self._filled_kg > 0.0 and self._lowest is not None:
+            rise_kg, unknown_kg2 = self._rise(self._lowest, (before.kg, before.reads))
+            off_kg = rise_kg - self._filled_kg
             allowed = 0.01 * self._limits.refill_percent * self._filled_kg + CHANGED_SD * sqrt(
-                self._scale_kg2
+                self._scale_kg2 + unknown_kg2
             )
             self._refill_percent = (
                 100.0 * off_kg / self._filled_kg if abs(off_kg) > allowed else None
             )
-        self._filled_kg, self._lowest_kg = 0.0, inf
+        self._filled_kg, self._lowest = 0.0, None
 
     # -- the watch
     # ----------------------------------------------------------------------------------------------
@@ -401,9 +462,9 @@ class FlowTrim:
         newest blocks, and its standard deviation."""
         newest = list(islice(reversed(self._blocks), blocks))
         gone = _more(_means([one.sums for one in newest]), -1.0, since.sums)
-        level = _leaves(gone)
-        variance = _dot(level, _along(since.spread, level)) + self._mean_kg2(blocks)
-        return _dot(level, since.state) - gone[0] - sum([one.kg for one in newest]) / blocks, sqrt(
+        reads = _more(_leaves(gone), 1.0, (0.0, *_means([one.reads[GAIN:] for one in newest])))
+        variance = _dot(reads, _along(since.spread, reads)) + self._mean_kg2(blocks)
+        return _dot(reads, since.state) - gone[0] - sum([one.kg for one in newest]) / blocks, sqrt(
             variance
         )
 
@@ -423,7 +484,9 @@ class FlowTrim:
             self._goes_on(self._left)
             return
         newest = self._blocks[-1]
-        self._standing_kg.append(newest.kg)
+        # what pitch does to the scale is taken off
+        weight_kg = newest.kg - _dot((0.0, *newest.reads[GAIN:]), newest.state)
+        self._standing_kg.append(weight_kg)
         rest = next(
             (k for k, one in enumerate(reversed(self._blocks)) if one.flows), len(self._blocks) - 1
         )
@@ -432,11 +495,11 @@ class FlowTrim:
         if kg < -least_kg:  # it is being filled
             self._back_to(self._blocks[-1 - window])
             self._blocks.clear()
-            self._level(newest.kg)
-            self._keep(newest.sums, newest.kg, False)
+            self._level(newest.kg, newest.reads)
+            self._keep(newest.sums, newest.kg, newest.reads, False)
         elif (
             kg > least_kg
-            and min(list(self._standing_kg)[:-window], default=inf) - newest.kg > 0.5 * kg
+            and min(list(self._standing_kg)[:-window], default=inf) - weight_kg > 0.5 * kg
         ):
             rested = list(self._blocks)[-1 - rest : -1]
             self._left = max(rested, key=lambda one: self._excess(one, 1)[0])
@@ -513,9 +576,9 @@ class FlowTrim:
             self._noise = max(self._noise, noise_kg2 / (self._mean_kg2(1) / self._noise))
             newest = self._blocks[-1]
             self._blocks.clear()
-            self._level(newest.kg)
+            self._level(newest.kg, newest.reads)
             self._spread = _wider(self._spread, limits.changed_percent)
-            self._keep(newest.sums, newest.kg, True)
+            self._keep(newest.sums, newest.kg, newest.reads, True)
 
     def _no_trim(self, said: ScaleSays) -> None:
         self._said, self._rests, self._trimmed = said, True, NO_TRIM
@@ -534,6 +597,8 @@ class FlowTrim:
         share that left, its standard deviation by what the line leaves, and that, kg2."""
         gone = np.array([one.sums[0] for one in flow])
         kg = np.array([one.kg for one in flow])
+        by_pitch = np.array([one.reads[TILT:] for one in flow])
+        kg = kg - by_pitch @ np.array(self._state[TILT:])
         gone, kg = gone - gone.mean(), kg - kg.mean()
         across = max(1e-12, float(gone @ gone))
         line = float(gone @ kg) / across
@@ -543,18 +608,27 @@ class FlowTrim:
         each_kg2 = noise_kg2 * max(
             self._noise * self._block_kg2 / self._mean_kg2(1), (1.0 + alike) / (1.0 - alike)
         )
-        return -line, sqrt(each_kg2 / across), noise_kg2
+        # what is not known of the tilt turns the line, where pitch changed along it
+        turned = gone @ by_pitch / across
+        unknown = np.array([row[TILT:] for row in self._spread[TILT:]])
+        return -line, sqrt(each_kg2 / across + float(turned @ unknown @ turned)), noise_kg2
 
 
 def _leaves(gone: Numbers) -> Numbers:
     """What the level in the hopper is made of where so much has gone by the model: the level
     before, the effects."""
-    return 1.0, -0.01 * gone[0], -gone[1], -0.01 * gone[2]
+    return 1.0, -0.01 * gone[0], -gone[1], -0.01 * gone[2], 0.0, 0.0
+
+
+def _reads(kg: float, leans: Numbers) -> Numbers:
+    """What a reading is made of: the level, and what a unit of each effect adds to it. leans:
+    degrees of pitch, and how much its cosine is below 1, %."""
+    return 1.0, 0.0, 0.0, 0.0, 0.01 * kg * leans[0], 0.01 * kg * leans[1]
 
 
 def _shows(grams_per_rev: float, pitch_deg: float) -> Numbers:
-    """What a unit of each effect makes of the flow, %; the level nothing."""
-    return 0.0, 1.0, 100.0 / max(LEAST_G_REV, grams_per_rev), pitch_deg
+    """What a unit of each effect makes of the flow, %; the level and the scale's own nothing."""
+    return 0.0, 1.0, 100.0 / max(LEAST_G_REV, grams_per_rev), pitch_deg, 0.0, 0.0
 
 
 def _dot(one: Numbers, other: Numbers) -> float:
@@ -563,6 +637,8 @@ def _dot(one: Numbers, other: Numbers) -> float:
         + one[GAIN] * other[GAIN]
         + one[OFFSET] * other[OFFSET]
         + one[SLOPE] * other[SLOPE]
+        + one[TILT] * other[TILT]
+        + one[COSINE] * other[COSINE]
     )
 
 
@@ -584,6 +660,20 @@ def _of_level(spread: Rows, level: Numbers) -> Rows:
         level,
         *[(one, *row[GAIN:]) for one, row in zip(level[GAIN:], spread[GAIN:], strict=True)],
     )
+
+
+def _level_alone(spread: Rows, reads: Numbers, least_kg2: float) -> Rows:
+    """The same where level and scale have nothing in common with the flow's effects. least_kg2:
+    of what a reading would be."""
+    level = H, TILT, COSINE
+    alone = tuple(
+        [
+            tuple([0.0 if (j in level) is not (k in level) else one for k, one in enumerate(row)])
+            for j, row in enumerate(spread)
+        ]
+    )
+    more_kg2 = max(0.0, least_kg2 - _dot(reads, _along(alone, reads)))
+    return ((alone[H][H] + more_kg2, *alone[H][GAIN:]), *alone[GAIN:])
 
 
 def _wider(spread: Rows, percent: float) -> Rows:

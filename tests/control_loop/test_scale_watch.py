@@ -4,8 +4,8 @@ not turn as it reads."""
 from __future__ import annotations
 
 from collections.abc import Callable
-from math import exp, pi, sin, sqrt
-from typing import NamedTuple
+from math import cos, exp, pi, radians, sin, sqrt
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -46,6 +46,7 @@ def runs(
     flows: Callable[[float], bool] = lambda s: True,
     seed: int = 1,
     orders: Callable[[float, FlowTrim], None] = lambda s, trim: None,
+    pitch_deg: Callable[[float], float] = lambda s: 0.0,
 ) -> Told:
     """Stand for 20 s, then work; times from `BEGINS_S` on. leaves: (time, ordered kg/s) to what
     truly leaves, kg/s. reads: (time, true kg) to what an ideal scale would read."""
@@ -62,7 +63,8 @@ def runs(
         kg -= leaves(since_s, model) * DT_S
         noise = keep * noise + sqrt(1.0 - keep * keep) * SCALE_KG * float(rng.standard_normal())
         weighed = round((reads(since_s, kg) + noise) / 0.05) * 0.05
-        trim.update(at_s, DT_S, model, 70.0 if model > 0.0 else 0.0, 0.0, Reading(weighed, at_s))
+        rpm, pitch = 70.0 if model > 0.0 else 0.0, pitch_deg(since_s)
+        trim.update(at_s, DT_S, model, rpm, pitch, Reading(weighed, at_s))
         orders(since_s, trim)
         if not said or trim.says._replace(trimmed_percent=0.0) != said[-1][1]._replace(
             trimmed_percent=0.0
@@ -181,6 +183,63 @@ def test_an_outlet_that_closes_is_said_and_not_made_up_for() -> None:
 def test_a_flow_that_changes_by_six_per_cent_is_trimmed_all_the_same() -> None:
     run = runs(240.0, leaves=from_0(1.06))
     assert run.first_s(red) == float("inf") and run.trims[-1] > 1.048
+
+
+# --- A scale on slopes: what pitch does to it is no flow
+# ------------------------------------------------------------------------------------
+
+PASS_S, TURN_S = 60.0, 12.0  # up and down a slope by turns, without flow in the turns
+
+
+def passes(slope_deg: float) -> Callable[[float], float]:
+    """Pitch by the time: up, a turn, down, a turn."""
+
+    def pitch_deg(s: float) -> float:
+        legs, into_s = divmod(s, PASS_S + TURN_S)
+        turned = max(0.0, into_s - PASS_S) / TURN_S
+        return slope_deg * (1.0 if legs % 2 == 0 else -1.0) * cos(pi * turned)
+
+    return pitch_deg
+
+
+def on_slope(slope_deg: float, tilt_percent_per_deg: float, cosine_share: float) -> dict[str, Any]:
+    """What `runs` needs of a machine there; the scale's own tilt in % a degree."""
+    pitch_deg = passes(slope_deg)
+
+    def reads(s: float, kg: float) -> float:
+        pitch = pitch_deg(s)
+        upright = 1.0 - cosine_share * (1.0 - cos(radians(pitch)))
+        return kg * upright * (1.0 + 0.01 * tilt_percent_per_deg * pitch)
+
+    return {
+        "pitch_deg": pitch_deg,
+        "flows": lambda s: s % (PASS_S + TURN_S) < PASS_S,
+        "reads": reads,
+    }
+
+
+@pytest.mark.parametrize(
+    ("slope_deg", "tilt_percent_per_deg", "cosine_share"),
+    [(4.0, 0.05, 0.0), (8.0, 0.3, 1.0), (8.0, 0.0, 1.0), (8.0, -0.3, 0.0)],
+)
+def test_a_scale_that_reads_with_the_slope_accuses_nobody(
+    slope_deg: float, tilt_percent_per_deg: float, cosine_share: float
+) -> None:
+    """4 degrees and 0.05 % stopped the machine in its first turn: `flow_unordered`."""
+    run = runs(500.0, seed=3, **on_slope(slope_deg, tilt_percent_per_deg, cosine_share))
+    assert [says for _, says in run.said if red(says) or says.off_kg != 0.0] == []
+    assert np.abs(run.trims - 1.0).max() < 0.03
+
+
+def test_on_a_slope_a_leak_in_the_turns_is_said_once_the_tilt_is_known() -> None:
+    """500 kg/h, on a scale that reads 0.1 % more with each degree."""
+    slope = on_slope(4.0, 0.1, 1.0)
+    run = runs(
+        400.0,
+        leaves=lambda s, kg_s: kg_s if slope["flows"](s) or s < 250.0 else 0.139,
+        **slope,
+    )
+    assert 250.0 < run.first_s(lambda says: says.unordered_kg > 0.0) < 400.0
 
 
 # --- Material that nobody ordered
