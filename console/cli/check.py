@@ -17,6 +17,9 @@ from console.cli.plain_output import AsJson, say_json
 from drivers import day_clock
 from drivers.files.config_error import ConfigError
 
+# The machine of a job where no other file is given, as for `topdress` itself.
+SHIPPED_MACHINE = "huanghai"
+
 if TYPE_CHECKING:
     from pydantic import BaseModel
 
@@ -92,39 +95,18 @@ def write_all(folder: Path) -> None:
 
 
 def _check(files: list[str], as_json: bool) -> None:
-    from drivers.files.config import load_any
-    from drivers.files.kinds import CAB, JOB, KINDS, MACHINE
+    from drivers.files.kinds import CAB, JOB, MACHINE
     from drivers.files.setup import disagreements
 
     wrong: list[str] = []
     notes: list[str] = []
-    read: list[tuple[Any, Any]] = []
-    for file in files:
-        _refuse_other(Path(file))
-        if (lines := _of_task(Path(file))) is not None:
-            notes += lines
-            continue
-        try:
-            kind, loaded = load_any(file, KINDS)
-        except ConfigError as error:
-            wrong += error.lines
-            continue
-        trouble = _of_keymap(loaded.model)
-        if trouble:
-            wrong.append(f"{loaded.path}: {trouble}")
-            continue
-        read.append((kind, loaded))
-        own = [*_notes_of(loaded)] if kind is JOB else []
-        if kind is JOB:
-            wrong += _files_of(loaded, own)
-        notes += [
-            f"{loaded.path}: note: {line}"
-            for line in (*own, *getattr(loaded.model, "warnings", ()))
-        ]
+    read = [found for file in files if (found := _read_file(file, notes, wrong)) is not None]
     jobs, cabs, machines = (
         [one for kind, one in read if kind is wanted] for wanted in (JOB, CAB, MACHINE)
     )
     wrong += [line for job in jobs for line in _heads_of(job, cabs)]
+    machine_files = [str(machine.path) for machine in machines] or [SHIPPED_MACHINE]
+    notes += [line for job in jobs for file in machine_files for line in _ranges_of(job, file)]
     for machine in machines:
         notes += _products_on(machine.model, jobs)
         wrong += [
@@ -138,6 +120,32 @@ def _check(files: list[str], as_json: bool) -> None:
             typer.echo(line)
     if wrong:
         raise ConfigError(wrong)
+
+
+def _read_file(file: str, notes: list[str], wrong: list[str]) -> tuple[Any, Any] | None:
+    """The kind and the content of one configuration file; None for a task file, or where it is
+    wrong. Adds a line to `notes` or `wrong` for each thing that there is to say of it."""
+    from drivers.files.config import load_any
+    from drivers.files.kinds import JOB, KINDS
+
+    _refuse_other(Path(file))
+    if (lines := _of_task(Path(file))) is not None:
+        notes += lines
+        return None
+    try:
+        kind, loaded = load_any(file, KINDS)
+    except ConfigError as error:
+        wrong += error.lines
+        return None
+    if trouble := _of_keymap(loaded.model):
+        wrong.append(f"{loaded.path}: {trouble}")
+        return None
+    own = list(getattr(loaded.model, "warnings", ()))
+    if kind is JOB:
+        own = [*_notes_of(loaded), *own]
+        wrong += _files_of(loaded, own)
+    notes += [f"{loaded.path}: note: {line}" for line in own]
+    return kind, loaded
 
 
 def _refuse_other(path: Path) -> None:
@@ -208,7 +216,7 @@ def _notes_of(loaded: Any) -> list[str]:
     from drivers.files.setup import growth_note, load_setup
 
     try:
-        setup = load_setup("huanghai", loaded.path, day_clock.today())
+        setup = load_setup(SHIPPED_MACHINE, loaded.path, day_clock.today())
     # reported with the crop, or when the job is started
     except ConfigError:
         return []
@@ -257,6 +265,18 @@ def _heads_of(job: Any, cabs: list[Any]) -> list[str]:
     except ConfigError:  # reported with the job
         return []
     return [line for cab in cabs or [None] for line in index_disagreements(cab, crop, job.model)]
+
+
+def _ranges_of(job: Any, machine_file: str) -> list[str]:
+    """Notes which rates of a job the machine of a file cannot give."""
+    from console.cli.check_range import find_range_notes
+    from drivers.files.setup import load_setup
+
+    # What cannot be read is reported with the job.
+    with suppress(ConfigError, ValueError, OSError):
+        setup = load_setup(machine_file, job.path, day_clock.today())
+        return [f"{job.path}: note: {line}" for line in find_range_notes(setup)]
+    return []
 
 
 def _products_on(machine: Any, jobs: list[Any]) -> list[str]:

@@ -37,6 +37,7 @@ from control.machine.of_product import newest_test_date
 from control.machine.steps import Steps
 from control.metering.flow_trim import FlowTrim
 from control.metering.inverse import Conditions, common_of, flow_kg_s
+from control.metering.rate_range import RangeBreach, find_breach
 from control.metering.setting import Setting
 from control.metering.strategies import Pair
 from control.metering.trims import NOTHING_LEFT, DriveTrim, TrimLimits
@@ -350,6 +351,7 @@ class ControlLoop:
                 scale=self._flow_trim.says,
                 effort=self._effort.says,
                 outside_target=self._ahead.outside_target,
+                range_breach=self._find_breach(moment, decision),
             ),
         )
         command = self._command_of(moment, decision, verdict)
@@ -460,6 +462,20 @@ class ControlLoop:
         )
         return TickDecision(
             wanted, planned, rate, lag, inside, pair, self._usable_mps(lag), fired, by_point, share
+        )
+
+    def _find_breach(self, moment: Moment, decision: TickDecision) -> RangeBreach | None:
+        """What the machine spreads where its range does not reach the wanted rate."""
+        if decision.by_point:
+            return None
+        width_m = decision.open_share * self.machine.geometry.working_width_m
+        return find_breach(
+            self.machine,
+            decision.pair,
+            decision.rate_kg_ha,
+            moment.speed_mps,
+            width_m,
+            moment.conditions,
         )
 
     def _open_share(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from control.loop.canopy_heads import CanopyHeads
 from control.loop.moment import Choices, Metered, Moment, TickDecision
+from control.metering.rate_range import RangeBreach
 from control.orders import BY_CANOPY, TargetSource
 from control.readings import EffortSays, ScaleSays
 from control.safety import Commanded, Situation
@@ -25,6 +26,7 @@ def situation(
     scale: ScaleSays,
     effort: EffortSays,
     outside_target: OutsideTarget,
+    range_breach: RangeBreach | None,
 ) -> Situation:
     """`between_doses`: a rate means nothing there, and is not given."""
     m, sensed = moment.m, moment.sensed
@@ -65,4 +67,5 @@ def situation(
         if choices.source is TargetSource.EXTERNAL and not outside_target.speaks
         else None,
         effort=effort,
+        range_breach=range_breach,
     )

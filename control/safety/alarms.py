@@ -289,6 +289,26 @@ _KINDS = (
         N_("metering"),
     ),
     AlarmKind(
+        "rate_above_range",
+        _AMBER,
+        N_(
+            "{wanted_kg_ha} kg/ha are wanted; at this speed the machine gives at most "
+            "{given_kg_ha} kg/ha, and spreads that."
+        ),
+        N_("Drive at {usable_kmh} km/h or slower, or set a lower rate."),
+        N_("metering"),
+    ),
+    AlarmKind(
+        "rate_below_range",
+        _AMBER,
+        N_(
+            "{wanted_kg_ha} kg/ha are wanted, less than the machine can give at this speed: "
+            "it spreads {given_kg_ha} kg/ha."
+        ),
+        N_("Drive at {usable_kmh} km/h or faster, or set a higher rate."),
+        N_("metering"),
+    ),
+    AlarmKind(
         "wheel_too_much",
         _AMBER,
         N_(

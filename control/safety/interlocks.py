@@ -21,6 +21,13 @@ INTERLOCKS: Mapping[str, str] = MappingProxyType(
         "speed_silent": N_("There is no travel speed."),
         "standstill": N_("The wheel stands still."),
         "low_speed": N_("Too slow, or not yet fast enough on both speed sensors to start."),
+        "wheel_speed_missing": N_(
+            "The wheel sensor is silent, and both speed sensors must move to start: check it, or "
+            "allow GNSS alone (H)."
+        ),
+        "gnss_speed_missing": N_(
+            "GNSS tells no speed, and both speed sensors must move to start: check the receiver."
+        ),
         "reversing": N_("The machine runs backwards."),
         "course_unknown": N_("Its course after the standstill is not known yet."),
         "position_lost": N_("There is no usable position."),
@@ -30,6 +37,7 @@ INTERLOCKS: Mapping[str, str] = MappingProxyType(
         ),
         "work_switch_up": N_("The work switch is up or silent."),
         "log_failed": N_("The log cannot be written."),
+        "below_range": N_("The rate is less than half of the least that flows at this speed."),
         "target_refused": N_("The target is above the product's limit or not a number."),
     }
 )
@@ -42,9 +50,12 @@ def forbidding(
     motion: Motion,
     allow: Allowances,
     has_work_switch: bool,
+    below_range: bool,
     limits: SafetyLimits,
 ) -> tuple[str, ...]:
     """Ids of the interlocks that forbid flow in `state`; empty: flow is allowed.
+
+    `below_range`: less has been wanted than the machine can give (the alarm).
 
     Calibrating has rules of its own in place of the speed, field and target interlocks.
     """
@@ -63,7 +74,13 @@ def forbidding(
         *_place(s, allow),
         *switch,
         *_record(s, allow, limits),
+        *(("below_range",) if below_range and _rests(s) else ()),
     )
+
+
+def _rests(s: Situation) -> bool:
+    """Whether the wanted rate is so far below the machine's range that its shaft rests."""
+    return s.range_breach is not None and s.range_breach.given_kg_ha <= 0.0
 
 
 def _speed(
@@ -74,9 +91,20 @@ def _speed(
     if s.wheel_standstill:
         return ("standstill",)
     if not motion.moving and not motion.launching:
-        waits = seen.speed_mps >= limits.start_speed_mps and awaits_course(motion)
-        return ("course_unknown",) if waits else ("low_speed",)
+        fast_enough = seen.speed_mps >= limits.start_speed_mps
+        if fast_enough and awaits_course(motion):
+            return ("course_unknown",)
+        return (_missing_speed(s, seen, limits) if fast_enough else "low_speed",)
     return ("reversing",) if motion.reversing and not allow.reverse else ()
+
+
+def _missing_speed(s: Situation, seen: Senses, limits: SafetyLimits) -> str:
+    """The interlock of a machine that is fast enough by the speed in use, and does not start."""
+    if not limits.both_speeds_to_start or s.speed_doubt is not None:
+        return "low_speed"
+    if seen.wheel_speed_mps is None:
+        return "wheel_speed_missing"
+    return "gnss_speed_missing" if seen.gnss_speed_mps is None else "low_speed"
 
 
 def _place(s: Situation, allow: Allowances) -> tuple[str, ...]:

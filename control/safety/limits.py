@@ -94,6 +94,9 @@ class SafetyLimits:
     rate_red_s: float = 2.0
     rate_max_kg_ha: float = 1000.0  # the product's absolute limit
     rate_max_s: float = 1.0  # applied above it this long: held
+    # Seconds beyond the machine's range until it is said. A machine that starts or stops at
+    # 0.5 m/s2 passes the speeds at which its gate cannot close further in 2 s.
+    beyond_range_s: float = 3.0
     # hopper
     trimmed_percent: float = 5.0  # the scale moves the flow by more: said
     hopper_empty_kg: float = 0.5

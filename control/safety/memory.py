@@ -42,6 +42,8 @@ class Memory(NamedTuple):
     follow: FollowWatch = FollowWatch()
     scale_heard: bool = False
     heads_full_since_s: float | None = None
+    # The wanted rate has been beyond the machine's range since then.
+    beyond_range_since_s: float | None = None
     live: tuple[Live, ...] = ()
     checked_s: float = -inf  # what follows is from that check
     # wheel and GNSS known, both slow enough to calibrate

@@ -61,6 +61,7 @@ def troubles(
     if m.state is State.WORKING:
         _working(found, now_s, s, seen, motion, limits)
         _rate(found, now_s, s, rate, limits)
+        _range(found, m, now_s, s, limits)
         _follow(found, now_s, s, follow, limits)
         _scale(found, s.scale, limits)
         _effort(found, s.effort)
@@ -213,6 +214,20 @@ def _rate(
             ("applied_kg_ha", _rounded(s.applied_rate_kg_ha)),
             ("limit_kg_ha", limits.rate_max_kg_ha),
         )
+
+
+def _range(
+    found: dict[str, Details], m: Memory, now_s: float, s: Situation, limits: SafetyLimits
+) -> None:
+    """Names a rate beyond the machine's range, and the speed that helps."""
+    breach = s.range_breach
+    if breach is None or not lasted(m.beyond_range_since_s, now_s, limits.beyond_range_s):
+        return
+    found["rate_above_range" if breach.above else "rate_below_range"] = (
+        ("wanted_kg_ha", _rounded(breach.wanted_kg_ha)),
+        ("given_kg_ha", _rounded(breach.given_kg_ha)),
+        ("usable_kmh", _rounded(3.6 * breach.usable_mps, 1)),
+    )
 
 
 def _follow(

@@ -63,7 +63,8 @@ class Safety:
         m, limits = self._memory, self._limits
         seen = senses(now_s, s, limits)
         start_held = m.state is State.WORKING and self.start_is_held(now_s)
-        by_gnss = m.allow.no_wheel and s.wheel_standstill and _gnss_serves(s, seen, limits)
+        wheel_dead = s.wheel_standstill or seen.wheel_speed_mps is None
+        by_gnss = m.allow.no_wheel and wheel_dead and _gnss_serves(s, seen, limits)
         if by_gnss:
             s = s._replace(wheel_standstill=False)
         motion = moved(m.motion, now_s, s, seen, m.allow.reverse, limits, start_held, by_gnss)
@@ -76,6 +77,8 @@ class Safety:
         heads_full = since(m.heads_full_since_s, now_s, seen.heads_full)
         if heads_full != m.heads_full_since_s:
             m = m._replace(heads_full_since_s=heads_full)
+        beyond_range = m.state is State.WORKING and motion.moving and s.range_breach is not None
+        m = m._replace(beyond_range_since_s=since(m.beyond_range_since_s, now_s, beyond_range))
         found = troubles(
             m,
             now_s,
@@ -93,7 +96,16 @@ class Safety:
         allow = m.allow._replace(unlogged=False) if s.log_ok and m.allow.unlogged else m.allow
         if state is State.OFF and m.state is not State.OFF:
             allow = Memory().allow
-        forbidden = forbidding(state, s, seen, motion, allow, self._has_work_switch, limits)
+        forbidden = forbidding(
+            state,
+            s,
+            seen,
+            motion,
+            allow,
+            self._has_work_switch,
+            "rate_below_range" in found,
+            limits,
+        )
         live = booked(m.live, now_s, found, limits.alarm_clear_s)
         self._memory = Memory(
             state=state,
@@ -112,6 +124,7 @@ class Safety:
             follow=follow,
             scale_heard=scale_heard,
             heads_full_since_s=heads_full,
+            beyond_range_since_s=m.beyond_range_since_s,
             live=live,
             checked_s=now_s,
             still=_still(seen, limits),

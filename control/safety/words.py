@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import NamedTuple
 
+from control.metering.rate_range import RangeBreach
 from control.orders import Alarm, State, TargetSource
 from control.readings import (
     NO_EFFORT,
@@ -88,6 +89,8 @@ class Situation(NamedTuple):
     course_awaited: bool = False
     # wheel and GNSS do not tell one speed: which is not believed
     speed_doubt: SpeedDoubt | None = None
+    # The machine cannot give the wanted rate at this speed.
+    range_breach: RangeBreach | None = None
 
 
 class Verdict(NamedTuple):

@@ -78,6 +78,16 @@ class MapData:
             raise ValueError("a prescription holds zones or a grid: allowed is one of them")
 
     @property
+    def rates_kg_ha(self) -> list[float]:
+        """Different rates above 0 of all zones or cells, kg/ha, the lowest first."""
+        rates = (
+            np.array([zone.rate_kg_ha for zone in self.zones])
+            if self.grid is None
+            else self.grid.rate_kg_ha
+        )
+        return [float(rate) for rate in np.unique(rates[rates > 0.0]) if np.isfinite(rate)]
+
+    @property
     def box_deg(self) -> tuple[float, float, float, float]:
         """South, west, north and east end of what has a rate, degrees."""
         if self.grid is not None:

@@ -9,6 +9,7 @@ from string import Formatter
 import numpy as np
 import pytest
 
+from control.metering.rate_range import RangeBreach
 from control.orders import Do, Severity, State, TargetSource
 from control.readings import Doubted, EffortSays, ScaleSays, SpeedDoubt
 from control.safety import ALARMS, INTERLOCKS, REFUSALS, STATE_REASONS, Commanded
@@ -22,6 +23,8 @@ STANDS = Commanded(turn=False, flow=False, opening_mm=15.0)
 TURNS = Commanded(shaft_rpm=70.0, expected_rpm=70.0, opening_mm=15.0, expected_mm=15.0)
 DOUBT = SpeedDoubt(Doubted.WHEEL, 100.0, 100.0, 2.5, 1.25, 1.0)
 OPEN = DOUBT._replace(refused=Doubted.EITHER)
+ABOVE_RANGE = RangeBreach(True, 480.0, 413.0, 4.8)
+BELOW_RANGE = RangeBreach(False, 12.0, 23.0, 1.6)
 SHUT = STANDS._replace(valves=(False, False))
 RAISED = [
     ("shaft_turns", {"commanded": STANDS}, 0.45, 0.6, State.FAULT),
@@ -90,6 +93,8 @@ RAISED = [
     ("target_refused", {"target_rate_kg_ha": nan}, 0.0, 0.05, State.WORKING),
     ("target_cut", {"cut_from_kg_ha": 1000.0}, 0.0, 0.05, State.WORKING),
     ("target_silent", {"silent_rate_kg_ha": 0.0}, 0.0, 0.05, State.WORKING),
+    ("rate_above_range", {"range_breach": ABOVE_RANGE}, 2.9, 3.1, State.WORKING),
+    ("rate_below_range", {"range_breach": BELOW_RANGE}, 2.9, 3.1, State.WORKING),
     ("rate_far_off", {"applied_rate_kg_ha": 365.0}, 1.9, 2.1, State.WORKING),
     ("rate_far_off", {"applied_rate_kg_ha": 235.0}, 1.9, 2.1, State.WORKING),
     ("rate_off", {"applied_rate_kg_ha": 335.0}, 2.9, 3.1, State.WORKING),

@@ -6,10 +6,11 @@ from math import inf, nan
 
 import pytest
 
+from control.metering.rate_range import RangeBreach
 from control.orders import Do, State, TargetSource
 from control.readings import Doubted, SpeedDoubt
 from control.safety import INTERLOCKS
-from tests.safety.steps import creep, order, play, stop_and_go, tick
+from tests.safety.steps import NEVER, creep, order, play, stop_and_go, tick
 
 FORBIDDEN = [
     ("speed_silent", {"speed_used_mps": None}),
@@ -44,8 +45,50 @@ def test_one_interlock_alone_stops_flow_and_lets_it_return(working, interlock, c
 
 def test_every_interlock_of_the_list_is_tested():
     seen = {interlock for interlock, _ in FORBIDDEN}
-    elsewhere = {"not_working", "drive_silent", "reversing", "course_unknown"}
+    elsewhere = {
+        "not_working",
+        "drive_silent",
+        "reversing",
+        "course_unknown",
+        "below_range",
+        "wheel_speed_missing",
+        "gnss_speed_missing",
+    }
     assert seen | elsewhere == set(INTERLOCKS)
+
+
+@pytest.mark.parametrize("given_kg_ha", [0.0, 23.0])
+def test_flow_below_the_range_of_the_machine_names_its_interlock_where_nothing_flows(
+    working, given_kg_ha
+):
+    run = working()
+    breach = RangeBreach(False, 12.0, given_kg_ha, 1.6)
+    assert run.tick(2.9, range_breach=breach).flow_allowed
+    named = ("below_range",) if given_kg_ha == 0.0 else ()
+    assert run.tick(0.2, range_breach=breach).why_no_flow == named
+    assert run.tick(0.05).flow_allowed
+
+
+@pytest.mark.parametrize(
+    ("missing", "interlock"),
+    [("wheel_age_s", "wheel_speed_missing"), ("gnss_age_s", "gnss_speed_missing")],
+)
+def test_a_start_without_one_speed_sensor_names_the_sensor(new_run, missing, interlock):
+    run = new_run()
+    run.order(Do.READY)
+    run.order(Do.START)
+    assert run.tick(2.0, **{missing: NEVER}).why_no_flow == (interlock,)
+    assert run.tick(0.5).flow_allowed
+
+
+def test_gnss_alone_serves_where_the_wheel_was_never_heard_and_is_allowed_to_be_dead(new_run):
+    run = new_run()
+    run.order(Do.READY)
+    run.order(Do.START)
+    run.order(Do.ALLOW_NO_WHEEL, True)
+    by_gnss = {"wheel_age_s": NEVER, "gnss_period_s": 0.1}
+    assert run.tick(0.5, **by_gnss).flow_allowed
+    assert run.tick(0.5, **by_gnss | {"gnss_period_s": 0.2}).flow_allowed
 
 
 def test_no_flow_when_not_working(new_run):
@@ -155,7 +198,11 @@ def test_both_speed_sensors_must_move_to_start_but_one_is_enough_to_go_on(workin
     run = working()
     assert run.tick(**one_still).flow_allowed
     run.tick(speed_mps=0.2)
-    assert run.tick(0.5, **one_still).why_no_flow in (("low_speed",), ("course_unknown",))
+    assert run.tick(0.5, **one_still).why_no_flow in (
+        ("low_speed",),
+        ("course_unknown",),
+        ("wheel_speed_missing",),
+    )
     assert run.tick().flow_allowed
 
 

@@ -6,6 +6,7 @@ from dataclasses import fields, replace
 
 import pytest
 
+from control.metering.rate_range import RangeBreach
 from control.orders import Do
 from control.readings import Doubted, DriveCommand, ScaleSays, SpeedDoubt
 from control.safety import Commanded, DriveLimits, SafetyLimits, limited
@@ -191,6 +192,7 @@ CHANGES = [
     ("rate_red_s", 5.0, alarms(4.0, applied_rate_kg_ha=375.0)),
     ("rate_max_kg_ha", 350.0, flow(target_rate_kg_ha=400.0)),
     ("rate_max_s", 3.0, state(2.0, applied_rate_kg_ha=1200.0)),
+    ("beyond_range_s", 6.0, alarms(4.0, range_breach=RangeBreach(True, 480.0, 413.0, 4.8))),
     ("trimmed_percent", 9.0, alarms(scale=ScaleSays(trimmed_percent=-7.0))),
     ("hopper_empty_kg", 1.0, state(2.0, hopper_kg=0.8)),
     ("hopper_low_kg", 50.0, alarms(2.0, hopper_kg=40.0)),

@@ -141,6 +141,14 @@ def check_of_job(job: Job, limit_kg_ha: float, folder: Path) -> MapCheck | None:
     )
 
 
+def find_map_rates(job: Job, folder: Path) -> list[float]:
+    """Different rates above 0 of the job's map, kg/ha, the lowest first; none without a map.
+
+    Raises PrescriptionError in one line, OSError.
+    """
+    return _of_map(job, folder, lambda data, _: data.rates_kg_ha) or []
+
+
 def _of_map(job: Job, folder: Path, make: Callable[[MapData, TangentPlane], Made]) -> Made | None:
     """Of the job's map, as the file alone says it, on the field's plane, else on its own. Raises
     PrescriptionError, OSError."""

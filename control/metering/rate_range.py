@@ -1,0 +1,104 @@
+"""The rates that a machine can spread at a speed, and the speeds at which it can spread a rate.
+
+Both follow from the smallest and the largest flow that the limits of its drives allow.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from control.machine.machine import Machine
+
+from .inverse import Conditions, flow_kg_s, lowest_flow_kg_s
+from .strategies import Pair
+
+# Square metres of a hectare.
+M2_PER_HA = 10_000.0
+
+
+class RateRange(NamedTuple):
+    """Lowest and highest rate at one ground speed, kg/ha."""
+
+    low_kg_ha: float
+    high_kg_ha: float
+
+
+class SpeedRange(NamedTuple):
+    """Slowest and fastest ground speed at one rate, m/s."""
+
+    low_mps: float
+    high_mps: float
+
+
+class RangeBreach(NamedTuple):
+    """A wanted rate that the machine cannot give at its present speed."""
+
+    # True: more is wanted than the machine can give. False: less.
+    above: bool
+    wanted_kg_ha: float
+    # What the machine spreads instead, kg/ha; 0: its shaft rests.
+    given_kg_ha: float
+    # The ground speed from which on, or down to which, it can give the wanted rate, m/s.
+    usable_mps: float
+
+
+def _flow_range_kg_s(machine: Machine, c: Conditions) -> tuple[float, float]:
+    limits = machine.limits
+    highest = flow_kg_s(machine, limits.shaft_high_rpm, limits.opening_high_mm, c)
+    return lowest_flow_kg_s(machine, c), highest
+
+
+def find_rate_range(
+    machine: Machine, speed_mps: float, width_m: float, c: Conditions = Conditions()
+) -> RateRange:
+    """Lowest and highest rate that the limits of the drives allow.
+
+    Parameters
+    ----------
+    machine
+        The machine model with the limits of its drives.
+    speed_mps
+        Ground speed, m/s, above 0.
+    width_m
+        Width that is spread, m, above 0: less than the working width where sections are closed.
+    c
+        What the flow depends on in addition to the two set-points.
+    """
+    low, high = (M2_PER_HA * flow / (width_m * speed_mps) for flow in _flow_range_kg_s(machine, c))
+    return RateRange(low, high)
+
+
+def find_speed_range(
+    machine: Machine, rate_kg_ha: float, width_m: float, c: Conditions = Conditions()
+) -> SpeedRange:
+    """Slowest and fastest ground speed at which the machine gives `rate_kg_ha`, above 0.
+
+    Parameters are those of `find_rate_range`.
+    """
+    low, high = (M2_PER_HA * flow / (width_m * rate_kg_ha) for flow in _flow_range_kg_s(machine, c))
+    return SpeedRange(low, high)
+
+
+def find_breach(
+    machine: Machine, pair: Pair, rate_kg_ha: float, speed_mps: float, width_m: float, c: Conditions
+) -> RangeBreach | None:
+    """Returns what the machine spreads in place of a rate beyond its range.
+
+    Parameters
+    ----------
+    pair
+        What the drives are to do, with the limit that it met (`Pair.limited`).
+    rate_kg_ha
+        The wanted rate.
+    machine, speed_mps, width_m, c
+        As of `find_rate_range`.
+
+    Returns
+    -------
+    None where the rate is within the range, or the machine or its outlets are at rest.
+    """
+    if not pair.limited or min(rate_kg_ha, speed_mps, width_m) <= 0.0:
+        return None
+    above, usable = pair.limited == "highest", find_speed_range(machine, rate_kg_ha, width_m, c)
+    given = M2_PER_HA * flow_kg_s(machine, *pair[:2], c) / (width_m * speed_mps)
+    return RangeBreach(above, rate_kg_ha, given, usable.high_mps if above else usable.low_mps)
