@@ -442,9 +442,11 @@ def open_port(url: str, baud: int, clock: Clock) -> ThreadedPort:
     baud : bits per second; without meaning for a socket.
     clock : seconds; stamps the arrival of bytes.
 
-    Raises ------ ValueError : the URL is of another kind or names no host and port, or the baud
-    rate is not positive. A device that
-        is not there is no error: the port keeps trying and says so in `state().last_error`.
+    Raises
+    ------
+    ValueError : the URL is of another kind or names no host and port, or the baud rate is not
+        positive. A device that is not there is no error: the port keeps trying and says so in
+        `state().last_error`.
     """
     if baud <= 0:
         raise ValueError(f"port {url}: baud {baud}, allowed is 1 or more")

@@ -49,12 +49,16 @@ def extend(
     ValueError
         For a size out of the catalogue's bounds.
 
-    Examples -------- >>> from control.diagnosis.result import Cause, Data, Diagnosis,
-    FieldCost, Size >>> from control.machine.machine import Machine, effect_sizes >>> cause =
-    Cause("flow.gain", Size(6.0, 5.5, 6.5, "%"), None, 0.99, (), None, "Do a catch test.", ...
-    FieldCost(6.0, 0.0)) >>> found = Diagnosis(Data("run.csv", "run", 600, 60.0, "huanghai"),
-    (), "named", (cause,), (), (), None, (), None) >>> effect_sizes(extend(Machine(), found,
-    date="2026-07-01")) {'flow.gain': 6.0}
+    Examples
+    --------
+    >>> from control.diagnosis.result import Cause, Data, Diagnosis, FieldCost, Size
+    >>> from control.machine.machine import Machine, effect_sizes
+    >>> size, cost = Size(6.0, 5.5, 6.5, "%"), FieldCost(6.0, 0.0)
+    >>> cause = Cause("flow.gain", size, None, 0.99, (), None, "Do a catch test.", cost)
+    >>> data = Data("run.csv", "run", 600, 60.0, "huanghai")
+    >>> found = Diagnosis(data, (), "named", (cause,), (), (), None, (), None)
+    >>> effect_sizes(extend(Machine(), found, date="2026-07-01"))
+    {'flow.gain': 6.0}
     """
     was = machine = machine_of(machine)
     ranges = dict(diagnosis.excited if valid is None else valid)

@@ -68,12 +68,15 @@ class HeadDecoder(LineDecoder[HeadSample]):
     ValueError : a field map that points outside the line.
 
     Counted as rejected: `wrong_field_count`, `not_a_number`, `out_of_range` (NDVI outside -1 to
-    1, or a second index beyond 100 either way), `unprintable` (a byte that is no ASCII text, in
-    any field), `unknown_head` (multiplexed: no `H<n>` in front, or no such head), `overlong`.
-    Counted as ignored: `partial_first` (the line that was under way when the port was opened),
-    `comment` (lines beginning with #). The lines carry no checksum: a digit changed on the wire
+        1, or a second index
+    beyond 100 either way), `unprintable` (a byte that is no ASCII text, in any field),
+        `unknown_head` (multiplexed: no
+    `H<n>` in front, or no such head), `overlong`. Counted as ignored: `partial_first` (the line
+        that was under way when
+    the port was opened), `comment` (lines beginning with #). The lines carry no checksum: a
+        digit changed on the wire
     into another digit cannot be seen here; the fusion of six heads by their median is what
-    withstands it.
+        withstands it.
     """
 
     longest = 200

@@ -29,19 +29,25 @@ PIECE_BYTES = 96
 
 
 def decode(protocol: str, data: bytes) -> tuple[list[Record], Counts]:
-    """Every accepted measurement of a capture, with the run log's column names, and the counts
-    by kind.
+    """Every accepted measurement of a capture, with the run log's column names, and the counts by
+    kind.
 
-    Parameters ---------- protocol : one of `PROTOCOLS`; a head protocol with `-multi` behind it
-    is the multiplexed line. data : the capture, whole: the bare bytes of the line, or what the
-    console wrote (`drivers.devices.capture`).
+    Parameters
+    ----------
+    protocol : one of `PROTOCOLS`; a head protocol with `-multi` behind it is the multiplexed line.
+    data : the capture, whole: the bare bytes of the line, or what the console wrote
+        (`drivers.devices.capture`).
 
-    Returns ------- records : one dict per accepted epoch, sample or status line, in order; None
-    where the device did not say. counts : sentences or frames read, accepted, rejected by kind,
-    ignored by kind.
+    Returns
+    -------
+    records : one dict per accepted epoch, sample or status line, in order; None where the
+        device did not say.
+    counts : sentences or frames read, accepted, rejected by kind, ignored by kind.
 
-    Raises ------ ValueError : an unknown protocol; the message lists the known ones. A capture
-    of the console's with a wrong line.
+    Raises
+    ------
+    ValueError : an unknown protocol; the message lists the known ones. A capture of the
+        console's with a wrong line.
     """
     name = protocol.removesuffix("-multi")
     if protocol not in PROTOCOLS and (device := plugged("devices", name)) is not None:

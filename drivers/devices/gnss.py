@@ -57,9 +57,10 @@ class GnssDecoder(LineDecoder[GnssFix]):
     constellation's sentence for the same epoch; the first stays; `no_epoch`: VTG carries no
     time, and there is no epoch yet that it could belong to.
 
-    Parameters ---------- live : hand over at the earliest moment (see the module's text).
-    False, for recordings: each epoch once, whole,
-        when the next one begins or at `flush`.
+    Parameters
+    ----------
+    live : hand over at the earliest moment (see the module's text). False, for recordings: each
+        epoch once, whole, when the next one begins or at `flush`.
     """
 
     framed = True

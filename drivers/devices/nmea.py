@@ -70,10 +70,11 @@ def seal(payload: str) -> bytes:
 def parse(sentence: bytes) -> Sentence:
     """Read one sentence, given without `$` and line end.
 
-    Raises ------ Rejected : `missing_checksum`, `bad_checksum`, `malformed`,
-    `impossible_value`. Ignored : the sentence type (with its talker where that is unknown), or
-    `no_fix` where the receiver says that it
-        has no position or no speed.
+    Raises
+    ------
+    Rejected : `missing_checksum`, `bad_checksum`, `malformed`, `impossible_value`.
+    Ignored : the sentence type (with its talker where that is unknown), or `no_fix` where the
+        receiver says that it has no position or no speed.
     """
     text = _checked(sentence)
     address, _, rest = text.partition(",")

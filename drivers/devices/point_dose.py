@@ -124,8 +124,10 @@ class PointDose:
     ) -> bytes:
         """The line of a new dose, to be sent at `now_s`; the speed is cut to the limit.
 
-        Raises ------ ValueError : a number that is not finite or not allowed; or the dose
-        before is still under way.
+        Raises
+        ------
+        ValueError : a number that is not finite or not allowed; or the dose before is still
+            under way.
         """
         if not self.ready:
             raise ValueError("dose: the one before is still under way")

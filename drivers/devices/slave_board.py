@@ -103,9 +103,9 @@ class SlaveBoard(LineDecoder[BoardReadings]):
         self.turned: ShaftTurned | None = None  # the newest answer to ASK_TURNED
 
     def command(self, command: DriveCommand | None, enabled: bool) -> bytes:
-        """The next command line, heartbeat included; to be sent 10 times a second or more.
-        Before it, where the board has a word under which it has heard nothing yet, the question
-        for it.
+        """The next command line, heartbeat included; to be sent 10 times a second or more. Before
+        it, where the board has a word under which it has heard nothing yet, the question for
+        it.
 
         Set-points are cut to the drive limits. Not enabled, or no command: the shaft's
         set-point is 0, the gate's stays where it was, and every valve of a machine that has

@@ -85,12 +85,17 @@ LONGEST_CATCH_UP_S = 5.0
 class VirtualMachine:
     """Steps a plant up to the time it is given and exchanges bytes on its ends of the ports.
 
-    Parameters ---------- plant : stepped `plant.dt_s` at a time; its time 0 is `start_s`. gnss,
-    board : the machine's ends of those two lines. heads : one end a head, or one end for all of
-    them where the line is multiplexed. layout : how a head writes its line. opening_mm : where
-    the plant's gate stands at its start. multiplexed : all heads on the one port in `heads`,
-    each line preceded by its head. start_s : on the same clock as `advance`. extras : what else
-    is plugged in; those that steer the drives have the last word, in their order.
+    Parameters
+    ----------
+    plant : stepped `plant.dt_s` at a time; its time 0 is `start_s`.
+    gnss, board : the machine's ends of those two lines.
+    heads : one end a head, or one end for all of them where the line is multiplexed.
+    layout : how a head writes its line.
+    opening_mm : where the plant's gate stands at its start.
+    multiplexed : all heads on the one port in `heads`, each line preceded by its head.
+    start_s : on the same clock as `advance`.
+    extras : what else is plugged in; those that steer the drives have the last word, in their
+        order.
     """
 
     def __init__(
@@ -181,11 +186,15 @@ def virtual_cab(
 
     The caller calls `machine.advance(now_s)` before `cab.measure(now_s)`, every tick.
 
-    Parameters ---------- heads : how many canopy heads the plant has. protocol : how they
-    write, one of `canopy_heads.PROTOCOLS`. opening_mm : where the plant's gate stands at its
-    start. index : which of the heads' indices counts. extras : what else is plugged in, as
-    `VirtualMachine` has them. board : drive limits and wheel, where they differ from the
-    nominal machine's; its port name is not used.
+    Parameters
+    ----------
+    heads : how many canopy heads the plant has.
+    protocol : how they write, one of `canopy_heads.PROTOCOLS`.
+    opening_mm : where the plant's gate stands at its start.
+    index : which of the heads' indices counts.
+    extras : what else is plugged in, as `VirtualMachine` has them.
+    board : drive limits and wheel, where they differ from the nominal machine's; its port name
+        is not used.
     """
     head_names = (
         ("memory:heads",) if multiplexed else tuple(f"memory:head_{n}" for n in range(1, heads + 1))

@@ -37,8 +37,8 @@ from drivers.virtual.machine import OPENING_MM, VirtualMachine
 # A pseudo-terminal as the virtual machine's end of a serial line, under a name that stays.
 # POSIX systems only.
 class TerminalPort(ThreadedPort):
-    """The device's end; a program opens the name `link` as it would a serial port. Connected
-    while one has it open.
+    """The device's end; a program opens the name `link` as it would a serial port. Connected while
+    one has it open.
 
     Raises
     ------

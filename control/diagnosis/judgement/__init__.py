@@ -21,9 +21,10 @@ When something begins or ends is averaged over all times of the log, not maximis
 looking everywhere is in the score. A posterior compares models and does not say that the best
 of them is any good: `checks` does, by the noise that the machine file leads one to expect.
 
-References ---------- Kass and Raftery, Bayes factors, JASA 90, 1995. Madigan and Raftery, JASA
-89, 1994 (models within a window of the best). Roever, Meyer and Christensen, Classical and
-Quantum Gravity 28, 2011, 015010 (Student t in the frequency domain). Brynjarsdottir and
-O'Hagan, Inverse Problems 30, 2014 (freedom of form). Gelman, Meng and Stern, Statistica Sinica
-6, 1996 (checks).
+References
+----------
+Kass and Raftery, Bayes factors, JASA 90, 1995. Madigan and Raftery, JASA 89, 1994 (models
+within a window of the best). Roever, Meyer and Christensen, Classical and Quantum Gravity 28,
+2011, 015010 (Student t in the frequency domain). Brynjarsdottir and O'Hagan, Inverse Problems
+30, 2014 (freedom of form). Gelman, Meng and Stern, Statistica Sinica 6, 1996 (checks).
 """

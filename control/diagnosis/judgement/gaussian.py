@@ -1,14 +1,14 @@
-"""Columns under a noise: whatever is asked of their sizes, from their products with each other
-and with the data.
+"""Columns under a noise: whatever is asked of their sizes, from their products with each other and
+with the data.
 
 The data are r = X b + e, with noise e ~ N(0, V) and sizes b_j ~ N(m_j, S_j^2). With
 
-    A = X'V^-1 X,   s = X'V^-1 r,   c = r'V^-1 r   (1)
+    A = X'V^-1 X,    s = X'V^-1 r,    c = r'V^-1 r   (1)
 
 the log-likelihood of sizes b is b's - b'A b / 2 - c / 2, but for what no size changes. Hence
 their posterior,
 
-    P = A + S^-2,   b = m + P^-1 (s - A m),   cov b = P^-1,   (2)
+    P = A + S^-2,    b = m + P^-1 (s - A m),    cov b = P^-1,   (2)
 
 and by how much, b integrated, the columns together make the data likelier than none of them
 (log evidence),
@@ -22,7 +22,7 @@ nothing; the others are then as it leaves them.
 Once the columns C are fitted, further columns J do only what these cannot follow (Schur
 complement),
 
-    A_J|C = A_JJ - A_JC P_C^-1 A_CJ,   s_J|C = s_J - A_JC b_C,   (4)
+    A_J|C = A_JJ - A_JC P_C^-1 A_CJ,    s_J|C = s_J - A_JC b_C,   (4)
 
 so that one more, with a = A_j|C, z = s_j|C and m = 0, gains [2]_
 
@@ -37,9 +37,11 @@ U', with y = U'S s, m = 0:
     b = S U [y / (l + v)],    cov b = S U diag(v / (l + v)) U'S,
     log E = -(c - sum y^2 / (l + v)) / 2 v - sum log(1 + l / v) / 2.   (6)
 
-References ---------- .. [1] MacKay, Information Theory, Inference and Learning Algorithms,
-2003, ch. 28. .. [2] Tipping and Faul, Fast marginal likelihood maximisation for sparse Bayesian
-models, AISTATS 2003.
+References
+----------
+.. [1] MacKay, Information Theory, Inference and Learning Algorithms, 2003, ch. 28.
+.. [2] Tipping and Faul, Fast marginal likelihood maximisation for sparse Bayesian models,
+    AISTATS 2003.
 """
 
 from __future__ import annotations

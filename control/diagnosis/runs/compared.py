@@ -71,8 +71,8 @@ def compared(
     new: Machine | str,
     step: Callable[[float, str], None] = lambda share, word: None,
 ) -> Compared:
-    """How well two machine files predict a run log, channel by channel, as they stand: nothing
-    is fitted to the log.
+    """How well two machine files predict a run log, channel by channel, as they stand: nothing is
+    fitted to the log.
 
     Parameters
     ----------

@@ -167,29 +167,37 @@ def diagnose_run(
     Cancelled
         Where `cancelled` said so.
 
-    Notes ----- Each channel is predicted through the machine model from the measured output of
-    the stage before. The likelihood is Whittle's, in the cosine domain, with a fast and a slow
-    noise refitted under every hypothesis [1]_; heavy tails are drawn in by pseudo-values [2]_.
+    Notes
+    -----
+    Each channel is predicted through the machine model from the measured output of the stage
+    before. The likelihood is Whittle's, in the cosine domain, with a fast and a slow noise
+    refitted under every hypothesis [1]_; heavy tails are drawn in by pseudo-values [2]_.
     Effects are proposed by a score test of their simulated column and weighed by log evidence
     and prior odds, refitted through the model [3]_ (control/diagnosis/judgement). The gain is
     measured on blocks that no size was fitted to.
 
-    References ---------- .. [1] Whittle, Estimation and information in stationary time series,
-    Arkiv for Matematik 2, 1953. .. [2] Huber and Ronchetti, Robust Statistics, 2nd ed., 2009,
-    7.8. .. [3] Kass and Raftery, Bayes factors, J. Am. Stat. Assoc. 90, 1995.
+    References
+    ----------
+    .. [1] Whittle, Estimation and information in stationary time series, Arkiv for Matematik 2,
+        1953.
+    .. [2] Huber and Ronchetti, Robust Statistics, 2nd ed., 2009, 7.8.
+    .. [3] Kass and Raftery, Bayes factors, J. Am. Stat. Assoc. 90, 1995.
 
     Examples
     --------
     Four minutes in which the wheel reads 2 % more than the ground speed, ten rows a second:
 
-    >>> import numpy as np >>> from control.machine.machine import Machine >>> rng, time_s =
-    np.random.default_rng(1), np.arange(0.0, 240.0, 0.1) >>> speed_mps = 1.3 + 0.2 *
-    np.sin(time_s / 7.0) >>> columns = {"time_s": time_s, "speed_mps": speed_mps + 0.03 *
-    rng.standard_normal(2400), ...            "wheel_speed_mps": 1.02 * speed_mps + 0.02 *
-    rng.standard_normal(2400)} >>> found = diagnose_run(columns, Machine()) >>> found.verdict,
-    [(cause.id, round(cause.size.value, 1), cause.size.unit) for cause in found.causes]
-    ('named', [('speed.wheel_radius', 2.0, '%')]) >>> found.gain[0].after < 0.9 *
-    found.gain[0].before True
+    >>> import numpy as np
+    >>> from control.machine.machine import Machine
+    >>> rng, time_s = np.random.default_rng(1), np.arange(0.0, 240.0, 0.1)
+    >>> speed_mps = 1.3 + 0.2 * np.sin(time_s / 7.0)
+    >>> columns = {"time_s": time_s, "speed_mps": speed_mps + 0.03 * rng.standard_normal(2400),
+    ...            "wheel_speed_mps": 1.02 * speed_mps + 0.02 * rng.standard_normal(2400)}
+    >>> found = diagnose_run(columns, Machine())
+    >>> found.verdict, [(one.id, round(one.size.value, 1), one.size.unit) for one in found.causes]
+    ('named', [('speed.wheel_radius', 2.0, '%')])
+    >>> found.gain[0].after < 0.9 * found.gain[0].before
+    True
     """
     given, of = columns_of(columns), machine_of(machine)
     found = judged_run(

@@ -57,11 +57,13 @@ def diagnose_tables(
         One line, for no table, a table given twice, an unknown kind, a missing column, a number
         out of range, or a table without a usable row.
 
-    Notes ----- Noise is the replicates' (pure error), outliers winsorised [1]_; unequal scatter
-    is tested for by Brown and Forsythe [2]_. Every set of up to three effects, with and without
-    something unknown, has a log evidence and prior odds [3]_ (control/diagnosis/judgement);
-    what is said is what the probable ones have in common. Steps in times are found by the
-    cosine quantogram [4]_. The gain is measured on settings left out one at a time.
+    Notes
+    -----
+    Noise is the replicates' (pure error), outliers winsorised [1]_; unequal scatter is tested
+    for by Brown and Forsythe [2]_. Every set of up to three effects, with and without something
+    unknown, has a log evidence and prior odds [3]_ (control/diagnosis/judgement); what is said
+    is what the probable ones have in common. Steps in times are found by the cosine quantogram
+    [4]_. The gain is measured on settings left out one at a time.
 
     References
     ----------
@@ -70,19 +72,25 @@ def diagnose_tables(
     .. [3] Kass and Raftery, Bayes factors, J. Am. Stat. Assoc. 90, 1995.
     .. [4] D. G. Kendall, Hunting quanta, Phil. Trans. R. Soc. A 276, 1974.
 
-    Examples -------- A catch test that yields 6 % more than the machine file says, at three
-    shaft speeds and two openings:
+    Examples
+    --------
+    A catch test that yields 6 % more than the machine file says, at three shaft speeds and two
+    openings:
 
-    >>> import numpy as np >>> from control.calibration.bench_table import BenchTable >>> from
-    control.machine.machine import Machine >>> shaft_rpm, opening_mm = np.repeat([20.0, 50.0,
-    80.0], 4), np.tile([10.0, 10.0, 30.0, 30.0], 3) >>> scatter = 0.004 *
-    np.random.default_rng(1).standard_normal(12) >>> mass_kg = 1.06 * 5.5e-3 * opening_mm *
-    shaft_rpm / 60.0 * 30.0 * (1.0 + scatter) >>> table = BenchTable("catch", {"shaft_rpm":
-    shaft_rpm, "opening_mm": opening_mm, "mass_kg": mass_kg, ...
-    "duration_s": np.full(12, 30.0)}) >>> found = diagnose_tables([table], Machine()) >>>
-    found.verdict, [(cause.id, round(cause.size.value), cause.size.unit) for cause in
-    found.causes] ('named', [('flow.gain', 6, '%')]) >>> found.gain[0].after < 0.3 *
-    found.gain[0].before True
+    >>> import numpy as np
+    >>> from control.calibration.bench_table import BenchTable
+    >>> from control.machine.machine import Machine
+    >>> shaft_rpm = np.repeat([20.0, 50.0, 80.0], 4)
+    >>> opening_mm = np.tile([10.0, 10.0, 30.0, 30.0], 3)
+    >>> scatter = 0.004 * np.random.default_rng(1).standard_normal(12)
+    >>> mass_kg = 1.06 * 5.5e-3 * opening_mm * shaft_rpm / 60.0 * 30.0 * (1.0 + scatter)
+    >>> columns = {"shaft_rpm": shaft_rpm, "opening_mm": opening_mm, "mass_kg": mass_kg}
+    >>> table = BenchTable("catch", columns | {"duration_s": np.full(12, 30.0)})
+    >>> found = diagnose_tables([table], Machine())
+    >>> found.verdict, [(one.id, round(one.size.value), one.size.unit) for one in found.causes]
+    ('named', [('flow.gain', 6, '%')])
+    >>> found.gain[0].after < 0.3 * found.gain[0].before
+    True
     """
     if not tables:
         raise ValueError("no table given: at least one is needed")
