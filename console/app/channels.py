@@ -40,11 +40,11 @@ class TrendChannel(NamedTuple):
 
 
 ERROR = "rate_error_percent"
-_DEGREES, _NDVI, _COUNT = _plain("deg", 1), _plain("", 3), _plain("", 0)
+_DEGREES, _NDVI, _COUNT = _plain("°", 1), _plain("", 3), _plain("", 0)
 _RATE, _SPEED, _MASS = _of("rate"), _of("speed", 2), _of("mass", 1)
 _SHAFT, _OPENING, _DISTANCE = _of("shaft"), _of("opening"), _of("fine_distance")
 
-CHANNELS = (
+_LABELLED = (
     TrendChannel("target_rate_kg_ha", N_("target rate"), _RATE, "rate"),
     TrendChannel("applied_rate_kg_ha", N_("applied rate"), _RATE, "rate"),
     TrendChannel(ERROR, N_("rate error"), _plain("%", 1)),
@@ -77,9 +77,22 @@ CHANNELS = (
     TrendChannel("fix_quality", N_("GNSS fix quality"), _COUNT),
     TrendChannel("satellites", N_("satellites"), _COUNT),
     TrendChannel("hdop", N_("GNSS dilution (HDOP)"), _plain("", 2)),
-    TrendChannel("lat_deg", N_("latitude"), _plain("deg", 7)),
-    TrendChannel("lon_deg", N_("longitude"), _plain("deg", 7)),
+    TrendChannel("lat_deg", N_("latitude"), _plain("°", 7)),
+    TrendChannel("lon_deg", N_("longitude"), _plain("°", 7)),
     TrendChannel("ndre", N_("NDRE, fused"), _NDVI, "ndvi"),
+)
+# Single heads by red edge are seen on the Run page: a channel takes 0.7 MB, and these are empty
+# on most machines.
+_NOT_PLOTTED = TEXT_COLUMNS | {"time_s", *NDRE_COLUMNS}
+_LABELLED_IDS = {channel.id for channel in _LABELLED}
+# A column that has no label yet is plotted under its own name, to two decimals.
+CHANNELS = (
+    *_LABELLED,
+    *(
+        TrendChannel(column, column, _plain("", 2))
+        for column in COLUMNS
+        if column not in _LABELLED_IDS | _NOT_PLOTTED
+    ),
 )
 BY_ID = {channel.id: channel for channel in CHANNELS}
 COLUMN = {channel.id: index for index, channel in enumerate(CHANNELS)}
@@ -87,12 +100,6 @@ AT_FIRST = ("target_rate_kg_ha", "applied_rate_kg_ha", "speed_used_mps")
 NAN = float("nan")
 
 _AT = tuple(COLUMNS.index(channel.id) if channel.id in COLUMNS else -1 for channel in CHANNELS)
-# Single heads by red edge are seen on the Run page: a channel takes 0.7 MB, and these are empty
-# on most machines.
-assert {COLUMNS[at] for at in _AT if at >= 0} == set(COLUMNS) - TEXT_COLUMNS - {
-    "time_s",
-    *NDRE_COLUMNS,
-}
 
 
 def value_of(row: LogRow, channel: str) -> float:

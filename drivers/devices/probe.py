@@ -17,8 +17,10 @@ from drivers.devices.gnss import GnssDecoder
 from drivers.devices.gpsd import GpsdDecoder
 from drivers.devices.lag_rig import LagRig
 from drivers.devices.lines import Counts, Ignored, Rejected
+from drivers.devices.rate_line import RateLineDecoder
 from drivers.devices.rate_module_frames import BoardLabel, BoardStatus, Status, Trace, decode_heard
 from drivers.devices.slave_board import SlaveBoard
+from drivers.devices.tractor_speed import TractorSpeedDecoder
 from drivers.ports import Clock, Port, printable
 
 BAUDS = (115200, 38400, 9600, 57600, 19200, 4800)  # the most usual first
@@ -50,6 +52,8 @@ def decoders() -> dict[str, Decoder]:
         "slave-board/1": SlaveBoard(),
         "lag-rig/1": LagRig(),
         "agopengps": AgOpenGpsDecoder(),
+        "tractor": TractorSpeedDecoder(),
+        "rate_line": RateLineDecoder(),
         "nmea0183": GnssDecoder(),
         "gpsd": GpsdDecoder(),
         **{
@@ -61,13 +65,13 @@ def decoders() -> dict[str, Decoder]:
 
 
 def recognise(data: bytes) -> ProbeFinding:
-    """What bytes heard on a line are. Head layouts of equal length cannot be told apart: the
-    first one is named.
+    """Returns the protocol of bytes that were heard on a line.
 
-    An NMEA receiver without a fix and a gpsd that waits to be asked are recognised by what is
-    ignored.
+    The decoder that accepts most messages is named. Where none accepts any, the one that knows
+    most messages without using them is: an NMEA receiver without a fix, a gpsd that waits to be
+    asked. Head layouts of equal length cannot be separated: the first one is named.
     """
-    best = ProbeFinding()
+    best, most = ProbeFinding(), (0, 0)
     for protocol, decoder in decoders().items():
         decoder.feed(data, 0.0)
         counts = decoder.counts
@@ -79,9 +83,10 @@ def recognise(data: bytes) -> ProbeFinding:
         enough = FEWEST if protocol not in ("gpsd",) else 1
         if (
             understood >= enough
-            and understood > best.accepted
+            and (counts.accepted, understood) > most
             and understood > counts.rejected_total
         ):
+            most = (counts.accepted, understood)
             best = ProbeFinding(protocol, None, understood, counts.rejected_total)
     return best
 

@@ -41,6 +41,8 @@ class StatedUnit(NamedTuple):
 
     text: str
     source: str
+    # The column of the table that holds the unit; empty: it stands elsewhere.
+    unit_column: str = ""
 
 
 NO_UNITS: Mapping[str, StatedUnit] = {}
@@ -50,13 +52,15 @@ class Stated(dict[str, StatedUnit]):
     """By column in small letters, or ANY. Two that differ are kept as what they are: none that
     is known."""
 
-    def add(self, column: str, text: str, source: str, sure: bool = False) -> None:
+    def add(
+        self, column: str, text: str, source: str, sure: bool = False, unit_column: str = ""
+    ) -> None:
         """sure: it stands in the table itself, so that it is of the rate, known or not."""
         if not text.strip() or (column == ANY and not sure and not of_a_rate(text)):
             return
         before = self.get(column)
         if before is None:
-            self[column] = StatedUnit(text.strip(), source)
+            self[column] = StatedUnit(text.strip(), source, unit_column)
         elif _known(before.text) != _known(text):
             self[column] = StatedUnit(f"{before.text}, {text.strip()}", source)
 
@@ -66,7 +70,7 @@ def together(*several: Mapping[str, StatedUnit]) -> dict[str, StatedUnit]:
     found = Stated()
     for one in several:
         for column, unit in one.items():
-            found.add(column, unit.text, unit.source, sure=True)
+            found.add(column, unit.text, unit.source, True, unit.unit_column)
     return dict(found)
 
 

@@ -165,3 +165,11 @@ def test_axes_of_examples():
     assert round_ends(6.74, 6.95, 2) == pytest.approx((6.7, 7.0))
     assert round_ends(0.5, 0.5, 3) == pytest.approx((0.498, 0.502))
     assert round_ends(nan, nan, 0) == (0.0, 1.0)
+
+
+def test_every_number_of_the_log_has_a_labelled_channel():
+    """A new column of the log is plotted, and the console starts, before anybody labels it."""
+    unlabelled = {channel.id for channel in CHANNELS if channel.label == channel.id}
+    assert unlabelled <= {"satellites"}, "a label in console/app/channels.py"
+    numbers = set(COLUMNS) - TEXT_COLUMNS - {"time_s", *NDRE_COLUMNS}
+    assert numbers <= {channel.id for channel in CHANNELS}

@@ -279,6 +279,8 @@ HEARD = {
     "slave-board/1": b"".join(
         seal(f"S1,{n},0,{n * 50000},0,0,0.000,25.000,,,,,,0") for n in range(5)
     ),
+    "tractor": clean("tractor"),
+    "rate_line": clean("rate_line"),
     "greenseeker": b"345,0.5\r\n" + head_line(0.5, HEAD_PROTOCOLS["greenseeker"]) * 4,
     "acs435": head_line(0.5, HEAD_PROTOCOLS["acs435"]) * 4,
     "greenseeker (multiplexed)": b"".join(

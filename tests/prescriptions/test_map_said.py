@@ -314,6 +314,13 @@ def test_columns_that_are_not_used_are_said(tmp_path: Path) -> None:
     ]
 
 
+def test_the_column_of_the_unit_is_used(tmp_path: Path) -> None:
+    ring = [[116.0, 40.0], [116.001, 40.0], [116.0, 40.001], [116.0, 40.0]]
+    file = geojson(tmp_path / "m.geojson", feature([ring], rate=100, unit="lb/ac", ID=7))
+    found = read_prescription(file)
+    assert (found.unit, [f.text for f in found.findings]) == ("lb/ac", ["1 column not used: ID"])
+
+
 # --- `topdress map` as a person types it
 # -----------------------------------------------------------------------------
 

@@ -158,7 +158,7 @@ def unit_columns(texts: Mapping[str, Collection[str]]) -> dict[str, StatedUnit]:
         kinds = set(map(kind_of, of))
         if column != ANY or "rate" in kinds or not kinds & {"a measurement", "a size"}:
             for cell in cells:
-                found.add(column.casefold(), cell, f"column {name}", sure=True)
+                found.add(column.casefold(), cell, f"column {name}", True, name)
     return dict(found)
 
 

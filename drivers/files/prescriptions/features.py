@@ -65,6 +65,8 @@ class RateColumn(NamedTuple):
     unit: str
     unit_from: str
     why: str
+    # The column that holds the unit; empty: the unit stands elsewhere.
+    unit_column: str = ""
 
 
 class _NumberColumn(NamedTuple):
@@ -274,7 +276,7 @@ def _with_unit(
     rate is no rate of the product."""
     if choice.unit is not None:
         return RateColumn(one.name, one.cells, choice.unit, "chosen", why)
-    unit, source = one.unit, "the file"
+    unit, source, unit_column = one.unit, "the file", ""
     if one.unread:
         raise _which_unit(path, one, StatedUnit(one.unread, "its own name"), None)
     for said in (stated.get(one.name.casefold()), stated.get(ANY)):
@@ -283,12 +285,15 @@ def _with_unit(
         meant = _unit(said.text)
         if meant is None or unit not in (None, meant):
             raise _which_unit(path, one, said, unit)
-        unit, source = meant, said.source if unit is None or source == "the file" else source
+        if unit is None or source == "the file":
+            source, unit_column = said.source, said.unit_column
+        unit = meant
     nutrient = next(
         (nutrient for word in sorted(one.words) if (nutrient := NUTRIENTS.get(word))), ""
     )
     if nutrient == "nitrogen" and choice.n_fraction is not None and unit in OF_NITROGEN:
-        return RateColumn(one.name, one.cells, OF_NITROGEN[unit], f"named in {source}", why)
+        unit = OF_NITROGEN[unit]
+        return RateColumn(one.name, one.cells, unit, f"named in {source}", why, unit_column)
     if nutrient and unit not in NITROGEN_UNITS:
         raise RateQuestion(
             _column(path, one),
@@ -303,7 +308,7 @@ def _with_unit(
         )
     if unit is None:
         return RateColumn(one.name, one.cells, PLAIN_UNIT, UNIT_NOT_NAMED, why)
-    return RateColumn(one.name, one.cells, unit, f"named in {source}", why)
+    return RateColumn(one.name, one.cells, unit, f"named in {source}", why, unit_column)
 
 
 def _which_unit(path: Path, one: _NumberColumn, said: StatedUnit, unit: str | None) -> RateQuestion:
@@ -372,7 +377,7 @@ def imported(
     unused = [
         name
         for name in dict.fromkeys(name for feature in features for name in feature.attributes)
-        if name != column and name not in KNOWN_EXTRA
+        if name not in (column, chosen.unit_column) and name not in KNOWN_EXTRA
     ]
     if unused:
         findings.append(
