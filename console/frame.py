@@ -130,6 +130,9 @@ class Frame:
     # N-rich and farmer check, as they count now
     strips: Strips = field(default_factory=Strips)
     sources: tuple[str, ...] = ()  # of the target, that the job has; empty: none
+    # what each of `sources` gives here, kg/ha, without the nudge; None: single doses; empty: the
+    # worker does not tell
+    source_rates: tuple[float | None, ...] = ()
     # of the target, as ordered; what stands in for it is in the row
     ordered_source: str = ""
     manual_rate_kg_ha: float | None = None  # as ordered, also while another source holds

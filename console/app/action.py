@@ -17,7 +17,9 @@ class Action(NamedTuple):
     is given the app. bar: place in the key bar, 0 = not there. locked: still works in lock
     mode. why: why it cannot be done now, one line, empty where it can; given what `do` is
     given. judged: it is tried all the same, for the worker has the last word, whose state is
-    newer than the frame on the screen. asks: a "number" or a "text" is typed after it."""
+    newer than the frame on the screen. asks: a "number" or a "text" is typed after it.
+    needs_machine: it orders or asks something of the machine, and cannot be done without a
+    connection."""
 
     id: str
     keys: str
@@ -32,6 +34,7 @@ class Action(NamedTuple):
     why: Callable[[Any], str] | None = None
     judged: bool = False
     asks: str = ""
+    needs_machine: bool = False
 
 
 def bindings(actions: Iterable[Action]) -> list[BindingType]:

@@ -16,6 +16,7 @@ from console.app.pages.replay import keys as replay
 from console.app.pages.run import keys as run
 from console.app.pages.settings import keys as settings
 from console.app.pages.trends import keys as trends
+from console.locale import N_
 
 ACTIONS: tuple[Action, ...] = (
     *run.ACTIONS,
@@ -50,6 +51,9 @@ _NAMES = {
     "delete": "Del",
     "backspace": "Bksp",
 }
+# of the key of STOP, while no machine is connected
+CONNECT = N_("connect")
+CONNECT_HELP = N_("Asks how to connect: STOP is the hard-wired one until then.")
 # key of what stands in a page's menu, before its digit: no terminal sends it
 _IN_MENU = "q_"
 # action -> key as it is shown, where the user's keymap has another one
@@ -86,6 +90,16 @@ def at(where: str) -> tuple[Action, ...]:
         action._replace(shown=shown_key(action), **as_here.get(action.id, {}))
         for action in found
         if action.id != "menu" or menu(where)
+    )
+
+
+def without_machine(shown: tuple[Action, ...]) -> tuple[Action, ...]:
+    """The same while no machine is connected: neither hold nor STOP is among them, and the key
+    of STOP connects."""
+    return tuple(
+        action._replace(label=CONNECT, help=CONNECT_HELP) if action.id == "stop" else action
+        for action in shown
+        if action.id != "hold"
     )
 
 

@@ -25,6 +25,7 @@ from console.app.action import ANYWHERE, JOB, MAP, REPLAY, RUN, Action, bindings
 from console.app.alarms import Bell
 from console.app.company import CompanyView, arrival_words, company_view, list_words, news
 from console.app.dialogs import Choice, ChoiceDialog, Confirm, TextDialog
+from console.app.dose_change import dose_change
 from console.app.fields import FieldPictures
 from console.app.first_question import MAY_CHANGE, ask_first, start_with
 from console.app.guide_line import GuideLine
@@ -40,7 +41,7 @@ from console.app.pages.job.service import Recent
 from console.app.pages.page import Page
 from console.app.pages.replay.service import ReplayJob
 from console.app.plain_lines import PlainLines
-from console.app.reasons import key_first
+from console.app.reasons import key_first, why_no_machine
 from console.app.screens.alarm_list import AlarmList
 from console.app.screens.gone import GoneScreen
 from console.app.screens.help import HelpScreen
@@ -50,13 +51,13 @@ from console.app.source import FrameArrival, FrameSource
 from console.app.stray import HeldEnter, StrayTyping
 from console.app.terminal import Takes, drawn_on
 from console.app.tour import Tour
-from console.app.undo import Undo, back_words, orders_back
+from console.app.undo import Undo, Undoable, back_words, orders_back
 from console.app.units import METRIC, Units
 from console.app.view import wall_clock
 from console.app.widgets.key_bar import URGENT, KeyBar
 from console.frame import Frame
 from console.link import Link, WorkerGone
-from console.locale import _, use
+from console.locale import N_, _, use
 from console.running import WorkerFailed
 from console.sweeps import Sweeps
 from console.worker.resume_alarms import AlarmBook
@@ -74,6 +75,7 @@ if TYPE_CHECKING:
 LEADS_TO = {Do.START: State.WORKING, Do.CALIBRATE: State.CALIBRATING, Do.READY: State.READY}
 NOTES = (TextDialog, HelpScreen, AlarmList)  # nothing is asked in them
 NOTICE_S = 4.0
+COMES_BACK = N_("the machine comes back with the new files: a moment")
 # between two strokes of the bell: closer ones are one on some terminals
 STROKE_S = 0.35
 FIRST_S = 0.02  # how often the first frame is looked for
@@ -582,7 +584,8 @@ class TopdressApp(App[None], inherit_bindings=False):
 
     def offered(self, where: str) -> tuple[Action, ...]:
         """The actions that key bar, help and palette of a screen show."""
-        return actions.at(where)
+        shown = actions.at(where)
+        return actions.without_machine(shown) if self.disconnected else shown
 
     def menu(self) -> tuple[Action, ...]:
         """What Q lists on this page."""
@@ -604,7 +607,7 @@ class TopdressApp(App[None], inherit_bindings=False):
 
     def why_no_stop(self) -> str:
         """One line for the key bar where hold and STOP are not offered."""
-        return ""
+        return _("STOP: hard-wired, at the machine") if self.disconnected else ""
 
     def notice(self, text: str) -> None:
         """Say something in the key bar for some seconds."""
@@ -676,6 +679,11 @@ class TopdressApp(App[None], inherit_bindings=False):
         except Exception as error:
             self._say_gone(f"{type(error).__name__}: {error}")
 
+    @property
+    def disconnected(self) -> bool:
+        """Whether no order reaches a machine; a log that is played alone waits for none."""
+        return bool(self.gone) or (self.source is None and self.replay_page.job is None)
+
     def _say_gone(self, why: str) -> None:
         if self.gone or self._restarting:
             return
@@ -723,7 +731,7 @@ class TopdressApp(App[None], inherit_bindings=False):
             elif value == "anew":
                 self.connect(lambda: service.anew(cut_off))
             else:
-                self.notice(_("nothing is connected: C asks again"))
+                self.notice(why_no_machine(self))
 
         self.push_screen(
             self.pass_question(
@@ -768,14 +776,13 @@ class TopdressApp(App[None], inherit_bindings=False):
                 end = getattr(self.source, "stop_worker", None)
                 if end is not None:
                     await end()
+                await self._connect(start)
             except (OSError, TimeoutError) as error:
                 self.notice(_("the machine cannot be changed over: {why}").format(why=error))
-                return
             finally:
                 self._restarting = False
-            await self._connect(start)
 
-        self.notice(_("the machine comes back with the new files: a moment"))
+        self.notice(_(COMES_BACK))
         self.run_worker(change(), group="connect", exclusive=True, exit_on_error=False)
 
     async def _connect(self, connect: Connect) -> None:
@@ -787,9 +794,13 @@ class TopdressApp(App[None], inherit_bindings=False):
             else:
                 self.joined = None
         except (OSError, RuntimeError, ValueError) as error:
+            if self._restarting:
+                self.gone = str(error)
             self._show_gone(str(error))
             return
         self.gone = ""
+        if isinstance(self.screen, GoneScreen):
+            self.screen.dismiss(None)
         self.arrival, self.alarm_book = FrameArrival(), AlarmBook()
         self.history = History()
         self._earlier_of = ""
@@ -802,12 +813,27 @@ class TopdressApp(App[None], inherit_bindings=False):
         """One order; as `give_all`."""
         self.give_all(Order(do, value))
 
-    def give_all(self, *orders: Order, also_back: Callable[[], None] = lambda: None) -> None:
+    def give_all(
+        self,
+        *orders: Order,
+        also_back: Callable[[], None] = lambda: None,
+        dose_is_asked: bool = False,
+    ) -> None:
         """Send orders that are one change, one after the other; a refusal or a missing answer
         is said in the key bar and ends them. Those that were followed are the newest change
-        that can be taken back. also_back: what taking them back does besides."""
+        that can be taken back. also_back: what taking them back does besides. dose_is_asked:
+        the operator said yes to the dose before and after; else a large change of it is asked
+        here."""
         if self.source is None:
             self.notice(_("no machine is connected"))
+            return
+        change = None if dose_is_asked else dose_change(self.arrival.frame, orders)
+        if change is not None and change.is_large:
+            self.confirm(
+                change.question(self.units),
+                change.text(self.units),
+                lambda: self.give_all(*orders, also_back=also_back, dose_is_asked=True),
+            )
             return
         self.run_worker(
             self._give(orders, self.arrival.frame, also_back), group="orders", exit_on_error=False
@@ -830,7 +856,7 @@ class TopdressApp(App[None], inherit_bindings=False):
                 )
                 also_back()
 
-            self.undo.add(back_words(back, self.units), take_back)
+            self.undo.add(Undoable(back_words(back, self.units), take_back, back))
 
     async def asked(
         self,
@@ -850,6 +876,8 @@ class TopdressApp(App[None], inherit_bindings=False):
             answer = await ask(self.source)
         except WorkerGone as error:
             self._say_gone(str(error))
+            if not quiet:
+                self.ask_connection()
             return Answer(False, "gone")
         except (TimeoutError, OSError):
             return self._refused(Answer(False, "no_answer"), quiet)
@@ -886,10 +914,12 @@ class TopdressApp(App[None], inherit_bindings=False):
         why = (
             _("locked: F8 unlocks; hold and stop work")
             if self.locked and not action.locked
-            else ("" if action.judged else self.why_not(action))
+            else self.why_not(action, judged=action.judged)
         )
         if why:
             self.notice(why)
+        elif name in URGENT and self.disconnected:
+            self.ask_connection()
         elif action.where == ANYWHERE:
             action.do(self)
         else:
@@ -897,14 +927,13 @@ class TopdressApp(App[None], inherit_bindings=False):
         if action.asks and self.screen is before is self.page:
             self.stray.refused(action.asks, self.clock())
 
-    def why_not(self, action: Action) -> str:
+    def why_not(self, action: Action, judged: bool = False) -> str:
         """Why this cannot be done now, in one line; empty where it can, or where nobody here
-        knows."""
-        return (
-            ""
-            if action.why is None
-            else action.why(self if action.where == ANYWHERE else self.pages[action.where])
-        )
+        knows. judged: by the worker, where one is connected."""
+        why = why_no_machine(self) if action.needs_machine else ""
+        if why or judged or action.why is None:
+            return why
+        return action.why(self if action.where == ANYWHERE else self.pages[action.where])
 
     def turn_to(self, where: str) -> None:
         """One page is the app's first screen, another lies over it while it is looked at."""
@@ -934,7 +963,9 @@ class TopdressApp(App[None], inherit_bindings=False):
 
     def ask_connection(self) -> None:
         """Where the worker is gone: ask what to do."""
-        if self.gone:
+        if self._restarting:
+            self.notice(_(COMES_BACK))
+        elif self.gone:
             self._show_gone(self.gone)
         elif self.source is None and (self.start or self.attach):
             self._show_gone(_("no machine is connected"))

@@ -23,6 +23,7 @@ from console.app.action import (
 from console.app.alarms import entries
 from console.app.company import leave_words
 from console.app.dialogs import Choice, ChoiceDialog
+from console.app.dose_change import dose_change
 from console.app.first_question import start_from_any_page
 from console.app.reasons import why_no_acknowledge, why_no_start, why_no_tour, why_no_undo
 from console.app.screens.alarm_list import AlarmList
@@ -171,8 +172,12 @@ def take_back(app: TopdressApp) -> None:
         app.undo.take()
         change.back()
 
+    dose = dose_change(app.arrival.frame, change.orders)
+    said = _("It goes back to: {what}").format(what=change.what)
     app.confirm(
-        _("Take the last change back?"), _("It goes back to: {what}").format(what=change.what), back
+        _("Take the last change back?"),
+        said if dose is None else f"{said}\n{dose.text(app.units)}",
+        back,
     )
 
 
@@ -230,6 +235,7 @@ ACTIONS = (
         acknowledge,
         bar=9,
         why=why_no_acknowledge,
+        needs_machine=True,
     ),
     Action(
         "menu",
@@ -342,6 +348,7 @@ ACTIONS = (
         lambda app: start_from_any_page(app),
         bar=2,
         why=why_no_start,
+        needs_machine=True,
     ),
     Action(
         "undo",

@@ -14,8 +14,20 @@ if TYPE_CHECKING:
     from console.app.app import TopdressApp
 
 
+def why_no_machine(app: TopdressApp) -> str:
+    """Orders and STOP go nowhere; the key of STOP asks to connect instead."""
+    return (
+        _("no connection to the machine: {key} connects").format(key=app.shown_key("stop"))
+        if app.disconnected
+        else ""
+    )
+
+
 def why_no_undo(app: TopdressApp) -> str:
-    return _("nothing was changed that could be taken back") if app.undo.newest is None else ""
+    newest = app.undo.newest
+    if newest is None:
+        return _("nothing was changed that could be taken back")
+    return why_no_machine(app) if newest.orders else ""
 
 
 def why_no_acknowledge(app: TopdressApp) -> str:

@@ -186,7 +186,7 @@ class TabletApp(TopdressApp):
         return tuple(action for action in shown if self.may(action)) if self.looking else shown
 
     def why_no_stop(self) -> str:
-        return _("hold and STOP: at the machine") if self.looking else ""
+        return _("hold and STOP: at the machine") if self.looking else super().why_no_stop()
 
     def may(self, action: Action) -> bool:
         """Whether a tab that only looks may do this."""

@@ -36,10 +36,12 @@ NOT_TAKEN_BACK = MappingProxyType(
 
 
 class Undoable(NamedTuple):
-    """what: in words, as it would be again: "strategy opening first". back: does it."""
+    """what: in words, as it would be again: "strategy opening first". back: does it.
+    orders: that it gives for it."""
 
     what: str
     back: Callable[[], None]
+    orders: tuple[Order, ...] = ()
 
 
 class Undo:
@@ -48,8 +50,8 @@ class Undo:
     def __init__(self) -> None:
         self._changes: list[Undoable] = []
 
-    def add(self, what: str, back: Callable[[], None]) -> None:
-        self._changes = [*self._changes[1 - MOST :], Undoable(what, back)]
+    def add(self, change: Undoable) -> None:
+        self._changes = [*self._changes[1 - MOST :], change]
 
     @property
     def newest(self) -> Undoable | None:

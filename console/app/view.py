@@ -270,32 +270,23 @@ def alarms(frame: Frame, utc_offset_s: float, units: Units, old: bool = False) -
     return AlarmsView(tuple(lines), calm, fault, old or bool(fault))
 
 
-def without_worker(view: RunView) -> RunView:
+def without_worker(view: RunView, key: str) -> RunView:
     """What is left of a view where no control worker is there: it may still spread, or stand,
-    or alarm."""
-    shown = view.alarms
-    return (
-        view
-        if shown.lines
-        else view._replace(
-            alarms=shown._replace(
-                urgent=True,
-                calm=_(
-                    "No connection to the machine: its state and alarms are not known. C on "
-                    "the Run page connects."
-                ),
-            )
-        )
+    or alarm. Its last alarms are those of a machine that is not known any more: they stay in
+    the list of alarms. key: connects."""
+    calm = _(
+        "No connection to the machine: its state and alarms are not known. STOP is the "
+        "hard-wired one; {key} connects."
     )
+    return view._replace(alarms=AlarmsView((), calm.format(key=key), urgent=True))
 
 
-def without_machine(view: RunView) -> RunView:
-    """What there is to see where nothing is connected: no first value comes by waiting for it."""
+def without_machine(view: RunView, key: str) -> RunView:
+    """What there is to see where nothing is connected: no first value comes by waiting for it.
+    key: connects."""
     status = view.status._replace(silent=_("no machine is connected"))
-    return view._replace(
-        status=status,
-        alarms=AlarmsView((), _("C on the Run page connects a machine."), urgent=True),
-    )
+    calm = _("{key} connects a machine.").format(key=key)
+    return view._replace(status=status, alarms=AlarmsView((), calm, urgent=True))
 
 
 def _gone(alarm: Alarm, frame: Frame, utc_offset_s: float) -> str:

@@ -180,7 +180,7 @@ class Ahead:
     def profile(self, choices: Choices, may_outside: bool, spread_to_m: float = -inf) -> Profile:
         """Targets along the track: chosen, not where something lies already, not outside.
         spread_to_m: where the machine has backed up, nothing more before this place."""
-        wanted = self._chosen(choices)
+        wanted = self._chosen(choices.source, choices.manual_rate_kg_ha)
         by_section = self._by_section(choices)
         if self._headland is not None and not (
             by_section and self._headland_target.rate_kg_ha <= 0.0
@@ -213,20 +213,33 @@ class Ahead:
             (),
         )
 
-    def _chosen(self, choices: Choices) -> Profile:
-        if choices.source is TargetSource.CANOPY:
+    def _chosen(self, source: TargetSource, manual_rate_kg_ha: float) -> Profile:
+        if source is TargetSource.CANOPY:
             return self.heads.decisions.stretches
-        if choices.source is TargetSource.MAP and self.map is not None:
+        if source is TargetSource.MAP and self.map is not None:
             return self.map
-        if choices.source is TargetSource.MAP_AND_CANOPY and self.map is not None:
+        if source is TargetSource.MAP_AND_CANOPY and self.map is not None:
             return MapAndCanopy(self.map, self.heads.decisions.stretches, self._around)
-        if choices.source is TargetSource.POINT:
+        if source is TargetSource.POINT:
             return DOSES_ONLY
-        if choices.source is TargetSource.MANUAL:
-            return Everywhere(Target(choices.manual_rate_kg_ha, TargetSource.MANUAL))
-        if choices.source is TargetSource.EXTERNAL:
+        if source is TargetSource.MANUAL:
+            return Everywhere(Target(manual_rate_kg_ha, TargetSource.MANUAL))
+        if source is TargetSource.EXTERNAL:
             return self.outside_target.profile
         return self._fallback
+
+    def source_rates(
+        self, sources: tuple[TargetSource, ...], manual_rate_kg_ha: float, track_m: float
+    ) -> tuple[float | None, ...]:
+        """What each of these sources gives here, kg/ha, without the nudge; None: single doses."""
+        return tuple(
+            [
+                None
+                if source is TargetSource.POINT
+                else self._chosen(source, manual_rate_kg_ha).at(track_m).rate_kg_ha
+                for source in sources
+            ]
+        )
 
     def landing_inside(
         self,

@@ -769,6 +769,9 @@ class ControlLoop:
             sections=self._ahead.sections.states(command.valves, choices.sections_off),
             strips=heads.decisions.rule.strips,
             sources=self._operator.sources,
+            source_rates=self._ahead.source_rates(
+                self._operator.sources, choices.manual_rate_kg_ha, moment.sensed.track_m
+            ),
             effort=self._effort.says,
         )
 

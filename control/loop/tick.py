@@ -40,6 +40,8 @@ class Tick(NamedTuple):
     sections: tuple[SectionState, ...]
     strips: Strips  # N-rich and farmer check, as they count now
     sources: tuple[TargetSource, ...]  # of the target, that the job has
+    # what each of `sources` gives here, kg/ha, without the nudge; None: single doses
+    source_rates: tuple[float | None, ...]
     effort: EffortSays  # of the metering drive
 
     @property

@@ -34,7 +34,8 @@ from tests.app.made_up.run import run_frames, sample_alarms, sample_services
 
 
 class StillSource:
-    """A source whose newest frame is set by hand; every order is kept and accepted."""
+    """A source whose newest frame is set by hand; every order is kept and accepted, until `end`
+    is given an error."""
 
     def __init__(self, newest: Frame | None = None) -> None:
         self.newest = newest
@@ -50,6 +51,8 @@ class StillSource:
         await self.end
 
     async def order(self, order: Order) -> Answer:
+        if self.end is not None and self.end.done():
+            self.end.result()
         self.orders.append(order)
         return self.answer
 

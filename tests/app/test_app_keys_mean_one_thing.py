@@ -148,7 +148,7 @@ async def test_a_map_that_the_job_has_not_is_greyed_with_the_way_to_one(full, so
     await pilot.press("o", "2", "enter")
     assert isinstance(full.screen, ChoiceDialog) and source.orders == []
     assert "this job has no map; F10, P takes one" in " ".join(" ".join(shown(full)).split())
-    await pilot.press("4", "enter")
+    await pilot.press("4", "enter", "enter")
     assert source.orders == [Order(Do.SOURCE, "manual")]
 
 

@@ -49,7 +49,7 @@ async def test_escape_at_the_resume_question_says_what_connects_for_as_long_as_n
             clock.now_s += 60.0
             await looked(app, pilot)
             text = " ".join("\n".join(shown(app)).split())
-            assert "no machine is connected" in text and "C on the Run page connects" in text, text
+            assert "no machine is connected" in text and "X connects" in text, text
             assert "waiting for the first values" not in text
         await pilot.press("f10")
         await looked(app, pilot)

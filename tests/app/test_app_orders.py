@@ -11,7 +11,7 @@ from console.app.number_dialog import NumberDialog
 from console.app.widgets.alarm_bar import AlarmBar
 from console.app.widgets.key_bar import KeyBar, laid_out
 from control.orders import Answer, Do, Order
-from tests.app.harness import later
+from tests.app.harness import later, tell
 
 SIZE = (120, 40)
 
@@ -71,8 +71,10 @@ ASKED = [
 ]
 
 
-async def test_what_changes_the_dose_is_asked_once(app, pilot):
+async def test_what_changes_the_dose_is_asked_once(app, source, pilot):
     """Nothing goes out before Enter."""
+    tell(source, sources=("manual",), source_rates=(source.newest.row.target_rate_kg_ha,))
+    await later(app, pilot)
     for keys, order in ASKED:
         await pilot.press(*keys[:-1])
         assert app.source.orders == [], keys

@@ -3,6 +3,8 @@ letter; no STOP that stops nothing is shown."""
 
 from __future__ import annotations
 
+import asyncio
+
 import pytest
 from textual._xterm_parser import XTermParser
 from textual.command import CommandPalette
@@ -27,11 +29,12 @@ from console.app.settings import keymap_problem
 from console.app.tablet import Key, KeyDialog, TabletApp
 from console.app.units import METRIC
 from console.app.widgets.key_bar import KeyBar, laid_out
+from console.link import WorkerGone
 from control.orders import Answer, Do, Order
 from tests.app.gallery import StillSource
-from tests.app.harness import later, turned
+from tests.app.harness import later, looked, tell, turned
 from tests.app.made_up.job import SampleJobService
-from tests.app.made_up.run import sample_services
+from tests.app.made_up.run import sample_alarms, sample_services
 
 SIZE = (120, 40)
 STOP, HOLD = Order(Do.STOP), Order(Do.HOLD)
@@ -412,3 +415,84 @@ async def test_a_tab_that_only_looks_shows_no_stop_and_says_why(source, clock, s
         assert "X STOP" in shown(app)[-1]
         await send(app, pilot, "X")
         assert source.orders == [STOP]
+
+
+@pytest.mark.parametrize("size", [(120, 40), (80, 24)])
+async def test_without_a_worker_stop_and_hold_ask_to_connect_on_every_page(
+    source, clock, shown, size
+):
+    """Another console may have started the machine again: an X that does nothing must say so."""
+
+    async def attach():
+        return StillSource(source.newest)
+
+    app = TopdressApp(source, clock, live=False, attach=attach, services=sample_services())
+    tell(source, alarms=sample_alarms(source.newest.at_s))
+    async with app.run_test(size=size) as pilot:
+        await looked(app, pilot)
+        source.end.set_exception(WorkerGone("the connection to the machine broke off"))
+        await pilot.pause()
+        await pilot.pause()
+        await pilot.press("escape")
+        for where in ("run",) if size == SIZE else app.pages:
+            await turned(app, pilot, where)
+            rows = shown(app)
+            assert "STOP: hard-wired" in rows[-1] and "X connect" in rows[-1], where
+            assert "X STOP" not in rows[-1] and "Space hold" not in rows[-1], where
+            assert "No connection to the machine" in rows[1], "no old alarm hides it"
+            orders = [one for one in app.offered(where) if one.needs_machine]
+            assert all("no connection" in app.why_not(one) for one in orders), where
+            await send(app, pilot, "X")
+            assert isinstance(app.screen, GoneScreen), where
+            app.pop_screen()
+        await turned(app, pilot, "run")
+        for text in ("\x1b[24~", " "):
+            await send(app, pilot, text)
+            assert isinstance(app.screen, GoneScreen), text
+            app.pop_screen()
+        for key in ("s", "r", "m", "plus", "comma", "l", "a"):
+            await pilot.press(key)
+            assert app.screen is app.page and "no connection" in app.notice_text, key
+            app.notice("")
+            clock.now_s += 5.0
+        bar = app.page.query_one("#keys", KeyBar)
+        place = next(at for at in range(bar.size.width) if bar.action_at(at) == "stop")
+        await click(app, pilot, bar.region.x + place, bar.region.y)
+        assert isinstance(app.screen, GoneScreen) and source.orders == []
+        await pilot.press("1", "enter")
+        await looked(app, pilot)
+        await send(app, pilot, "X")
+        assert app.source is not source and app.source.orders == [STOP]
+        assert "X STOP" in shown(app)[-1]
+
+
+async def test_an_order_from_a_dialog_that_outlived_its_worker_is_not_lost_in_silence(
+    source, clock, pilot, app
+):
+    await pilot.press("m", "1", "2", "0")
+    source.end.set_exception(WorkerGone("the connection to the machine broke off"))
+    await pilot.pause()
+    await pilot.press("escape")
+    assert isinstance(app.screen, NumberDialog)
+    await pilot.press("enter")
+    assert isinstance(app.screen, GoneScreen)
+
+
+async def test_a_question_about_the_connection_goes_when_there_is_one(source, clock):
+    """X pressed again while the console connects."""
+    ready = asyncio.Event()
+
+    async def attach():
+        await ready.wait()
+        return StillSource(source.newest)
+
+    app = TopdressApp(source, clock, live=False, attach=attach)
+    async with app.run_test(size=SIZE) as pilot:
+        source.end.set_exception(WorkerGone("gone"))
+        await pilot.pause()
+        await pilot.press("1", "enter", "x")
+        assert isinstance(app.screen, GoneScreen)
+        ready.set()
+        await pilot.pause()
+        await pilot.pause()
+        assert app.screen is app.page and not app.gone

@@ -128,8 +128,8 @@ async def test_a_manual_rate_is_taken_back_and_no_older_change(full, source):
     """`M` and a rate was no change, and an older one was offered as the last."""
     source.newest = replace(source.newest, manual_rate_kg_ha=90.0, ordered_source="manual")
     async with full.run_test(size=SIZE) as pilot:
-        await pilot.press("t", "2", "enter", "m", "1", "8", "0", "enter")
-        assert source.orders[-1] == Order(Do.MANUAL_RATE, 180.0)
+        await pilot.press("t", "2", "enter", "m", "1", "1", "5", "enter")
+        assert source.orders[-1] == Order(Do.MANUAL_RATE, 115.0)
         await pilot.press("ctrl+z")
         assert isinstance(full.screen, Confirm) and "manual rate 90 kg/ha" in full.screen.text
         await pilot.press("enter")

@@ -74,6 +74,20 @@ def test_nudge_and_manual_rate_are_what_is_spread(machine: Any) -> None:
     assert row.applied_rate_kg_ha == pytest.approx(264.0, rel=0.06)
 
 
+def test_each_tick_tells_what_every_source_gives_here_whichever_is_ordered(machine: Any) -> None:
+    m = machine().start()
+    m.order(Do.SOURCE, "manual")
+    m.order(Do.MANUAL_RATE, 20.0)
+    m.order(Do.NUDGE, 10.0)
+    tick = m.run(10.0)
+    rates = dict(zip(tick.sources, tick.source_rates, strict=True))
+    assert rates["manual"] == 20.0 and rates["fallback"] == SETUP.crop.fallback_rate_kg_ha
+    m.order(Do.NUDGE, 0.0)
+    m.order(Do.SOURCE, "canopy")
+    assert m.run(0.1).source_rates[0] == pytest.approx(rates["canopy"], rel=0.2)
+    assert m.run(4.0).row.target_rate_kg_ha == pytest.approx(rates["canopy"], rel=0.2)
+
+
 def test_a_refill_reaches_the_flow_trim(machine: Any) -> None:
     m = machine().start()
     m.run(25.0)

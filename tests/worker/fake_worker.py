@@ -58,6 +58,7 @@ class FakeTick:
     sections: tuple[SectionState, ...] = (SectionState(True), SectionState(False, "done"))
     strips: Strips = field(default_factory=lambda: Strips(0.66, None))
     sources: tuple[str, ...] = ("canopy", "manual")
+    source_rates: tuple[float | None, ...] = (310.0, 90.0)
     effort: EffortSays = NO_EFFORT
     ordered_source: str = "map"
     manual_rate_kg_ha: float = 90.0

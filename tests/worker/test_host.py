@@ -60,6 +60,7 @@ def test_a_tick_measures_decides_commands_logs_and_shows(rig):
     )
     assert (frame.no_double, frame.threshold_m, frame.strips) == (False, -0.12, (0.66, None))
     assert (frame.ordered_source, frame.manual_rate_kg_ha) == ("map", 90.0)
+    assert frame.source_rates == (310.0, 90.0)
     assert frame.sections == (SectionState(True), SectionState(False, "done"))
     assert (frame.head_ndvi, frame.bench) == ((0.5, None), (50.0, 20.0, 3.0, 117.0))
     assert (

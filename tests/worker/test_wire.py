@@ -71,6 +71,7 @@ def test_a_frame_comes_back_as_it_was():
         ordered_source="map",
         manual_rate_kg_ha=90.0,
         sources=("canopy", "map"),
+        source_rates=(310.0, None),
         totals=Totals(1.0, 300.0, 138.0, 310.0, 600.0, 300.0, 4.0, 96.0, None),
         head_ndvi=(0.5, None, 0.6),
         bench=BenchRun(50.0, 25.0, 3.2, 116.8),

@@ -164,8 +164,8 @@ class Page(Screen[None]):
         frame, age_s = self.seen(now_s)
         view = self.seen_view(frame, age_s)
         if frame is None and self.app.source is None and self.where != REPLAY:
-            return without_machine(view)
-        return without_worker(view) if self.app.gone else view
+            return without_machine(view, self.app.shown_key("stop"))
+        return without_worker(view, self.app.shown_key("stop")) if self.app.gone else view
 
     def seen(self, now_s: float) -> tuple[Frame | None, float]:
         """The frame to show, and its age in s. Without a worker the last values are old at once."""

@@ -64,7 +64,7 @@ class KeyBar(Panel[KeysView]):
             first, last = ("(", ")") if off else (" ", " ")
             key = "$stale on $keybar" if off else "bold $keybar-key on $keybar"
             word = "$stale on $keybar" if off else "$on-keybar on $keybar"
-            if action.id == "stop":
+            if action.id == "stop" and not view.why_none:
                 key = word = "bold $on-stop on $stop"
             parts += [(f"{first}{action.shown} ", key), (f"{_(action.label)}{last}", word)]
         left = max(0, width - (placed[-1][1] + placed[-1][2] if placed else 0))

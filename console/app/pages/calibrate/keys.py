@@ -28,6 +28,7 @@ ACTIONS = on(
         N_("Shaft and gate run while the key or the mouse button is down; letting go stops them."),
         lambda page: page.hold_key(),
         bar=3,
+        needs_machine=True,
     ),
     Action(
         "cal_next",
@@ -53,6 +54,7 @@ ACTIONS = on(
         N_("ready"),
         N_("Makes the machine ready to calibrate: nothing turns."),
         lambda page: page.app.give(Do.READY),
+        needs_machine=True,
     ),
     Action(
         "cal_shaft",
@@ -104,6 +106,7 @@ ACTIONS = on(
         N_("begin / end"),
         N_("Lag, heads, wheel: begins or ends the measuring."),
         deed("cal_begin"),
+        needs_machine=True,
     ),
     Action(
         "cal_table",

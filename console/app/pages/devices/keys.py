@@ -55,6 +55,7 @@ ACTIONS = on(
         N_("Listens to what is on this port; nothing is sent."),
         lambda page: page.order(page.picked_device, DeviceDo.TEST),
         bar=4,
+        needs_machine=True,
     ),
     Action(
         "dev_capture",
@@ -64,6 +65,7 @@ ACTIONS = on(
         N_("Records what is received and sent in a file next to the log; again: stops."),
         write_raw,
         bar=5,
+        needs_machine=True,
     ),
     Action(
         "dev_plug",
@@ -76,5 +78,6 @@ ACTIONS = on(
         ),
         plug,
         bar=6,
+        needs_machine=True,
     ),
 )

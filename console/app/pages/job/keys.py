@@ -263,6 +263,7 @@ ACTIONS = on(
         bar=3,
         why=lambda page: why_not_ready(page.app),
         judged=True,
+        needs_machine=True,
     ),
     Action(
         "job_start",
@@ -273,6 +274,7 @@ ACTIONS = on(
         lambda page: start_from_any_page(page.app),
         bar=3,
         why=lambda page: why_no_start(page.app),
+        needs_machine=True,
     ),
     Action(
         "job_details",
@@ -339,6 +341,7 @@ ACTIONS = on(
         ),
         strip,
         bar=7,
+        needs_machine=True,
     ),
     Action(
         "job_refill",
@@ -349,6 +352,7 @@ ACTIONS = on(
         lambda page: page.ask_refill(),
         bar=8,
         asks="number",
+        needs_machine=True,
     ),
     Action(
         "job_export",

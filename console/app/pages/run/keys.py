@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from console.app import words
 from console.app.action import RUN, Action, on
 from console.app.dialogs import Choice, ChoiceDialog, NudgeDialog
+from console.app.dose_change import dose_change, source_rate
 from console.app.number_dialog import NumberDialog
 from console.app.pages.run.section_bar import section_choices
 from console.app.reasons import why_no_start, why_not_ready
@@ -181,11 +182,18 @@ def source(page: RunScreen) -> None:
             else {TargetSource.EXTERNAL: _("this job has no other display")}
         )
     choices = [
-        Choice(one.value, words.source_word(one.value), lacks.get(one, ""))
+        Choice(one.value, _source_line(page, one), lacks.get(one, ""))
         for one in TargetSource
         if one not in (TargetSource.NONE, TargetSource.INDEX_MAP)
     ]
     _ask_choice(page, ChoiceDialog(_("Target from"), choices, ordered_source(frame)), Do.SOURCE)
+
+
+def _source_line(page: RunScreen, source: TargetSource) -> str:
+    """Its word, and the rate that it gives here, where that is known."""
+    frame, word = page.app.arrival.frame, words.source_word(source.value)
+    rate = None if frame is None else source_rate(frame, source.value)
+    return word if rate is None else f"{word}  {page.app.units.rate.full(rate)}"
 
 
 def _ask_choice(page: RunScreen, dialog: ChoiceDialog, do: Do) -> None:
@@ -229,12 +237,19 @@ def preset(number: int) -> Callable[[RunScreen], None]:
 
 
 def _ask_to_use(page: RunScreen, rate_kg_ha: float, *orders: Order) -> None:
-    page.app.confirm(
-        _("Use the manual rate of {rate} now?").format(
-            rate=in_words(page.app.units.rate, rate_kg_ha)
+    app = page.app
+    change = dose_change(
+        app.arrival.frame,
+        (
+            Order(Do.MANUAL_RATE, rate_kg_ha),
+            Order(Do.SOURCE, TargetSource.MANUAL.value),
         ),
-        _("It takes the place of canopy or map, everywhere."),
-        lambda: page.app.give_all(*orders),
+    )
+    place = _("It takes the place of canopy or map, everywhere.")
+    app.confirm(
+        _("Use the manual rate of {rate} now?").format(rate=in_words(app.units.rate, rate_kg_ha)),
+        place if change is None else f"{change.text(app.units)}\n{place}",
+        lambda: app.give_all(*orders, dose_is_asked=True),
     )
 
 
@@ -353,6 +368,7 @@ ACTIONS = on(
         bar=3,
         why=lambda page: why_no_start(page.app),
         judged=True,
+        needs_machine=True,
     ),
     Action(
         "ready",
@@ -364,6 +380,7 @@ ACTIONS = on(
         bar=4,
         why=lambda page: why_not_ready(page.app),
         judged=True,
+        needs_machine=True,
     ),
     Action(
         "nudge_up",
@@ -374,6 +391,7 @@ ACTIONS = on(
         lambda page: _ask_nudge(page, 1),
         bar=5,
         asks="number",
+        needs_machine=True,
     ),
     Action(
         "nudge_down",
@@ -384,6 +402,7 @@ ACTIONS = on(
         lambda page: _ask_nudge(page, -1),
         bar=6,
         asks="number",
+        needs_machine=True,
     ),
     Action(
         "strategy",
@@ -393,6 +412,7 @@ ACTIONS = on(
         N_("Opening first or speed first; asks first."),
         strategy,
         bar=7,
+        needs_machine=True,
     ),
     Action(
         "source",
@@ -402,6 +422,7 @@ ACTIONS = on(
         N_("Canopy, map, plants, manual or fallback rate; asks first."),
         source,
         bar=8,
+        needs_machine=True,
     ),
     Action(
         "manual_rate",
@@ -412,6 +433,7 @@ ACTIONS = on(
         manual_rate,
         bar=8,
         asks="number",
+        needs_machine=True,
     ),
     Action(
         "preset_1",
@@ -421,6 +443,7 @@ ACTIONS = on(
         N_("The first preset rate of the settings; asks first."),
         preset(0),
         bar=9,
+        needs_machine=True,
     ),
     Action(
         "preset_2",
@@ -430,6 +453,7 @@ ACTIONS = on(
         N_("The second preset rate of the settings; asks first."),
         preset(1),
         bar=9,
+        needs_machine=True,
     ),
     Action(
         "preset_3",
@@ -439,6 +463,7 @@ ACTIONS = on(
         N_("The third preset rate of the settings; asks first."),
         preset(2),
         bar=9,
+        needs_machine=True,
     ),
     Action(
         "refill",
@@ -449,6 +474,7 @@ ACTIONS = on(
         lambda page: page.app.job_page.ask_refill(),
         bar=8,
         asks="number",
+        needs_machine=True,
     ),
     Action(
         "mark",
@@ -457,6 +483,7 @@ ACTIONS = on(
         N_("mark"),
         N_("A mark in the log's events at this moment."),
         lambda page: page.app.give(Do.MARK, "mark"),
+        needs_machine=True,
     ),
     Action(
         "dose_error",
@@ -467,6 +494,7 @@ ACTIONS = on(
         dose_error,
         why=_why_no_dose,
         asks="number",
+        needs_machine=True,
     ),
     Action(
         "look_ahead",
@@ -475,6 +503,7 @@ ACTIONS = on(
         N_("look-ahead"),
         N_("Switches the lag correction; asks first."),
         look_ahead,
+        needs_machine=True,
     ),
     Action(
         "flow_trim",
@@ -483,6 +512,7 @@ ACTIONS = on(
         N_("scale trim"),
         N_("Lets the hopper scale correct the flow model; asks first."),
         flow_trim,
+        needs_machine=True,
     ),
     Action(
         "allow",
@@ -492,6 +522,7 @@ ACTIONS = on(
         N_("Reversing, outside the field, without a log; asks first."),
         allow,
         bar=9,
+        needs_machine=True,
     ),
     Action(
         "trend_left",

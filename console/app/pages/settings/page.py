@@ -25,6 +25,7 @@ from console.app.pages.settings.keys import ACTIONS
 from console.app.pages.settings.service import SettingsStore
 from console.app.settings import apply, clash, keymap_problem
 from console.app.typed_number import inside
+from console.app.undo import Undoable
 from console.app.units import Unit
 from console.app.view import RunView
 from console.app.widgets.panel import Part, Picked, PickList, fit, fullest, line, wrapped
@@ -363,7 +364,9 @@ class SettingsScreen(Page):
         before = store.settings
         store.settings, store.trouble = settings, apply(self.app, settings)
         if before != settings:
-            self.app.undo.add(_("settings before the last change"), partial(self.take, before))
+            self.app.undo.add(
+                Undoable(_("settings before the last change"), partial(self.take, before))
+            )
         self._kept = self._kept or before
         self.app.run_worker(self._keep(settings), group="settings", exit_on_error=False)
         self._redraw_all()
