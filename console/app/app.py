@@ -175,6 +175,7 @@ class TopdressApp(App[None], inherit_bindings=False):
         self.rates = Rates()
         self.pages = Pages(replay, self.services, self._page_made)
         self.page_actions = actions.pages()
+        self._loop_here: asyncio.AbstractEventLoop | None = None
         self._supervisor: Worker[None] | None = None
         self._restarting = False
         self._earlier_of = ""
@@ -245,7 +246,13 @@ class TopdressApp(App[None], inherit_bindings=False):
         page.numbers.every_s, page.plots.every_s = 1.0 / rates.numbers_hz, 1.0 / rates.plots_hz
         page.maps.every_s = 1.0 / rates.maps_hz
 
+    def leave_from_thread(self) -> None:
+        """Ends the console from another thread, without a question: its terminal is gone."""
+        if self._loop_here is not None:
+            self._loop_here.call_soon_threadsafe(self.exit)
+
     def on_mount(self) -> None:
+        self._loop_here = asyncio.get_running_loop()
         for where, page in (self.pages.made if self.live else self.pages).items():
             if page is not self.screen and not self.is_screen_installed(page):
                 self.install_screen(page, where)

@@ -89,9 +89,9 @@ def dose_change(frame: Frame | None, orders: Sequence[Order]) -> DoseChange | No
 def source_rate(frame: Frame, source: str) -> float | None:
     """Returns what a source of the target gives here, kg/ha, without the nudge; None where that
     is not known. A worker that does not tell: the manual rate, and what holds now."""
-    told = dict(zip(frame.sources, frame.source_rates, strict=False))
-    if source in told:
-        return told[source]
+    rates = dict(zip(frame.sources, frame.source_rates, strict=False))
+    if source in rates:
+        return rates[source]
     if source == TargetSource.MANUAL:
         return frame.manual_rate_kg_ha
     planned = frame.row.target_rate_kg_ha if source == ordered_source(frame) else None

@@ -9,9 +9,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import platformdirs
+import typer
 
 from console import quick_start
-from console.cli.plain_errors import CommandError, has_terminal, need_terminal
+from console.cli.plain_errors import CANCELLED, CommandError, has_terminal, need_terminal
 from console.locale import _
 from drivers import day_clock
 
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
 
     from pydantic import BaseModel
 
+    from console.app.app import TopdressApp
     from console.app.joined import Joined
     from console.app.pages.calibrate.service import CalibrateService
     from console.app.pages.job.service import AtWork, JobService
@@ -119,8 +121,10 @@ def show_run(
             else "",
         ),
     )
-    app.run()
-    lines.close()
+    try:
+        run_on_terminal(app)
+    finally:
+        lines.close()
     if app.not_started:
         # all that is wrong with a file, where that was why
         _setup(config)
@@ -262,13 +266,25 @@ def show_replay(recorded: RunLog) -> None:
     from console.services.settings import settings_store
 
     need_terminal("topdress replay", "topdress replay LOG.csv --headless --out NEW.csv")
-    TopdressApp(
+    app = TopdressApp(
         None,
         replay=replay_job(recorded),
         services=Services(
             field=field_picture, logs=RunLogs(), layers=MapLayers(), settings=settings_store()
         ),
-    ).run()
+    )
+    run_on_terminal(app)
+
+
+def run_on_terminal(app: TopdressApp) -> None:
+    """Shows the console until it is left. Raises typer.Exit where its terminal went away first:
+    what it looked at goes on by its own rules."""
+    from console.app.terminal_watch import ended_with_terminal
+
+    with ended_with_terminal(app.leave_from_thread) as is_gone:
+        app.run()
+    if is_gone():
+        raise typer.Exit(CANCELLED)
 
 
 def trouble_path() -> Path:
