@@ -243,8 +243,11 @@ class ScaleSays(NamedTuple):
     off_kg: float = 0.0
     # of the believed flow, that left: outside `low_share` to `high_share`
     share: float | None = None
-    outlets: int = 0  # that give nothing ...
-    of_outlets: int = 0  # ... of so many
+    # that give nothing, as flow and the drive's effort say
+    outlets: int = 0
+    of_outlets: int = 0  # the machine's
+    # the flow fell at once by so much, %, and nothing says by what
+    below_percent: float | None = None
     # the flow is so far off by the scale, which is more than is trimmed
     beyond_percent: float | None = None
     trimmed_percent: float = 0.0  # the flow is moved so far
@@ -254,7 +257,17 @@ class ScaleSays(NamedTuple):
     @property
     def agrees(self) -> bool:
         """Nothing that it says is against what shaft and gate read."""
-        return self.off_kg == 0.0 and self.share is None and self.beyond_percent is None
+        return (
+            self.off_kg == 0.0
+            and self.share is None
+            and self.beyond_percent is None
+            and self.below_percent is None
+        )
+
+    @property
+    def fell(self) -> bool:
+        """The flow fell at once, by more than is trimmed."""
+        return self.outlets > 0 or self.below_percent is not None
 
 
 NOTHING_SAID = ScaleSays()
@@ -286,8 +299,9 @@ class Doubted(Enum):
 
 
 class SpeedDoubt(NamedTuple):
-    """`differed_s`: when they were last seen to differ; `*_mps`: as read when first; `ratio`:
-    GNSS's speed by the wheel's, before they parted."""
+    """`differed_s`: when they were last seen to differ; `*_mps`: as read in the mean of the time
+    that showed it first (of one moment a receiver that comes late may tell the other way round);
+    `ratio`: GNSS's speed by the wheel's, before they parted."""
 
     refused: Doubted
     since_s: float

@@ -662,6 +662,7 @@ class ControlLoop:
                 rpm,
                 moment.conditions.pitch_deg,
                 self._terms.weighed(m.hopper_kg),
+                self._effort.says.harder_percent > 0.0,
             )
 
     def _count(

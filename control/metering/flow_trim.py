@@ -21,7 +21,8 @@ more than `CHANGED_SD` from that:
 - material flows: the trim goes back to what it was then, and rests. A straight line through the
   blocks since then says which share of the model's flow really left; its standard deviation
   comes from its own residuals, so that a scale that sways says nothing. From `DECIDED_S` of
-  flow on it is `share` (too far off), `outlets` (that give nothing), `beyond_percent` (more
+  flow on it is `share` (too far off), `outlets` (that give nothing, where the drive works harder
+  since then), `below_percent` (a fall that may be outlets), `beyond_percent` (more
   than is trimmed: the trim is 1), or a change that may be trimmed. The same line through the
   last two minutes finds what was wrong from the start.
 
@@ -39,7 +40,7 @@ from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import islice
-from math import cos, exp, inf, radians, sqrt
+from math import cos, exp, hypot, inf, radians, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -98,6 +99,12 @@ FAR_SD = 2.0
 SWAYS_KG = 1.0
 # ... so long what it does; and material has left where it reads less than in all of these
 SWAY_BLOCKS = 30
+# of a fall, where the drive's effort is a witness of the same seconds
+BLOCKED_SD = 3.0
+# of flow, s: a drive that works hard from its start (cold grease) shows it within some 6 s
+EASY_BLOCKS = 12
+# a blockage shows in the drive's effort within 4 to 6 s (`MEAN_S` of its watch)
+LATE_BLOCKS = 7
 # a share as well known as this, within its limits, is a flow that changed
 KNOWN_SD = 0.03
 # how quickly the scale is believed to be noisier than its file says ...
@@ -131,6 +138,7 @@ class _Block(NamedTuple):
     kg: float  # mean of the scale
     reads: Numbers  # what that is made of: the level, and what pitch adds for a unit of each effect
     flows: bool  # material flowed in it, by the model
+    labours: bool  # the metering drive worked harder than it should
     state: Numbers  # after it
     spread: Rows
     trimmed: Numbers
@@ -251,6 +259,10 @@ class FlowTrim:
         # of them, those with flow; since it changed, if it did
         self._flow: deque[_Block] = deque(maxlen=WINDOWS[-1])
         self._standing_kg: deque[float] = deque(maxlen=SWAY_BLOCKS)  # since it stands
+        # blocks of flow in a row in which the drive worked as it should; the one before it began
+        # to work harder
+        self._easy_blocks = 0
+        self._easy: _Block | None = None
         # the last one before material left that nobody ordered
         self._left: _Block | None = None
         self._unordered_kg = self._taken_kg = 0.0
@@ -295,8 +307,10 @@ class FlowTrim:
         shaft_rpm: float,
         pitch_deg: float,
         scale: Reading | None,
+        labours: bool = False,
     ) -> None:
-        """`model_flow_kg_s`: from measured shaft and opening, without this trim."""
+        """`model_flow_kg_s`: from measured shaft and opening, without this trim. labours: the
+        metering drive works harder than it should."""
         self._value = None
         if shaft_rpm > 0.0 and model_flow_kg_s > 0.0:
             self.grams_per_rev = max(LEAST_G_REV, model_flow_kg_s * 60_000.0 / shaft_rpm)
@@ -318,19 +332,19 @@ class FlowTrim:
             self._since_s = now_s
         self._block.append((self._sums, scale.value, leans))
         if now_s - self._since_s + dt_s > BLOCK_S - 1e-6:
-            self._take_block()
+            self._take_block(labours)
 
     # -- blocks
     # ----------------------------------------------------------------------------------------------
 
-    def _take_block(self) -> None:
+    def _take_block(self, labours: bool) -> None:
         sums = _means([sums for sums, _, _ in self._block])
         kg = sum([kg for _, kg, _ in self._block]) / len(self._block)
         reads = _reads(kg, _means([leans for _, _, leans in self._block]))
         self._block.clear()
         if not self._blocks:
             self._level(kg, reads)
-            self._keep(sums, kg, reads, False)
+            self._keep(sums, kg, reads, False, labours)
             return
         before = self._blocks[-1]
         gone = _more(sums, -1.0, before.sums)
@@ -341,7 +355,7 @@ class FlowTrim:
         ):
             self.restart()  # stood on, or taken off
             self._level(kg, reads)
-            self._keep(sums, kg, reads, flows)
+            self._keep(sums, kg, reads, flows, labours)
             return
         if flows:
             self._check_refill(before)
@@ -359,7 +373,7 @@ class FlowTrim:
             self._weighed(kg, reads)
             if flows:
                 self._bound()
-        self._keep(sums, kg, reads, flows)
+        self._keep(sums, kg, reads, flows, labours)
         if flows:
             self._with_flow()
         else:
@@ -381,10 +395,9 @@ class FlowTrim:
             apart, _along(self._spread, apart)
         )
 
-    def _keep(self, sums: Numbers, kg: float, reads: Numbers, flows: bool) -> None:
-        self._blocks.append(
-            _Block(sums, kg, reads, flows, self._state, self._spread, self._trimmed)
-        )
+    def _keep(self, sums: Numbers, kg: float, reads: Numbers, flows: bool, labours: bool) -> None:
+        state = self._state, self._spread, self._trimmed
+        self._blocks.append(_Block(sums, kg, reads, flows, labours, *state))
 
     def _gone(self, gone: Numbers) -> None:
         """What left the hopper since the block before, by the model and what is believed of it."""
@@ -496,7 +509,7 @@ class FlowTrim:
             self._back_to(self._blocks[-1 - window])
             self._blocks.clear()
             self._level(newest.kg, newest.reads)
-            self._keep(newest.sums, newest.kg, newest.reads, False)
+            self._keep(newest.sums, newest.kg, newest.reads, False, newest.labours)
         elif (
             kg > least_kg
             and min(list(self._standing_kg)[:-window], default=inf) - weight_kg > 0.5 * kg
@@ -520,6 +533,7 @@ class FlowTrim:
             return
         self._standing_kg.clear()
         self._flow.append(self._blocks[-1])
+        self._note_effort()
         if not self._rests:
             window, kg, sd = self._farthest(WINDOWS[-1])
             if abs(kg) > CHANGED_SD * sd:
@@ -552,16 +566,16 @@ class FlowTrim:
     def _judge(self) -> None:
         """By the share of the model's flow that left, since the flow changed, else in the last
         two minutes."""
+        self._said = self._blockage() or self._said
         limits, flow = self._limits, list(self._flow)
         share, sd, noise_kg2 = self._share(flow)
         off, lately = share - 1.0, self._share(flow[-len(flow) // 3 :])[0] - 1.0
         goes_on = off * lately > GOES_ON_SHARE * off * off
-        believed = 1.0 + 0.01 * _dot(self._trimmed, _shows(self.grams_per_rev, self.pitch_deg))
-        silent, surely = self._silent(share / believed, sd)
+        fell = self._fall(-off, sd)
         if goes_on and not limits.low_share - FAR_SD * sd < share < limits.high_share + FAR_SD * sd:
             self._no_trim(ScaleSays(share=share))
-        elif goes_on and self._rests and surely and self._said.beyond_percent is None:
-            self._said = ScaleSays(outlets=silent, of_outlets=self._outlets)
+        elif goes_on and self._rests and fell is not None and self._said.beyond_percent is None:
+            self._said = fell
         elif goes_on and 100.0 * (abs(off) - DECIDED_SD * sd) > limits.most_percent:
             window, kg, kg_sd = self._farthest(WINDOWS[-1])
             if not self._rests and abs(kg) > DECIDED_SD * kg_sd:
@@ -570,7 +584,7 @@ class FlowTrim:
             self._no_trim(ScaleSays(beyond_percent=100.0 * off))
         elif self._rests and (
             (sd < KNOWN_SD and 100.0 * abs(off) < limits.most_percent)
-            or len(self._flow) == self._flow.maxlen
+            or (len(self._flow) == self._flow.maxlen and not self._said.fell)
         ):
             self._said, self._rests = NOTHING_SAID, False
             self._noise = max(self._noise, noise_kg2 / (self._mean_kg2(1) / self._noise))
@@ -578,19 +592,61 @@ class FlowTrim:
             self._blocks.clear()
             self._level(newest.kg, newest.reads)
             self._spread = _wider(self._spread, limits.changed_percent)
-            self._keep(newest.sums, newest.kg, newest.reads, True)
+            self._keep(newest.sums, newest.kg, newest.reads, True, newest.labours)
 
     def _no_trim(self, said: ScaleSays) -> None:
         self._said, self._rests, self._trimmed = said, True, NO_TRIM
 
-    def _silent(self, share: float, sd: float) -> tuple[int, bool]:
-        """How many outlets that share of what was believed would be, and whether it is surely
-        they."""
-        lost = (1.0 - share) * self._outlets
-        silent = round(lost)
-        few = 1 <= silent <= max(1, self._outlets // 3)
-        known = DECIDED_SD * max(sd, 0.01 * self.sd_percent) * self._outlets < 1.0
-        return silent, few and known and abs(lost - silent) < 0.4
+    def _note_effort(self) -> None:
+        """When the drive began to work harder, after some time in which it did not."""
+        if not self._blocks[-1].labours:
+            self._easy_blocks += 1
+            if self._easy_blocks >= EASY_BLOCKS:
+                self._easy = None
+            return
+        if self._easy_blocks >= EASY_BLOCKS and len(self._blocks) > LATE_BLOCKS:
+            self._easy = self._blocks[-1 - LATE_BLOCKS]
+        self._easy_blocks = 0
+
+    def _blockage(self) -> ScaleSays | None:
+        """Outlets that give nothing, as two witnesses have it: the drive works harder, which
+        granules packed before a closed outlet make it do, and since then less leaves."""
+        since = self._easy
+        if since is None:
+            return None
+        flow = [one for one in self._flow if one.sums[0] >= since.sums[0]]
+        if len(flow) * BLOCK_S < DECIDED_S:
+            return None
+        share, sd, _ = self._share(flow)
+        shows = _shows(self.grams_per_rev, self.pitch_deg)
+        before = 1.0 + 0.01 * _dot(since.state, shows)
+        fall = 1.0 - share / before
+        unknown = hypot(sd, 0.01 * sqrt(max(0.0, _dot(shows, _along(since.spread, shows)))))
+        silent = max(1, round(fall * self._outlets))
+        if silent > self._few or not BLOCKED_SD * unknown < fall:
+            return None
+        self._flow.clear()
+        self._flow.extend(flow)
+        self._back_to(since)
+        self._rests, self._easy = True, None
+        return ScaleSays(outlets=silent, of_outlets=self._outlets)
+
+    def _fall(self, fall: float, sd: float) -> ScaleSays | None:
+        """What a flow says that fell at once by such a share, and is no more than a few outlets
+        less; None where it may be trimmed. That outlets are closed may be known already: else it
+        may be another lot, or what gate or shaft read, as well."""
+        most, lost, few = self._limits.most_percent, fall * self._outlets, self._few
+        if self._said.outlets and 100.0 * fall > most:
+            sure = abs(lost - self._said.outlets) < 0.75
+            return self._said if sure else self._said._replace(outlets=min(few, round(lost)))
+        if lost > few + 0.5 or 100.0 * (fall - FAR_SD * sd) < most:
+            return None
+        return ScaleSays(below_percent=100.0 * fall)
+
+    @property
+    def _few(self) -> int:
+        """Outlets that may close, while the rest of the machine is as it was."""
+        return max(1, self._outlets // 3)
 
     def _share(self, flow: list[_Block]) -> tuple[float, float, float]:
         """A straight line through what the scale read over what the model says has gone: the

@@ -248,7 +248,10 @@ _KINDS = (
     AlarmKind(
         "outlet_blocked",
         _RED,
-        N_("Flow fell at once: about {outlets} of {of} outlets give nothing."),
+        N_(
+            "Flow fell, and the drive works harder since: about {outlets} of {of} outlets "
+            "give nothing, or the product is wet."
+        ),
         N_(
             "Hold and look at the outlets. The others keep their rate: the scale does not raise it."
         ),
@@ -385,9 +388,28 @@ _KINDS = (
     AlarmKind(
         "effort_low",
         _AMBER,
-        N_("The metering drive turns with hardly any load: bridged, or empty?"),
-        N_("Look into the hopper; break the bridge."),
+        N_(
+            "The metering drive turns with hardly any load: bridged, empty, or slower than "
+            "it reads?"
+        ),
+        N_(
+            "Look into the hopper; break the bridge. It is full: check the readings of shaft "
+            "and gate."
+        ),
         N_("hopper"),
+    ),
+    AlarmKind(
+        "flow_below",
+        _AMBER,
+        N_(
+            "{percent} % less flows than shaft and gate say: a blocked outlet, another lot, "
+            "or a wrong reading of gate or shaft."
+        ),
+        N_(
+            "Catch at each outlet: one gives less: clear it. All alike: measure gate and shaft; "
+            "both right: catch test for the lot."
+        ),
+        N_("metering"),
     ),
     AlarmKind(
         "flow_trimmed",

@@ -270,6 +270,8 @@ def _scale(found: dict[str, Details], says: ScaleSays, limits: SafetyLimits) -> 
         )
     if says.outlets:
         found["outlet_blocked"] = (("outlets", says.outlets), ("of", says.of_outlets))
+    if says.below_percent is not None:
+        found["flow_below"] = (("percent", _rounded(says.below_percent)),)
     if says.beyond_percent is not None:
         found["flow_disagrees"] = (("percent", _rounded(says.beyond_percent)),)
     if says.off_kg != 0.0:

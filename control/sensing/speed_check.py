@@ -59,6 +59,7 @@ FITS = 27.6
 WHEEL_SHARE = 0.1
 # they parted somewhere in the window in which it shows: surely not so long before it
 BEFORE_S = 2.0
+NO_SPEEDS = 0.0, 0.0
 KEPT_S = 12.0  # windows, their delay, and `BEFORE_S`
 # way between places by which the wheel is corrected where GNSS's speed is refused
 RATIO_S = 15.0
@@ -115,7 +116,7 @@ class SpeedCheck:
         now = self._watch.epoch(
             time_s, place, spread_m if isfinite(spread_m) else 1e6, velocity, self._wheel
         )
-        differing, window_s = self._differing(now)
+        differing, window_s, read_mps = self._differing(now)
         wrong_since = None if differing or self._refuses(Doubted.WHEEL) else self._wrong_since(now)
         parted = differing or wrong_since
         if self.doubt is not None:
@@ -125,8 +126,7 @@ class SpeedCheck:
                 Doubted.EITHER if differing else Doubted.GNSS,
                 time_s,
                 time_s,
-                now.reckoned.mps,
-                hypot(*now.velocity),
+                *(read_mps if differing else _means_mps(parted, now)),
                 parted.reckoned.ratio,
             )
             self._before, self._agreed_s = parted, 0.0
@@ -172,9 +172,10 @@ class SpeedCheck:
             self.doubt, self._before, self._window_s = None, None, WINDOWS_S[-1]
             self._watch.restart()
 
-    def _differing(self, now: Mark) -> tuple[Mark | None, float]:
-        """A mark before wheel and GNSS's speed parted, and the window that shows it; None where
-        they agree, and the longest window that was judged, 0 where none could be."""
+    def _differing(self, now: Mark) -> tuple[Mark | None, float, tuple[float, float]]:
+        """A mark before wheel and GNSS's speed parted, the window that shows it, and what wheel
+        and GNSS read in its mean, m/s; None where they agree, and the longest window that was
+        judged, 0 where none could be."""
         recent = [*self._watch.marks, now]
         del recent[: bisect_left(recent, now.time_s - KEPT_S, key=TIME_S)]
         while recent[0].reckoned.lost != now.reckoned.lost or recent[0].gap_m != now.gap_m:
@@ -182,7 +183,7 @@ class SpeedCheck:
             del recent[0]
         since_s, end_s, judged_s = recent[0].time_s, now.time_s - LATE_S, 0.0
         if end_s - WINDOWS_S[0] < since_s:
-            return None, 0.0
+            return None, 0.0, NO_SPEEDS
         end = _at(recent, end_s)
         for window_s in WINDOWS_S:
             begin_s = end_s - window_s
@@ -209,11 +210,12 @@ class SpeedCheck:
             judged_s = window_s
             first = recent[bisect_right(recent, begin_s, key=TIME_S) - 1]
             room_m = WAY_M + LEVER_M * _turned(first.velocity, now.velocity)
-            if max(ways_m) < SLIP[0] * wheel_m - room_m or min(ways_m) > SLIP[1] * wheel_m + room_m:
-                return recent[
-                    max(0, bisect_right(recent, begin_s - BEFORE_S, key=TIME_S) - 1)
-                ], window_s
-        return None, judged_s
+            less, more = max(ways_m) < SLIP[0] * wheel_m - room_m, min(ways_m)
+            if less or more > SLIP[1] * wheel_m + room_m:
+                gnss_m = max(ways_m) if less else more
+                before = max(0, bisect_right(recent, begin_s - BEFORE_S, key=TIME_S) - 1)
+                return recent[before], window_s, (wheel_m / window_s, gnss_m / window_s)
+        return None, judged_s, NO_SPEEDS
 
     def _wrong_since(self, now: Mark) -> Mark | None:
         """A mark since which GNSS's speed differs from its places, and the wheel bears out
@@ -258,6 +260,13 @@ class SpeedCheck:
         if fits:
             self.doubt, self._window_s = doubt._replace(refused=refused), WINDOWS_S[-1]
             self._watch.restart()
+
+
+def _means_mps(before: Mark, now: Mark) -> tuple[float, float]:
+    """What wheel and GNSS's speed read in the mean between two marks, m/s."""
+    since_s = max(1e-3, now.time_s - before.time_s)
+    rolled_m = now.reckoned.way_m - before.reckoned.way_m
+    return rolled_m / since_s, (now.way_m - before.way_m) / since_s
 
 
 def _by_places(before: Mark, now: Mark) -> tuple[float, float]:

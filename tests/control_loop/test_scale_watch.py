@@ -47,6 +47,7 @@ def runs(
     seed: int = 1,
     orders: Callable[[float, FlowTrim], None] = lambda s, trim: None,
     pitch_deg: Callable[[float], float] = lambda s: 0.0,
+    labours: Callable[[float], bool] = lambda s: False,
 ) -> Told:
     """Stand for 20 s, then work; times from `BEGINS_S` on. leaves: (time, ordered kg/s) to what
     truly leaves, kg/s. reads: (time, true kg) to what an ideal scale would read."""
@@ -64,7 +65,7 @@ def runs(
         noise = keep * noise + sqrt(1.0 - keep * keep) * SCALE_KG * float(rng.standard_normal())
         weighed = round((reads(since_s, kg) + noise) / 0.05) * 0.05
         rpm, pitch = 70.0 if model > 0.0 else 0.0, pitch_deg(since_s)
-        trim.update(at_s, DT_S, model, rpm, pitch, Reading(weighed, at_s))
+        trim.update(at_s, DT_S, model, rpm, pitch, Reading(weighed, at_s), labours(since_s))
         orders(since_s, trim)
         if not said or trim.says._replace(trimmed_percent=0.0) != said[-1][1]._replace(
             trimmed_percent=0.0
@@ -172,12 +173,32 @@ def test_a_flow_far_from_what_the_shaft_reads_is_said(factor: float, by_s: float
         )
 
 
-def test_an_outlet_that_closes_is_said_and_not_made_up_for() -> None:
+@pytest.mark.parametrize("outlets", [1, 2])
+def test_an_outlet_that_closes_is_said_and_not_made_up_for(outlets: int) -> None:
+    """The drive works harder from 4 s on: its effort and the scale are two witnesses."""
     for seed in range(3):
-        run = runs(120.0, leaves=from_0(5.0 / 6.0), seed=seed)
-        assert run.first_s(lambda says: says.outlets > 0) < 80.0
-        assert run.filter.says.outlets == 1 and run.filter.says.of_outlets == 6
+        leaves = from_0(1.0 - outlets / 6.0)
+        run = runs(120.0, leaves=leaves, seed=seed, labours=lambda s: s > 4.0)
+        assert run.first_s(lambda says: says.outlets > 0) < 45.0
+        assert run.filter.says.outlets == outlets and run.filter.says.of_outlets == 6
         assert abs(run.trims[-1] - 1.0) < 0.02
+
+
+@pytest.mark.parametrize("labours", [False, True])
+@pytest.mark.parametrize("factor", [0.8, 0.85, 5.0 / 6.0])
+def test_a_fall_that_no_effort_bears_out_is_no_blocked_outlet(factor: float, labours: bool) -> None:
+    """Another lot, or a gate or shaft that reads wrong; also where the drive has worked harder
+    all along (cold grease)."""
+    run = runs(120.0, leaves=from_0(factor), labours=lambda s: labours)
+    assert run.first_s(lambda says: says.outlets > 0) == float("inf")
+    assert run.first_s(lambda says: says.below_percent is not None) < 80.0
+    assert run.filter.says.below_percent == pytest.approx(100.0 * (1.0 - factor), abs=4.0)
+    assert run.filter.says.beyond_percent is None and abs(run.trims[-1] - 1.0) < 0.03
+
+
+def test_a_drive_that_works_harder_while_all_flows_accuses_no_outlet() -> None:
+    run = runs(120.0, labours=lambda s: s > 4.0)
+    assert run.first_s(red) == float("inf") and run.filter.says.below_percent is None
 
 
 def test_a_flow_that_changes_by_six_per_cent_is_trimmed_all_the_same() -> None:

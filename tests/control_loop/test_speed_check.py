@@ -120,6 +120,21 @@ def test_a_wheel_that_stands_alone_is_not_used(wheel, by_s):
     assert found[-1].position_ok and not any(one.walks for one in found)
 
 
+def test_a_wheel_that_counts_double_is_not_said_to_count_too_little_as_the_machine_stops():
+    """What was read in the one moment that showed it: a receiver 0.8 s late still told the speed
+    from which the machine had slowed down, more than twice that of now."""
+    it = Machine(late_s=0.8)
+    it.go(20.0)
+    found = it.go(0.85, wheel=times(2.0))
+    for k in range(25):
+        found += it.go(0.05, 1.25 - 0.05 * k, wheel=times(2.0))
+    found += it.go(5.0, 0.0)
+    found += it.go(20.0, wheel=times(2.0))
+    doubts = [one.doubt for one in found if one.doubt is not None]
+    assert doubts[-1].refused is Doubted.WHEEL
+    assert all(doubt.wheel_mps > 1.3 * doubt.gnss_mps for doubt in doubts)
+
+
 @pytest.mark.parametrize(
     ("factor", "by_s"), [(0.5, 5.0), (2.0, 4.0), (4.0, 3.5), (0.8, 30.0), (1.2, 30.0)]
 )

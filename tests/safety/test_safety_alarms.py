@@ -61,6 +61,7 @@ RAISED = [
     ("flow_above", {"scale": ScaleSays(share=2.0)}, 0.0, 0.05, State.HELD),
     ("outlet_blocked", {"scale": ScaleSays(outlets=1, of_outlets=6)}, 0.0, 0.05, State.WORKING),
     ("flow_disagrees", {"scale": ScaleSays(beyond_percent=-30.0)}, 0.0, 0.05, State.WORKING),
+    ("flow_below", {"scale": ScaleSays(below_percent=16.0)}, 0.0, 0.05, State.WORKING),
     ("flow_trimmed", {"scale": ScaleSays(trimmed_percent=-5.1)}, 0.0, 0.05, State.WORKING),
     ("effort_high", {"effort": EffortSays(harder_percent=12.0)}, 0.0, 0.05, State.WORKING),
     ("effort_low", {"effort": EffortSays(unloaded=True)}, 0.0, 0.05, State.WORKING),
@@ -443,6 +444,7 @@ def test_what_is_only_asked_lets_the_work_go_on(working):
     run = working()
     for says in (
         ScaleSays(outlets=1, of_outlets=6),
+        ScaleSays(below_percent=16.0),
         ScaleSays(beyond_percent=30.0),
         ScaleSays(off_kg=1.0),
     ):

@@ -41,6 +41,7 @@ SAYS = (
     ScaleSays(share=0.2),
     ScaleSays(share=nan),
     ScaleSays(outlets=2),
+    ScaleSays(below_percent=nan),
     ScaleSays(beyond_percent=inf),
     ScaleSays(trimmed_percent=nan),
     ScaleSays(off_kg=nan),
