@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 from control.readings import (
     DoseOrder,
@@ -41,8 +41,10 @@ from drivers.devices.rate_module_frames import FULL_PWM
 from drivers.devices.slave_board import BoardReadings, SetPointLimits, SlaveBoard
 from drivers.devices.tractor_speed import TractorSpeedDecoder
 from drivers.devices.wheel import WheelGeometry
-from drivers.plugins import plugged
 from drivers.ports import Clock, Port
+
+if TYPE_CHECKING:
+    from drivers.plugin_process import PluginReceiver
 
 __all__ = [
     "BoardConfig",
@@ -207,7 +209,7 @@ class Cab:
             rate_applied=self._rate_applied,
             canopy_index=self._index,
             valves=self._valves_seen,
-            put_aside=tuple(line.name for line, _ in self._listening if line.aside),
+            put_aside=tuple(line.blamed for line, _ in self._listening if line.aside),
         )
 
     def command(self, now_s: float, command: DriveCommand | None, enabled: bool) -> None:
@@ -292,6 +294,8 @@ class Cab:
         self.command(self._clock(), None, False)
         for line in self._lines():
             line.port.close()
+        if self._gnss is not None:
+            self._gnss.close()
 
     def _send(self, now_s: float, command: DriveCommand | None, enabled: bool) -> None:
         """Both drives' bytes are made before any is sent: a number that one refuses reaches
@@ -455,7 +459,13 @@ class _Gnss:
             "gpsd": GpsdDecoder,
             "agopengps": AgOpenGpsDecoder,
         }
-        self._decoder = (makers.get(config.protocol) or plugged("devices", config.protocol))()
+        maker = makers.get(config.protocol)
+        self._plugin: PluginReceiver | None = None
+        self._decoder: FixDecoder
+        if maker is None:
+            self._decoder = self._plugin = _plugin_receiver(config.protocol)
+        else:
+            self._decoder = maker()
         self.line = _opened(
             "gnss", config.protocol, config.port, config.baud, self._decoder, clock, opener
         )
@@ -471,9 +481,21 @@ class _Gnss:
                 self._greeted = state.connects
                 self.line.write(now_s, self._hello)
         data = self.line.read(now_s)
-        fixes = self._decoder.feed(data, now_s) if data else []
+        # a plug-in is asked at every tick: it answers later
+        fixes = self._decoder.feed(data, now_s) if data or self._plugin is not None else []
         self.line.note(fix.time_s for fix in fixes)
         return fixes[-1] if fixes else None
+
+    def close(self) -> None:
+        """Ends a plug-in's process."""
+        if self._plugin is not None:
+            self._plugin.close()
+
+
+def _plugin_receiver(protocol: str) -> PluginReceiver:
+    from drivers.plugin_process import PluginReceiver
+
+    return PluginReceiver(protocol)
 
 
 class _Module:

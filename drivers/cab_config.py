@@ -10,7 +10,7 @@ from pydantic import AfterValidator, Field, model_validator
 from control.frozen_model import FrozenModel
 from drivers.datagrams import is_loopback, line_url, udp_address
 from drivers.devices.canopy_heads import PROTOCOLS, HeadFields, head_fields
-from drivers.plugins import names, plugged
+from drivers.plugins import CALLABLE, names, plugged
 
 MOST_HEADS = 12
 # where rate modules listen, and where they answer
@@ -28,7 +28,8 @@ RECEIVERS = ("nmea0183", "gpsd", "agopengps")
 
 
 def _receiver(name: str) -> str:
-    if name not in RECEIVERS and not callable(plugged("devices", name)):
+    found = None if name in RECEIVERS else plugged("devices", name)
+    if name not in RECEIVERS and (found is None or found.is_a != CALLABLE):
         raise ValueError(
             f"protocol {name!r}: allowed is one of {', '.join((*RECEIVERS, *names('devices')))}"
         )

@@ -9,6 +9,7 @@ from typing import Literal
 from drivers.datagrams import Datagrams
 from drivers.device_status import DeviceStatus
 from drivers.devices.lines import Counts
+from drivers.plugins import PluginFault
 from drivers.ports import Port
 
 RATE_OVER_S = 2.0  # a device silent for this long has rate 0
@@ -31,6 +32,8 @@ class DeviceLine:
         self.plugged = True
         # why the device is not listened to any more; empty: it is
         self.aside = ""
+        # what is named for it: the device, with the plug-in that reads it
+        self.blamed = name
         self._protocol = protocol
         self._counts = counts
         self._taps: list[Tap] = []
@@ -64,7 +67,10 @@ class DeviceLine:
     def put_aside(self, error: Exception) -> None:
         """Its driver could not digest what it said: it is not listened to until it is plugged
         again. What is sent to it goes on, so that a drive can be stopped."""
-        self.aside = f"put aside: {type(error).__name__}: {error}"[:ASIDE_CHARACTERS]
+        by_plugin = isinstance(error, PluginFault)
+        why = str(error) if by_plugin else f"{type(error).__name__}: {error}"
+        self.aside = f"put aside: {why}"[:ASIDE_CHARACTERS]
+        self.blamed = f"{self.name} (plug-in {self._protocol})" if by_plugin else self.name
 
     def plug(self, plugged: bool) -> None:
         """False: let go of the port and leave it alone until True."""

@@ -1,5 +1,5 @@
 """What other packages add to topdress by entry points (CONTRIBUTING.md, "Plug-ins"): looked for
-where a name or a suffix is none of ours, and loaded then.
+where a name or a suffix is none of ours.
 
     topdress.devices   NAME    -> `HeadFields` of a canopy head's line; or a receiver's decoder,
                                made without arguments,
@@ -8,18 +8,21 @@ where a name or a suffix is none of ours, and loaded then.
     topdress.formats   SUFFIX  -> a function of a path that gives a GeoJSON FeatureCollection, as
                        a dict
     topdress.effects   NAME    -> `EffectPlugin`
+
+Their code runs in a process of its own (`drivers.plugin_process`), never in ours. Whatever it
+does there is a `PluginFault`.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from contextlib import suppress
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any, Literal, NamedTuple
 
-from drivers.plain_text import one_line
-
 Group = Literal["devices", "formats", "effects"]
+CALLABLE = "callable"  # what a plug-in is that is no value: a function, a class
 
 
 class EffectPlugin(NamedTuple):
@@ -33,35 +36,83 @@ class EffectPlugin(NamedTuple):
     advice: str
 
 
+class PluginFault(ValueError):
+    """What the code of a plug-in did that it should not, in one line that names it. name: of the
+    plug-in; why: without that."""
+
+    def __init__(self, group: Group, name: str, why: str) -> None:
+        super().__init__(f"plug-in {name} of {package_of(group, name)}: {why}")
+        self.name, self.why = name, why
+
+
+class Plugin(NamedTuple):
+    """is_a: name of the type of what a plug-in gives, or `CALLABLE`; values: its fields."""
+
+    name: str
+    is_a: str
+    values: Mapping[str, Any]
+
+
 @cache
 def names(group: Group) -> dict[str, EntryPoint]:
+    """The entry points of a group by their names; loads none."""
     return {one.name: one for one in entry_points(group=f"topdress.{group}")}
 
 
-@cache
-def plugged(group: Group, name: str) -> Any:
-    """None: nobody adds it. Raises ValueError of one line where it cannot be loaded."""
+def package_of(group: Group, name: str) -> str:
+    """The package that adds a plug-in."""
+    point = names(group).get(name)
+    if point is None:
+        return "no package"
+    return point.dist.name if point.dist is not None else point.value
+
+
+def plugged(group: Group, name: str) -> Plugin | None:
+    """The plug-in of a name; None: nobody adds it. Raises PluginFault where it cannot be loaded."""
     if name not in names(group):
         return None
-    one = names(group)[name]
+    found = _described(group, name)
+    if isinstance(found, PluginFault):
+        raise found
+    return found
+
+
+@cache
+def _described(group: Group, name: str) -> Plugin | PluginFault:
+    """Asked once: one that hangs costs its time once."""
+    from drivers.plugin_process import describe_plugin
+
     try:
-        return one.load()
-    except Exception as error:  # another's code
-        of = one.dist.name if one.dist is not None else one.value
-        raise ValueError(
-            f"plug-in {name} of {of}: not loaded: {type(error).__name__}: {one_line(str(error))}"
-        ) from None
+        return describe_plugin(group, name)
+    except PluginFault as fault:
+        return fault
+
+
+def effect(name: str) -> EffectPlugin | None:
+    """The effect of a plug-in; None: nobody adds it. Raises PluginFault."""
+    found = plugged("effects", name)
+    if found is None:
+        return None
+    try:
+        made = EffectPlugin(**found.values)
+        if all(isinstance(text, str) for text in made) and made.term.format(size="1"):
+            return made
+    except (TypeError, ValueError, LookupError, AttributeError):
+        pass
+    raise PluginFault("effects", name, f"is a {found.is_a}: allowed is an EffectPlugin of texts")
 
 
 def effects() -> dict[str, EffectPlugin]:
     """All that can be loaded."""
     found: dict[str, EffectPlugin] = {}
     for name in names("effects"):
-        with suppress(ValueError):
-            found[name] = plugged("effects", name)
+        with suppress(PluginFault):
+            made = effect(name)
+            if made is not None:
+                found[name] = made
     return found
 
 
-def format_of(suffix: str) -> Any:
-    """`plugged` of the formats by a suffix with its point, in lower case."""
-    return plugged("formats", suffix[1:])
+def has_format(suffix: str) -> bool:
+    """Whether a plug-in reads files of this suffix, with its point and in lower case."""
+    return suffix[1:] in names("formats")

@@ -9,6 +9,7 @@ import typer
 
 from console.cli.inputs import machine_of
 from console.cli.outputs import Force, machine_file, marked, refuse_collisions
+from console.cli.plain_errors import say_notes
 from console.cli.plain_output import AsJson, say_json
 from console.cli.terms import what_terms_are
 from drivers import plugins
@@ -74,10 +75,21 @@ def effects(
         typer.echo(f"    seen in: {', '.join(effect.seen_in)}. source: {effect.source}")
         typer.echo(f"    do: {effect.advice}")
         typer.echo(f"    tell apart: {effect.separate}")
-    for name, plugin in plugins.effects().items():
-        typer.echo(
-            f"{name}  (a plug-in's)\n    {plugin.title}. As a term: {plugin.term}\n    do: "
-            f"{plugin.advice}"
-        )
+    _say_plugins()
     for line in what_terms_are():
         typer.echo(line)
+
+
+def _say_plugins() -> None:
+    """The effects that other packages add; one that cannot be loaded is a note on stderr."""
+    for name in plugins.names("effects"):
+        try:
+            plugin = plugins.effect(name)
+        except plugins.PluginFault as fault:
+            say_notes([fault])
+            continue
+        if plugin is not None:
+            typer.echo(
+                f"{name}  (a plug-in's)\n    {plugin.title}. As a term: {plugin.term}\n    do: "
+                f"{plugin.advice}"
+            )

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from console.cli.plain_errors import CommandError
-from drivers.plugins import EffectPlugin, plugged
+from drivers.plugins import effect
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -40,7 +40,7 @@ def as_terms(effects: Sequence[str]) -> tuple[list[str], list[str]]:
     terms, own = list[str](), list[str]()
     for text in effects:
         name, _sign, size = text.strip().partition("=")
-        plugin: EffectPlugin | None = plugged("effects", name)
+        plugin = effect(name)
         if plugin is None:
             own.append(text)
             continue

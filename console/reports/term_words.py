@@ -75,7 +75,10 @@ def sentence(plain: Mapping[str, Any]) -> str:
 
 
 def _alike(term: Term, plugin: EffectPlugin) -> bool:
-    other = parse_term(plugin.term.format(size="1"), Term.model_validate)
+    try:
+        other = parse_term(plugin.term.format(size="1"), Term.model_validate)
+    except ValueError:  # of another package: a term that there is not
+        return False
     return (other.acts_on, other.form, other.variables) == (term.acts_on, term.form, term.variables)
 
 

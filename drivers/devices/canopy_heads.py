@@ -11,7 +11,7 @@ import re
 from typing import NamedTuple
 
 from drivers.devices.lines import Ignored, LineDecoder, Rejected
-from drivers.plugins import plugged
+from drivers.plugins import PluginFault, plugged
 
 LOWEST_NDVI = -1.0
 HIGHEST_NDVI = 1.0
@@ -41,8 +41,15 @@ PROTOCOLS: dict[str, HeadFields] = {
 
 def head_fields(protocol: str) -> HeadFields | None:
     """Of a protocol of ours or of a plug-in. Raises ValueError, where that cannot be loaded."""
-    found = PROTOCOLS.get(protocol) or plugged("devices", protocol)
-    return found if isinstance(found, HeadFields) else None
+    if protocol in PROTOCOLS:
+        return PROTOCOLS[protocol]
+    found = plugged("devices", protocol)
+    if found is None or found.is_a != HeadFields.__name__:
+        return None
+    fields = HeadFields(**found.values)
+    if [*map(type, fields)] != [int, int, int, int, str]:
+        raise PluginFault("devices", protocol, f"{fields}: allowed are whole numbers, and a text")
+    return fields
 
 
 class HeadSample(NamedTuple):

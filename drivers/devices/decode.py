@@ -9,7 +9,7 @@ from typing import Any
 from control.readings import GnssFix
 from drivers.devices.agopengps import AgOpenGpsDecoder
 from drivers.devices.canopy_heads import PROTOCOLS as HEAD_PROTOCOLS
-from drivers.devices.canopy_heads import HeadDecoder, HeadFields
+from drivers.devices.canopy_heads import HeadDecoder, HeadFields, head_fields
 from drivers.devices.capture import is_capture, received
 from drivers.devices.gnss import GnssDecoder
 from drivers.devices.gpsd import GpsdDecoder
@@ -50,11 +50,12 @@ def decode(protocol: str, data: bytes) -> tuple[list[Record], Counts]:
         console's with a wrong line.
     """
     name = protocol.removesuffix("-multi")
-    if protocol not in PROTOCOLS and (device := plugged("devices", name)) is not None:
+    if protocol not in PROTOCOLS and plugged("devices", name) is not None:
         data = received(data) if is_capture(data) else data
-        if isinstance(device, HeadFields):
-            return _heads(device, name != protocol, data)
-        return _through(device(), _fix_record, data)
+        layout = head_fields(name)
+        if layout is not None:
+            return _heads(layout, name != protocol, data)
+        return _through_plugin(name, data)
     if protocol not in PROTOCOLS:
         raise ValueError(f"protocol {protocol!r}: allowed is one of {', '.join(sorted(PROTOCOLS))}")
     return PROTOCOLS[protocol](received(data) if is_capture(data) else data)
@@ -69,6 +70,17 @@ def _through(
     readings += decoder.flush(len(data) / BYTES_PER_S)
     counts: Counts = decoder.counts
     return [to_record(reading) for reading in readings], counts
+
+
+def _through_plugin(name: str, data: bytes) -> tuple[list[Record], Counts]:
+    """Raises PluginFault."""
+    from drivers.plugin_process import PluginDecoder
+
+    decoder = PluginDecoder(name)
+    try:
+        return _through(decoder, _fix_record, data)
+    finally:
+        decoder.close()
 
 
 def _heads(layout: HeadFields, multiplexed: bool, data: bytes) -> tuple[list[Record], Counts]:

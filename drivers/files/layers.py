@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -29,8 +29,8 @@ from drivers.files.prescriptions.projected import (
 )
 from drivers.files.prescriptions.words import NotAMap
 from drivers.files.stated_units import NO_UNITS, StatedUnit, of_json
-from drivers.plain_text import PlaceInFile, Refused, one_line
-from drivers.plugins import format_of
+from drivers.plain_text import PlaceInFile, Refused
+from drivers.plugins import PluginFault, has_format
 
 KML_KINDS, GEOJSON = (".kml", ".kmz"), (".geojson", ".json")
 # WGS84, and within 2 m of it
@@ -62,8 +62,8 @@ def read_layers(path: Path) -> list[Layer]:
     suffix = "" if path.is_dir() else path.suffix.lower()
     if suffix in GEOJSON:
         return [read_geojson(path)]
-    if (reader := format_of(suffix)) is not None:
-        return [_by_plugin(path, reader)]
+    if has_format(suffix):
+        return [_by_plugin(path, suffix[1:])]
     if suffix in (".shp", ".zip", ""):
         from drivers.files.shape_sets import layer_of, shape_sets
 
@@ -90,15 +90,18 @@ def read_geojson(path: Path, kinds: Collection[str] = KINDS, strict: bool = Fals
     return _of_features(path, root, kinds, strict)
 
 
-def _by_plugin(path: Path, reader: Callable[[Path], Any]) -> Layer:
+def _by_plugin(path: Path, name: str) -> Layer:
+    """Raises NotAMap, whatever the plug-in's code does."""
+    from drivers.plugin_process import read_format
+
     try:
-        root = reader(path)
-    except Exception as error:  # another's code
+        root = read_format(name, path)
+    except PluginFault as fault:
         raise NotAMap(
             path,
             "not readable by the plug-in of {suffix}: {why}",
             suffix=path.suffix,
-            why=one_line(str(error)),
+            why=fault.why,
         ) from None
     return _of_features(path, root, KINDS, strict=True)
 

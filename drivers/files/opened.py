@@ -17,7 +17,7 @@ from drivers.files.log_store import SUFFIXES as PARQUET
 from drivers.files.log_store import is_store
 from drivers.files.table import NoHeader, header_of
 from drivers.files.what_it_is import FOREIGN, holds_points, what_is
-from drivers.plugins import format_of
+from drivers.plugins import has_format
 
 # of the columns; fewer are another program's log, which the import reads better
 KNOWN_SHARE = 0.5
@@ -40,7 +40,7 @@ class Opened:
 
     @property
     def _of_areas(self) -> bool:
-        return self._suffix in _AREAS or format_of(self._suffix) is not None
+        return self._suffix in _AREAS or has_format(self._suffix)
 
     @cached_property
     def names(self) -> tuple[str, ...]:

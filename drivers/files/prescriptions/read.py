@@ -25,7 +25,7 @@ from drivers.files.prescriptions.words import (
 )
 from drivers.files.shape_sets import ShapeSet, layer_of, shape_sets
 from drivers.files.what_it_is import TABLES, holds_points
-from drivers.plugins import format_of
+from drivers.plugins import has_format
 
 EVEN = ("raster", "points")  # formats of even cells: none over another
 SHAPES, RASTERS = (".gpkg", ".kml", ".kmz"), (".tif", ".tiff")
@@ -85,7 +85,7 @@ def _read(path: Path, choice: RateChoice) -> Imported:
         from drivers.files.prescriptions.shapes import read_map
 
         return _areas_or_points(partial(read_map, path, choice), path, choice)
-    if suffix in SHAPES or format_of(suffix) is not None:
+    if suffix in SHAPES or has_format(suffix):
         from drivers.files.prescriptions.shapes import read_shapes
 
         return read_shapes(path, choice)

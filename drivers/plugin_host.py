@@ -1,0 +1,135 @@
+"""The program that runs the code of a plug-in. It is a process of its own, so that what another
+package does ends, hangs or breaks nothing but itself; `drivers.plugin_process` starts it and
+asks.
+
+Requests come on standard input, answers go to standard output, a JSON object a line:
+
+    {"do": "load"}                              {"gives": {"is_a": "HeadFields", "values": {...}}}
+    {"do": "make"}                              {"gives": null}, a receiver's decoder is made
+    {"do": "feed", "data": ..., "time_s": ...}  {"gives": {"fixes": [[...], ...], "counts": {...}}}
+    {"do": "flush", "time_s": ...}              the same
+    {"do": "read", "path": ...}                 {"gives": what the format's function returns}
+    anything that raises                        {"raises": "ZeroDivisionError: division by zero"}
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+import threading
+from collections.abc import Callable
+from contextlib import suppress
+from importlib.metadata import entry_points
+from pathlib import Path
+from queue import SimpleQueue
+from typing import Any, BinaryIO
+
+# of bytes in JSON: each byte is one character
+ENCODING = "latin-1"
+_LINUX_PARENT_DEATH_SIGNAL = 1  # PR_SET_PDEATHSIG of prctl(2)
+_SIGKILL = 9
+
+
+class PluginHost:
+    """One plug-in, loaded when it is asked for."""
+
+    def __init__(self, group: str, name: str) -> None:
+        self._group, self._name = group, name
+        self._loaded: Any = None
+        self._decoder: Any = None
+        self._does: dict[str, Callable[[dict[str, Any]], Any]] = {
+            "load": self._load,
+            "make": self._make,
+            "feed": lambda asked: self._decoded(
+                self._decoder.feed(asked["data"].encode(ENCODING), asked["time_s"])
+            ),
+            "flush": lambda asked: self._decoded(self._decoder.flush(asked["time_s"])),
+            "read": lambda asked: self._loaded(Path(asked["path"])),
+        }
+
+    def answer(self, request: bytes) -> bytes:
+        """The line that answers a request. Whatever the plug-in raises becomes part of it."""
+        try:
+            asked = json.loads(request)
+            given = {"gives": self._does[asked["do"]](asked)}
+            return json.dumps(given, default=_plain_value).encode() + b"\n"
+        except BaseException as error:
+            return json.dumps({"raises": _describe(error)}).encode() + b"\n"
+
+    def _load(self, _asked: dict[str, Any]) -> dict[str, Any]:
+        """Raises whatever the plug-in's import does."""
+        found = entry_points(group=self._group, name=self._name)
+        self._loaded = next(iter(found)).load()
+        is_tuple = isinstance(self._loaded, tuple) and hasattr(self._loaded, "_asdict")
+        kind = "callable" if callable(self._loaded) else type(self._loaded).__name__
+        return {"is_a": kind, "values": self._loaded._asdict() if is_tuple else {}}
+
+    def _make(self, _asked: dict[str, Any]) -> None:
+        self._decoder = self._loaded()
+
+    def _decoded(self, fixes: Any) -> dict[str, Any]:
+        counts = self._decoder.counts
+        return {
+            "fixes": [list(fix) for fix in fixes],
+            "counts": {
+                "read": counts.read,
+                "accepted": counts.accepted,
+                "rejected": dict(counts.rejected),
+                "ignored": dict(counts.ignored),
+            },
+        }
+
+
+def _plain_value(value: Any) -> Any:
+    """Numbers and arrays of numpy as plain ones. Raises TypeError for anything else."""
+    if hasattr(value, "tolist"):
+        return value.tolist()
+    raise TypeError(f"gives a {type(value).__name__}, which is no plain data")
+
+
+def _describe(error: BaseException) -> str:
+    """What is wrong, in words; a ValueError's own say enough."""
+    text = ""
+    with suppress(BaseException):
+        text = str(error)
+    kind = type(error).__name__
+    return text if isinstance(error, ValueError) and text else f"{kind}: {text}".rstrip(": ")
+
+
+def _take_pipes() -> tuple[BinaryIO, BinaryIO]:
+    """Standard input and output for this program alone; what the plug-in reads is empty, what it
+    prints is lost."""
+    requests, answers = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")
+    nothing = os.open(os.devnull, os.O_RDWR)
+    os.dup2(nothing, 0)
+    os.dup2(nothing, 1)
+    return requests, answers
+
+
+def _end_with_parent() -> None:
+    """Where the system offers it, a plug-in that hangs ends with the program that asked."""
+    if sys.platform == "linux":
+        with suppress(OSError, AttributeError):
+            import ctypes
+
+            ctypes.CDLL(None).prctl(_LINUX_PARENT_DEATH_SIGNAL, _SIGKILL)
+
+
+def _queue_requests(requests: BinaryIO, queue: SimpleQueue[bytes]) -> None:
+    """Ends this process, whatever the plug-in does, when nobody asks any more."""
+    for line in requests:
+        queue.put(line)
+    os._exit(0)
+
+
+def main(group: str, name: str) -> None:
+    """Answers until nobody asks any more."""
+    requests, answers = _take_pipes()
+    _end_with_parent()
+    queue: SimpleQueue[bytes] = SimpleQueue()
+    threading.Thread(target=_queue_requests, args=(requests, queue), daemon=True).start()
+    host = PluginHost(group, name)
+    while True:
+        answers.write(host.answer(queue.get()))
+        answers.flush()

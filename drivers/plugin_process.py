@@ -1,0 +1,332 @@
+"""Asks the code of a plug-in, which runs in a process of its own (`drivers.plugin_host`).
+
+Whatever that code does (it raises, ends its process, hangs, gives nonsense) becomes a
+`PluginFault`, which names the plug-in in one line; its process is then ended.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import threading
+from collections import Counter, deque
+from contextlib import suppress
+from datetime import datetime
+from functools import cache
+from math import isfinite
+from pathlib import Path
+from types import NoneType
+from typing import Any, get_args, get_type_hints
+
+from control.readings import GnssFix
+from drivers.devices.lines import Counts
+from drivers.plain_text import one_line
+from drivers.plugin_host import ENCODING
+from drivers.plugins import Group, Plugin, PluginFault
+
+# s; a large package takes some seconds to import on a small computer
+LOAD_S = 20.0
+# s; a decoder gives what some milliseconds of a line hold
+FEED_S = 2.0
+# s; any reader of ours takes less for a map of 256 MB
+FORMAT_S = 60.0
+# of an answer, bytes: as much as is read of GeoJSON
+MOST_BYTES = 256 << 20
+# bytes of a line that wait for the plug-in: five seconds at 115,200 baud
+WAITING_BYTES = 64 << 10
+_UTC = re.compile(r"\d{4}-\d\d-\d\dT[\d:.]+Z", re.ASCII)
+END_S = 1.0  # for a killed process to be gone
+PIECE_BYTES = 64 << 10  # of an answer, read at a time
+WHY_CHARACTERS = 200  # of what is said of a plug-in
+_COMMAND = (
+    *(sys.executable, "-P", "-c"),
+    "import json, sys; sys.path[:] = json.loads(sys.argv[1]); "
+    "from drivers.plugin_host import main; main(*sys.argv[2:])",
+)
+
+
+class PluginProcess:
+    """A plug-in's process. One thread asks at a time; any may end it."""
+
+    def __init__(self, group: Group, name: str) -> None:
+        """Raises PluginFault where no process can be started."""
+        self._group, self._name = group, name
+        self._is_late = False
+        self._asks = threading.Lock()
+        try:
+            # without buffers: one that a thread waits in cannot be closed by another
+            self._process = subprocess.Popen(
+                [*_COMMAND, json.dumps(sys.path), f"topdress.{group}", name],
+                bufsize=0,
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.DEVNULL,
+                start_new_session=True,
+            )
+        except OSError as error:
+            raise self._fault(f"its process does not start: {error.strerror}") from None
+
+    def ask(self, limit_s: float, do: str, **values: Any) -> Any:
+        """What the plug-in gives. Raises PluginFault, also where it takes longer than limit_s."""
+        watch = threading.Timer(limit_s, self._end_late)
+        watch.daemon = True
+        watch.start()
+        try:
+            with self._asks:
+                line = self._exchange(json.dumps({"do": do, **values}).encode() + b"\n")
+        except (OSError, ValueError):  # it is gone, or was ended while it was asked
+            line = b""
+        finally:
+            watch.cancel()
+        if self._is_late:
+            raise self._fault(f"no answer to {do} within {limit_s:g} s")
+        return self._read_answer(do, line)
+
+    def end(self) -> None:
+        """Ends the process and what it started, whatever they do."""
+        with suppress(OSError):
+            self._kill()
+        with suppress(subprocess.TimeoutExpired):
+            self._process.wait(END_S)
+        if self._asks.acquire(blocking=False):
+            for pipe in (self._process.stdin, self._process.stdout):
+                if pipe is not None:
+                    pipe.close()
+            self._asks.release()
+
+    def _exchange(self, request: bytes) -> bytes:
+        """Sends a line and waits for one. Raises OSError, ValueError, PluginFault."""
+        assert self._process.stdin is not None and self._process.stdout is not None
+        rest = memoryview(request)
+        while rest:
+            rest = rest[self._process.stdin.write(rest) or 0 :]
+        pieces, count = list[bytes](), 0
+        while piece := os.read(self._process.stdout.fileno(), PIECE_BYTES):
+            pieces.append(piece)
+            count += len(piece)
+            if count > MOST_BYTES:
+                raise self._fault(f"gives more than {MOST_BYTES >> 20} MB")
+            if piece.endswith(b"\n"):
+                break
+        return b"".join(pieces)
+
+    def _read_answer(self, do: str, line: bytes) -> Any:
+        try:
+            answer = json.loads(line)
+            if "gives" in answer:
+                return answer["gives"]
+            why = str(answer["raises"])
+        except (ValueError, KeyError, TypeError, RecursionError):
+            raise self._fault("its process ended by itself") from None
+        raise self._fault(f"not loaded: {why}" if do in ("load", "make") else why)
+
+    def _end_late(self) -> None:
+        self._is_late = True
+        with suppress(OSError):
+            self._kill()
+
+    def _kill(self) -> None:
+        if os.name == "posix":
+            os.killpg(self._process.pid, signal.SIGKILL)
+        else:
+            self._process.kill()
+
+    def _fault(self, why: str) -> PluginFault:
+        return PluginFault(self._group, self._name, one_line(why)[:WHY_CHARACTERS])
+
+
+def describe_plugin(group: Group, name: str) -> Plugin:
+    """What a plug-in is. Raises PluginFault."""
+    process = PluginProcess(group, name)
+    try:
+        found = process.ask(LOAD_S, "load")
+        return Plugin(name, str(found["is_a"]), dict(found["values"]))
+    finally:
+        process.end()
+
+
+def read_format(name: str, path: Path) -> Any:
+    """What the plug-in of a format makes of a file, as plain data. Raises PluginFault."""
+    process = PluginProcess("formats", name)
+    try:
+        process.ask(LOAD_S, "load")
+        return process.ask(FORMAT_S, "read", path=str(path))
+    finally:
+        process.end()
+
+
+class PluginDecoder:
+    """A receiver's decoder of a plug-in, which is waited for: for recordings."""
+
+    def __init__(self, name: str) -> None:
+        """Raises PluginFault."""
+        self.counts = Counts()
+        self._name = name
+        self._process = PluginProcess("devices", name)
+        for do in ("load", "make"):
+            self._ask(LOAD_S, do)
+
+    def feed(self, data: bytes, time_s: float) -> list[GnssFix]:
+        """The fixes that these bytes complete. Raises PluginFault."""
+        return self._fixes_of(self._ask(FEED_S, "feed", data=data.decode(ENCODING), time_s=time_s))
+
+    def flush(self, time_s: float) -> list[GnssFix]:
+        """What the end of a recording completes. Raises PluginFault."""
+        return self._fixes_of(self._ask(FEED_S, "flush", time_s=time_s))
+
+    def close(self) -> None:
+        """Ends the plug-in's process."""
+        self._process.end()
+
+    def _ask(self, limit_s: float, do: str, **values: Any) -> Any:
+        try:
+            return self._process.ask(limit_s, do, **values)
+        except PluginFault:
+            self.close()
+            raise
+
+    def _fixes_of(self, given: Any) -> list[GnssFix]:
+        try:
+            counts = given["counts"]
+            self.counts = Counts(
+                int(counts["read"]),
+                int(counts["accepted"]),
+                _times_by_kind(counts["rejected"]),
+                _times_by_kind(counts["ignored"]),
+            )
+            return [_fix_of(values) for values in given["fixes"]]
+        except (ValueError, KeyError, TypeError, AttributeError, OverflowError) as error:
+            self.close()
+            why = one_line(f"gives what is no list of GnssFix with counts: {error}")
+            raise PluginFault("devices", self._name, why[:WHY_CHARACTERS]) from None
+
+
+class PluginReceiver:
+    """A receiver's decoder of a plug-in in a cab: `feed` never waits for it. What some bytes
+    complete comes with a later call."""
+
+    def __init__(self, name: str) -> None:
+        self.counts = Counts()
+        self._name = name
+        self._session: _Session | None = None
+
+    def feed(self, data: bytes, time_s: float) -> list[GnssFix]:
+        """The fixes that came since the last call; to be called at every tick.
+
+        Raises PluginFault; the call after that begins anew, with a new process.
+        """
+        if self._session is None:
+            self._session = _Session(self._name)
+        session = self._session
+        if data:
+            session.put(data, time_s)
+        fixes, counts = session.take()
+        if counts is not None:
+            # the same object goes on: the device's line shows it
+            self.counts.read, self.counts.accepted = counts.read, counts.accepted
+            self.counts.rejected, self.counts.ignored = counts.rejected, counts.ignored
+        if session.fault is not None:
+            self._session = None
+            raise session.fault
+        return fixes
+
+    def close(self) -> None:
+        """Ends the plug-in's process."""
+        session, self._session = self._session, None
+        if session is not None:
+            session.end()
+
+
+class _Session:
+    """A thread that waits for a plug-in's decoder, and what goes in and out of it."""
+
+    def __init__(self, name: str) -> None:
+        self.fault: PluginFault | None = None
+        self._name = name
+        self._pieces: deque[tuple[bytes, float]] = deque()
+        self._waiting_bytes = 0
+        self._given: deque[tuple[list[GnssFix], Counts]] = deque()
+        self._changed = threading.Condition()
+        self._is_ended = False
+        self._decoder: PluginDecoder | None = None
+        threading.Thread(target=self._run, name=f"plug-in {name}", daemon=True).start()
+
+    def put(self, data: bytes, time_s: float) -> None:
+        """Where the plug-in is too slow the oldest bytes are lost."""
+        with self._changed:
+            self._pieces.append((data, time_s))
+            self._waiting_bytes += len(data)
+            while self._waiting_bytes > WAITING_BYTES:
+                self._waiting_bytes -= len(self._pieces.popleft()[0])
+            self._changed.notify()
+
+    def take(self) -> tuple[list[GnssFix], Counts | None]:
+        """The fixes that came, and the newest counts, None where nothing came."""
+        given = [self._given.popleft() for _ in range(len(self._given))]
+        return [fix for fixes, _ in given for fix in fixes], given[-1][1] if given else None
+
+    def end(self) -> None:
+        """Ends thread and process."""
+        with self._changed:
+            self._is_ended = True
+            self._changed.notify()
+        if self._decoder is not None:
+            self._decoder.close()
+
+    def _run(self) -> None:
+        try:
+            self._decoder = PluginDecoder(self._name)
+            while (piece := self._next_piece()) is not None:
+                fixes = self._decoder.feed(*piece)
+                self._given.append((fixes, self._decoder.counts))
+            self._decoder.close()
+        except PluginFault as fault:
+            self.fault = fault
+
+    def _next_piece(self) -> tuple[bytes, float] | None:
+        """Waits for bytes; None: it is to end."""
+        with self._changed:
+            while not self._pieces and not self._is_ended:
+                self._changed.wait()
+            if self._is_ended:
+                return None
+            piece = self._pieces.popleft()
+            self._waiting_bytes -= len(piece[0])
+            return piece
+
+
+@cache
+def _types_of_fix() -> tuple[tuple[type, ...], ...]:
+    """The types that each value of a fix may have."""
+    return tuple(get_args(hint) or (hint,) for hint in get_type_hints(GnssFix).values())
+
+
+def _fix_of(values: Any) -> GnssFix:
+    """A fix of plain values, each of its type. Raises ValueError, TypeError."""
+    read = [_typed(value, types) for value, types in zip(values, _types_of_fix(), strict=True)]
+    fix = GnssFix(*read)
+    if not isfinite(fix.time_s):
+        raise ValueError(f"time_s {fix.time_s}")
+    if fix.utc is not None and not _UTC.fullmatch(fix.utc):
+        raise ValueError(f"utc {fix.utc}")
+    if fix.utc is not None:
+        datetime.fromisoformat(fix.utc)
+    return fix
+
+
+def _typed(value: Any, types: tuple[type, ...]) -> Any:
+    if value is None and NoneType in types:
+        return None
+    if types[0] is str and isinstance(value, str):
+        return value
+    if types[0] in (int, float) and isinstance(value, (int, float)):
+        return types[0](value)
+    raise TypeError(f"{value!r}, allowed is {types[0].__name__}")
+
+
+def _times_by_kind(given: Any) -> Counter[str]:
+    return Counter({str(kind): int(times) for kind, times in given.items()})
