@@ -8,8 +8,10 @@ from collections.abc import Callable
 
 import pytest
 
+from control.loop.stopped import Stopped, standing_limits
 from control.machine.planting import parse_planted
-from control.readings import DriveCommand
+from control.readings import DriveCommand, Measurements, Reading
+from control.safety import SafetyLimits
 from control.simulation import plant as plants
 from control.simulation.plant import Plant, Truth
 from drivers.files.setup import load_setup
@@ -65,3 +67,17 @@ def test_the_same_to_the_last_bit(
     monkeypatch.setattr(plants, "rest", lambda *_: False)
     assert truths(machine, effects) == rested
     assert few < 0.95 * (len(steps) - few), "a tick in which nothing moves takes one step of four"
+
+
+@pytest.mark.parametrize(("age_s", "turning_rpm"), [(0.0, 40.0), (0.5, 40.0), (0.6, 0.0)])
+def test_an_old_reading_of_the_shaft_does_not_say_that_it_turns(age_s, turning_rpm):
+    stopped = Stopped(load_setup("huanghai", "demo", TODAY).machine, SafetyLimits())
+    read = Measurements(100.0, shaft_rpm=Reading(40.0, 100.0 - age_s))
+    assert stopped.turning_rpm(read) == turning_rpm
+
+
+def test_a_valve_may_close_as_late_as_its_file_and_its_line_say():
+    machine = load_setup("huanghai_sections", "sections_demo", TODAY).machine
+    closes_s = max(section.valve.close_s for section in machine.sections if section.valve)
+    # The status of the board comes ten times a second, and a switch bounces.
+    assert standing_limits(machine, SafetyLimits()).valve_closes_s >= closes_s + 0.5

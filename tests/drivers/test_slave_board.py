@@ -12,9 +12,9 @@ from control.readings import DoseOrder, DriveCommand
 from control.simulation.plant import SensorReadings
 from drivers.board.framing import seal
 from drivers.cab import Cab, CabConfig
-from drivers.devices.board_frames import CommandFrame, crc16, decode_status, encode_command
+from drivers.devices.board_frames import ASK, CommandFrame, crc16, decode_status, encode_command
 from drivers.devices.point_dose import DoseState
-from drivers.devices.slave_board import SetPointLimits, SlaveBoard
+from drivers.devices.slave_board import ASKED, SetPointLimits, SlaveBoard
 from drivers.ports import memory_pair
 from drivers.virtual.board import VirtualBoard
 
@@ -219,6 +219,28 @@ def test_valves_of_sections_go_in_a_frame_of_their_own_and_close_with_the_drives
     assert not any(board.set_points(1.2)[0].valves), "the host is silent"
     assert host.command(None, False).startswith(b"$T2,2,0.000,25.000,0,0*")
     assert SlaveBoard().command(DriveCommand(70.0, 25.0), True).startswith(b"$T1,")
+    open_valves = DriveCommand(70.0, 25.0, valves=(True, True))
+    assert SlaveBoard().command(open_valves, False).startswith(b"$T2,0,0.000,25.000,0,0*")
+
+
+def test_a_board_that_does_not_answer_is_no_longer_asked_for_its_word(board_line) -> None:
+    host = SlaveBoard()
+    host.feed(board_line("W1,1,12345"), 0.0)
+    host.opened_anew()
+    lines = [host.command(DriveCommand(70.0, 25.0), True) for _ in range(ASKED + 5)]
+    assert [line.startswith(ASK) for line in lines] == [True] * ASKED + [False] * 5
+    assert b",12345*" in lines[0] and b"12345" not in lines[-1]
+
+
+def test_a_machine_that_is_recorded_only_gets_no_byte(clock) -> None:
+    host, end = memory_pair("board", clock)
+    config = CabConfig.model_validate({"board": {"port": "b"}, "record_only": True})
+    cab = Cab(config, clock, lambda *_: host)
+    cab.measure(0.0)
+    cab.command(0.0, DriveCommand(70.0, 25.0), True)
+    assert cab.give_dose(0.0, 120.0, 60.0) is None
+    cab.ask_turned()
+    assert end.read() == b""
 
 
 @pytest.mark.parametrize(

@@ -333,6 +333,24 @@ def test_a_faulty_or_stopped_drive_leaves_no_flow_and_no_way_back_while_it_lasts
     assert run.tick(speed_mps=0.0, **{cause: True}).state is State.FAULT
 
 
+def test_a_stop_ends_what_was_allowed_also_while_the_machine_is_off(new_run):
+    run = new_run()
+    run.order(Do.ALLOW_OUTSIDE, True)
+    assert run.safety.memory.allow.outside
+    run.order(Do.STOP)
+    assert not run.safety.memory.allow.outside
+
+
+def test_a_start_that_is_held_down_begins_work_after_ready(working):
+    run = working()
+    run.order(Do.START, True)
+    run.order(Do.HOLD)
+    run.tick(0.1)
+    assert not run.order(Do.START, True).accepted
+    assert run.order(Do.READY).accepted
+    assert run.order(Do.START, True).accepted
+
+
 def test_both_speeds_silent_is_held_after_two_seconds_though_the_wheel_counts_as_standing(working):
     """A wheel that was not heard for 0.8 s stops the flow at once; that must not hide that
     nobody knows the speed."""
