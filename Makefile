@@ -62,7 +62,7 @@ TOOLS := .venv-tools/bin
 	$(TOOLS)/python -m pip install --quiet --requirement requirements/tools.in
 	touch $@
 
-EXTRAS := diagnosis report serve mqtt fleet gis raster
+EXTRAS := diagnosis serve mqtt fleet gis raster
 # Newest versions that the lower bounds allow, for every system and Python from 3.11 on.
 LOCK := uv pip compile --universal --python-version 3.11 --generate-hashes --no-annotate \
 	--index-strategy unsafe-best-match --custom-compile-command "make lock"

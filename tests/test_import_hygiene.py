@@ -14,7 +14,7 @@ import pytest
 from drivers.files.extras import EXTRAS
 
 ROOT = Path(__file__).parents[1]
-HEAVY = {"textual", "rich", "numba", "scipy", "polars", "matplotlib"}
+HEAVY = {"textual", "rich", "numba", "scipy", "polars"}
 
 
 def loaded_by(start: str) -> set[str]:
@@ -82,9 +82,7 @@ FLEET = (
         # the workers begin a second earlier: this process reads the judgement while they are at
         # their logs
         pytest.param(FLEET, {"scipy", "numba", "polars"}, id="fleet"),
-        pytest.param(
-            DIAGNOSE, {"textual", "matplotlib", "scipy.stats", "scipy.optimize"}, id="diagnose"
-        ),
+        pytest.param(DIAGNOSE, {"textual", "scipy.stats", "scipy.optimize"}, id="diagnose"),
     ],
 )
 def test_starts_light(start: str, not_yet: set[str]) -> None:

@@ -357,10 +357,8 @@ def _report(applied: AsApplied, out: Path, log: RunLog) -> None:
     from console.reports.job_about import about_of
     from console.reports.job_page import job_page
     from drivers.files.atomic import write_atomically
-    from drivers.files.extras import need
     from drivers.files.run_meta import software_version
 
-    need("a report", "report")
     out.parent.mkdir(parents=True, exist_ok=True)
     write_atomically(out, job_page(applied, f"topdress {software_version()}", about_of(log)))
 

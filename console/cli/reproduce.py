@@ -36,10 +36,8 @@ def reproduce(
     from console.reports.html import GENERATOR
     from console.reports.paper_page import paper_page
     from drivers.files.atomic import write_atomically
-    from drivers.files.extras import need
     from drivers.files.run_meta import software_version
 
-    need("a report", "report")
     before = [*out.glob("[0-9]-[0-9]*.csv")]
     refuse_collisions((), [marked(out / PAGE, GENERATOR.encode(), before)], force)
     sections = run_papers(seed)

@@ -53,11 +53,9 @@ def trial(
     from console.reports.paper_page import paper_page
     from control.papers.trial import trial_section
     from drivers.files.atomic import write_atomically
-    from drivers.files.extras import need
     from drivers.files.run_meta import software_version
     from drivers.files.trial import read_trial
 
-    need("a report", "report")
     refuse_other([one for one in (log, after) if one is not None], LOG)
     reads = [
         plots,

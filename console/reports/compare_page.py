@@ -10,13 +10,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from console.reports.figure import AFTER, BEFORE, INK, drawn, svg
+from console.reports.chart import AFTER, BEFORE, INK, ChartSheet
 from console.reports.html import Picture, escape, figure, items, page, paragraph, section, table
 from console.reports.numbers import number
-from console.reports.panels import MEASURED, legend_below, zero_line
+from console.reports.panels import MEASURED
 from console.reports.said import better
 from control.diagnosis.runs.compared import Compared, ComparedChannel
-from drivers.files.extras import need
 
 Logs = Sequence[tuple[str, Compared]]  # path and what was found there
 
@@ -93,8 +92,7 @@ ROWS_IN_BIN = 5
 
 
 def compare_page(logs: Logs, old: str, new: str) -> str:
-    """The page. Raises MissingExtra, a ValueError with one line, without matplotlib."""
-    need("a report", "report")
+    """The page."""
     parts = [
         f"<header><h1>{escape(old)} against {escape(new)}</h1>\n"
         f'<p class="verdict">{escape(_in_short(logs))}</p></header>',
@@ -106,7 +104,7 @@ def compare_page(logs: Logs, old: str, new: str) -> str:
             "dim",
         ),
     ]
-    for place, (path, found) in enumerate(logs):
+    for path, found in logs:
         rows = [
             (one.channel, one.unit, number(one.old), number(one.new), interval(one), verdict(one))
             for one in found.channels
@@ -118,10 +116,7 @@ def compare_page(logs: Logs, old: str, new: str) -> str:
             section(
                 path,
                 shown if rows else paragraph("No channel could be held against both."),
-                *(
-                    figure(picture_of(one, f"compare-{place}-{one.channel}"))
-                    for one in found.channels
-                ),
+                *(figure(picture_of(one)) for one in found.channels),
                 items(found.findings) if found.findings else "",
             )
         )
@@ -142,45 +137,27 @@ def _in_short(logs: Logs) -> str:
     )
 
 
-def picture_of(one: ComparedChannel, name: str) -> Picture:
+def picture_of(one: ComparedChannel) -> Picture:
     """A stretch in full where the two differ most, and the error of both over the log."""
     rows = _stretch(one)
-    with drawn(9.4, 3.4, columns=2) as (figure_, grid):
-        left, right = grid[0]
-        left.plot(
-            one.time_s[rows],
-            one.measured[rows],
-            linestyle="none",
-            marker=".",
-            markersize=3.5,
-            color=INK,
-            alpha=0.55,
-            label=MEASURED,
-        )
-        left.plot(
-            one.time_s[rows],
-            one.of_old[rows],
-            color=BEFORE,
-            linestyle="--",
-            linewidth=1.5,
-            label=OLD,
-        )
-        left.plot(one.time_s[rows], one.of_new[rows], color=AFTER, linewidth=1.5, label=NEW)
-        left.set(
-            title="where the two differ most", xlabel="time, s", ylabel=f"{one.channel}, {one.unit}"
-        )
-        zero_line(right)
-        for series, colour, line, label in (
-            (one.of_old, BEFORE, "--", OLD),
-            (one.of_new, AFTER, "-", NEW),
-        ):
-            at, errors = _over_time(one.time_s, one.measured - series)
-            right.plot(at, errors, color=colour, linestyle=line, linewidth=1.4, label=label)
-        right.set(title="error, r.m.s. over time", xlabel="time, s", ylabel=one.unit)
-        legend_below(figure_, grid)
-        text = svg(
-            figure_, name, escape(f"{one.channel}: measured, and predicted by both machine files")
-        )
+    sheet = ChartSheet(9.4, 3.4, columns=2)
+    left, right = sheet.panels[0]
+    at = one.time_s[rows]
+    left.plot(
+        at, one.measured[rows], INK, dash="", marker=".", size=7.0, opacity=0.55, label=MEASURED
+    )
+    left.plot(at, one.of_old[rows], BEFORE, dash="--", label=OLD)
+    left.plot(at, one.of_new[rows], AFTER, label=NEW)
+    left.label("time, s", f"{one.channel}, {one.unit}", "where the two differ most")
+    right.draw_level(0.0)
+    for series, colour, dash, label in (
+        (one.of_old, BEFORE, "--", OLD),
+        (one.of_new, AFTER, "-", NEW),
+    ):
+        times_s, errors = _over_time(one.time_s, one.measured - series)
+        right.plot(times_s, errors, colour, dash=dash, width=1.4, label=label)
+    right.label("time, s", one.unit, "error, r.m.s. over time")
+    text = sheet.to_svg(f"{one.channel}: measured, and predicted by both machine files")
     return Picture(
         text,
         f"{one.channel}: error {number(one.old)} {one.unit} with the old machine file, "

@@ -34,7 +34,6 @@ from console.reports.term_words import compensation
 from console.reports.term_words import sentence as term_sentence
 from control.diagnosis.result import UNKNOWN, Cause, Diagnosis, Gain, TermFound
 from control.machine.machine import CATALOGUE
-from drivers.files.extras import need
 
 # Small bars in the text: an interval about its value, and shares of one.
 WIDTH, HEIGHT = 220.0, 22.0
@@ -85,9 +84,8 @@ def diagnosis_page(found: Diagnosis, tools: Mapping[str, Any]) -> str:
     `tools`: {"columns": the run log's columns, "machine": Machine} or {"tables": [BenchTable],
     "machine": Machine}; also, where known, "date" (text), "sha256" (path -> checksum) and
     "version" (of this program). Checksums that are not given are taken from the files where
-    they can be read. Raises MissingExtra, a ValueError with one line, without matplotlib.
+    they can be read.
     """
-    need("a report", "report")
     found = sentences.headlines_first(found)
     pictures = pictures_of(found, tools)
     parts = (

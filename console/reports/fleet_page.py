@@ -4,9 +4,10 @@ do at next service."""
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from math import ceil, floor
 
 from console.locale import N_, _
-from console.reports.figure import AFTER, BEFORE, DIM, drawn, svg
+from console.reports.chart import AFTER, BEFORE, DIM, ChartSheet, Tick
 from console.reports.html import Picture, escape, figure, items, page, paragraph, section, table
 from console.reports.numbers import fixed
 from control.diagnosis.season.courses import Cause, Same, SeasonFit, wears
@@ -42,7 +43,7 @@ def fleet_page(
     """A whole HTML page. price: of a kilogram; None: no money. aside: path and date of logs
     whose clock was wrong.
 
-    by_file_date: logs that tell no time of their own. Needs matplotlib.
+    by_file_date: logs that tell no time of their own.
     """
     logs, kg = sum(one.logs for one in machines), sum(one.applied_kg for one in machines)
     wrong = _about(
@@ -346,41 +347,36 @@ def _of_machine(one: MachineSeason, units: Mapping[str, str], number: int) -> st
             _time_line(
                 cost.cause,
                 _unit(cost.cause.effect, units),
-                f"m{number}c{k}",
                 _about(cost.kg, cost.least_kg, cost.most_kg, 1),
             )
         )
-        for k, cost in enumerate(cost for cost in one.costs if cost.cause.pieces)
+        for cost in one.costs
+        if cost.cause.pieces
     ]
     return section(one.machine, *pictures)
 
 
-def _time_line(course: Cause, unit: str, name: str, kg: str) -> Picture:
+def _time_line(course: Cause, unit: str, kg: str) -> Picture:
     """Each log's size with its interval, and the pieces of the course."""
-    from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
-
     said = course_words(course, unit, kg)
-    with drawn(7.2, 2.2) as (drawing, axes):
-        plot, days = axes[0][0], [day_clock.moment(one * 86_400.0) for one in course.times_d]
-        plot.errorbar(
-            days,
-            course.sizes,
-            course.halves,
-            fmt="o",
-            color=BEFORE,
-            ecolor=DIM,
-            markersize=3.0,
-            linewidth=0.8,
-        )
-        for piece in course.pieces:
-            ends = [day_clock.moment(one * 86_400.0) for one in (piece.begin_d, piece.end_d)]
-            plot.plot(ends, [piece.begin, piece.end], color=AFTER, linewidth=2.0)
-        plot.axhline(0.0, color=DIM, linewidth=0.8)
-        dates = AutoDateLocator(minticks=2, maxticks=MOST_DATES)
-        plot.xaxis.set_major_locator(dates)
-        plot.xaxis.set_major_formatter(ConciseDateFormatter(dates))
-        plot.set(ylabel=unit, title=titled(course.effect))
-        return Picture(svg(drawing, name, escape(said)), said)
+    sheet = ChartSheet(7.2, 2.2)
+    panel = sheet.panel
+    panel.make_x_ticks = _date_ticks
+    panel.plot_intervals(
+        course.times_d, course.sizes, course.halves, BEFORE, bar_colour=DIM, size=3.0
+    )
+    for piece in course.pieces:
+        ends_d = piece.begin_d, piece.end_d
+        panel.plot(ends_d, (piece.begin, piece.end), AFTER, width=2.0)
+    panel.draw_level(0.0)
+    panel.label("", unit, titled(course.effect))
+    return Picture(sheet.to_svg(said), said)
+
+
+def _date_ticks(low_d: float, high_d: float, most: int) -> list[Tick]:
+    """Whole days between two times, days since 1970, at most so many, as dates."""
+    every = max(1, ceil((high_d - low_d) / min(most, MOST_DATES)))
+    return [(float(day), _date(day)) for day in range(ceil(low_d), floor(high_d) + 1, every)]
 
 
 def _date(time_d: float) -> str:

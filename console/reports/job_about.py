@@ -6,7 +6,7 @@ from __future__ import annotations
 from math import isfinite
 from typing import NamedTuple
 
-from console.reports.figure import AFTER, BEFORE, THIRD, drawn, svg
+from console.reports.chart import AFTER, BEFORE, THIRD, ChartSheet
 from console.reports.html import Picture, escape, facts
 from control.field.job_names import JobNames
 from control.orders import Severity
@@ -161,45 +161,26 @@ def time_line(about: About) -> Picture | None:
     for span in happened.alarms:
         longest[span.id] = longest.get(span.id, 0.0) + span.to_s - span.from_s
     kinds = sorted(longest, key=lambda name: -longest[name])[:MOST_ALARMS]
-    with drawn(6.6, 0.9 + 0.28 * (2 + len(kinds))) as (canvas, axes):
-        ax = axes[0][0]
-        ax.broken_barh(
-            [(a / 60.0, (b - a) / 60.0) for a, b in happened.working], (-0.35, 0.7), color=AFTER
-        )
-        ax.plot(
-            [at / 60.0 for at, _kg in happened.refills],
-            [1.0] * len(happened.refills),
-            linestyle="",
-            marker="v",
-            color=THIRD,
-        )
-        for at_s, kg in happened.refills:
-            ax.annotate(
-                f"{kg:.0f} kg",
-                (at_s / 60.0, 1.0),
-                textcoords="offset points",
-                xytext=(6, -3),
-                fontsize=8.0,
-            )
-        for row, name in enumerate(kinds, 2):
-            red = name in ALARMS and ALARMS[name].severity is Severity.RED
-            ax.broken_barh(
-                [
-                    (one.from_s / 60.0, max(one.to_s - one.from_s, 1.0) / 60.0)
-                    for one in happened.alarms
-                    if one.id == name
-                ],
-                (row - 0.35, 0.7),
-                color=BEFORE if red else THIRD,
-            )
-        ax.set_yticks(
-            range(2 + len(kinds)),
-            ["at work", "refills", *(name.replace("_", " ") for name in kinds)],
-        )
-        ax.invert_yaxis()
-        ax.set_xlabel("time, min")
-        return Picture(
-            svg(canvas, "jobtime", "Alarms and refills over the job's time"),
-            "Work, refills and alarms; alarms that stopped the flow are in the colour of a "
-            "warning.",
-        )
+    sheet = ChartSheet(6.6, 0.9 + 0.28 * (2 + len(kinds)))
+    panel = sheet.panel
+    panel.draw_spans([(a / 60.0, b / 60.0) for a, b in happened.working], 0.0, AFTER)
+    refills_min = [at / 60.0 for at, _kg in happened.refills]
+    panel.plot(refills_min, [1.0] * len(refills_min), THIRD, dash="", marker="v")
+    for at_s, kg in happened.refills:
+        panel.write(at_s / 60.0, 1.0, f"{kg:.0f} kg")
+    for row, name in enumerate(kinds, 2):
+        red = name in ALARMS and ALARMS[name].severity is Severity.RED
+        spans = [
+            (one.from_s / 60.0, max(one.to_s, one.from_s + 1.0) / 60.0)
+            for one in happened.alarms
+            if one.id == name
+        ]
+        panel.draw_spans(spans, float(row), BEFORE if red else THIRD)
+    rows = ["at work", "refills", *(name.replace("_", " ") for name in kinds)]
+    panel.y_names = tuple((float(row), name) for row, name in enumerate(rows))
+    panel.y_ends = len(rows) - 0.5, -0.5
+    panel.label("time, min")
+    return Picture(
+        sheet.to_svg("Alarms and refills over the job's time"),
+        "Work, refills and alarms; alarms that stopped the flow are in the colour of a warning.",
+    )

@@ -3,12 +3,10 @@ target."""
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import numpy.typing as npt
 
-from console.reports.figure import AFTER, BEFORE, LINE, drawn, svg
+from console.reports.chart import AFTER, BEFORE, LINE, ChartSheet, ColourBar
 from console.reports.html import Picture, escape, facts, figure, page, section
 from console.reports.job_about import NOBODY, About, named, time_line
 from console.reports.numbers import fixed, number, span_of
@@ -33,8 +31,7 @@ HELD_WORDS = (
 
 
 def job_page(applied: AsApplied, software: str, about: About = NOBODY) -> str:
-    """A whole HTML page, pictures inside, nothing fetched from elsewhere: a sheet to hand over.
-    Needs matplotlib."""
+    """A whole HTML page, pictures inside, nothing fetched from elsewhere: a sheet to hand over."""
     t = applied.totals
     said = (
         f"{fixed(t.applied_kg, 1)} kg of {applied.product.name} on {fixed(applied.worked_ha, 3)} ha"
@@ -200,7 +197,7 @@ def applied_map(applied: AsApplied) -> Picture:
         ("applied", s.applied_kg_ha)
     ]
     return Picture(
-        _ground(applied, shown, "kg/ha", "jobmap", "Maps of the wanted and of the applied rate"),
+        _ground(applied, shown, "kg/ha", "Maps of the wanted and of the applied rate"),
         "Wanted and applied rate where the material came to lie, on one scale; the line is "
         "the field's "
         "edge.",
@@ -236,9 +233,7 @@ def effort_section(applied: AsApplied) -> str:
     # starts and stops would take all the colours
     inside = np.clip(rise, *np.nanpercentile(rise, (1.0, 99.0)))
     said = Picture(
-        _ground(
-            applied, [("effort", inside)], "% harder", "jobeffort", "Map of the drive's effort"
-        ),
+        _ground(applied, [("effort", inside)], "% harder", "Map of the drive's effort"),
         "How much harder the metering drive worked than in the easy quarter of the job, at "
         "its speed, "
         "opening and supply: where it rises look for stones, clods, wet product, an outlet "
@@ -247,14 +242,9 @@ def effort_section(applied: AsApplied) -> str:
     return section("How hard the metering drive worked", facts(rows), figure(said))
 
 
-def _ground(
-    applied: AsApplied, shown: list[tuple[str, Values]], unit: str, name: str, title: str
-) -> str:
+def _ground(applied: AsApplied, shown: list[tuple[str, Values]], unit: str, title: str) -> str:
     """Maps of the ground covered next to each other on one scale, as SVG: each value (n,) by
     its stretch."""
-    from matplotlib.collections import PolyCollection
-    from matplotlib.colors import ListedColormap
-
     s = applied.stretches
     plane = TangentPlane(float(s.lat_deg.mean()), float(s.lon_deg.mean()))
     corners = plane.many_to_m(s.corners_deg[..., 0].ravel(), s.corners_deg[..., 1].ravel()).reshape(
@@ -262,35 +252,21 @@ def _ground(
     )
     known = np.concatenate([values[np.isfinite(values)] for _name, values in shown])
     low, high = float(known.min()), float(known.max())
-    colours = ListedColormap(
-        [[part / 255.0 for part in colour(step / (STEPS - 1))] for step in range(STEPS)]
-    )
-    with drawn(6.6, 4.6, len(shown)) as (canvas, axes):
-        for ax, (word, values) in zip(axes[0], shown, strict=True):
-            ground = PolyCollection(list(corners), array=values, cmap=colours, linewidths=0.0)
-            ground.set_clim(low, high)
-            ax.add_collection(ground)
-            if applied.field_deg is not None:
-                edge = plane.many_to_m(applied.field_deg[:, 0], applied.field_deg[:, 1])
-                ax.plot(*np.vstack((edge, edge[:1])).T, color=LINE, linewidth=1.0)
-            ax.set_aspect("equal")
-            ax.autoscale_view()
-            (west, east), (south, north) = ax.get_xlim(), ax.get_ylim()
-            ax.locator_params(
-                axis="x", nbins=_most_ticks((east - west) / (north - south)), min_n_ticks=1
-            )
-            ax.locator_params(
-                axis="y", nbins=_most_ticks((north - south) / (east - west)), min_n_ticks=1
-            )
-            ax.set(title=word, xlabel="east, m", ylabel="north, m")
-        bar: Any = canvas.colorbar(ground, ax=list(axes[0]), shrink=0.8)
-        bar.set_label(unit)
-        return svg(canvas, name, title)
-
-
-def _most_ticks(slenderness: float) -> int:
-    """So many figures find room on an axis that is so many times the other one."""
-    return max(1, min(7, round(7.0 * slenderness)))
+    colours = ["rgb({},{},{})".format(*colour(step / (STEPS - 1))) for step in range(STEPS)]
+    sheet = ChartSheet(6.6, 4.6, columns=len(shown), shares_y=True)
+    sheet.colour_bar = ColourBar(low, high, unit, colours)
+    for panel, (word, values) in zip(sheet.panels[0], shown, strict=True):
+        seen = np.isfinite(values)
+        share = (values[seen] - low) / (high - low) if high > low else np.zeros(seen.sum())
+        steps = np.round(share * (STEPS - 1)).astype(int)
+        panel.draw_ground(corners[seen], [colours[step] for step in steps])
+        if applied.field_deg is not None:
+            edge = plane.many_to_m(applied.field_deg[:, 0], applied.field_deg[:, 1])
+            east_m, north_m = np.vstack((edge, edge[:1])).T
+            panel.plot(east_m, north_m, LINE, width=1.0)
+        panel.has_equal_scales = True
+        panel.label("east, m", "north, m", word)
+    return sheet.to_svg(title)
 
 
 def error_percent(applied: AsApplied) -> tuple[np.ndarray, np.ndarray]:
@@ -320,22 +296,18 @@ def error_histogram(applied: AsApplied) -> Picture | None:
     error, area = error_percent(applied)
     if not len(error):
         return None
-    with drawn(6.4, 2.8) as (canvas, axes):
-        ax = axes[0][0]
-        edges = np.linspace(-ERROR_TO_PERCENT, ERROR_TO_PERCENT, 41)
-        share = np.histogram(
-            np.clip(error, -ERROR_TO_PERCENT, ERROR_TO_PERCENT), edges, weights=area
-        )[0]
-        ax.bar(edges[:-1], 100.0 * share / area.sum(), width=1.0, align="edge", color=AFTER)
-        ax.axvline(0.0, color=BEFORE, linewidth=1.2)
-        ax.set(
-            xlabel="applied against target, % (outermost bars: and beyond)",
-            ylabel="share of the area, %",
-        )
-        return Picture(
-            svg(canvas, "joberror", "Distribution of the rate error"),
-            "Rate error by area, stretch by stretch.",
-        )
+    sheet = ChartSheet(6.4, 2.8)
+    edges = np.linspace(-ERROR_TO_PERCENT, ERROR_TO_PERCENT, 41)
+    inside = np.clip(error, -ERROR_TO_PERCENT, ERROR_TO_PERCENT)
+    share = np.histogram(inside, edges, weights=area)[0]
+    sheet.panel.draw_bars(edges, 100.0 * share / area.sum(), AFTER)
+    sheet.panel.draw_moment(0.0, BEFORE, width=1.2, dash="-")
+    sheet.panel.label(
+        "applied against target, % (outermost bars: and beyond)", "share of the area, %"
+    )
+    return Picture(
+        sheet.to_svg("Distribution of the rate error"), "Rate error by area, stretch by stretch."
+    )
 
 
 def _signed(value: float) -> str:

@@ -55,7 +55,7 @@ def machine_named(name: str) -> Machine:
 
 
 def html_of(found: Diagnosis) -> str:
-    """Verdict, causes, errors by channel; without matplotlib."""
+    """Verdict, causes, errors by channel."""
     rows = []
     for cause in found.causes:
         value, interval = (
@@ -133,12 +133,9 @@ def _predicted(found: Diagnosis) -> str:
 
 
 def pictures_of(found: Diagnosis) -> Pictures:
-    """What `topdress diagnose --report` draws. Raises ValueError, one line, without matplotlib
-    or without the log."""
+    """What `topdress diagnose --report` draws. Raises ValueError, one line, without the log."""
     from console.reports.pictures import pictures_of as drawn
-    from drivers.files.extras import need
 
-    need("a report", "report")
     if found.seen_with is None:
         raise ValueError(
             "the log that this diagnosis is of is not with it: allowed is one that "

@@ -3,13 +3,11 @@ line, legends."""
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import numpy.typing as npt
 
 from console.reports.binned import Axis, Binned
-from console.reports.figure import AFTER, BEFORE, DIM, PAPER, THIRD
+from console.reports.chart import AFTER, BEFORE, PAPER, THIRD, Panel
 
 Array = npt.NDArray[np.float64]
 
@@ -21,75 +19,52 @@ HALF_WAVES = 4
 
 
 def residual_panel(
-    axes: Any, axis: Axis, before: Binned, after: Binned | None, unit: str, first: str = NOMINAL
+    panel: Panel, axis: Axis, before: Binned, after: Binned | None, unit: str, first: str = NOMINAL
 ) -> None:
     """Means before (hollow, dashed; `first` says of what) and after (filled) over an axis, with
     bands of 90 %; None: nothing is named."""
     series = [(before, BEFORE, "o", "--", first, -1.0)]
     if after is not None:
         series.append((after, AFTER, "s", "-", EXTENDED, 1.0))
-    zero_line(axes)
+    panel.draw_level(0.0)
     for means, colour, marker, line, label, side in series:
         if axis.names:
             at = means.at + (0.12 * side if after is not None else 0.0)
-            axes.errorbar(
+            panel.plot_intervals(
                 at,
                 means.mean,
-                yerr=means.half,
-                color=colour,
-                marker=marker,
-                linestyle="none",
-                capsize=3,
-                markerfacecolor=PAPER if side < 0 else colour,
+                means.half,
+                colour,
                 label=label,
+                marker=marker,
+                fill=PAPER if side < 0 else colour,
             )
         else:
-            _banded(axes, means, colour, marker, line, label, hollow=side < 0)
+            _draw_means(panel, means, colour, marker, line, label, hollow=side < 0)
     if axis.names:
-        axes.set_xticks(range(len(axis.names)), axis.names)
-        axes.set_xlim(-0.6, len(axis.names) - 0.4)
-        axes.grid(False, axis="x")
-    axes.set(xlabel=axis.label, ylabel=f"residual, {unit}")
+        panel.x_names = tuple((float(k), name) for k, name in enumerate(axis.names))
+        panel.x_ends = -0.6, len(axis.names) - 0.4
+    panel.label(axis.label, f"residual, {unit}")
 
 
-def _banded(
-    axes: Any, means: Binned, colour: str, marker: str, line: str, label: str, hollow: bool
+def _draw_means(
+    panel: Panel, means: Binned, colour: str, marker: str, dash: str, label: str, hollow: bool
 ) -> None:
-    axes.fill_between(
-        means.at,
-        means.mean - means.half,
-        means.mean + means.half,
-        color=colour,
-        alpha=0.22,
-        linewidth=0,
-    )
-    axes.plot(
+    panel.fill_between(means.at, means.mean - means.half, means.mean + means.half, colour)
+    panel.plot(
         means.at,
         means.mean,
-        color=colour,
-        marker=marker,
-        linestyle=line,
-        linewidth=1.4,
-        markersize=4.5,
-        markerfacecolor=PAPER if hollow else colour,
+        colour,
         label=label,
+        dash=dash,
+        width=1.4,
+        marker=marker,
+        size=4.5,
+        fill=PAPER if hollow else colour,
     )
 
 
-def zero_line(axes: Any) -> None:
-    axes.axhline(0.0, color=DIM, linewidth=0.9)
-
-
-def legend_below(figure: Any, axes: Any) -> None:
-    """One legend for the whole picture, below it; what has the same name stands there once."""
-    known: dict[str, Any] = {}
-    for one in np.ravel(np.array(axes, object)):
-        for handle, label in zip(*one.get_legend_handles_labels(), strict=True):
-            known.setdefault(label, handle)
-    figure.legend(list(known.values()), list(known), loc="outside lower center", ncols=4)
-
-
-def smooth_line(axes: Any, at: Array, values: Array) -> None:
+def smooth_line(panel: Panel, at: Array, values: Array) -> None:
     """Least-squares half-waves over the range of `at`: what the machine model would take up
     without a name for it."""
     low, high = (
@@ -105,4 +80,4 @@ def smooth_line(axes: Any, at: Array, values: Array) -> None:
 
     weights, *_ = np.linalg.lstsq(waves(at), values, rcond=None)
     fine = np.linspace(low, high, 120)
-    axes.plot(fine, waves(fine) @ weights, color=THIRD, linewidth=2.2, label="smooth function")
+    panel.plot(fine, waves(fine) @ weights, THIRD, width=2.2, label="smooth function")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from console.reports.figure import AFTER, BEFORE, THIRD, drawn, svg
+from console.reports.chart import AFTER, BEFORE, THIRD, ChartSheet
 from console.reports.html import Picture as Drawn
 from console.reports.html import escape, figure, page, paragraph, table
 from console.reports.numbers import fixed
@@ -41,7 +41,7 @@ def _section(part: Section, number: int) -> str:
         [
             *(paragraph(text) for text in part.words),
             *(_table(one, _anchor(number, k)) for k, one in enumerate(part.tables)),
-            *(figure(draw(one, f"p{number}{k}")) for k, one in enumerate(part.pictures)),
+            *(figure(draw(one)) for one in part.pictures),
         ]
     )
     return f'<section id="s{number}"><h2>{escape(part.title)}</h2>\n{inside}\n</section>'
@@ -70,23 +70,21 @@ def _anchor(section: int, table: int) -> str:
     return f"t{section}-{table + 1}"
 
 
-def draw(picture: Picture, name: str) -> Drawn:
+def draw(picture: Picture) -> Drawn:
     """One picture as SVG."""
-    with drawn(6.4, 3.4) as (canvas, axes):
-        ax = axes[0][0]
-        for line in picture.lines:
-            colour = COLOURS[line.kind]
-            ax.plot(
-                line.x,
-                line.y,
-                "-" if line.joined else MARKS[line.kind],
-                color=colour,
-                label=line.name,
-                markersize=3.0 if len(line.x) > 40 else 6.0,
-            )
-        ax.set(xlabel=picture.x, ylabel=picture.y)
-        ax.legend()
-        return Drawn(svg(canvas, name, escape(picture.title)), picture.title)
+    sheet = ChartSheet(6.4, 3.4)
+    for line in picture.lines:
+        sheet.panel.plot(
+            line.x,
+            line.y,
+            COLOURS[line.kind],
+            label=line.name,
+            dash="-" if line.joined else "",
+            marker="" if line.joined else MARKS[line.kind],
+            size=3.0 if len(line.x) > 40 else 6.0,
+        )
+    sheet.panel.label(picture.x, picture.y)
+    return Drawn(sheet.to_svg(picture.title), picture.title)
 
 
 def _table(one: Table, anchor: str) -> str:

@@ -8,9 +8,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from console.reports import run_pictures, table_pictures
-from console.reports.figure import AFTER, INK, PAPER, THIRD, drawn, svg
-from console.reports.html import Picture, escape
-from console.reports.panels import legend_below, zero_line
+from console.reports.chart import AFTER, PAPER, THIRD, ChartSheet
+from console.reports.html import Picture
 from console.reports.run_views import parts_of, run_views
 from console.reports.table_views import IN_STEPS, table_views
 from console.reports.term_words import sentence, variable_name
@@ -19,7 +18,7 @@ from control.diagnosis.result import Diagnosis, TermFound
 
 
 # A term next to what the data themselves say, class by class of its variable.
-def term_picture(found: TermFound, name: str) -> Picture | None:
+def term_picture(found: TermFound) -> Picture | None:
     """None where the data hold no means to show."""
     if not found.seen:
         return None
@@ -27,27 +26,14 @@ def term_picture(found: TermFound, name: str) -> Picture | None:
     over = found.term["over"]
     product = len(over) > 1
     label = f"what the term says, {found.unit}" if product else variable_name(over[0]["name"])
-    with drawn(6.4, 3.4) as (figure, grid):
-        axes = grid[0, 0]
-        zero_line(axes)
-        order = np.argsort(at)
-        axes.plot(at[order], by_term[order], color=THIRD, linewidth=2.0, label="the term")
-        axes.plot(
-            at,
-            seen,
-            color=AFTER,
-            marker="s",
-            linestyle="none",
-            markerfacecolor=PAPER,
-            label="means of the data",
-        )
-        axes.set_xlabel(label)
-        axes.set_ylabel(f"{found.stage} over nominal, {found.unit}", color=INK)
-        axes.set_title(found.term["id"])
-        legend_below(figure, grid)
-        text = svg(figure, name, escape(sentence(found.term)))
+    sheet = ChartSheet(6.4, 3.4)
+    panel, order = sheet.panel, np.argsort(at)
+    panel.draw_level(0.0)
+    panel.plot(at[order], by_term[order], THIRD, width=2.0, label="the term")
+    panel.plot(at, seen, AFTER, dash="", marker="s", fill=PAPER, label="means of the data")
+    panel.label(label, f"{found.stage} over nominal, {found.unit}", found.term["id"])
     return Picture(
-        text,
+        sheet.to_svg(sentence(found.term)),
         f"{sentence(found.term)}. Squares are the data's own means in classes of equally "
         "many rows, "
         "the line is the mean of the term there.",
@@ -86,34 +72,29 @@ def _of_run(found: Diagnosis, tools: Mapping[str, Any]) -> PictureSet:
     )
     parts = parts_of(found.causes)
     causes = []
-    for k, cause in enumerate(found.causes):
+    for cause in found.causes:
         own = parts_of([cause])
-        causes.append(
-            tuple(run_pictures.cause_pictures(views, parts, own[0], f"cause{k}")) if own else ()
-        )
+        causes.append(tuple(run_pictures.cause_pictures(views, parts, own[0])) if own else ())
     left = []
     for k, one in enumerate(found.unexplained):
         fit = found.tables[k] if k < len(found.tables) else None
-        left.append(run_pictures.left_picture(views, parts, one, fit, f"left{k}"))
-    over_time = run_pictures.time_lines(views, parts, "time")
-    terms = tuple(term_picture(one, f"term{k}") for k, one in enumerate(found.terms))
+        left.append(run_pictures.left_picture(views, parts, one, fit))
+    over_time = run_pictures.time_lines(views, parts)
+    terms = tuple(term_picture(one) for one in found.terms)
     return PictureSet(tuple(causes), tuple(left), (over_time,) if over_time else (), terms)
 
 
 def _of_tables(found: Diagnosis, tools: Mapping[str, Any]) -> PictureSet:
     views = table_views(tools["tables"], tools["machine"], found.causes)
     causes = []
-    for k, cause in enumerate(found.causes):
+    for cause in found.causes:
         phase = None
         if cause.id == IN_STEPS and cause.size.value:
-            phase = table_pictures.phase_picture(views, cause.size.value, f"cause{k}")
+            phase = table_pictures.phase_picture(views, cause.size.value)
         causes.append((phase,) if phase else ())
-    left = tuple(
-        table_pictures.left_picture(views, one, f"left{k}")
-        for k, one in enumerate(found.unexplained)
-    )
+    left = tuple(table_pictures.left_picture(views, one) for one in found.unexplained)
     return PictureSet(
         tuple(causes),
         left,
-        tuple(table_pictures.table_picture(view, f"table{k}") for k, view in enumerate(views)),
+        tuple(table_pictures.table_picture(view) for view in views),
     )

@@ -4,23 +4,20 @@ over time."""
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from console.reports.binned import Axis, shown_share
-from console.reports.figure import AFTER, BEFORE, DIM, INK, PAPER, THIRD, drawn, svg
-from console.reports.html import Picture, escape
+from console.reports.chart import AFTER, BEFORE, DIM, INK, PAPER, THIRD, ChartSheet, Panel
+from console.reports.html import Picture
 from console.reports.panels import (
     EXTENDED,
     MEASURED,
     NOMINAL,
     OTHERS,
-    legend_below,
     residual_panel,
     smooth_line,
-    zero_line,
 )
 from console.reports.run_views import View, view_of
 from control.diagnosis.result import TableFit, Unexplained
@@ -42,7 +39,7 @@ BAND = "The band is the 90 % interval of each mean."
 
 
 def cause_pictures(
-    views: Sequence[View], parts: Sequence[EffectInstance], part: EffectInstance, name: str
+    views: Sequence[View], parts: Sequence[EffectInstance], part: EffectInstance
 ) -> list[Picture]:
     """One cause: its residual before and after along the variable that tells it, and a stretch
     where it shows most."""
@@ -55,24 +52,22 @@ def cause_pictures(
     before, after = view.residual(others), view.residual(parts)
     axis = view.axis_of(part, effect)
     panels = _panels(view, axis, shown_share(axis, effect), part)
-    with drawn(6.4 if panels == ["means"] else 9.4, 3.4, columns=len(panels)) as (figure, grid):
-        for axes, panel in zip(grid[0], panels, strict=True):
-            if panel == "means":
-                memory = view.memory(after)
-                residual_panel(
-                    axes,
-                    axis,
-                    view.means(axis, before, memory),
-                    view.means(axis, after, memory),
-                    view.unit,
-                    first,
-                )
-                axes.set_title("residual: measured less predicted")
-            else:
-                _stretch(axes, view, others, effect, part)
-        legend_below(figure, grid)
-        said = f"{CATALOGUE[part.id].effect.title}: {view.title}, before and after"
-        text = svg(figure, name, escape(said))
+    sheet = ChartSheet(6.4 if panels == ["means"] else 9.4, 3.4, columns=len(panels))
+    for panel, kind in zip(sheet.panels[0], panels, strict=True):
+        if kind == "means":
+            memory = view.memory(after)
+            residual_panel(
+                panel,
+                axis,
+                view.means(axis, before, memory),
+                view.means(axis, after, memory),
+                view.unit,
+                first,
+            )
+            panel.label(title="residual: measured less predicted")
+        else:
+            _stretch(panel, view, others, effect, part)
+    text = sheet.to_svg(f"{CATALOGUE[part.id].effect.title}: {view.title}, before and after")
     sentences = []
     if "means" in panels:
         where = axis.label
@@ -102,7 +97,11 @@ def _panels(view: View, axis: Axis, share: float, part: EffectInstance) -> list[
 
 
 def _stretch(
-    axes: Any, view: View, others: tuple[EffectInstance, ...], effect: Array, part: EffectInstance
+    panel: Panel,
+    view: View,
+    others: tuple[EffectInstance, ...],
+    effect: Array,
+    part: EffectInstance,
 ) -> None:
     wide = STRETCH_S[view.name]
     step = float(np.median(np.diff(view.time_s)))
@@ -114,28 +113,16 @@ def _stretch(
     begin = max(0, min(begin, len(effect) - count))
     rows = slice(begin, begin + count)
     at = view.time_s[rows]
-    axes.plot(
-        at,
-        view.measured[rows],
-        linestyle="none",
-        marker=".",
-        markersize=3.5,
-        color=INK,
-        alpha=0.55,
-        label=MEASURED,
+    panel.plot(
+        at, view.measured[rows], INK, dash="", marker=".", size=7.0, opacity=0.55, label=MEASURED
     )
-    axes.plot(
-        at,
-        view.predict(others)[rows],
-        color=BEFORE,
-        linestyle="--",
-        linewidth=1.5,
-        label=OTHERS if others else NOMINAL,
+    panel.plot(
+        at, view.predict(others)[rows], BEFORE, dash="--", label=OTHERS if others else NOMINAL
     )
-    axes.plot(at, view.predict((*others, part))[rows], color=AFTER, linewidth=1.5, label=EXTENDED)
-    axes.set(xlabel="time, s", ylabel=f"{view.quantity}, {view.unit}", title="a stretch of the log")
+    panel.plot(at, view.predict((*others, part))[rows], AFTER, label=EXTENDED)
+    panel.label("time, s", f"{view.quantity}, {view.unit}", "a stretch of the log")
     if part.onset_s is not None:
-        axes.axvline(part.onset_s, color=INK, linestyle=":", linewidth=1.4, label="onset")
+        panel.draw_moment(part.onset_s, label="onset")
 
 
 def _most_telling(effect: Array, count: int) -> int:
@@ -158,7 +145,6 @@ def left_picture(
     parts: Sequence[EffectInstance],
     left: Unexplained,
     fit: TableFit | None,
-    name: str,
 ) -> Picture | None:
     """What no effect explains: the residual along the variable named, and the smooth function
     that takes it up."""
@@ -168,34 +154,26 @@ def left_picture(
     axis = view.axes[left.variable]
     after = view.residual(parts)
     named = bool(view.own(parts))
-    with drawn(9.4 if fit else 6.4, 3.4, columns=2 if fit else 1) as (figure, grid):
-        axes = grid[0, 0]
-        zero_line(axes)
-        means = view.means(axis, after, view.memory(after))
-        colour = AFTER if named else BEFORE
-        axes.errorbar(
-            means.at,
-            means.mean,
-            yerr=means.half,
-            color=colour,
-            marker="s" if named else "o",
-            linestyle="none",
-            capsize=3,
-            markerfacecolor=colour if named else PAPER,
-            label=EXTENDED if named else NOMINAL,
-        )
-        axes.set(
-            xlabel=axis.label,
-            ylabel=f"residual, {view.unit}",
-            title="residual: measured less predicted",
-        )
-        if fit:
-            _extension(grid[0, 1], fit, axis)
-        elif not axis.names and view.segments is None:
-            known = np.isfinite(axis.values)
-            smooth_line(axes, axis.values[known], after[known])
-        legend_below(figure, grid)
-        text = svg(figure, name, escape(f"{view.title}, against {axis.label}"))
+    sheet = ChartSheet(9.4 if fit else 6.4, 3.4, columns=2 if fit else 1)
+    panel, colour = sheet.panel, AFTER if named else BEFORE
+    panel.draw_level(0.0)
+    means = view.means(axis, after, view.memory(after))
+    panel.plot_intervals(
+        means.at,
+        means.mean,
+        means.half,
+        colour,
+        label=EXTENDED if named else NOMINAL,
+        marker="s" if named else "o",
+        fill=colour if named else PAPER,
+    )
+    panel.label(axis.label, f"residual, {view.unit}", "residual: measured less predicted")
+    if fit:
+        _extension(sheet.panels[0][1], fit, axis)
+    elif not axis.names and view.segments is None:
+        known = np.isfinite(axis.values)
+        smooth_line(panel, axis.values[known], after[known])
+    text = sheet.to_svg(f"{view.title}, against {axis.label}")
     return Picture(
         text,
         f"{_sentence(view.title)}, against {axis.label}: what is left"
@@ -204,73 +182,55 @@ def left_picture(
     )
 
 
-def _extension(axes: Any, fit: TableFit, axis: Axis) -> None:
+def _extension(panel: Panel, fit: TableFit, axis: Axis) -> None:
     unit = {"gate": "mm", "scale": "kg"}.get(fit.stage, "%")
     nodes = np.array(fit.nodes) / (60.0 if fit.variable == "time_s" else 1.0)
-    zero_line(axes)
-    axes.plot(
-        nodes,
-        fit.values,
-        color=THIRD,
-        marker="o",
-        markersize=4.0,
-        linewidth=2.0,
-        label="smooth function",
-    )
-    axes.set(
-        xlabel=axis.label,
-        ylabel=f"{fit.stage} more than nominal, {unit}",
-        title="the extension, between its nodes",
+    panel.draw_level(0.0)
+    panel.plot(nodes, fit.values, THIRD, marker="o", size=4.0, width=2.0, label="smooth function")
+    panel.label(
+        axis.label,
+        f"{fit.stage} more than nominal, {unit}",
+        "the extension, between its nodes",
     )
 
 
-def time_lines(views: Sequence[View], parts: Sequence[EffectInstance], name: str) -> Picture | None:
+def time_lines(views: Sequence[View], parts: Sequence[EffectInstance]) -> Picture | None:
     """Residual of every channel over the run, of the machine file as it was and with what it
     takes up, with the onsets."""
     if not views:
         return None
-    with drawn(9.4, 1.1 + 1.35 * len(views), rows=len(views), sharex=True) as (figure, grid):
-        for axes, view in zip(grid[:, 0], views, strict=True):
-            own = view.own(parts)
-            rows, title = _rows_for_time(view, own)
-            before = view.residual(())[rows]
-            after = view.residual(parts)[rows] if own else None
-            if view.of_file is not None and (own or bool(np.any(view.of_file != view.predict(())))):
-                after = (view.measured - view.of_file)[rows]
-            memory = view.memory(before if after is None else after)
-            even = _in_even_bins(view, view.time_s[rows] / 60.0)
-            zero_line(axes)
-            for series, colour, line, label in (
-                (before, BEFORE, "--", NOMINAL),
-                (after, AFTER, "-", EXTENDED),
-            ):
-                if series is not None:
-                    at, mean, half = even(series, memory)
-                    axes.fill_between(
-                        at, mean - half, mean + half, color=colour, alpha=0.22, linewidth=0
-                    )
-                    axes.plot(at, mean, color=colour, linestyle=line, linewidth=1.2, label=label)
-            for part in own:
-                if part.onset_s is not None:
-                    axes.axvline(
-                        part.onset_s / 60.0, color=INK, linestyle=":", linewidth=1.4, label="onset"
-                    )
-                    axes.annotate(
-                        part.id,
-                        (part.onset_s / 60.0, 1.0),
-                        xycoords=("data", "axes fraction"),
-                        xytext=(3, -2),
-                        textcoords="offset points",
-                        va="top",
-                        fontsize=8.5,
-                        color=INK,
-                    )
-            axes.set_title(f"{title}, {view.unit}", color=INK if own else DIM)
-            axes.margins(x=0.01)
-        grid[-1, 0].set_xlabel("time since the log began, min")
-        legend_below(figure, grid)
-        text = svg(figure, name, "residual of every channel over time")
+    sheet = ChartSheet(9.4, 1.1 + 1.35 * len(views), rows=len(views), shares_x=True)
+    for (panel,), view in zip(sheet.panels, views, strict=True):
+        _time_line(panel, view, view.own(parts), parts)
+    sheet.panels[-1][0].label("time since the log began, min")
+    text = sheet.to_svg("residual of every channel over time")
     return Picture(text, "Residual of every channel over the run, in means of equal times. " + BAND)
+
+
+def _time_line(
+    panel: Panel, view: View, own: Sequence[EffectInstance], parts: Sequence[EffectInstance]
+) -> None:
+    rows, title = _rows_for_time(view, own)
+    before = view.residual(())[rows]
+    after = view.residual(parts)[rows] if own else None
+    if view.of_file is not None and (own or bool(np.any(view.of_file != view.predict(())))):
+        after = (view.measured - view.of_file)[rows]
+    memory = view.memory(before if after is None else after)
+    even = _in_even_bins(view, view.time_s[rows] / 60.0)
+    panel.draw_level(0.0)
+    for series, colour, dash, label in (
+        (before, BEFORE, "--", NOMINAL),
+        (after, AFTER, "-", EXTENDED),
+    ):
+        if series is not None:
+            at, mean, half = even(series, memory)
+            panel.fill_between(at, mean - half, mean + half, colour)
+            panel.plot(at, mean, colour, dash=dash, width=1.2, label=label)
+    for part in own:
+        if part.onset_s is not None:
+            panel.draw_moment(part.onset_s / 60.0, label="onset", words=part.id)
+    panel.label(title=f"{title}, {view.unit}")
+    panel.title_colour = INK if own else DIM
 
 
 def _rows_for_time(view: View, own: Sequence[EffectInstance]) -> tuple[npt.NDArray[np.bool_], str]:

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from console.reports.figure import AFTER, BEFORE, DIM, INK, PAPER, drawn, svg
-from console.reports.html import Picture, escape
-from console.reports.panels import EXTENDED, MEASURED, NOMINAL, legend_below, smooth_line, zero_line
+from console.reports.chart import AFTER, BEFORE, DIM, INK, PAPER, ChartSheet, Panel
+from console.reports.html import Picture
+from console.reports.panels import EXTENDED, MEASURED, NOMINAL, smooth_line
 from console.reports.table_views import Group, MeasuredColumn
 from console.reports.variables import recorded
 from control.diagnosis.result import Unexplained
@@ -25,21 +24,17 @@ MARKERS = ("o", "s", "^", "D", "v", "P")
 PHASES = 12
 
 
-def table_picture(view: MeasuredColumn, name: str) -> Picture:
+def table_picture(view: MeasuredColumn) -> Picture:
     """Points with both models' lines above, residuals before and after below."""
     named = any(group.held for group in view.groups)
-    labels = [group for group in view.groups if group.label]
-    with drawn(
-        9.4 if len(labels) > 1 else 6.6, 5.6, columns=max(1, len(labels)), rows=2, sharey="row"
-    ) as (figure, grid):
-        for column, group in enumerate(view.groups):
-            top, bottom = grid[0, column], grid[1, column]
-            _models(top, view, group, named, first=column == 0)
-            _left(bottom, view, group, named, first=column == 0)
-            if group.label:
-                top.set_title(group.label)
-        legend_below(figure, grid)
-        text = svg(figure, name, escape(f"{view.name}: points, model lines and residuals"))
+    columns = max(1, sum(bool(group.label) for group in view.groups))
+    sheet = ChartSheet(9.4 if columns > 1 else 6.6, 5.6, 2, columns, shares_y=True)
+    for column, group in enumerate(view.groups):
+        above, below = sheet.panels[0][column], sheet.panels[1][column]
+        _models(above, view, group, named, first=column == 0)
+        _left(below, view, group, named, first=column == 0)
+        above.label(title=group.label)
+    text = sheet.to_svg(f"{view.name}: points, model lines and residuals")
     return Picture(text, _caption(view, named))
 
 
@@ -64,49 +59,47 @@ def _caption(view: MeasuredColumn, named: bool) -> str:
     return " ".join(said)
 
 
-def _models(axes: Any, view: MeasuredColumn, group: Group, named: bool, first: bool) -> None:
+def _models(panel: Panel, view: MeasuredColumn, group: Group, named: bool, first: bool) -> None:
     rows = group.rows
     sets = _settings(view, rows)
     if view.main and len(sets) <= MOST_LINES:
         x = view.variables[view.main]
         for k, (words, inside) in enumerate(sets):
             marker = MARKERS[k % len(MARKERS)]
-            axes.plot(
+            panel.plot(
                 x[inside],
                 view.observed[inside],
-                linestyle="none",
+                INK,
+                dash="",
                 marker=marker,
-                markersize=4.5,
-                color=INK,
-                markerfacecolor="none",
-                alpha=0.8,
+                size=4.5,
+                fill="none",
+                opacity=0.8,
                 label=f"{MEASURED}{words}",
             )
             for series, colour, line, label in _lines(view, named):
                 at, mean = _by_value(x[inside], series[inside])
-                axes.plot(at, mean, color=colour, linestyle=line, linewidth=1.8, label=label)
-        axes.set_xlabel(recorded(view.main, "table").label)
-        if first:
-            axes.set_ylabel(f"{view.column}, {view.unit}")
+                panel.plot(at, mean, colour, dash=line, width=1.8, label=label)
+        panel.label(
+            recorded(view.main, "table").label, f"{view.column}, {view.unit}" if first else ""
+        )
         return
     for series, colour, _, label in _lines(view, named):
         hollow = colour == BEFORE
-        axes.plot(
+        panel.plot(
             series[rows],
             view.observed[rows],
-            linestyle="none",
+            colour,
+            dash="",
             marker="o" if hollow else "s",
-            markersize=4.5,
-            color=colour,
-            markerfacecolor=PAPER if hollow else colour,
+            size=4.5,
+            fill=PAPER if hollow else colour,
             label=label,
         )
     both = np.concatenate([view.observed[rows], view.nominal[rows]])
     ends = [float(both.min()), float(both.max())]
-    axes.plot(ends, ends, color=DIM, linewidth=0.9)
-    axes.set_xlabel(f"predicted, {view.unit}")
-    if first:
-        axes.set_ylabel(f"{MEASURED}, {view.unit}")
+    panel.plot(ends, ends, DIM, width=0.9)
+    panel.label(f"predicted, {view.unit}", f"{MEASURED}, {view.unit}" if first else "")
 
 
 def _lines(view: MeasuredColumn, named: bool) -> list[tuple[Array, str, str, str]]:
@@ -150,41 +143,35 @@ def _follows(view: MeasuredColumn, name: str) -> bool:
     return True
 
 
-def _left(axes: Any, view: MeasuredColumn, group: Group, named: bool, first: bool) -> None:
+def _left(panel: Panel, view: MeasuredColumn, group: Group, named: bool, first: bool) -> None:
     rows = group.rows
     x = view.variables[view.main] if view.main else np.arange(len(view.observed), dtype=float)
     step = _step(x)
-    zero_line(axes)
+    panel.draw_level(0.0)
     series = [(view.before, BEFORE, "o", "--", NOMINAL, -1.0)]
     if named:
         series.append((view.after, AFTER, "s", "-", EXTENDED, 1.0))
     for values, colour, marker, line, label, side in series:
         shift = side * SPREAD * 0.5 * step if named else 0.0
-        axes.plot(
+        fill = PAPER if side < 0 else colour
+        panel.plot(
             x[rows] + shift,
             values[rows],
-            linestyle="none",
+            colour,
+            dash="",
             marker=marker,
-            markersize=3.0,
-            color=colour,
-            alpha=0.55,
-            markerfacecolor="none" if side < 0 else colour,
+            size=3.0,
+            opacity=0.55,
+            fill="none" if side < 0 else colour,
         )
         at, mean = _by_value(x[rows], values[rows])
-        axes.plot(
-            at + shift,
-            mean,
-            color=colour,
-            marker=marker,
-            linestyle=line,
-            linewidth=1.4,
-            markersize=6.0,
-            markerfacecolor=PAPER if side < 0 else colour,
-            label=label,
+        panel.plot(
+            at + shift, mean, colour, dash=line, width=1.4, marker=marker, fill=fill, label=label
         )
-    axes.set_xlabel(recorded(view.main, "table").label if view.main else "row")
-    if first:
-        axes.set_ylabel(f"residual, {view.unit}")
+    panel.label(
+        recorded(view.main, "table").label if view.main else "row",
+        f"residual, {view.unit}" if first else "",
+    )
 
 
 def _step(x: Array) -> float:
@@ -198,7 +185,7 @@ def _by_value(x: Array, y: Array) -> tuple[Array, Array]:
     return kinds, np.bincount(index, y) / np.bincount(index)
 
 
-def left_picture(views: Sequence[MeasuredColumn], left: Unexplained, name: str) -> Picture | None:
+def left_picture(views: Sequence[MeasuredColumn], left: Unexplained) -> Picture | None:
     """What no effect explains, along the setting that is named, with the smooth function
     through it."""
     view = next(
@@ -214,35 +201,33 @@ def left_picture(views: Sequence[MeasuredColumn], left: Unexplained, name: str) 
         return None
     named = any(group.held for group in view.groups)
     colour = AFTER if named else BEFORE
-    with drawn(6.4, 3.4) as (figure, grid):
-        axes = grid[0, 0]
-        zero_line(axes)
-        if left.variable in view.variables:
-            x = view.variables[left.variable]
-            label = recorded(left.variable, "table").label
-        else:
-            x = np.zeros(len(view.observed))
-            for k, group in enumerate(view.groups):
-                x[group.rows] = k
-            axes.set_xticks(
-                range(len(view.groups)), [group.label or "all rows" for group in view.groups]
-            )
-            label = "rows of"
-        axes.plot(
-            x,
-            view.after,
-            linestyle="none",
-            marker="s" if named else "o",
-            color=colour,
-            markersize=4.5,
-            markerfacecolor=colour if named else PAPER,
-            label=EXTENDED if named else NOMINAL,
-        )
-        if left.variable in view.variables and len(np.unique(x)) > 2:
-            smooth_line(axes, x, view.after)
-        axes.set(xlabel=label, ylabel=f"residual, {view.unit}")
-        legend_below(figure, grid)
-        text = svg(figure, name, escape(f"{view.name}: what is left along {left.variable}"))
+    sheet = ChartSheet(6.4, 3.4)
+    panel = sheet.panel
+    panel.draw_level(0.0)
+    if left.variable in view.variables:
+        x = view.variables[left.variable]
+        label = recorded(left.variable, "table").label
+    else:
+        x = np.zeros(len(view.observed))
+        for k, group in enumerate(view.groups):
+            x[group.rows] = k
+        names = [group.label or "all rows" for group in view.groups]
+        panel.x_names = tuple((float(k), name) for k, name in enumerate(names))
+        label = "rows of"
+    panel.plot(
+        x,
+        view.after,
+        colour,
+        dash="",
+        marker="s" if named else "o",
+        size=4.5,
+        fill=colour if named else PAPER,
+        label=EXTENDED if named else NOMINAL,
+    )
+    if left.variable in view.variables and len(np.unique(x)) > 2:
+        smooth_line(panel, x, view.after)
+    panel.label(label, f"residual, {view.unit}")
+    text = sheet.to_svg(f"{view.name}: what is left along {left.variable}")
     return Picture(
         text,
         f"What is left of {view.name}{' along with the causes named' if named else ''}, against "
@@ -250,31 +235,18 @@ def left_picture(views: Sequence[MeasuredColumn], left: Unexplained, name: str) 
     )
 
 
-def phase_picture(views: Sequence[MeasuredColumn], step_s: float, name: str) -> Picture | None:
+def phase_picture(views: Sequence[MeasuredColumn], step_s: float) -> Picture | None:
     """Where within a step of a coarse clock the times lie: even, if there is none."""
     view = next((v for v in views if v.unit == "s"), None)
     if view is None or step_s <= 0.0:
         return None
     phase = np.mod(view.observed / step_s + 0.5, 1.0) - 0.5
-    with drawn(6.4, 2.8) as (figure, grid):
-        axes = grid[0, 0]
-        axes.hist(
-            phase,
-            bins=np.linspace(-0.5, 0.5, PHASES + 1),
-            color=AFTER,
-            edgecolor=PAPER,
-            label=MEASURED,
-        )
-        axes.axhline(
-            len(phase) / PHASES,
-            color=BEFORE,
-            linestyle="--",
-            linewidth=1.6,
-            label="expected without steps",
-        )
-        axes.set(
-            xlabel=f"time less the nearest multiple of {step_s:.4f} s, in steps", ylabel="rows"
-        )
-        legend_below(figure, grid)
-        text = svg(figure, name, "times within a step of the clock")
+    sheet = ChartSheet(6.4, 2.8)
+    edges = np.linspace(-0.5, 0.5, PHASES + 1)
+    heights = np.histogram(phase, edges)[0]
+    sheet.panel.draw_bars(edges, heights, AFTER, edge_colour=PAPER, label=MEASURED)
+    expected = len(phase) / PHASES
+    sheet.panel.draw_level(expected, BEFORE, dash="--", width=1.6, label="expected without steps")
+    sheet.panel.label(f"time less the nearest multiple of {step_s:.4f} s, in steps", "rows")
+    text = sheet.to_svg("times within a step of the clock")
     return Picture(text, "Times that come in steps heap about the multiples of the step.")

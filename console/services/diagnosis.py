@@ -35,7 +35,7 @@ from console.services.launcher import data_folder
 from console.threads import ONE_THREAD
 from drivers import day_clock
 from drivers.files.atomic import free_path
-from drivers.files.extras import MissingExtra, extra_line, need
+from drivers.files.extras import need
 
 if TYPE_CHECKING:
     from control.machine.machine import Machine
@@ -262,8 +262,6 @@ class DiagnosisFiles:
 
     def export(self, found: DiagnosisView, what: Export) -> str:
         made = Path(found.folder) / (REPORT if what == "report" else RESULT)
-        if not made.exists():
-            raise MissingExtra(f"the report needs the extra report: {extra_line('report')}")
         stem = f"{Path(found.source).stem}-diagnosis"
         return _kept(made, self.own / "reports", stem, ".html" if what == "report" else ".json")
 

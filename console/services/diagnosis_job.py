@@ -9,7 +9,6 @@ report.html, and a machine file for each choice of what is adopted. Ending the p
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
 import json
 import os
@@ -20,7 +19,6 @@ from typing import TYPE_CHECKING, Any
 
 from console.app.pages.diagnosis.service import IMPORT, AdoptionOffer, OpenQuestions
 from drivers import day_clock
-from drivers.files.extras import MissingExtra
 
 if TYPE_CHECKING:
     from control.diagnosis.result import Diagnosis
@@ -100,8 +98,7 @@ def compared_before_and_after(order: DiagnosisOrder, tell: Tell) -> None:
     logs, old = [(order.data, found)], f"{order.machine}, before its last change"
     tell(0.85, "report")
     write_atomically(Path(order.folder) / RESULT, json.dumps(plain(logs)))
-    with contextlib.suppress(MissingExtra):
-        write_atomically(Path(order.folder) / REPORT, compare_page(logs, old, str(order.machine)))
+    write_atomically(Path(order.folder) / REPORT, compare_page(logs, old, str(order.machine)))
 
 
 def machine_of(order: DiagnosisOrder) -> Machine:
@@ -195,16 +192,12 @@ def _diagnosed(
 
 
 def _report(found: Diagnosis, tools: dict[str, Any], path: Path) -> None:
-    """Without matplotlib there is no report; the page says so when one is asked for."""
+    """Writes the page with pictures."""
     from console.reports.diagnosis_html import diagnosis_page
     from drivers.files.atomic import write_atomically
 
-    try:
-        write_atomically(
-            path, diagnosis_page(found, tools | {"date": day_clock.today().isoformat()})
-        )
-    except MissingExtra:
-        path.unlink(missing_ok=True)
+    with_date = tools | {"date": day_clock.today().isoformat()}
+    write_atomically(path, diagnosis_page(found, with_date))
 
 
 def _offer(

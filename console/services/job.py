@@ -469,10 +469,7 @@ class JobFiles:
         from console.reports.job_page import MOST_STRETCHES, job_page
         from drivers.files.atomic import write_atomically
         from drivers.files.exports.as_applied import DEFAULT_EVERY_S, as_applied
-        from drivers.files.extras import need
         from drivers.files.run_meta import software_version
-
-        need("a report", "report")
 
         def gathered(recorded: RunLog) -> AsApplied:
             applied = as_applied(recorded)

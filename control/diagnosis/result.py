@@ -280,7 +280,7 @@ class Diagnosis:
         """Its pictures, for a notebook: `found.plot()` shows them,
         `found.plot().save("why.html")` keeps them.
 
-        Raises ValueError, one line, without matplotlib, or where the log is not known.
+        Raises ValueError, one line, where the log is not known.
         """
         return notebook().pictures_of(self)
 

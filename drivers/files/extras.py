@@ -18,7 +18,6 @@ EXTRAS = {
         "diagnosis, its live check, logs of other programs, Parquet",
         ("numba", "polars"),
     ),
-    "report": ("reports and notebooks with pictures", ("matplotlib",)),
     "serve": ("the console in a browser", ("textual_serve",)),
     "gis": ("KML, KMZ and GeoPackage written", ("pyogrio",)),
     "raster": ("GeoTIFF read", ("rasterio",)),
@@ -58,7 +57,7 @@ def extra_of(module: str) -> str | None:
 
 
 def requirements(extra: str) -> tuple[str, ...]:
-    """Of an extra: packages with their lowest versions (`matplotlib>=3.9`); of a clone as it
+    """Of an extra: packages with their lowest versions (`numba>=0.61`); of a clone as it
     stands now."""
     if _PROJECT.is_file():
         return tuple(
@@ -71,7 +70,7 @@ def requirements(extra: str) -> tuple[str, ...]:
 
 
 def name_of(requirement: str) -> str:
-    """`matplotlib` of `matplotlib>=3.9`."""
+    """`numba` of `numba>=0.61`."""
     found = _NAME.match(requirement)
     return found[0] if found else requirement
 

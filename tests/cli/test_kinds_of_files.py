@@ -163,12 +163,12 @@ def test_decode_and_devices_do_not_end_well_where_nothing_was(
 
 
 def test_an_install_line_needs_no_package_of_ours(monkeypatch: pytest.MonkeyPatch) -> None:
-    assert re.fullmatch(r"\S+ -m pip install 'matplotlib>=[\d.]+'", extras.extra_line("report"))
+    assert re.fullmatch(r"\S+ -m pip install 'textual-serve>=[\d.]+'", extras.extra_line("serve"))
     # an environment of `uv tool install`
     monkeypatch.setattr(extras, "find_spec", lambda _: None)
     monkeypatch.setattr(extras.shutil, "which", lambda _: "/usr/bin/uv")
     assert re.fullmatch(
-        r"uv pip install --python \S+ 'matplotlib>=[\d.]+'", extras.extra_line("report")
+        r"uv pip install --python \S+ 'textual-serve>=[\d.]+'", extras.extra_line("serve")
     )
 
 

@@ -387,7 +387,7 @@ def test_an_hour_is_written_in_two_seconds(tmp_path: Path, full_row: MakeRow) ->
 def test_writing_needs_no_heavy_library() -> None:
     code = (
         "import sys; import drivers.files.run_log, drivers.files.config; "
-        "heavy = {'polars', 'numba', 'scipy', 'matplotlib', 'textual', 'rich', 'numpy'} & "
+        "heavy = {'polars', 'numba', 'scipy', 'textual', 'rich', 'numpy'} & "
         "set(sys.modules); "
         "sys.exit(' '.join(sorted(heavy)) or None)"
     )

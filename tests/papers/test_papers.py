@@ -306,7 +306,6 @@ def test_the_point_papers_delays_and_shaft_speeds() -> None:
 
 
 def test_the_page_is_written_whole(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    pytest.importorskip("matplotlib", reason="matplotlib is not installed")
     from console.cli import reproduce
     from control.papers.lag import lag_section
 

@@ -133,7 +133,6 @@ def test_the_decision_rate_is_that_of_the_papers_own_rule(driven: Driven) -> Non
 
 
 def test_one_page(driven: Driven) -> None:
-    pytest.importorskip("matplotlib", reason="matplotlib is not installed")
     page = driven.folder / "trial.html"
     arguments = [
         "trial",

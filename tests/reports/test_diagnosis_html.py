@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-import sys
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from html import escape, unescape
@@ -249,7 +248,7 @@ def test_every_effect_of_a_run_has_its_picture(
     effect_id: str, views: tuple[View, ...], cause_of: Callable[..., Cause]
 ) -> None:
     part = parts_of([cause_of(effect_id)])[0]
-    pictures = cause_pictures(views, [part], part, "one")
+    pictures = cause_pictures(views, [part], part)
     # This log has no refill, nothing turns backwards in it, all heads warm up alike, and no
     # drive tells its effort.
     if (
@@ -339,17 +338,6 @@ def test_checksum_is_of_the_file(
     )
 
 
-def test_without_matplotlib_one_line_says_what_to_install(
-    monkeypatch: pytest.MonkeyPatch, found_of: Callable[..., Diagnosis]
-) -> None:
-    monkeypatch.setitem(sys.modules, "matplotlib", None)
-    with pytest.raises(
-        ValueError,
-        match=r"^a report needs the extra report, not installed: .* 'matplotlib>=[\d.]+'$",
-    ):
-        diagnosis_page(found_of(), {})
-
-
 def test_sentences(
     cause_of: Callable[..., Cause], found_of: Callable[..., Diagnosis], full: Diagnosis
 ) -> None:
@@ -372,7 +360,7 @@ def test_each_of_two_causes_has_a_picture_of_its_own(
     """What each takes away from what the other leaves: both on one axis, they were one picture
     twice."""
     parts = parts_of([cause_of("shaft.gain"), cause_of("shaft.voltage_sag")])
-    one, other = (cause_pictures(views, parts, part, "same")[0] for part in parts)
+    one, other = (cause_pictures(views, parts, part)[0] for part in parts)
     assert one.svg != other.svg
     for picture in (one, other):
         said = harmless(picture.svg).said()

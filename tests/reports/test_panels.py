@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from console.reports.binned import Axis, binned, binned_rates, shown_share, telling
-from console.reports.figure import drawn, svg
+from console.reports.chart import ChartSheet, Panel
 from console.reports.numbers import MINUS, number, p_value, percent, span_of, with_interval
 from console.reports.panels import EXTENDED, NOMINAL, residual_panel, smooth_line
 from console.reports.run_pictures import LEAST_SHARE, _most_telling
@@ -28,30 +28,24 @@ X = np.linspace(0.0, 4.0, 400)
 AXIS = Axis("x", X)
 
 
-def lines(axes: Any) -> dict[str, np.ndarray]:
-    return {line.get_label(): np.asarray(line.get_ydata()) for line in axes.get_lines()}
-
-
 def test_nominal_is_before_and_extended_is_after() -> None:
-    with drawn(4.0, 3.0) as (_, grid):
-        residual_panel(grid[0, 0], AXIS, binned(AXIS, X - 5.0), binned(AXIS, 0.0 * X + 0.1), "kg")
-        found = lines(grid[0, 0])
-    assert found[NOMINAL].min() == pytest.approx(-5.0, abs=0.2) and found[
-        NOMINAL
-    ].max() == pytest.approx(-1.0, abs=0.2)
-    assert found[EXTENDED] == pytest.approx(0.1)
+    panel = Panel()
+    residual_panel(panel, AXIS, binned(AXIS, X - 5.0), binned(AXIS, 0.0 * X + 0.1), "kg")
+    before, after = panel.series[NOMINAL][1], panel.series[EXTENDED][1]
+    assert (before.min(), before.max()) == pytest.approx((-5.0, -1.0), abs=0.2)
+    assert after == pytest.approx(0.1)
 
 
 def test_nothing_named_draws_nothing_extended() -> None:
-    with drawn(4.0, 3.0) as (_, grid):
-        residual_panel(grid[0, 0], AXIS, binned(AXIS, X), None, "kg")
-        assert EXTENDED not in lines(grid[0, 0])
+    panel = Panel()
+    residual_panel(panel, AXIS, binned(AXIS, X), None, "kg")
+    assert EXTENDED not in panel.series
 
 
 def test_smooth_line_follows_what_is_there() -> None:
-    with drawn(4.0, 3.0) as (_, grid):
-        smooth_line(grid[0, 0], X, 2.0 * np.cos(np.pi * X / 4.0))
-        found = lines(grid[0, 0])["smooth function"]
+    panel = Panel()
+    smooth_line(panel, X, 2.0 * np.cos(np.pi * X / 4.0))
+    found = panel.series["smooth function"][1]
     assert found == pytest.approx(
         2.0 * np.cos(np.pi * np.linspace(0.04, 3.96, len(found)) / 4.0), abs=0.05
     )
@@ -67,17 +61,17 @@ def test_table_picture_shows_both_machines(
     bench_tables: dict[str, BenchTable], machine: Machine, cause_of: Callable[..., Cause]
 ) -> None:
     (view,) = table_views([bench_tables["place"]], machine, [cause_of("place.lever_arm", 0.4)])
-    picture = table_picture(view, "t")
+    picture = table_picture(view)
     for words in ("before", "after", NOMINAL, EXTENDED, "measured", "miss_m, m", "residual, m"):
         assert words in picture.svg
     (bare,) = table_views([bench_tables["place"]], machine, [])
-    assert EXTENDED not in table_picture(bare, "t").svg
+    assert EXTENDED not in table_picture(bare).svg
 
 
 def test_colours_are_the_pages_own() -> None:
-    with drawn(4.0, 3.0) as (figure, grid):
-        residual_panel(grid[0, 0], AXIS, binned(AXIS, X - 5.0), binned(AXIS, 0.0 * X), "kg")
-        text = svg(figure, "one", "said")
+    sheet = ChartSheet(4.0, 3.0)
+    residual_panel(sheet.panel, AXIS, binned(AXIS, X - 5.0), binned(AXIS, 0.0 * X), "kg")
+    text = sheet.to_svg("title")
     assert all(f"var(--{name})" in text for name in ("before", "after", "ink", "grid"))
     assert not re.search(r"(?:fill|stroke): #", text)
 

@@ -16,7 +16,7 @@ from console.worker.options import Options
 from control.orders import Do, Order
 from drivers.files.read_log import read_log
 
-HEAVY = ("textual", "rich", "numba", "scipy", "polars", "matplotlib")
+HEAVY = ("textual", "rich", "numba", "scipy", "polars")
 
 
 def options(tmp_path: Path, *config: str, **more) -> Options:

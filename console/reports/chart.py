@@ -1,0 +1,691 @@
+"""Charts as SVG: lines, points with intervals, bands, bars and coloured ground.
+
+Colours are variables of the page (`html.py`), so that day, night and paper all read well. Lengths
+are points (1/72 inch). The words are drawn by the fonts of the page; their widths are estimated.
+"""
+
+from __future__ import annotations
+
+import unicodedata
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field
+from math import ceil, floor, isfinite, log10
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from console.reports.html import escape
+
+Array = npt.NDArray[np.float64]
+Values = npt.ArrayLike
+
+INK, LINE, GRID, DIM = "var(--ink)", "var(--line)", "var(--grid)", "var(--dim)"
+BEFORE, AFTER, THIRD = "var(--before)", "var(--after)", "var(--third)"
+PAPER = "var(--paper)"
+
+POINTS_PER_INCH = 72.0
+FONT_PT, SMALL_FONT_PT = 10.0, 9.0
+# Mean width of a letter over the size of its font: sans-serif faces have 0.5 to 0.6, Chinese
+# signs 1.
+LETTER_WIDTH, WIDE_LETTER_WIDTH = 0.55, 1.0
+# Room between a panel and its numbers, between numbers and words, and around the sheet.
+GAP_PT, EDGE_PT = 4.0, 4.0
+# Behind a panel, so that its last number does not touch the next one.
+RIGHT_PT = 8.0
+ROW_PT = 14.0
+# Ticks stand at least this far apart.
+TICK_X_PT, TICK_Y_PT = 55.0, 22.0
+# Data end this share of their span inside the panel.
+MARGIN_SHARE = 0.05
+STEPS_OF_TEN = (1.0, 2.0, 2.5, 5.0, 10.0)
+# Beyond these powers of ten numbers are written as a power.
+LOWEST_POWER, HIGHEST_POWER = -4, 6
+LEGEND_COLUMNS = 4
+COLOUR_BAR_PT = 62.0
+
+Tick = tuple[float, str]
+
+
+def measure_text(text: str, font_pt: float = FONT_PT) -> float:
+    """Estimated width of a text, points."""
+    wide = sum(unicodedata.east_asian_width(letter) in "WF" for letter in text)
+    return font_pt * (LETTER_WIDTH * (len(text) - wide) + WIDE_LETTER_WIDTH * wide)
+
+
+def find_ticks(low: float, high: float, most: int) -> list[Tick]:
+    """Round numbers between two ends, at most so many, each with its words."""
+    span = high - low
+    if not (isfinite(span) and span > 0.0):
+        return [(low, _number(low, 3))]
+    power = 10.0 ** floor(log10(span / max(1, most)))
+    step = next(
+        one * power
+        for one in (*STEPS_OF_TEN, 20.0)
+        if floor(high / (one * power)) - ceil(low / (one * power)) < max(1, most)
+    )
+    decimals = max(0, -floor(log10(step * 1.001)) + (step / 10.0 ** floor(log10(step)) == 2.5))
+    first, last = ceil(low / step - 1e-9), floor(high / step + 1e-9)
+    return [(k * step, _number(k * step, decimals)) for k in range(first, last + 1)]
+
+
+def _number(value: float, decimals: int) -> str:
+    value += 0.0
+    if value and not LOWEST_POWER <= log10(abs(value)) < HIGHEST_POWER:
+        text = f"{value:.3g}"
+    else:
+        text = f"{value:.{decimals}f}"
+    return text.replace("-", "\N{MINUS SIGN}") if float(text) else text.lstrip("-")
+
+
+class Look(NamedTuple):
+    """How a series is drawn; an entry of the legend shows it too."""
+
+    colour: str
+    dash: str = "-"
+    width: float = 1.5
+    marker: str = ""
+    size: float = 5.0
+    fill: str = ""
+    opacity: float = 1.0
+
+
+DASHES = {"-": "", "--": "5.5 3", ":": "1.5 2.5"}
+
+
+def _stroke(colour: str, width: float, dash: str = "-") -> str:
+    dashes = f";stroke-dasharray:{DASHES[dash]}" if DASHES[dash] else ""
+    return f"fill:none;stroke:{colour};stroke-width:{width:g}{dashes}"
+
+
+def _text(
+    x: float, y: float, text: str, anchor: str = "start", font_pt: float = FONT_PT, **more: str
+) -> str:
+    colour, turn = more.get("colour", INK), more.get("turn", "")
+    return (
+        f'<text x="{x:.1f}" y="{y:.1f}" style="font-size:{font_pt:g}px;text-anchor:{anchor};'
+        f'fill:{colour}"{turn}>{escape(text)}</text>'
+    )
+
+
+def _path(x: Array, y: Array) -> str:
+    """A line through points; a point that is not finite leaves a gap."""
+    parts, joined = [], False
+    for one, other in zip(x.tolist(), y.tolist(), strict=True):
+        known = isfinite(one) and isfinite(other)
+        if known:
+            parts.append(f"{'L' if joined else 'M'}{one:.1f} {other:.1f}")
+        joined = known
+    return "".join(parts)
+
+
+_SHAPES: dict[str, tuple[tuple[float, float], ...]] = {
+    "s": ((-0.9, -0.9), (0.9, -0.9), (0.9, 0.9), (-0.9, 0.9)),
+    "^": ((0.0, -1.1), (1.0, 0.8), (-1.0, 0.8)),
+    "v": ((0.0, 1.1), (1.0, -0.8), (-1.0, -0.8)),
+    "D": ((0.0, -1.2), (1.2, 0.0), (0.0, 1.2), (-1.2, 0.0)),
+    "P": ((-0.9, -0.3), (0.9, -0.3), (0.9, 0.3), (-0.9, 0.3)),
+}
+
+
+def _marks(x: Array, y: Array, look: Look) -> str:
+    """The markers of a series as one path."""
+    half = 0.5 * look.size
+    shape = _SHAPES.get(look.marker)
+    parts = []
+    for one, other in zip(x.tolist(), y.tolist(), strict=True):
+        if not (isfinite(one) and isfinite(other)):
+            continue
+        if shape is None:
+            r = 0.5 * half if look.marker == "." else half
+            parts.append(
+                f"M{one - r:.1f} {other:.1f}a{r:.1f} {r:.1f} 0 1 0 {2 * r:.1f} 0"
+                f"a{r:.1f} {r:.1f} 0 1 0 {-2 * r:.1f} 0"
+            )
+        else:
+            corners = "L".join(f"{one + half * a:.1f} {other + half * b:.1f}" for a, b in shape)
+            parts.append(f"M{corners}Z")
+    fill = look.fill or look.colour
+    width = 0.0 if look.marker == "." else 1.0
+    return (
+        f'<path d="{"".join(parts)}" style="fill:{fill};stroke:{look.colour};'
+        f'stroke-width:{width:g};opacity:{look.opacity:g}"/>'
+    )
+
+
+class _Scales(NamedTuple):
+    """How the data of a panel become points of the sheet."""
+
+    x: Callable[[Values], Array]
+    y: Callable[[Values], Array]
+    left: float
+    top: float
+    right: float
+    bottom: float
+
+
+Drawing = Callable[[_Scales], str]
+
+
+@dataclass
+class Panel:
+    """One pair of axes. What is drawn into it is placed when the sheet is made."""
+
+    title: str = ""
+    title_colour: str = INK
+    x_label: str = ""
+    y_label: str = ""
+    # Named places on the x axis in place of numbers.
+    x_names: tuple[Tick, ...] = ()
+    x_ends: tuple[float, float] | None = None
+    # The same of the y axis; its ends may be the wrong way round, so that it runs down.
+    y_names: tuple[Tick, ...] = ()
+    y_ends: tuple[float, float] | None = None
+    # Words of a number on the x axis; None: plain numbers.
+    make_x_ticks: Callable[[float, float, int], list[Tick]] = find_ticks
+    has_equal_scales: bool = False
+    drawings: list[Drawing] = field(default_factory=list)
+    looks: dict[str, Look] = field(default_factory=dict)
+    # What was plotted under each label: places of shape (n,) each.
+    series: dict[str, tuple[Array, Array]] = field(default_factory=dict)
+    _x: list[Array] = field(default_factory=list)
+    _y: list[Array] = field(default_factory=list)
+
+    def label(self, x: str = "", y: str = "", title: str = "") -> None:
+        """Names the axes and the panel; an empty text leaves what is there."""
+        self.x_label, self.y_label = x or self.x_label, y or self.y_label
+        self.title = title or self.title
+
+    def plot(
+        self,
+        x: Values,
+        y: Values,
+        colour: str,
+        *,
+        label: str = "",
+        dash: str = "-",
+        width: float = 1.5,
+        marker: str = "",
+        size: float = 6.0,
+        fill: str = "",
+        opacity: float = 1.0,
+    ) -> None:
+        """Draws a line and markers through points.
+
+        Parameters
+        ----------
+        x, y
+            Places of shape (n,), finite or NaN, which leaves a gap.
+        colour
+            One of the colours of this module.
+        label
+            Its words in the legend; empty: none.
+        dash
+            "-", "--" or ":"; empty: markers alone.
+        marker
+            "o", ".", "s", "^", "v", "D" or "P"; empty: a line alone.
+        width, size
+            Of the line and of the markers, points.
+        fill
+            Of the markers; empty: as `colour`.
+        """
+        at, value = self._take(x, y)
+        self.series.setdefault(label, (at, value))
+        look = Look(colour, dash, width, marker, size, fill, opacity)
+
+        def draw(scales: _Scales) -> str:
+            px, py = scales.x(at), scales.y(value)
+            parts = [_marks(px, py, look)] if marker else []
+            if dash:
+                style = _stroke(colour, width, dash)
+                parts.insert(0, f'<path d="{_path(px, py)}" style="{style}"/>')
+            return "".join(parts)
+
+        self._add(draw, label, look)
+
+    def plot_intervals(
+        self,
+        x: Values,
+        y: Values,
+        half: Values,
+        colour: str,
+        *,
+        bar_colour: str = "",
+        label: str = "",
+        marker: str = "o",
+        size: float = 6.0,
+        fill: str = "",
+    ) -> None:
+        """Draws points with bars from y - half to y + half; all of shape (n,)."""
+        at, value = self._take(x, y)
+        reach = np.asarray(half, float)
+        self._take(at, value - reach)
+        self._take(at, value + reach)
+        look = Look(colour, "", 1.5, marker, size, fill)
+
+        def draw(scales: _Scales) -> str:
+            px, py = scales.x(at), scales.y(value)
+            low, high = scales.y(value - reach), scales.y(value + reach)
+            bars = "".join(
+                f"M{a:.1f} {b:.1f}V{c:.1f}M{a - 3:.1f} {b:.1f}h6M{a - 3:.1f} {c:.1f}h6"
+                for a, b, c in zip(px.tolist(), low.tolist(), high.tolist(), strict=True)
+                if isfinite(a) and isfinite(b) and isfinite(c)
+            )
+            style = _stroke(bar_colour or colour, 1.0)
+            return f'<path d="{bars}" style="{style}"/>{_marks(px, py, look)}'
+
+        self._add(draw, label, look)
+
+    def fill_between(self, x: Values, low: Values, high: Values, colour: str) -> None:
+        """Draws a faint band between two lines of shape (n,); NaN leaves a gap."""
+        at, lower = self._take(x, low)
+        _, upper = self._take(x, high)
+        known = np.isfinite(at) & np.isfinite(lower) & np.isfinite(upper)
+        pieces = np.split(np.arange(len(at)), np.flatnonzero(np.diff(known.astype(int))) + 1)
+
+        def draw(scales: _Scales) -> str:
+            rings = []
+            for rows in pieces:
+                if len(rows) < 2 or not known[rows[0]]:
+                    continue
+                there, back = scales.x(at[rows]), scales.x(at[rows[::-1]])
+                ring_y = np.concatenate([scales.y(upper[rows]), scales.y(lower[rows[::-1]])])
+                rings.append(_path(np.concatenate([there, back]), ring_y) + "Z")
+            style = f"fill:{colour};fill-opacity:0.22;stroke:none"
+            return f'<path d="{"".join(rings)}" style="{style}"/>'
+
+        self._add(draw)
+
+    def draw_level(
+        self, y: float, colour: str = DIM, *, width: float = 0.9, dash: str = "-", label: str = ""
+    ) -> None:
+        """Draws a line across the panel at one value."""
+        self._take((), (y,))
+
+        def draw(scales: _Scales) -> str:
+            (at,) = scales.y((y,)).tolist()
+            style = _stroke(colour, width, dash)
+            return f'<path d="M{scales.left:.1f} {at:.1f}H{scales.right:.1f}" style="{style}"/>'
+
+        self._add(draw, label, Look(colour, dash, width))
+
+    def draw_moment(
+        self,
+        x: float,
+        colour: str = INK,
+        *,
+        width: float = 1.4,
+        dash: str = ":",
+        label: str = "",
+        words: str = "",
+    ) -> None:
+        """Draws a line up the panel at one place, with words at its upper end."""
+        self._take((x,), ())
+
+        def draw(scales: _Scales) -> str:
+            (at,) = scales.x((x,)).tolist()
+            line = (
+                f'<path d="M{at:.1f} {scales.top:.1f}V{scales.bottom:.1f}" '
+                f'style="{_stroke(colour, width, dash)}"/>'
+            )
+            return line + (_text(at + 3, scales.top + 9, words, font_pt=8.5) if words else "")
+
+        self._add(draw, label, Look(colour, dash, width))
+
+    def draw_bars(
+        self,
+        edges: Values,
+        heights: Values,
+        colour: str,
+        *,
+        edge_colour: str = "",
+        label: str = "",
+    ) -> None:
+        """Draws bars of shape (n,) between edges of shape (n + 1,), from 0 up."""
+        ends, tops = np.asarray(edges, float), np.asarray(heights, float)
+        self._take(ends, np.append(tops, 0.0))
+
+        def draw(scales: _Scales) -> str:
+            px, py = scales.x(ends).tolist(), scales.y(tops).tolist()
+            (floor_y,) = scales.y((0.0,)).tolist()
+            bars = "".join(
+                f"M{left:.1f} {floor_y:.1f}V{top:.1f}H{right:.1f}V{floor_y:.1f}Z"
+                for left, right, top in zip(px[:-1], px[1:], py, strict=True)
+            )
+            return f'<path d="{bars}" style="fill:{colour};stroke:{edge_colour or "none"}"/>'
+
+        self._add(draw, label, Look(colour, "", 1.5, "s", 7.0))
+
+    def draw_spans(self, spans: Sequence[tuple[float, float]], row: float, colour: str) -> None:
+        """Draws stretches along x, each from and to, as bars of 0.7 about y = `row`."""
+        self._take([end for span in spans for end in span], (row,))
+
+        def draw(scales: _Scales) -> str:
+            top, bottom = scales.y((row + 0.35, row - 0.35)).tolist()
+            bars = "".join(
+                "M{0:.1f} {2:.1f}H{1:.1f}V{3:.1f}H{0:.1f}Z".format(
+                    *scales.x(span).tolist(), top, bottom
+                )
+                for span in spans
+            )
+            return f'<path d="{bars}" style="fill:{colour};stroke:none"/>'
+
+        self._add(draw)
+
+    def write(self, x: float, y: float, words: str) -> None:
+        """Writes words to the right of a point."""
+
+        def draw(scales: _Scales) -> str:
+            (at,), (level,) = scales.x((x,)).tolist(), scales.y((y,)).tolist()
+            return _text(at + 6.0, level + 3.0, words, font_pt=8.0)
+
+        self._add(draw)
+
+    def draw_ground(self, rings: Array, colours: Sequence[str]) -> None:
+        """Draws quadrilaterals of shape (n, 4, 2), each in its colour."""
+        self._take(rings[..., 0].ravel(), rings[..., 1].ravel())
+
+        def draw(scales: _Scales) -> str:
+            x, y = scales.x(rings[..., 0]), scales.y(rings[..., 1])
+            by_colour: dict[str, list[str]] = {}
+            for k, colour in enumerate(colours):
+                by_colour.setdefault(colour, []).append(_path(x[k], y[k]) + "Z")
+            return "".join(
+                f'<path d="{"".join(paths)}" style="fill:{colour};stroke:none"/>'
+                for colour, paths in by_colour.items()
+            )
+
+        self._add(draw)
+
+    def _take(self, x: Values, y: Values) -> tuple[Array, Array]:
+        at, value = np.asarray(x, float), np.asarray(y, float)
+        self._x.append(at[np.isfinite(at)])
+        self._y.append(value[np.isfinite(value)])
+        return at, value
+
+    def _add(self, draw: Drawing, label: str = "", look: Look | None = None) -> None:
+        self.drawings.append(draw)
+        if label and look is not None:
+            self.looks.setdefault(label, look)
+
+    def find_x_ends(self) -> tuple[float, float]:
+        """Ends of the x axis by what is drawn."""
+        return self.x_ends or _widened(_ends(self._x))
+
+    def find_y_ends(self) -> tuple[float, float]:
+        """Ends of the y axis by what is drawn."""
+        return self.y_ends or _widened(_ends(self._y))
+
+
+def _ends(parts: Iterable[Array]) -> tuple[float, float]:
+    known = [part for part in parts if len(part)]
+    if not known:
+        return 0.0, 1.0
+    return float(min(part.min() for part in known)), float(max(part.max() for part in known))
+
+
+def _widened(ends: tuple[float, float]) -> tuple[float, float]:
+    low, high = ends
+    if not high > low:
+        half = 0.05 * abs(low) or 0.05
+        return low - half, high + half
+    return low - MARGIN_SHARE * (high - low), high + MARGIN_SHARE * (high - low)
+
+
+class ColourBar(NamedTuple):
+    """The scale beside coloured ground: its ends, its unit and its colours from low to high."""
+
+    low: float
+    high: float
+    unit: str
+    colours: Sequence[str]
+
+
+class ChartSheet:
+    """Panels in rows and columns, with one legend below them.
+
+    Parameters
+    ----------
+    width_in, height_in
+        Size, inches.
+    rows, columns
+        Of the panels.
+    shares_x, shares_y
+        Whether the panels of a column share their x axis, and those of a row their y axis.
+    """
+
+    def __init__(
+        self,
+        width_in: float,
+        height_in: float,
+        rows: int = 1,
+        columns: int = 1,
+        *,
+        shares_x: bool = False,
+        shares_y: bool = False,
+    ) -> None:
+        self.width_pt, self.height_pt = width_in * POINTS_PER_INCH, height_in * POINTS_PER_INCH
+        self.panels = [[Panel() for _ in range(columns)] for _ in range(rows)]
+        self.shares_x, self.shares_y = shares_x, shares_y
+        self.colour_bar: ColourBar | None = None
+
+    @property
+    def panel(self) -> Panel:
+        """The first panel."""
+        return self.panels[0][0]
+
+    def _repr_svg_(self) -> str:
+        return self.to_svg("chart")
+
+    def to_svg(self, title: str) -> str:
+        """The sheet as an SVG element without ids, addresses or fonts of its own.
+
+        `title` says what the picture shows, for those who do not see it.
+        """
+        looks: dict[str, Look] = {}
+        for panel in self._all():
+            looks = panel.looks | looks
+        legend, legend_pt = self._draw_legend(looks)
+        body = self._draw_panels(self.height_pt - legend_pt)
+        return (
+            f'<svg class="picture" style="max-width:{self.width_pt:.0f}pt" role="img" '
+            f'aria-label="{escape(title)}" viewBox="0 0 {self.width_pt:.0f} {self.height_pt:.0f}">'
+            f"\n{body}{legend}\n</svg>"
+        )
+
+    def _all(self) -> list[Panel]:
+        return [panel for row in self.panels for panel in row]
+
+    def _draw_legend(self, looks: dict[str, Look]) -> tuple[str, float]:
+        """The legend and its height, points."""
+        if not looks:
+            return "", 0.0
+        widths = [34.0 + measure_text(label, SMALL_FONT_PT) for label in looks]
+        columns = min(LEGEND_COLUMNS, len(looks))
+        while columns > 1 and columns * max(widths) > self.width_pt:
+            columns -= 1
+        rows = ceil(len(looks) / columns)
+        wide = max(widths)
+        left = 0.5 * (self.width_pt - columns * wide)
+        top = self.height_pt - rows * ROW_PT
+        parts = []
+        for k, (label, look) in enumerate(looks.items()):
+            x, y = left + wide * (k % columns), top + ROW_PT * (k // columns) + 0.5 * ROW_PT
+            if look.dash:
+                style = _stroke(look.colour, look.width, look.dash)
+                parts.append(f'<path d="M{x:.1f} {y:.1f}h20" style="{style}"/>')
+            if look.marker:
+                parts.append(_marks(np.array([x + 10.0]), np.array([y]), look))
+            parts.append(_text(x + 25.0, y + 3.0, label, font_pt=SMALL_FONT_PT))
+        return "".join(parts), rows * ROW_PT + GAP_PT
+
+    def _draw_panels(self, height_pt: float) -> str:
+        rows, columns = len(self.panels), len(self.panels[0])
+        bar_pt = COLOUR_BAR_PT if self.colour_bar is not None else 0.0
+        cell_pt = (height_pt - 2.0 * EDGE_PT) / rows
+        frames = [
+            [self._frame(i, k, EDGE_PT + i * cell_pt, cell_pt) for k in range(columns)]
+            for i in range(rows)
+        ]
+        words_pt = [max(row[k].words_pt for row in frames) for k in range(columns)]
+        inner_pt = (self.width_pt - 2.0 * EDGE_PT - bar_pt - sum(words_pt)) / columns
+        parts = []
+        for row, framed in zip(self.panels, frames, strict=True):
+            outer = EDGE_PT
+            for panel, frame, wide in zip(row, framed, words_pt, strict=True):
+                left = outer + wide
+                placed = frame._replace(outer=outer, left=left, right=left + inner_pt - RIGHT_PT)
+                parts.append(_draw_panel(panel, placed))
+                outer = left + inner_pt
+        if self.colour_bar is not None:
+            left = self.width_pt - COLOUR_BAR_PT + 14.0
+            parts.append(_draw_colour_bar(self.colour_bar, left, EDGE_PT + 20.0, height_pt - 56.0))
+        return "\n".join(parts)
+
+    def _frame(self, row: int, column: int, above: float, height_pt: float) -> _Frame:
+        """Where a panel lies from above to below, and what stands at its axes."""
+        panel = self.panels[row][column]
+        has_x_words = row == len(self.panels) - 1 or not self.shares_x
+        has_y_words = column == 0 or not self.shares_y
+        top = above + (ROW_PT if panel.title else 2.0)
+        bottom = above + height_pt - (ROW_PT if has_x_words else GAP_PT)
+        bottom -= ROW_PT if panel.x_label and has_x_words else 0.0
+        y_ends = panel.find_y_ends()
+        if self.shares_y:
+            y_ends = _union(one.find_y_ends() for one in self.panels[row])
+        frame = _Frame(
+            top=top,
+            bottom=bottom,
+            x_ends=self._shared_x(column) or panel.find_x_ends(),
+            y_ends=y_ends,
+            has_x_words=has_x_words,
+            has_y_words=has_y_words,
+        )
+        if not has_y_words:
+            return frame
+        widest = max(measure_text(text, SMALL_FONT_PT) for _, text in frame.find_y_ticks(panel))
+        return frame._replace(words_pt=widest + GAP_PT + (ROW_PT if panel.y_label else 0.0))
+
+    def _shared_x(self, column: int) -> tuple[float, float] | None:
+        if not self.shares_x:
+            return None
+        return _union(row[column].find_x_ends() for row in self.panels)
+
+
+def _union(ends: Iterable[tuple[float, float]]) -> tuple[float, float]:
+    lows, highs = zip(*ends, strict=True)
+    return min(lows), max(highs)
+
+
+class _Frame(NamedTuple):
+    """A panel's place on the sheet, points, and the ends of its axes."""
+
+    top: float
+    bottom: float
+    x_ends: tuple[float, float]
+    y_ends: tuple[float, float]
+    has_x_words: bool
+    has_y_words: bool
+    # Room for the numbers and the name of the y axis.
+    words_pt: float = GAP_PT
+    # Left of these words, left and right of the panel.
+    outer: float = 0.0
+    left: float = 0.0
+    right: float = 0.0
+
+    def find_x_ticks(self, panel: Panel) -> list[Tick]:
+        most = max(2, int((self.right - self.left) / TICK_X_PT))
+        return list(panel.x_names) or panel.make_x_ticks(*self.x_ends, most)
+
+    def find_y_ticks(self, panel: Panel) -> list[Tick]:
+        most = max(2, int((self.bottom - self.top) / TICK_Y_PT))
+        return list(panel.y_names) or find_ticks(*self.y_ends, most)
+
+
+def _draw_panel(panel: Panel, frame: _Frame) -> str:
+    left, right, top, bottom = frame.left, frame.right, frame.top, frame.bottom
+    if panel.has_equal_scales:
+        x_ends, y_ends = _equal(frame.x_ends, frame.y_ends, (right - left) / (bottom - top))
+        frame = frame._replace(x_ends=x_ends, y_ends=y_ends)
+    x_ticks, y_ticks = frame.find_x_ticks(panel), frame.find_y_ticks(panel)
+    x, y = _scale(frame.x_ends, left, right), _scale(frame.y_ends, bottom, top)
+    scales = _Scales(x, y, left, top, right, bottom)
+    grid = [f"M{left:.1f} {at:.1f}H{right:.1f}" for at in _at(y, y_ticks)]
+    if not panel.x_names:
+        grid += [f"M{at:.1f} {top:.1f}V{bottom:.1f}" for at in _at(x, x_ticks)]
+    drawn = "".join(draw(scales) for draw in panel.drawings)
+    axes = f"M{left:.1f} {top:.1f}V{bottom:.1f}H{right:.1f}"
+    return (
+        f'<path d="{"".join(grid)}" style="{_stroke(GRID, 0.6)}"/>{drawn}'
+        f'<path d="{axes}" style="{_stroke(LINE, 0.8)}"/>'
+        + _panel_words(panel, frame, scales, x_ticks, y_ticks)
+    )
+
+
+def _panel_words(
+    panel: Panel, frame: _Frame, scales: _Scales, x_ticks: list[Tick], y_ticks: list[Tick]
+) -> str:
+    left, top, right, bottom = frame.left, frame.top, frame.right, frame.bottom
+    parts = []
+    if panel.title:
+        parts.append(_text(left, top - 4.0, panel.title, colour=panel.title_colour))
+    if frame.has_x_words:
+        parts += [
+            _text(x, bottom + 11.0, words, "middle", SMALL_FONT_PT)
+            for x, (_, words) in zip(_at(scales.x, x_ticks), x_ticks, strict=True)
+        ]
+        middle = 0.5 * (left + right)
+        parts += [_text(middle, bottom + 24.0, panel.x_label, "middle")] if panel.x_label else []
+    if frame.has_y_words:
+        parts += [
+            _text(left - GAP_PT, y + 3.0, words, "end", SMALL_FONT_PT)
+            for y, (_, words) in zip(_at(scales.y, y_ticks), y_ticks, strict=True)
+        ]
+        x, y = frame.outer + 9.0, 0.5 * (top + bottom)
+        turn = f' transform="rotate(-90 {x:.1f} {y:.1f})"'
+        parts += [_text(x, y, panel.y_label, "middle", turn=turn)] if panel.y_label else []
+    return "".join(parts)
+
+
+def _at(scale: Callable[[Values], Array], ticks: list[Tick]) -> list[float]:
+    found: list[float] = scale([at for at, _ in ticks]).tolist()
+    return found
+
+
+def _scale(ends: tuple[float, float], begin: float, end: float) -> Callable[[Values], Array]:
+    low, high = ends
+
+    def place(values: Values) -> Array:
+        share = (np.asarray(values, float) - low) / (high - low)
+        return np.asarray(begin + share * (end - begin))
+
+    return place
+
+
+def _equal(
+    x_ends: tuple[float, float], y_ends: tuple[float, float], aspect: float
+) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Ends that give both axes one scale in a panel so many times as wide as high."""
+    wide = max(x_ends[1] - x_ends[0], aspect * (y_ends[1] - y_ends[0]))
+    return _about(x_ends, wide), _about(y_ends, wide / aspect)
+
+
+def _about(ends: tuple[float, float], span: float) -> tuple[float, float]:
+    middle = 0.5 * (ends[0] + ends[1])
+    return middle - 0.5 * span, middle + 0.5 * span
+
+
+def _draw_colour_bar(bar: ColourBar, left: float, top: float, height: float) -> str:
+    step = height / len(bar.colours)
+    cells = "".join(
+        f'<path d="M{left:.1f} {top + height - (k + 1) * step:.2f}h12v{step + 0.3:.2f}h-12Z" '
+        f'style="fill:{colour};stroke:none"/>'
+        for k, colour in enumerate(bar.colours)
+    )
+    place = _scale((bar.low, bar.high if bar.high > bar.low else bar.low + 1.0), top + height, top)
+    ticks = find_ticks(bar.low, bar.high, max(2, int(height / TICK_Y_PT)))
+    words = "".join(
+        _text(left + 16.0, y + 3.0, text, font_pt=SMALL_FONT_PT)
+        for y, (_, text) in zip(_at(place, ticks), ticks, strict=True)
+    )
+    return cells + words + _text(left, top - 8.0, bar.unit, font_pt=SMALL_FONT_PT)
