@@ -273,6 +273,18 @@ class ScaleSays(NamedTuple):
 NOTHING_SAID = ScaleSays()
 
 
+class RangeBreach(NamedTuple):
+    """A wanted rate that the machine cannot give at its present speed."""
+
+    # True: more is wanted than the machine can give. False: less.
+    above: bool
+    wanted_kg_ha: float
+    # What the machine spreads instead, kg/ha; 0: its shaft rests.
+    given_kg_ha: float
+    # The ground speed from which on, or down to which, it can give the wanted rate, m/s.
+    usable_mps: float
+
+
 class EffortSays(NamedTuple):
     """What the metering drive's effort says, now; neutral values: nothing. Efforts are in
     `unit`."""

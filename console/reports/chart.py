@@ -433,7 +433,7 @@ def _widened(ends: tuple[float, float]) -> tuple[float, float]:
 
 
 class ColourBar(NamedTuple):
-    """The scale beside coloured ground: its ends, its unit and its colours from low to high."""
+    """The scale of coloured ground: its ends, its unit and its colours from low to high."""
 
     low: float
     high: float

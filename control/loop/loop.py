@@ -37,7 +37,7 @@ from control.machine.of_product import newest_test_date
 from control.machine.steps import Steps
 from control.metering.flow_trim import FlowTrim
 from control.metering.inverse import Conditions, common_of, flow_kg_s
-from control.metering.rate_range import RangeBreach, find_breach
+from control.metering.rate_range import find_breach
 from control.metering.setting import Setting
 from control.metering.strategies import Pair
 from control.metering.trims import NOTHING_LEFT, DriveTrim, TrimLimits
@@ -45,6 +45,7 @@ from control.orders import BY_CANOPY, Answer, Do, Order, State, Strategy, Target
 from control.readings import (
     DriveCommand,
     Measurements,
+    RangeBreach,
     Reading,
     SpeedPlan,
     announced_text,

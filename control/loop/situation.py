@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from control.loop.canopy_heads import CanopyHeads
 from control.loop.moment import Choices, Metered, Moment, TickDecision
-from control.metering.rate_range import RangeBreach
 from control.orders import BY_CANOPY, TargetSource
-from control.readings import EffortSays, ScaleSays
+from control.readings import EffortSays, RangeBreach, ScaleSays
 from control.safety import Commanded, Situation
 from control.targets.outside_target import OutsideTarget
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from control.machine.machine import Machine
+from control.readings import RangeBreach
 
 from .inverse import Conditions, flow_kg_s, lowest_flow_kg_s
 from .strategies import Pair
@@ -28,18 +29,6 @@ class SpeedRange(NamedTuple):
 
     low_mps: float
     high_mps: float
-
-
-class RangeBreach(NamedTuple):
-    """A wanted rate that the machine cannot give at its present speed."""
-
-    # True: more is wanted than the machine can give. False: less.
-    above: bool
-    wanted_kg_ha: float
-    # What the machine spreads instead, kg/ha; 0: its shaft rests.
-    given_kg_ha: float
-    # The ground speed from which on, or down to which, it can give the wanted rate, m/s.
-    usable_mps: float
 
 
 def _flow_range_kg_s(machine: Machine, c: Conditions) -> tuple[float, float]:

@@ -6,13 +6,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import NamedTuple
 
-from control.metering.rate_range import RangeBreach
 from control.orders import Alarm, State, TargetSource
 from control.readings import (
     NO_EFFORT,
     NOTHING_SAID,
     EffortSays,
     Measurements,
+    RangeBreach,
     ScaleSays,
     SpeedDoubt,
 )

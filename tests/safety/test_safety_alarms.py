@@ -9,9 +9,8 @@ from string import Formatter
 import numpy as np
 import pytest
 
-from control.metering.rate_range import RangeBreach
 from control.orders import Do, Severity, State, TargetSource
-from control.readings import Doubted, EffortSays, ScaleSays, SpeedDoubt
+from control.readings import Doubted, EffortSays, RangeBreach, ScaleSays, SpeedDoubt
 from control.safety import ALARMS, INTERLOCKS, REFUSALS, STATE_REASONS, Commanded
 from tests.safety.steps import NEVER, order, play, tick
 

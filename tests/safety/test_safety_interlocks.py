@@ -6,9 +6,8 @@ from math import inf, nan
 
 import pytest
 
-from control.metering.rate_range import RangeBreach
 from control.orders import Do, State, TargetSource
-from control.readings import Doubted, SpeedDoubt
+from control.readings import Doubted, RangeBreach, SpeedDoubt
 from control.safety import INTERLOCKS
 from tests.safety.steps import NEVER, creep, order, play, stop_and_go, tick
 

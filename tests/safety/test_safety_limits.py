@@ -6,9 +6,8 @@ from dataclasses import fields, replace
 
 import pytest
 
-from control.metering.rate_range import RangeBreach
 from control.orders import Do
-from control.readings import Doubted, DriveCommand, ScaleSays, SpeedDoubt
+from control.readings import Doubted, DriveCommand, RangeBreach, ScaleSays, SpeedDoubt
 from control.safety import Commanded, DriveLimits, SafetyLimits, limited
 
 STANDS = Commanded(turn=False, flow=False, opening_mm=15.0)
