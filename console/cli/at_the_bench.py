@@ -6,6 +6,7 @@ from __future__ import annotations
 import contextlib
 import os
 import select
+import signal
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -29,7 +30,7 @@ if TYPE_CHECKING:
 # Keys of the terminal as they are pressed, without waiting for a line; POSIX and Windows.
 class Keys:
     """`pressed`: what was typed since the last call, as text. Nothing where standard input is
-    no terminal."""
+    no terminal; raises KeyboardInterrupt where that terminal has hung up."""
 
     def __init__(self, there: bool) -> None:
         self.there = there
@@ -44,8 +45,13 @@ class Keys:
             while msvcrt.kbhit():
                 typed += msvcrt.getwch()
             return typed
-        ready = select.select([sys.stdin], [], [], 0.0)[0]
-        return os.read(sys.stdin.fileno(), 256).decode(errors="replace") if ready else ""
+        if not select.select([sys.stdin], [], [], 0.0)[0]:
+            return ""
+        typed = os.read(sys.stdin.fileno(), 256)
+        # the end of file: nobody can let go of the key any more
+        if not typed:
+            raise KeyboardInterrupt
+        return typed.decode(errors="replace")
 
 
 @contextlib.contextmanager
@@ -65,7 +71,45 @@ def keys() -> Iterator[Keys]:
         tty.setcbreak(sys.stdin)
         yield Keys(True)
     finally:
-        termios.tcsetattr(sys.stdin, termios.TCSADRAIN, before)
+        # one that has hung up has nothing to get back
+        with contextlib.suppress(termios.error):
+            termios.tcsetattr(sys.stdin, termios.TCSADRAIN, before)
+
+
+ENDING_SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK")
+
+
+@contextlib.contextmanager
+def stopped_by_signals() -> Iterator[None]:
+    """Whatever ends a command at the bench ends it as Ctrl+C does, by an exception: the last
+    command to the drives is a stop. A second signal does not interrupt that stop. Raises
+    KeyboardInterrupt."""
+    is_ending = False
+
+    def end(*_: object) -> None:
+        nonlocal is_ending
+        if not is_ending:
+            is_ending = True
+            raise KeyboardInterrupt
+
+    numbers = [getattr(signal, name) for name in ENDING_SIGNALS if hasattr(signal, name)]
+    before = {
+        number: signal.signal(number, end)
+        for number in numbers
+        if signal.getsignal(number) != signal.SIG_IGN
+    }
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def run_attended(host: Host) -> None:
+    """Runs the control loop to its end; however that comes, the drives are stopped by a command
+    and not by their own second of silence. Raises KeyboardInterrupt."""
+    with stopped_by_signals():
+        host.run()
 
 
 HZ = 50.0

@@ -11,7 +11,17 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from console.cli.at_the_bench import HEARD_WITHIN_S, AtTheBench, Keys, host_of, keys, say, show
+from console.cli.at_the_bench import (
+    HEARD_WITHIN_S,
+    AtTheBench,
+    Keys,
+    host_of,
+    keys,
+    run_attended,
+    say,
+    show,
+    stopped_by_signals,
+)
 from console.cli.inputs import machine_of
 from console.cli.plain_errors import CommandError
 from console.frame import Frame
@@ -189,15 +199,16 @@ def _way(one: ShaftTurned, later: ShaftTurned, name: str) -> int:
 def _by_hand(board: str, count: MarkCount, keyboard: Keys) -> None:
     """Nothing that turns is sent."""
     cab = Cab(CabConfig.model_validate({"board": {"port": board}}), time.monotonic)
-    try:
-        while not count.done:
-            now_s = time.monotonic()
-            cab.measure(now_s)
-            count.tick(cab, now_s, keyboard.pressed())
-            time.sleep(TICK_S)
-    finally:
-        cab.close()
-        show("")
+    with stopped_by_signals():
+        try:
+            while not count.done:
+                now_s = time.monotonic()
+                cab.measure(now_s)
+                count.tick(cab, now_s, keyboard.pressed())
+                time.sleep(TICK_S)
+        finally:
+            cab.close()
+            show("")
 
 
 class ByDrive(AtTheBench):
@@ -239,7 +250,7 @@ def _by_drive(board: str, count: MarkCount, keyboard: Keys, machine: str, rpm: f
     person.host, person.cab = host_of(
         {"board": board}, machine, lambda: time.monotonic() - began_s, person.between
     )
-    person.host.run()
+    run_attended(person.host)
     show("")
     if person.error is not None:
         raise person.error

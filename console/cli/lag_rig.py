@@ -11,7 +11,16 @@ from typing import Any
 import typer
 
 from console.app.words import answer_words
-from console.cli.at_the_bench import AtTheBench, Keys, host_of, keys, say, show
+from console.cli.at_the_bench import (
+    AtTheBench,
+    Keys,
+    host_of,
+    keys,
+    run_attended,
+    say,
+    show,
+    stopped_by_signals,
+)
 from console.cli.plain_errors import CommandError
 from console.frame import Frame, LagTestView
 from control.orders import Do, Order, State
@@ -37,7 +46,8 @@ def measure_lag(
     if board is None:
         from console.cli.drop_by_hand import measure_drop
 
-        measure_drop(rig, out, repeats)
+        with stopped_by_signals():
+            measure_drop(rig, out, repeats)
         return
     if not (no_key or sys.stdin.isatty()):
         raise CommandError(
@@ -61,7 +71,7 @@ def measure_lag(
         )
         attended.host = host
         try:
-            host.run()
+            run_attended(host)
         finally:
             show("")
             if out.exists() and not attended.measured:

@@ -8,6 +8,7 @@ anything else is a fault of ours, said in one line too.
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import os
 import sys
@@ -58,7 +59,9 @@ def guarded(command: F) -> F:
             typer.echo(f"{where}{'no such file' if gone else error.strerror or error}", err=True)
             raise typer.Exit(WRONG if gone else FAILED) from None
         except KeyboardInterrupt:
-            typer.echo("cancelled", err=True)
+            # a terminal that has hung up hears nothing more
+            with contextlib.suppress(OSError):
+                typer.echo("cancelled", err=True)
             raise typer.Exit(CANCELLED) from None
         except (typer.Exit, typer.Abort, typer.BadParameter):
             raise

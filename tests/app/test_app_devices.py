@@ -185,5 +185,5 @@ async def test_without_a_machine_nothing_breaks(clock, shown):
     async with app.run_test(size=SIZE) as pilot:
         await opened(app, pilot)
         await pilot.press("up", "enter", "e", "c")
-        assert "no machine is connected" in app.notice_text
+        assert "no connection to the machine" in app.notice_text
         assert any("no device is known" in row for row in shown(app))

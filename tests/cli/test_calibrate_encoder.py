@@ -7,6 +7,7 @@ import contextlib
 import os
 import re
 import select
+import signal
 import subprocess
 import sys
 import threading
@@ -78,6 +79,10 @@ class Person:
             time.sleep(1.0)
         return self.stood
 
+    def closes(self) -> None:
+        """The window, under a shell that does not pass the signal on."""
+        os.close(self._terminal)
+
     def ends(self) -> int:
         wait_for(lambda: (self.screen(), self.command.poll())[1] is not None)
         return self.command.wait()
@@ -97,10 +102,18 @@ class Hand(FakePlant):
 
 
 @pytest.fixture
-def by_hand(tmp_path: Path) -> Iterator[tuple[Hand, str]]:
-    """And the board on a pseudo-terminal that sees it."""
-    hand, stop = Hand(), threading.Event()
-    served = ServedMachine(hand, Serve(first_port=0, terminals=tmp_path / "pty"), time.monotonic)
+def standing(tmp_path: Path) -> Iterator[tuple[FakePlant, str]]:
+    """A machine that stands, its shaft as commanded, and its board on a pseudo-terminal."""
+    plant = FakePlant()
+    plant.speed_mps = 0.0
+    with served_board(plant, tmp_path) as board:
+        yield plant, board
+
+
+@contextlib.contextmanager
+def served_board(plant: FakePlant, folder: Path) -> Iterator[str]:
+    stop = threading.Event()
+    served = ServedMachine(plant, Serve(first_port=0, terminals=folder / "pty"), time.monotonic)
 
     def serve() -> None:
         while not stop.wait(0.01):
@@ -108,10 +121,18 @@ def by_hand(tmp_path: Path) -> Iterator[tuple[Hand, str]]:
 
     thread = threading.Thread(target=serve)
     thread.start()
-    yield hand, str(tmp_path / "pty" / "board")
+    yield str(folder / "pty" / "board")
     stop.set()
     thread.join()
     served.close()
+
+
+@pytest.fixture
+def by_hand(tmp_path: Path) -> Iterator[tuple[Hand, str]]:
+    """And the board on a pseudo-terminal that sees it."""
+    hand = Hand()
+    with served_board(hand, tmp_path) as board:
+        yield hand, board
 
 
 def test_turned_by_hand_the_counts_become_a_line_of_the_boards_settings(by_hand, tmp_path):
@@ -176,6 +197,29 @@ def test_by_the_drive_it_turns_only_while_the_space_bar_is_held(board, tmp_path)
     person.press("\n")
     assert person.ends() == 0, person.screen()
     assert f"counts_per_turn = {person.stood / turns:.2f}" in out.read_text()
+
+
+@pytest.mark.parametrize("way", ["SIGTERM", "SIGHUP", "SIGINT", "its window is closed"])
+def test_however_it_ends_the_shaft_is_stopped_by_a_command(standing, tmp_path, way):
+    """The board's own second ended it: the shaft crept on meanwhile."""
+    plant, board = standing
+    person = Person("--board", board, "--rpm", "20", "--out", str(tmp_path / "x.py"))
+    person.sees("then Enter")
+
+    def turns() -> bool:
+        person.press(" ")
+        return plant.commands[-1][1] and plant.commands[-1][0].shaft_rpm > 0.0
+
+    wait_for(turns)
+    if way.startswith("SIG"):
+        person.command.send_signal(getattr(signal, way))
+    else:
+        person.closes()
+    began_s = time.monotonic()
+    wait_for(lambda: not plant.commands[-1][1] or plant.commands[-1][0].shaft_rpm == 0.0)
+    assert time.monotonic() - began_s < 0.5, "not by the board's own second"
+    assert person.command.wait(10.0) == 130
+    assert not list(tmp_path.glob("x.*"))
 
 
 OLDER = "from drivers.board import slave; slave.FIELDS.pop(b'A2')\n"
