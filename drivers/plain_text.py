@@ -14,7 +14,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple, Self
 
-_STEERING = [
+STEERING = [
     *(code for code in range(32) if chr(code) not in "\n\t"),
     *range(127, 160),
     0x061C,
@@ -23,7 +23,7 @@ _STEERING = [
     *range(0x202A, 0x202F),
     *range(0x2066, 0x206A),
 ]
-_WITHOUT = dict.fromkeys(_STEERING)
+_WITHOUT = dict.fromkeys(STEERING)
 
 
 def plain(text: str) -> str:

@@ -16,7 +16,7 @@ import typer
 from typer.core import TyperCommand
 
 from console.cli.plain_errors import guarded
-from console.cli.plain_output import take_terminals
+from console.cli.plain_output import take_outputs
 from console.threads import few_for_matrices
 
 # Examples that stand under each command's help. A test parses every one of them.
@@ -281,5 +281,5 @@ def main() -> None:
             f"topdress{own}",
             err=True,
         )
-    take_terminals()
+    take_outputs()
     asked(sys.argv[1:], os.environ)()

@@ -9,20 +9,27 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import json
+import errno
 import os
 import sys
+import threading
 import time
 from collections.abc import Callable
-from typing import Annotated, Any
+from math import inf
+from typing import TYPE_CHECKING, Annotated, Any
 from urllib.parse import SplitResult, urlsplit
 
 import typer
 
+from console.cli.line_output import LineOutput
 from console.cli.plain_errors import CommandError
+from console.cli.plain_output import json_line
 from console.link import Link, WorkerGone
 from console.running import WorkerFailed, find_running
 from drivers.files.extras import need
+
+if TYPE_CHECKING:
+    from paho.mqtt.client import Client
 
 FORMAT = "topdress-live/1"
 FIELDS = (
@@ -46,6 +53,15 @@ FIELDS = (
 AGAIN_S = 2.0  # where no machine runs, or it ended
 # bytes of a reader that does not take them: he misses lines until he does
 MOST_WAITING = 1 << 16
+# Programs that read from the socket, where the system allows more. What waits for each is
+# `MOST_WAITING` at most.
+MOST_READERS = 1000
+# files of this process itself: its libraries, streams, the machine, a broker
+OWN_FILES = 48
+# connections that come at once are taken before the first of them is turned away
+BACKLOG = 32
+RARE_S = 60.0  # between two lines about the same
+LEAVE_S = 1.0  # for a broker's last word, and for its connection to end
 PORTS = {"mqtt": 1883, "mqtts": 8883}
 PASSWORD = "TOPDRESS_MQTT_PASSWORD"
 ONLINE, FRAME = "online", "frame"
@@ -86,11 +102,11 @@ def live(
     """Tell what the machine does while it works: the row of the run log and what goes with it,
     a line of JSON at most ten times a second. Nothing can be ordered here. Ctrl-C ends."""
     with contextlib.ExitStack() as stack:
-        to: list[Tell] = [] if quiet else [_print]
+        to: list[Tell] = []
         if mqtt is not None:
             need("MQTT", "mqtt")
             to.append(stack.enter_context(_broker(mqtt)))
-        asyncio.run(_going_on(to, port, every))
+        asyncio.run(_until_unread(to, port, every, quiet))
 
 
 def published(message: dict[str, Any]) -> dict[str, Any]:
@@ -109,6 +125,27 @@ class _Looking(Link):
             self.tell(published(message))
 
 
+async def _until_unread(to: list[Tell], port: int | None, every_s: float, quiet: bool) -> None:
+    """Tells until standard output, if it is written to, has no reader any more. Raises
+    BrokenPipeError then."""
+    loop, unread = asyncio.get_running_loop(), asyncio.Event()
+
+    def ended() -> None:
+        # the loop may be closed by now
+        with contextlib.suppress(RuntimeError):
+            loop.call_soon_threadsafe(unread.set)
+
+    if not quiet:
+        sys.stdout.flush()
+        to.append(LineOutput(sys.stdout.fileno(), ended).write)
+    tells = asyncio.create_task(_going_on(to, port, every_s))
+    waits = asyncio.create_task(unread.wait())
+    await asyncio.wait((tells, waits), return_when=asyncio.FIRST_COMPLETED)
+    if not tells.done():
+        raise BrokenPipeError
+    tells.result()
+
+
 async def _going_on(to: list[Tell], port: int | None, every_s: float) -> None:
     """For ever: of the machine that runs, and of the next one when it has ended."""
     if port is not None:
@@ -120,7 +157,7 @@ async def _going_on(to: list[Tell], port: int | None, every_s: float) -> None:
         now_s = time.monotonic()
         if now_s - last_s >= every_s:
             last_s = now_s
-            line = json.dumps(said, separators=(",", ":"), ensure_ascii=False).encode() + b"\n"
+            line = json_line(said, (",", ":")).encode() + b"\n"
             for one in to:
                 one(line)
 
@@ -135,11 +172,17 @@ async def _going_on(to: list[Tell], port: int | None, every_s: float) -> None:
 
 
 async def _served(port: int) -> Tell:
-    """To every program that connects. Raises OSError where the port is taken."""
+    """To every program that connects, as many as there is room for. Raises OSError where the
+    port is taken."""
     readers: set[asyncio.StreamWriter] = set()
+    most, refused = most_readers(), RareLine()
 
     async def come(_heard: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        readers.add(writer)
+        if len(readers) < most:
+            readers.add(writer)
+            return
+        writer.close()
+        refused.say(f"socket       {most} programs read already: no more are let in")
 
     def tell(line: bytes) -> None:
         for one in list(readers):
@@ -148,14 +191,46 @@ async def _served(port: int) -> Tell:
             elif one.transport.get_write_buffer_size() < MOST_WAITING:
                 one.write(line)
 
-    server = await asyncio.start_server(come, "127.0.0.1", port)
+    def failed(loop: asyncio.AbstractEventLoop, what: dict[str, Any]) -> None:
+        """Many may come at once, before one of them is turned away: asyncio waits and goes on."""
+        error = what.get("exception")
+        if isinstance(error, OSError) and error.errno in (errno.EMFILE, errno.ENFILE):
+            refused.say(f"socket       {error.strerror}: no more programs are let in")
+        else:
+            loop.default_exception_handler(what)
+
+    asyncio.get_running_loop().set_exception_handler(failed)
+    server = await asyncio.start_server(come, "127.0.0.1", port, backlog=BACKLOG)
     typer.echo(f"socket       127.0.0.1:{server.sockets[0].getsockname()[1]}", err=True)
     return tell
 
 
-def _print(line: bytes) -> None:
-    sys.stdout.write(line.decode())
-    sys.stdout.flush()
+def most_readers() -> int:
+    """Returns how many programs may read from the socket: some of the files that this process
+    may have open are for itself, for the machine that it looks for again, and for those who
+    come and are turned away."""
+    if sys.platform == "win32":
+        return MOST_READERS
+    import resource
+
+    files, _most = resource.getrlimit(resource.RLIMIT_NOFILE)
+    if files == resource.RLIM_INFINITY:
+        return MOST_READERS
+    return max(1, min(MOST_READERS, files - OWN_FILES - BACKLOG))
+
+
+class RareLine:
+    """A line on stderr for what may happen a thousand times a second."""
+
+    def __init__(self, every_s: float = RARE_S) -> None:
+        self._every_s, self._next_s = every_s, -inf
+
+    def say(self, line: str) -> None:
+        """Says it, unless one was said in the last `every_s`."""
+        now_s = time.monotonic()
+        if now_s >= self._next_s:
+            self._next_s = now_s + self._every_s
+            typer.echo(line, err=True)
 
 
 @contextlib.contextmanager
@@ -166,7 +241,7 @@ def _broker(url: str) -> Any:
     from paho.mqtt.enums import CallbackAPIVersion
 
     where = _split(url)
-    topic = where.path.strip("/") or "topdress"
+    topic, unreached = where.path.strip("/") or "topdress", RareLine(every_s=inf)
     client = Client(CallbackAPIVersion.VERSION2)
     if where.username is not None:
         client.username_pw_set(where.username, os.environ.get(PASSWORD))
@@ -182,15 +257,29 @@ def _broker(url: str) -> Any:
         if client.is_connected():
             client.publish(f"{topic}/{FRAME}", line.rstrip(b"\n"))
 
-    client.on_connect = connected
+    def away(_client: Client, _given: Any) -> None:
+        unreached.say(f"broker       {where.hostname}: not reached; it is tried again")
+
+    client.on_connect, client.on_connect_fail = connected, away
     client.connect_async(str(where.hostname), where.port or PORTS[where.scheme])
     client.loop_start()
     try:
         yield tell
     finally:
-        client.publish(f"{topic}/{ONLINE}", "0", retain=True).wait_for_publish(1.0)
-        client.disconnect()
-        client.loop_stop()
+        _take_leave(client, f"{topic}/{ONLINE}")
+
+
+def _take_leave(client: Client, topic: str) -> None:
+    """Tells a broker that is there that this ends. One that is away, refuses or does not answer
+    is not waited for: the thread of its connection ends with the process."""
+    if client.is_connected():
+        # it may go in this moment
+        with contextlib.suppress(RuntimeError, ValueError):
+            client.publish(topic, "0", retain=True).wait_for_publish(LEAVE_S)
+    client.disconnect()
+    stops = threading.Thread(target=client.loop_stop, daemon=True)
+    stops.start()
+    stops.join(LEAVE_S)
 
 
 def _split(url: str) -> SplitResult:

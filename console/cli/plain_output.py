@@ -1,5 +1,5 @@
-"""What commands say: on a terminal, where whatever stood in a file or came from a device steers
-nothing; as JSON."""
+"""What commands say: on a terminal or to a pipe, where whatever stood in a file or came from a
+device steers nothing; as JSON."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from typing import Annotated, Any
 
 import typer
 
-from drivers.plain_text import plain
+from drivers.plain_text import STEERING, plain
 
 AsJson = Annotated[
     bool, typer.Option("--json", help="The answer as JSON, alone on standard output.")
@@ -23,13 +23,23 @@ OVER_THE_LINE = "\r\x1b[K"  # our own lines of progress begin with it
 
 
 RED, BLUE, NO_MORE = "\x1b[31m", "\x1b[34m", "\x1b[0m"
+_AS_NUMBERS = {code: f"\\u{code:04x}" for code in STEERING}
 INDENT = "    "  # of what a line goes on with
 
 
+class PlainText(io.TextIOWrapper):
+    """A text stream that leaves out what steers a terminal: one may stand behind a pipe, and
+    whoever looks at a file looks on one."""
+
+    def write(self, text: str) -> int:
+        super().write(plain(text))
+        return len(text)
+
+
 class PlainOutput(io.TextIOWrapper):
-    """A text stream that leaves out what steers a terminal, but for a progress line's
-    beginning; what is said while one stands takes its place. Lines that are too wide are broken
-    between words. complains: lines come in colour, notes in another."""
+    """The same on a terminal, but for a progress line's beginning; what is said while one
+    stands takes its place. Lines that are too wide are broken between words. complains: lines
+    come in colour, notes in another."""
 
     complains = False
     _progress_stands = False
@@ -73,23 +83,32 @@ def say_json(found: Any) -> None:
     number."""
     from drivers.files.plain import plain as as_data
 
-    typer.echo(
-        json.dumps(
-            json.loads(json.dumps(as_data(found)), parse_constant=lambda _: None),
-            ensure_ascii=False,
-        )
-    )
+    typer.echo(json_line(json.loads(json.dumps(as_data(found)), parse_constant=lambda _: None)))
 
 
-def take_terminals() -> None:
-    """From now on, for stdout and stderr where they are terminals. Files and pipes get every
-    byte."""
+def json_line(found: Any, separators: tuple[str, str] | None = None) -> str:
+    """Returns the data as one line of JSON, in which what steers a terminal stands as its
+    number (\\u009b): whoever reads it as JSON has every character."""
+    line = json.dumps(found, separators=separators, ensure_ascii=False)
+    return line if line.isprintable() else line.translate(_AS_NUMBERS)
+
+
+def take_outputs() -> None:
+    """Replaces stdout and stderr, for the rest of the process, by streams on which no text
+    steers a terminal."""
     for name in ("stdout", "stderr"):
         stream = getattr(sys, name)
-        if isinstance(stream, io.TextIOWrapper) and stream.isatty():
-            stream.flush()
-            plainer = PlainOutput(
-                stream.buffer, encoding=stream.encoding, errors=stream.errors, line_buffering=True
-            )
+        if not isinstance(stream, io.TextIOWrapper):
+            continue
+        stream.flush()
+        kind = PlainOutput if stream.isatty() else PlainText
+        plainer = kind(
+            stream.buffer,
+            encoding=stream.encoding,
+            errors=stream.errors,
+            line_buffering=stream.line_buffering,
+            write_through=stream.write_through,
+        )
+        if isinstance(plainer, PlainOutput):
             plainer.complains = name == "stderr"
-            setattr(sys, name, plainer)
+        setattr(sys, name, plainer)

@@ -556,7 +556,7 @@ async def test_escape_begins_nothing_and_c_asks_again(clock):
     app = TopdressApp(None, clock, live=False, services=Services(job=desk), start=desk.restart)
     async with app.run_test(size=SIZE) as pilot:
         await pilot.press("escape")
-        assert desk.asked == [] and "C asks again" in app.notice_text
+        assert desk.asked == [] and "X connects" in app.notice_text
         await pilot.press("c", "1", "enter")
         assert isinstance(app.screen, ChoiceDialog)
 

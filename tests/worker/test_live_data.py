@@ -5,10 +5,13 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import errno
+import fcntl
 import json
 import os
 import re
 import shutil
+import signal
 import socket
 import subprocess
 import sys
@@ -20,7 +23,7 @@ from typing import Any
 
 import pytest
 
-from console.cli.live import FIELDS, _split
+from console.cli.live import FIELDS, _served, _split, most_readers
 from console.cli.plain_errors import CommandError
 from console.running import WorkerAddress
 from control.log_row import LogRow
@@ -93,6 +96,68 @@ async def test_stdout_and_socket_say_the_row_and_nothing_is_heard(
     assert times == sorted(set(times)) and {one["state"] for one in lines} == {"working"}
     assert link.newest.row.state == "working" and not link.newest.attached[1].orders
     writer.close()
+
+
+async def test_a_stdout_that_nobody_reads_starves_no_socket_and_ctrl_c_ends_it(
+    working: Callable[[], Any], live: Callable[..., Any]
+) -> None:
+    await working()
+    told = live("--port", "0")
+    fill_size = 1031  # F_SETPIPE_SZ: a page of 4 KB, which two lines fill
+    fcntl.fcntl(told.stdout.fileno(), fill_size, 4096)
+    port = int((await asyncio.to_thread(told.stderr.readline)).rpartition(":")[2])
+    reader, writer = await asyncio.open_connection("127.0.0.1", port)
+    for _ in range(12):
+        await asyncio.wait_for(reader.readline(), 10.0)
+    began_s = time.monotonic()
+    told.send_signal(signal.SIGINT)
+    assert await asyncio.to_thread(told.wait, 10.0) == 130
+    assert time.monotonic() - began_s < 2.0
+    writer.close()
+
+
+async def test_a_reader_that_goes_away_ends_it_without_a_word(
+    working: Callable[[], Any], live: Callable[..., Any]
+) -> None:
+    """`topdress live | head -1`."""
+    await working()
+    told = live()
+    assert await asyncio.to_thread(told.stdout.readline)
+    told.stdout.close()
+    assert await asyncio.to_thread(told.wait, 10.0) == 0
+    assert told.stderr.read() == ""
+
+
+def test_without_its_broker_it_ends_as_it_does_with_one(live: Callable[..., Any]) -> None:
+    told = live("--quiet", "--mqtt", f"mqtt://127.0.0.1:{free_port()}/x")
+    assert "not reached; it is tried again" in told.stderr.readline()
+    told.send_signal(signal.SIGINT)
+    assert told.wait(10.0) == 130 and told.stderr.read() == "cancelled\n"
+
+
+async def test_more_readers_than_there_is_room_for_are_turned_away_with_one_line(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("console.cli.live.most_readers", lambda: 2)
+    tell = await _served(0)
+    port = int(capsys.readouterr().err.rpartition(":")[2])
+    ends = [await asyncio.open_connection("127.0.0.1", port) for _ in range(5)]
+    late = [await asyncio.wait_for(one.read(), 10.0) for one, _ in ends[2:]]
+    assert late == [b"", b"", b""]
+    tell(b"line\n")
+    heard = [await asyncio.wait_for(one.readline(), 10.0) for one, _ in ends[:2]]
+    assert heard == [b"line\n", b"line\n"], "those before go on"
+    loop = asyncio.get_running_loop()
+    loop.call_exception_handler({"exception": OSError(errno.EMFILE, "Too many open files")})
+    assert capsys.readouterr().err == "socket       2 programs read already: no more are let in\n"
+    for _, writer in ends:
+        writer.close()
+
+
+def test_readers_leave_files_for_the_machine() -> None:
+    resource = pytest.importorskip("resource")
+    files = resource.getrlimit(resource.RLIMIT_NOFILE)[0]
+    assert 1 <= most_readers() <= max(1, files - 80)
 
 
 @pytest.mark.skipif(MOSQUITTO is None, reason="no mosquitto here")
