@@ -3,6 +3,7 @@ by nothing else."""
 
 from __future__ import annotations
 
+from datetime import date
 from typing import Any
 
 import pytest
@@ -13,8 +14,10 @@ from control.loop.tick import Tick
 from control.orders import Answer, Do, Order, State
 from control.readings import DriveCommand, GnssFix, Measurements, Reading
 from control.simulation.assembly import control_loop
+from drivers.files.setup import load_setup
 from tests.control_loop.closed import SETUP, STEP_S, Change, Closed
 
+DAY = date(2014, 3, 7)
 STANDS, MOVES = (({"at_s": 0.0, "speed_kmh": kmh},) for kmh in (0.0, 4.0))
 
 
@@ -247,3 +250,28 @@ def test_whatever_is_ordered_the_shaft_turns_on_the_bench_only_while_the_button_
         else:
             bench.order(do, value)
     bench.tick()
+
+
+def test_every_valve_is_open_while_a_catch_is_made() -> None:
+    setup = load_setup("huanghai_sections", "sections_demo", DAY)
+    bench = Bench(setup, sim={"speed_changes": STANDS})
+    bench.run(1.0)
+    bench.order(Do.READY)
+    bench.run(0.2)
+    assert bench.press().accepted
+    bench.run(0.5)
+    assert bench.order(Do.CALIBRATE_SHAFT, 50.0).accepted
+    assert bench.run(1.0).command.valves == (True,) * len(setup.machine.switched)
+
+
+def test_what_is_caught_is_no_loss_of_the_hopper(bench: Any) -> None:
+    bench.run(40.0)
+    assert bench.press().accepted
+    bench.run(0.5)
+    assert bench.order(Do.CALIBRATE_SHAFT, 70.0).accepted
+    bench.run(20.0)
+    bench.held = False
+    bench.order(Do.RELEASE)
+    alarms = {alarm.id for _ in range(60) for alarm in bench.run(1.0).verdict.alarms}
+    assert bench.plant.truth.hopper_kg < 299.0
+    assert not alarms & {"flow_unordered", "scale_unexplained"}
