@@ -8,10 +8,10 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+import stat
 import subprocess
 import sys
 import time
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -23,6 +23,8 @@ from drivers.files.lock import take_lock
 # a run file that is not there yet is looked for this often
 AGAIN_S = 0.02
 START_S = 20.0  # opening devices may take its time
+SESSIONS = Path("/run/user")  # pam_systemd(8)
+OTHERS_WRITE = stat.S_IWGRP | stat.S_IWOTH
 WORKER = ("-P", "-m", "console.worker")
 
 
@@ -46,13 +48,51 @@ class WorkerAddress:
 
 
 def default_run_file() -> Path:
-    """The file in the user's runtime folder in which a running worker says where it listens."""
+    """Returns the file in the user's runtime folder in which a running worker says where it
+    listens. Raises WorkerFailed where that folder is open to other users."""
     import platformdirs
 
-    # it warns on the terminal where XDG_RUNTIME_DIR is not set
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        return Path(platformdirs.user_runtime_dir("topdress", appauthor=False)) / "worker.json"
+    if os.name != "posix" or sys.platform == "darwin":
+        folder = Path(platformdirs.user_runtime_dir("topdress", appauthor=False))
+    else:
+        session = _session_folder()
+        # no folder of a session: the user's own, which goes by HOME
+        folder = (
+            Path(platformdirs.user_state_dir("topdress", appauthor=False)) / "run"
+            if session is None
+            else session / "topdress"
+        )
+    _refuse_open(folder)
+    return folder / "worker.json"
+
+
+def _session_folder() -> Path | None:
+    """The folder of this user's session, where there is one: as XDG_RUNTIME_DIR names it, else
+    where systemd keeps it. Raises WorkerFailed where the one that is named is somebody else's,
+    as after `su` or `sudo`: no other user's machine is joined by mistake."""
+    named = os.environ.get("XDG_RUNTIME_DIR", "")
+    if named:
+        _refuse_open(Path(named))
+        return Path(named) if Path(named).is_dir() else None
+    usual = SESSIONS / str(os.getuid())
+    return usual if usual.is_dir() and not _is_open(usual) else None
+
+
+def _is_open(folder: Path) -> bool:
+    """Whether another user owns the folder, or may put files there."""
+    found = folder.stat()
+    return found.st_uid != os.getuid() or bool(found.st_mode & OTHERS_WRITE)
+
+
+def _refuse_open(folder: Path) -> None:
+    """Raises WorkerFailed where the folder is there and open to other users."""
+    if os.name == "posix" and folder.is_dir() and _is_open(folder):
+        raise WorkerFailed(
+            _(
+                "{path}: a runtime folder that another user owns or may write to: allowed is one "
+                "of your own (chmod 700), named by XDG_RUNTIME_DIR, or none"
+            ).format(path=folder)
+        )
 
 
 def find_running(run_file: Path | None = None) -> WorkerAddress | None:

@@ -161,13 +161,18 @@ async def _going_on(to: list[Tell], port: int | None, every_s: float) -> None:
             for one in to:
                 one(line)
 
+    refused = RareLine()
     while True:
-        with contextlib.suppress(WorkerGone, WorkerFailed):
+        try:
             where = find_running()
             if where is not None:
                 link = _Looking(where.looking_only(), "live")
                 link.tell = tell
                 await link.run()
+        except WorkerGone:
+            pass
+        except WorkerFailed as error:
+            refused.say(str(error))
         await asyncio.sleep(AGAIN_S)
 
 
