@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from control.field.coverage import MOST_CELLS, Coverage, Raster
+from control.field.ground_trace import GroundTrace
 from control.machine.fall import drop_s
 from control.machine.machine import Machine
 from control.machine.sections import LoggedValves
@@ -40,7 +41,9 @@ class Done:
             before = redrawn.raster()
         self._before = before
         strips = [(strip.left_m, strip.right_m) for strip in machine.switched]
+        self._width_m, self._cell_m, self._strips = width_m, cell_m, strips
         self._coverage = Coverage(width_m, cell_m, strips=strips)
+        self._trace = GroundTrace(self._coverage)
         self._valves = LoggedValves(machine.sections if strips else ())
         # when it lands, by which strips
         self._falling: deque[tuple[float, tuple[bool, ...]]] = deque()
@@ -52,14 +55,22 @@ class Done:
     def pass_over(
         self,
         time_s: float,
-        place_m: tuple[float, float],
-        heading_deg: float,
+        place_m: tuple[float, float] | None,
+        heading_deg: float | None,
         shaft_rpm: float | None,
         applied_kg_ha: float,
         sections_cmd: str | None = None,
+        way_m: float = 0.0,
     ) -> bool:
         """The outlets are here; true where something lands. What is released lands a drop time
-        later. sections_cmd: as the row has it."""
+        later.
+
+        Parameters
+        ----------
+        place_m, heading_deg: None where no place, or no course, is known.
+        sections_cmd: as the row has it.
+        way_m: since the last call; asked where no place is known.
+        """
         released = shaft_rpm is not None and shaft_rpm >= self._turning_rpm
         if shaft_rpm is not None and released:
             self._drop_s = drop_s(self._fall, shaft_rpm)
@@ -67,9 +78,9 @@ class Done:
         self._falling.append((time_s + self._drop_s, tuple([released and on for on in opened])))
         while self._falling and self._falling[0][0] <= time_s:
             self._flowing = self._falling.popleft()[1]
-        self._coverage.lay(place_m, heading_deg, self._flowing)
+        self._trace.pass_over(place_m, heading_deg, self._flowing, way_m)
         lands = any(self._flowing)
-        if lands:
+        if lands and place_m is not None and heading_deg is not None:
             self._note_track(
                 (
                     round(place_m[0], 1),
@@ -80,13 +91,17 @@ class Done:
             )
         return lands
 
-    def lost(self) -> None:
-        """No place is known: the stretch ends."""
-        self._coverage.lay((float("nan"), float("nan")), 0.0, self._coverage.nothing)
-
     def raster(self) -> Raster:
-        """All that is done, the earlier part too."""
-        return joined(self._before, self._coverage.raster())
+        """All that is done, the earlier part too; while no place is known the way since then as
+        if it went straight on, until the place says better."""
+        done = joined(self._before, self._coverage.raster())
+        reckoned = self._trace.reckoned()
+        if not reckoned:
+            return done
+        way = Coverage(self._width_m, self._cell_m, strips=self._strips)
+        for passed in reckoned:
+            way.lay(*passed)
+        return joined(done, way.raster())
 
     def _note_track(self, spot: Spot) -> None:
         if (

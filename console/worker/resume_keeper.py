@@ -68,6 +68,7 @@ class Keeper:
         self._done = Done(machine, started.ground, started.track)
         self._book = AlarmBook(started.alarms)
         self._last: LogRow | None = None
+        self._track_m: float | None = None  # of that row
         self._saved_s = -inf
         self._saved = False
         self._scale = _AfterCut(started.after_cut_kg, started.cut_hopper_kg)
@@ -137,7 +138,7 @@ class Keeper:
             changes |= {"sums": handed.sums, "sums_s": row.time_s}
         if handed.plane is not None:
             changes["origin_deg"] = handed.plane.to_deg(0.0, 0.0)
-        self._pass_over(row, seen.place_m)
+        self._pass_over(seen)
         self._scale.look(row)
         known = {
             "strategy": row.strategy or None,
@@ -179,17 +180,18 @@ class Keeper:
                 self._saved_s = -inf
         return changes
 
-    def _pass_over(self, row: LogRow, place_m: tuple[float, float] | None) -> None:
-        if place_m is None or row.heading_deg is None:
-            self._done.lost()
-            return
+    def _pass_over(self, seen: Tick) -> None:
+        """Where the loop's own guard knows the place, and how far it went meanwhile."""
+        row, sensed, before_m = seen.row, seen.sensed, self._track_m
+        self._track_m = sensed.track_m
         self._done.pass_over(
             row.time_s,
-            place_m,
-            row.heading_deg,
+            seen.place_m if sensed.position_ok else None,
+            sensed.heading_deg,
             row.shaft_rpm if row.state != State.CALIBRATING else 0.0,
             (row.applied_rate_kg_ha or 0.0) * (row.flow_trim or 1.0),
             row.sections_cmd,
+            0.0 if before_m is None else sensed.track_m - before_m,
         )
 
     def _save(self) -> None:

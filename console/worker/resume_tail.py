@@ -5,13 +5,14 @@ from __future__ import annotations
 import csv
 from collections.abc import Iterator
 from dataclasses import replace
+from math import isfinite, nan
 from pathlib import Path
 from typing import NamedTuple
 
-from console.worker.resume import Snapshot, without_last
+from console.worker.resume import Refill, Snapshot, without_last
 from console.worker.resume_ground import Done
 from control.field.totals import Totaliser
-from control.geodesy import TangentPlane, offset
+from control.geodesy import Place, TangentPlane, offset
 from control.machine.fall import drop_s
 from control.machine.machine import Machine
 from control.machine.sections import LoggedValves
@@ -71,7 +72,7 @@ SCALE_S = 5.0
 
 class _TailRow(NamedTuple):
     time_s: float
-    lat_deg: float
+    lat_deg: float  # NaN, as longitude and heading, where the row tells none
     lon_deg: float
     heading_deg: float
     speed_used_mps: float
@@ -87,6 +88,10 @@ class _TailRow(NamedTuple):
     stopped_kg: float = 0.0  # entered as released while commanded to stop
     sections_cmd: str = ""
     open_share: float = 1.0  # of the working width
+
+    @property
+    def has_place(self) -> bool:
+        return isfinite(self.lat_deg + self.lon_deg + self.heading_deg)
 
 
 def with_tail(
@@ -108,80 +113,117 @@ def with_tail(
         return snapshot
     if not rows or snapshot.origin_deg is None:
         return snapshot
-    plane = TangentPlane(*snapshot.origin_deg)
-    antenna_m = machine.geometry.antenna_m
+    way = _OutletWay(snapshot, TangentPlane(*snapshot.origin_deg), machine.geometry.antenna_m)
     done = Done(machine, snapshot.ground, snapshot.track)
-    if snapshot.place_m is not None and snapshot.heading_deg is not None:
-        done.pass_over(
-            snapshot.time_s - 1.0, snapshot.place_m, snapshot.heading_deg, rows[0].shaft_rpm, 0.0
-        )
     sums = Totaliser(machine.geometry.working_width_m, n_fraction, snapshot.sums)
-    place, held_s, before_s = (
-        snapshot.place_m,
-        snapshot.held_s,
-        min(snapshot.time_s, snapshot.sums_s),
-    )
+    held_s, before_s = snapshot.held_s, min(snapshot.time_s, snapshot.sums_s)
+    # what lands at the first row was released before it
+    rpm = rows[0].shaft_rpm
+    begin_s = before_s - (drop_s(machine.fall, rpm) if rpm > 0.0 else 0.0)
+    done.pass_over(begin_s, way.place, way.heading_deg, rpm, 0.0)
     for row in rows:
         step_s = row.time_s - before_s
+        # the snapshot's place is of its own last row
+        new_s = row.time_s - max(before_s, snapshot.time_s)
         before_s = row.time_s
-        antenna = plane.to_m(row.lat_deg, row.lon_deg)
-        place = offset(antenna, row.heading_deg, -antenna_m)
         flowing = row.state != State.CALIBRATING  # its material lies in a tray
-        applied = row.applied_rate_kg_ha * row.flow_trim
         done.pass_over(
             row.time_s,
-            place,
-            row.heading_deg,
+            *way.follow(row, min(max(0.0, new_s), MOST_STEP_S)),
             row.shaft_rpm if flowing else 0.0,
-            applied,
+            row.applied_rate_kg_ha * row.flow_trim,
             row.sections_cmd,
+            way.step_m,
         )
         if row.time_s > snapshot.time_s and row.state == State.HELD:
             held_s += min(step_s, MOST_STEP_S)
         _add(sums, row, step_s, 0.5 * machine.limits.shaft_low_rpm, row.time_s > snapshot.sums_s)
-    width_m, last, after_cut_kg = machine.geometry.working_width_m, rows[-1], 0.0
-    cut_hopper_kg = _hopper_kg(rows, width_m)
+    last, place = rows[-1], way.place
     flowed = last.state == State.WORKING and last.shaft_rpm_cmd > 0.0 and not snapshot.quit
-    landing = offset(plane.to_m(last.lat_deg, last.lon_deg), last.heading_deg, -antenna_m)
-    for after in run_on(machine, last.shaft_rpm, stops_s) if stops_s is not None and flowed else ():
-        landing = offset(landing, last.heading_deg, last.speed_used_mps * STEP_S)
-        applied = last.applied_rate_kg_ha * last.flow_trim * after.share
-        done.pass_over(
-            last.time_s + after.after_s,
-            landing,
-            last.heading_deg,
-            last.shaft_rpm * after.share,
-            applied,
-            last.sections_cmd,
-        )
-        if after.share > 0.0:
-            sums.add(STEP_S, last.speed_used_mps, applied, last.target_rate_kg_ha, last.open_share)
-            after_cut_kg += (
-                applied * last.open_share * width_m * last.speed_used_mps * STEP_S / 10_000.0
-            )
-    refills = tuple(
-        (snapshot.saved_utc, row.refill_kg)
-        for row in rows
-        if row.refill_kg > 0.0 and row.time_s > snapshot.time_s
+    after_cut_kg = (
+        0.0 if stops_s is None or not flowed else _run_on(machine, done, sums, way, last, stops_s)
     )
-    noted = (*snapshot.refills, *refills)
-    for row in rows:
-        if row.refill_back_kg > 0.0 and row.time_s > snapshot.time_s:
-            noted = without_last(noted, row.refill_back_kg)
     return replace(
         snapshot,
         sums=sums.sums,
         ground=done.raster(),
         track=tuple(done.track),
         place_m=place,
-        heading_deg=rows[-1].heading_deg,
+        heading_deg=way.heading_deg,
         held_s=held_s,
         time_s=before_s,
         sums_s=before_s,
-        refills=noted,
+        refills=_refills(snapshot, rows),
         after_cut_kg=after_cut_kg,
-        cut_hopper_kg=cut_hopper_kg,
+        cut_hopper_kg=_hopper_kg(rows, machine.geometry.working_width_m),
     )
+
+
+class _OutletWay:
+    """Where the outlets are, from row to row; reckoned on where a row tells no place."""
+
+    def __init__(self, snapshot: Snapshot, plane: TangentPlane, antenna_m: float) -> None:
+        self.place, self.heading_deg = snapshot.place_m, snapshot.heading_deg
+        self.step_m = 0.0  # of the last row or step
+        self._plane, self._antenna_m = plane, antenna_m
+
+    def follow(self, row: _TailRow, step_s: float) -> tuple[Place | None, float | None]:
+        """Place and heading of a row; no place where it tells none."""
+        if not row.has_place:
+            self.go_on(row.speed_used_mps, step_s)
+            return None, self.heading_deg
+        self.step_m, self.heading_deg = row.speed_used_mps * step_s, row.heading_deg
+        antenna = self._plane.to_m(row.lat_deg, row.lon_deg)
+        self.place = offset(antenna, self.heading_deg, -self._antenna_m)
+        return self.place, self.heading_deg
+
+    def go_on(self, speed_mps: float, step_s: float) -> None:
+        """Straight on."""
+        self.step_m = speed_mps * step_s
+        if self.place is not None and self.heading_deg is not None:
+            self.place = offset(self.place, self.heading_deg, self.step_m)
+
+
+def _run_on(
+    machine: Machine,
+    done: Done,
+    sums: Totaliser,
+    way: _OutletWay,
+    last: _TailRow,
+    stops_s: float,
+) -> float:
+    """Enter what left the outlets after the last row; how much that was, kg."""
+    kg = 0.0
+    for after in run_on(machine, last.shaft_rpm, stops_s):
+        way.go_on(last.speed_used_mps, STEP_S)
+        applied = last.applied_rate_kg_ha * last.flow_trim * after.share
+        done.pass_over(
+            last.time_s + after.after_s,
+            way.place if last.has_place else None,
+            way.heading_deg,
+            last.shaft_rpm * after.share,
+            applied,
+            last.sections_cmd,
+            way.step_m,
+        )
+        if after.share > 0.0:
+            sums.add(STEP_S, last.speed_used_mps, applied, last.target_rate_kg_ha, last.open_share)
+            wide_m = last.open_share * machine.geometry.working_width_m
+            kg += applied * wide_m * way.step_m / 10_000.0
+    return kg
+
+
+def _refills(snapshot: Snapshot, rows: list[_TailRow]) -> tuple[Refill, ...]:
+    """Those of the snapshot and of the rows after it, without those that were taken back."""
+    new = [row for row in rows if row.time_s > snapshot.time_s]
+    noted = (
+        *snapshot.refills,
+        *((snapshot.saved_utc, row.refill_kg) for row in new if row.refill_kg > 0.0),
+    )
+    for row in new:
+        if row.refill_back_kg > 0.0:
+            noted = without_last(noted, row.refill_back_kg)
+    return noted
 
 
 def _add(sums: Totaliser, row: _TailRow, step_s: float, turning_rpm: float, is_new: bool) -> None:
@@ -239,7 +281,7 @@ def _backwards(rows: list[_TailRow]) -> Iterator[tuple[_TailRow, float]]:
 
 
 def _rows_after(log: Path, time_s: float) -> Iterator[_TailRow]:
-    """Whole rows later than `time_s` that tell a place. Raises OSError."""
+    """Whole rows later than `time_s`. Raises OSError."""
     with log.open("rb") as file:
         header = file.readline().decode("utf-8-sig", errors="replace").strip().split(",")
         size = file.seek(0, 2)
@@ -264,9 +306,9 @@ def _row(cells: dict[str, str]) -> _TailRow | None:
         )
         return _TailRow(
             time_s=float(cells["time_s"]),
-            lat_deg=float(cells["lat_deg"]),
-            lon_deg=float(cells["lon_deg"]),
-            heading_deg=float(cells["heading_deg"]),
+            lat_deg=known("lat_deg", nan),
+            lon_deg=known("lon_deg", nan),
+            heading_deg=known("heading_deg", nan),
             speed_used_mps=known("speed_used_mps"),
             shaft_rpm=known("shaft_rpm"),
             shaft_rpm_cmd=known("shaft_rpm_cmd"),

@@ -239,8 +239,11 @@ class Coverage:
         """All that is covered, for drawing; one cell of nothing when nothing is.
 
         Ground too far apart for one picture of `MOST_CELLS`: what lies around the place entered
-        last.
+        last. What is less than half a cell on counts too.
         """
+        for strip in self._strips:
+            if strip.bar is not None and strip.saved is not None:
+                self._end(strip, strip.bar_at(*strip.saved))
         if not self._tiles:
             return Raster(0.0, 0.0, self.cell_m, np.zeros((1, 1), dtype=np.bool_))
         keys: Collection[tuple[int, int]] = self._tiles.keys()

@@ -93,6 +93,9 @@ class Ahead:
             geometry.heads_m,
             zone_map,
         )
+        # in this tick the place is known again: the way without one on which something landed,
+        # m, and whether it is done ground now
+        self.unplaced: tuple[float, bool] | None = None
         if done is not None:
             self.overlap.seed(done.raster, ours=False)
         self._fallback = Everywhere(Target(crop.fallback_rate_kg_ha, TargetSource.FALLBACK))
@@ -146,12 +149,13 @@ class Ahead:
         released = (
             tuple([turns and on for on in opened]) if len(opened) > 1 else turns and opened[0]
         )
-        self.overlap.note(
+        self.unplaced = self.overlap.note(
             sensed.time_s,
             place,
             sensed.heading_deg,
             released,
             drop_s(self._machine.fall, rpm) if turns else 0.0,
+            sensed.track_m,
         )
         if no_double and not self.sections.strips:
             self.overlap.look(sensed.track_m, place, sensed.heading_deg, fired_to_m)

@@ -367,6 +367,7 @@ class ControlLoop:
         self._near.look(self.safety.state, self._operator.choices.source, sensed)
         self._note_jump(m, sensed)
         self._ahead.look(m, sensed, self._queue.fired_to_m, self._operator.choices.no_double)
+        self._note_unplaced()
         self._doses.look(m, sensed)
         self._terms.step(m, sensed, m.time_s - self._started_s, self._command, dt_s)
         mps = None if sensed.speed_mps is None else sensed.quick.speed_mps
@@ -411,6 +412,13 @@ class ControlLoop:
             self._events.add(f"position_moved {sensed.moved_m:.0f}")
             self._ahead.jumped()
             self._queue.restart(Target(0.0, self._operator.choices.source), sensed.track_m)
+
+    def _note_unplaced(self) -> None:
+        """What was spread while no place was known becomes an event of the row in which it is."""
+        if self._ahead.unplaced is not None:
+            way_m, is_done = self._ahead.unplaced
+            event = "spread_unplaced" if is_done else "spread_unknown"
+            self._events.add(f"{event} {way_m:.1f}")
 
     def _decide(self, moment: Moment) -> TickDecision:
         """The target that what is released now must meet, and the pair that meets it."""

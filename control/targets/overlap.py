@@ -10,6 +10,7 @@ import numpy as np
 
 from control.field.cells import ahead_of
 from control.field.coverage import Coverage, Covered, Raster
+from control.field.ground_trace import GroundTrace
 from control.geodesy import Place, direction
 
 # changes are looked for at most this far ahead (4 s at 3.3 m/s, and a little)
@@ -35,6 +36,8 @@ class Overlap:
     def __init__(self, coverage: Coverage, outlets: int) -> None:
         self.places_m: list[float] = []  # along the track, where done begins or ends
         self.coverage = coverage
+        self._trace = GroundTrace(coverage)
+        self._track_m: float | None = None  # of the last tick
         self._aside = (
             np.arange(outlets) + 0.5
         ) / outlets * coverage.width_m - 0.5 * coverage.width_m
@@ -58,18 +61,17 @@ class Overlap:
         heading_deg: float | None,
         released: bool | Sequence[bool],
         drop_s: float,
-    ) -> None:
+        track_m: float,
+    ) -> tuple[float, bool] | None:
         """The outlets are here; what is released now, by each strip of the coverage where it
-        has several, lands a drop time later, under where they are then."""
+        has several, lands a drop time later, under where they are then. Returns what
+        `GroundTrace.pass_over` does."""
         self._falling.append((now_s + drop_s, released))
         while self._falling and self._falling[0][0] <= now_s:
             self._lands = self._falling.popleft()[1]
-        known = place is not None and heading_deg is not None
-        self.coverage.lay(
-            place if place is not None and known else (float("nan"), float("nan")),
-            heading_deg if heading_deg is not None and known else 0.0,
-            self._lands,
-        )
+        way_m = 0.0 if self._track_m is None else track_m - self._track_m
+        self._track_m = track_m
+        return self._trace.pass_over(place, heading_deg, self._lands, way_m)
 
     def seed(self, ground: Raster, ours: bool = True) -> None:
         """What an earlier part of the job has done, or another machine (not ours). START does

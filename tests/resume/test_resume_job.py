@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import datetime as dt
 import json
+from math import inf
 from pathlib import Path
 from typing import NamedTuple
 
@@ -47,6 +48,21 @@ def morning(tmp_path_factory):
     return run(folder / "a.csv", 90.0, cut=True)
 
 
+def silenced(measure, from_s, to_s):
+    """What the sensors say, with a receiver that says nothing new for a time."""
+    last = None
+
+    def told(now_s):
+        nonlocal last
+        m = measure(now_s)
+        if from_s <= now_s < to_s:
+            return m._replace(gnss=last)
+        last = m.gnss
+        return m
+
+    return told
+
+
 def run(
     log: Path,
     until_s: float,
@@ -54,8 +70,9 @@ def run(
     cut: bool = False,
     orders: dict[float, Order] | None = None,
     work: bool = True,
+    silent_s: tuple[float, float] = (inf, inf),
 ):
-    """On an injected clock, faster than real."""
+    """On an injected clock, faster than real. silent_s: GNSS is, from and to."""
     now_s, given = 0.0, dict(orders or {})
     frames = []
 
@@ -78,6 +95,7 @@ def run(
     parts = assemble(
         Options((), log.parent / "w.json", log=str(log), resume=resumed), lambda: now_s
     )
+    parts.bench.measure = silenced(parts.bench.measure, *silent_s)
     host = Host(parts, lambda: now_s, sleep)
     real_work = parts.writer.after_writing
     if cut:
@@ -91,12 +109,21 @@ def run(
     return frames, parts
 
 
+class Sensing(NamedTuple):
+    """What it senses: nothing."""
+
+    position_ok: bool = False
+    heading_deg: float | None = None
+    track_m: float = 0.0
+
+
 class Standing(NamedTuple):
     """A tick of a machine that stands, or of which only the row is looked at."""
 
     row: LogRow
     alarms: tuple = ()
     place_m: tuple[float, float] | None = None
+    sensed: Sensing = Sensing()
     look_ahead: bool = True
     flow_trim_on: bool = True
 
@@ -206,6 +233,23 @@ def test_the_tail_of_the_log_closes_the_gap(morning):
     assert whole.place_m == pytest.approx(frames[-1].place_m, abs=1.0)
     assert whole.ground.done.sum() >= kept.ground.done.sum()
     assert with_tail(Snapshot("nowhere.csv"), Machine(), 0.45).log_path == "nowhere.csv"
+
+
+@pytest.mark.parametrize(("silent_s", "cut_s"), [((14.0, 40.0), 24.0), ((14.0, 23.0), 24.0)])
+def test_ground_spread_without_a_place_is_done_after_a_cut(tmp_path, silent_s, cut_s):
+    """Killed while the receiver is silent, and just after its place returned."""
+    frames, parts = run(tmp_path / "a.csv", cut_s, cut=True, silent_s=silent_s)
+    kept = resume.read(resume.snapshot_path(parts.writer.path))
+    whole = with_tail(kept, Machine(), 0.45, 1.0)
+    way = [frame.place_m for frame in frames if frame.row.time_s > 15.0]
+    assert way[-1][1] - way[0][1] > 5.0 and frames[-1].row.shaft_rpm > 20.0
+    ground = whole.ground
+    cells = np.floor((np.array(way) - (ground.west_m, ground.south_m)) / ground.cell_m).astype(int)
+    assert ground.done[cells[:, 1], cells[:, 0]].all()
+    rows = read_log(parts.writer.path).rows()
+    said = [row.events for row in rows if "spread_un" in (row.events or "")]
+    assert said == [] if silent_s[1] > cut_s else said[0].startswith("spread_unplaced ")
+    assert whole.area_ha > 0.99 * frames[-1].area_ha, "and what fell after the cut"
 
 
 def test_refills_holds_and_the_end_of_the_job_are_kept(tmp_path):

@@ -1,0 +1,194 @@
+"""The outlets' trace over the ground, also where no place is known: GNSS is silent and work goes
+on by the wheel. When the place returns the way between becomes done ground."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from math import inf, nan
+
+from control.field.coverage import Coverage
+from control.geodesy import Place, apart_m, direction, offset, turn_deg
+
+Flowing = bool | Sequence[bool]
+Passed = tuple[Place, float, Flowing]  # place, heading in degrees, what landed up to there
+
+# longer ways without a place are given up, m: 80 s at 1.25 m/s
+MOST_WAY_M = 100.0
+# pieces of such a way that are kept, m: at least a cell of the coverage
+PIECE_M = 0.25
+# between places that are entered along it, m: below `Overlap`'s longest step
+STEP_M = 1.0
+# wheel and places agree: this share of the way is what a believed wheel may slip ...
+SLIP_SHARE = 0.1
+# ... and this, m, one s.d. of a plain receiver's place
+PLACE_M = 2.0
+# across a straight way, of its length: what a course that nobody tells may be off
+COURSE_SHARE = 0.05
+# tangent of 30 degrees: a way that turns by more between two places may be any
+MOST_TURN = 0.58
+
+
+class UnplacedWay:
+    """A way from the last place that is known, and what landed along it."""
+
+    def __init__(self, place: Place, heading_deg: float) -> None:
+        self.way_m = 0.0
+        self.has_landed = False
+        self._place, self._heading_deg = place, heading_deg
+        # up to which way: what landed, each by strip of the coverage where it has several
+        self._pieces: list[tuple[float, Flowing]] = []
+
+    def extend(self, way_m: float, flowing: Flowing) -> None:
+        """The outlets went on so far, m."""
+        self.way_m += way_m
+        self.has_landed |= _is_any(flowing)
+        begin_m = self._pieces[-2][0] if len(self._pieces) > 1 else 0.0
+        if self._pieces and (
+            self._pieces[-1][1] == flowing or self._pieces[-1][0] - begin_m < PIECE_M
+        ):
+            flowing = _either(self._pieces.pop()[1], flowing)
+        self._pieces.append((self.way_m, flowing))
+
+    def to(self, place: Place, heading_deg: float) -> list[Passed] | None:
+        """The way to the place that is known again, a smooth curve between both courses; None:
+        the wheel's length does not agree with it, or it turns too much to be known."""
+        for course in (self._heading_deg, heading_deg):
+            ahead_m, aside_m = _components(self._place, place, course)
+            if ahead_m <= 0.0 or abs(aside_m) > PLACE_M + MOST_TURN * ahead_m:
+                return None
+        if abs(apart_m(self._place, place) - self.way_m) > PLACE_M + SLIP_SHARE * self.way_m:
+            return None
+        curve = _Curve(self._place, direction(self._heading_deg), place, direction(heading_deg))
+        turn = turn_deg(self._heading_deg, heading_deg)
+        shares = [(way_m / self.way_m, flowing) for way_m, flowing in self._steps(inf)]
+        return [
+            (curve.at(share), self._heading_deg + share * turn, flowing)
+            for share, flowing in shares
+        ]
+
+    def straight_on(self, width_m: float) -> list[Passed]:
+        """The way as it was if nobody turned, as far as the outlets, so wide, are then within
+        half their width of it."""
+        return [
+            (offset(self._place, self._heading_deg, way_m), self._heading_deg, flowing)
+            for way_m, flowing in self._steps(0.5 * width_m / COURSE_SHARE)
+        ]
+
+    def _steps(self, most_m: float) -> Iterator[tuple[float, Flowing]]:
+        """Ends of the steps, m, and what landed in each."""
+        at_m = 0.0
+        for end_m, flowing in self._pieces:
+            while at_m < min(end_m, most_m):
+                at_m = min(end_m, most_m, at_m + STEP_M)
+                yield at_m, flowing
+
+
+class GroundTrace:
+    """Feeds a coverage with the outlets' places, one call a tick."""
+
+    def __init__(self, coverage: Coverage) -> None:
+        self.coverage = coverage
+        self._last: tuple[Place, float] | None = None  # place and heading that were known
+        self._unplaced: UnplacedWay | None = None
+
+    def pass_over(
+        self, place: Place | None, heading_deg: float | None, flowing: Flowing, way_m: float
+    ) -> tuple[float, bool] | None:
+        """The outlets are here.
+
+        Parameters
+        ----------
+        place, heading_deg: None where no place, m, or no course is known.
+        flowing: whether something lands, by strip of the coverage where it has several.
+        way_m: since the last call, by the speed; negative: backwards.
+
+        Returns
+        -------
+        Where the place is known again: the way without one on which something landed, m, and
+        whether it is done ground now; else None.
+        """
+        if place is None or heading_deg is None:
+            self._go_on_without(way_m, flowing)
+            return None
+        found = self._close(place, heading_deg, flowing, way_m)
+        self.coverage.lay(place, heading_deg, flowing)
+        self._last = place, heading_deg
+        return found
+
+    def reckoned(self) -> list[Passed]:
+        """The way without a place that is still open, straight on; empty where there is none."""
+        if self._unplaced is None or not self._unplaced.has_landed or self._last is None:
+            return []
+        begin = (*self._last, self.coverage.nothing)
+        return [begin, *self._unplaced.straight_on(self.coverage.width_m)]
+
+    def _go_on_without(self, way_m: float, flowing: Flowing) -> None:
+        if self._unplaced is None and self._last is not None:
+            self._unplaced = UnplacedWay(*self._last)
+        if self._unplaced is None:
+            return
+        if way_m < 0.0 or self._unplaced.way_m + way_m > MOST_WAY_M:
+            self._unplaced = self._last = None
+            self._end_stretch()
+            return
+        self._unplaced.extend(way_m, flowing)
+
+    def _close(
+        self, place: Place, heading_deg: float, flowing: Flowing, way_m: float
+    ) -> tuple[float, bool] | None:
+        unplaced, self._unplaced = self._unplaced, None
+        if unplaced is None:
+            return None
+        unplaced.extend(max(0.0, way_m), flowing)
+        passed = unplaced.to(place, heading_deg)
+        for one in passed or ():
+            self.coverage.lay(*one)
+        if passed is None:
+            self._end_stretch()
+        return (unplaced.way_m, passed is not None) if unplaced.has_landed else None
+
+    def _end_stretch(self) -> None:
+        self.coverage.lay((nan, nan), 0.0, self.coverage.nothing)
+
+
+class _Curve:
+    """A cubic curve (Hermite) from one place to another, along both courses."""
+
+    def __init__(self, begin: Place, begins: Place, end: Place, ends: Place) -> None:
+        length_m = apart_m(begin, end)
+        self._begin, self._end = begin, end
+        self._out, self._in = (
+            (length_m * course[0], length_m * course[1]) for course in (begins, ends)
+        )
+
+    def at(self, share: float) -> Place:
+        """Place after this share of it, 0 to 1."""
+        s, rest = share, 1.0 - share
+        weights = (
+            rest * rest * (1.0 + 2.0 * s),
+            s * rest * rest,
+            s * s * (3.0 - 2.0 * s),
+            -s * s * rest,
+        )
+        parts = (self._begin, self._out, self._end, self._in)
+        east, north = (
+            sum(w * part[k] for w, part in zip(weights, parts, strict=True)) for k in (0, 1)
+        )
+        return east, north
+
+
+def _components(begin: Place, end: Place, heading_deg: float) -> Place:
+    """From one place to another: so far ahead and to the right, m, seen along a heading."""
+    east, north = direction(heading_deg)
+    to_east, to_north = end[0] - begin[0], end[1] - begin[1]
+    return to_east * east + to_north * north, to_east * north - to_north * east
+
+
+def _is_any(flowing: Flowing) -> bool:
+    return flowing if isinstance(flowing, bool) else any(flowing)
+
+
+def _either(one: Flowing, other: Flowing) -> Flowing:
+    if isinstance(one, bool) or isinstance(other, bool):
+        return _is_any(one) or _is_any(other)
+    return tuple([a or b for a, b in zip(one, other, strict=True)])
