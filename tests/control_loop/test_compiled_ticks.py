@@ -107,7 +107,7 @@ def driven(
         )
         if k == 1500:
             overlap.started()
-        overlap.note(0.05 * k, place, heading, k % 700 < 600, 0.6)
+        overlap.note(0.05 * k, place, heading, k % 700 < 600, 0.6, 0.0625 * k)
         overlap.look(0.0625 * k, place, heading, 0.0625 * k - 1.0)
         seen.append((coverage.covered, tuple(overlap.places_m), overlap.inside(0.0625 * k + 1.0)))
     return coverage, seen
