@@ -70,7 +70,8 @@ class TerminalWatch:
             # poll reports hang-up and error whatever is asked for
             ends.register(handle, 0)
         ends.register(self._woken, select.POLLIN)
-        ends.poll()
+        while not any(self._is_end(ends, *event) for event in ends.poll()):
+            pass
         if self._over.is_set():
             return
         self.is_gone = True
@@ -78,6 +79,14 @@ class TerminalWatch:
         if not self._over.wait(self._grace_s):
             self._restore()
             self._end(CANCELLED)
+
+    def _is_end(self, ends: select.poll, handle: int, events: int) -> bool:
+        """Whether this is a hang-up, an error or a wake-up. A handle that this system cannot
+        watch (terminals of older macOS) is left to the signals."""
+        if handle == self._woken or events & (select.POLLHUP | select.POLLERR):
+            return True
+        ends.unregister(handle)
+        return False
 
     def _restore(self) -> None:
         """What Textual was not able to put back."""
@@ -135,10 +144,10 @@ def ended_with_terminal(
     try:
         yield lambda: watch.is_gone
     finally:
+        threading.excepthook = said_before
+        for one, handler in before.items():
+            signal.signal(one, handler)
         # What is left to do at the end may wait for a thread: after a hang-up the watch stays,
         # and ends the process when the grace is over.
         if not watch.is_gone:
             watch.stop()
-        threading.excepthook = said_before
-        for one, handler in before.items():
-            signal.signal(one, handler)

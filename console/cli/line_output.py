@@ -50,5 +50,7 @@ def _has_no_reader(handle: int) -> bool:
     if sys.platform == "win32":
         return False
     ends = select.poll()
+    # poll reports hang-up and error whatever is asked for
     ends.register(handle, 0)
-    return bool(ends.poll(0))
+    gone = select.POLLHUP | select.POLLERR
+    return any(events & gone for _handle, events in ends.poll(0))

@@ -135,7 +135,7 @@ async def _until_unread(to: list[Tell], port: int | None, every_s: float, quiet:
         with contextlib.suppress(RuntimeError):
             loop.call_soon_threadsafe(unread.set)
 
-    if not quiet:
+    if not quiet and sys.stdout is not None:
         sys.stdout.flush()
         to.append(LineOutput(sys.stdout.fileno(), ended).write)
     tells = asyncio.create_task(_going_on(to, port, every_s))

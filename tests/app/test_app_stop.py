@@ -496,3 +496,31 @@ async def test_a_question_about_the_connection_goes_when_there_is_one(source, cl
         await pilot.pause()
         await pilot.pause()
         assert app.screen is app.page and not app.gone
+
+
+async def test_while_the_machine_is_changed_over_stop_says_so_and_is_not_lost_after_a_failure(
+    source, clock, shown
+):
+    ready = asyncio.Event()
+
+    async def start():
+        await ready.wait()
+        raise RuntimeError("the machine did not start: no such port")
+
+    app = TopdressApp(source, clock, live=False, start=start)
+    async with app.run_test(size=SIZE) as pilot:
+        app.restart(start)
+        await pilot.pause()
+        source.end.set_exception(WorkerGone("ended for new files"))
+        await pilot.pause()
+        app.notice("")
+        await pilot.press("x")
+        assert "comes back with the new files" in app.notice_text and app.screen is app.page
+        ready.set()
+        await pilot.pause()
+        await pilot.pause()
+        assert isinstance(app.screen, GoneScreen)
+        await pilot.press("escape")
+        app.notice_text = ""
+        await looked(app, pilot)
+        assert "STOP: hard-wired" in shown(app)[-1] and "X STOP" not in shown(app)[-1]
