@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from console.reports.html import escape
+from console.reports.html import Picture, escape
 
 Array = npt.NDArray[np.float64]
 Values = npt.ArrayLike
@@ -476,6 +476,10 @@ class ChartSheet:
 
     def _repr_svg_(self) -> str:
         return self.to_svg("chart")
+
+    def make_picture(self, title: str, caption: str) -> Picture:
+        """The sheet as a picture of a page, with its caption in plain text below it."""
+        return Picture(self.to_svg(title), caption, self)
 
     def to_svg(self, title: str) -> str:
         """The sheet as an SVG element without ids, addresses or fonts of its own.

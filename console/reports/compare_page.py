@@ -157,9 +157,8 @@ def picture_of(one: ComparedChannel) -> Picture:
         times_s, errors = _over_time(one.time_s, one.measured - series)
         right.plot(times_s, errors, colour, dash=dash, width=1.4, label=label)
     right.label("time, s", one.unit, "error, r.m.s. over time")
-    text = sheet.to_svg(f"{one.channel}: measured, and predicted by both machine files")
-    return Picture(
-        text,
+    return sheet.make_picture(
+        f"{one.channel}: measured, and predicted by both machine files",
         f"{one.channel}: error {number(one.old)} {one.unit} with the old machine file, "
         f"{number(one.new)} {one.unit} with the new one: {verdict(one)}.",
     )

@@ -115,7 +115,8 @@ def by_log(each: Sequence[Diagnosis], beyond: str = ", beyond what they share") 
 def _head(found: Diagnosis) -> str:
     data = found.data
     span = "" if data.duration_s is None else f", {data.duration_s:.0f} s"
-    return f"{data.path} ({data.kind}, {data.rows} rows{span}) on {data.machine}: {_verdict(found)}"
+    of = f"{data.path or 'data'} ({data.kind}, {data.rows} rows{span})"
+    return f"{of} on {data.machine}: {_verdict(found)}"
 
 
 def _verdict(found: Diagnosis) -> str:

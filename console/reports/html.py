@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from html import escape as _escape
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
+
+if TYPE_CHECKING:
+    from console.reports.chart import ChartSheet
 
 # in the head of every page: whose it is
 GENERATOR = '<meta name="generator" content="topdress">'
@@ -21,6 +24,8 @@ class Picture(NamedTuple):
 
     svg: str
     caption: str  # plain text, not escaped
+    # The chart that it was made of, to be styled anew; None: it is no chart.
+    sheet: ChartSheet | None = None
 
 
 def escape(text: object) -> str:

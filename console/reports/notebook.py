@@ -3,29 +3,56 @@ files of its own."""
 
 from __future__ import annotations
 
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from console.reports.diagnosis_text import taken_up
+from console.reports.chart import ChartSheet
+from console.reports.compare_page import picture_of, verdict
+from console.reports.diagnosis_text import summary, taken_up
 from console.reports.html import STYLE, Picture, escape, figure, table
 from console.reports.numbers import number, with_interval
-from console.reports.said import VERDICTS, sentence, title_of
+from console.reports.said import VERDICTS, headlines_first, left, sentence, sized, title_of
+from console.reports.said import when as when_of
+from console.reports.term_words import sentence as term_sentence
 from control.diagnosis.result import Diagnosis
+from control.diagnosis.runs.compared import Compared
 from control.machine.machine import Machine
 
 COLOURS = STYLE[: STYLE.index("* { box-sizing")].replace(":root", ".topdress")
 
 
 class Pictures:
-    """Pictures of a diagnosis: shown below a notebook's cell, kept with `save`. `svgs`: each by
-    itself."""
+    """Pictures of a diagnosis: shown below a notebook's cell, kept with `save`.
+
+    `pictures[k]` is the k-th as a `ChartSheet`, whose panels may be changed before it is shown.
+    """
 
     def __init__(self, pictures: tuple[Picture, ...]) -> None:
-        self.svgs = tuple(one.svg for one in pictures)
-        self._html = framed("".join(figure(one) for one in pictures))
+        self._pictures = pictures
+
+    def __len__(self) -> int:
+        return len(self._pictures)
+
+    def __getitem__(self, place: int) -> ChartSheet:
+        sheet = self._pictures[place].sheet
+        assert sheet is not None, "every picture of a diagnosis is a chart"
+        return sheet
+
+    @property
+    def svgs(self) -> tuple[str, ...]:
+        """Each picture by itself, as SVG."""
+        return tuple(one.svg for one in self._as_styled())
+
+    def _as_styled(self) -> list[Picture]:
+        """The pictures, drawn anew: their charts may have been changed."""
+        return [
+            one if one.sheet is None else one._replace(svg=one.sheet.to_svg(one.caption))
+            for one in self._pictures
+        ]
 
     def _repr_html_(self) -> str:
-        return self._html
+        return framed("".join(figure(one) for one in self._as_styled()))
 
     def save(self, path: str | Path) -> Path:
         """As a page of its own at `path` (.html). Raises OSError."""
@@ -33,8 +60,135 @@ class Pictures:
         from drivers.files.atomic import write_atomically
 
         place = Path(path)
-        write_atomically(place, page("Pictures of a diagnosis", self._html))
+        write_atomically(place, page("Pictures of a diagnosis", self._repr_html_()))
         return place
+
+
+MOST_SUMMARY_LINES = 15
+
+
+def summarise(found: Diagnosis) -> str:
+    """Verdict, notes, causes, terms, what is left, rival and gain, a line each; what has no room
+    in 15 lines is counted."""
+    ordered = headlines_first(found)
+    lines = [summary(ordered)[0], *(f"note: {one}" for one in found.findings[:3])]
+    for cause in ordered.causes:
+        when = f", {then}" if (then := when_of(cause)) else ""
+        lines.append(
+            f"{cause.id}: {sized(cause.size)}{when}, probability {cause.probability:.2f}: "
+            f"{cause.advice}"
+        )
+    lines += [f"term {one.term['id']}: {term_sentence(one.term)}" for one in found.terms]
+    lines += [f"unexplained: {left(one, found.data.kind)}" for one in found.unexplained]
+    for one in found.predicted:
+        rival = "" if one.rival is None else f", least squares {number(one.rival)}"
+        lines.append(
+            f"error of {one.channel}: {number(one.before)} -> {number(one.file)} {one.unit} "
+            f"with what the file takes up{rival}"
+        )
+    lines += [
+        f"gain on blocks that no size was fitted to: {one.channel} {one.metric} "
+        f"{number(one.before)} -> {number(one.after)} (90 %: {number(one.low)} to "
+        f"{number(one.high)})"
+        for one in found.gain
+        if one.of == "names"
+    ]
+    if found.next_run is not None:
+        lines.append(f"next run: {found.next_run.plan}")
+    if len(lines) > MOST_SUMMARY_LINES:
+        over = len(lines) - MOST_SUMMARY_LINES + 1
+        lines = [*lines[: MOST_SUMMARY_LINES - 1], f"and {over} lines more: found.to_json()"]
+    return "\n".join(lines)
+
+
+def frame_causes(found: Diagnosis) -> Any:
+    """The causes as a data frame, a row each. Raises ValueError, one line, without its library."""
+    rows = [
+        {
+            "id": one.id,
+            "size": one.size.value,
+            "low": one.size.low,
+            "high": one.size.high,
+            "unit": one.size.unit,
+            "probability": one.probability,
+            "onset_s": one.onset_s,
+            "rate_percent": one.field_cost.rate_error_percent,
+            "advice": one.advice,
+        }
+        for one in found.causes
+    ]
+    names = CAUSE_COLUMNS
+    return _frame(found, {name: [row[name] for row in rows] for name in names})
+
+
+def summarise_compared(compared: Compared) -> str:
+    """A line for each note and each channel."""
+    lines = [f"note: {one}" for one in compared.findings]
+    lines += [
+        f"{one.channel}: error {number(one.old)} -> {number(one.new)} {one.unit}, less by "
+        f"{number(one.low)} to {number(one.high)} (90 %): {verdict(one)}"
+        for one in compared.channels
+    ]
+    return "\n".join(lines) or "no channel of this log can be held against both machine files"
+
+
+def pictures_of_compared(compared: Compared) -> Pictures:
+    """A stretch and the error over time of each channel, under both machine files."""
+    return Pictures(tuple(picture_of(one) for one in compared.channels))
+
+
+CAUSE_COLUMNS = (
+    "id",
+    "size",
+    "low",
+    "high",
+    "unit",
+    "probability",
+    "onset_s",
+    "rate_percent",
+    "advice",
+)
+
+
+def frame_residuals(found: Diagnosis) -> Any:
+    """Measured, predicted and residual of every channel. Raises ValueError, one line."""
+    from console.reports.run_views import parts_of, run_views
+    from control.diagnosis.extend import extend
+
+    columns, machine = _log_of(found)
+    views = run_views(columns, machine, extend(machine, found), ())
+    parts = parts_of(found.causes)
+    columns_out: dict[str, list[Any]] = {name: [] for name in RESIDUAL_COLUMNS}
+    for view in views:
+        nominal, predicted = view.predict(()), view.predict(view.own(parts))
+        columns_out["channel"] += [view.name] * len(view.measured)
+        columns_out["unit"] += [view.unit] * len(view.measured)
+        columns_out["time_s"] += view.time_s.tolist()
+        columns_out["measured"] += view.measured.tolist()
+        columns_out["nominal"] += nominal.tolist()
+        columns_out["predicted"] += predicted.tolist()
+        columns_out["residual"] += (view.measured - predicted).tolist()
+    return _frame(found, columns_out)
+
+
+RESIDUAL_COLUMNS = ("channel", "unit", "time_s", "measured", "nominal", "predicted", "residual")
+
+
+def _frame(found: Diagnosis, columns: dict[str, list[Any]]) -> Any:
+    library = found.frame_library or "pandas"
+    try:
+        return import_module(library).DataFrame(columns)
+    except ImportError:
+        raise ValueError(f"a data frame needs {library}: pip install {library}") from None
+
+
+def _log_of(found: Diagnosis) -> tuple[Any, Machine]:
+    if found.seen_with is None:
+        raise ValueError(
+            "the log that this diagnosis is of is not with it: allowed is one that "
+            "diagnose_run gave"
+        )
+    return found.seen_with
 
 
 def framed(inside: str) -> str:
@@ -136,12 +290,7 @@ def pictures_of(found: Diagnosis) -> Pictures:
     """What `topdress diagnose --report` draws. Raises ValueError, one line, without the log."""
     from console.reports.pictures import pictures_of as drawn
 
-    if found.seen_with is None:
-        raise ValueError(
-            "the log that this diagnosis is of is not with it: allowed is one that "
-            "diagnose_run gave"
-        )
-    columns, machine = found.seen_with
+    columns, machine = _log_of(found)
     tools: dict[str, Any] = {"columns": columns, "machine": machine}
     made = drawn(found, tools)
     every = (

@@ -32,8 +32,8 @@ def term_picture(found: TermFound) -> Picture | None:
     panel.plot(at[order], by_term[order], THIRD, width=2.0, label="the term")
     panel.plot(at, seen, AFTER, dash="", marker="s", fill=PAPER, label="means of the data")
     panel.label(label, f"{found.stage} over nominal, {found.unit}", found.term["id"])
-    return Picture(
-        sheet.to_svg(sentence(found.term)),
+    return sheet.make_picture(
+        sentence(found.term),
         f"{sentence(found.term)}. Squares are the data's own means in classes of equally "
         "many rows, "
         "the line is the mean of the term there.",

@@ -67,7 +67,7 @@ def cause_pictures(
             panel.label(title="residual: measured less predicted")
         else:
             _stretch(panel, view, others, effect, part)
-    text = sheet.to_svg(f"{CATALOGUE[part.id].effect.title}: {view.title}, before and after")
+    title = f"{CATALOGUE[part.id].effect.title}: {view.title}, before and after"
     sentences = []
     if "means" in panels:
         where = axis.label
@@ -83,7 +83,7 @@ def cause_pictures(
             if part.onset_s is None
             else "The stretch is the one about the onset."
         )
-    return [Picture(text, " ".join(sentences))]
+    return [sheet.make_picture(title, " ".join(sentences))]
 
 
 def _panels(view: View, axis: Axis, share: float, part: EffectInstance) -> list[str]:
@@ -173,9 +173,9 @@ def left_picture(
     elif not axis.names and view.segments is None:
         known = np.isfinite(axis.values)
         smooth_line(panel, axis.values[known], after[known])
-    text = sheet.to_svg(f"{view.title}, against {axis.label}")
-    return Picture(
-        text,
+    title = f"{view.title}, against {axis.label}"
+    return sheet.make_picture(
+        title,
         f"{_sentence(view.title)}, against {axis.label}: what is left"
         f"{' along with the causes named' if named else ''}, and the smooth function that fits it. "
         f"{BAND}",
@@ -203,8 +203,10 @@ def time_lines(views: Sequence[View], parts: Sequence[EffectInstance]) -> Pictur
     for (panel,), view in zip(sheet.panels, views, strict=True):
         _time_line(panel, view, view.own(parts), parts)
     sheet.panels[-1][0].label("time since the log began, min")
-    text = sheet.to_svg("residual of every channel over time")
-    return Picture(text, "Residual of every channel over the run, in means of equal times. " + BAND)
+    title = "residual of every channel over time"
+    return sheet.make_picture(
+        title, "Residual of every channel over the run, in means of equal times. " + BAND
+    )
 
 
 def _time_line(

@@ -34,8 +34,8 @@ def table_picture(view: MeasuredColumn) -> Picture:
         _models(above, view, group, named, first=column == 0)
         _left(below, view, group, named, first=column == 0)
         above.label(title=group.label)
-    text = sheet.to_svg(f"{view.name}: points, model lines and residuals")
-    return Picture(text, _caption(view, named))
+    title = f"{view.name}: points, model lines and residuals"
+    return sheet.make_picture(title, _caption(view, named))
 
 
 def _caption(view: MeasuredColumn, named: bool) -> str:
@@ -227,9 +227,8 @@ def left_picture(views: Sequence[MeasuredColumn], left: Unexplained) -> Picture 
     if left.variable in view.variables and len(np.unique(x)) > 2:
         smooth_line(panel, x, view.after)
     panel.label(label, f"residual, {view.unit}")
-    text = sheet.to_svg(f"{view.name}: what is left along {left.variable}")
-    return Picture(
-        text,
+    return sheet.make_picture(
+        f"{view.name}: what is left along {left.variable}",
         f"What is left of {view.name}{' along with the causes named' if named else ''}, against "
         f"{label}, and the smooth function through it.",
     )
@@ -248,5 +247,7 @@ def phase_picture(views: Sequence[MeasuredColumn], step_s: float) -> Picture | N
     expected = len(phase) / PHASES
     sheet.panel.draw_level(expected, BEFORE, dash="--", width=1.6, label="expected without steps")
     sheet.panel.label(f"time less the nearest multiple of {step_s:.4f} s, in steps", "rows")
-    text = sheet.to_svg("times within a step of the clock")
-    return Picture(text, "Times that come in steps heap about the multiples of the step.")
+    title = "times within a step of the clock"
+    return sheet.make_picture(
+        title, "Times that come in steps heap about the multiples of the step."
+    )

@@ -7,7 +7,8 @@ Nothing here imports pandas or polars: what has columns by name is a table.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from difflib import get_close_matches
+from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -17,6 +18,22 @@ from control.log_row import COLUMNS, TEXT_COLUMNS
 from control.machine.machine import Machine
 
 Columns = dict[str, npt.NDArray[Any]]
+
+
+class DataFrame(Protocol):
+    """A data frame of pandas, polars or another library with columns by name."""
+
+    @property
+    def columns(self) -> Any: ...
+
+    def __getitem__(self, name: Any, /) -> Any: ...
+
+
+# A log as a notebook has it: a data frame, columns by name, rows by name, an array with fields.
+LogTable = DataFrame | Mapping[str, Any] | Sequence[Mapping[str, Any]] | npt.NDArray[Any]
+# Names more alike than this are taken for one that was misspelt: one letter of ten other than
+# meant, or two exchanged, leave 0.9 of the letters (difflib's ratio).
+ALIKE = 0.85
 
 TIME = "time_s"
 COUNTS_S = {
@@ -48,7 +65,28 @@ def machine_of(machine: Machine | str) -> Machine:
     return found
 
 
-def columns_of(data: Any) -> Columns:
+def name_frame_library(data: LogTable) -> str:
+    """Name of the library whose data frame the log is, "pandas" or "polars"; else empty."""
+    library = type(data).__module__.partition(".")[0]
+    return library if library in ("pandas", "polars") else ""
+
+
+def find_misspelt_columns(columns: Mapping[str, Any]) -> list[str]:
+    """One sentence for each column whose name is nearly that of a column of the run log which
+    is not there."""
+    missing = [name for name in COLUMNS if name not in columns]
+    found = []
+    for name in columns:
+        nearest = [] if name in COLUMNS else get_close_matches(name, missing, 1, ALIKE)
+        found += [
+            f"column {name} is no column of a run log and is taken as a further variable: "
+            f"did you mean {nearest[0]}?"
+            for _ in nearest
+        ]
+    return found
+
+
+def columns_of(data: LogTable) -> Columns:
     """Columns (n,) by name: float64 with NaN for not known, texts as objects; `time_s` in seconds.
 
     data : a table with named columns. A column `time_ms` (`time_us`, `time_min`, ...) and dates

@@ -270,15 +270,43 @@ class Diagnosis:
 
     # log, machine
     seen_with: tuple[Any, Any] | None = field(default=None, compare=False, repr=False)
+    # The library of the data frame that the log came in; empty: it came in none.
+    frame_library: str = field(default="", compare=False, repr=False)
+
+    def __str__(self) -> str:
+        return self.summary()
+
+    def summary(self) -> str:
+        """Verdict, causes, rival and gain in at most 15 lines."""
+        return str(notebook().summarise(self))
+
+    def to_frame(self) -> Any:
+        """The named causes as a data frame, a row each, of the library that the log came in
+        (pandas where it came in none).
+
+        Columns: id, size, low, high (90 %), unit, probability, onset_s, rate_percent, advice.
+        Raises ValueError, one line, where the library is not installed.
+        """
+        return notebook().frame_causes(self)
+
+    def residuals(self) -> Any:
+        """What was measured and predicted, as a data frame of the library that the log came in.
+
+        Columns: channel, unit, time_s, measured, nominal (as the machine file predicts),
+        predicted (with the named causes), residual (measured less predicted). Raises ValueError,
+        one line, where the log is not known or the library is not installed.
+        """
+        return notebook().frame_residuals(self)
 
     def to_json(self) -> dict[str, Any]:
         plain = asdict(replace(self, seen_with=None))
-        del plain["seen_with"]
+        del plain["seen_with"], plain["frame_library"]
         return {"format": FORMAT, **plain}
 
     def plot(self) -> Any:
         """Its pictures, for a notebook: `found.plot()` shows them,
-        `found.plot().save("why.html")` keeps them.
+        `found.plot().save("why.html")` keeps them. `found.plot()[0]` is a `ChartSheet`: its
+        panels' titles, labels and colours may be changed before it is shown.
 
         Raises ValueError, one line, where the log is not known.
         """

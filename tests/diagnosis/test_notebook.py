@@ -13,9 +13,10 @@ import pandas as pd
 import polars as pl
 import pytest
 
-from control.diagnosis import diagnose_run
+from control.diagnosis import compared, diagnose_run
 from control.diagnosis.given import columns_of
 from control.diagnosis.result import Diagnosis
+from control.machine.machine import Machine
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = ROOT / "docs" / "notebook.md"
@@ -118,3 +119,51 @@ def test_the_page_ends_with_a_model_that_predicts_better(
     assert bare == found
     with pytest.raises(ValueError, match="is not with it"):
         bare.plot()
+
+
+def a_log() -> dict[str, np.ndarray]:
+    rng, time_s = np.random.default_rng(1), np.arange(0.0, 120.0, 0.1)
+    command = np.where(time_s % 20.0 < 10.0, 40.0, 60.0)
+    read = 1.04 * np.roll(command, 4) + 0.3 * rng.standard_normal(1200)
+    supply = np.full(1200, 13.5)
+    return {"time_s": time_s, "shaft_rpm_cmd": command, "shaft_rpm": read, "supply_v": supply}
+
+
+def test_a_diagnosis_is_printed_in_fifteen_lines_and_goes_on_as_a_frame_of_the_same_library() -> (
+    None
+):
+    found = {
+        name: diagnose_run(frame(a_log()), Machine())
+        for name, frame in (("pandas", pd.DataFrame), ("polars", pl.DataFrame), ("", dict))
+    }
+    text = str(found["pandas"])
+    assert text == found[""].summary() and 1 < len(text.splitlines()) <= 15
+    assert "shaft.gain" in text and "shaft_rpm_cmd" not in text
+    for name, library in (("pandas", pd), ("polars", pl), ("", pd)):
+        causes, left = found[name].to_frame(), found[name].residuals()
+        assert isinstance(causes, library.DataFrame) and isinstance(left, library.DataFrame)
+        assert list(causes["id"]) == [one.id for one in found[name].causes]
+        residual = np.asarray(left["measured"]) - np.asarray(left["predicted"])
+        assert np.asarray(left["residual"]) == pytest.approx(residual)
+    assert "frame_library" not in json.dumps(found["pandas"].to_json())
+
+
+def test_a_picture_may_be_styled_anew() -> None:
+    pictures = diagnose_run(a_log(), Machine()).plot()
+    pictures[0].panel.title = "of Monday"
+    assert len(pictures) == len(pictures.svgs) and "of Monday" in pictures.svgs[0]
+    assert "of Monday" in pictures._repr_html_()
+
+
+def test_a_misspelt_column_is_a_note_with_the_nearest_name() -> None:
+    log = a_log()
+    log["shaft_rmp"] = log.pop("shaft_rpm")
+    found = diagnose_run(log | {"speed_mps": np.ones(1200)}, Machine())
+    assert any("shaft_rmp" in one and "did you mean shaft_rpm?" in one for one in found.findings)
+    assert not any("did you mean" in one for one in diagnose_run(a_log(), Machine()).findings)
+
+
+def test_a_comparison_is_printed_a_line_each_channel() -> None:
+    result = compared(a_log(), Machine(), Machine())
+    assert "shaft: error " in str(result) and "array" not in str(result)
+    assert "<svg" in result._repr_html_()

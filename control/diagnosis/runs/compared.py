@@ -10,7 +10,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import stdtrit
 
-from control.diagnosis.given import columns_of, machine_of
+from control.diagnosis.given import LogTable, columns_of, machine_of
+from control.diagnosis.result import notebook
 from control.machine.machine import Machine
 from control.machine.over_log import MOST_STEP_S
 
@@ -57,6 +58,21 @@ class Compared(NamedTuple):
     channels: tuple[ComparedChannel, ...]
     findings: tuple[str, ...]
 
+    def __str__(self) -> str:
+        return self.summary()
+
+    def summary(self) -> str:
+        """Errors of each channel under both machine files, a line each."""
+        return str(notebook().summarise_compared(self))
+
+    def plot(self) -> Any:
+        """A picture of each channel, as of `Diagnosis.plot`."""
+        return notebook().pictures_of_compared(self)
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows below a cell that ends with a comparison."""
+        return str(self.plot()._repr_html_())
+
 
 class _PredictedSeries(NamedTuple):
     """A channel's series on its grid, (m,), with its prediction."""
@@ -66,7 +82,7 @@ class _PredictedSeries(NamedTuple):
 
 
 def compared(
-    columns: Any,
+    columns: LogTable,
     old: Machine | str,
     new: Machine | str,
     step: Callable[[float, str], None] = lambda share, word: None,

@@ -17,7 +17,13 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from control.diagnosis.given import columns_of, machine_of
+from control.diagnosis.given import (
+    LogTable,
+    columns_of,
+    find_misspelt_columns,
+    machine_of,
+    name_frame_library,
+)
 from control.diagnosis.prediction.borne_out import borne_out
 from control.diagnosis.prediction.on_log import OnLog
 from control.diagnosis.prediction.rival import curves_of
@@ -115,7 +121,7 @@ class JudgedRun(NamedTuple):
 
 
 def diagnose_run(
-    columns: Any,
+    columns: LogTable,
     machine: Machine | str,
     *,
     path: str = "",
@@ -203,7 +209,13 @@ def diagnose_run(
     found = judged_run(
         given, of, path=path, progress=progress, cancelled=cancelled, each=each
     ).found
-    return replace(found, seen_with=(given, of))
+    misspelt = find_misspelt_columns(given)
+    return replace(
+        found,
+        findings=(*misspelt, *found.findings),
+        seen_with=(given, of),
+        frame_library=name_frame_library(columns),
+    )
 
 
 def judged_run(
