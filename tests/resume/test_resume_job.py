@@ -346,6 +346,19 @@ def test_a_cut_in_the_first_second_of_work_leaves_something_to_go_on_with(tmp_pa
     assert kept.worked and kept.area_ha == 0.0 and kept.time_s == 1.05
 
 
+def test_the_begin_of_work_is_kept_at_once_also_where_something_was_kept_a_moment_before(tmp_path):
+    keeper = Keeper(
+        tmp_path / "x.resume.json", Machine(), Snapshot("x.csv", sums=Sums()), Loop(), lambda: ""
+    )
+    alarm = Alarm("hopper_low", Severity.AMBER, 1.0, False, ())
+    keeper.take(Standing(LogRow(1.0, shaft_rpm_cmd=0.0, state="ready"), alarms=(alarm,)))
+    keeper.work(False)
+    assert (tmp_path / "x.resume.json").exists() and left(tmp_path) is None
+    keeper.take(Standing(LogRow(1.05, shaft_rpm_cmd=40.0, state="working"), alarms=(alarm,)))
+    keeper.work(False)
+    assert left(tmp_path)[1].worked
+
+
 def test_a_job_whose_log_was_cut_short_has_both_as_its_parts(tmp_path):
     first, second = str(tmp_path / "x.csv"), str(tmp_path / "x-2.csv")
     keeper = Keeper(
