@@ -359,6 +359,18 @@ def test_the_begin_of_work_is_kept_at_once_also_where_something_was_kept_a_momen
     assert left(tmp_path)[1].worked
 
 
+@pytest.mark.parametrize("quits", [True, False])
+def test_a_snapshot_tells_a_quit_from_a_cut(tmp_path, quits):
+    keeper = Keeper(
+        tmp_path / "x.resume.json", Machine(), Snapshot("x.csv", sums=Sums()), Loop(), lambda: ""
+    )
+    keeper.take(Standing(LogRow(1.0, shaft_rpm_cmd=40.0, state="working")))
+    if quits:
+        keeper.quit()
+    keeper.work(True)
+    assert resume.read(tmp_path / "x.resume.json").quit is quits
+
+
 def test_a_job_whose_log_was_cut_short_has_both_as_its_parts(tmp_path):
     first, second = str(tmp_path / "x.csv"), str(tmp_path / "x-2.csv")
     keeper = Keeper(
