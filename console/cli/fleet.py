@@ -175,7 +175,7 @@ def _print_season(
     from drivers.files.atomic import write_atomically
     from drivers.files.run_meta import software_version
 
-    for line in found.blind:
+    for line in (*found.blind, *found.gone):
         typer.echo(line, err=True)
     for path, why in found.broken:
         typer.echo(f"broken: {why}" if path in why else f"broken: {path}: {why}", err=True)

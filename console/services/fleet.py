@@ -79,6 +79,8 @@ class Found:
     twins: int
     # a line for each worker that does not see the logs: it was left out
     blind: tuple[str, ...] = ()
+    # A line for each worker that ended while it worked.
+    gone: tuple[str, ...] = ()
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -311,6 +313,7 @@ def diagnosed(
     errors: dict[str, str] = {}
     kept: dict[str, dict[str, Any]] = {}
     blind: dict[str, str] = {}
+    gone: list[str] = []
     try:
         blind = _blind(
             client,
@@ -322,6 +325,7 @@ def diagnosed(
             asked.options,
         )
         work = _Work(client, [who for who in client.nthreads() if who not in blind])
+        gone = work.gone
         for number, (path, key, why) in enumerate(
             work.twice(
                 checksum,
@@ -385,6 +389,7 @@ def diagnosed(
             f"{who} does not see the logs, and is left out: {why}"
             for who, why in sorted(blind.items())
         ),
+        tuple(f"worker {who} ended at work: others did its logs" for who in gone),
     )
 
 
@@ -437,6 +442,9 @@ class _Work:
     ) -> None:
         self._client, self._join_s, self._look_s = client, join_s, look_s
         threads = client.nthreads()
+        self._there = set(threads)
+        # Addresses of the workers that ended while they were wanted.
+        self.gone: list[str] = []
         self._room = max(1, AHEAD * sum(threads.get(who, 1) for who in workers))
         self._where: dict[str, Any] = (
             {} if len(workers) == len(threads) else {"workers": list(workers)}
@@ -509,13 +517,16 @@ class _Work:
     def _until_alone(
         self, running: Mapping[Any, Any], over: threading.Event, alone: threading.Event
     ) -> None:
-        """Where no worker is left, and none comes for as long as the first was waited for,
-        nobody would ever do what is asked: it is taken back."""
+        """Notes workers that end. Where no worker is left, and none comes for as long as the
+        first was waited for, nobody would ever do what is asked: it is taken back."""
         missed = 0.0
         while not over.wait(self._look_s):
             # that a scheduler is gone shows in its tasks
             with contextlib.suppress(Exception):
-                missed = 0.0 if self._client.nthreads() else missed + self._look_s
+                there = set(self._client.nthreads())
+                self.gone += sorted(self._there - there)
+                self._there = there
+                missed = 0.0 if there else missed + self._look_s
             if missed >= self._join_s:
                 alone.set()
                 with contextlib.suppress(Exception):

@@ -85,6 +85,22 @@ def test_the_dose_is_what_a_set_makes_likely_between_what_it_agrees_on_and_its_m
     ]
 
 
+@pytest.mark.parametrize("probability", [0.3, 0.995, 1.0])
+def test_what_is_to_be_expected_lies_between_its_bounds_however_sure_the_cause_is(
+    probability: float,
+) -> None:
+    cause = course(piece(0.0, 10.0, -3.755, -3.755))._replace(probability=probability)
+    (found,) = machines([one_log({"flow.gain": 1.0})], SeasonFit((cause,)))
+    assert found.now_percent == pytest.approx(-3.755 * probability)
+    assert found.now_most <= found.now_percent <= found.now_least
+
+
+def test_the_sums_of_a_machine_are_the_same_in_any_order_of_arrival() -> None:
+    logs = [one_log({"flow.gain": 1.0}, kg)._replace(key=str(kg)) for kg in (0.1, 0.2, 0.3, 1e6)]
+    fit = SeasonFit((course(piece(0.0, 10.0, -5.0, -5.0)),))
+    assert machines(logs, fit) == machines(logs[::-1], fit)
+
+
 def test_what_a_machine_does_now_stands_apart_from_its_operators_share() -> None:
     by_li = Cause("operator", "Li", "flow.gain", -4.0, 0.1, 1.0, 9)
     (one,) = machines(

@@ -36,6 +36,7 @@ from drivers import day_clock
 from drivers.files.log_store import write_store
 from drivers.files.read_log import read_rows
 from tests.command import topdress
+from tests.waiting import wait_for
 
 MACHINE = Machine().model_dump(mode="json")
 
@@ -462,6 +463,24 @@ def test_a_worker_without_topdress_is_said() -> None:
 def test_a_cluster_that_is_as_here_is_used(client: Any) -> None:
     with fleet.cluster(client.scheduler.address, 1) as other:
         assert other.nthreads() == client.nthreads()
+
+
+def test_a_worker_that_ends_is_noted() -> None:
+    class Client:
+        workers = {"tcp://a": 1, "tcp://b": 1}
+
+        def nthreads(self) -> dict[str, int]:
+            return dict(self.workers)
+
+    client, over = Client(), threading.Event()
+    work = fleet._Work(client, list(client.workers), look_s=0.01)
+    thread = threading.Thread(target=work._until_alone, args=({}, over, threading.Event()))
+    client.workers = {"tcp://a": 1, "tcp://c": 1}
+    thread.start()
+    wait_for(lambda: work.gone)
+    over.set()
+    thread.join()
+    assert work.gone == ["tcp://b"]
 
 
 def test_workers_of_this_computer_keep_the_memory_of_arrays_as_any_process_does() -> None:

@@ -88,7 +88,7 @@ def machines(logs: Sequence[OwnersLog], fit: SeasonFit) -> list[MachineSeason]:
     for cause in (*fit.courses, *fit.shared):
         of_level.setdefault((cause.factor, cause.level), []).append(cause)
     for machine, own in by_machine.items():
-        own.sort(key=lambda one: one.time_d)
+        own.sort(key=lambda one: (one.time_d, one.key))
         kg = np.array([one.worked.applied_kg for one in own])
         keys = [
             (MACHINE, machine),
@@ -157,9 +157,11 @@ def _doses(cause: Cause, own: Sequence[OwnersLog]) -> Array:
     weights = np.array([one.probability for one in set_])
     each = np.arange(len(own))
     ends = doses[np.argmin(np.abs(doses), axis=0), each]
-    return np.stack(
+    # All three are weighed by the probability that any of the set is there, so that what is to be
+    # expected lies between the other two.
+    return cause.probability * np.stack(
         [
-            cause.probability * (weights / weights.sum()) @ doses,
+            (weights / weights.sum()) @ doses,
             np.where(np.all(doses > 0.0, axis=0) | np.all(doses < 0.0, axis=0), ends, 0.0),
             doses[np.argmax(np.abs(doses), axis=0), each],
         ]
