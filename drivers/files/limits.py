@@ -51,12 +51,20 @@ RASTER_CELLS = Limit(
     "cells of a GeoTIFF in all its bands, those without a value included", 10_000_000, "cells"
 )
 CROSSINGS = Limit("places where outlines of a map cross themselves", 1_000, "crossings")
+# zones that were drawn or simplified each by itself cross at most corners of their borders
+SHARED_CROSSINGS = Limit(
+    "places where outlines of different zones of a map cross", 20_000, "crossings"
+)
 NEAR_EDGES = Limit(
     "pairs of edges of a map's large outlines whose extents meet", 2_000_000, "pairs"
 )
 OVERLAPS = Limit("pairs of zones of a map that overlap", 5_000, "pairs")
 PARQUET_CELLS = Limit("cells of a Parquet file", 50_000_000, "cells")
-PARQUET_BYTES = Limit("Parquet, unpacked", 1024 * MB, "bytes")
+PARQUET_BYTES = Limit("Parquet, unpacked; its texts as they are read", 1024 * MB, "bytes")
+# a log of a machine that stands all day has some 30: only the times change in it
+PARQUET_PACKED = Limit(
+    "cells of a Parquet file for each of its bytes, beyond the first million", 200, "cells"
+)
 NODES = Limit("nodes of a YAML file, aliases each time that they are used", 100_000, "nodes")
 REFERENCES = Limit("files that a task file names, each once", 1_000, "files")
 SHAPES = Limit("shapefile: each of .shp, .shx, .dbf", 512 * MB, "bytes")
@@ -82,10 +90,12 @@ LIMITS = (
     RASTER,
     RASTER_CELLS,
     CROSSINGS,
+    SHARED_CROSSINGS,
     NEAR_EDGES,
     OVERLAPS,
     PARQUET_CELLS,
     PARQUET_BYTES,
+    PARQUET_PACKED,
     NODES,
     REFERENCES,
     SHAPES,

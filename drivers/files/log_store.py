@@ -22,8 +22,9 @@ from control.recordings.finding import Finding
 from drivers.files.atomic import sidecar, write_atomically
 from drivers.files.extras import need
 from drivers.files.imports.trouble import TableError
-from drivers.files.limits import check_file
+from drivers.files.limits import BeyondLimits, check_file
 from drivers.files.log_text import texts_of
+from drivers.files.parquet_limits import check_parquet, check_texts
 from drivers.files.run_meta import RunMeta, meta_from_yaml, meta_to_yaml
 from drivers.files.table import Columns, texts_array
 
@@ -94,6 +95,7 @@ def read_store(path: Path, only: Collection[str] | None = None) -> Stored:
 
     try:
         check_file(path)
+        check_parquet(path)
         about = stored_about(path)
         names = [
             name
@@ -101,6 +103,9 @@ def read_store(path: Path, only: Collection[str] | None = None) -> Stored:
             if only is None or name in only or name == "time_s"
         ]
         frame = pl.read_parquet(path, columns=names)
+        check_texts(frame, path)
+    except BeyondLimits as error:
+        raise TableError(path, str(error).removeprefix(f"{path}: ")) from None
     except (pl.exceptions.PolarsError, OSError) as error:
         raise TableError(path, f"not readable as Parquet: {_first_line(error)}") from None
     columns = {name: _column(frame.drop_in_place(name)) for name in names}

@@ -14,11 +14,13 @@ import numpy as np
 import shapely
 
 from control.targets.rate_map import Floats, polygons, polygons_as_drawn
-from drivers.files.limits import CROSSINGS, NEAR_EDGES, OVERLAPS, held_to
+from drivers.files.limits import CROSSINGS, NEAR_EDGES, OVERLAPS, SHARED_CROSSINGS, held_to
 from drivers.plain_text import PlaceInFile
 
 # corners of an outline; the edges of a smaller one make no more pairs than are allowed
 MANY = 500
+# two zones of up to so many corners cross in 400 places at most
+FEW = 20
 HOWS = ("overlaps", "contains", "within")
 # of the smaller of two zones: corners rounded to 1 cm, in cells of 10 m; no overlap
 SLIVER = 1e-3
@@ -34,7 +36,9 @@ def check_zones(zones: Sequence[Sequence[Floats]], label: PlaceInFile | Path | s
     shapes = polygons(zones)
     low, high = np.split(shapely.bounds(shapes), 2, axis=1)
     less = 0.5 * SLIVER * (high - low)
-    if _meeting(shapely.box(*(low + less).T, *(high - less).T), OVERLAPS.most) <= OVERLAPS.most:
+    extents = shapely.box(*(low + less).T, *(high - less).T)
+    _check_shared(zones, label)
+    if _meeting(extents, OVERLAPS.most) <= OVERLAPS.most:
         return crossed  # as cells do that lie next to one another
     areas, tree, found = shapely.area(shapes), shapely.STRtree(shapes), 0
     step = max(1, min(MOST_STEP, PAIRS_AT_ONCE // len(shapes)))
@@ -63,12 +67,50 @@ def check_outlines(zones: Sequence[Sequence[Floats]], label: PlaceInFile | Path 
     return len(crossed)
 
 
+def _check_shared(zones: Sequence[Sequence[Floats]], label: PlaceInFile | Path | str) -> None:
+    """Outlines of different zones that cross: two of a few hundred corners can do so in a hundred
+    thousand places. Zones with few corners are held to `OVERLAPS`. Raises BeyondLimits."""
+    large = [zone for zone in zones if sum(map(len, zone)) > FEW]
+    if len(large) < 2:
+        return
+    ends = np.concatenate([_ends(zone) for zone in large])
+    edges = shapely.linestrings(ends)
+    owner = np.repeat(np.arange(len(large)), [sum(map(len, zone)) for zone in large])
+    tree, found, step = shapely.STRtree(edges), 0, max(LEAST_STEP, AT_ONCE // len(edges))
+    for begin in range(0, len(edges), step):
+        asked, met = tree.query(edges[begin : begin + step])
+        asked += begin
+        # each pair is met from both of its sides
+        once = owner[asked] < owner[met]
+        found += int(_are_crossing(ends[asked[once]], ends[met[once]]).sum())
+        held_to(SHARED_CROSSINGS, found, label)
+
+
+def _are_crossing(one: Floats, other: Floats) -> np.ndarray:
+    """Whether edges (n, 2, 2) cross others (n, 2, 2), each between the other's ends."""
+
+    def turns(edge: Floats, point: Floats) -> Floats:
+        way, to = edge[:, 1] - edge[:, 0], point - edge[:, 0]
+        side: Floats = np.sign(way[:, 0] * to[:, 1] - way[:, 1] * to[:, 0])
+        return side
+
+    apart: np.ndarray = (turns(one, other[:, 0]) * turns(one, other[:, 1]) < 0.0) & (
+        turns(other, one[:, 0]) * turns(other, one[:, 1]) < 0.0
+    )
+    return apart
+
+
+def _ends(zone: Sequence[Floats]) -> Floats:
+    """Both ends (n, 2, 2) of each edge of a zone's closed rings."""
+    return np.concatenate([np.stack((ring, np.roll(ring, -1, axis=0)), axis=1) for ring in zone])
+
+
 def _pairs(zone: Sequence[Floats], most: int, crossing: bool = False) -> int:
     """Pairs of a zone's edges whose extents meet, or that cross, but for those that follow one
     another; not many more than `most`."""
-    ends = np.concatenate([np.stack((ring, np.roll(ring, -1, axis=0)), axis=1) for ring in zone])
-    edges = shapely.linestrings(ends)
-    return _meeting(edges, most, "intersects" if crossing else None, followers=2)
+    return _meeting(
+        shapely.linestrings(_ends(zone)), most, "intersects" if crossing else None, followers=2
+    )
 
 
 def _meeting(shapes: np.ndarray, most: int, how: str | None = None, followers: int = 0) -> int:

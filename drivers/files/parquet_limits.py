@@ -9,15 +9,29 @@ thrift-compact-protocol.md).
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from drivers.files.limits import MB, PARQUET_BYTES, PARQUET_CELLS, BeyondLimits, held_to
+from drivers.files.limits import (
+    MB,
+    PARQUET_BYTES,
+    PARQUET_CELLS,
+    PARQUET_PACKED,
+    BeyondLimits,
+    held_to,
+)
+from drivers.plain_text import PlaceInFile
+
+if TYPE_CHECKING:
+    import polars as pl
 
 MAGIC = b"PAR1"
 LONGEST_FOOTER, LONGEST_HEADER = 16 * MB, 64 << 10
 DEEPEST = 20
 # ids of fields
-ROW_GROUPS, COLUMNS, META, VALUES, PACKED, DATA_PAGE, DICTIONARY_PAGE = 4, 1, 3, 5, 7, 9, 11
+ROWS, ROW_GROUPS = 3, 4  # of the file; `ROWS` of a group of rows too
+COLUMNS, META, VALUES, PACKED, DATA_PAGE, DICTIONARY_PAGE = 1, 3, 5, 7, 9, 11
+# so many cells of one value cost next to nothing, however small the file
+FREE_CELLS = 1_000_000
 # of a header; each kind has its values in field 1
 PAGE_UNPACKED, PAGE_PACKED, PAGE_KINDS = 2, 3, (5, 7, 8)
 
@@ -34,12 +48,7 @@ def check_parquet(path: Path) -> None:
             if tail[4:] != MAGIC or not 0 < length <= min(size - 12, LONGEST_FOOTER):
                 raise ValueError
             file.seek(size - 8 - length)
-            chunks = [
-                chunk[META]
-                for group in _Thrift(file.read(length)).struct().get(ROW_GROUPS, [])
-                for chunk in group.get(COLUMNS, [])
-            ]
-            held_to(PARQUET_CELLS, sum(chunk[VALUES] for chunk in chunks), path)
+            chunks = _column_chunks(_Thrift(file.read(length)).struct(), size, path)
             values = unpacked = 0
             for chunk in chunks:
                 at = min(chunk[DATA_PAGE], chunk.get(DICTIONARY_PAGE) or chunk[DATA_PAGE])
@@ -61,6 +70,32 @@ def check_parquet(path: Path) -> None:
         if isinstance(error, BeyondLimits):
             raise
         raise BeyondLimits(path, "not readable as Parquet: its footer is damaged") from None
+
+
+def check_texts(frame: pl.DataFrame, path: Path) -> None:
+    """Of a file as it was read: a text stands in it once, however many rows have it. Raises
+    BeyondLimits."""
+    import polars as pl
+
+    texts = [column for column in frame.iter_columns() if column.dtype == pl.String]
+    size = sum(int(column.str.len_bytes().sum() or 0) for column in texts)
+    held_to(PARQUET_BYTES, size, PlaceInFile(str(path)).at("its texts"))
+
+
+def _column_chunks(footer: dict[int, Any], size: int, path: Path) -> list[dict[int, Any]]:
+    """What the footer says of each column of each group of rows. Raises BeyondLimits where that
+    is more than is read, ValueError where it cannot be."""
+    groups = footer.get(ROW_GROUPS, [])
+    chunks = [chunk[META] for group in groups for chunk in group.get(COLUMNS, [])]
+    counts = [footer[ROWS], *(group[ROWS] for group in groups)]
+    values = [chunk[VALUES] for chunk in chunks]
+    if min(*counts, *values, *(chunk[PACKED] for chunk in chunks), 0) < 0:
+        raise ValueError
+    cells = max(sum(values), *counts, sum(counts[1:]))
+    held_to(PARQUET_CELLS, cells, path)
+    if cells > FREE_CELLS:
+        held_to(PARQUET_PACKED, cells // size, PlaceInFile(str(path)).at("a byte"))
+    return chunks
 
 
 class _Thrift:

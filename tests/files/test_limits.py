@@ -29,7 +29,9 @@ from drivers.files import limits
 from drivers.files.bench_table import read_bench_table
 from drivers.files.config import ConfigError
 from drivers.files.imports.read import read_raw
+from drivers.files.imports.trouble import TableError
 from drivers.files.limits import LIMITS, BeyondLimits, check_file, check_text, read_json
+from drivers.files.log_store import read_store
 from drivers.files.prescriptions.for_job import read_plants
 from drivers.files.prescriptions.read import read_prescription
 from drivers.files.read_log import read_log
@@ -743,3 +745,57 @@ def test_a_zip_of_which_the_library_falls_over_is_refused_in_a_line(
 def test_one_line_leaves_the_words_and_takes_what_parts_or_steers() -> None:
     assert one_line(f"a{ENDS}b\x1b[2Jc") in ("a b[2Jc", "ab[2Jc")
     assert one_line("value x: allowed 1 to 5") == "value x: allowed 1 to 5"
+
+
+# as the store of a run log (`drivers.files.log_store`), and as another program's file
+@pytest.mark.parametrize("is_store", [True, False])
+@pytest.mark.parametrize(
+    ("columns", "rows", "said"),
+    [
+        ({"time_s": 1.0}, 60_000_000, "60000000 cells: allowed up to 50000000 cells"),
+        ({"time_s": 1.0}, 20_000_000, "a byte: "),
+        ({"time_s": 1.0, "events": 5_000 * "x"}, 300_000, "its texts: 1431 MB: allowed up to 1024"),
+    ],
+)
+def test_a_small_parquet_that_is_large_when_it_is_read_is_refused(
+    tmp_path, monkeypatch, columns, rows, said, is_store
+):
+    path, piece = tmp_path / "small.parquet", min(rows, 20_000_000)
+    about = {
+        "topdress": json.dumps({"format": "topdress-log-store/1", "meta": None, "findings": []})
+    }
+    made = [pl.Series(name, [value]).new_from_index(0, piece) for name, value in columns.items()]
+    groups = 100 if "events" in columns else 1
+    pl.DataFrame(made).write_parquet(
+        path, row_group_size=piece // groups, statistics=False, metadata=about if is_store else None
+    )
+    if rows > piece:  # the footer claims more
+        data = path.read_bytes()
+        path.write_bytes(data.replace(whole(piece), whole(rows)))
+    assert path.stat().st_size < 300_000
+    with pytest.raises((BeyondLimits, TableError), match="allowed up to") as refused:
+        read_store(path) if is_store else read_raw(path)
+    assert said in str(refused.value) and "\n" not in str(refused.value)
+
+
+def whole(number: int) -> bytes:
+    """A whole number of Thrift's compact protocol."""
+    left, found = number << 1, []
+    while left > 127:
+        found.append(left & 127 | 128)
+        left >>= 7
+    return bytes([*found, left])
+
+
+def test_two_outlines_that_cross_everywhere_are_refused_at_once(tmp_path):
+    """Of 29 kB; their ground took 45 s and 440 MB."""
+    ways = [(0.002 * k / 499, 0.002 * (k % 2)) for k in range(499)]
+    combs = [
+        feature(
+            [[[117.0 + pair[side], 40.0 + pair[1 - side]] for pair in (*ways, ways[0])]], rate=1.0
+        )
+        for side in (0, 1)
+    ]
+    path = geojson(tmp_path / "combs.geojson", *combs)
+    with pytest.raises(BeyondLimits, match="crossings: allowed up to 20000 crossings"):
+        read_prescription(path)

@@ -13,7 +13,7 @@ from drivers.files.imports.text import read_text
 from drivers.files.imports.trouble import ImportTrouble
 from drivers.files.imports.words import folded, subject_of
 from drivers.files.limits import check_file
-from drivers.files.parquet_limits import check_parquet
+from drivers.files.parquet_limits import check_parquet, check_texts
 from drivers.files.prescriptions.column_words import MOST_UNITS, cell_of, unit_columns
 from drivers.files.sheet_text import SUFFIXES
 from drivers.files.stated_units import ANY, of_texts, together
@@ -134,6 +134,7 @@ def _parquet(path: Path, said: Source) -> RawTable:
         ) from None
     if frame.height == 0:
         raise ImportTrouble(path, "no rows in it")
+    check_texts(frame, path)
     frame = frame.with_columns(cs.boolean().cast(pl.Float64), cs.numeric().cast(pl.Float64))
     others = [
         name
