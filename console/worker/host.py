@@ -177,6 +177,7 @@ class Host:
         # taken from there by the loop, and not yet answered
         self._waiting: list[Waiting] = []
         self._heard_s = clock()
+        self._now_s = -inf  # of the newest tick
         self._ticks = 0
         self._state: str | None = None  # of the newest tick
         self._files = SideFiles()
@@ -251,7 +252,9 @@ class Host:
 
     def tick(self, now_s: float) -> None:
         """Orders, measurements, decision, drives, log, frame: in this order. Never raises: a
-        tick that fails stops the drives, and the next one goes on."""
+        tick that fails stops the drives, and the next one goes on. A clock that is set back
+        stands still: rows, frames and captures never go back in time."""
+        now_s = self._now_s = max(self._now_s, now_s)
         for waiting in self._due():
             self._answer(waiting, now_s)
         self._off = bool(self._stop)

@@ -317,3 +317,11 @@ def test_a_log_that_was_cut_short_is_said_and_followed(rig):
     assert events.count("log_cut_short") == 1 and f"log_cut_short {Path('logs/run.csv')}" in events
     r.host.tick(70.0)
     assert r.loop.logs_cut[-1] == ""
+
+
+def test_a_clock_that_is_set_back_takes_no_tick_back_in_time(rig):
+    made, times_s = rig(), []
+    for now_s in (1.0, 1.05, 1.04993, 1.1, 0.2, 1.15):
+        made.host.tick(now_s)
+        times_s.append(made.host.newest.at_s)
+    assert times_s == sorted(times_s) and times_s[-1] == 1.15
