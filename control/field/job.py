@@ -244,6 +244,14 @@ class Simulated(FrozenModel):
     slope_deg: Annotated[float, Field(ge=-20, le=20)] = 0.0
     # pitch and roll wander, 1 s.d.
     roughness_deg: Annotated[float, Field(ge=0, le=10)] = 0.5
+    # what the strongest gusts press on the hopper or lift it, three s.d.
+    wind_kg: Annotated[float, Field(ge=0, le=500)] = 0.0
+    # who steps up on the machine while it stands
+    person_kg: Annotated[float, Field(ge=0, le=500)] = 0.0
+    # of the scale, 1 s.d. for each m/s of driving
+    shaking_kg_per_mps: Annotated[float, Field(ge=0, le=100)] = 0.0
+    # the flow of each lot that is filled in lies within as much of the first one's
+    lot_percent: Annotated[float, Field(ge=0, le=50)] = 0.0
     # point mode; a plant list of the job stands before it
     plants: Plants | None = None
     camera: Camera | None = None  # point mode without a plant list

@@ -29,6 +29,8 @@ LEAST_SD = 3.0
 NOISE_SD = 6.0
 # of the bounds, within which what was said is over: at one bound noise would flicker
 HOLDS = 0.5
+# of turning within them, until it is over
+BACK_S = 5.0 * MEAN_S
 # that a duty cycle grows by where an unmeasured supply falls as the engine idles
 SUPPLY_SHARE = 1.2 / 12.3
 # of the material's load: as near to none of it as to all, so that either error is as likely
@@ -47,6 +49,9 @@ class EffortWatch:
         self._off: float | None = None  # measured less expected
         # the same as a share, for minutes; for how long it was known
         self._usual = self._turned_s = 0.0
+        self._back_s = 0.0  # within its bounds, though something was said
+        # the same as `_usual`, where it was last judged
+        self._said_share = 0.0
         self._rests = NO_EFFORT._replace(unit=machine.effort_unit if self._tells else "")
         self.says = self._rests
 
@@ -57,7 +62,13 @@ class EffortWatch:
             for read in (m.shaft_effort, m.shaft_rpm, m.opening_mm)
         )
         if effort is None or rpm is None or opening_mm is None or not rpm > 0.0:
-            self._off, self.says = None, self._rests
+            # what was said holds until it turns again, and is judged from there on
+            self._off, self.says = (
+                None,
+                self._rests._replace(
+                    harder_percent=self.says.harder_percent, unloaded=self.says.unloaded
+                ),
+            )
             return
         machine, own = self._machine, self._machine.effort
         u = effort_input(machine, rpm, opening_mm, c)
@@ -65,7 +76,8 @@ class EffortWatch:
         friction, drag, _gains, load = (supply * part for part in shaft_parts(own, u))
         should = max(0.0, friction + drag + load)
         share = min(1.0, dt_s / MEAN_S)
-        before = self._usual * should if self._off is None else self._off
+        usual = self._said_share if self.says.harder_percent or self.says.unloaded else self._usual
+        before = usual * should if self._off is None else self._off
         off = self._off = before + share * (abs(effort) - should - before)
         self._turned_s += dt_s
         usual = self._usual * should
@@ -82,8 +94,14 @@ class EffortWatch:
         more, less = (usual + sudden, usual - sudden) if self._turned_s > SETTLES_S else (inf, -inf)
         more, less = min(far, more), max(-far, less) if load > chance else -should
         high, low = off > more, off < less
+        # as the shaft runs down at a pass's end, hardly anything shows
+        self._back_s = 0.0 if high or low or keeps == 1.0 else self._back_s + dt_s
+        harder_percent = 100.0 * max(off, off - usual) / max(should, 1e-9) if high else 0.0
+        if 0.0 < self._back_s < BACK_S:
+            harder_percent, low = self.says.harder_percent, self.says.unloaded
+            high = harder_percent > 0.0
         self.says = EffortSays(
-            100.0 * max(off, off - usual) / max(should, 1e-9) if high else 0.0,
+            harder_percent,
             low,
             should + off,
             should,
@@ -91,6 +109,7 @@ class EffortWatch:
             should + more,
             machine.effort_unit,
         )
+        self._said_share = off / max(should, 1e-9)
         if not (high or low):
             self._usual += min(1.0, dt_s / min(USUAL_S, self._turned_s)) * (
                 off / max(should, 1e-9) - self._usual

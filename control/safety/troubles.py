@@ -16,6 +16,9 @@ from control.safety.words import Details, Situation
 from control.safety.work_watch import FollowWatch, HopperWatch, RateWatch
 
 _LOOKING = (State.READY, State.WORKING, State.HELD, State.FAULT)
+# of its limit, down to which a trim that was said is said on
+TRIMMED_STILL = 0.7
+_AT_WORK = (State.READY, State.WORKING, State.HELD)
 _UNKNOWN = "?"
 
 
@@ -63,8 +66,8 @@ def troubles(
         _rate(found, now_s, s, rate, limits)
         _range(found, m, now_s, s, limits)
         _follow(found, now_s, s, follow, limits)
-        _scale(found, s.scale, limits)
-        _effort(found, s.effort)
+        _scale(found, m, s.scale, limits)
+    _effort(found, m, s.effort)
     _hopper_empty(found, m, now_s, seen, hopper, limits)
     return found
 
@@ -146,7 +149,8 @@ def _sensors(
         found["heads_few"] = (("valid_heads", s.valid_heads), ("limit", limits.heads_min))
     if lasted(m.heads_full_since_s, now_s, limits.heads_full_s):
         found["heads_full"] = (("limit", limits.heads_full_ndvi),)
-    if s.usable_speed_mps is not None:
+    # on the road nothing is spread
+    if s.usable_speed_mps is not None and m.state is State.WORKING:
         found["lead_short"] = (("usable_speed_mps", _rounded(s.usable_speed_mps, 1)),)
 
 
@@ -262,7 +266,7 @@ def _hopper_empty(
         found["hopper_empty"] = (("hopper_kg", round(seen.hopper_kg or 0.0, 1)),)
 
 
-def _scale(found: dict[str, Details], says: ScaleSays, limits: SafetyLimits) -> None:
+def _scale(found: dict[str, Details], m: Memory, says: ScaleSays, limits: SafetyLimits) -> None:
     """What the scale says of the flow."""
     if says.share is not None:
         found["flow_missing" if says.share < 1.0 else "flow_above"] = (
@@ -276,11 +280,15 @@ def _scale(found: dict[str, Details], says: ScaleSays, limits: SafetyLimits) -> 
         found["flow_disagrees"] = (("percent", _rounded(says.beyond_percent)),)
     if says.off_kg != 0.0:
         found["scale_unexplained"] = (("kg", _rounded(abs(says.off_kg), 1)),)
-    if abs(says.trimmed_percent) > limits.trimmed_percent:
+    trimmed = any(one.alarm.id == "flow_trimmed" for one in m.live)
+    if abs(says.trimmed_percent) > limits.trimmed_percent * (TRIMMED_STILL if trimmed else 1.0):
         found["flow_trimmed"] = (("percent", _rounded(says.trimmed_percent)),)
 
 
-def _effort(found: dict[str, Details], says: EffortSays) -> None:
+def _effort(found: dict[str, Details], m: Memory, says: EffortSays) -> None:
+    """Found at work, it is there until the drive turns again."""
+    if m.state not in _AT_WORK:
+        return
     if says.harder_percent > 0.0:
         found["effort_high"] = (("percent", _rounded(says.harder_percent)),)
     if says.unloaded:

@@ -108,7 +108,8 @@ class Sensing:
         self._late = GnssLate()
         self._track_m = 0.0
         self._fix_s: float | None = None
-        self._period_s = 0.2
+        # between epochs, and whether two were heard; a plain receiver is not silent until then
+        self._period_s, self._paced = 1.0, False
         self._heading: float | None = None
         self._course: float | None = None
         self._turn = 0.0
@@ -139,7 +140,8 @@ class Sensing:
         if fix_new and m.gnss is not None and self._fix_s is not None:
             gap = m.gnss.time_s - self._fix_s
             if 0.0 < gap < 2.0:
-                self._period_s += 0.1 * (gap - self._period_s)
+                self._period_s += (0.1 if self._paced else 1.0) * (gap - self._period_s)
+                self._paced = True
         gnss_age = None if m.gnss is None else now - m.gnss.time_s
         silent_s = max(
             self._limits.gnss_silent_s, self._limits.gnss_silent_periods * self._period_s

@@ -30,6 +30,7 @@ from control.readings import DoseOrder, DriveCommand, GnssFix, PlantSeen, SpeedP
 
 from .canopy import AcrossWidth, canopy_field
 from .noise import Normals, Slow
+from .on_hopper import OnHopper
 from .plant_rows import along_way, simulated_plants
 from .rest import later, rest, stands, waited
 from .tractor import Driver, Path, Pose, field_boundary, field_path
@@ -166,6 +167,7 @@ class Plant:
         self._normal = Normals(seed + 1)
         # of its own: a drive that tells its effort changes nothing else
         self._effort_normal = Normals(seed + 5)
+        self._on_hopper, self._lot_percent = OnHopper(sim, seed + 6), 0.0
         # speed, opening, and the gate's speed
         self._before = 0.0, machine.set_points.opening_mm, 0.0
         self._asked_rpm = 0.0
@@ -220,6 +222,8 @@ class Plant:
         ) + self._pitch.step(dt)
         supply = self.machine.shaft.nominal_supply_v + self._supply.step(dt)
         refill = self._refill(speed, dt)
+        if refill > 0.0:
+            self._lot_percent = self._on_hopper.lot()
         self._asked_rpm = command.shaft_rpm if enabled else 0.0
         # without power it stands
         rpm = command.shaft_rpm if enabled else self._true.shaft.neutral_rpm
@@ -327,6 +331,8 @@ class Plant:
         self, rpm: float, opening_mm: float, supply: float, pitch: float, refill: float
     ) -> float:
         true, step, more, valves = self._true, self.dt_s / MODEL_STEPS, self._more, self.valves
+        if self._lot_percent != 0.0:
+            more = more._replace(flow_percent=more.flow_percent + self._lot_percent)
         if self._drives is not None:
             self._drives.of(true.shaft, true.gate, true.flow)
             turns = (
@@ -415,7 +421,7 @@ class Plant:
         )
         wheel = max(0.0, reads.wheel_mps + (noise.wheel_mps * normal() if speed != 0.0 else 0.0))
         self._roll_wheel(wheel, dt)
-        more_kg = self._more.scale_kg + self._ran_away_kg
+        more_kg = self._more.scale_kg + self._ran_away_kg + self._on_hopper.step(speed, dt)
         scale = scale_reads(
             true.scale, ScaleInput(self._flow.hopper_kg, now, pitch, more_kg)
         ) + self._scale_noise.step(dt)
@@ -459,7 +465,7 @@ class Plant:
                 pitch,
                 self._flow.hopper_kg / true.flow.full_kg,
                 self._flow.time_s,
-                0.0,
+                self._lot_percent,
                 self._flow.refills > 0.0,
             )
             shaft = (

@@ -54,6 +54,29 @@ def first_cry_s(seed: int, dt_s: float) -> float:
     raise AssertionError("never")
 
 
+def test_what_is_said_holds_while_the_shaft_stands_and_until_it_has_turned_easily() -> None:
+    """Cold grease was said anew after every turn."""
+    watch, at, found = EffortWatch(Machine(id="heavy", effort=OWN)), 0.0, []
+    conditions = Conditions(0.0, None, 0.0, None)
+    for seconds, effort, turns in ((20, 26.0, True), (30, 0.0, False), (20, 26.0, True)):
+        for _ in range(20 * seconds):
+            at += 0.05
+            reading = (Reading(effort, at), Reading(60.0 if turns else 0.0, at), Reading(25.0, at))
+            names = ("shaft_effort", "shaft_rpm", "opening_mm")
+            watch.update(
+                Measurements(at, **dict(zip(names, reading, strict=True))), conditions, 0.05, turns
+            )
+            found.append(watch.says.harder_percent > 0.0)
+    assert sum(b and not a for a, b in pairwise(found)) == 1 and all(found[20 * 20 :])
+    for _ in range(20 * 30):
+        at += 0.05
+        reading = (Reading(20.0, at), Reading(60.0, at), Reading(25.0, at))
+        watch.update(
+            Measurements(at, **dict(zip(names, reading, strict=True))), conditions, 0.05, True
+        )
+    assert not watch.says.harder_percent > 0.0
+
+
 def test_chance_alone_cries_as_seldom_as_is_stated(monkeypatch: pytest.MonkeyPatch) -> None:
     """Seen where it can be waited for, at 2.5 s.d.: the stated form holds there, and says a
     season and far more at the bound in use."""
