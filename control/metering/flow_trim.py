@@ -82,7 +82,7 @@ class FlowTrimLimits:
 BLOCK_S = 1.0  # weighings are averaged over this
 # an estimate nearer to what is trimmed moves nothing
 DOUBT_SD = 1.2
-# the scale rising this much more than by chance from one block to the next is a refill
+# the scale rising this much from one weighing to the next is a refill
 REFILL_KG = 2.0
 # the scale is as far from where it should be: 7 questions a second, none wrong in months
 CHANGED_SD = 5.0
@@ -95,22 +95,11 @@ DECIDED_SD = 4.0  # beyond a limit, by the residuals
 GOES_ON_SHARE = 0.75
 # beyond `low_share` or `high_share`, which is far enough from a sound flow
 FAR_SD = 2.0
-# blocks that pass until a window counts among those in which nothing was wrong: what comes up
-# within them is no measure of itself
-SWAY_DELAY = 12
-# blocks: over longer ones a flow that is 20 % off shows more than the scale
-SWAY_WINDOWS = (2, 4, 8)
-SLOWEST = 4.0
-# windows for which a scale is taken to do at first what it does over shorter ones, and of how
-# many the newest count
-LIKE_WINDOWS, NEWEST_WINDOWS = 1.0, 24.0
-# more is allowed to a scale that stands, as wind on the hopper, until it has shown what it does
-# over so many windows of so many blocks, some 70 s from its first weighing
-SWAYS_KG = 2.0
-SHOWN_WINDOWS, SHOWN_WINDOW = 3.0, 8
-# blocks of standing: material has left where the scale reads less than in all of these
+# more is allowed to a scale that stands, until it has shown for ...
+SWAYS_KG = 1.0
+# ... so long what it does; and material has left where it reads less than in all of these
 SWAY_BLOCKS = 30
-# of a fall at once, until it is named
+# of a fall, where the drive's effort is a witness of the same seconds
 BLOCKED_SD = 3.0
 # of flow, s: a drive that works hard from its start (cold grease) shows it within some 6 s
 EASY_BLOCKS = 12
@@ -178,14 +167,12 @@ class FlowTrim:
         self._gain_percent = limits.gain_percent
         self._noise = NOISE_FIRST  # times the file's variance
         self._judged = 0  # blocks that spoke of the noise
-        # times the file's variance that the scale was off over each window: the mean, and of how
-        # many windows; and what has still to pass
-        self._sway = dict.fromkeys(SWAY_WINDOWS, (0.0, 0.0))
-        self._seen: deque[list[tuple[int, float]]] = deque()
         self._refill_percent: float | None = None
         self._sums = 0.0, 0.0, 0.0
         self._block: list[tuple[tuple[float, float, float], float, tuple[float, float]]] = []
         self._since_s = 0.0
+        # the newest weighing, and what it is made of
+        self._last: tuple[float, Numbers] | None = None
         self._weighed_s: float | None = None
         self._filled_kg = 0.0  # ordered in this rest
         # read in it: the lowest, and what that is made of
@@ -336,6 +323,11 @@ class FlowTrim:
             return
         self._weighed_s = scale.time_s
         leans = pitch_deg, 100.0 * (cos(radians(pitch_deg)) - 1.0)
+        last, self._last = self._last, (scale.value, _reads(scale.value, leans))
+        if last is not None:
+            rise_kg, unknown_kg2 = self._rise(last, self._last)
+            if rise_kg > REFILL_KG + CHANGED_SD * sqrt(unknown_kg2):
+                self.restart(another_lot=True)
         if not self._block:
             self._since_s = now_s
         self._block.append((self._sums, scale.value, leans))
@@ -358,10 +350,10 @@ class FlowTrim:
         gone = _more(sums, -1.0, before.sums)
         flows = gone[0] >= LEAST_KG_S * BLOCK_S
         rise_kg, unknown_kg2 = self._rise((before.kg, before.reads), (kg, reads))
-        chance_kg = CHANGED_SD * sqrt(2.0 * self._noise * self._mean_kg2(1) + unknown_kg2)
-        if rise_kg > REFILL_KG + chance_kg or (abs(rise_kg + gone[0]) > self._most_kg + chance_kg):
-            # filled, stood on, or taken off
-            self.restart(another_lot=rise_kg > REFILL_KG + chance_kg)
+        if abs(rise_kg + gone[0]) > self._most_kg + CHANGED_SD * sqrt(
+            2.0 * self._mean_kg2(1) + unknown_kg2
+        ):
+            self.restart()  # stood on, or taken off
             self._level(kg, reads)
             self._keep(sums, kg, reads, flows, labours)
             return
@@ -419,9 +411,9 @@ class FlowTrim:
 
     def _weighed(self, weighed_kg: float, reads: Numbers) -> None:
         along = _along(self._spread, reads)
-        known_kg2, off_kg = _dot(reads, along), weighed_kg - _dot(reads, self._state)
-        variance = known_kg2 + self._reading_kg2
-        off = off_kg / sqrt(known_kg2 + self._noise * self._block_kg2)
+        variance = _dot(reads, along) + self._noise * self._block_kg2
+        off_kg = weighed_kg - _dot(reads, self._state)
+        off = off_kg / sqrt(variance)
         gain = tuple([one / variance for one in along])
         self._state = _more(self._state, off_kg, gain)
         self._spread = tuple(
@@ -432,12 +424,6 @@ class FlowTrim:
         self._noise = min(
             NOISE_MOST, max(1.0, self._noise * exp(rate * (min(9.0, off * off) - 1.0)))
         )
-
-    @property
-    def _reading_kg2(self) -> float:
-        """Variance of a block's reading, as if blocks were independent: wind that lasts for
-        seconds is worth as few of them as the scale was off over long windows."""
-        return self._block_kg2 * self._sways(WINDOWS[-1])
 
     def _bound(self) -> None:
         """The estimate projected into its bounds, along its own uncertainty."""
@@ -452,7 +438,7 @@ class FlowTrim:
         by_pitch = (0.0, *reads[GAIN:])
         along = _along(self._spread, by_pitch)
         self._state = (weighed_kg - _dot(by_pitch, self._state), *self._state[GAIN:])
-        own_kg2 = self._reading_kg2 + _dot(by_pitch, along)
+        own_kg2 = self._noise * self._block_kg2 + _dot(by_pitch, along)
         self._spread = _of_level(self._spread, (own_kg2, *[-one for one in along[GAIN:]]))
 
     def _believe(self) -> None:
@@ -480,66 +466,30 @@ class FlowTrim:
     # ----------------------------------------------------------------------------------------------
 
     def _mean_kg2(self, blocks: int) -> float:
-        """Variance of the mean over so many blocks of a scale that is as its file has it."""
+        """Variance of the scale's mean over so many blocks."""
         t = blocks * BLOCK_S / self._correlation_s
-        return self._scale_kg2 * 2.0 * (t - 1.0 + exp(-t)) / (t * t)
+        return self._noise * self._scale_kg2 * 2.0 * (t - 1.0 + exp(-t)) / (t * t)
 
     def _excess(self, since: _Block, blocks: int) -> tuple[float, float]:
         """What left since a block more than the filter of then believes, kg, by the mean of the
-        newest blocks, and the variance of that belief, kg2."""
+        newest blocks, and its standard deviation."""
         newest = list(islice(reversed(self._blocks), blocks))
         gone = _more(_means([one.sums for one in newest]), -1.0, since.sums)
         reads = _more(_leaves(gone), 1.0, (0.0, *_means([one.reads[GAIN:] for one in newest])))
-        kg = _dot(reads, since.state) - gone[0] - sum([one.kg for one in newest]) / blocks
-        return kg, _dot(reads, _along(since.spread, reads))
-
-    def _off(self, since: _Block, blocks: int, window: int) -> tuple[float, float]:
-        """The same, and its standard deviation by a scale that does what it has done over such
-        windows."""
-        kg, known_kg2 = self._excess(since, blocks)
-        return kg, sqrt(known_kg2 + self._mean_kg2(blocks) * self._sways(window))
+        variance = _dot(reads, _along(since.spread, reads)) + self._mean_kg2(blocks)
+        return _dot(reads, since.state) - gone[0] - sum([one.kg for one in newest]) / blocks, sqrt(
+            variance
+        )
 
     def _farthest(self, most: int) -> tuple[int, float, float]:
         """(window, kg, sd) of that window of at most so many blocks over which the scale is
         farthest off."""
         asked = [
-            (window, *self._off(self._blocks[-1 - window], max(1, window // 4), window))
+            (window, *self._excess(self._blocks[-1 - window], max(1, window // 4)))
             for window in {*WINDOWS, most}
             if window <= min(most, len(self._blocks) - 1)
         ]
         return max(asked, key=lambda one: abs(one[1]) / one[2], default=(0, 0.0, 1.0))
-
-    def _note_sway(self, most: int) -> None:
-        """What this scale does over windows in which nothing is wrong."""
-        found = []
-        for window in SWAY_WINDOWS:
-            if window <= min(most, len(self._blocks) - 1):
-                blocks = max(1, window // 4)
-                kg, known_kg2 = self._excess(self._blocks[-1 - window], blocks)
-                found.append((window, max(0.0, kg * kg - known_kg2) / self._mean_kg2(blocks)))
-        self._seen.append(found)
-        if len(self._seen) <= SWAY_DELAY:
-            return
-        for window, times in self._seen.popleft():
-            mean, count = self._sway[window]
-            count = min(NEWEST_WINDOWS, count + 1.0 / window)
-            self._sway[window] = mean + (times - mean) / (count * window), count
-
-    def _sways(self, window: int) -> float:
-        """Times the file's variance that the scale has shown over such windows. Of windows that
-        it has hardly shown: as over shorter ones. What sways for seconds shows the more the
-        longer the window, up to `SLOWEST` times as much as in the longest that is measured."""
-        times, known = NOISE_FIRST, LIKE_WINDOWS
-        for one, (mean, count) in self._sway.items():
-            like = max(0.0, LIKE_WINDOWS - 0.25 * count)
-            known = like + count
-            times = (like * times + count * mean) / known
-            if one >= window:
-                break
-        slower = min(SLOWEST, max(1.0, window / SWAY_WINDOWS[-1]))
-        # what chance makes of so few windows is no sway
-        beyond = max(0.0, times - 1.0 - sqrt(2.0 / known))
-        return max(self._noise, 1.0 + beyond * slower)
 
     def _standing(self) -> None:
         """Nothing flows by what the shaft reads: what the scale does now, nobody ordered."""
@@ -553,10 +503,8 @@ class FlowTrim:
         rest = next(
             (k for k, one in enumerate(reversed(self._blocks)) if one.flows), len(self._blocks) - 1
         )
-        self._note_sway(rest)
         window, kg, sd = self._farthest(rest)
-        shown = self._sway[SHOWN_WINDOW][1] >= SHOWN_WINDOWS
-        least_kg = CHANGED_SD * sd + (0.0 if shown else SWAYS_KG)
+        least_kg = CHANGED_SD * sd + (SWAYS_KG if self._judged < SWAY_BLOCKS else 0.0)
         if kg < -least_kg:  # it is being filled
             self._back_to(self._blocks[-1 - window])
             self._blocks.clear()
@@ -573,8 +521,7 @@ class FlowTrim:
 
     def _goes_on(self, since: _Block) -> None:
         """Material leaves that nobody ordered, or has left."""
-        blocks = min(ENDED_BLOCKS // 2, len(self._blocks) - 1)
-        kg, sd = self._off(since, blocks, 4 * blocks)
+        kg, sd = self._excess(since, min(ENDED_BLOCKS // 2, len(self._blocks) - 1))
         self._quiet = 0 if kg > self._unordered_kg + sd else self._quiet + 1
         self._unordered_kg = max(self._unordered_kg, kg)
         if self._quiet >= ENDED_BLOCKS:
@@ -588,12 +535,10 @@ class FlowTrim:
         self._flow.append(self._blocks[-1])
         self._note_effort()
         if not self._rests:
-            self._note_sway(WINDOWS[-1])
             window, kg, sd = self._farthest(WINDOWS[-1])
             if abs(kg) > CHANGED_SD * sd:
                 self._since_change(window)
                 self._said = ScaleSays(off_kg=kg)
-                self._seen.clear()
         if len(self._flow) * BLOCK_S >= DECIDED_S:
             self._judge()
         if not self._rests:
@@ -642,7 +587,7 @@ class FlowTrim:
             or (len(self._flow) == self._flow.maxlen and not self._said.fell)
         ):
             self._said, self._rests = NOTHING_SAID, False
-            self._noise = max(self._noise, noise_kg2 / self._mean_kg2(1))
+            self._noise = max(self._noise, noise_kg2 / (self._mean_kg2(1) / self._noise))
             newest = self._blocks[-1]
             self._blocks.clear()
             self._level(newest.kg, newest.reads)
@@ -694,7 +639,7 @@ class FlowTrim:
         if self._said.outlets and 100.0 * fall > most:
             sure = abs(lost - self._said.outlets) < 0.75
             return self._said if sure else self._said._replace(outlets=min(few, round(lost)))
-        if lost > few + 0.5 or 100.0 * (fall - BLOCKED_SD * sd) < most:
+        if lost > few + 0.5 or 100.0 * (fall - FAR_SD * sd) < most:
             return None
         return ScaleSays(below_percent=100.0 * fall)
 
@@ -714,12 +659,10 @@ class FlowTrim:
         across = max(1e-12, float(gone @ gone))
         line = float(gone @ kg) / across
         left = kg - line * gone
-        file_kg2, swayed = self._mean_kg2(1), self._sways(len(flow))
-        noise_kg2 = max(float(left @ left) / (len(kg) - 2), self._noise * file_kg2)
+        noise_kg2 = max(float(left @ left) / (len(kg) - 2), self._mean_kg2(1))
         alike = min(0.99, max(0.0, float(left[1:] @ left[:-1]) / max(1e-12, float(left @ left))))
-        each_kg2 = max(
-            noise_kg2 * max(self._block_kg2 / file_kg2, (1.0 + alike) / (1.0 - alike)),
-            swayed * self._block_kg2,
+        each_kg2 = noise_kg2 * max(
+            self._noise * self._block_kg2 / self._mean_kg2(1), (1.0 + alike) / (1.0 - alike)
         )
         # what is not known of the tilt turns the line, where pitch changed along it
         turned = gone @ by_pitch / across

@@ -88,8 +88,8 @@ def test_a_healthy_machine_is_left_alone() -> None:
     """Also in its first minute, when a straight line through the scale's noise says anything
     from -5 to +5 %."""
     starts = [work(150.0, seed, lambda now, grams, pitch: (grams, 0.0)) for seed in range(6)]
-    assert np.mean([np.abs(run.trim - 1.0).mean() for run in starts]) < 0.004
-    assert sum(np.abs(run.trim - 1.0).max() > 0.02 for run in starts) == 0
+    assert np.mean([np.abs(run.trim - 1.0).mean() for run in starts]) < 0.003
+    assert sum(np.abs(run.trim - 1.0).max() > 0.01 for run in starts) <= 1
     hour = work(2700.0, 7, lambda now, grams, pitch: (grams, 0.0))
     assert np.abs(hour.trim - 1.0).max() < 0.01 and abs(hour.trim.mean() - 1.0) < 0.003
 
@@ -142,7 +142,7 @@ def test_a_refill_begins_a_new_level_and_perhaps_a_new_lot() -> None:
         if k == 1499:
             sure = trim.sd_percent
         if k == 1510:
-            assert trim.sd_percent > sure + 0.9
+            assert trim.sd_percent > sure + 1.0
     assert trim.value == pytest.approx(1.05, abs=0.01)
 
 
