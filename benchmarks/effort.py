@@ -25,7 +25,7 @@ from verdict import exit_code
 ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT)]
 
-from console.reports.said import sentence  # noqa: E402
+from console.reports.diagnosis_wording import sentence  # noqa: E402
 from control.diagnosis import diagnose_run  # noqa: E402
 from control.loop.tick import Tick  # noqa: E402
 from control.machine.planting import parse_planted  # noqa: E402

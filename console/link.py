@@ -17,9 +17,9 @@ from typing import Any, NoReturn
 
 from console.attached import own_name
 from console.frame import DeviceDo, Frame, from_json
-from console.knock import HOST, LINE_BYTES
 from console.locale import _
 from console.running import WorkerAddress
+from console.worker_handshake import HOST, LINE_BYTES
 from control.orders import Answer, Order
 
 # the worker holds after 2 s of silence: the console may draw for nearly all of them

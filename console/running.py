@@ -16,8 +16,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from console.knock import GREETING, KNOCK_S, LINE_BYTES, knock, still_runs
 from console.locale import _
+from console.worker_handshake import GREETING, KNOCK_S, LINE_BYTES, knock, still_runs
 from drivers.files.lock import take_lock
 
 # a run file that is not there yet is looked for this often

@@ -45,7 +45,7 @@ DIAGNOSE = (
     "control.diagnosis.runs.several, control.diagnosis.tables.diagnose, drivers.files.opened"
 )
 FIRST_PICTURE = (
-    "console.app.app, console.app.pages.run.page, console.services.at_work, "
+    "console.app.app, console.app.pages.run.page, console.services.running_limits, "
     "console.services.field, "
     "console.services.line_files, console.services.live_checker, console.services.settings"
 )

@@ -444,7 +444,7 @@ class Ran(NamedTuple):
 
 def run(case: Case, folder: Path) -> Ran:
     """Import, diagnosis, adoption, by the functions behind the commands."""
-    from console.reports.said import undecided
+    from console.reports.diagnosis_wording import undecided
     from control.diagnosis.extend import extend
     from control.diagnosis.runs.adoption import adoptable_of
     from control.diagnosis.runs.diagnose import diagnose_run

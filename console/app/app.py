@@ -19,47 +19,47 @@ from textual.screen import Screen
 from textual.widgets import Input
 from textual.worker import Worker
 
-from console import quick_start
-from console.app import actions, pressed, themes, words
+from console import import_hooks
+from console.app import actions, key_normaliser, themes, words
 from console.app.action import ANYWHERE, JOB, MAP, REPLAY, RUN, Action, bindings
 from console.app.alarms import Bell
-from console.app.company import CompanyView, arrival_words, company_view, list_words, news
+from console.app.attach_notice import Joined, joined_words
 from console.app.dialogs import Choice, ChoiceDialog, Confirm, TextDialog
 from console.app.dose_change import dose_change
 from console.app.fields import FieldPictures
 from console.app.first_question import MAY_CHANGE, ask_first, start_with
 from console.app.guide_line import GuideLine
+from console.app.guide_line_store import KeptLines, guide_record
 from console.app.history import History
-from console.app.joined import Joined, joined_words
-from console.app.kept_lines import KeptLines, guide_record
 from console.app.keys import ACTIONS
 from console.app.name_dialog import NameDialog
-from console.app.pace import NUMBERS_S
 from console.app.pages.all import Pages
-from console.app.pages.job.day import file_name
+from console.app.pages.job.checklist import file_name
 from console.app.pages.job.service import Recent
 from console.app.pages.page import Page
 from console.app.pages.replay.service import ReplayJob
 from console.app.plain_lines import PlainLines
+from console.app.presence_text import CompanyView, arrival_words, company_view, list_words, news
 from console.app.reasons import key_first, why_no_machine
+from console.app.refresh_rates import NUMBERS_S
 from console.app.screens.alarm_list import AlarmList
-from console.app.screens.gone import GoneScreen
 from console.app.screens.help import HelpScreen
+from console.app.screens.worker_lost_screen import GoneScreen
 from console.app.services import Services
 from console.app.settings import apply, limit_rates, theme_of
 from console.app.source import FrameArrival, FrameSource
-from console.app.stray import HeldEnter, StrayTyping
 from console.app.terminal import Takes, drawn_on
 from console.app.tour import Tour
+from console.app.type_ahead_guard import HeldEnter, StrayTyping
 from console.app.undo import Undo, Undoable, back_words, orders_back
 from console.app.units import METRIC, Units
 from console.app.view import wall_clock
 from console.app.widgets.key_bar import URGENT, KeyBar
 from console.frame import Frame
+from console.gc_tuning import Sweeps
 from console.link import Link, WorkerGone
 from console.locale import N_, _, use
 from console.running import WorkerFailed
-from console.sweeps import Sweeps
 from console.worker.resume_alarms import AlarmBook
 from control.orders import Answer, Do, Order, State
 from drivers import day_clock
@@ -265,7 +265,7 @@ class TopdressApp(App[None], inherit_bindings=False):
         if self.live:
             self._until_first = self.set_interval(FIRST_S, self._first)
             self.set_interval(NUMBERS_S, self.tick)
-            self.call_after_refresh(quick_start.done)
+            self.call_after_refresh(import_hooks.done)
         self.call_after_refresh(self.tick)
 
     async def on_event(self, event: events.Event) -> None:
@@ -290,7 +290,7 @@ class TopdressApp(App[None], inherit_bindings=False):
         await super().on_event(event)
 
     def _meant(self, event: events.Key) -> str:
-        return pressed.meant(event.key, self.bound_keys[self.page.where], self._urgent_keys)
+        return key_normaliser.meant(event.key, self.bound_keys[self.page.where], self._urgent_keys)
 
     async def _is_done(self, event: events.Key) -> bool:
         """A key that goes no further. F12, and Ctrl with the key of hold, come first even where
@@ -299,10 +299,10 @@ class TopdressApp(App[None], inherit_bindings=False):
         key, typing = self._meant(event), isinstance(self.focused, Input)
         if isinstance(self.screen, NameDialog) and self.screen.types_early(event):
             return True
-        if key == pressed.ALWAYS_STOP or (
+        if key == key_normaliser.ALWAYS_STOP or (
             typing and key in self._hold_keys and not event.is_printable
         ):
-            await self.action_do("stop" if key == pressed.ALWAYS_STOP else "hold")
+            await self.action_do("stop" if key == key_normaliser.ALWAYS_STOP else "hold")
             return True
         if self.screen is self.page:
             self.asked_by = key
@@ -422,7 +422,7 @@ class TopdressApp(App[None], inherit_bindings=False):
         for module in LATE_MODULES:
             await asyncio.to_thread(import_module, module)
         await asyncio.to_thread(cell_len, WIDE)
-        quick_start.done()
+        import_hooks.done()
 
     @property
     def own_name(self) -> str:

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from console.app.worked import Box
+from console.app.coverage_raster import Box
 
 Floats = npt.NDArray[np.float64]
 SCALES_M = (

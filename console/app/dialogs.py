@@ -13,7 +13,7 @@ from textual.containers import Horizontal, Vertical, VerticalScroll
 from textual.screen import ModalScreen
 from textual.widgets import Button, Static
 
-from console.app.stray import PAUSE_S
+from console.app.type_ahead_guard import PAUSE_S
 from console.app.widgets.choice_list import Choice as Choice
 from console.app.widgets.choice_list import ChoiceList, ChoicesView
 from console.app.widgets.panel import Picked

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from console.app.camera import Pixels
-from console.app.worked import Box
+from console.app.coverage_raster import Box
 
 Rates = npt.NDArray[np.float32]
 Ring = tuple[tuple[float, float], ...]

@@ -6,7 +6,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from console.app.dialogs import Choice, ChoiceDialog
-from console.app.pages.job.day import file_name
+from console.app.pages.job.checklist import file_name
 from console.app.view import wall_clock
 from console.locale import _
 from control.orders import Do

@@ -7,9 +7,9 @@ from collections.abc import Iterable, Sequence
 from itertools import islice
 from typing import NamedTuple
 
+from console.app.coverage_raster import Spot, Worked, spot_of
 from console.app.series import LogSeries, Pyramid
 from console.app.view import applied_kg_ha
-from console.app.worked import Spot, Worked, spot_of
 from console.frame import Frame
 
 TREND_SPAN_S = 120.0

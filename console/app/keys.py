@@ -21,10 +21,10 @@ from console.app.action import (
     Action,
 )
 from console.app.alarms import entries
-from console.app.company import leave_words
 from console.app.dialogs import Choice, ChoiceDialog
 from console.app.dose_change import dose_change
 from console.app.first_question import start_from_any_page
+from console.app.presence_text import leave_words
 from console.app.reasons import why_no_acknowledge, why_no_start, why_no_tour, why_no_undo
 from console.app.screens.alarm_list import AlarmList
 from console.app.screens.help import HelpScreen

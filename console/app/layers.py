@@ -5,10 +5,10 @@ from __future__ import annotations
 from enum import StrEnum
 from typing import NamedTuple
 
+from console.app.coverage_raster import Worked
 from console.app.field_picture import FieldPicture
 from console.app.units import Units
 from console.app.view import ERROR_SPAN
-from console.app.worked import Worked
 from console.locale import N_
 from console.scale import Rgb, calm_ends, colour, error_colour, passes_colour
 

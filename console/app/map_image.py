@@ -12,11 +12,11 @@ import numpy.typing as npt
 
 from console.app.braille import BITS
 from console.app.camera import Pixels
+from console.app.coverage_raster import KINDS, NOTHING_KG_HA, Window, Worked
 from console.app.field_picture import FieldPicture, Ring
-from console.app.laid import LaidView
 from console.app.layers import KINDS_OF, RATES, LayerScale, MapLayer
+from console.app.overlay_file import LaidView
 from console.app.view import RATE_FLOOR_KG_HA
-from console.app.worked import KINDS, NOTHING_KG_HA, Window, Worked
 from console.scale import STEPS
 
 Image = npt.NDArray[np.uint8]  # (rows, columns), from the north-west

@@ -13,8 +13,8 @@ from textual.widget import Widget
 
 from console.app.braille import BLANK
 from console.app.camera import MapCamera, Pixels, fit
+from console.app.coverage_raster import Worked
 from console.app.field_picture import FieldPicture, Ring
-from console.app.laid import LaidView
 from console.app.layers import LayerScale, MapLayer, scale_of
 from console.app.map_image import (
     DONE,
@@ -32,9 +32,9 @@ from console.app.map_image import (
     line_dots,
     next_passes,
 )
+from console.app.overlay_file import LaidView
 from console.app.terminal import few_colours
 from console.app.units import METRIC, Units
-from console.app.worked import Worked
 from console.scale import STEPS, Rgb
 
 _NOSES = "▴▸▾◂"

@@ -12,7 +12,7 @@ from textual.theme import Theme
 from console.app import actions, themes
 from console.app.action import ANYWHERE
 from console.app.alarms import STROKES
-from console.app.pressed import ALWAYS_STOP
+from console.app.key_normaliser import ALWAYS_STOP
 from console.app.units import UNITS
 from console.locale import _, preferred, use
 from control.orders import Severity

@@ -17,7 +17,7 @@ from console.cli.inputs import LOG, MachineName, machine_of, need_ending, refuse
 from console.cli.outputs import Force, Output, log_files, machine_file, marked, refuse_collisions
 from console.cli.plain_errors import NOT_JUDGED, CommandError, say_notes
 from console.cli.progress import ProgressLine
-from console.quick_start import seldom
+from console.import_hooks import seldom
 from drivers import day_clock
 
 if TYPE_CHECKING:
@@ -62,7 +62,7 @@ def adopt(
     Raises ValueError for what holds in a part of the data only, CommandError for a name that
     cannot be picked, typer.Exit where nothing is left to adopt.
     """
-    from console.reports.said import whole, whole_gain
+    from console.reports.diagnosis_wording import whole, whole_gain
     from console.reports.term_words import side_by_side
     from control.diagnosis.extend import extend, refuse_to_adopt
     from control.diagnosis.runs.adoption import adoptable_of
@@ -104,7 +104,7 @@ def adopt(
 def _taken_up(cause: Cause, picked: tuple[str, ...], found: Diagnosis) -> bool:
     """Whether a cause goes into the file; says why where it does not, and of what was picked
     that it was."""
-    from console.reports.said import undecided
+    from console.reports.diagnosis_wording import undecided
     from control.diagnosis.extend import not_adoptable, taken_whole
 
     if taken_whole(found, cause):
@@ -126,7 +126,7 @@ def _taken_up(cause: Cause, picked: tuple[str, ...], found: Diagnosis) -> bool:
 
 
 def _doubt(cause: Cause) -> str:
-    from console.reports.said import name_of, others
+    from console.reports.diagnosis_wording import name_of, others
 
     rivals = ", ".join(name_of(one) for one, _share in others(cause))
     return f"this data cannot tell it from {rivals}" if rivals else "it is only suspected"
@@ -134,7 +134,7 @@ def _doubt(cause: Cause) -> str:
 
 def _refuse_pick(name: str, found: Diagnosis, out: Path) -> None:
     """Raises CommandError."""
-    from console.reports.said import undecided
+    from console.reports.diagnosis_wording import undecided
     from control.diagnosis.extend import not_adoptable
 
     own = [cause for cause in found.causes if cause.id == name]
@@ -175,7 +175,7 @@ def _nothing(found: Diagnosis, out: Path, refused: bool) -> typer.Exit:
 
 def _said(kept: tuple[Cause, ...], picked: tuple[str, ...]) -> str:
     """For the file: what was picked against the data's silence."""
-    from console.reports.said import undecided
+    from console.reports.diagnosis_wording import undecided
 
     return "\n".join(
         f"{cause.id}: picked by name (diagnose --pick), though {_doubt(cause)}."

@@ -19,7 +19,7 @@ from drivers import day_clock
 
 if TYPE_CHECKING:
     from console.services.fleet import Found
-    from console.services.fleet_about import Listed
+    from console.services.fleet_metadata import Listed
 
 REPORT = "report.html"
 # between two lines of progress where there is no terminal
@@ -169,7 +169,7 @@ def _print_season(
         same_words,
         shared_words,
     )
-    from console.services.fleet_about import with_words
+    from console.services.fleet_metadata import with_words
     from console.services.fleet_season import season
     from console.services.fleet_tables import write_tables
     from drivers.files.atomic import write_atomically
@@ -219,7 +219,7 @@ def _print_season(
 def _about(table: Path, logs: list[str]) -> Listed:
     """What the list says by log. What it does not say, and of which rows there is no log, is
     said here."""
-    from console.services.fleet_about import COLUMNS, listed
+    from console.services.fleet_metadata import COLUMNS, listed
     from drivers.files.table import read_table
 
     read = read_table(table, texts=COLUMNS)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import platformdirs
 import typer
 
-from console import quick_start
+from console import import_hooks
 from console.cli.plain_errors import CANCELLED, CommandError, has_terminal, need_terminal
 from console.locale import _
 from drivers import day_clock
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from pydantic import BaseModel
 
     from console.app.app import TopdressApp
-    from console.app.joined import Joined
+    from console.app.attach_notice import Joined
     from console.app.pages.calibrate.service import CalibrateService
     from console.app.pages.job.service import AtWork, JobService
     from console.app.pages.map.service import LayerFiles
@@ -49,7 +49,7 @@ def show_run(
     name: str | None = None,
 ) -> None:
     """The console on the worker that runs, or on one started for it."""
-    quick_start.begin()
+    import_hooks.begin()
     from console.running import WorkerFailed, find_running
     from console.services.launcher import Launcher
 
@@ -141,7 +141,7 @@ def own_job(name: str) -> str:
 
 def _join(launcher: Launcher, running: WorkerAddress) -> Joined:
     """Go by the files of the worker that runs."""
-    from console.app.joined import Joined
+    from console.app.attach_notice import Joined
 
     named = launcher.config
     unused = launcher.adopt(running.log_path)
@@ -188,8 +188,8 @@ def run_services(files: Callable[[], Files], effects: tuple[str, ...] = ()) -> S
     effects: of the simulated machine.
     """
     from console.app.services import Services, late
-    from console.services.at_work import earlier
     from console.services.field import field_picture
+    from console.services.running_limits import earlier
 
     def calibrate() -> CalibrateService:
         from console.services.calibrate import calibrate_job
@@ -221,7 +221,7 @@ def run_services(files: Callable[[], Files], effects: tuple[str, ...] = ()) -> S
 
     def limits(log_path: str) -> AtWork:
         from console.app.pages.job.service import AtWork
-        from console.services.at_work import at_work
+        from console.services.running_limits import at_work
 
         found = at_work(log_path)
         if found is not None:

@@ -16,7 +16,7 @@ from console.cli.plain_output import AsJson, say_json
 from console.cli.progress import progress
 from console.cli.terms import as_terms, parse_terms
 from console.cli.whole_log import log_output, whole_log
-from console.quick_start import seldom
+from console.import_hooks import seldom
 from control.orders import Strategy
 from drivers import day_clock
 

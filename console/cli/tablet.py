@@ -65,7 +65,7 @@ def token_in(path: Path | None) -> str | None:
 def options_of(where: WorkerAddress | None) -> dict[str, Any]:
     """Limits and hopper of the job at work, as its log's sidecar has them; the console's own
     where it has none."""
-    from console.services.at_work import at_work
+    from console.services.running_limits import at_work
 
     found = None if where is None else at_work(where.log_path)
     return (
@@ -159,10 +159,10 @@ def end_with(server: int) -> None:
 
 def tab_app(where: WorkerAddress | None, token: str | None) -> TabletApp:
     """The app of one tab, looking."""
-    from console.services.at_work import earlier
     from console.services.diagnosis import DiagnosisFiles
     from console.services.field import field_picture
     from console.services.line_files import LinesSeen
+    from console.services.running_limits import earlier
 
     waits = SharedWaits(
         default_run_file().with_name("tablet-waits.json"), os.environ.get(ADDRESS, "")

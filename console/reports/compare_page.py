@@ -11,10 +11,10 @@ import numpy as np
 import numpy.typing as npt
 
 from console.reports.chart import AFTER, BEFORE, INK, ChartSheet
+from console.reports.diagnosis_wording import better
 from console.reports.html import Picture, escape, figure, items, page, paragraph, section, table
 from console.reports.numbers import number
 from console.reports.panels import MEASURED
-from console.reports.said import better
 from control.diagnosis.runs.compared import Compared, ComparedChannel
 
 Logs = Sequence[tuple[str, Compared]]  # path and what was found there

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from console.reports import said as sentences
+from console.reports import diagnosis_wording as sentences
 from console.reports.html import (
     Picture,
     escape,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from console.reports import said
+from console.reports import diagnosis_wording
 from console.reports.numbers import p_value
 from console.reports.term_words import compensation, sentence
 from control.diagnosis.result import Cause, Diagnosis
@@ -17,9 +17,9 @@ SHOWN_LIMIT = 8
 
 def summary(found: Diagnosis) -> list[str]:
     """Lines for a terminal."""
-    found = said.headlines_first(found)
+    found = diagnosis_wording.headlines_first(found)
     lines = [_head(found)]
-    missing = said.not_judged(found)
+    missing = diagnosis_wording.not_judged(found)
     if missing:
         lines.append(f"not judged: {', '.join(missing)}")
     lines += [f"note: {sentence}" for sentence in found.findings]
@@ -57,7 +57,10 @@ def summary(found: Diagnosis) -> list[str]:
     lines += (
         []
         if found.fitted is None
-        else [said.whole(found.fitted), f"    {said.whole_gain(found.fitted)}"]
+        else [
+            diagnosis_wording.whole(found.fitted),
+            f"    {diagnosis_wording.whole_gain(found.fitted)}",
+        ]
     )
     for gain in found.gain:
         lines.append(
@@ -74,7 +77,7 @@ def summary(found: Diagnosis) -> list[str]:
 
 def taken_up(found: Diagnosis) -> list[str]:
     """What a machine file takes up of a run's diagnosis, and what it leaves and why."""
-    kept, left = said.sorted_out(found) if found.data.kind == "run" else ((), ())
+    kept, left = diagnosis_wording.sorted_out(found) if found.data.kind == "run" else ((), ())
     return ([f"a machine file takes up: {', '.join(kept)}"] if kept else []) + [
         f"it leaves {one}" for one in left
     ]
@@ -94,7 +97,7 @@ def of_a_kind(found: Several) -> list[str]:
             f"{one.id}: {CATALOGUE[one.id].effect.title}",
             f"    chance of sizes so far apart in one machine: {one.p:.2g}",
             *(
-                f"    {path}: {said.sized(size)}"
+                f"    {path}: {diagnosis_wording.sized(size)}"
                 for path, size in zip(paths, one.sizes, strict=True)
             ),
         ]
@@ -120,7 +123,7 @@ def _head(found: Diagnosis) -> str:
 
 
 def _verdict(found: Diagnosis) -> str:
-    word = said.VERDICTS[found.verdict][0]
+    word = diagnosis_wording.VERDICTS[found.verdict][0]
     if found.verdict != "not_judged":
         return word
     if found.channels:
@@ -131,32 +134,37 @@ def _verdict(found: Diagnosis) -> str:
 
 
 def _left(found: Diagnosis) -> list[str]:
-    return [f"unexplained: {said.left(one, found.data.kind)}" for one in found.unexplained]
+    return [
+        f"unexplained: {diagnosis_wording.left(one, found.data.kind)}" for one in found.unexplained
+    ]
 
 
 def _cause(cause: Cause) -> list[str]:
     entry = CATALOGUE.get(cause.id)
     which = "" if cause.member is None else f", number {cause.member}"
-    then = said.when(cause)
-    suspected = "" if said.headlined(cause) else "suspected: "
+    then = diagnosis_wording.when(cause)
+    suspected = "" if diagnosis_wording.headlined(cause) else "suspected: "
     lines = [
         f"{suspected}{cause.id}: {entry.effect.title if entry else ''}",
-        f"    {said.sized(cause.size)}{which}{then and f', {then}'}; probability "
+        f"    {diagnosis_wording.sized(cause.size)}{which}{then and f', {then}'}; probability "
         f"{cause.probability:.2f}",
     ]
-    rivals = [f"{said.name_of(rival)} ({share:.2f})" for rival, share in said.others(cause)]
+    rivals = [
+        f"{diagnosis_wording.name_of(rival)} ({share:.2f})"
+        for rival, share in diagnosis_wording.others(cause)
+    ]
     if rivals:
         lines.append(f"    could also be: {', '.join(rivals)}")
-    which = ", if it is this" if said.tied(cause) else ""
+    which = ", if it is this" if diagnosis_wording.tied(cause) else ""
     return [
         *lines,
-        f"    in the field{which}: {said.cost(cause.field_cost)}",
+        f"    in the field{which}: {diagnosis_wording.cost(cause.field_cost)}",
         f"    do: {cause.advice}",
     ]
 
 
 def _not_shown(found: Diagnosis) -> list[str]:
-    seen, blind, _elsewhere = said.not_seen(found)
+    seen, blind, _elsewhere = diagnosis_wording.not_seen(found)
     lines = []
     if seen:
         detectable = [

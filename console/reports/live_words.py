@@ -4,7 +4,7 @@ when, probably why."""
 from __future__ import annotations
 
 from console.locale import _
-from console.reports.said import channel_word, title_of
+from console.reports.diagnosis_wording import channel_word, title_of
 from control.diagnosis.result import Departure
 
 LEAST_PERCENT = 0.5  # of the dose: less is not given as a number

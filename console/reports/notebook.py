@@ -10,10 +10,17 @@ from typing import Any
 from console.reports.chart import ChartSheet
 from console.reports.compare_page import picture_of, verdict
 from console.reports.diagnosis_text import summary, taken_up
+from console.reports.diagnosis_wording import (
+    VERDICTS,
+    headlines_first,
+    left,
+    sentence,
+    sized,
+    title_of,
+)
+from console.reports.diagnosis_wording import when as when_of
 from console.reports.html import STYLE, Picture, escape, figure, table
 from console.reports.numbers import number, with_interval
-from console.reports.said import VERDICTS, headlines_first, left, sentence, sized, title_of
-from console.reports.said import when as when_of
 from console.reports.term_words import sentence as term_sentence
 from control.diagnosis.result import Diagnosis
 from control.diagnosis.runs.compared import Compared

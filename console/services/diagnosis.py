@@ -28,7 +28,7 @@ from console.app.pages.diagnosis.service import (
     Tell,
     WorkStopped,
 )
-from console.reports.said import others
+from console.reports.diagnosis_wording import others
 from console.services.diagnosis_job import REPORT, RESULT, VIEW, DiagnosisOrder
 from console.services.foreign_files import is_listed, may_be_brought_in
 from console.services.launcher import data_folder

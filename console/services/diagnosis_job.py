@@ -205,7 +205,7 @@ def _offer(
 ) -> AdoptionOffer:
     """The machine file with what may be adopted, for the page to put in its place when the
     operator says so; and what changed in it, a line each."""
-    from console.reports.said import whole_id
+    from console.reports.diagnosis_wording import whole_id
     from console.reports.term_words import side_by_side
     from control.diagnosis.extend import extend
     from control.diagnosis.runs.adoption import adoptable_of

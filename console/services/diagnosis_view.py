@@ -12,8 +12,8 @@ import numpy as np
 
 from console.app.pages.diagnosis.service import DiagnosisView, Drawn, ResidualCurve
 from console.reports.binned import Array, Axis, Binned
+from console.reports.diagnosis_wording import headlines_first, sorted_out
 from console.reports.run_views import View, parts_of, run_views, view_of
-from console.reports.said import headlines_first, sorted_out
 from console.reports.table_views import MeasuredColumn, table_views
 from console.services.separating_run import drivable
 from control.diagnosis.result import Cause, Diagnosis

@@ -219,13 +219,13 @@ class JobFiles:
             return str(_path_of(self._found(), JOB.format, "demo"))
 
     def maps(self) -> tuple[MapFile, ...]:
-        from console.services.sticks import maps_in, places
+        from console.services.removable_media import maps_in, places
 
         return maps_in(places())
 
     def map_folder(self, folder: str, kind: str = "map") -> tuple[MapFile, ...]:
         """Raises ValueError."""
-        from console.services.sticks import entries, places
+        from console.services.removable_media import entries, places
 
         if not folder:
             return (

@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from console.app.laid import Harvest, LaidFile
+from console.app.coverage_raster import Box, Worked, spot_of
 from console.app.layers import MapLayer
+from console.app.overlay_file import Harvest, LaidFile
 from console.app.pages.diagnosis.service import OpenQuestions
 from console.app.pages.replay.service import LogFile
-from console.app.worked import Box, Worked, spot_of
 from console.frame import Frame
 from console.services.diagnosis import DiagnosisFiles
 from console.services.field import plane_of_job

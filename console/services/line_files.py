@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import NamedTuple
 
-from console.app.kept_lines import KeptLines, kept_lines
+from console.app.guide_line_store import KeptLines, kept_lines
 from console.worker.side_files import SideFiles
 
 ENDING = ".lines.jsonl"

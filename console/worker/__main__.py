@@ -10,9 +10,9 @@ import contextlib
 import sys
 from collections.abc import Sequence
 
-from console import quick_start
+from console import import_hooks
 
-quick_start.begin()
+import_hooks.begin()
 
 from console.worker import run_file  # noqa: E402
 from console.worker.options import options_from  # noqa: E402

@@ -9,7 +9,7 @@ import sys
 import time
 from collections.abc import Callable, Sequence
 
-from console import quick_start
+from console import import_hooks
 from console.worker import run_file
 from console.worker.host import Host
 from console.worker.link_server import LinkServer
@@ -61,7 +61,7 @@ def run(options: Options, assemble: Assemble, right: run_file.Right) -> int:
         return refused(error)
     said.start()
     link.start()
-    quick_start.done()
+    import_hooks.done()
     try:
         host.run()
     finally:

@@ -18,9 +18,9 @@ import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-from console.knock import still_runs
 from console.worker.limits import LOCK_S
 from console.worker.system import private_folder, write_private
+from console.worker_handshake import still_runs
 from drivers import day_clock
 from drivers.files.lock import stands, take_lock
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 from typing import Any
 
 from console.frame import Frame, to_json
-from console.knock import GREETING
+from console.worker_handshake import GREETING
 from control.orders import Answer
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from console.app.pages.job.day import LOOK, OK, checks
+from console.app.pages.job.checklist import LOOK, OK, checks
 from console.app.units import METRIC
 from console.reports.job_about import About, happened, named
 from control.agronomy.crop import Crop

@@ -8,6 +8,7 @@ from dataclasses import replace
 import pytest
 
 from console.app.boundary_drive import BoundaryDrive
+from console.app.coverage_raster import Worked
 from console.app.dialogs import ChoiceDialog, Confirm
 from console.app.guide_line import GuideLine
 from console.app.layers import MapLayer, scale_of
@@ -15,7 +16,6 @@ from console.app.name_dialog import NameDialog
 from console.app.number_dialog import NumberDialog
 from console.app.pages.run.page import LIGHTS, LightBar, light_view
 from console.app.units import IMPERIAL, METRIC
-from console.app.worked import Worked
 from control.geodesy import TangentPlane
 from control.orders import Do, Order
 from tests.app.harness import feed, settled

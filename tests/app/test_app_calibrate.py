@@ -12,7 +12,7 @@ from console.app.dialogs import ChoiceDialog
 from console.app.name_dialog import NameDialog
 from console.app.number_dialog import NumberDialog
 from console.app.pages.calibrate.guide import Guide
-from console.app.pages.calibrate.sheet import Bar, Sheet
+from console.app.pages.calibrate.progress_rows import Bar, Sheet
 from console.app.services import Services
 from console.app.widgets.chips import Chips, placed
 from console.link import WorkerGone

@@ -28,7 +28,7 @@ from console.app.pages.diagnosis.service import DiagnosisView, ResidualCurve, Wo
 from console.app.services import Services
 from console.app.units import IMPERIAL, METRIC
 from console.locale import catalogue, use
-from console.reports.said import sentence, title_of
+from console.reports.diagnosis_wording import sentence, title_of
 from control.diagnosis.result import UNKNOWN, FieldCost, Unexplained
 from control.machine.machine import CATALOGUE
 from control.orders import Do

@@ -15,14 +15,14 @@ from rich.style import Style
 from console.app import camera, view
 from console.app.actions import ACTIONS
 from console.app.braille import trace
+from console.app.coverage_raster import Box
 from console.app.digits import ROWS, draw, largest
 from console.app.history import History
-from console.app.pace import Pace
 from console.app.pages.calibrate.curve import Curve, CurveView
+from console.app.refresh_rates import Pace
 from console.app.units import IMPERIAL, METRIC
 from console.app.widgets.panel import fit, right, spread
 from console.app.widgets.tiles import bar
-from console.app.worked import Box
 from console.scale import STEPS, calm_ends, colour
 from control.log_row import LogRow
 from tests.app.harness import dots

@@ -14,7 +14,7 @@ from console.app.app import TopdressApp
 from console.app.dialogs import ChoiceDialog, Confirm
 from console.app.number_dialog import NumberDialog
 from console.app.pages.job.check_list import CheckList, with_room
-from console.app.pages.job.day import LOOK, OK, STOP, Check, checks, totals, worst
+from console.app.pages.job.checklist import LOOK, OK, STOP, Check, checks, totals, worst
 from console.app.pages.job.nrich import StripRun, standard_error
 from console.app.pages.job.refill import RefillWatch
 from console.app.pages.job.service import Earlier, Offer

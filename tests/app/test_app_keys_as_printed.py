@@ -9,7 +9,7 @@ import pytest
 
 from console.app import actions
 from console.app.action import ANYWHERE
-from console.app.pressed import meant
+from console.app.key_normaliser import meant
 from control.orders import Answer, Do, Order
 from tests.app.harness import in_state
 

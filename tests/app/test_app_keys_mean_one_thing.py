@@ -12,7 +12,7 @@ from console.app import actions
 from console.app.dialogs import ChoiceDialog, Confirm
 from console.app.name_dialog import NameDialog
 from console.app.number_dialog import NumberDialog
-from console.app.stray import HeldEnter, StrayTyping
+from console.app.type_ahead_guard import HeldEnter, StrayTyping
 from console.app.widgets.key_bar import KeyBar, laid_out
 from control.orders import Do, Order
 from tests.app.harness import in_state, settled

@@ -11,11 +11,11 @@ from textual.widgets import Button
 
 import console.app
 from console.app.dialogs import Choice, ChoiceDialog, Confirm
-from console.app.stray import PAUSE_S
+from console.app.type_ahead_guard import PAUSE_S
 from console.app.widgets.choice_list import ChoiceList
 from console.services.job import JobFiles
 from console.services.launcher import Launcher
-from console.services.sticks import entries
+from console.services.removable_media import entries
 from control.orders import Do, Order
 from tests.app.harness import settled
 

@@ -10,13 +10,13 @@ from textual import events
 from textual.widgets import Input
 
 from console.app.app import TopdressApp
+from console.app.attach_notice import Joined
 from console.app.dialogs import ChoiceDialog, TextDialog
-from console.app.joined import Joined
 from console.app.name_dialog import NameDialog
 from console.app.pages.job.service import Offer
 from console.app.screens.alarm_list import AlarmList
-from console.app.screens.gone import GoneScreen
 from console.app.screens.help import HelpScreen
+from console.app.screens.worker_lost_screen import GoneScreen
 from console.app.services import Services
 from console.link import WorkerGone
 from tests.app.gallery import StillSource

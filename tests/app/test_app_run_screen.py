@@ -9,7 +9,7 @@ import pytest
 
 from console.app.app import TopdressApp
 from console.app.reasons import why_not_ready
-from console.app.screens.gone import GoneScreen
+from console.app.screens.worker_lost_screen import GoneScreen
 from console.app.view import STALE_S, why_other_rate
 from console.app.widgets.alarm_bar import AlarmBar
 from console.app.widgets.canvas import Canvas

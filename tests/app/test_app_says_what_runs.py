@@ -9,8 +9,8 @@ import pytest
 
 from console.app import words
 from console.app.app import TopdressApp
+from console.app.attach_notice import Joined
 from console.app.dialogs import TextDialog
-from console.app.joined import Joined
 from console.app.pages.job.map_words import map_words
 from console.app.pages.job.service import AtWork
 from console.app.services import Services

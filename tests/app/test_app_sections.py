@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from console.app.app import TopdressApp
+from console.app.coverage_raster import KINDS, Spot, Worked, spot_of
 from console.app.pages.run.keys import allow_choices
 from console.app.pages.run.section_bar import section_choices, section_parts
 from console.app.words import SECTIONS
-from console.app.worked import KINDS, Spot, Worked, spot_of
 from console.frame import Frame, from_json, to_json
 from console.locale import use
 from control.log_row import LogRow

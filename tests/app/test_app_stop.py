@@ -12,7 +12,7 @@ from textual.events import InputEvent
 from textual.screen import ModalScreen
 from textual.widgets import Input
 
-from console.app import actions, pressed
+from console.app import actions, key_normaliser
 from console.app.app import TopdressApp
 from console.app.dialogs import Choice, ChoiceDialog, Confirm, Dialog, NudgeDialog, TextDialog
 from console.app.name_dialog import NameDialog
@@ -22,9 +22,9 @@ from console.app.pages.job.service import MapReading
 from console.app.pages.settings import page as settings_page
 from console.app.pages.trends.page import ChannelDialog
 from console.app.screens.alarm_list import AlarmList
-from console.app.screens.gone import GoneScreen
 from console.app.screens.help import HelpScreen
 from console.app.screens.jump import JumpScreen
+from console.app.screens.worker_lost_screen import GoneScreen
 from console.app.settings import keymap_problem
 from console.app.tablet import Key, KeyDialog, TabletApp
 from console.app.units import METRIC
@@ -339,9 +339,9 @@ def test_f12_cannot_be_taken_from_stop():
 
 def test_a_letter_alone_is_folded_and_nothing_else():
     kept = ("escape", "shift+left", "ctrl+c", "alt+shift+left", "plus", "shift+tab", "ß", "é", "f2")
-    assert [pressed.meant(key, frozenset(), frozenset({"x", "space"})) for key in kept] == list(
-        kept
-    )
+    assert [
+        key_normaliser.meant(key, frozenset(), frozenset({"x", "space"})) for key in kept
+    ] == list(kept)
 
 
 # --- no STOP that stops nothing

@@ -10,9 +10,9 @@ from textual.widgets import Button
 from console.app import actions
 from console.app.action import ANYWHERE, CALIBRATE, DIAGNOSIS, JOB, MAP, RUN, SETTINGS
 from console.app.guide_line import GuideLine
-from console.app.kept_lines import guide_record
+from console.app.guide_line_store import guide_record
 from console.app.pages.job.service import Earlier
-from console.app.screens.gone import GoneScreen
+from console.app.screens.worker_lost_screen import GoneScreen
 from console.app.services import Services
 from console.app.tablet import CLOSED, Key, KeyDialog, TabletApp
 from console.app.widgets.field_map import FieldMap

@@ -13,7 +13,7 @@ import pytest
 
 import console.app
 from console.app import words
-from console.app.pages.job.day import crop_note
+from console.app.pages.job.checklist import crop_note
 from console.locale import N_, _, catalogue, in_use, languages, preferred, use
 from console.locale.po import read_po
 from control.machine.form import FORMS

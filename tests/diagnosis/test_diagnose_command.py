@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 
 from console.cli import app
 from console.cli.diagnose import adopt
-from console.reports.said import sorted_out
+from console.reports.diagnosis_wording import sorted_out
 from control.diagnosis.result import UNKNOWN, Rival
 from control.diagnosis.tables import diagnose_tables
 from control.machine.machine import Machine

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from click.testing import Result
 
-from console.reports.said import sentence
+from console.reports.diagnosis_wording import sentence
 from control.diagnosis import diagnose_run, extend
 from control.diagnosis.result import Diagnosis
 from control.diagnosis.runs.effort_reference import fit_effort

@@ -11,7 +11,7 @@ import pytest
 from scipy.signal import lfilter
 
 from console.reports.diagnosis_text import summary
-from console.reports.said import sentence
+from console.reports.diagnosis_wording import sentence
 from control.diagnosis import diagnose_run, extend
 from control.diagnosis.judgement.checks import by_chance_together
 from control.diagnosis.runs.quantised import whole_steps

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from console.reports.said import undecided
+from console.reports.diagnosis_wording import undecided
 from control.diagnosis.extend import extend
 from control.diagnosis.judgement.prior import NAMED
 from control.diagnosis.runs.adoption import adoptable_of

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from pydantic import ValidationError
 
-from console.app.pages.job.day import LOOK, OK, checks
+from console.app.pages.job.checklist import LOOK, OK, checks
 from console.app.units import METRIC
 from console.services.job import JobFiles, Launcher
 from control.agronomy.product import CatchTest, Product

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 import shapely
 
-from console.app.pages.job.day import LOOK, STOP, checks
+from console.app.pages.job.checklist import LOOK, STOP, checks
 from console.app.pages.job.map_words import map_words
 from console.app.units import METRIC
 from console.app.words import alarm_words

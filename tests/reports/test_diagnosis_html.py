@@ -21,11 +21,11 @@ from console.locale import ENGLISH, use
 from console.reports import html
 from console.reports.diagnosis_html import diagnosis_page
 from console.reports.diagnosis_text import summary
+from console.reports.diagnosis_wording import cost, headlined, sentence, when
 from console.reports.fleet_page import fleet_page
 from console.reports.paper_page import paper_page
 from console.reports.run_pictures import cause_pictures
 from console.reports.run_views import View, parts_of, run_views
-from console.reports.said import cost, headlined, sentence, when
 from console.services.diagnosis_view import found_of
 from control.calibration.bench_table import BenchTable
 from control.diagnosis.result import (

@@ -12,11 +12,11 @@ import pytest
 
 from console.reports.binned import Axis, binned, binned_rates, shown_share, telling
 from console.reports.chart import ChartSheet, Panel
+from console.reports.diagnosis_wording import left
 from console.reports.numbers import MINUS, number, p_value, percent, span_of, with_interval
 from console.reports.panels import EXTENDED, NOMINAL, residual_panel, smooth_line
 from console.reports.run_pictures import LEAST_SHARE, _most_telling
 from console.reports.run_views import parts_of, run_views
-from console.reports.said import left
 from console.reports.table_pictures import table_picture
 from console.reports.table_views import table_views
 from control.calibration.bench_table import BenchTable

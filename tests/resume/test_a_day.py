@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from console.app.coverage_raster import CELLS_M, MOST_TILES
 from console.app.history import TREND_POINTS, History
-from console.app.worked import CELLS_M, MOST_TILES
 from console.worker.resume import Snapshot
 from console.worker.resume_ground import TRACK_PLACES, Done
 from console.worker.resume_keeper import Keeper

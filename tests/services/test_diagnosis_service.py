@@ -14,7 +14,7 @@ import yaml
 
 from console.app.pages.diagnosis.adoption import selections, undecided
 from console.app.pages.diagnosis.service import Adoption, Stop, WorkStopped
-from console.reports.said import sorted_out
+from console.reports.diagnosis_wording import sorted_out
 from console.services.diagnosis import DiagnosisFiles
 from console.services.separating_run import _DRIVES, drivable, drive_of
 from control.diagnosis.extend import adoptable

@@ -24,8 +24,8 @@ import pytest
 from console.reports.fleet_page import costliest, fleet_page, service
 from console.reports.numbers import fixed
 from console.services import fleet
-from console.services.fleet_about import listed, with_words
 from console.services.fleet_job import FORMAT, checksum, record, record_of, side_urls
+from console.services.fleet_metadata import listed, with_words
 from console.services.fleet_season import season
 from console.services.fleet_tables import TABLES, write_tables
 from control.diagnosis.season.courses import Cause, SeasonFit

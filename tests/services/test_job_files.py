@@ -17,10 +17,10 @@ from console.app.pages.job.map_words import is_doubtful, map_words
 from console.app.pages.job.service import MapReading
 from console.app.units import METRIC
 from console.running import WorkerFailed
-from console.services.at_work import at_work, earlier
 from console.services.job import JobFiles, implausible
 from console.services.launcher import Launcher, others_than
-from console.services.sticks import entries, maps_in, may_be_map
+from console.services.removable_media import entries, maps_in, may_be_map
+from console.services.running_limits import at_work, earlier
 from console.worker import resume
 from console.worker.resume import Snapshot
 from control.agronomy.strips import StripValue

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from console.app import words
 from console.app.camera import MapCamera, around
+from console.app.coverage_raster import Box, Worked
 from console.app.field_picture import FieldPicture
 from console.app.history import TREND_SPAN_S, LogHistory, Point, points_of
-from console.app.laid import LaidFile, LaidView
 from console.app.layers import LayerScale, MapLayer, scale_of
 from console.app.map_ink import MapView
+from console.app.overlay_file import LaidFile, LaidView
 from console.app.pages.page import Page
 from console.app.pages.replay.service import ReplayJob
 from console.app.series import TrendSeries
 from console.app.view import STALE_S, RunView, alarms
-from console.app.worked import Box, Worked
 from console.frame import Frame
 from console.locale import _
 

@@ -15,8 +15,8 @@ from textual.css.scalar import Scalar
 from textual.screen import Screen
 
 from console.app.action import ANYWHERE, DIAGNOSIS, JOB, MAP, REPLAY, RUN, Action
-from console.app.company import CompanyView
-from console.app.pace import MAPS_S, NUMBERS_S, PLOTS_S, Pace
+from console.app.presence_text import CompanyView
+from console.app.refresh_rates import MAPS_S, NUMBERS_S, PLOTS_S, Pace
 from console.app.view import AlarmsView, RunView, look, without_machine, without_worker
 from console.app.widgets.alarm_bar import AlarmBar, rows_needed
 from console.app.widgets.key_bar import KeyBar, KeysView

@@ -9,13 +9,13 @@ from random import Random
 
 import numpy as np
 
+from console.app.coverage_raster import Spot, Worked
 from console.app.field_picture import FieldPicture, Planned
-from console.app.laid import LaidFile
 from console.app.layers import MapLayer
+from console.app.overlay_file import LaidFile
 from console.app.pages.replay.service import LogFile
 from console.app.pages.settings.service import SettingsStore
 from console.app.services import Services
-from console.app.worked import Spot, Worked
 from console.frame import DeviceView, Frame, Tally
 from control.field.totals import Totaliser
 from control.log_row import LogRow

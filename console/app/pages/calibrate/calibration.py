@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, NamedTuple
 from console.app import words
 from console.app.pages.calibrate.curve import CurveView
 from console.app.pages.calibrate.guide import GuideStep, GuideView
+from console.app.pages.calibrate.progress_rows import Row
 from console.app.pages.calibrate.service import Calibrated, Estimate
-from console.app.pages.calibrate.sheet import Row
 from console.app.widgets.chips import Chip
 from console.frame import Frame
 from console.locale import N_, _

@@ -17,7 +17,7 @@ from console.app.pages.calibrate.catch import (
 )
 from console.app.pages.calibrate.curve import CurveView
 from console.app.pages.calibrate.guide import GuideStep
-from console.app.pages.calibrate.sheet import Bar, Cells, Line, Row
+from console.app.pages.calibrate.progress_rows import Bar, Cells, Line, Row
 from console.app.typed_number import in_words, inside
 from console.app.view import STALE_S
 from console.app.widgets.chips import Chip

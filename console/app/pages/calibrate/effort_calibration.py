@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from console.app.pages.calibrate.calibration import Calibration, FrameSeen
 from console.app.pages.calibrate.guide import GuideStep
-from console.app.pages.calibrate.sheet import Line, Row
+from console.app.pages.calibrate.progress_rows import Line, Row
 from console.app.widgets.chips import Chip
 from console.locale import N_, _
 

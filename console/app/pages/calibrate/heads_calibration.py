@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Literal, NamedTuple
 
 from console.app.pages.calibrate.calibration import Calibration, FrameSeen
 from console.app.pages.calibrate.guide import GuideStep
-from console.app.pages.calibrate.sheet import Bar, Level, Line, Middle, Row
+from console.app.pages.calibrate.progress_rows import Bar, Level, Line, Middle, Row
 from console.app.widgets.chips import Chip
 from console.locale import N_, _
 

@@ -11,8 +11,8 @@ from console.app.name_dialog import NameDialog
 from console.app.pages.calibrate.calibration import FrameSeen, HeldRun, curve_of
 from console.app.pages.calibrate.curve import CurveView
 from console.app.pages.calibrate.guide import GuideStep
+from console.app.pages.calibrate.progress_rows import Bar, Cells, Line, Row
 from console.app.pages.calibrate.service import LagTable
-from console.app.pages.calibrate.sheet import Bar, Cells, Line, Row
 from console.app.widgets.chips import Chip
 from console.frame import LagTestView
 from console.locale import N_, _

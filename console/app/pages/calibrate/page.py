@@ -27,8 +27,8 @@ from console.app.pages.calibrate.guide import Guide, GuideView
 from console.app.pages.calibrate.heads_calibration import HeadsCalibration
 from console.app.pages.calibrate.keys import ACTIONS
 from console.app.pages.calibrate.lag_calibration import LagCalibration
+from console.app.pages.calibrate.progress_rows import Sheet
 from console.app.pages.calibrate.service import CalibrateService
-from console.app.pages.calibrate.sheet import Sheet
 from console.app.pages.calibrate.wheel_calibration import WheelCalibration
 from console.app.pages.page import Page
 from console.app.view import RunView

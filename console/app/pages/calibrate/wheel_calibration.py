@@ -8,7 +8,7 @@ from console.app import words
 from console.app.pages.calibrate.calibration import Calibration, FrameSeen
 from console.app.pages.calibrate.catch import TURNING_RPM
 from console.app.pages.calibrate.guide import GuideStep
-from console.app.pages.calibrate.sheet import Bar, Line, Row
+from console.app.pages.calibrate.progress_rows import Bar, Line, Row
 from console.app.pages.calibrate.wheel import LEAST_M, WheelRun, WheelSample
 from console.app.view import STALE_S
 from console.app.widgets.chips import Chip

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from itertools import chain, combinations
 
 from console.app.pages.diagnosis.service import AdoptionOffer, DiagnosisView
-from console.reports import said
+from console.reports import diagnosis_wording
 from control.diagnosis.result import Cause
 
 # undecided causes of which any may be picked together; of more, one at a time
@@ -18,7 +18,9 @@ def undecided(found: DiagnosisView) -> tuple[Cause, ...]:
     """Those that could be adopted and are not decided: the data cannot tell them from others,
     or they are suspected only."""
     return tuple(
-        one for one in found.found.causes if one.id in found.adoptable and said.undecided(one)
+        one
+        for one in found.found.causes
+        if one.id in found.adoptable and diagnosis_wording.undecided(one)
     )
 
 

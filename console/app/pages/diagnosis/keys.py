@@ -128,8 +128,8 @@ def _ask_next(
     if not open_:
         _ask_why(page, found, picked)
         return
+    from console.reports.diagnosis_wording import others, title, title_of
     from console.reports.numbers import percent
-    from console.reports.said import others, title, title_of
 
     cause, rest = open_[0], open_[1:]
     unsized = _("its size is not known before the separating run")
@@ -183,7 +183,7 @@ def _ask_why(page: DiagnosisScreen, found: DiagnosisView, picked: tuple[str, ...
 def _ask_to_write(page: DiagnosisScreen, found: DiagnosisView, chosen: Adoption) -> None:
     from console.app.pages.diagnosis import words
     from console.app.pages.diagnosis.adoption import offer_of, undecided
-    from console.reports.said import title
+    from console.reports.diagnosis_wording import title
 
     offer = offer_of(found, chosen.ids)
     left = [title(one) for one in undecided(found) if one.id not in chosen.ids]
@@ -301,7 +301,7 @@ def job_file(page: DiagnosisScreen, found: DiagnosisView) -> None:
 
 @_of_found
 def drive(page: DiagnosisScreen, found: DiagnosisView) -> None:
-    from console.reports.said import to_do
+    from console.reports.diagnosis_wording import to_do
 
     text = _(
         "{minutes} minutes of simulated time, in seconds. Only a simulated machine moves; "

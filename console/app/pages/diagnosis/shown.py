@@ -11,7 +11,7 @@ from console.app.pages.diagnosis.service import DiagnosisView, ResidualCurve
 from console.app.pages.diagnosis.verdict import SaidVerdict
 from console.app.units import Units
 from console.locale import _, in_use
-from console.reports import said as sentences
+from console.reports import diagnosis_wording as sentences
 from console.reports.numbers import percent
 from console.reports.variables import recorded
 from control.diagnosis.result import Cause, Channel, Diagnosis, Size

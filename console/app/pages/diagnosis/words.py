@@ -1,6 +1,6 @@
 """A diagnosis on its page: which data, what to do by its keys, numbers in the units in use. Pure.
 
-What it says of the data itself is said for all: `console.reports.said`.
+What it says of the data itself is said for all: `console.reports.diagnosis_wording`.
 """
 
 from __future__ import annotations
@@ -9,8 +9,16 @@ from console.app.pages.diagnosis.service import IMPORT, ComparedShown, Diagnosis
 from console.app.units import Units
 from console.app.view import duration
 from console.locale import N_, _
+from console.reports.diagnosis_wording import (
+    better,
+    channel_word,
+    headlined,
+    title,
+    when,
+    whole,
+    whole_id,
+)
 from console.reports.numbers import number, plain
-from console.reports.said import better, channel_word, headlined, title, when, whole, whole_id
 from control.diagnosis.result import Cause
 
 KINDS = {

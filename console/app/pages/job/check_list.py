@@ -9,7 +9,7 @@ from rich.cells import cell_len
 from textual import events
 from textual.content import Content
 
-from console.app.pages.job.day import LEVEL_WORDS, LOOK, OK, STOP, Check, worst
+from console.app.pages.job.checklist import LEVEL_WORDS, LOOK, OK, STOP, Check, worst
 from console.app.widgets.panel import Panel, Part, fit, line, wrapped
 from console.locale import _
 

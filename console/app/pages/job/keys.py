@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Concatenate, Literal, ParamSpec
 from console.app.action import JOB, Action, on
 from console.app.dialogs import Choice, ChoiceDialog, TextDialog
 from console.app.first_question import start_from_any_page
-from console.app.pages.job.day import (
+from console.app.pages.job.checklist import (
     STRIP_BEGINS,
     STRIP_TITLES,
     checks,

@@ -14,7 +14,7 @@ from textual.widgets import Static
 
 from console.app.dialogs import Choice, ChoiceDialog, Dialog
 from console.app.map_ink import LEVELS_PLAN, planned_scale, small_map
-from console.app.pages.job.day import file_name
+from console.app.pages.job.checklist import file_name
 from console.app.pages.job.map_words import map_words
 from console.app.pages.job.service import MapPreview
 from console.app.units import Units

@@ -16,7 +16,14 @@ from console.app.dialogs import Choice, ChoiceDialog, Confirm
 from console.app.name_dialog import NameDialog
 from console.app.number_dialog import NumberDialog
 from console.app.pages.job.check_list import CheckList, JobNote, JobNotes, NotesView, rows_of
-from console.app.pages.job.day import STRIP_RUNS, checks, file_name, refills, strips_now, totals
+from console.app.pages.job.checklist import (
+    STRIP_RUNS,
+    checks,
+    file_name,
+    refills,
+    strips_now,
+    totals,
+)
 from console.app.pages.job.keys import ACTIONS
 from console.app.pages.job.map_dialog import COLUMN, TAKE, UNIT, MapDialog
 from console.app.pages.job.nrich import FieldRun, StripRun, reading_of

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from console.app import layers
 from console.app.action import MAP, Action, on
 from console.app.dialogs import Choice, ChoiceDialog
-from console.app.kept_lines import guide_record
+from console.app.guide_line_store import guide_record
 from console.locale import N_, _
 
 if TYPE_CHECKING:

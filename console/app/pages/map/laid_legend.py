@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import partial
 from typing import TYPE_CHECKING
 
-from console.app.laid import LaidFile
+from console.app.overlay_file import LaidFile
 from console.frame import Frame
 from console.locale import _
 

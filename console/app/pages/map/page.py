@@ -14,9 +14,9 @@ from console.app.boundary_drive import BoundaryDrive
 from console.app.camera import MapCamera, fit
 from console.app.dialogs import Choice, ChoiceDialog
 from console.app.guide_line import LEAST_M
-from console.app.kept_lines import corner_record, drive_record, guide_record
-from console.app.laid import LaidFile, LaidView
+from console.app.guide_line_store import corner_record, drive_record, guide_record
 from console.app.layers import LABELS, MapLayer
+from console.app.overlay_file import LaidFile, LaidView
 from console.app.pages.log_page import EMPTY_MAP, LogPage
 from console.app.pages.map.keys import ACTIONS
 from console.app.pages.map.laid_legend import LaidFiles, LaidLegend, LaidLegendView, label_of

@@ -5,14 +5,14 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from console.app.camera import Pixels
+from console.app.coverage_raster import Worked
 from console.app.field_picture import FieldPicture
-from console.app.laid import LaidView
 from console.app.layers import MapLayer
 from console.app.map_image import Ground
+from console.app.overlay_file import LaidView
 from console.app.remaining_work import remaining_work
 from console.app.units import Units
 from console.app.view import Item, Shown, duration, rate_error, signed_percent
-from console.app.worked import Worked
 from console.frame import Frame
 from console.locale import _
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 
 from typing import Protocol
 
-from console.app.kept_lines import KeptLines
-from console.app.laid import LaidFile
+from console.app.guide_line_store import KeptLines
+from console.app.overlay_file import LaidFile
 from console.app.pages.replay.service import LogFile
 from console.frame import Frame
 

@@ -25,6 +25,7 @@ from textual.worker import Worker, get_current_worker
 
 from console.app import words
 from console.app.action import REPLAY, bindings
+from console.app.coverage_raster import Worked
 from console.app.field_picture import FieldPicture
 from console.app.history import LogHistory, Point
 from console.app.pages.log_page import EMPTY_GROUND
@@ -34,7 +35,6 @@ from console.app.pages.replay.service import LogFiles, ReplayJob, WhatIf
 from console.app.replay_source import ReplaySource
 from console.app.units import Units
 from console.app.view import RunView, duration, rate_error
-from console.app.worked import Worked
 from console.frame import Frame
 from console.worker.resume_alarms import AlarmBook, AlarmRecord
 

@@ -19,7 +19,7 @@ from console.app import actions, themes
 from console.app.action import ANYWHERE, SETTINGS, Action, bindings
 from console.app.dialogs import Choice, ChoiceDialog, Dialog
 from console.app.number_dialog import NumberDialog
-from console.app.pages.job.day import file_name
+from console.app.pages.job.checklist import file_name
 from console.app.pages.page import Page
 from console.app.pages.settings.keys import ACTIONS
 from console.app.pages.settings.service import SettingsStore

@@ -10,7 +10,7 @@ import pytest
 from console.app.app import TopdressApp
 from console.app.boundary_drive import BoundaryDrive, Corner
 from console.app.guide_line import GuideLine
-from console.app.kept_lines import corner_record, drive_record, guide_record, kept_lines
+from console.app.guide_line_store import corner_record, drive_record, guide_record, kept_lines
 from console.services.line_files import KeptLineFiles, lines_path
 from control.log_row import LogRow
 from drivers.files.run_log import PlainLogWriter

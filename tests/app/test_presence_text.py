@@ -7,11 +7,11 @@ from dataclasses import replace
 import pytest
 
 from console.app.app import TopdressApp
-from console.app.company import leave_words
+from console.app.attach_notice import Joined
 from console.app.dialogs import TextDialog
-from console.app.joined import Joined
 from console.app.ordered_words import ORDERS
 from console.app.pages.all import SCREENS
+from console.app.presence_text import leave_words
 from console.app.services import Services
 from console.attached import Attached, Ordered
 from control.orders import Do

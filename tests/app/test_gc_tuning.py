@@ -6,7 +6,7 @@ import gc
 
 import pytest
 
-from console.sweeps import TIMES, Sweeps
+from console.gc_tuning import TIMES, Sweeps
 
 LIVES = 4000  # more than pytest itself makes meanwhile
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from math import floor, log10
 from typing import NamedTuple
 
+from console.app.coverage_raster import Worked
 from console.app.layers import RATES, LayerScale, MapLayer
-from console.app.worked import Worked
 from console.scale import calm_ends
 
 # of a harvest's range: its scale ends at a round tenth

@@ -12,6 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from console.app.camera import MapCamera, Pixels, fit
+from console.app.coverage_raster import CELLS_M, KINDS, PLANES, Box, Spot, Worked, spot_of
 from console.app.field_picture import FieldPicture, Planned
 from console.app.history import History, LogHistory
 from console.app.layers import MapLayer, scale_of
@@ -30,7 +31,6 @@ from console.app.map_image import (
     next_passes,
 )
 from console.app.units import IMPERIAL, METRIC
-from console.app.worked import CELLS_M, KINDS, PLANES, Box, Spot, Worked, spot_of
 from console.scale import STEPS
 from tests.app.made_up.run import run_frames
 

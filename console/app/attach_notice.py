@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from console.app.pages.job.day import file_name
+from console.app.pages.job.checklist import file_name
 from console.app.view import wall_clock
 from console.locale import _
 
