@@ -140,8 +140,8 @@ def test_no_other_list_reads_digits():
             "dialogs.py",
             "number_dialog.py",
             "typed_number.py",
-            "pressed.py",
-            "stray.py",
+            "key_normaliser.py",
+            "type_ahead_guard.py",
         ):
             assert "isdigit()" not in text and "isdecimal()" not in text, path
             assert "OptionList" not in text, path
