@@ -4,7 +4,7 @@ Drawing leaves some 1,300 objects a second that only a sweep finds (Textual's st
 layouts), so Python sweeps every ten seconds, and with them all that lives: pages, their styles,
 what was drawn of them. That takes 45 to 100 ms on the computer of docs/decisions/0001, a second
 on one ten times slower, mostly while a dialog opens, which makes the most objects: the console
-is silent so long. Here what is left after such a sweep is set apart, as `quick_start` does with
+is silent so long. Here what is left after such a sweep is set apart, as `import_hooks` does with
 what the start made, and later sweeps take 10 to 20 ms. What was set apart and is given up
 later, and refers to itself, is never freed; so it is done a bounded number of times.
 """
