@@ -29,7 +29,7 @@ from manoeuvres import GO_HELD, MANOEUVRES, Manoeuvre, driven, judge, sim_of, th
 from verdict import exit_code
 
 from control.orders import Strategy
-from control.simulation.errors import landing, needs
+from control.simulation.error_metrics import landing, needs
 from control.simulation.figures import moves
 
 KNOWN = ("none", "set", "plan", "drive")

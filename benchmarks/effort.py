@@ -28,7 +28,7 @@ sys.path[:0] = [str(ROOT)]
 from console.reports.diagnosis_wording import sentence  # noqa: E402
 from control.diagnosis import diagnose_run  # noqa: E402
 from control.loop.tick import Tick  # noqa: E402
-from control.machine.planting import parse_planted  # noqa: E402
+from control.machine.fault_injection import parse_planted  # noqa: E402
 from control.readings import Measurements, Reading  # noqa: E402
 from control.simulation.assembly import (  # noqa: E402
     control_loop,

@@ -23,7 +23,7 @@ from verdict import exit_code
 
 from control.field.job import Simulated
 from control.loop import ControlLoop, Tick
-from control.machine.planting import parse_planted
+from control.machine.fault_injection import parse_planted
 from control.orders import Do, Order, Severity, State
 from control.readings import DriveCommand, Measurements
 from control.simulation.assembly import control_loop, with_simulated_field

@@ -20,7 +20,7 @@ from control.machine.elements import Array
 from control.orders import Do, Order, Strategy
 from control.simulation.assembly import control_loop, simulated_machine, with_simulated_field
 from control.simulation.closed_loop import Record, simulated_run
-from control.simulation.errors import BIN_M, landing, place_errors
+from control.simulation.error_metrics import BIN_M, landing, place_errors
 from drivers.files.setup import Setup, load_setup
 
 DT_S = 0.05

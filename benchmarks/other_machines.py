@@ -1,10 +1,10 @@
 """How good control is where the machine is not its model: `python benchmarks/other_machines.py
 --against /old/tree`
 
-Control has the shipped machine file. What is driven is one of `control.machine.plausible`:
-nobody's tables settle what goes on in the tube, and drives, flow and field lag are never quite
-the file's. Nothing on the machine sees the ground, so machines that differ in the tube alone
-are driven once, and landed each its own way.
+Control has the shipped machine file. What is driven is one of
+`control.machine.parameter_uncertainty`: nobody's tables settle what goes on in the tube, and
+drives, flow and field lag are never quite the file's. Nothing on the machine sees the ground,
+so machines that differ in the tube alone are driven once, and landed each its own way.
 
 Printed are, mean over seeds: rate error as it fell, and with the best constant shift along the
 way (what a lag test on this machine would have taken away); place error likewise; and for each
@@ -34,13 +34,13 @@ from manoeuvres import DT_S, GO, GO_HELD, MANOEUVRES, Manoeuvre, sim_of, the_set
 from verdict import exit_code
 
 from control.field.job import Simulated
+from control.machine.fault_injection import Planted
 from control.machine.machine import Machine
-from control.machine.planting import Planted
 from control.orders import Do, Order, Strategy, TargetSource
 from control.readings import DriveCommand
 from control.simulation.assembly import control_loop, simulated_machine, with_simulated_field
 from control.simulation.closed_loop import Record, simulated_run
-from control.simulation.errors import landing, place_errors
+from control.simulation.error_metrics import landing, place_errors
 from control.simulation.figures import moves
 from control.simulation.plant import Plant, SensorReadings, Truth
 from control.targets.map_profile import MapProfile
@@ -112,7 +112,7 @@ LATE_S = 0.4
 def any_machine(machine: Machine, name: str) -> Machine:
     """A plausible one, or one whose senses of speed are worse (`NOISY`, `SPEEDS`)."""
     from control.machine.machine import with_effect
-    from control.machine.plausible import plausible
+    from control.machine.parameter_uncertainty import plausible
 
     if name.startswith("wheel_"):
         return machine.model_copy(
@@ -536,7 +536,7 @@ PROMISED_M = {(ZONES, "opening_first"): 0.06, (ZONES, "speed_first"): 0.15}
 
 
 def run() -> int:
-    from control.machine.plausible import PLAUSIBLE
+    from control.machine.parameter_uncertainty import PLAUSIBLE
 
     parser = argparse.ArgumentParser(
         description="Rate and place error where the machine is not its model."

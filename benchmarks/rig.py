@@ -13,7 +13,7 @@ from typing import Any
 
 from control.field.job import Simulated
 from control.loop.tick import Tick
-from control.machine.planting import parse_planted
+from control.machine.fault_injection import parse_planted
 from control.orders import Do, Order, State
 from control.readings import DriveCommand
 from control.simulation.assembly import control_loop, simulated_machine, with_simulated_field

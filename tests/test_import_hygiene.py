@@ -121,7 +121,7 @@ for root in (__import__(name) for name in ("console", "control", "drivers")):
         "control.field.compiled_cells",
         "control.machine.compiled",
         "control.machine.compiled_tick",
-        "control.machine.kept_code",
+        "control.machine.jit_cache",
         "control.simulation.compiled_steps",
     ]
 

@@ -174,12 +174,12 @@ def outcome(hidden: Hidden, seconds: float, folder: Path) -> Outcome:
 
 def driven(setup: Any, known: Any, hidden: Hidden, seconds: float) -> Driven:
     """One field of the machine that has what is hidden, by control that reads the file `known`."""
-    from control.machine.planting import parse_planted
+    from control.machine.fault_injection import parse_planted
     from control.machine.terms import Term, parse_term
     from control.orders import Strategy
     from control.simulation.assembly import control_loop, simulated_machine, with_simulated_field
     from control.simulation.closed_loop import Record, simulated_run
-    from control.simulation.errors import errors
+    from control.simulation.error_metrics import errors
 
     machine = setup.machine
     job = with_simulated_field(

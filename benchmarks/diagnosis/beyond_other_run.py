@@ -42,7 +42,7 @@ def seen(columns: dict[str, Any], machine: Machine) -> dict[str, Seen]:
     from control.diagnosis.runs.hypothesis import schedule, stages_of
     from control.diagnosis.runs.log import gate
     from control.diagnosis.runs.stages import run_data
-    from control.machine.over_log import MOST_STEP_S
+    from control.machine.stage_runner import MOST_STEP_S
 
     plan = schedule(stages_of(machine), ())
     return {

@@ -533,7 +533,7 @@ def error_on(log: Path, machine_file: Path, case: Case) -> float:
     from control.diagnosis.runs.drives import whole_drives
     from control.diagnosis.runs.hypothesis import schedule, stages_of
     from control.diagnosis.runs.log import gate
-    from control.machine.over_log import MOST_STEP_S
+    from control.machine.stage_runner import MOST_STEP_S
     from drivers.files.config import load
     from drivers.files.kinds import MACHINE
     from drivers.files.read_log import read_rows

@@ -198,7 +198,7 @@ def main() -> int:
         for count in given.logs:
             logs = _as_logs(season_of(seed, count))
             before_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
-            from control.diagnosis.season.courses import fitted
+            from control.diagnosis.season.effect_timelines import fitted
 
             begin = time.process_time()
             found = fitted(logs)

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 from truth import DAYS, MACHINES, OTHER_FLOW, OTHER_PRODUCT, PLANTED, PRODUCTS, Planted
 
-from control.diagnosis.season.courses import Cause, wears
+from control.diagnosis.season.effect_timelines import Cause, wears
 
 # machines with an effect reported that was not planted, of all
 MOST_STRANGE = 1

@@ -171,7 +171,7 @@ def command(words: list[str], model: bool, together: int) -> None:
 
     from console.cli import app
     from console.services import fleet, fleet_season, fleet_tables
-    from control.diagnosis.season.courses import SeasonFit
+    from control.diagnosis.season.effect_timelines import SeasonFit
 
     def timed(what: str, work: Any) -> Any:
         @functools.wraps(work)

@@ -29,7 +29,7 @@ from judged import judge  # noqa: E402
 from truth import MACHINES, WEAK, WEAK_PROGRAMME, Day, days  # noqa: E402
 from verdict import exit_code  # noqa: E402
 
-from control.diagnosis.season.courses import fitted  # noqa: E402
+from control.diagnosis.season.effect_timelines import fitted  # noqa: E402
 from control.diagnosis.season.evidence import (  # noqa: E402
     OneLog,
     QuadraticForm,

@@ -25,7 +25,7 @@ def measure_drop(rig: str, out: Path, runs: int) -> None:
     """Measure `runs` runs and write `out`; interrupted, what was measured stays in it. Raises
     CommandError."""
     from drivers.cab import Cab, CabConfig
-    from drivers.devices.lag_test import DropTest, drop_table
+    from drivers.devices.lag_run import DropTest, drop_table
     from drivers.files.atomic import write_atomically
 
     cab = Cab(CabConfig.model_validate({"lag_rig": {"port": rig}}), time.monotonic)

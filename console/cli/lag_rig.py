@@ -55,7 +55,7 @@ def measure_lag(
             "no keyboard "
             "here: allowed is --no-key, with somebody at the hard-wired stop"
         )
-    from drivers.devices.lag_test import Plan
+    from drivers.devices.lag_run import Plan
 
     plan = Plan(shaft_rpm=tuple(speeds_rpm) or Plan().shaft_rpm, repeats=repeats)
     with keys() as keyboard:

@@ -70,7 +70,7 @@ def serve_machine(
 ) -> None:
     """The simulated machine behind every protocol, in real time. `topdress run --config
     virtual` connects to it."""
-    from control.machine.planting import parse_planted
+    from control.machine.fault_injection import parse_planted
     from control.simulation.assembly import simulated_machine, with_simulated_field
     from drivers.cab_config import MODULE_PORT
     from drivers.files.setup import load_setup

@@ -22,8 +22,8 @@ from drivers import day_clock
 
 if TYPE_CHECKING:
     from control.field.job import Job
+    from control.machine.fault_injection import Planted
     from control.machine.machine import Machine
-    from control.machine.planting import Planted
     from control.machine.steps import Steps
     from control.machine.terms import Term
     from control.simulation.closed_loop import Record
@@ -107,8 +107,8 @@ def simulate(
     """Run the control loop on the simulated machine and judge what came to lie on the ground."""
     from console.app.pages.job.map_words import map_words
     from console.app.units import METRIC
-    from control.machine.planting import parse_planted
-    from control.machine.plausible import plausible
+    from control.machine.fault_injection import parse_planted
+    from control.machine.parameter_uncertainty import plausible
     from control.simulation.assembly import with_simulated_field
     from drivers.files.atomic import write_atomically
     from drivers.files.config_error import ConfigError
@@ -275,7 +275,7 @@ def _truth_text(record: Record, width_m: float) -> str:
 
     import numpy as np
 
-    from control.simulation.errors import true_landing
+    from control.simulation.error_metrics import true_landing
 
     columns = record.columns()
     landed_kg_ha, landed_m = true_landing(columns, width_m)
@@ -325,7 +325,7 @@ def _tell(
 ) -> None:
     from control.field.across import across, across_words
     from control.orders import TargetSource
-    from control.simulation.errors import errors
+    from control.simulation.error_metrics import errors
 
     record, alarms, took_s = run.record, run.alarms, run.took_s
     by_canopy = (

@@ -10,9 +10,9 @@ from console.locale import N_, _
 from console.reports.chart import AFTER, BEFORE, DIM, ChartSheet, Tick
 from console.reports.html import Picture, escape, figure, items, page, paragraph, section, table
 from console.reports.numbers import fixed
-from control.diagnosis.season.courses import Cause, Same, SeasonFit, wears
+from control.diagnosis.season.effect_timelines import Cause, Same, SeasonFit, wears
 from control.diagnosis.season.mixed import Alternative
-from control.diagnosis.season.owner import Low, MachineSeason, still_there
+from control.diagnosis.season.season_cost import Low, MachineSeason, still_there
 from control.machine.machine import CATALOGUE
 from drivers import day_clock
 

@@ -27,7 +27,7 @@ from control.diagnosis.runs.log import gate
 from control.diagnosis.runs.model import in_course
 from control.diagnosis.runs.stages import RunData, run_data
 from control.machine.machine import CATALOGUE, Machine
-from control.machine.over_log import MOST_STEP_S
+from control.machine.stage_runner import MOST_STEP_S
 
 Array = npt.NDArray[np.float64]
 

@@ -13,14 +13,14 @@ from control.calibration.bench_table import BenchTable, usable
 from control.diagnosis.effects import LAG_COARSE_CLOCK
 from control.diagnosis.result import Cause
 from control.diagnosis.tables.duplicate_rows import without_duplicates
-from control.diagnosis.tables.piece import (
+from control.diagnosis.tables.rows import pieces_of
+from control.diagnosis.tables.table_series import (
     SizedEffect,
     TableCandidate,
     TablePiece,
     with_effects,
     within_scope,
 )
-from control.diagnosis.tables.rows import pieces_of
 from control.machine.machine import CATALOGUE, Machine
 
 Array = npt.NDArray[np.float64]

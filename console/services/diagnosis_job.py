@@ -111,7 +111,7 @@ def machine_of(order: DiagnosisOrder) -> Machine:
 def drive(order: DiagnosisOrder, machine: Machine, out: Path, tell: Tell) -> None:
     """The separating run on the simulated machine, as an ordinary run log."""
     from console.services.separating_run import drive_of
-    from control.machine.planting import parse_planted
+    from control.machine.fault_injection import parse_planted
     from control.simulation.assembly import control_loop, simulated_machine, with_simulated_field
     from control.simulation.closed_loop import simulated_run
     from drivers.files.run_log import PlainLogWriter

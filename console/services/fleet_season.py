@@ -7,9 +7,15 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
-from control.diagnosis.season.courses import SeasonFit, fitted
+from control.diagnosis.season.effect_timelines import SeasonFit, fitted
 from control.diagnosis.season.evidence import LogWork, OneLog
-from control.diagnosis.season.owner import Low, MachineSeason, OwnersLog, low_hoppers, machines
+from control.diagnosis.season.season_cost import (
+    Low,
+    MachineSeason,
+    OwnersLog,
+    low_hoppers,
+    machines,
+)
 from drivers import day_clock
 
 # days since 1970: 2000-01-01; how far ahead of here a clock may be

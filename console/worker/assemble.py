@@ -19,8 +19,8 @@ from console.worker.resume_field import logs_here
 from console.worker.resume_keeper import Keeper
 from console.worker.resume_tail import with_tail
 from control.field.job import Job, rule_of
+from control.machine.fault_injection import parse_planted
 from control.machine.machine import Machine
-from control.machine.planting import parse_planted
 from control.orders import State, TargetSource
 from control.readings import DriveCommand, Measurements
 from control.simulation.assembly import control_loop, simulated_machine, with_simulated_field

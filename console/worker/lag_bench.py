@@ -14,7 +14,7 @@ from console.worker.parts import Bench
 from console.worker.side_files import SideFiles
 from control.loop import ControlLoop
 from control.orders import Answer, Do, Order, State
-from drivers.devices.lag_test import LagTest, Plan, bench_row, bench_table
+from drivers.devices.lag_run import LagTest, Plan, bench_row, bench_table
 
 
 class LagBench:

@@ -5,12 +5,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
+from control.diagnosis.dataframe_input import machine_of
 from control.diagnosis.effects import ROWS, reach
-from control.diagnosis.given import machine_of
+from control.machine.fault_injection import Planted
 from control.machine.form import FORMS, SHAFT_ANGLE
 from control.machine.history import noted
 from control.machine.machine import CATALOGUE, Adopted, Machine, bounds, with_effect
-from control.machine.planting import Planted
 from control.machine.terms import Source, Term
 
 from .result import UNKNOWN, Cause, Diagnosis, TermFound

@@ -13,8 +13,8 @@ from control.field.coverage import Coverage
 from control.field.done_ground import DoneGround
 from control.field.job import Job
 from control.loop.canopy_heads import CanopyHeads
-from control.loop.moment import Choices, Moment
 from control.loop.sections import Sections
+from control.loop.tick_state import Choices, Moment
 from control.machine.change_lag import Lag
 from control.machine.fall import drop_s
 from control.machine.machine import Machine
@@ -23,8 +23,8 @@ from control.metering.strategies import least_rate_kg_ha
 from control.orders import TargetSource
 from control.readings import Measurements, is_fresh
 from control.sensing import Sensed
+from control.targets.boundary_profile import OUTSIDE, Fence, Fenced
 from control.targets.canopy import Around, CanopyDecisions, HoldMean, MapAndCanopy
-from control.targets.fence import OUTSIDE, Fence, Fenced
 from control.targets.index_map import IndexMap
 from control.targets.map_profile import MapProfile
 from control.targets.outside_target import OutsideTarget

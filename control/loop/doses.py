@@ -7,15 +7,15 @@ from math import inf
 from control.field.totals import Totals
 from control.geodesy import offset
 from control.loop.ahead import DOSES_ONLY, Ahead
-from control.loop.moment import Choices, Moment
+from control.loop.tick_state import Choices, Moment
 from control.machine.machine import Machine
 from control.metering.inverse import Conditions, flow_kg_s
 from control.orders import State, TargetSource
 from control.readings import DoseOrder, Measurements
 from control.safety import DriveLimits, Verdict, limited_dose
 from control.sensing import Sensed
+from control.targets.boundary_profile import OUTSIDE
 from control.targets.canopy import STRAIGHT_DEG_S
-from control.targets.fence import OUTSIDE
 from control.targets.point import Threshold
 from control.targets.point_source import PointSource
 from control.targets.profile import Target

@@ -15,25 +15,25 @@ from control.field.planned_speed import planned_mps
 from control.field.totals import Sums, Totaliser, Totals
 from control.geodesy import TangentPlane
 from control.loop.ahead import APPLIED_HOLDS_S, Ahead
-from control.loop.backing import Backing
 from control.loop.canopy_heads import LATENCY_S
 from control.loop.doses import Doses, NoDoses
 from control.loop.effort_watch import EffortWatch
 from control.loop.events import Events
 from control.loop.expected import ExpectedDrives
 from control.loop.known_terms import KnownTerms
+from control.loop.look_ahead_distance import TickReach
 from control.loop.map_near import MapNear
-from control.loop.moment import Metered, Moment, TickDecision
-from control.loop.ordered import Operator
-from control.loop.reach import TickReach
+from control.loop.order_handlers import Operator
+from control.loop.reversing import Backing
 from control.loop.row import head_ndvi, log_row
 from control.loop.sections import Leads
 from control.loop.situation import situation
-from control.loop.stopped import Stopped, open_share, standing_limits
 from control.loop.tick import Tick
+from control.loop.tick_state import Metered, Moment, TickDecision
+from control.loop.unintended_flow import Stopped, open_share, standing_limits
 from control.machine.change_lag import ChangeLags, Lag
 from control.machine.machine import Machine
-from control.machine.of_product import newest_test_date
+from control.machine.product_calibration import newest_test_date
 from control.machine.steps import Steps
 from control.metering.flow_trim import FlowTrim
 from control.metering.inverse import Conditions, common_of, flow_kg_s
@@ -63,7 +63,7 @@ from control.safety import (
     refusal,
 )
 from control.sensing import Forecaster, Sensed, Sensing, SensingLimits
-from control.targets.fence import OUTSIDE, Fence
+from control.targets.boundary_profile import OUTSIDE, Fence
 from control.targets.index_map import IndexMap
 from control.targets.lag_correction import ChangeQueue
 from control.targets.map_profile import MapProfile

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from control.log_row import GNSS_HOLDS_S, HOLDS_S, LogRow
-from control.loop.moment import Choices, Metered, Moment, TickDecision
+from control.loop.tick_state import Choices, Metered, Moment, TickDecision
 from control.orders import BY_CANOPY, Strategy, TargetSource
 from control.readings import DriveCommand, Measurements, held
 from control.safety import Verdict

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from control.loop.canopy_heads import CanopyHeads
-from control.loop.moment import Choices, Metered, Moment, TickDecision
+from control.loop.tick_state import Choices, Metered, Moment, TickDecision
 from control.orders import BY_CANOPY, TargetSource
 from control.readings import EffortSays, RangeBreach, ScaleSays
 from control.safety import Commanded, Situation

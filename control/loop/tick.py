@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 from control.agronomy.strips import Strips
 from control.log_row import LogRow
-from control.loop.moment import Choices
+from control.loop.tick_state import Choices
 from control.orders import Alarm, SectionState, TargetSource
 from control.readings import DriveCommand, EffortSays
 from control.safety import POWERED, Allowances, BenchRun, Verdict

@@ -21,8 +21,8 @@ from numba.np.unsafe import ndarray
 
 from . import effort, elements, fall, flow, forms, gate, heads, scale, shaft, speed, term_step
 from .form import TermParams
-from .kept_code import KeptCode, named_apart
-from .over_log import Run, filling, mapped, with_room
+from .jit_cache import KeptCode, named_apart
+from .stage_runner import Run, filling, mapped, with_room
 
 to_fixed_tuple: Any = ndarray.to_fixed_tuple  # (array, count) -> tuple, in compiled code
 

@@ -9,8 +9,8 @@ from control.agronomy.noa import Rule, prepare, rate_table
 from control.agronomy.sampling import FREQUENCIES_HZ, Evenness, best_frequency, frequency_table
 from control.field.job import Canopy, Job, Simulated
 from control.machine.elements import Array
+from control.machine.fault_injection import parse_planted
 from control.machine.machine import Machine
-from control.machine.planting import parse_planted
 from control.papers.claims_decision import extra_nitrogen_kg_ha, rate_from_weighing_kg_ha
 from control.simulation.assembly import control_loop, simulated_machine, with_simulated_field
 from control.simulation.canopy import CanopyField

@@ -8,7 +8,7 @@ from control.safety.drive_gate import limited, limited_dose, limited_valves
 from control.safety.interlocks import INTERLOCKS
 from control.safety.limits import DriveLimits, SafetyLimits
 from control.safety.memory import Allowances
-from control.safety.ordered import SETTINGS, BenchRun, BenchSetting, after_setting
+from control.safety.order_handlers import SETTINGS, BenchRun, BenchSetting, after_setting
 from control.safety.watchdog import Safety
 from control.safety.words import (
     POWERED,

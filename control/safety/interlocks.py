@@ -7,11 +7,11 @@ from collections.abc import Mapping
 from types import MappingProxyType
 
 from control.orders import BY_PLACE, State
+from control.safety.alarm_conditions import target_acceptable
 from control.safety.limits import SafetyLimits
 from control.safety.memory import Allowances
 from control.safety.motion import Motion, awaits_course
-from control.safety.senses import Senses
-from control.safety.troubles import target_acceptable
+from control.safety.sensor_validity import Senses
 from control.safety.words import N_, Situation
 
 INTERLOCKS: Mapping[str, str] = MappingProxyType(

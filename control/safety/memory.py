@@ -8,7 +8,7 @@ from typing import NamedTuple
 from control.orders import State
 from control.safety.alarms import Live
 from control.safety.motion import Motion
-from control.safety.stand_watch import Stand
+from control.safety.standstill_monitor import Stand
 from control.safety.work_watch import FollowWatch, HopperWatch, RateWatch
 
 

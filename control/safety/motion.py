@@ -6,7 +6,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from control.safety.limits import SafetyLimits
-from control.safety.senses import Senses, since
+from control.safety.sensor_validity import Senses, since
 from control.safety.words import Situation
 
 

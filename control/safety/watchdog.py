@@ -10,15 +10,15 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from control.orders import Answer, Order, State
+from control.safety.alarm_conditions import troubles
 from control.safety.alarms import ALARMS, booked
 from control.safety.interlocks import forbidding
 from control.safety.limits import SafetyLimits
 from control.safety.memory import Memory
 from control.safety.motion import Motion, moved
-from control.safety.ordered import after_order
-from control.safety.senses import Senses, lasted, senses, since
-from control.safety.stand_watch import stood
-from control.safety.troubles import troubles
+from control.safety.order_handlers import after_order
+from control.safety.sensor_validity import Senses, lasted, senses, since
+from control.safety.standstill_monitor import stood
 from control.safety.words import Details, Situation, Verdict
 from control.safety.work_watch import followed, rated, watched
 

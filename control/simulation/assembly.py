@@ -11,13 +11,13 @@ from control.field.done_ground import DoneGround
 from control.field.job import Job
 from control.loop import ControlLoop
 from control.machine.fall import drop_s
+from control.machine.fault_injection import Planted
 from control.machine.machine import Machine
-from control.machine.planting import Planted
 from control.machine.steps import Steps
 from control.machine.terms import Term
 from control.orders import TargetSource
 from control.readings import DoseOrder
-from control.targets.fence import Fence
+from control.targets.boundary_profile import Fence
 from control.targets.index_map import IndexMap
 from control.targets.map_profile import MapProfile
 from control.targets.plants import PlantList

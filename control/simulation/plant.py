@@ -14,12 +14,12 @@ from control.geodesy import TangentPlane
 from control.machine.effort import EffortInput, gate_effort, shaft_effort
 from control.machine.elements import Array, in_lists, stepped
 from control.machine.fall import FallInput, drop_s, fall_start, fall_step
+from control.machine.fault_injection import Planted, schedule
 from control.machine.flow import FlowInput, flow_start, flow_step, in_flutes
 from control.machine.form import SHAFT_ANGLE
 from control.machine.gate import GateInput, GateOutput, gate_start, gate_step
 from control.machine.heads import HeadInput, head_reads
 from control.machine.machine import Machine
-from control.machine.planting import Planted, schedule
 from control.machine.scale import ScaleInput, scale_reads
 from control.machine.shaft import ShaftInput, ShaftOutput, shaft_start, shaft_step
 from control.machine.speed import SpeedInput, speed_start, speed_step

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from control.field.coverage import Coverage
 from control.geodesy import Place, direction
 from control.machine.sections import SectionStrip
-from control.targets.fence import Fence
+from control.targets.boundary_profile import Fence
 from control.targets.profile import Target
 
 # of the points at which a section's strip is judged

@@ -17,7 +17,7 @@ from control.agronomy.noa import Rule
 from control.agronomy.product import Product
 from control.field.job import Job, rule_of
 from control.machine.machine import Machine
-from control.machine.of_product import with_product
+from control.machine.product_calibration import with_product
 from control.orders import BY_CANOPY
 from drivers.cab_config import BoardConfig, CabConfig
 from drivers.files.config import Loaded, load, load_any, sha256_of

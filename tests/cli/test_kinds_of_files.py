@@ -17,8 +17,8 @@ from click.testing import Result
 from control.log_row import COLUMNS
 from control.machine.compiled import shaft_run
 from control.machine.machine import with_effect
-from control.machine.over_log import MOST_STEP_S, input_rows, no_switch
 from control.machine.shaft import ShaftInput, ShaftOutput, shaft_start
+from control.machine.stage_runner import MOST_STEP_S, input_rows, no_switch
 from drivers.files import extras
 from drivers.files.config import load, shipped
 from drivers.files.kinds import MACHINE

@@ -10,12 +10,12 @@ import pytest
 
 from control.agronomy.noa import Rule
 from control.field.job import Job, Simulated
-from control.machine.planting import parse_planted
-from control.machine.plausible import plausible
+from control.machine.fault_injection import parse_planted
+from control.machine.parameter_uncertainty import plausible
 from control.orders import Order, Strategy
 from control.simulation.assembly import control_loop, simulated_machine, with_simulated_field
 from control.simulation.closed_loop import Record, SimulatedTick, simulated_run
-from control.simulation.errors import Errors, errors
+from control.simulation.error_metrics import Errors, errors
 from drivers.files.setup import load_setup
 
 

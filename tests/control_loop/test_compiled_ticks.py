@@ -12,7 +12,7 @@ import pytest
 
 from console.cli.terms import parse_terms
 from control.field.coverage import Coverage
-from control.machine.planting import parse_planted
+from control.machine.fault_injection import parse_planted
 from control.simulation.assembly import control_loop, simulated_machine, with_simulated_field
 from control.simulation.closed_loop import SimulatedTick, simulated_run
 from control.simulation.compiled_steps import STEPS

@@ -20,7 +20,7 @@ from control.metering.flow_trim import FlowTrim
 from control.metering.trims import DriveTrim, TrimLimits
 from control.readings import Reading
 from control.simulation.closed_loop import Record
-from control.simulation.errors import errors, landing, needs
+from control.simulation.error_metrics import errors, landing, needs
 from control.simulation.tractor import field_path
 from control.targets.canopy import HORIZON_M, LEAST_FACTOR, MOST_FACTOR, MOST_OWED, HoldMean
 from tests.control_loop.closed import SETUP, Closed

@@ -19,7 +19,7 @@ from control.loop import ControlLoop
 from control.orders import Do, Order, TargetSource
 from control.simulation.assembly import control_loop
 from control.simulation.closed_loop import Record, simulated_run
-from control.simulation.errors import landing
+from control.simulation.error_metrics import landing
 from control.simulation.plant import Plant
 from control.simulation.tractor import Leg
 from control.simulation.tractor import Path as Way

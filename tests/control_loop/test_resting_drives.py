@@ -8,8 +8,8 @@ from collections.abc import Callable
 
 import pytest
 
-from control.loop.stopped import Stopped, standing_limits
-from control.machine.planting import parse_planted
+from control.loop.unintended_flow import Stopped, standing_limits
+from control.machine.fault_injection import parse_planted
 from control.readings import DriveCommand, Measurements, Reading
 from control.safety import SafetyLimits
 from control.simulation import plant as plants

@@ -28,7 +28,7 @@ from control.simulation.closed_loop import SimulatedTick, simulated_run
 from control.simulation.plant import Plant, Truth
 from control.simulation.tractor import Leg
 from control.simulation.tractor import Path as Way
-from control.targets.fence import Fence
+from control.targets.boundary_profile import Fence
 from control.targets.section_ground import DONE, OUTSIDE, SectionGround, SectionsGround
 from drivers.files.config import load
 from drivers.files.config_error import ConfigError

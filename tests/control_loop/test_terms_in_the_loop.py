@@ -27,7 +27,7 @@ from control.orders import Strategy
 from control.readings import Measurements, Reading
 from control.simulation.assembly import control_loop, simulated_machine, with_simulated_field
 from control.simulation.closed_loop import Record, simulated_run
-from control.simulation.errors import Errors, errors
+from control.simulation.error_metrics import Errors, errors
 from drivers.files.setup import load_setup
 
 SETUP = load_setup("huanghai", "demo", dt.date(2026, 3, 1))

@@ -22,10 +22,10 @@ from control.machine.elements import stepped
 from control.machine.flow import FlowInput, FlowOutput, flow_start
 from control.machine.gate import GateInput, GateOutput, gate_start
 from control.machine.machine import Flow, Limits, Machine, Noise, Tolerance, with_effect
-from control.machine.over_log import MOST_STEP_S, input_rows, no_switch
 from control.machine.scale import ScaleInput
 from control.machine.shaft import Shaft, ShaftInput, ShaftOutput, shaft_start
 from control.machine.speed import SpeedInput, SpeedOutput, speed_start
+from control.machine.stage_runner import MOST_STEP_S, input_rows, no_switch
 from drivers.files.config import load
 from drivers.files.kinds import MACHINE
 

@@ -17,7 +17,7 @@ from control.diagnosis.runs.drives import whole_drives
 from control.diagnosis.runs.hypothesis import schedule, stages_of
 from control.diagnosis.runs.log import gate
 from control.machine.machine import Machine
-from control.machine.over_log import MOST_STEP_S
+from control.machine.stage_runner import MOST_STEP_S
 from tests.diagnosis.logs import Columns
 
 Question = Callable[[Diagnosis, Any], bool]

@@ -17,7 +17,7 @@ from control.diagnosis.runs.log import Clean, gate
 from control.diagnosis.runs.row_order import COMMANDS, in_order
 from control.diagnosis.runs.stages import run_data
 from control.machine.machine import Limits, Machine, Noise, Shaft, Tolerance
-from control.machine.over_log import MOST_STEP_S
+from control.machine.stage_runner import MOST_STEP_S
 from tests.diagnosis.logs import HUANGHAI, Columns, settled, stairs_work, taken
 
 ROWS = 400

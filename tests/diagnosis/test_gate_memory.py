@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from console.cli import diagnose
-from control.diagnosis.given import columns_of
+from control.diagnosis.dataframe_input import columns_of
 from control.diagnosis.runs.diagnose import diagnose_run
 from control.diagnosis.runs.log import UNREAD, gate
 from control.log_row import COLUMNS, TEXT_COLUMNS

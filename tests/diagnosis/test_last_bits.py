@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from control.calibration.bench_table import BenchTable
-from control.diagnosis.tables.piece import best_first, first_best
+from control.diagnosis.tables.table_series import best_first, first_best
 from tests.diagnosis import last_bits as bits
 from tests.diagnosis.hidden.cases import one as hidden_case
 from tests.diagnosis.logs import HUANGHAI

@@ -14,7 +14,7 @@ import polars as pl
 import pytest
 
 from control.diagnosis import compared, diagnose_run
-from control.diagnosis.given import columns_of
+from control.diagnosis.dataframe_input import columns_of
 from control.diagnosis.result import Diagnosis
 from control.machine.machine import Machine
 

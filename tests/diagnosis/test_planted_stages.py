@@ -27,7 +27,7 @@ from control.diagnosis.runs.search import Search
 from control.diagnosis.runs.stages import run_data
 from control.diagnosis.runs.whitened import even_gain
 from control.machine.machine import Machine
-from control.machine.over_log import MOST_STEP_S
+from control.machine.stage_runner import MOST_STEP_S
 from tests.diagnosis.logs import (
     HUANGHAI,
     Columns,

@@ -14,7 +14,7 @@ from control.calibration.bench_table import BenchTable
 from control.calibration.lag_fit import fit_lag
 from control.diagnosis.result import Diagnosis
 from control.diagnosis.tables import diagnose_tables
-from control.diagnosis.tables.across import across
+from control.diagnosis.tables.cross_calibration import across
 from control.diagnosis.tables.problem import problem_of
 from control.diagnosis.tables.rows import pieces_of
 from control.diagnosis.tables.search import search

@@ -14,8 +14,8 @@ from console.reports.diagnosis_text import summary, taken_up
 from console.reports.notebook import html_of
 from control.diagnosis.extend import extend, not_adoptable
 from control.diagnosis.prediction.blocks import BLOCKS, errors, held, in_blocks, numbers_of, surely
-from control.diagnosis.prediction.borne_out import adoptable, borne_out
 from control.diagnosis.prediction.on_log import OnLog
+from control.diagnosis.prediction.predictive_validation import adoptable, borne_out
 from control.diagnosis.prediction.rival import rival_of
 from control.diagnosis.result import Cause, Diagnosis, FieldCost, Size
 from control.diagnosis.runs.diagnose import diagnose_run, series_of_log

@@ -23,8 +23,8 @@ from control.machine.compiled import term_run
 from control.machine.form import ANGLES, FORMS, Scaled, TriedForm, scaled
 from control.machine.forms import Lost, ProductForm
 from control.machine.machine import CATALOGUE, Machine, bounds, unit_of
-from control.machine.over_log import MOST_STEP_S
 from control.machine.shaft import LEAST_LAG_S
+from control.machine.stage_runner import MOST_STEP_S
 from control.machine.term_sums import over_log
 from control.machine.terms import Term
 from drivers.files.config import load, save

@@ -15,8 +15,8 @@ from console.cli import app
 from control.diagnosis.runs.closed_loop import closed_loop_gain
 from control.diagnosis.runs.diagnose import diagnose_run
 from control.log_row import COLUMNS, TEXT_COLUMNS
+from control.machine.fault_injection import Planted
 from control.machine.machine import Machine, with_effect
-from control.machine.planting import Planted
 from control.orders import Strategy
 from control.simulation.assembly import control_loop, simulated_machine, with_simulated_field
 from control.simulation.closed_loop import simulated_run

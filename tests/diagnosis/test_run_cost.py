@@ -11,7 +11,7 @@ from control.diagnosis.runs import log, stages
 from control.diagnosis.runs.cost import field_cost
 from control.diagnosis.runs.hypothesis import EffectInstance
 from control.diagnosis.tables import report as tables
-from control.diagnosis.tables.piece import SizedEffect, TableCandidate
+from control.diagnosis.tables.table_series import SizedEffect, TableCandidate
 from control.machine.machine import Machine
 
 SPEED_MPS = 1.25

@@ -21,7 +21,7 @@ from control.diagnosis.runs import report
 from control.diagnosis.runs.diagnose import diagnose_run
 from control.diagnosis.runs.hypothesis import EffectInstance
 from control.diagnosis.runs.model import nuisances
-from control.diagnosis.runs.remainder import Remains
+from control.diagnosis.runs.residual_analysis import Remains
 from control.diagnosis.runs.search import Search
 from control.diagnosis.runs.selection import InPlace, RivalOf
 from control.diagnosis.runs.smooth import MIN_RANGE

@@ -4,7 +4,7 @@ through, nothing is made up."""
 import numpy as np
 import pytest
 
-from control.diagnosis.season.courses import Cause, fitted
+from control.diagnosis.season.effect_timelines import Cause, fitted
 from control.diagnosis.season.evidence import OneLog, QuadraticForm, stacked
 from control.diagnosis.season.mixed import found as causes_found
 

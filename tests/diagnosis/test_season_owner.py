@@ -7,7 +7,7 @@ import math
 
 import pytest
 
-from control.diagnosis.season.courses import (
+from control.diagnosis.season.effect_timelines import (
     REPAIR_SHARE,
     WEAR_P,
     Cause,
@@ -18,7 +18,7 @@ from control.diagnosis.season.courses import (
 )
 from control.diagnosis.season.evidence import LogWork
 from control.diagnosis.season.mixed import Alternative
-from control.diagnosis.season.owner import OwnersLog, at, low_hoppers, machines, still_there
+from control.diagnosis.season.season_cost import OwnersLog, at, low_hoppers, machines, still_there
 
 
 def piece(

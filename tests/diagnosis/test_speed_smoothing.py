@@ -13,7 +13,7 @@ from control.diagnosis.runs.channels import channels
 from control.diagnosis.runs.hypothesis import EffectInstance, schedule, stages_of
 from control.diagnosis.runs.log import gate
 from control.diagnosis.runs.stages import run_data
-from control.machine.over_log import MOST_STEP_S
+from control.machine.stage_runner import MOST_STEP_S
 from drivers.files.config import load
 from drivers.files.kinds import MACHINE
 

@@ -9,8 +9,8 @@ import pytest
 
 from control.diagnosis import effects
 from control.diagnosis.tables import diagnose
-from control.diagnosis.tables.piece import SizedEffect, TableCandidate
 from control.diagnosis.tables.report import field_cost
+from control.diagnosis.tables.table_series import SizedEffect, TableCandidate
 from control.experiments.bench_tests import bench_tests
 from control.machine.machine import Machine
 from tests.diagnosis.tables import MACHINE, diagnosed, labelled_lags

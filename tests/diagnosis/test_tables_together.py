@@ -9,7 +9,7 @@ import pytest
 from console.reports.table_views import table_views
 from control.calibration.bench_table import BenchTable
 from control.diagnosis.result import Diagnosis
-from control.diagnosis.tables.across import across, sentence
+from control.diagnosis.tables.cross_calibration import across, sentence
 from control.diagnosis.tables.duplicate_rows import without_duplicates
 from tests.diagnosis.planted import check
 from tests.diagnosis.tables import MACHINE, diagnosed, paper

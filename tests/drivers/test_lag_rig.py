@@ -15,7 +15,7 @@ from control.simulation.plant import Plant
 from drivers.board.lag_rig import ARMED, LANDED
 from drivers.cab import Cab, CabConfig
 from drivers.devices.lag_rig import LagRig, RigReadings
-from drivers.devices.lag_test import (
+from drivers.devices.lag_run import (
     DropRun,
     DropTest,
     LagRun,

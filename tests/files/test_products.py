@@ -14,7 +14,7 @@ from console.app.units import METRIC
 from console.services.job import JobFiles, Launcher
 from control.agronomy.product import CatchTest, Product
 from control.field.job_names import JobNames
-from control.machine.of_product import with_product
+from control.machine.product_calibration import with_product
 from drivers.files.config import load, save, shipped
 from drivers.files.config_error import ConfigError
 from drivers.files.kinds import JOB, MACHINE, PRODUCT

@@ -14,10 +14,11 @@ from control.diagnosis.effects import ROWS
 from control.diagnosis.extend import extend
 from control.diagnosis.result import Cause, Data, Diagnosis, FieldCost, Size, TermFound
 from control.experiments.levels import opening_levels, shaft_levels
-from control.machine import compiled, over_log
+from control.machine import compiled, stage_runner
 from control.machine.effect import FULL_FLOW, SHAFT_RANGE
 from control.machine.effort import EffortInput, gate_effort, shaft_effort
 from control.machine.fall import FallInput, drop_s, fall_start, fall_step
+from control.machine.fault_injection import Planted, schedule
 from control.machine.flow import FlowInput, FlowOutput, flow_start, grams_per_rev
 from control.machine.gate import GateInput, GateOutput, gate_start
 from control.machine.heads import HeadInput, head_reads
@@ -32,7 +33,6 @@ from control.machine.machine import (
     unit_of,
     with_effect,
 )
-from control.machine.planting import Planted, schedule
 from control.machine.scale import ScaleInput, scale_reads
 from control.machine.shaft import ShaftInput, ShaftOutput, shaft_start
 from control.machine.speed import SpeedInput, SpeedOutput, speed_start
@@ -70,8 +70,8 @@ def outputs(machine: Machine) -> dict[str, np.ndarray[Any, Any]]:
     opening = np.repeat(rng.uniform(5, 60, n // 50), 50).round(1)
     supply = 13.5 - np.abs(np.sin(time_s / 7.0))
     pitch = 3.0 * np.sin(time_s / 11.0)
-    none = over_log.no_switch()
-    rows = over_log.input_rows
+    none = stage_runner.no_switch()
+    rows = stage_runner.input_rows
     found: dict[str, Any] = {}
     found["shaft"] = compiled.shaft_run(
         (machine.shaft,),

@@ -19,7 +19,6 @@ from control.machine.flow import Flow, FlowInput, flow_start, flow_step
 from control.machine.gate import Gate, GateInput, gate_start, gate_step
 from control.machine.landing import landed
 from control.machine.machine import Machine, with_effect
-from control.machine.over_log import MOST_STEP_S, input_rows, no_switch
 from control.machine.shaft import (
     Shaft,
     ShaftInput,
@@ -30,6 +29,7 @@ from control.machine.shaft import (
     swing,
     swung,
 )
+from control.machine.stage_runner import MOST_STEP_S, input_rows, no_switch
 from control.machine.start import response_s
 from control.machine.term_step import TermState, term_step
 from control.machine.terms import Term, params_of

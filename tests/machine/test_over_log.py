@@ -17,13 +17,13 @@ from control.machine import compiled
 from control.machine.fall import drop_s, start_drop_s
 from control.machine.flow import Flow, FlowInput, FlowOutput, flow_start, flow_step
 from control.machine.gate import Gate, GateInput, GateOutput, gate_start, gate_step
-from control.machine.kept_code import KeptCode, named_apart
+from control.machine.jit_cache import KeptCode, named_apart
 from control.machine.landing import carried_s, falls_s
 from control.machine.machine import Machine, effect_sizes
-from control.machine.over_log import MOST_STEP_S, filling, input_rows, no_switch, over_log
-from control.machine.plausible import PLAUSIBLE, plausible
+from control.machine.parameter_uncertainty import PLAUSIBLE, plausible
 from control.machine.shaft import Shaft, ShaftInput, ShaftOutput, shaft_start, shaft_step
 from control.machine.speed import Speed, SpeedInput, SpeedOutput, speed_start, speed_step
+from control.machine.stage_runner import MOST_STEP_S, filling, input_rows, no_switch, over_log
 from control.machine.start import first_fall_s, with_carried_share
 
 N = 3000

@@ -25,7 +25,7 @@ from control.orders import Do, Order, TargetSource
 from control.safety import read_refusal
 from control.simulation.assembly import control_loop, with_simulated_field
 from control.simulation.closed_loop import Record, simulated_run
-from control.simulation.errors import landing, place_errors
+from control.simulation.error_metrics import landing, place_errors
 from control.simulation.plant import Plant
 from control.simulation.tractor import Leg
 from control.simulation.tractor import Path as Way

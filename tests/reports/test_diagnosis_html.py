@@ -40,7 +40,7 @@ from control.diagnosis.result import (
     TableFit,
     Unexplained,
 )
-from control.diagnosis.season.courses import SeasonFit
+from control.diagnosis.season.effect_timelines import SeasonFit
 from control.machine.machine import CATALOGUE, Machine
 from tests.command import topdress
 

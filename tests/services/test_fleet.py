@@ -28,9 +28,9 @@ from console.services.fleet_job import FORMAT, checksum, record, record_of, side
 from console.services.fleet_metadata import listed, with_words
 from console.services.fleet_season import season
 from console.services.fleet_tables import TABLES, write_tables
-from control.diagnosis.season.courses import Cause, SeasonFit
+from control.diagnosis.season.effect_timelines import Cause, SeasonFit
 from control.diagnosis.season.evidence import evidence
-from control.diagnosis.season.owner import machines
+from control.diagnosis.season.season_cost import machines
 from control.machine.machine import Machine
 from drivers import day_clock
 from drivers.files.log_store import write_store

@@ -18,7 +18,7 @@ from control.field.job import Simulated
 from control.orders import Answer, Do, Order
 from control.simulation.assembly import control_loop, simulated_machine, with_simulated_field
 from drivers.cab import Cab, CabConfig
-from drivers.devices.lag_test import Plan
+from drivers.devices.lag_run import Plan
 from drivers.files.bench_table import read_bench_table
 from drivers.files.setup import load_setup
 from drivers.ports import memory_pair

@@ -19,7 +19,7 @@ from control.diagnosis.runs.model import in_course
 from control.diagnosis.runs.stages import RunData
 from control.machine.compiled import term_run
 from control.machine.machine import Machine
-from control.machine.over_log import MOST_STEP_S
+from control.machine.stage_runner import MOST_STEP_S
 from control.machine.term_sums import commanded_over_log, dead_times_s, over_log
 from control.machine.terms import COMMANDED_MM, COMMANDED_RPM
 

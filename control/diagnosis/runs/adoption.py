@@ -10,8 +10,8 @@ import numpy as np
 
 from control.diagnosis.effects import ROWS, FoundBy
 from control.diagnosis.extend import extend, not_adoptable
-from control.diagnosis.prediction.borne_out import WORSE, Adoptable, adoptable
 from control.diagnosis.prediction.on_log import OnLog
+from control.diagnosis.prediction.predictive_validation import WORSE, Adoptable, adoptable
 from control.diagnosis.result import Cause, Diagnosis
 from control.machine.machine import CATALOGUE
 

@@ -31,10 +31,10 @@ from control.machine.flow import FlowInput, FlowOutput, flow_start
 from control.machine.gate import GateInput, GateOutput, gate_start
 from control.machine.heads import HeadInput
 from control.machine.machine import Machine, of_nominal
-from control.machine.over_log import LEAST_STEPS, MOST_STEP_S, input_rows
 from control.machine.scale import ScaleInput
 from control.machine.shaft import ShaftInput, ShaftOutput, shaft_start
 from control.machine.speed import SpeedInput, SpeedOutput, speed_start
+from control.machine.stage_runner import LEAST_STEPS, MOST_STEP_S, input_rows
 
 from .drives import Drive
 from .effort import DriveEffort

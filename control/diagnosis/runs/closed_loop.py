@@ -9,11 +9,11 @@ from typing import NamedTuple
 from control.agronomy.crop import Crop
 from control.agronomy.noa import Rule
 from control.field.job import Job
+from control.machine.fault_injection import Planted
 from control.machine.machine import Machine
-from control.machine.planting import Planted
 from control.simulation.assembly import control_loop, simulated_machine, with_simulated_field
 from control.simulation.closed_loop import Record, simulated_run
-from control.simulation.errors import Errors, errors
+from control.simulation.error_metrics import Errors, errors
 
 
 class LoopGain(NamedTuple):

@@ -15,7 +15,7 @@ from control.diagnosis.judgement.noise import coefficients, series_of
 from control.diagnosis.judgement.prior import FORM_SHARE, sd_of_size
 from control.machine.effect import HOPPER
 from control.machine.machine import Machine, bounds, of_nominal
-from control.machine.over_log import MOST_STEP_S
+from control.machine.stage_runner import MOST_STEP_S
 from control.machine.terms import own_command
 
 from .channels import ChannelSeries

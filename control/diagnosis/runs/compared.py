@@ -10,10 +10,10 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import stdtrit
 
-from control.diagnosis.given import LogTable, columns_of, machine_of
+from control.diagnosis.dataframe_input import LogTable, columns_of, machine_of
 from control.diagnosis.result import notebook
 from control.machine.machine import Machine
-from control.machine.over_log import MOST_STEP_S
+from control.machine.stage_runner import MOST_STEP_S
 
 from .channels import ChannelSeries, channels
 from .findings import turned_back

@@ -11,7 +11,7 @@ from control.diagnosis.effects import ROWS, Costs, Needs
 from control.diagnosis.result import FieldCost
 from control.experiments.levels import USUAL_MPS
 from control.machine.machine import Machine
-from control.machine.over_log import MOST_STEP_S
+from control.machine.stage_runner import MOST_STEP_S
 from control.recordings.speeds import MOVING_MPS
 
 from .channels import SEAM_S, drive_rows, speed_rows

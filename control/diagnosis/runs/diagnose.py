@@ -17,15 +17,15 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from control.diagnosis.given import (
+from control.diagnosis.dataframe_input import (
     LogTable,
     columns_of,
     find_misspelt_columns,
     machine_of,
     name_frame_library,
 )
-from control.diagnosis.prediction.borne_out import borne_out
 from control.diagnosis.prediction.on_log import OnLog
+from control.diagnosis.prediction.predictive_validation import borne_out
 from control.diagnosis.prediction.rival import curves_of
 from control.diagnosis.result import Diagnosis
 from control.machine.machine import Machine
@@ -138,8 +138,8 @@ def diagnose_run(
         Columns of shape (n,), one row a control tick or any other step, by the run log's column
         names and units (contract of the run log): a dict of arrays or lists, a pandas or polars
         DataFrame, a list of dicts, an array with named fields. Only `time_s` is needed (or
-        `time_ms`, or dates: `control.diagnosis.given`); a stage without its columns is left out
-        and said in the findings.
+        `time_ms`, or dates: `control.diagnosis.dataframe_input`); a stage without its columns is
+        left out and said in the findings.
     machine
         The machine as its file has it, or that file's path, or the name of a shipped one
         ("drive_alone"). Its tolerances are priors; sizes found are on top of its own effects.

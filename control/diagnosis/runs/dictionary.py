@@ -21,7 +21,7 @@ from control.machine.compiled import term_run
 from control.machine.form import FORMS, SHAFT_ANGLE, FormSeries, Scaled, TriedForm, scaled
 from control.machine.forms import Lost, ProductForm
 from control.machine.machine import Machine, of_nominal
-from control.machine.over_log import MOST_STEP_S
+from control.machine.stage_runner import MOST_STEP_S
 from control.machine.terms import COMMANDED_RPM, STAGE_OF, Acts, own_command
 
 from .channels import drive_rows

@@ -12,7 +12,7 @@ from control.diagnosis.effects import ROWS, SHAFT_DEAD_TIME, SHAFT_SATURATION
 from control.diagnosis.judgement.prior import LISTED, NAMED, log_odds_of_row, log_odds_of_unit
 from control.machine.effect import OPENING_RANGE
 from control.machine.machine import Machine, of_nominal
-from control.machine.over_log import MOST_STEP_S
+from control.machine.stage_runner import MOST_STEP_S
 
 from .channels import drive_channel
 from .drives import SAME_MM, Drive, against_the_way, off_zero, turns_at_zero, whole_drives

@@ -20,7 +20,7 @@ from control.diagnosis import effects
 from control.diagnosis.effects import ROWS
 from control.diagnosis.judgement.prior import COURSE, ROBUST_SD, SAID, UNKNOWN, log_odds
 from control.machine.machine import Machine
-from control.machine.over_log import MOST_STEP_S
+from control.machine.stage_runner import MOST_STEP_S
 
 from .channels import effort_bins, hopper_channel
 from .effort import EFFORT, DriveEffort

@@ -15,7 +15,7 @@ from control.diagnosis.judgement.noise import coefficients
 from control.machine.effect import FULL_REVOLUTION, SLEW
 from control.machine.effort import OF_GATE, OF_SHAFT
 from control.machine.machine import CATALOGUE, Machine, of_nominal
-from control.machine.over_log import MOST_STEP_S
+from control.machine.stage_runner import MOST_STEP_S
 
 from .channels import ChannelSeries
 from .effort import EFFORT

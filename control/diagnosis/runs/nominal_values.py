@@ -8,8 +8,8 @@ from functools import cache
 import numpy as np
 
 from control.diagnosis.effects import ROWS, reach
-from control.diagnosis.judgement.climb import climbed
 from control.diagnosis.judgement.evidence import Role, fitted, problem
+from control.diagnosis.judgement.line_search import climbed
 from control.diagnosis.judgement.noise import coefficients
 from control.machine.machine import Machine
 

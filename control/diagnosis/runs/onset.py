@@ -11,7 +11,7 @@ from scipy.ndimage import binary_opening, median_filter, uniform_filter1d
 
 from control.diagnosis import effects
 from control.diagnosis.effects import ROWS
-from control.diagnosis.judgement.climb import climbed
+from control.diagnosis.judgement.line_search import climbed
 from control.diagnosis.judgement.prior import SAID
 from control.machine.effect import OPENING_RANGE, SHAFT_RANGE
 from control.machine.machine import CATALOGUE, of_nominal

@@ -19,7 +19,7 @@ from control.diagnosis import effects
 from control.diagnosis.judgement.prior import SAID
 from control.machine.effect import SHAFT_RANGE
 from control.machine.machine import Machine, of_nominal
-from control.machine.over_log import MOST_STEP_S
+from control.machine.stage_runner import MOST_STEP_S
 
 from .channels import drive_channel
 from .drives import whole_drives

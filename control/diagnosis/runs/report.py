@@ -57,7 +57,7 @@ from .log import gate
 from .model import GROUPS, hidden_within, tolerance_of
 from .nominal_values import looked_for_to
 from .onset import stop_interval
-from .remainder import Remains, louder, remains, unknown_share
+from .residual_analysis import Remains, louder, remains, unknown_share
 from .search import Candidate, Search
 from .selection import GroupResult
 from .stages import RunData, run_data

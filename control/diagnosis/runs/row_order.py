@@ -21,10 +21,10 @@ import numpy as np
 import numpy.typing as npt
 
 from control.diagnosis.effects import GATE_SLOW
-from control.diagnosis.judgement.climb import climbed
+from control.diagnosis.judgement.line_search import climbed
 from control.machine.machine import Machine
-from control.machine.over_log import MOST_STEP_S
 from control.machine.shaft import LEAST_LAG_S
+from control.machine.stage_runner import MOST_STEP_S
 
 from .channels import ChannelSeries, channels
 from .hypothesis import EffectInstance, Schedule, schedule, stages_of

@@ -10,7 +10,6 @@ import numpy as np
 import numpy.typing as npt
 
 from control.diagnosis.effects import FLOW_BLOCKED_OUTLET, FLOW_GAIN, ROWS, FoundBy, Needs, reach
-from control.diagnosis.judgement.climb import climbed
 from control.diagnosis.judgement.evidence import (
     Z90,
     Fit,
@@ -24,6 +23,7 @@ from control.diagnosis.judgement.evidence import (
     projected,
 )
 from control.diagnosis.judgement.gaussian import Gaussian
+from control.diagnosis.judgement.line_search import climbed
 from control.diagnosis.judgement.noise import Noise
 from control.diagnosis.judgement.prior import log_of_size, sd_of_size
 from control.machine.effect import OPENING_RANGE

@@ -16,8 +16,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import chdtrc
 
+from control.diagnosis.dataframe_input import columns_of, machine_of
 from control.diagnosis.extend import extend
-from control.diagnosis.given import columns_of, machine_of
 from control.diagnosis.judgement.checks import LEVEL
 from control.diagnosis.judgement.evidence import Z90
 from control.diagnosis.result import Diagnosis, Size

@@ -13,7 +13,7 @@ from control.machine.compiled import table_run
 from control.machine.effect import HOPPER, OPENING_RANGE, SHAFT_RANGE
 from control.machine.elements import Table
 from control.machine.machine import Machine, of_nominal
-from control.machine.over_log import MOST_STEP_S
+from control.machine.stage_runner import MOST_STEP_S
 
 from .channels import ChannelSeries, hopper_channel
 from .hopper import Hopper

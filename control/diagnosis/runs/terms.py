@@ -19,7 +19,6 @@ import numpy as np
 import numpy.typing as npt
 
 from control.diagnosis.judgement import prior
-from control.diagnosis.judgement.climb import climbed
 from control.diagnosis.judgement.evidence import (
     Z90,
     Column,
@@ -33,6 +32,7 @@ from control.diagnosis.judgement.evidence import (
     power_left,
     problem,
 )
+from control.diagnosis.judgement.line_search import climbed
 from control.diagnosis.judgement.noise import Noise, coefficients, series_of
 from control.machine.compiled import term_run
 from control.machine.form import TriedForm

@@ -13,8 +13,8 @@ from control.diagnosis.effects import LAG_ASYMMETRY, ROWS
 from control.diagnosis.judgement.prior import FAULTY, LOCAL, MISREAD, MISTAKEN, UNKNOWN, log_of_sign
 from control.machine.machine import CATALOGUE, bounds
 
-from .piece import Array, BoolArray, TableCandidate, TablePiece
 from .problem import TableProblem
+from .table_series import Array, BoolArray, TableCandidate, TablePiece
 
 # of a dependence on a setting: half waves over its range, from a slope to the finest
 WAVES = (1, 2, 4, 12)

@@ -16,7 +16,7 @@ from scipy.special import ndtr, stdtrit
 from control.diagnosis.judgement.checks import LEVEL
 from control.diagnosis.judgement.prior import ROBUST_SD
 
-from .piece import Array, first_best
+from .table_series import Array, first_best
 
 # The test of the quantogram's peak.
 DRAWS = 1500  # of smooth scatter

@@ -20,10 +20,10 @@ from control.calibration.bench_table import LAGS, SPEEDS, BenchTable, where
 from control.machine.machine import Machine
 from control.recordings.speeds import KMH_PER_MPS
 
-from .across import MIN_SHARED, AcrossTables, LagSeries, sentence, series_of
+from .cross_calibration import MIN_SHARED, AcrossTables, LagSeries, sentence, series_of
 from .noise import quantum_of
-from .piece import BoolArray
 from .rows import labels_of
+from .table_series import BoolArray
 
 # of a value that its last digit may be: coarser ones agree by chance
 FINE_SHARE = 0.005

@@ -14,9 +14,9 @@ from control.diagnosis.judgement.prior import smallest_said
 from control.diagnosis.result import Detectable, Gain, NotShown
 from control.machine.machine import CATALOGUE, Machine, unit_of
 
-from .piece import Array, BoolArray, IntArray, SizedEffect, TablePiece
 from .problem import TableProblem
 from .search import Model, TableSearch, refined
+from .table_series import Array, BoolArray, IntArray, SizedEffect, TablePiece
 
 RESAMPLES = 400  # of the settings, for the interval of the gain
 MIN_ROWS = 2  # of one row nobody knows the scatter

@@ -10,7 +10,7 @@ from scipy.special import fdtrc
 
 from control.diagnosis.judgement.prior import ROBUST_SD
 
-from .piece import Array, BoolArray, IntArray, TablePiece, first_best
+from .table_series import Array, BoolArray, IntArray, TablePiece, first_best
 
 # Outliers are winsorised: drawn in to so many robust s.d. from the median of their
 # replicates (3.5: Iglewicz and Hoaglin 1993).

@@ -12,7 +12,7 @@ from control.machine.machine import CATALOGUE, Machine, size_scale
 
 from .clock import DITHERED, CoarseClock, coarse_clock, rounding_sd
 from .noise import TableNoise, noise_of, quantum_of, resolution_of, smoothed
-from .piece import (
+from .table_series import (
     Array,
     IntArray,
     SizedEffect,

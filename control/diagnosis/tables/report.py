@@ -28,13 +28,13 @@ from control.machine.fall import start_drop_s
 from control.machine.machine import CATALOGUE, Machine, bounds, unit_of
 from control.machine.start import response_s
 
-from .across import across
 from .clock import CoarseClock
+from .cross_calibration import across
 from .duplicate_rows import DuplicateRows, sentences
 from .gain import label_contrasts
 from .noise import MAX_ROBUST_SD, UNEQUAL_P
-from .piece import Array, BoolArray, SizedEffect, TableCandidate, TablePiece, with_effects
 from .problem import TableProblem
+from .table_series import Array, BoolArray, SizedEffect, TableCandidate, TablePiece, with_effects
 from .verdict import Judgement, NamedEffect
 
 # the same in every row, as steps of a coarse clock may make it

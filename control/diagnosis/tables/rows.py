@@ -41,7 +41,7 @@ from control.machine.machine import Machine
 from control.machine.scale import ScaleInput, scale_reads
 from control.machine.start import change_response_s, response_s
 
-from .piece import Array, BoolArray, TableCandidate, TablePiece, varying
+from .table_series import Array, BoolArray, TableCandidate, TablePiece, varying
 
 EMPTY = frozenset({"empty", "standstill", "start", "first", "stopped", "zero"})
 RUNNING = frozenset({"running", "change", "full", "filled", "flowing"})

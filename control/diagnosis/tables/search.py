@@ -20,8 +20,8 @@ from control.diagnosis.judgement.prior import UNKNOWN, log_of_size, sd_of_size
 from control.diagnosis.judgement.rows import Posterior, TableRows, mixed, posterior, rows_of
 
 from .candidates import TableEffect, Unknown, effects_of, unknowns_of
-from .piece import Array, BoolArray, IntArray, SizedEffect, best_first
 from .problem import TableProblem
+from .table_series import Array, BoolArray, IntArray, SizedEffect, best_first
 
 MAX_EFFECTS = 3  # at once
 # log odds behind the best: what is further off is not counted (Madigan and Raftery 1994)

@@ -19,8 +19,8 @@ from control.diagnosis.judgement.prior import LISTED, NAMED
 from control.diagnosis.result import UNKNOWN, Unexplained, Verdict
 
 from .gain import MIN_ROWS
-from .piece import SizedEffect, TableCandidate
 from .search import FittedModel, TableSearch
+from .table_series import SizedEffect, TableCandidate
 
 
 class TableRival(NamedTuple):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from control.loop.moment import Moment
+from control.loop.tick_state import Moment
 from control.machine.change_lag import ChangeLags, Lag, Settled
 from control.metering.setting import Setting
 from control.targets.profile import Target, TargetChange

@@ -10,7 +10,7 @@ import numpy as np
 
 from control.diagnosis.judgement.gaussian import Array
 
-from .courses import Cause, SeasonFit
+from .effect_timelines import Cause, SeasonFit
 from .evidence import LogWork
 from .mixed import FLEET, MACHINE, Alternative
 

@@ -11,7 +11,7 @@ from typing import Any
 from control.agronomy.crop import Crop
 from control.agronomy.strips import StripValue, read_strip
 from control.field.job import Job
-from control.loop.moment import Choices
+from control.loop.tick_state import Choices
 from control.metering.flow_trim import FlowTrim
 from control.metering.setting import Setting
 from control.orders import BY_MAP, Answer, Do, Order, State, Strategy, TargetSource

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 from control.readings import is_fresh
 from control.safety.limits import SafetyLimits
-from control.safety.senses import Senses, lasted, since
+from control.safety.sensor_validity import Senses, lasted, since
 from control.safety.words import Situation
 
 # of its highest speed since it last slowed down: a shaft below that is slowing down

@@ -21,8 +21,8 @@ from control.machine.machine import Machine
 from control.machine.start import response_s
 from control.recordings.speeds import KMH_PER_MPS
 
-from .piece import Array, BoolArray, best_first
 from .rows import UNCORRECTED, labels_of
+from .table_series import Array, BoolArray, best_first
 
 MIN_SHARED = 5  # shaft speeds that both have
 # share of a value that a row without replicates is taken to be good for

@@ -10,8 +10,8 @@ from control.readings import Doubted, EffortSays, ScaleSays, SpeedDoubt
 from control.safety.limits import SafetyLimits
 from control.safety.memory import Memory
 from control.safety.motion import Motion
-from control.safety.senses import Senses, lasted
-from control.safety.stand_watch import Stand
+from control.safety.sensor_validity import Senses, lasted
+from control.safety.standstill_monitor import Stand
 from control.safety.words import Details, Situation
 from control.safety.work_watch import FollowWatch, HopperWatch, RateWatch
 
