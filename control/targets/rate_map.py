@@ -21,6 +21,9 @@ from control.geodesy import Place, TangentPlane, direction
 Floats = npt.NDArray[np.float64]
 
 _FRAME_POINTS = 5  # on a side, to which a frame is fitted
+# Share of an outline's area by which sums over its corners differ by rounding alone: cells of
+# 3 m in degrees as doubles keep ten digits.
+AREA_ROUNDING = 1e-7
 
 
 class RateMap(Protocol):
@@ -252,8 +255,28 @@ def polygons(rings: Sequence[Sequence[Floats]]) -> npt.NDArray[np.object_]:
     encloses."""
     shapes = polygons_as_drawn(rings)
     wrong = np.flatnonzero(~shapely.is_valid(shapes))
-    shapes[wrong] = shapely.make_valid(shapes[wrong])
+    crossing = wrong[are_self_crossing(shapes[wrong])]
+    shapes[wrong] = _repair_touching(shapes[wrong])
+    shapes[crossing] = shapely.make_valid(polygons_as_drawn([rings[k] for k in crossing]))
     return shapes
+
+
+def are_self_crossing(shapes: npt.NDArray[np.object_]) -> npt.NDArray[np.bool_]:
+    """Tells which outlines (n,) go round ground more than once or backwards.
+
+    The area of an outline as drawn counts ground as often as the outline goes round it. One that
+    only touches itself, at a corner or along an edge, goes once round all of its ground, however
+    often it touches.
+    """
+    drawn, repaired = shapely.area(shapes), shapely.area(_repair_touching(shapes))
+    crossing: npt.NDArray[np.bool_] = np.abs(drawn - repaired) > AREA_ROUNDING * repaired
+    return crossing
+
+
+def _repair_touching(shapes: npt.NDArray[np.object_]) -> npt.NDArray[np.object_]:
+    """Shapes (n,) of all ground that an outline goes round: the ground as drawn where it only
+    touches itself."""
+    return np.asarray(shapely.make_valid(shapes, method="structure"), dtype=object)
 
 
 def polygons_as_drawn(rings: Sequence[Sequence[Floats]]) -> npt.NDArray[np.object_]:

@@ -13,14 +13,18 @@ from pathlib import Path
 import numpy as np
 import shapely
 
-from control.targets.rate_map import Floats, polygons, polygons_as_drawn
-from drivers.files.limits import CROSSINGS, NEAR_EDGES, OVERLAPS, SHARED_CROSSINGS, held_to
+from control.targets.rate_map import Floats, are_self_crossing, polygons, polygons_as_drawn
+from drivers.files.limits import CROSSINGS, NEAR_EDGES, OVERLAPS, SHARED_CROSSINGS, TOUCHES, held_to
 from drivers.plain_text import PlaceInFile
 
 # corners of an outline; the edges of a smaller one make no more pairs than are allowed
 MANY = 500
 # two zones of up to so many corners cross in 400 places at most
 FEW = 20
+# where an outline comes back to one of its corners, two of its edges meet two others there
+PAIRS_OF_A_CORNER = 4
+# a corner off its neighbour's edge by rounding: the edges on both of its sides cross that edge
+CROSSINGS_OF_A_CORNER = 2
 HOWS = ("overlaps", "contains", "within")
 # of the smaller of two zones: corners rounded to 1 cm, in cells of 10 m; no overlap
 SLIVER = 1e-3
@@ -54,17 +58,27 @@ def check_zones(zones: Sequence[Sequence[Floats]], label: PlaceInFile | Path | s
 
 
 def check_outlines(zones: Sequence[Sequence[Floats]], label: PlaceInFile | Path | str) -> int:
-    """Zones as above; returns how many cross themselves. Raises BeyondLimits."""
-    large = np.array([sum(map(len, zone)) > MANY for zone in zones], dtype=bool)
-    near = crossings = 0
-    for k in np.flatnonzero(large).tolist():
-        near += _pairs(zones[k], NEAR_EDGES.most - near)
+    """Zones as above; returns how many cross themselves. Raises BeyondLimits.
+
+    An outline that only touches itself, as zones made of a raster do at their corners, crosses
+    nowhere.
+    """
+    shapes = polygons_as_drawn(zones)
+    wrong = np.flatnonzero(~shapely.is_valid(shapes)).tolist()
+    large = [k for k, zone in enumerate(zones) if sum(map(len, zone)) > MANY]
+    near = crossings = crossed = 0
+    for k in sorted({*large, *wrong}):
+        near += _near_pairs(zones[k], NEAR_EDGES.most - near)
         held_to(NEAR_EDGES, near, label)
-    crossed = np.flatnonzero(~shapely.is_valid(polygons_as_drawn(zones))).tolist()
-    for k in crossed:
-        crossings += _pairs(zones[k], CROSSINGS.most - crossings, crossing=True)
-        held_to(CROSSINGS, crossings, label)
-    return len(crossed)
+    for k in wrong:
+        met, through = _count_meetings(zones[k])
+        held_to(CROSSINGS, crossings + through, label)
+        held_to(TOUCHES, (met - through) // PAIRS_OF_A_CORNER, label)
+        if are_self_crossing(shapes[k : k + 1])[0]:
+            crossed += 1
+            crossings += through + (met - through) // PAIRS_OF_A_CORNER
+            held_to(CROSSINGS, crossings, label)
+    return crossed
 
 
 def _check_shared(zones: Sequence[Sequence[Floats]], label: PlaceInFile | Path | str) -> None:
@@ -83,7 +97,8 @@ def _check_shared(zones: Sequence[Sequence[Floats]], label: PlaceInFile | Path |
         # each pair is met from both of its sides
         once = owner[asked] < owner[met]
         found += int(_are_crossing(ends[asked[once]], ends[met[once]]).sum())
-        held_to(SHARED_CROSSINGS, found, label)
+        # zones that share a border cross at its corners, by rounding alone
+        held_to(SHARED_CROSSINGS, found - CROSSINGS_OF_A_CORNER * len(edges), label)
 
 
 def _are_crossing(one: Floats, other: Floats) -> np.ndarray:
@@ -105,22 +120,30 @@ def _ends(zone: Sequence[Floats]) -> Floats:
     return np.concatenate([np.stack((ring, np.roll(ring, -1, axis=0)), axis=1) for ring in zone])
 
 
-def _pairs(zone: Sequence[Floats], most: int, crossing: bool = False) -> int:
-    """Pairs of a zone's edges whose extents meet, or that cross, but for those that follow one
+def _near_pairs(zone: Sequence[Floats], most: int) -> int:
+    """Counts the pairs of a zone's edges whose extents meet, but for those that follow one
     another; not many more than `most`."""
-    return _meeting(
-        shapely.linestrings(_ends(zone)), most, "intersects" if crossing else None, followers=2
-    )
+    return _meeting(shapely.linestrings(_ends(zone)), most, followers=2)
 
 
-def _meeting(shapes: np.ndarray, most: int, how: str | None = None, followers: int = 0) -> int:
-    """Pairs whose extents meet, or that do as `how` says; of each shape, itself and so many
-    others are left out."""
+def _count_meetings(zone: Sequence[Floats]) -> tuple[int, int]:
+    """Counts the pairs of a zone's edges that meet, but for those that follow one another, and
+    of these the pairs of which each goes through the other."""
+    ends = _ends(zone)
+    edges = shapely.linestrings(ends)
+    one, other = shapely.STRtree(edges).query(edges, predicate="intersects")
+    once = one < other
+    through = int(_are_crossing(ends[one[once]], ends[other[once]]).sum())
+    return max(0, int(once.sum()) - len(edges)), through
+
+
+def _meeting(shapes: np.ndarray, most: int, followers: int = 0) -> int:
+    """Pairs whose extents meet; of each shape, itself and so many others are left out."""
     tree, found = shapely.STRtree(shapes), 0
     step = max(LEAST_STEP, AT_ONCE // len(shapes))
     for begin in range(0, len(shapes), step):
         asked = shapes[begin : begin + step]
-        found += len(tree.query(asked, predicate=how)[0]) - (1 + followers) * len(asked)
+        found += len(tree.query(asked)[0]) - (1 + followers) * len(asked)
         if found > 2 * most:
             break
     return max(0, found) // 2

@@ -25,6 +25,7 @@ import pytest
 from console.worker import resume
 from console.worker.resume_ground import unpacked
 from control.recordings.places import pieces
+from control.targets.prescription import statistics
 from drivers.files import limits
 from drivers.files.bench_table import read_bench_table
 from drivers.files.config import ConfigError
@@ -799,3 +800,31 @@ def test_two_outlines_that_cross_everywhere_are_refused_at_once(tmp_path):
     path = geojson(tmp_path / "combs.geojson", *combs)
     with pytest.raises(BeyondLimits, match="crossings: allowed up to 20000 crossings"):
         read_prescription(path)
+
+
+def chain(count: int, cell_deg: float, lat_deg: float = 40.0) -> np.ndarray:
+    """The outline of squares that touch at their corners, as zones made of a raster have it."""
+    there = np.repeat(np.arange(count + 1), 2)
+    back = there[::-1]
+    ring = np.concatenate(
+        (np.column_stack((there[1:], there[:-1])), np.column_stack((back[1:], back[:-1]))[1:-1])
+    )
+    return np.asarray(ring * cell_deg + (117.0, lat_deg))
+
+
+def test_outlines_that_touch_themselves_are_no_crossings(tmp_path: Path) -> None:
+    """Two outlines of all cross, as a bow tie does."""
+    bow = np.array([(0.0, 0.0), (1.0, 1.0), (1.0, 0.0), (0.0, 1.0)]) * 3e-5
+    rings = [chain(60, 3e-5, 40.0 + 0.002 * k) for k in range(60)]
+    rings += [bow + [lon_deg, 40.0] for lon_deg in (117.1, 117.2)]
+    read = read_prescription(_map(tmp_path / "x.geojson", rings))
+    assert [one.rows for one in read.findings if one.id == "crossing"] == [2]
+    # a degree at 40 to 40.12 degrees north, WGS84
+    cell_ha = (3e-5 * 111_037.0) * (3e-5 * 85_320.0) / 1e4
+    ha = sum(share.area_ha for share in statistics(read.data))
+    assert ha == pytest.approx(cell_ha * (60 * 60 + 2 * 0.5), rel=0.001)
+
+
+def test_an_outline_that_touches_itself_everywhere_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(BeyondLimits, match="10099 places: allowed up to 10000 places"):
+        read_prescription(_map(tmp_path / "x.geojson", [chain(10_100, 1e-7)]))
