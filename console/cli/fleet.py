@@ -101,7 +101,7 @@ def fleet(
     from drivers.files.kinds import MACHINE
     from drivers.files.run_meta import software_version
 
-    need("a season of logs", "fleet", "diagnosis")
+    need("a season of logs", "fleet", "diagnosis", "parquet")
     loaded = load(machine, MACHINE)
     options = _options(storage or [])
     logs = logs_at(paths, out, options)

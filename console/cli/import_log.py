@@ -218,6 +218,7 @@ def _read(files: list[Path]) -> list[Path]:
 def _import(
     files: list[Path], mapping_file: Path | None, out: Path, given: _ImportOptions, force: bool
 ) -> _Answer:
+    from drivers.files.columns import count_rows
     from drivers.files.imports.convert import convert
     from drivers.files.imports.join import joined
     from drivers.files.imports.log_file import is_import_of, write_imported
@@ -239,11 +240,11 @@ def _import(
             *log.findings,
         )
     )
-    frame = write_imported(out, log, mapping, mapping_file)
-    seconds = float(frame["time_s"][-1])
+    columns = write_imported(out, log, mapping, mapping_file)
+    rows, seconds = count_rows(columns), float(columns["time_s"][-1])
     return (
-        {"path": out, "rows": frame.height, "duration_s": seconds, "columns": frame.columns},
-        [f"{out}: {frame.height} rows, {seconds:.0f} s; columns {', '.join(frame.columns)}"],
+        {"path": out, "rows": rows, "duration_s": seconds, "columns": list(columns)},
+        [f"{out}: {rows} rows, {seconds:.0f} s; columns {', '.join(columns)}"],
     )
 
 

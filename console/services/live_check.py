@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, NamedTuple
 if TYPE_CHECKING:
     from control.diagnosis.result import Departure
     from control.machine.machine import Machine
-    from drivers.files.table import Columns
+    from drivers.files.columns import Columns
 
 NICE = 19
 POLL_S = 5.0

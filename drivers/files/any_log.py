@@ -9,12 +9,12 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from drivers.files.columns import Columns
 from drivers.files.imports.trouble import TableError
 from drivers.files.log_store import is_store
 from drivers.files.opened import Opened
 from drivers.files.read_log import RunLog, log_of, read_rows
 from drivers.files.run_meta import RunMeta
-from drivers.files.table import Columns
 from drivers.files.what_it_is import what_is
 
 OWN, OF_FOLDER = ".import.yaml", "import.yaml"

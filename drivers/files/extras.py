@@ -14,10 +14,8 @@ from pathlib import Path
 OWN = "topdress"
 # of pyproject.toml: what one has of each, and the modules that it is asked for by
 EXTRAS = {
-    "diagnosis": (
-        "diagnosis, its live check, logs of other programs, Parquet",
-        ("numba", "polars"),
-    ),
+    "diagnosis": ("diagnosis and its live check", ("numba",)),
+    "parquet": ("logs as Parquet, read and written", ("polars",)),
     "serve": ("the console in a browser", ("textual_serve",)),
     "gis": ("KML, KMZ and GeoPackage written", ("pyogrio",)),
     "raster": ("GeoTIFF read", ("rasterio",)),

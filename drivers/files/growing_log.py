@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from drivers.files.any_log import imported_columns, open_log, raw_and_mapping
+from drivers.files.columns import Columns
 from drivers.files.good_lines import GoodLines
 from drivers.files.imports.mapping import ImportFile
 from drivers.files.imports.trouble import TableError
@@ -20,7 +21,6 @@ from drivers.files.log_store import is_store
 from drivers.files.opened import Opened
 from drivers.files.read_log import read_log
 from drivers.files.sheet_text import SUFFIXES
-from drivers.files.table import Columns
 from drivers.files.what_it_is import FOREIGN
 
 # A log of another program that still grows: only its new lines are brought in, by what the

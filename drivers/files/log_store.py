@@ -20,13 +20,13 @@ from numpy.typing import NDArray
 from control.log_row import TEXT_COLUMNS
 from control.recordings.finding import Finding
 from drivers.files.atomic import sidecar, write_atomically
+from drivers.files.columns import Columns, csv_text, is_text, texts_array
 from drivers.files.extras import need
 from drivers.files.imports.trouble import TableError
 from drivers.files.limits import BeyondLimits, check_file
 from drivers.files.log_text import texts_of
 from drivers.files.parquet_limits import check_parquet, check_texts
 from drivers.files.run_meta import RunMeta, meta_from_yaml, meta_to_yaml
-from drivers.files.table import Columns, texts_array
 
 if TYPE_CHECKING:
     import polars as pl
@@ -56,6 +56,7 @@ def write_store(
 ) -> None:
     """Whole or not at all. columns: arrays of length n, float64 (NaN: not known) or object
     (texts). Raises OSError."""
+    need("Parquet", "parquet")
     about = {
         "format": FORMAT,
         "meta": None if meta is None else meta_to_yaml(meta),
@@ -70,27 +71,19 @@ def write_store(
 def write_text(path: Path, columns: Columns, meta: RunMeta | None) -> None:
     """The same as a run log of text with its sidecar, each whole or not at all; every number
     reads back the same, and a log that topdress wrote is the same to the byte. Raises OSError."""
-    import polars as pl
-
-    data = io.BytesIO()
-    texts = {
-        name: [text or None for text in array.tolist()]
-        if array.dtype == object
-        else texts_of(name, array.tolist())
-        for name, array in columns.items()
-    }
-    pl.DataFrame([pl.Series(name, column, pl.String) for name, column in texts.items()]).write_csv(
-        data
-    )
     path.parent.mkdir(parents=True, exist_ok=True)
     if meta is not None:
         write_atomically(sidecar(path), meta_to_yaml(meta))
-    write_atomically(path, data.getvalue())
+    write_atomically(path, csv_text(columns, _cell_texts))
+
+
+def _cell_texts(name: str, column: NDArray[Any]) -> Sequence[str | None]:
+    return list(column) if is_text(column) else texts_of(name, column.tolist())
 
 
 def read_store(path: Path, only: Collection[str] | None = None) -> Stored:
     """`only`: names of the columns wanted (None: all); `time_s` comes always. Raises TableError."""
-    need("Parquet", "diagnosis")
+    need("Parquet", "parquet")
     import polars as pl
 
     try:
@@ -117,7 +110,7 @@ def read_store(path: Path, only: Collection[str] | None = None) -> Stored:
 def stored_about(path: Path) -> tuple[RunMeta | None, tuple[Finding, ...]]:
     """What a store says of its log along with the columns, which are not read. Raises
     TableError, OSError."""
-    need("Parquet", "diagnosis")
+    need("Parquet", "parquet")
     import polars as pl
 
     try:

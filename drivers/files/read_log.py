@@ -7,7 +7,7 @@ from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from itertools import repeat
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,16 +15,14 @@ from numpy.typing import NDArray
 from control.log_row import ALL_COLUMNS, COLUMNS, TEXT_COLUMNS, WHOLE_COLUMNS, LogRow
 from control.recordings.finding import Finding
 from drivers.files.atomic import sidecar
+from drivers.files.columns import Columns
 from drivers.files.foreign import examined, needed, our_names
 from drivers.files.imports.trouble import TableError
 from drivers.files.log_store import is_store, read_store, stored_about
 from drivers.files.log_text import columns_of, header_of
 from drivers.files.run_meta import RunMeta, meta_from_yaml
-from drivers.files.table import Columns, read_table
 from drivers.files.table import columns_of as columns_of_cells
-
-if TYPE_CHECKING:
-    import polars as pl
+from drivers.files.table import read_table
 
 # rows farther apart may be milliseconds, which another column shows: all are read
 SLOW_STEP_S = 2.0
@@ -163,14 +161,13 @@ def _read_log(
     return RunLog(path, columns, meta, (*meta_findings, *table.findings, *findings))
 
 
-def log_of(path: Path, frame: pl.DataFrame, meta: RunMeta) -> RunLog:
-    """A frame with a run log's columns, as written, as the log that would be read of it: it is
+def log_of(path: Path, given: Columns, meta: RunMeta) -> RunLog:
+    """A table with a run log's columns, as written, as the log that would be read of it: it is
     examined alike. Raises TableError where nothing can be worked on."""
-    names = tuple(frame.columns)
     columns, findings = examined(
         path,
-        columns_of_cells(dict(zip(names, frame, strict=True)), _NUMBERS | {"time_s"}, TEXT_COLUMNS),
-        names,
+        columns_of_cells(dict(given), _NUMBERS | {"time_s"}, TEXT_COLUMNS),
+        tuple(given),
     )
     log = RunLog(path, columns, meta, tuple(findings))
     if not len(log):

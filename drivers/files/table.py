@@ -4,27 +4,24 @@ logs, bench tables."""
 from __future__ import annotations
 
 import csv
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from control.recordings.finding import Finding, many
+from drivers.files.columns import Columns, is_text, texts_array
 from drivers.files.header_names import Renamed
 from drivers.files.imports.header import NOTHING, is_unit_row, is_value
-from drivers.files.imports.numbers import number_of
-from drivers.files.imports.text import cells_of, utf8, without_cut_row
+from drivers.files.imports.numbers import number_of, numbers_of
+from drivers.files.imports.text import CellColumn, NumberCells, cells_of, utf8, without_cut_row
 from drivers.files.imports.trouble import TableError
 from drivers.files.limits import check_file
 from drivers.files.sheet_text import SUFFIXES, sheet_text
 
-if TYPE_CHECKING:
-    import polars as pl
-
-Columns = dict[str, NDArray[Any]]
 Rename = Callable[[tuple[str, ...]], Renamed]
 
 _SEPARATORS = ",;\t|"
@@ -261,7 +258,7 @@ def _has_decimal_comma(sample: bytes, separator: str) -> bool:
 
 
 def columns_of(
-    cells: dict[str, pl.Series | list[str]],
+    cells: dict[str, CellColumn],
     numbers: Collection[str],
     texts: Collection[str],
     findings: list[Finding] | None = None,
@@ -271,55 +268,34 @@ def columns_of(
     columns: Columns = {}
     for name in list(cells):
         column = cells.pop(name)
-        if not isinstance(column, list):
-            if column.dtype.is_numeric():
-                values = column.to_numpy().astype(np.float64, copy=False)
-                columns[name] = (
-                    np.where(np.isinf(values), np.nan, values) if np.isinf(values).any() else values
+        if not isinstance(column, NumberCells):
+            column = _typed(name, column, numbers, texts)
+        if not isinstance(column, NumberCells):
+            columns[name] = column
+            continue
+        if column.bad and findings is not None:
+            findings.append(
+                Finding(
+                    "not_a_number",
+                    f"column {name}: {many(column.bad, 'cell')} such as "
+                    f"{column.cell[:20]!r} emptied: not a number",
+                    name,
+                    column.bad,
                 )
-                continue
-            column = column.to_list()
-        if name not in texts and (
-            name in numbers or None not in map(number_of, column[:_LOOKED_AT])
-        ):
-            values, bad = _numbers(column)
-            if bad and name in numbers and findings is not None:
-                findings.append(
-                    Finding(
-                        "not_a_number",
-                        f"column {name}: {many(len(bad), 'cell')} such as "
-                        f"{column[bad[0]][:20]!r} emptied: not a number",
-                        name,
-                        len(bad),
-                    )
-                )
-            if name in numbers or not bad:
-                columns[name] = values
-                continue
-        columns[name] = texts_array(column)
+            )
+        columns[name] = np.where(np.isinf(column.values), np.nan, column.values)
     return columns
 
 
-def _numbers(cells: Sequence[str | None]) -> tuple[NDArray[np.float64], list[int]]:
-    """Cells as numbers (n,), NaN: not known; and which of them are none."""
-    try:
-        # Python groups digits by it, nobody else does
-        if "_" not in "".join(filter(None, cells)):
-            values = np.array([float(cell) if cell else np.nan for cell in cells], np.float64)
-            values[np.isinf(values)] = np.nan
-            return values, []
-    except ValueError:
-        pass
-    worth = [number_of(cell) for cell in cells]
-    return np.array(worth, np.float64), [row for row, value in enumerate(worth) if value is None]
-
-
-def texts_array(values: Sequence[str | None]) -> NDArray[Any]:
-    """Texts without blanks around; equal ones share one object: a million states cost a million
-    references only."""
-    shared: dict[str, str] = {}
-    array = np.empty(len(values), object)
-    array[:] = [
-        shared.setdefault(text, text) if (text := (value or "").strip()) else "" for value in values
-    ]
-    return array
+def _typed(
+    name: str, column: NDArray[Any], numbers: Collection[str], texts: Collection[str]
+) -> CellColumn:
+    """As numbers where the column is to be of numbers, or all that its cells tell are such."""
+    if not is_text(column):
+        return NumberCells(column.astype(np.float64))
+    cells = column.tolist()
+    if name not in texts and (name in numbers or None not in map(number_of, cells[:_LOOKED_AT])):
+        found = numbers_of(cells)
+        if name in numbers or not found.bad:
+            return NumberCells(found.values, found.bad, found.cell)
+    return texts_array(cells)

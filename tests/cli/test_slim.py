@@ -7,14 +7,12 @@ import os
 import re
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from drivers.files import extras
-from drivers.files.table import read_table
 from tests.places import TASK_FILES
 
 ROOT = Path(__file__).parents[2]
@@ -73,6 +71,9 @@ def slim(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Ran]:
         "effects --json",
         "info",
         "record run.csv",
+        f"import {ROOT}/docs/examples/import/tractor.csv --guess --out tractor.yaml",
+        f"import {ROOT}/docs/examples/import/tractor.csv --out tractor-log.csv",
+        f"import {ROOT}/docs/examples/import/applied.geojson --out points.csv",
         f"map {TASK_FILES}/fertilizer_map_1 --out task.zip",
         f"map {TASK_FILES}/fertilizer_map_1 --out shapes.shp",
         f"map {ROOT}/configs/jobs/map_demo.geojson --out map.geojson",
@@ -93,10 +94,10 @@ def test_what_a_cab_needs_works(slim: Callable[..., Ran], words: str) -> None:
 @pytest.mark.parametrize(
     ("words", "packages"),
     [
-        ("diagnose run.csv", "numba polars"),
-        ("watch run.csv --to-end", "numba polars"),
-        ("compare huanghai huanghai run.csv", "numba polars"),
-        ("import run.csv --guess", "numba polars"),
+        ("diagnose run.csv", "numba"),
+        ("watch run.csv --to-end", "numba"),
+        ("compare huanghai huanghai run.csv", "numba"),
+        ("import run.csv --out run.parquet", "polars"),
         ("fleet . --out season", "distributed fsspec cryptography numba polars"),
         ("map zones.csv --out zones.gpkg", "pyogrio"),
         ("map bare.tif", "rasterio"),
@@ -116,41 +117,3 @@ def test_extras_says_what_is_there_and_what_installs_the_rest(slim: Callable[...
     said = slim("extras").stdout.splitlines()
     for name, line in zip(extras.EXTRAS, said, strict=True):
         assert f"not installed: {extras.extra_line(name)}" in line
-
-
-@pytest.fixture
-def without_polars(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[], None]]:
-    yield lambda: monkeypatch.setitem(sys.modules, "polars", None)
-
-
-@pytest.mark.parametrize(
-    "text",
-    [
-        "time_s,shaft_rpm,state,note\n0,1.5,ready,\n1,,working,a\n2,x,working,b\n",
-        "time_s;rpm;name\n0,5;1.234,5;a\n1,5;n/a;b\n2,5;1'000;\n",
-        "time_s,a,b\n0,1e3,inf\n1, 2 ,nan\n2,1_000,-\n",
-        'time_s,a\n0,"1,5"\n1,"two\nlines"\n2,3\n',
-        "time_s,a\n0,1,\n1,2,\n",
-        "time_s,a\n0,1\n1,2,3\n2\n",
-        "time_s,a\n0,1\n1,2",
-        "time_s,a\n",
-        "# of a tool\ntime_s,a,c\ns,mm,\n0,1,x\n1,2,y\n",
-    ],
-    ids=["words", "commas", "odd", "quotes", "past", "widths", "cut", "empty", "units"],
-)
-def test_a_table_reads_the_same_without_polars(
-    tmp_path: Path, without_polars: Callable[[], None], text: str
-) -> None:
-    path = tmp_path / "a.csv"
-    path.write_text(text)
-    quick = read_table(path, ("time_s", "shaft_rpm", "a"), ("state",))
-    without_polars()
-    slow = read_table(path, ("time_s", "shaft_rpm", "a"), ("state",))
-    assert (slow.names, slow.findings, list(slow.columns)) == (
-        quick.names,
-        quick.findings,
-        list(quick.columns),
-    )
-    for name, column in quick.columns.items():
-        np.testing.assert_array_equal(slow.columns[name], column)
-        assert slow.columns[name].dtype == column.dtype

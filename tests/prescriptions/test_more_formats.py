@@ -345,9 +345,9 @@ def test_texts_of_a_table_are_read_in_their_letters(
     assert read.layers == (next(iter(columns)),)
     assert [zone.rate_kg_ha for zone in read.data.zones] == RATES
     points = write(tmp_path / "p", columns, encoding, cpg, driver, points=True)
-    frame = read_raw(points).frame
+    columns_read = read_raw(points).columns
     for name, values in columns.items():
-        assert frame[name].to_list() == values
+        assert columns_read[name].tolist() == values
 
 
 @pytest.mark.parametrize(
@@ -537,9 +537,9 @@ def test_points_of_a_zip_with_areas_beside_are_imported(
     tmp_path: Path, rx: dict[str, bytes]
 ) -> None:
     points = parts(write(tmp_path / "applied", {"AppRate": RATES}, points=True))
-    assert read_raw(packed(tmp_path / "job.zip", rx | points)).frame["AppRate"].to_list() == RATES
+    assert read_raw(packed(tmp_path / "job.zip", rx | points)).columns["AppRate"].tolist() == RATES
     more = {name.replace("applied", "second"): data for name, data in points.items()}
     both = packed(tmp_path / "two.zip", points | more)
     with pytest.raises(ImportTrouble, match=r"2 shapefiles of points: say source\.inside"):
         read_raw(both)
-    assert read_raw(both, Source(inside="second")).frame["AppRate"].to_list() == RATES
+    assert read_raw(both, Source(inside="second")).columns["AppRate"].tolist() == RATES

@@ -2,16 +2,29 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
-import polars as pl
+from numpy.typing import NDArray
 
 from control.log_row import COMMANDS_HELD, TEXT_COLUMNS
 from control.orders import State
 from control.recordings.finding import Finding, many
 from control.recordings.times import mended_times
+from drivers.files.columns import (
+    Columns,
+    count_microseconds,
+    count_rows,
+    is_text,
+    is_time,
+    map_texts,
+    median_of,
+    select_rows,
+    text_column,
+    unknown_like,
+)
 from drivers.files.config_words import nearest
 from drivers.files.imports.header import named
 from drivers.files.imports.mapping import (
@@ -24,7 +37,7 @@ from drivers.files.imports.mapping import (
 )
 from drivers.files.imports.numbers import Numbers, numbers
 from drivers.files.imports.raw import RawTable
-from drivers.files.imports.times import clock, read_texts
+from drivers.files.imports.times import as_texts, clock, read_texts
 from drivers.files.imports.trouble import ImportTrouble, listed
 from drivers.files.imports.units import in_log_unit, quantity_of, slug, unit_named
 
@@ -38,15 +51,16 @@ STANDING_MPS = 0.05  # slower, and a flow is no rate
 DIGITS = 12
 # share of cells that are no number; above it the wrong column was named
 _BAD_SHARE = 0.5
+_LINE_BREAKS = re.compile(r"[\r\n]+")
 
 
 @dataclass(frozen=True, eq=False)
 class Converted:
-    """One file's part of the log. `frame`: `us` (Int64, strictly increasing), then log columns:
-    Float64 or String."""
+    """One file's part of the log. `columns`: `us` (whole microseconds, strictly increasing), then
+    those of the log: numbers or texts."""
 
     raw: RawTable
-    frame: pl.DataFrame
+    columns: Columns
     kind: Literal["utc", "local", "relative"]
     findings: tuple[Finding, ...]
 
@@ -56,7 +70,7 @@ def convert(raw: RawTable, mapping: ImportFile) -> Converted:
     _all_there(raw, mapping)
     times = clock(raw, mapping.time)
     findings = list(raw.findings)
-    columns = {
+    columns: Columns = {
         name: _column(raw, name, column, mapping, findings)
         for name, column in mapping.columns.items()
         if name != UTC
@@ -68,14 +82,13 @@ def convert(raw: RawTable, mapping: ImportFile) -> Converted:
         columns[MADE_BY_WORKING] = _state(raw, mapping.working, mapping)
     if mapping.extra == "keep":
         columns |= _extras(raw, mapping, taken=set(columns))
-    frame = pl.DataFrame({US: times.us, **columns})
-    frame = _in_order(raw, frame, findings)
+    columns = _in_order(raw, {US: times.us, **columns}, findings)
     if mapping.rows == "answer_in_row":
         constants = [
             name for name, column in mapping.columns.items() if column.constant is not None
         ]
-        frame = _with_commands_before(frame, constants)
-    return Converted(raw, frame, times.kind, tuple(findings))
+        columns = _with_commands_before(columns, constants)
+    return Converted(raw, columns, times.kind, tuple(findings))
 
 
 def _all_there(raw: RawTable, mapping: ImportFile) -> None:
@@ -93,15 +106,15 @@ def _all_there(raw: RawTable, mapping: ImportFile) -> None:
 
 def _column(
     raw: RawTable, name: str, column: Column, mapping: ImportFile, findings: list[Finding]
-) -> pl.Series:
+) -> NDArray[Any]:
     if column.constant is not None:
-        return pl.Series(name, [column.constant], pl.Float64).new_from_index(0, raw.frame.height)
+        return np.full(count_rows(raw.columns), float(column.constant))
     assert column.source is not None
-    series = raw.frame[column.source]
+    cells = raw.columns[column.source]
     missing = (*mapping.missing, *column.missing)
     if name in TEXT_COLUMNS:
-        return _texts(series, missing).alias(name)
-    found = numbers(series, raw.decimal_comma, missing)
+        return _texts(cells, missing)
+    found = numbers(cells, raw.decimal_comma, missing)
     if found.marked:
         marks = listed(f"{mark:g}" for mark in missing if not isinstance(mark, str))
         findings.append(
@@ -114,8 +127,8 @@ def _column(
             )
         )
     if found.bad:
-        if name.startswith(EXTRA_START) and found.bad > _BAD_SHARE * series.len():
-            return _texts(series, missing).alias(name)
+        if name.startswith(EXTRA_START) and found.bad > _BAD_SHARE * cells.size:
+            return _texts(cells, missing)
         _said_bad(raw, column.source, found, findings)
     values = _inside(raw, column, found.values, findings)
     converted = _in_log_unit(values * column.scale + column.offset, name, column)
@@ -126,36 +139,41 @@ def _column(
         and unit.quantity == "volume"
     ):
         converted = converted * (mapping.density_kg_l or 1.0)
-    return (
-        converted.round_sig_figs(DIGITS).alias(name)
-        if column.scale != 1.0 or column.unit
-        else converted.alias(name)
-    )
+    return _rounded(converted) if column.scale != 1.0 or column.unit else converted
 
 
-def _utc(raw: RawTable, column: Column) -> pl.Series:
+def _rounded(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """To `DIGITS` digits, halves away from zero."""
+    with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
+        per_digit = 10.0 ** (DIGITS - 1 - np.floor(np.log10(np.abs(values))))
+        scaled = values * per_digit
+        rounded = np.copysign(np.floor(np.abs(scaled) + 0.5), scaled) / per_digit
+    return np.where(np.isfinite(scaled) & (values != 0.0), rounded, values)
+
+
+def _utc(raw: RawTable, column: Column) -> NDArray[np.float64]:
     """UTC that stands next to another time, as ISO 8601 or by type."""
     assert column.source is not None
-    series = raw.frame[column.source]
-    if isinstance(series.dtype, pl.Datetime):
-        return series.dt.timestamp("us").alias(UTC_US)
-    us = read_texts(series.cast(pl.String), None, "UTC").us
-    if us.null_count() == us.len():
+    cells = raw.columns[column.source]
+    if is_time(cells):
+        return count_microseconds(cells)
+    us = read_texts(cells, None, "UTC").us
+    if np.isnan(us).all():
         raise ImportTrouble(
             raw.path,
-            f"row {raw.first_row}: column {column.source}: value {series[0]}: allowed ISO "
+            f"row {raw.first_row}: column {column.source}: value {cells[0]}: allowed ISO "
             "8601, e.g. 2026-03-20T08:00:00Z",
         )
-    return us.alias(UTC_US)
+    return us
 
 
 def _said_bad(raw: RawTable, source: str, found: Numbers, findings: list[Finding]) -> None:
     where = f"row {raw.first_row + found.row}"
-    if found.bad > _BAD_SHARE * found.values.len():
+    if found.bad > _BAD_SHARE * found.values.size:
         raise ImportTrouble(
             raw.path,
             f"{where}: column {source}: value {found.cell[:40]}: allowed a number (of "
-            f"{found.values.len()} cells {found.bad} are none)",
+            f"{found.values.size} cells {found.bad} are none)",
         )
     findings.append(
         Finding(
@@ -168,15 +186,17 @@ def _said_bad(raw: RawTable, source: str, found: Numbers, findings: list[Finding
     )
 
 
-def _inside(raw: RawTable, column: Column, values: pl.Series, findings: list[Finding]) -> pl.Series:
+def _inside(
+    raw: RawTable, column: Column, values: NDArray[np.float64], findings: list[Finding]
+) -> NDArray[np.float64]:
     if column.valid is None:
         return values
     low, high = column.valid
-    outside = ((values < low) | (values > high)).fill_null(False)
+    outside = (values < low) | (values > high)
     count = int(outside.sum())
     if not count:
         return values
-    row = int(outside.arg_true()[0])
+    row = int(np.flatnonzero(outside)[0])
     findings.append(
         Finding(
             "outside",
@@ -186,10 +206,10 @@ def _inside(raw: RawTable, column: Column, values: pl.Series, findings: list[Fin
             count,
         )
     )
-    return values.set(outside, None)
+    return np.where(outside, np.nan, values)
 
 
-def _in_log_unit(values: pl.Series, name: str, column: Column) -> pl.Series:
+def _in_log_unit(values: NDArray[np.float64], name: str, column: Column) -> NDArray[np.float64]:
     values = values * column.sign
     unit = unit_named(column.unit) if column.unit is not None else None
     quantity = quantity_of(name)
@@ -197,11 +217,10 @@ def _in_log_unit(values: pl.Series, name: str, column: Column) -> pl.Series:
         return values
     if unit.name == "%":
         return values * ((column.full or 1.0) / 100.0)
-    converted = in_log_unit(values.to_numpy(), unit, name)
-    return pl.Series(values.name, converted, pl.Float64, nan_to_null=True)
+    return in_log_unit(values, unit, name)
 
 
-def _flows_to_rates(raw: RawTable, mapping: ImportFile, columns: dict[str, pl.Series]) -> None:
+def _flows_to_rates(raw: RawTable, mapping: ImportFile, columns: Columns) -> None:
     """kg/s over the ground covered in a second, m2, as kg/ha; standing there is no rate."""
     flows = [
         name
@@ -219,47 +238,40 @@ def _flows_to_rates(raw: RawTable, mapping: ImportFile, columns: dict[str, pl.Se
             raw.path, f"columns.{flows[0]}: a flow: allowed with a column speed_mps to divide by"
         )
     assert mapping.width_m is not None
-    moving = speed.set((speed <= STANDING_MPS).fill_null(True), None)
+    moving = np.where(speed > STANDING_MPS, speed, np.nan)
     for name in flows:
-        columns[name] = (columns[name] / (moving * mapping.width_m) * 10_000.0).alias(name)
+        columns[name] = columns[name] / (moving * mapping.width_m) * 10_000.0
 
 
-def _state(raw: RawTable, working: Working, mapping: ImportFile) -> pl.Series:
-    series = raw.frame[working.column]
-    found = numbers(series, raw.decimal_comma, mapping.missing).values
+def _state(raw: RawTable, working: Working, mapping: ImportFile) -> NDArray[Any]:
+    cells = raw.columns[working.column]
+    found = numbers(cells, raw.decimal_comma, mapping.missing).values
+    known = ~np.isnan(found)
     if working.equals:
-        marks = [mark for mark in working.equals if not isinstance(mark, str)]
-        holds = found.is_in([float(mark) for mark in marks]).fill_null(False)
-        known = found.is_not_null()
-        if series.dtype == pl.String:
-            words = [word.casefold() for word in working.equals if isinstance(word, str)]
-            texts = series.str.strip_chars().str.to_lowercase()
-            holds = holds | texts.is_in(words).fill_null(False)
-            known = (texts != "").fill_null(False)
+        marks = [float(mark) for mark in working.equals if not isinstance(mark, str)]
+        holds = np.isin(found, marks)
+        if is_text(cells):
+            words = {word.casefold() for word in working.equals if isinstance(word, str)}
+            texts = [text.strip().lower() for text in cells.tolist()]
+            holds |= np.array([text in words for text in texts])
+            known = np.array([text != "" for text in texts])
     else:
-        holds, known = found.is_not_null(), found.is_not_null()
+        holds = known
         if working.above is not None:
-            holds = holds & (found > working.above).fill_null(False)
+            holds = holds & (found > working.above)
         if working.below is not None:
-            holds = holds & (found < working.below).fill_null(False)
+            holds = holds & (found < working.below)
     if not holds.any():
-        kinds = listed(repr(value) for value in series.unique().sort().head(6))
+        kinds = listed(repr(value) for value in sorted(set(as_texts(cells).tolist()))[:6])
         raise ImportTrouble(
             raw.path,
             f"working: column {working.column} never fulfils the condition: its values are {kinds}",
         )
-    frame = pl.DataFrame({"holds": holds, "known": known})
-    return frame.select(
-        pl.when(~pl.col("known"))
-        .then(None)
-        .when("holds")
-        .then(pl.lit(State.WORKING.value))
-        .otherwise(pl.lit(State.READY.value))
-        .alias(MADE_BY_WORKING)
-    )[MADE_BY_WORKING]
+    states = np.where(holds, State.WORKING.value, State.READY.value)
+    return text_column(np.where(known, states, "").tolist())
 
 
-def _extras(raw: RawTable, mapping: ImportFile, taken: set[str]) -> dict[str, pl.Series]:
+def _extras(raw: RawTable, mapping: ImportFile, taken: set[str]) -> Columns:
     """Columns that nothing names, by their name and unit, in the file's own unit."""
     used = {column.source for column in mapping.columns.values()} | {
         mapping.time.column,
@@ -267,21 +279,21 @@ def _extras(raw: RawTable, mapping: ImportFile, taken: set[str]) -> dict[str, pl
     }
     if mapping.working is not None and mapping.working.equals:
         used.add(mapping.working.column)
-    extras: dict[str, pl.Series] = {}
+    extras: Columns = {}
     for source in raw.names:
-        series = raw.frame[source]
-        if source in used or series.dtype.is_temporal():
+        cells = raw.columns[source]
+        if source in used or is_time(cells):
             continue
-        found = numbers(series, raw.decimal_comma, mapping.missing)
-        values = found.values if found.bad == 0 else _texts(series, mapping.missing)
-        if values.null_count() == values.len():
+        found = numbers(cells, raw.decimal_comma, mapping.missing)
+        values = found.values if found.bad == 0 else _texts(cells, mapping.missing)
+        if not (values != "" if is_text(values) else ~np.isnan(values)).any():
             continue
         name = extra_name(source, raw.units.get(source))
         number, free = 1, name
         while free in taken or free in extras:
             number += 1
             free = f"{name}_{number}"
-        extras[free] = values.alias(free)
+        extras[free] = values
     return extras
 
 
@@ -295,51 +307,49 @@ def extra_name(source: str, unit: str | None) -> str:
     return plain if plain.startswith(EXTRA_START) else EXTRA_START + plain
 
 
-def _texts(series: pl.Series, missing: tuple[float | str, ...]) -> pl.Series:
+def _texts(cells: NDArray[Any], missing: tuple[float | str, ...]) -> NDArray[Any]:
     """Texts without blanks around; line breaks are blanks."""
-    texts = series.cast(pl.String).str.replace_all(r"[\r\n]+", " ").str.strip_chars()
-    nothing = ["", *(word for word in missing if isinstance(word, str))]
-    return texts.set(texts.is_in(nothing).fill_null(True), None)
+    nothing = {word for word in missing if isinstance(word, str)}
+
+    def one_line(text: str) -> str:
+        text = _LINE_BREAKS.sub(" ", text).strip()
+        return "" if text in nothing else text
+
+    return map_texts(one_line, as_texts(cells))
 
 
-def _in_order(raw: RawTable, frame: pl.DataFrame, findings: list[Finding]) -> pl.DataFrame:
+def _in_order(raw: RawTable, columns: Columns, findings: list[Finding]) -> Columns:
     """Rows with strictly increasing times, as the log's own reader would have them."""
-    us = frame[US]
-    known = us.drop_nulls()
-    first = int(known[0]) if known.len() else 0
-    time_s = ((us - first).cast(pl.Float64) / 1e6).fill_null(float("nan")).to_numpy()
+    us = columns[US]
+    known = us[~np.isnan(us)]
+    first = known[0] if known.size else 0.0
     try:
-        times = mended_times(time_s)
+        times = mended_times((us - first) / 1e6)
     except ValueError as error:
         raise ImportTrouble(raw.path, f"{str(error).replace('time_s', 'time')}") from None
     findings += times.findings
-    kept = frame if isinstance(times.rows, slice) else frame[times.rows]
+    kept = columns if isinstance(times.rows, slice) else select_rows(columns, times.rows)
     if times.spread:
-        spread = first + np.round(times.time_s * 1e6).astype(np.int64)
-        kept = kept.with_columns(pl.Series(US, spread))
+        kept = {**kept, US: first + np.round(times.time_s * 1e6)}
     return kept
 
 
-def _with_commands_before(frame: pl.DataFrame, constants: list[str]) -> pl.DataFrame:
+def _with_commands_before(columns: Columns, constants: list[str]) -> Columns:
     """From rows that hold a command and its settled answer to rows of the run log.
 
     A row of the log holds a reading, and the command in force from there on: the command of
     each row moves to the row before, and a row stands before the first for its command. An
     event says that no command is missing between rows.
     """
-    times = frame[US]
-    step = int(times.diff().median() or 1_000_000)  # type: ignore[arg-type]
-    before = frame.head(1).select(
-        pl.lit(int(times[0]) - step, pl.Int64).alias(US)
-        if name == US
-        else pl.col(name)
-        if name in (*COMMANDS, *constants, MADE_BY_WORKING)
-        else pl.lit(None, kind).alias(name)
-        for name, kind in frame.schema.items()
-    )
-    longer = pl.concat([before, frame])
-    later = [
-        pl.concat([frame[name], frame[name].tail(1)]) for name in frame.columns if name in COMMANDS
-    ]
-    stated = frame[EVENTS].to_list() if EVENTS in frame.columns else [None] * frame.height
-    return longer.with_columns(*later, pl.Series(EVENTS, [COMMANDS_HELD, *stated], pl.String))
+    times = columns[US]
+    step = int(median_of(np.diff(times)) or 1e6)
+    stated = columns.get(EVENTS, unknown_like(text_column([]), len(times)))
+    longer = {US: np.concatenate(([times[0] - step], times))}
+    for name, column in columns.items():
+        if name in COMMANDS:
+            longer[name] = np.concatenate((column, column[-1:]))
+        elif name != US:
+            is_held = name in (*constants, MADE_BY_WORKING)
+            before = column[:1] if is_held else unknown_like(column, 1)
+            longer[name] = np.concatenate((before, column))
+    return {**longer, EVENTS: text_column([COMMANDS_HELD, *stated.tolist()])}

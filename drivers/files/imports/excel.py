@@ -7,9 +7,11 @@ import datetime as dt
 from pathlib import Path
 from typing import Any
 
-import polars as pl
+import numpy as np
+from numpy.typing import NDArray
 
 from control.recordings.finding import Finding, many
+from drivers.files.columns import TIME, text_column
 from drivers.files.imports.dialect import SAMPLE_LINES
 from drivers.files.imports.header import Layout, layout_of
 from drivers.files.imports.mapping import Source
@@ -86,10 +88,8 @@ def _table(
     body = [row for row in rows[layout.body :] if any(cell != "" for cell in row)]
     if not body:
         raise ImportTrouble(path, f"sheet {sheet}: no rows below the header")
-    columns = list(zip(*body, strict=False))[: len(names)]
-    frame = pl.DataFrame(
-        [_series(name, values) for name, values in zip(names, columns, strict=True)]
-    )
+    cells = list(zip(*body, strict=False))[: len(names)]
+    columns = {name: _column(values) for name, values in zip(names, cells, strict=True)}
     source = said.model_copy(
         update={
             "kind": "excel",
@@ -101,23 +101,13 @@ def _table(
     above = tuple(
         " ".join(filter(None, map(cell_text, row))) for row in rows[: max(layout.header, 0)]
     )
-    return RawTable(path, frame, source, units, layout.body + 1, findings, above)
+    return RawTable(path, columns, source, units, layout.body + 1, findings, above)
 
 
-def _series(name: str, values: tuple[Any, ...]) -> pl.Series:
+def _column(values: tuple[Any, ...]) -> NDArray[Any]:
     kinds = {type(value) for value in values if value != ""}
     if kinds <= {float, int, bool}:
-        return pl.Series(
-            name, [None if value == "" else float(value) for value in values], pl.Float64
-        )
+        return np.array([np.nan if value == "" else float(value) for value in values], np.float64)
     if kinds <= {dt.datetime, dt.date}:
-        times = [
-            None
-            if value == ""
-            else value
-            if isinstance(value, dt.datetime)
-            else dt.datetime.combine(value, dt.time())
-            for value in values
-        ]
-        return pl.Series(name, times, pl.Datetime("us"))
-    return pl.Series(name, [cell_text(value) for value in values], pl.String)
+        return np.array([None if value == "" else value for value in values], TIME)
+    return text_column([cell_text(value) for value in values])

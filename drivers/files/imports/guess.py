@@ -4,15 +4,23 @@ not sure is said."""
 from __future__ import annotations
 
 from collections.abc import Mapping
+from itertools import islice
 
 import numpy as np
-import polars as pl
 from numpy.typing import NDArray
 
 from control.log_row import COLUMNS, PLAUSIBLE
 from control.recordings.speeds import unit_of
+from drivers.files.columns import (
+    count_differences,
+    is_number,
+    is_text,
+    median_of,
+    number_texts,
+    select_rows,
+)
 from drivers.files.imports import physics
-from drivers.files.imports.convert import convert
+from drivers.files.imports.convert import US, UTC_US, convert
 from drivers.files.imports.guess_columns import (
     candidates_of,
     chosen_of,
@@ -49,17 +57,24 @@ DRIVEN = ("shaft_rpm_cmd", "opening_mm_cmd")
 
 def check(raw: RawTable, out: Guess, chosen: Mapping[str, ColumnCandidate]) -> None:
     """Converts the first rows as guessed, and changes or doubts what their numbers contradict."""
-    head = RawTable(raw.path, raw.frame.head(LOOKED_AT), raw.source, raw.units, raw.first_row)
+    head = RawTable(
+        raw.path,
+        select_rows(raw.columns, slice(LOOKED_AT)),
+        raw.source,
+        raw.units,
+        raw.first_row,
+        utc=raw.utc,
+    )
     try:
         tried = convert(head, out.mapping.model_copy(update={"extra": "drop"}))
     except TableError as trouble:
         out.doubts.append(Doubt(("time",), _too_close(raw, out) or str(trouble).splitlines()[0]))
         return
-    time_s = (tried.frame["us"] - tried.frame["us"][0]).to_numpy() / 1e6
+    time_s = (tried.columns[US] - tried.columns[US][0]) / 1e6
     columns = {
-        name: tried.frame[name].to_numpy()
-        for name in tried.frame.columns
-        if tried.frame[name].dtype == pl.Float64
+        name: column
+        for name, column in tried.columns.items()
+        if is_number(column) and name not in (US, UTC_US)
     }
     _spacing(time_s, out)
     _speeds(time_s, columns, out, chosen)
@@ -74,10 +89,10 @@ def _too_close(raw: RawTable, out: Guess) -> str:
     time = out.mapping.time
     if time.column is None or time.counts not in ("ms", "us"):
         return ""
-    steps = numbers(raw.frame[time.column], raw.decimal_comma).values.diff().drop_nulls()
-    if not steps.len() or not (steps > 0).all():
+    steps = count_differences(numbers(raw.columns[time.column], raw.decimal_comma).values)
+    if not steps.size or not (steps > 0).all():
         return ""
-    each = float(steps.median() or 0.0)  # type: ignore[arg-type]
+    each = median_of(steps)
     return (
         f"{time.column} grows by {each:.3g} {time.counts} in each row: are the times in "
         "another unit?"
@@ -358,11 +373,9 @@ def _working(
         subject = subject_of(plain, None)
         if source in taken or subject is None or subject.id != "work":
             continue
-        kinds = [
-            str(value).strip()
-            for value in raw.frame[source].drop_nulls().unique().head(12)
-            if str(value).strip()
-        ]
+        column = raw.columns[source]
+        texts = column.tolist() if is_text(column) else number_texts(column.astype(np.float64))
+        kinds = list(islice(filter(None, dict.fromkeys(text.strip() for text in texts)), 12))
         on = [kind for kind in kinds if kind.casefold().removesuffix(".0") in ON]
         if len(kinds) > 6 or len(on) != 1:
             continue

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from control.log_row import COLUMNS, EFFORTS, PLAUSIBLE, TEXT_COLUMNS
 from control.recordings.speeds import FAST_MPS, MOVING_MPS
+from drivers.files.columns import is_time
 from drivers.files.imports import physics
 from drivers.files.imports.convert import extra_name
 from drivers.files.imports.guessed import PAIRS, ColumnCandidate, Doubt, Guess, Key
@@ -96,7 +97,7 @@ def _commands_by_name(
 
 
 def _candidate(raw: RawTable, name: str) -> ColumnCandidate | None:
-    if raw.frame[name].dtype.is_temporal():
+    if is_time(raw.columns[name]):
         return None
     plain = folded(named(name)[0])
     unit = unit_named(raw.units[name]) if name in raw.units else None
@@ -154,8 +155,8 @@ def _target(subject: Subject, plain: str, role: str) -> str:
 
 
 def _values(raw: RawTable, name: str) -> NDArray[np.float64]:
-    found = numbers(raw.frame[name], raw.decimal_comma)
-    return found.values.to_numpy() if found.bad <= 0.5 * max(1, found.values.len()) else np.empty(0)
+    found = numbers(raw.columns[name], raw.decimal_comma)
+    return found.values if found.bad <= 0.5 * max(1, found.values.size) else np.empty(0)
 
 
 def _too_fast(values: NDArray[np.float64]) -> bool:
@@ -442,7 +443,7 @@ def extras_with_sentinels(raw: RawTable, used: Iterable[str | None]) -> dict[str
     nothing are named for it."""
     columns: dict[str, Column] = {}
     for source in raw.names:
-        if source in set(used) or raw.frame[source].dtype.is_temporal():
+        if source in set(used) or is_time(raw.columns[source]):
             continue
         marks = physics.sentinels(_values(raw, source), (-np.inf, np.inf))
         name = extra_name(source, raw.units.get(source))

@@ -5,10 +5,18 @@ from __future__ import annotations
 
 import re
 from itertools import product
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-import polars as pl
+import numpy as np
+from numpy.typing import NDArray
 
+from drivers.files.columns import (
+    count_differences,
+    is_text,
+    is_time,
+    known_values,
+    median_of,
+)
 from drivers.files.imports.header import named
 from drivers.files.imports.mapping import Counts, Times
 from drivers.files.imports.numbers import numbers
@@ -47,9 +55,9 @@ _DATES = (
 )
 _DAYS_AS_NUMBERS = ("%d%m%Y", "%m%d%Y", "%d%m%y", "%m%d%y", "%y%m%d")
 _TIMES = ("%H:%M:%S%.f", "%H:%M", "%I:%M:%S%.f %p", "%I:%M %p", "%H时%M分%S秒", "%H%M%S%.f")
-_A_NUMBER = r"^[-+]?\d+([.,]\d+)?$"
+_A_NUMBER = re.compile(r"[-+]?\d+([.,]\d+)?")
 _CLOCK_DIGITS = "%H%M%S%.f"
-_RUN_TOGETHER, _AS_RUN = r"^(19|20)\d{12}([.,]\d+)?$", "%Y%m%d%H%M%S%.f"
+_RUN_TOGETHER, _AS_RUN = re.compile(r"(19|20)\d{12}([.,]\d+)?"), "%Y%m%d%H%M%S%.f"
 # 1900 and 2100: no machine's year is 7
 _EARLIEST_US, _LATEST_US = -2_208_988_800_000_000, 4_102_444_800_000_000
 _PART_OF_DAY = re.compile("%[dmy]")
@@ -70,7 +78,7 @@ class TimeGuess(NamedTuple):
 def guess_times(raw: RawTable) -> TimeGuess:
     """The best guess; a doubt says what is not sure of it."""
     names = {name: folded(named(name)[0]) for name in raw.names}
-    stamped = [name for name in raw.names if raw.frame[name].dtype.is_temporal()]
+    stamped = [name for name in raw.names if is_time(raw.columns[name])]
     called = [
         name for name in raw.names if says(names[name], TIME) and not says(names[name], NO_TIME)
     ]
@@ -81,7 +89,7 @@ def guess_times(raw: RawTable) -> TimeGuess:
             return found
     for name in raw.names:
         if (
-            raw.frame[name].dtype == pl.String
+            is_text(raw.columns[name])
             and (found := _of_texts(raw, name, names[name], dated)) is not None
         ):
             return found._replace(doubt=f"column {name} is not called a time, but reads as one")
@@ -112,14 +120,11 @@ def guess_times(raw: RawTable) -> TimeGuess:
 
 
 def _of_column(raw: RawTable, name: str, plain: str, dated: list[str]) -> TimeGuess | None:
-    series = raw.frame[name]
-    if series.dtype.is_temporal():
-        zone = getattr(series.dtype, "time_zone", None)
-        return TimeGuess(
-            Times(column=name, zone="UTC" if zone is None and says(plain, UTC) else None),
-            "times by type",
-        )
-    texts = _of_texts(raw, name, plain, dated) if series.dtype == pl.String else None
+    column = raw.columns[name]
+    if is_time(column):
+        zone = "UTC" if name not in raw.utc and says(plain, UTC) else None
+        return TimeGuess(Times(column=name, zone=zone), "times by type")
+    texts = _of_texts(raw, name, plain, dated) if is_text(column) else None
     return texts or _of_clock_digits(raw, name, plain, dated) or _of_numbers(raw, name)
 
 
@@ -128,14 +133,10 @@ def _of_clock_digits(raw: RawTable, name: str, plain: str, dated: list[str]) -> 
     minute's end."""
     if _by_unit(raw.units.get(name, "")) is not None:
         return None
-    values = numbers(raw.frame[name].head(_SAMPLE), raw.decimal_comma).values.drop_nulls()
+    values = known_values(numbers(raw.columns[name][:_SAMPLE], raw.decimal_comma).values)
     seconds, minutes = values % 100.0, (values // 100.0) % 100.0
-    if (
-        not values.len()
-        or not (
-            values.is_between(0.0, 240_000.0, "left") & (seconds < 60.0) & (minutes < 60.0)
-        ).all()
-    ):
+    is_clock = (values >= 0.0) & (values < 240_000.0) & (seconds < 60.0) & (minutes < 60.0)
+    if not values.size or not is_clock.all():
         return None
     of_day = (values // 10_000.0) * 3600.0 + minutes * 60.0 + seconds
     uneven, even = (_off_the_median(one) for one in (values, of_day))
@@ -146,28 +147,26 @@ def _of_clock_digits(raw: RawTable, name: str, plain: str, dated: list[str]) -> 
     if not _reads(texts, _CLOCK_DIGITS):
         return None
     if dated:
-        day = raw.frame[dated[0]].head(_SAMPLE)
-        found = _with_day(day, texts_for(raw.frame[name].head(_SAMPLE), _CLOCK_DIGITS), name, zone)
+        digits = texts_for(raw.columns[name][:_SAMPLE], _CLOCK_DIGITS)
+        found = _with_day(raw, dated[0], digits, name, zone)
         if found is not None:
             return found
     return TimeGuess(Times(column=name, format=_CLOCK_DIGITS), f"reads as {_CLOCK_DIGITS}")
 
 
 def _of_texts(raw: RawTable, name: str, plain: str, dated: list[str]) -> TimeGuess | None:
-    texts = raw.frame[name].head(_SAMPLE).str.strip_chars()
-    texts = texts.filter(texts != "")
+    texts = np.strings.strip(raw.columns[name][:_SAMPLE])
+    texts = texts[texts != ""]
     zone = "UTC" if says(plain, UTC) else None
-    if texts.len() and texts.str.contains(_RUN_TOGETHER).all() and _reads(texts, _AS_RUN):
+    if _all_are(texts, _RUN_TOGETHER) and _reads(texts, _AS_RUN):
         return TimeGuess(Times(column=name, format=_AS_RUN, zone=zone), f"reads as {_AS_RUN}")
-    if not texts.len() or texts.str.contains(_A_NUMBER).all():
+    if not texts.size or _all_are(texts, _A_NUMBER):
         return None
     if _reads(texts, None):
         offset = read_texts(texts, None, None).kind == "utc"
         return TimeGuess(Times(column=name, zone=None if offset else zone), "reads as ISO 8601")
-    if dated and not raw.frame[dated[0]].dtype.is_temporal():
-        found_day = _with_day(
-            raw.frame[dated[0]].head(_SAMPLE), raw.frame[name].head(_SAMPLE), name, zone
-        )
+    if dated and not is_time(raw.columns[dated[0]]):
+        found_day = _with_day(raw, dated[0], raw.columns[name][:_SAMPLE], name, zone)
         if found_day is not None:
             return found_day
     elif dated:
@@ -184,20 +183,27 @@ def _of_texts(raw: RawTable, name: str, plain: str, dated: list[str]) -> TimeGue
     return TimeGuess(Times(column=name, format=found[0]), f"reads as {found[0]}") if found else None
 
 
-def _off_the_median(values: pl.Series) -> int:
+def _all_are(texts: NDArray[Any], pattern: re.Pattern[str]) -> bool:
+    return texts.size > 0 and all(map(pattern.fullmatch, texts.tolist()))
+
+
+def _off_the_median(values: NDArray[np.float64]) -> int:
     """How many steps from row to row are not the usual one."""
-    steps = values.diff().drop_nulls()
-    usual = float(steps.median() or 0.0)  # type: ignore[arg-type]
-    return int(((steps - usual).abs() > 0.1 * abs(usual)).sum())
+    steps = count_differences(values)
+    usual = median_of(steps)
+    return int((np.abs(steps - usual) > 0.1 * abs(usual)).sum())
 
 
-def _with_day(day: pl.Series, time: pl.Series, name: str, zone: str | None) -> TimeGuess | None:
+def _with_day(
+    raw: RawTable, day_name: str, time: NDArray[Any], name: str, zone: str | None
+) -> TimeGuess | None:
     """A day in a column of its own, written out, or as a number: digits run together, or as
     spreadsheets count."""
-    reads: dict[str, pl.Series] = {}
+    day = raw.columns[day_name][:_SAMPLE]
+    reads: dict[str, NDArray[Any]] = {}
     for day_form in (*_DATES, *_DAYS_AS_NUMBERS):
         texts = with_day(day, time, day_form)
-        texts = texts.filter(texts.is_not_null())
+        texts = texts[texts != ""]
         reads |= {
             form: texts for form in _formats(texts, [f"{day_form} {one}" for one in _TIMES])[:1]
         }
@@ -205,7 +211,7 @@ def _with_day(day: pl.Series, time: pl.Series, name: str, zone: str | None) -> T
         return None
     us = {form: read_texts(texts, form, None).us for form, texts in reads.items()}
     first, *others = reads
-    others = [form for form in others if not us[form].equals(us[first])]
+    others = [form for form in others if not np.array_equal(us[form], us[first], equal_nan=True)]
     spans = {form: _span(us[form]) for form in (first, *others)}
     best = min(spans, key=lambda form: spans[form])
     doubt = (
@@ -213,20 +219,22 @@ def _with_day(day: pl.Series, time: pl.Series, name: str, zone: str | None) -> T
         "which is the day?"
     )
     return TimeGuess(
-        Times(column=name, date_column=day.name, format=best, zone=zone),
+        Times(column=name, date_column=day_name, format=best, zone=zone),
         f"reads as {best}",
         doubt if others else "",
     )
 
 
-def _dated(times: Times, found: list[str], texts: pl.Series) -> TimeGuess:
+def _dated(times: Times, found: list[str], texts: NDArray[Any]) -> TimeGuess:
     """Day and month may stand either way round: the way in which the times hang together, and a
     doubt."""
     other = [
         form
         for form in found[1:]
         if _PART_OF_DAY.sub("%d", form) == _PART_OF_DAY.sub("%d", found[0])
-        and not read_texts(texts, form, None).us.equals(read_texts(texts, found[0], None).us)
+        and not np.array_equal(
+            read_texts(texts, form, None).us, read_texts(texts, found[0], None).us, equal_nan=True
+        )
     ]
     if not other:
         return TimeGuess(times, f"reads as {times.format}")
@@ -239,35 +247,32 @@ def _dated(times: Times, found: list[str], texts: pl.Series) -> TimeGuess:
     )
 
 
-def _span(us: pl.Series) -> int:
-    known = us.drop_nulls()
-    return int(known.max()) - int(known.min())  # type: ignore[arg-type]
+def _span(us: NDArray[np.float64]) -> float:
+    return float(np.nanmax(us) - np.nanmin(us))
 
 
-def _formats(texts: pl.Series, forms: list[str]) -> list[str]:
-    few = texts.head(20)
+def _formats(texts: NDArray[Any], forms: list[str]) -> list[str]:
+    few = texts[:20]
     return [form for form in forms if _reads(few, form) and _reads(texts, form)]
 
 
-def _reads(texts: pl.Series, form: str | None) -> bool:
+def _reads(texts: NDArray[Any], form: str | None) -> bool:
     try:
         us = read_texts(texts, form, None).us
-        return (
-            texts.len() > 0
-            and float(us.is_between(_EARLIEST_US, _LATEST_US).sum()) >= _READS * texts.len()
-        )
+        count = int(((us >= _EARLIEST_US) & (us <= _LATEST_US)).sum())
+        return texts.size > 0 and count >= _READS * texts.size
     except TableError:
         return False
 
 
 def _of_numbers(raw: RawTable, name: str) -> TimeGuess | None:
-    found = numbers(raw.frame[name], raw.decimal_comma)
-    known = found.values.drop_nulls()
-    if found.bad > 0.05 * found.values.len() or known.len() < 2:
+    found = numbers(raw.columns[name], raw.decimal_comma)
+    known = known_values(found.values)
+    if found.bad > 0.05 * found.values.size or known.size < 2:
         return None
-    steps = known.diff().drop_nulls()
-    step = float(steps.filter(steps > 0).median() or 0.0)  # type: ignore[arg-type]
-    whole = bool((known == known.round(0)).all())
+    steps = np.diff(known)
+    step = median_of(steps[steps > 0])
+    whole = bool((known == np.round(known)).all())
     stated = (
         _since_1970(float(known[0]))
         or _by_unit(raw.units.get(name, name))
@@ -349,15 +354,13 @@ def _tells_place(plain: str) -> bool:
 
 def _grows(raw: RawTable, name: str) -> bool:
     """Whether every row is later than the one before."""
-    values = numbers(raw.frame[name].head(_SAMPLE), raw.decimal_comma).values
-    return bool(
-        values.len() > 1 and not values.null_count() and (values.diff().drop_nulls() > 0).all()
-    )
+    values = numbers(raw.columns[name][:_SAMPLE], raw.decimal_comma).values
+    return values.size > 1 and bool((np.diff(values) > 0).all())
 
 
 def _runs_evenly(raw: RawTable, name: str) -> bool:
     if not _grows(raw, name):
         return False
-    steps = numbers(raw.frame[name].head(_SAMPLE), raw.decimal_comma).values.diff().drop_nulls()
-    middle = float(steps.median() or 0.0)  # type: ignore[arg-type]
-    return float(((steps - middle).abs() < 0.5 * middle).mean() or 0.0) > 0.9  # type: ignore[arg-type]
+    steps = count_differences(numbers(raw.columns[name][:_SAMPLE], raw.decimal_comma).values)
+    middle = median_of(steps)
+    return bool(np.mean(np.abs(steps - middle) < 0.5 * middle) > 0.9)

@@ -6,20 +6,19 @@ from collections.abc import Sequence
 from itertools import pairwise
 from typing import NamedTuple
 
-import polars as pl
-
 from control.log_row import FILE_BEGINS
 from control.recordings.finding import Finding
+from drivers.files.columns import Columns, count_rows, stack_tables, text_column
 from drivers.files.imports.convert import US, UTC_US, Converted
 from drivers.files.imports.mapping import EVENTS, Join
 from drivers.files.imports.trouble import ImportTrouble
 
 
 class JoinedFiles(NamedTuple):
-    """`frame`: `us` from 0 on, `utc_us` where known, log columns. `begins_s`: of each part, in
+    """`columns`: `us` from 0 on, `utc_us` where known, log columns. `begins_s`: of each part, in
     the order of `parts`."""
 
-    frame: pl.DataFrame
+    columns: Columns
     parts: tuple[Converted, ...]
     begins_s: tuple[float, ...]
     findings: tuple[Finding, ...]
@@ -29,28 +28,26 @@ def joined(parts: Sequence[Converted], join: Join) -> JoinedFiles:
     """Raises ImportTrouble where files that are to follow their clocks overlap."""
     by_clock = _by_clock(parts, join)
     ordered = sorted(parts, key=_first) if by_clock or _one_epoch(parts) else list(parts)
-    frames, begins = [], []
+    tables, begins = [], []
     shift = -_first(ordered[0])
     end_us = 0
     for number, part in enumerate(ordered):
         if number and not by_clock:
             shift = end_us + round(join.gap_s * 1e6) - _first(part)
-        frame = part.frame
+        columns = dict(part.columns)
         if part.kind == "utc":
-            frame = frame.with_columns(pl.col(US).alias(UTC_US))
-        frame = frame.with_columns(pl.col(US) + shift)
+            columns[UTC_US] = columns[US]
+        columns[US] = columns[US] + shift
         if len(ordered) > 1:
-            frame = _marked(frame, part.raw.path.name)
-        begins.append(int(frame[US][0]) / 1e6)
-        end_us = int(frame[US][-1])
-        frames.append(frame)
+            _mark_begin(columns, part.raw.path.name)
+        begins.append(int(columns[US][0]) / 1e6)
+        end_us = int(columns[US][-1])
+        tables.append(columns)
     findings = []
     if len(ordered) > 1:
         how = "by their times" if by_clock else f"one after the other, {join.gap_s:g} s between"
         findings.append(Finding("joined", f"{len(ordered)} files joined {how}"))
-    return JoinedFiles(
-        pl.concat(frames, how="diagonal_relaxed"), tuple(ordered), tuple(begins), tuple(findings)
-    )
+    return JoinedFiles(stack_tables(tables), tuple(ordered), tuple(begins), tuple(findings))
 
 
 def _by_clock(parts: Sequence[Converted], join: Join) -> bool:
@@ -58,7 +55,7 @@ def _by_clock(parts: Sequence[Converted], join: Join) -> bool:
         return False
     ordered = sorted(parts, key=_first)
     overlap = next(
-        ((a, b) for a, b in pairwise(ordered) if int(a.frame[US][-1]) >= _first(b)), None
+        ((a, b) for a, b in pairwise(ordered) if int(a.columns[US][-1]) >= _first(b)), None
     )
     if overlap is None:
         return join.order == "clock" or _one_epoch(parts)
@@ -77,13 +74,12 @@ def _one_epoch(parts: Sequence[Converted]) -> bool:
 
 
 def _first(part: Converted) -> int:
-    return int(part.frame[US][0])
+    return int(part.columns[US][0])
 
 
-def _marked(frame: pl.DataFrame, name: str) -> pl.DataFrame:
+def _mark_begin(columns: Columns, name: str) -> None:
     """An operator's mark in the first row says which file begins."""
     mark = f"{FILE_BEGINS}{name.replace(';', ' ')}"
-    if EVENTS not in frame.columns:
-        frame = frame.with_columns(pl.lit(None, pl.String).alias(EVENTS))
-    first = frame[EVENTS][0]
-    return frame.with_columns(frame[EVENTS].scatter(0, f"{first};{mark}" if first else mark))
+    events = columns[EVENTS].tolist() if EVENTS in columns else [""] * count_rows(columns)
+    events[0] = f"{events[0]};{mark}" if events[0] else mark
+    columns[EVENTS] = text_column(events)

@@ -3,14 +3,25 @@
 from __future__ import annotations
 
 import hashlib
-import io
 from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
 
-import polars as pl
+import numpy as np
+from numpy.typing import NDArray
 
 from control.log_row import COLUMNS, DECIMALS, TEXT_COLUMNS, WHOLE_COLUMNS
 from drivers.files.atomic import sidecar, write_atomically
+from drivers.files.columns import (
+    TIME,
+    Columns,
+    count_rows,
+    csv_text,
+    is_text,
+    number_texts,
+    text_column,
+    texts_array,
+)
 from drivers.files.config import sha256_of
 from drivers.files.imports.convert import US, UTC_US
 from drivers.files.imports.join import JoinedFiles
@@ -21,18 +32,16 @@ from drivers.files.read_log import RunLog, log_of, meta_of
 from drivers.files.run_meta import meta_from_yaml, meta_to_yaml, run_meta
 
 
-def log_frame(log: JoinedFiles) -> pl.DataFrame:
+def log_columns(log: JoinedFiles) -> Columns:
     """The columns as they are written: those of the run log in their order, then those beyond
-    it."""
-    frame = log.frame
-    columns = [_time_text(frame[US]).alias("time_s")]
-    if UTC_US in frame.columns:
-        columns.append(
-            frame[UTC_US].cast(pl.Datetime("us")).dt.strftime("%Y-%m-%dT%H:%M:%S%.3fZ").alias("utc")
-        )
-    own = [name for name in COLUMNS if name in frame.columns and name not in ("time_s", "utc")]
-    beyond = [name for name in frame.columns if name not in COLUMNS and name not in (US, UTC_US)]
-    return pl.DataFrame([*columns, *(_rounded(frame[name]) for name in [*own, *beyond])])
+    it; times as texts."""
+    there = log.columns
+    columns: Columns = {"time_s": text_column(_time_texts(there[US]))}
+    if UTC_US in there:
+        columns["utc"] = text_column(_utc_texts(there[UTC_US]))
+    own = [name for name in COLUMNS if name in there and name not in ("time_s", "utc")]
+    beyond = [name for name in there if name not in COLUMNS and name not in (US, UTC_US)]
+    return columns | {name: _rounded(name, there[name]) for name in [*own, *beyond]}
 
 
 def run_log(path: Path, log: JoinedFiles, mapping: ImportFile, mapping_file: Path | None) -> RunLog:
@@ -40,33 +49,32 @@ def run_log(path: Path, log: JoinedFiles, mapping: ImportFile, mapping_file: Pat
     return log_of(path, as_read(log), meta_from_yaml(_meta(log, mapping, mapping_file)))
 
 
-def as_read(log: JoinedFiles) -> pl.DataFrame:
+def as_read(log: JoinedFiles) -> Columns:
     """The columns as a reader of what is written has them, times as numbers."""
-    frame = log_frame(log)
-    return frame.with_columns(frame["time_s"].cast(pl.Float64))
+    columns = log_columns(log)
+    return {**columns, "time_s": columns["time_s"].astype(np.float64)}
 
 
 def write_imported(
     path: Path, log: JoinedFiles, mapping: ImportFile, mapping_file: Path | None
-) -> pl.DataFrame:
+) -> Columns:
     """The log at `path`, its sidecar next to it (in a store: within); returns what was written.
     Raises OSError."""
     if path.suffix.lower() in SUFFIXES:
         read = run_log(path, log, mapping, mapping_file)
         write_store(path, read.columns, read.meta, read.findings)
-        return log_frame(log)
-    frame = log_frame(log)
-    text = io.BytesIO()
-    frame.write_csv(text)
+        return log_columns(log)
+    columns = log_columns(log)
+    text = csv_text(columns, _cell_texts)
     path.parent.mkdir(parents=True, exist_ok=True)
     part = path.with_name(f".{path.stem}.part.csv")
     try:
-        write_atomically(part, text.getvalue())
+        write_atomically(part, text)
         write_atomically(sidecar(path), _meta(log, mapping, mapping_file))
         part.replace(path)
     finally:
         part.unlink(missing_ok=True)
-    return frame
+    return columns
 
 
 def is_import_of(log: Path, files: Iterable[Path]) -> bool:
@@ -86,17 +94,12 @@ def _meta(log: JoinedFiles, mapping: ImportFile, mapping_file: Path | None) -> s
         {
             "name": part.raw.path.name,
             "sha256": _checksum(part.raw.path),
-            "rows": part.frame.height,
+            "rows": count_rows(part.columns),
             "begins_s": begin,
         }
         for part, begin in zip(log.parts, log.begins_s, strict=True)
     ]
-    started = log.frame[UTC_US].drop_nulls() if UTC_US in log.frame.columns else None
-    utc = (
-        None
-        if started is None or not started.len()
-        else started.head(1).cast(pl.Datetime("us")).dt.strftime("%Y-%m-%dT%H:%M:%S%.3fZ")[0]
-    )
+    known = filter(None, _utc_texts(log.columns[UTC_US]) if UTC_US in log.columns else ())
     found = [str(finding) for part in log.parts for finding in part.findings]
     stated: dict[str, object] = {
         "files": files,
@@ -107,7 +110,9 @@ def _meta(log: JoinedFiles, mapping: ImportFile, mapping_file: Path | None) -> s
     if len(widths) == 1 and (width_m := widths.pop()) is not None:
         stated["width_m"] = width_m  # as-applied areas are held against it
     checksums = {} if mapping_file is None else {mapping_file.name: sha256_of(mapping_file)}
-    return meta_to_yaml(run_meta(sha256=checksums, started_utc=utc, extra={"imported": stated}))
+    return meta_to_yaml(
+        run_meta(sha256=checksums, started_utc=next(known, None), extra={"imported": stated})
+    )
 
 
 def _checksum(path: Path) -> str:
@@ -127,23 +132,33 @@ def _without_nothing(value: object) -> object:
     return value
 
 
-def _time_text(us: pl.Series) -> pl.Series:
+def _time_texts(us: NDArray[np.float64]) -> list[str]:
     """Seconds with 3 decimals; with 6 where two rows fall into the same millisecond."""
-    ms = (us + 500) // 1000
-    unit, digits = (us, 6) if (ms.diff() == 0).any() else (ms, 3)
-    per_second = 10**digits
-    frame = unit.alias("n").to_frame()
-    text = pl.concat_str(
-        pl.col("n") // per_second,
-        pl.lit("."),
-        (pl.col("n") % per_second).cast(pl.String).str.zfill(digits),
-    )
-    return frame.select(text.alias("time_s"))["time_s"]
+    whole = us.astype(np.int64)
+    ms = (whole + 500) // 1000
+    unit, digits = (whole, 6) if (np.diff(ms) == 0).any() else (ms, 3)
+    return [f"{one // 10**digits}.{one % 10**digits:0{digits}d}" for one in unit.tolist()]
 
 
-def _rounded(series: pl.Series) -> pl.Series:
-    if series.name in WHOLE_COLUMNS:
-        return series.round(0).cast(pl.Int64, strict=False)
-    if series.name in DECIMALS and series.name not in TEXT_COLUMNS:
-        return series.round(DECIMALS[series.name])
-    return series
+def _utc_texts(us: NDArray[np.float64]) -> list[str]:
+    """ISO 8601 with milliseconds; empty where not known."""
+    times = np.nan_to_num(us).astype(np.int64).astype(TIME)
+    texts = np.datetime_as_string(times, unit="ms", casting="unsafe").tolist()
+    return [f"{text}Z" if one == one else "" for text, one in zip(texts, us.tolist(), strict=True)]
+
+
+def _rounded(name: str, column: NDArray[Any]) -> NDArray[Any]:
+    if is_text(column):
+        return texts_array(column.tolist())
+    if name in WHOLE_COLUMNS:
+        return np.round(column)
+    if name in DECIMALS and name not in TEXT_COLUMNS:
+        return np.round(column, DECIMALS[name])
+    return column
+
+
+def _cell_texts(name: str, column: NDArray[Any]) -> list[str]:
+    if is_text(column):
+        return list(column)
+    texts = number_texts(column)
+    return [text.removesuffix(".0") for text in texts] if name in WHOLE_COLUMNS else texts

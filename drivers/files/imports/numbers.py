@@ -4,13 +4,14 @@ known."""
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Iterable
-from typing import TYPE_CHECKING, NamedTuple
+from collections.abc import Collection, Iterable, Sequence
+from typing import Any, NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.files.columns import is_text
 from drivers.files.imports.header import NOTHING
-
-if TYPE_CHECKING:
-    import polars as pl
 
 _GROUPING = re.compile("[\\s'\u2019\u00a0\u202f]")
 _PLAIN = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?", re.ASCII)
@@ -36,44 +37,65 @@ def number_of(cell: str | None, words: Collection[str] = ()) -> float | None:
 
 
 class Numbers(NamedTuple):
-    """`values`: Float64, null: not known. `marked`: how many cells hold a number that stands
-    for that. `bad`: how many are no number; `row`, `cell`: the first of them."""
+    """`values`: (n,), NaN: not known. `marked`: how many cells hold a number that stands for
+    that. `bad`: how many are no number; `row`, `cell`: the first of them."""
 
-    values: pl.Series
+    values: NDArray[np.float64]
     marked: int = 0
     bad: int = 0
     row: int = 0
     cell: str = ""
 
 
-def numbers(series: pl.Series, decimal_comma: bool, missing: Iterable[float | str] = ()) -> Numbers:
+def numbers(
+    column: NDArray[Any], decimal_comma: bool, missing: Iterable[float | str] = ()
+) -> Numbers:
     """A column as numbers; `missing` are numbers and texts that stand for not known."""
-    import polars as pl
-
     words = [word for word in missing if isinstance(word, str)]
     marks = [float(mark) for mark in missing if not isinstance(mark, str)]
-    if series.dtype != pl.String:
-        return _known(series.cast(pl.Float64), marks)
-    plain = series.str.replace(",", ".", literal=True) if decimal_comma else series
-    values = plain.cast(pl.Float64, strict=False)
-    odd = values.is_null() & series.is_not_null()
-    if words:
-        odd = odd | series.str.strip_chars().is_in(words).fill_null(False)
-    rows = odd.arg_true()
-    if not rows.len():
-        return _known(values, marks)
-    cells = series.filter(odd)
-    worth = {cell: number_of(cell, words) for cell in cells.unique()}
-    found = _known(
-        values.scatter(rows, pl.Series([worth[cell] for cell in cells], dtype=pl.Float64)), marks
+    found = (
+        numbers_of(column.tolist(), decimal_comma, words)
+        if is_text(column)
+        else Numbers(np.array(column, np.float64))
     )
-    bad = [row for row, cell in zip(rows, cells, strict=True) if worth[cell] is None]
-    return found._replace(bad=len(bad), row=bad[0], cell=str(series[bad[0]])) if bad else found
+    values = found.values
+    marked = np.isin(values, marks)
+    values[marked | np.isinf(values)] = np.nan
+    return found._replace(marked=int(marked.sum()))
 
 
-def _known(values: pl.Series, marks: list[float]) -> Numbers:
-    known = values.is_finite().fill_null(False)
-    marked = values.is_in(marks).fill_null(False) if marks else None
-    if marked is None or not marked.any():
-        return Numbers(values.set(~known, None))
-    return Numbers(values.set(~known | marked, None), int(marked.sum()))
+def numbers_of(
+    cells: Sequence[str], decimal_comma: bool = False, words: Collection[str] = ()
+) -> Numbers:
+    """Cells of a text table; most are written as Python writes them, and are read at once."""
+    values = None if words else plain_numbers(cells)
+    if values is None and decimal_comma and not words:
+        values = plain_numbers([cell.replace(",", ".", 1) for cell in cells])
+    if values is not None:
+        return Numbers(values)
+    worth = {
+        cell: _worth(cell, decimal_comma, words) if cell else np.nan
+        for cell in dict.fromkeys(cells)
+    }
+    values = np.array([worth[cell] for cell in cells], np.float64)
+    bad = [row for row, cell in enumerate(cells) if worth[cell] is None]
+    return Numbers(values, 0, len(bad), bad[0], cells[bad[0]]) if bad else Numbers(values)
+
+
+def _worth(cell: str, decimal_comma: bool, words: Collection[str]) -> float | None:
+    plain = cell.replace(",", ".", 1) if decimal_comma else cell
+    if _PLAIN.fullmatch(plain) and cell.strip() not in words:
+        return float(plain)
+    return number_of(cell, words)
+
+
+def plain_numbers(cells: Sequence[str]) -> NDArray[np.float64] | None:
+    """None where a cell is not a number as Python writes one."""
+    together = "".join(cells)
+    # Python groups digits by lines below, and reads those of every script.
+    if "_" in together or not together.isascii():
+        return None
+    try:
+        return np.array([float(cell) if cell else np.nan for cell in cells], np.float64)
+    except ValueError:
+        return None

@@ -5,12 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import polars as pl
+import numpy as np
 import shapefile
 import shapely
+from numpy.typing import NDArray
 
 from control.recordings.finding import Finding, many
 from drivers.files.archives import chosen
+from drivers.files.columns import text_column
 from drivers.files.imports.mapping import Source
 from drivers.files.imports.raw import RawTable, units_in
 from drivers.files.imports.trouble import ImportTrouble, listed
@@ -88,17 +90,17 @@ def _of_layer(path: Path, layer: Layer, source: Source) -> RawTable:
     names = list(dict.fromkeys(name for k in there for name in layer.rows[k]))
     if not names:
         raise ImportTrouble(path, "no point tells anything: allowed are points with properties")
-    columns = [
-        _column(name, [layer.rows[k].get(name) for k in there])
+    columns = {
+        name: _column([layer.rows[k].get(name) for k in there])
         for name in names
         if name not in (LAT, LON)
-    ]
+    }
     places = shapely.get_coordinates(layer.shapes[there])
-    frame = pl.DataFrame([*columns, pl.Series(LAT, places[:, 1]), pl.Series(LON, places[:, 0])])
-    units = units_in(frame.columns)
+    columns |= {LAT: places[:, 1], LON: places[:, 0]}
+    units = units_in(columns)
     stated = layer.units if layer.kind else {}
     units |= {name: stated[name.casefold()].text for name in names if name.casefold() in stated}
-    return RawTable(path, frame, source, units, 1, tuple(findings))
+    return RawTable(path, columns, source, units, 1, tuple(findings))
 
 
 def _own_names(names: list[str]) -> list[str]:
@@ -110,12 +112,8 @@ def _own_names(names: list[str]) -> list[str]:
     return [long.get(name, name) for name in names] if set(long) <= set(names) else names
 
 
-def _column(name: str, values: list[Any]) -> pl.Series:
+def _column(values: list[Any]) -> NDArray[Any]:
     known = [value for value in values if value is not None]
     if known and all(isinstance(value, int | float) for value in known):
-        return pl.Series(
-            name, [None if value is None else float(value) for value in values], pl.Float64
-        )
-    return pl.Series(
-        name, ["" if value is None else str(value).strip() for value in values], pl.String
-    )
+        return np.array([np.nan if value is None else float(value) for value in values], np.float64)
+    return text_column(["" if value is None else str(value).strip() for value in values])

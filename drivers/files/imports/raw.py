@@ -5,20 +5,17 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from control.recordings.finding import Finding
+from drivers.files.columns import Columns
 from drivers.files.imports.header import named
 from drivers.files.imports.mapping import Source
-
-if TYPE_CHECKING:
-    import polars as pl
 
 
 @dataclass(frozen=True, eq=False)
 class RawTable:
-    """`frame`: columns of texts (as written), Float64, or Datetime where the file itself knows
-    times.
+    """`columns`: texts (as written), numbers, or times where the file itself knows them; those of
+    `utc` are in UTC, others in the local time of the file.
 
     `units`: of columns, in the file's own words, where the header or a unit row tells one.
     `first_row`: the line or row of the file that is row 0 here, for messages. `source`: how it
@@ -26,17 +23,18 @@ class RawTable:
     """
 
     path: Path
-    frame: pl.DataFrame
+    columns: Columns
     source: Source
     units: Mapping[str, str] = field(default_factory=dict)
     first_row: int = 1
     findings: tuple[Finding, ...] = ()
     above: tuple[str, ...] = ()  # what stands above the header, line by line
+    utc: frozenset[str] = frozenset()
     width_m: float | None = None  # working width, where the file says one
 
     @property
     def names(self) -> tuple[str, ...]:
-        return tuple(self.frame.columns)
+        return tuple(self.columns)
 
     @property
     def decimal_comma(self) -> bool:

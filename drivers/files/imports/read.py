@@ -3,9 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import islice
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from drivers.files.archives import files_at, holds_time_log
+from drivers.files.columns import TIME, is_text, text_column
 from drivers.files.extras import need
 from drivers.files.imports.mapping import Source, SourceKind
 from drivers.files.imports.raw import RawTable, units_in
@@ -17,6 +23,9 @@ from drivers.files.parquet_limits import check_parquet, check_texts
 from drivers.files.prescriptions.column_words import MOST_UNITS, cell_of, unit_columns
 from drivers.files.sheet_text import SUFFIXES
 from drivers.files.stated_units import ANY, of_texts, together
+
+if TYPE_CHECKING:
+    import polars as pl
 
 LOOKED_ROWS = 1000  # for the first text of a column
 LONGEST_UNIT = 60  # letters
@@ -43,19 +52,10 @@ def read_raw(path: Path, said: Source | None = None, data: bytes | None = None) 
         if not path.exists():
             raise ImportTrouble(path, "no such file")
         check_file(path)
-    need("a log or map of another program's columns", "diagnosis")
-    import polars as pl
-
-    try:
-        return _with_stated(_read(path, said) if data is None else read_text(path, said, data))
-    except pl.exceptions.PolarsError as error:
-        raise ImportTrouble(
-            path, f"not readable as a table: {str(error).splitlines()[0]}"
-        ) from None
+    return _with_stated(_read(path, said) if data is None else read_text(path, said, data))
 
 
 def _read(path: Path, said: Source) -> RawTable:
-    """Raises PolarsError too, where a table's cells are odder than its reader foresaw."""
     kind = said.kind or _kind(path)
     if path.is_dir() and kind not in ("isoxml", "shapefile"):
         raise ImportTrouble(
@@ -84,16 +84,14 @@ def _read(path: Path, said: Source) -> RawTable:
 
 def _with_stated(raw: RawTable) -> RawTable:
     """With units of a column of their own, or of a line above the header."""
-    import polars as pl
-
     texts: dict[str, list[str]] = {}
-    for name in raw.names:
-        column = raw.frame[name]
-        if column.dtype != pl.String:
+    for name, column in raw.columns.items():
+        if not is_text(column):
             continue
-        column = column.str.slice(0, LONGEST_UNIT)
-        if (first := next(filter(None, column.head(LOOKED_ROWS)), "")) and cell_of(first) is None:
-            texts[name] = column.drop_nulls().unique().head(MOST_UNITS + 1).to_list()
+        first = next(filter(None, column[:LOOKED_ROWS].tolist()), "")[:LONGEST_UNIT]
+        if first and cell_of(first) is None:
+            kinds = dict.fromkeys(text[:LONGEST_UNIT] for text in column.tolist() if text)
+            texts[name] = list(islice(kinds, MOST_UNITS + 1))
     stated = together(of_texts(ANY, raw.above, "the lines above the header"), unit_columns(texts))
     units = {
         name: stated.get(name.casefold(), stated.get(ANY))
@@ -122,8 +120,8 @@ def _kind(path: Path) -> SourceKind:
 
 
 def _parquet(path: Path, said: Source) -> RawTable:
+    need("Parquet", "parquet")
     import polars as pl
-    import polars.selectors as cs
 
     check_parquet(path)
     try:
@@ -135,13 +133,20 @@ def _parquet(path: Path, said: Source) -> RawTable:
     if frame.height == 0:
         raise ImportTrouble(path, "no rows in it")
     check_texts(frame, path)
-    frame = frame.with_columns(cs.boolean().cast(pl.Float64), cs.numeric().cast(pl.Float64))
-    others = [
-        name
-        for name, kind in frame.schema.items()
-        if not (kind == pl.Float64 or kind.is_temporal())
-    ]
-    frame = frame.with_columns(pl.col(others).cast(pl.String, strict=False)) if others else frame
-    return RawTable(
-        path, frame, said.model_copy(update={"kind": "parquet"}), units_in(frame.columns), 1
+    columns = {name: _of_series(frame[name]) for name in frame.columns}
+    utc = frozenset(
+        name for name, kind in frame.schema.items() if getattr(kind, "time_zone", None) is not None
     )
+    source = said.model_copy(update={"kind": "parquet"})
+    return RawTable(path, columns, source, units_in(columns), 1, utc=utc)
+
+
+def _of_series(series: pl.Series) -> NDArray[Any]:
+    import polars as pl
+
+    if series.dtype.is_numeric() or series.dtype == pl.Boolean:
+        return np.array(series.cast(pl.Float64).fill_null(float("nan")).to_numpy(), np.float64)
+    if series.dtype in (pl.Date, pl.Datetime):
+        micro = series.cast(pl.Datetime("us", getattr(series.dtype, "time_zone", None)))
+        return np.array(micro.dt.timestamp("us").cast(pl.Datetime("us")).to_numpy(), TIME)
+    return text_column(series.cast(pl.String, strict=False).fill_null("").to_list())

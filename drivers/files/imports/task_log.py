@@ -10,18 +10,19 @@ from typing import NamedTuple
 from xml.etree.ElementTree import Element
 
 import numpy as np
-import polars as pl
 
 from control.log_row import LOG_BEGINS
 from control.recordings.finding import Finding, many
 from drivers import day_clock
+from drivers.files.columns import Columns, count_rows, stack_tables, text_column
 from drivers.files.imports.devices import DeviceElement, Meaning, parts_of, width_m
 from drivers.files.imports.mapping import EVENTS, Source
 from drivers.files.imports.raw import RawTable, unique
 from drivers.files.imports.time_logs import (
+    UTC,
     LoggedValue,
     TimeLog,
-    frame_of,
+    columns_of,
     hectares,
     time_logs,
     width_of,
@@ -107,7 +108,7 @@ def _read(path: Path, found: TaskLogs, said: Source) -> RawTable:
     )
     presented = _presented(path, logged, said, findings)
     names = _names(logs, logged)
-    frame = _joined(logs, names, presented)
+    columns = _joined(logs, names, presented)
     units = {
         names[one.ddi, one.element]: (one.shown if presented and one.shown else one.meaning).unit
         for one in logged
@@ -132,11 +133,12 @@ def _read(path: Path, found: TaskLogs, said: Source) -> RawTable:
     )
     return RawTable(
         path,
-        frame,
+        columns,
         source,
         {name: unit for name, unit in units.items() if unit},
         1,
         tuple(findings),
+        utc=frozenset({UTC}),
         width_m=_width(found, logs, logged),
     )
 
@@ -260,7 +262,7 @@ def _names(
     """Of each number its column: what it is, and of several of one kind the element; elements
     that always say the same share a column."""
     names: dict[tuple[int | None, str], str] = {}
-    taken = set(logs[0].heads.columns) if logs and logs[0].heads is not None else set()
+    taken = set(logs[0].heads) if logs and logs[0].heads is not None else set()
     for name in dict.fromkeys(one.meaning.name for one in logged):
         alike = _apart([one for one in logged if one.meaning.name == name], logs)
         wanted = [name] if len(alike) == 1 else [f"{name} ({one.element})" for one in alike]
@@ -303,15 +305,15 @@ def _same(log: TimeLog, one: LoggedValue, other: LoggedValue) -> bool:
 
 def _joined(
     logs: Sequence[TimeLog], names: dict[tuple[int | None, str], str], presented: bool
-) -> pl.DataFrame:
-    frames = []
+) -> Columns:
+    tables = []
     for log in logs:
-        frame = frame_of(log, names, presented)
+        columns = columns_of(log, names, presented)
         if len(logs) > 1:
-            mark = [f"{LOG_BEGINS}{log.name}", *[None] * (frame.height - 1)]
-            frame = frame.with_columns(pl.Series(EVENTS, mark, pl.String))
-        frames.append(frame)
-    return pl.concat(frames, how="diagonal_relaxed")
+            mark = [f"{LOG_BEGINS}{log.name}", *[""] * (count_rows(columns) - 1)]
+            columns[EVENTS] = text_column(mark)
+        tables.append(columns)
+    return stack_tables(tables)
 
 
 def _elements(

@@ -1,9 +1,9 @@
 """The one reader of text tables (CSV and its relatives): bytes to UTF-8, rows to columns of
 texts or numbers.
 
-Rows that are as even as a machine writes them go the quick way (polars, where it is installed,
-loaded only then); all others are taken apart one by one, and what does not fit is left out and
-said. Where header and rows begin is found by looking (`dialect`), or is said by the caller.
+Rows are taken apart in blocks, so that a million of them are in memory as numbers and packed
+texts only; rows that do not fit are left out and said. Where header and rows begin is found by
+looking (`dialect`), or is said by the caller.
 """
 
 from __future__ import annotations
@@ -11,22 +11,21 @@ from __future__ import annotations
 import codecs
 import csv
 import io
-import re
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
 
 from control.recordings.finding import Finding, many
-from drivers.files.extras import is_there
+from drivers.files.columns import BLOCK_ROWS, Columns, count_rows, select_rows, text_column
 from drivers.files.imports.dialect import DELIMITERS, SAMPLE_BYTES, Dialect, dialect_of, encoding_of
 from drivers.files.imports.mapping import Source
+from drivers.files.imports.numbers import numbers_of
 from drivers.files.imports.raw import RawTable, header_of, unique
 from drivers.files.imports.trouble import ImportTrouble, TableError, listed
 from drivers.files.limits import LINE, check_text
-
-if TYPE_CHECKING:
-    import polars as pl
-
 
 # Rows that are longer than any row may be: they are left out and said, the others are read.
 _UTF16 = (b"\xff\xfe", b"\xfe\xff")
@@ -114,9 +113,18 @@ NO_HEADER = "no_header"  # of a finding
 AS_WRITTEN = frozenset(
     {"utf16", "byte_order_mark", "zero_bytes", "carriage_returns", "encoding", "no_last_line_end"}
 )
-_QUOTED = re.compile(rb'"[^"]*"')
-# the column behind a delimiter after the last one
-_PAST = "\0past"
+
+
+class NumberCells(NamedTuple):
+    """`values`: (n,), NaN: not known. `bad`: how many cells are no number; `cell`: the first of
+    them."""
+
+    values: NDArray[np.float64]
+    bad: int = 0
+    cell: str = ""
+
+
+CellColumn = NumberCells | NDArray[Any]
 
 
 def utf8(
@@ -201,115 +209,110 @@ def cells_of(
     wanted: Collection[str] | None = None,
     numbers: Collection[str] = (),
     decimal_comma: bool = False,
-) -> tuple[dict[str, pl.Series | list[str]], list[Finding]]:
-    """The rows from byte `body` on as columns, every row with its line end; and what was left out.
+) -> tuple[dict[str, CellColumn], list[Finding]]:
+    """The rows from byte `body` on as columns; and what was left out: rows whose number of cells
+    is not the header's, or that cannot be taken apart.
 
-    above: lines before them. wanted: the columns to be read (None: all). Read the quick way
-    those of `numbers` are Float64 where all their cells are plain numbers; all others are
-    texts. Raises TableError where no row has as many cells as there are names.
+    above: lines before them. wanted: the columns to be read (None: all); those of `numbers` are
+    read as such, all others are texts. Raises TableError where no row has as many cells as there
+    are names.
     """
-    names = list(names)
-    if data.endswith((b"\n\n", b"\n\r\n")):
-        data = data.rstrip(b"\r\n") + b"\n"
     wanted = [name for name in names if wanted is None or name in wanted]
-    if is_there("diagnosis"):
-        frame = _quick_frame(data, body, sign, names, above, wanted, numbers, decimal_comma)
-        if frame is not None:
-            return {name: frame.drop_in_place(name) for name in frame.columns}, []
-    return _row_by_row(path, data, body, sign, names, wanted, above)
+    places = {name: place for place, name in enumerate(names)}
+    rows = _EvenRows(data, body, sign, len(names), above)
+    blocks: dict[str, list[CellColumn]] = {name: [] for name in wanted}
+    for block in rows.blocks():
+        columns = list(zip(*block, strict=True))
+        for name, parts in blocks.items():
+            cells = columns[places[name]]
+            if name in numbers:
+                found = numbers_of(cells, decimal_comma)
+                parts.append(NumberCells(found.values, found.bad, found.cell))
+            else:
+                parts.append(text_column(cells))
+    if rows.wrong and not rows.count:
+        line, what, fields = rows.wrong[0]
+        comma = "; is the decimal sign a comma? write points, or separate by semicolons"
+        raise TableError(
+            path,
+            f"line {line}: {what}{comma if sign == ',' and fields > len(names) else ''}",
+        )
+    return {name: _one_column(parts, name in numbers) for name, parts in blocks.items()}, rows.said
 
 
-def _quick_frame(
-    data: bytes,
-    body: int,
-    sign: str,
-    names: list[str],
-    above: int,
-    wanted: list[str],
-    numbers: Collection[str],
-    decimal_comma: bool,
-) -> pl.DataFrame | None:
-    """None where rows are not as even as that."""
-    import polars as pl
+class _EvenRows:
+    """Rows with as many cells as the header. `wrong`: line, what is wrong, number of cells of
+    the others."""
 
-    end = data.find(b"\n", body)
-    bare = _QUOTED.sub(b"", data[body:end]).rstrip(b"\r ")
-    past = bare.count(sign.encode()) == len(names) and bare.endswith(sign.encode())
-    schema: dict[str, Any] = {
-        name: pl.Float64() if name in numbers else pl.String() for name in names
-    }
-    schema |= {_PAST: pl.String()} if past else {}
-    rows, quoted = data.count(b"\n", body), b'"' in data
-    if quoted or data.count(sign.encode(), body) == rows * (len(schema) - 1):
-        for kinds in (schema, dict.fromkeys(schema, pl.String())):
-            try:
-                frame = pl.read_csv(
-                    data,
-                    has_header=False,
-                    skip_rows=above if body else 0,
-                    schema=kinds,
-                    separator=sign,
-                    infer_schema=False,
-                    decimal_comma=decimal_comma,
-                    columns=[k for k, name in enumerate(kinds) if name in wanted or name == _PAST],
-                )
-            except pl.exceptions.PolarsError:
+    def __init__(self, data: bytes, body: int, sign: str, width: int, above: int) -> None:
+        self._reader = csv.reader(
+            io.TextIOWrapper(io.BytesIO(memoryview(data)[body:]), "utf-8", "replace", newline=""),
+            delimiter=sign,
+        )
+        self._width, self._above = width, above
+        self.count, self.wrong = 0, list[tuple[int, str, int]]()
+
+    def blocks(self) -> Iterator[list[list[str]]]:
+        block: list[list[str]] = []
+        for cells in self._rows():
+            if len(cells) != self._width and not self._mend(cells):
                 continue
-            if (frame.height == rows or quoted) and not (past and (frame[_PAST] != "").any()):
-                return frame.drop(_PAST, strict=False)
-    return None
+            block.append(cells)
+            if len(block) == BLOCK_ROWS:
+                self.count += len(block)
+                yield block
+                block = []
+        self.count += len(block)
+        if block:
+            yield block
 
+    def _rows(self) -> Iterator[list[str]]:
+        while True:
+            try:
+                yield from self._reader
+                return
+            except csv.Error as error:
+                self.wrong.append((self._above + self._reader.line_num, str(error), 0))
 
-def _row_by_row(
-    path: Path, data: bytes, body: int, sign: str, names: list[str], wanted: list[str], above: int
-) -> tuple[dict[str, pl.Series | list[str]], list[Finding]]:
-    """Rows whose number of cells is not the header's, or that cannot be taken apart, are left
-    out and said. Equal cells share one object: a log repeats most of its own."""
-    reader = csv.reader(
-        io.TextIOWrapper(io.BytesIO(memoryview(data)[body:]), "utf-8", "replace", newline=""),
-        delimiter=sign,
-    )
-    width, wrong = len(names), list[tuple[int, str, int]]()
-    kept, shared = [(names.index(name), list[str]()) for name in wanted], dict[str, str]()
-    while True:
-        try:
-            cells = next(reader, None)
-        except csv.Error as error:
-            wrong.append((above + reader.line_num, str(error), 0))
-            continue
-        if cells is None:
-            break
-        if len(cells) > width and not any(cells[width:]):
-            del cells[width:]
-        if len(cells) == width:
-            for k, column in kept:
-                column.append(shared.setdefault(cells[k], cells[k]))
-        elif any(cell.strip() for cell in cells):
-            wrong.append(
+    def _mend(self, cells: list[str]) -> bool:
+        """Whether the row has the header's width without empty cells behind its last."""
+        if len(cells) > self._width and not any(cells[self._width :]):
+            del cells[self._width :]
+            return True
+        if any(cell.strip() for cell in cells):
+            self.wrong.append(
                 (
-                    above + reader.line_num,
-                    f"{len(cells)} fields where the header has {width}",
+                    self._above + self._reader.line_num,
+                    f"{len(cells)} fields where the header has {self._width}",
                     len(cells),
                 )
             )
-    if wrong and not (kept and kept[0][1]):
-        line, what, fields = wrong[0]
-        comma = "; is the decimal sign a comma? write points, or separate by semicolons"
-        raise TableError(
-            path, f"line {line}: {what}{comma if sign == ',' and fields > width else ''}"
-        )
-    said = (
-        [
+        return False
+
+    @property
+    def said(self) -> list[Finding]:
+        if not self.wrong:
+            return []
+        line, what, _ = self.wrong[0]
+        return [
             Finding(
                 "wrong_fields",
-                f"{many(len(wrong))} left out, the first in line {wrong[0][0]} with {wrong[0][1]}",
-                rows=len(wrong),
+                f"{many(len(self.wrong))} left out, the first in line {line} with {what}",
+                rows=len(self.wrong),
             )
         ]
-        if wrong
-        else []
-    )
-    return {name: column for name, (_, column) in zip(wanted, kept, strict=True)}, said
+
+
+def _one_column(parts: Sequence[CellColumn], is_numeric: bool) -> CellColumn:
+    numeric = [part for part in parts if isinstance(part, NumberCells)]
+    if is_numeric:
+        return NumberCells(
+            np.concatenate([part.values for part in numeric]) if numeric else np.empty(0),
+            sum(part.bad for part in numeric),
+            next((part.cell for part in numeric if part.bad), ""),
+        )
+    texts = [part for part in parts if not isinstance(part, NumberCells)]
+    return np.concatenate(texts) if texts else text_column([])
 
 
 def read_text(path: Path, said: Source, data: bytes | None = None) -> RawTable:
@@ -337,7 +340,7 @@ def read_text(path: Path, said: Source, data: bytes | None = None) -> RawTable:
             )
         )
     names, units = _header(dialect, said)
-    frame, odd = _texts(path, data, dialect, names)
+    columns, odd = _texts(path, data, dialect, names)
     found = said.model_copy(
         update={
             "kind": "text",
@@ -351,7 +354,7 @@ def read_text(path: Path, said: Source, data: bytes | None = None) -> RawTable:
     above = tuple(" ".join(cells) for cells in dialect.rows[: max(layout.header, 0)])
     return RawTable(
         path,
-        frame,
+        columns,
         found,
         units,
         layout.body + 1,
@@ -372,22 +375,25 @@ def _header(dialect: Dialect, said: Source) -> tuple[list[str], dict[str, str]]:
 
 def _texts(
     path: Path, data: bytes, dialect: Dialect, names: list[str]
-) -> tuple[pl.DataFrame, list[Finding]]:
+) -> tuple[Columns, list[Finding]]:
     """Columns of texts without blanks around, rows of nothing left out."""
-    import polars as pl
-
     start = _line_start(data, dialect.layout.body)
     if dialect.delimiter == "blank":
         data, start = b"\n".join(b" ".join(line.split()) for line in data[start:].split(b"\n")), 0
     sign = DELIMITERS[dialect.delimiter]
     data, cut = without_cut_row(data, start, sign, len(names))
     cells, odd = cells_of(path, data, start, sign, names, above=dialect.layout.body)
-    frame = pl.DataFrame([pl.Series(name, column, pl.String) for name, column in cells.items()])
-    texts = frame.select(pl.all().str.strip_chars())
-    kept = texts.filter(~pl.all_horizontal(pl.all().is_null() | (pl.all() == "")))
-    if kept.height == 0:
+    columns = {
+        name: np.strings.strip(column)
+        for name, column in cells.items()
+        if not isinstance(column, NumberCells)
+    }
+    filled = np.zeros(count_rows(columns), np.bool_)
+    for column in columns.values():
+        filled |= column != ""
+    if not filled.any():
         raise ImportTrouble(path, "no rows below the header")
-    return kept, [*cut, *odd]
+    return columns if filled.all() else select_rows(columns, filled), [*cut, *odd]
 
 
 def _line_start(data: bytes, line: int) -> int:

@@ -10,10 +10,10 @@ from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
 import numpy as np
-import polars as pl
 from numpy.typing import NDArray
 
 from control.geodesy import TangentPlane
+from drivers.files.columns import TIME, Columns, count_rows
 from drivers.files.exports.time_log import FIRST_DAY
 from drivers.files.imports.devices import (
     DeviceElement,
@@ -69,24 +69,24 @@ class TimeLog:
     task: str
     title: str
     logged: tuple[LoggedValue, ...] = ()
-    heads: pl.DataFrame | None = None
+    heads: Columns | None = None
     values: NDArray[np.float64] | None = None
     lost: int = 0
     trouble: str = ""
 
     @property
     def rows(self) -> int:
-        return 0 if self.heads is None else self.heads.height
+        return 0 if self.heads is None else count_rows(self.heads)
 
     @property
     def first_us(self) -> int:
         assert self.heads is not None
-        return int(self.heads[UTC].dt.timestamp("us").min())  # type: ignore[arg-type]
+        return int(self.heads[UTC].min().astype(np.int64))
 
     @property
     def last_us(self) -> int:
         assert self.heads is not None
-        return int(self.heads[UTC].dt.timestamp("us").max())  # type: ignore[arg-type]
+        return int(self.heads[UTC].max().astype(np.int64))
 
     @property
     def devices(self) -> dict[str, str]:
@@ -144,10 +144,10 @@ def _failed(log: TimeLog, why: str) -> TimeLog:
 
 def _heads(
     heads: NDArray[np.void], fields: Sequence[tuple[str, str, str, float, str, int | None]]
-) -> pl.DataFrame:
+) -> Columns:
     epoch = np.datetime64(FIRST_DAY.replace(tzinfo=None), "ms")
     times = epoch + heads["day"].astype("timedelta64[D]") + heads["ms"].astype("timedelta64[ms]")
-    columns = [pl.Series(UTC, times).dt.replace_time_zone("UTC")]
+    columns: Columns = {UTC: times.astype(TIME)}
     nowhere = np.zeros(len(heads), np.bool_)
     if {"lat_deg", "lon_deg"} <= set(heads.dtype.names or ()):
         lat, lon = (
@@ -160,8 +160,8 @@ def _heads(
         numbers = numbers if unknown is None else np.where(numbers == unknown, np.nan, numbers)
         if name in ("lat_deg", "lon_deg"):
             numbers = np.where(nowhere, np.nan, numbers)
-        columns.append(pl.Series(name, numbers * step, nan_to_null=True))
-    return pl.DataFrame(columns)
+        columns[name] = numbers * step
+    return columns
 
 
 def _logged_value(root: Element, parts: dict[str, DeviceElement], item: Element) -> LoggedValue:
@@ -220,7 +220,7 @@ def hectares(log: TimeLog, parts: dict[str, DeviceElement]) -> tuple[float, str]
         ]
         return max(areas) / 10_000.0, "counted"
     width = width_of(log, parts)
-    if width is None or not {"lat_deg", "lon_deg"} <= set(log.heads.columns):
+    if width is None or not {"lat_deg", "lon_deg"} <= set(log.heads):
         return None
     step = _steps_m(log.heads)
     works = [log.values[k] == 1.0 for k, one in enumerate(log.logged) if one.ddi == WORK]
@@ -240,8 +240,8 @@ def width_of(log: TimeLog, parts: dict[str, DeviceElement]) -> float | None:
     return max(widths) if widths else None
 
 
-def _steps_m(heads: pl.DataFrame) -> NDArray[np.float64]:
-    lat, lon = heads["lat_deg"].to_numpy(), heads["lon_deg"].to_numpy()
+def _steps_m(heads: Columns) -> NDArray[np.float64]:
+    lat, lon = heads["lat_deg"], heads["lon_deg"]
     known = np.isfinite(lat) & np.isfinite(lon)
     steps = np.zeros(len(lat))
     if known.sum() < 2:
@@ -252,18 +252,16 @@ def _steps_m(heads: pl.DataFrame) -> NDArray[np.float64]:
     return np.where(steps > MOVES_M, steps, 0.0)
 
 
-def frame_of(
-    log: TimeLog, names: dict[tuple[int | None, str], str], presented: bool
-) -> pl.DataFrame:
+def columns_of(log: TimeLog, names: dict[tuple[int | None, str], str], presented: bool) -> Columns:
     """Time, place and numbers as columns, in their units. names: of (DDI, element); what has
     none is left out."""
     if log.heads is None or log.values is None:
         raise ImportTrouble(log.name, f"{log.trouble}")
-    columns = {}
+    columns = dict(log.heads)
     for one, values in zip(log.logged, log.values, strict=True):
         name = names.get((one.ddi, one.element))
         if name is None:
             continue
         meaning = one.shown if presented and one.shown is not None else one.meaning
-        columns[name] = pl.Series(name, values * meaning.step + meaning.offset, nan_to_null=True)
-    return log.heads.with_columns(columns.values())
+        columns[name] = values * meaning.step + meaning.offset
+    return columns

@@ -3,20 +3,38 @@ whole microseconds."""
 
 from __future__ import annotations
 
+import datetime as dt
 import re
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
+from zoneinfo import ZoneInfo
 
-import polars as pl
+import numpy as np
+from numpy.typing import NDArray
 
 from control.recordings.times import SPREADSHEET_DAYS, SPREADSHEET_EPOCH_DAYS
+from drivers.files.columns import (
+    BLOCK_ROWS,
+    count_microseconds,
+    count_rows,
+    is_number,
+    is_text,
+    is_time,
+    map_texts,
+    number_texts,
+    text_column,
+)
 from drivers.files.imports.mapping import Times
-from drivers.files.imports.numbers import numbers
+from drivers.files.imports.numbers import numbers, plain_numbers
 from drivers.files.imports.raw import RawTable
+from drivers.files.imports.time_format import DAY_PARTS, parse_times
 from drivers.files.imports.trouble import ImportTrouble
 
 ISO = "%Y-%m-%d %H:%M:%S%.f"
-_OFFSET = r":\d{2}(?:\.\d+)?\s*(Z|z|[+-]\d{2}:?\d{2})$"
+_OFFSET = re.compile(r"(:\d{2}(?:\.\d+)?)?\s*(Z|z|[+-]\d{2}:?\d{2})$")
+_DECIMAL_COMMA = re.compile(r"(\d{2}),(\d{1,6})")
+_WITHOUT_SECONDS = re.compile(r"(\S+ \d{1,2}:\d{2})")
 _DAY_US = 86_400_000_000
+_MINUTE_US = 60_000_000
 _STEPS_US = {
     "s": 1e6,
     "ms": 1e3,
@@ -32,12 +50,14 @@ _DIGITS = {"%Y": 4, "%y": 2, "%m": 2, "%d": 2, "%H": 2, "%M": 2, "%S": 2}
 # fewer readable times than this share: the format is wrong
 _GOOD = 0.5
 
+Floats = NDArray[np.float64]
+
 
 class FileClock(NamedTuple):
-    """`us`: Int64, null: not known. `kind`: since 1970 in UTC; since 1970 in local time of no
-    known zone; or counted from some moment of the file's own."""
+    """`us`: whole microseconds, NaN: not known. `kind`: since 1970 in UTC; since 1970 in local
+    time of no known zone; or counted from some moment of the file's own."""
 
-    us: pl.Series
+    us: Floats
     kind: Literal["utc", "local", "relative"]
 
 
@@ -46,175 +66,204 @@ def clock(table: RawTable, times: Times) -> FileClock:
     if times.counts == "rows":
         assert times.step_s is not None
         step_us = round(times.step_s * 1e6)
-        return FileClock(pl.Series("us", range(table.frame.height), pl.Int64) * step_us, "relative")
+        return FileClock(
+            np.arange(count_rows(table.columns), dtype=np.float64) * step_us, "relative"
+        )
     assert times.column is not None
-    series = table.frame[times.column]
-    if series.dtype.is_temporal() and series.dtype != pl.Time:
-        return _of_datetimes(series, times.zone)
+    column = table.columns[times.column]
+    if is_time(column):
+        us = count_microseconds(column)
+        return FileClock(us, "utc") if times.column in table.utc else _of_naive(us, times.zone)
     if times.counts == "text":
         found = read_texts(_joined(table, times), times.format, times.zone)
         _check(table, times, found.us)
         return found
-    found_numbers = numbers(series, table.decimal_comma).values
+    found_numbers = numbers(column, table.decimal_comma).values
     if times.counts == "excel_day":
-        ms = (
-            ((found_numbers - SPREADSHEET_EPOCH_DAYS) * (_DAY_US / 1000))
-            .round(0)
-            .cast(pl.Int64, strict=False)
-        )
-        found = _of_naive(ms * 1000, times.zone)
+        ms = np.round((found_numbers - SPREADSHEET_EPOCH_DAYS) * (_DAY_US / 1000))
+        found = _of_naive(ms * 1000.0, times.zone)
     else:
-        us = (found_numbers * _STEPS_US[times.counts]).round(0).cast(pl.Int64, strict=False)
+        us = np.round(found_numbers * _STEPS_US[times.counts])
         found = FileClock(us, "utc" if times.counts.startswith("unix") else "relative")
     _check(table, times, found.us)
     return found
 
 
-def read_texts(texts: pl.Series, form: str | None, zone: str | None) -> FileClock:
+def read_texts(column: NDArray[Any], form: str | None, zone: str | None) -> FileClock:
     """Times written as texts; an offset at their end (Z, +08:00) stands above `zone`. `form`
     None: ISO 8601."""
-    frame = (
-        texts.cast(pl.String)
-        .alias("t")
-        .to_frame()
-        .select(pl.col("t").str.strip_chars().str.replace(r"(\d{2}),(\d{1,6})", "${1}.${2}"))
-    )
-    frame = frame.with_columns(
-        offset=pl.col("t").str.extract(_OFFSET, 1),
-        base=pl.col("t").str.replace(r"\s*(Z|z|(:\d{2}(?:\.\d+)?)\s*[+-]\d{2}:?\d{2})$", "${2}"),
-    )
-    base = frame["base"]
-    if form is None:
-        base = base.str.replace("T", " ", literal=True).str.replace_all("/", "-", literal=True)
-        base = base.str.replace(r"^(\S+ \d{1,2}:\d{2})$", "${1}:00")
-    if not re.search(r"%[djyYF]", form or ISO):
-        us = _parsed("1970-01-01 " + base, f"%Y-%m-%d {form}")
-        days = (us.forward_fill().diff().fill_null(0) < -_DAY_US // 2).cast(pl.Int64).cum_sum()
+    starts = range(0, max(len(column), 1), BLOCK_ROWS)
+    blocks = [_read_block(column[start : start + BLOCK_ROWS], form) for start in starts]
+    us = np.concatenate([block.us for block in blocks])
+    if not DAY_PARTS.search(form or ISO):
         # times of day go on past midnight
-        return FileClock(us + days * _DAY_US, "relative")
-    us = _parsed(base, form or ISO)
-    if frame["offset"].is_not_null().any():
-        return FileClock(us - _offset_us(frame["offset"]), "utc")
-    return _of_naive(us, zone)
+        days = np.cumsum(np.diff(_forward_filled(us), prepend=np.nan) < -_DAY_US // 2)
+        return FileClock(us + days * float(_DAY_US), "relative")
+    offsets_us = np.concatenate([block.offsets_us for block in blocks])
+    if np.isnan(offsets_us).all():
+        return _of_naive(us, zone)
+    return FileClock(us - np.nan_to_num(offsets_us), "utc")
 
 
-def _joined(table: RawTable, times: Times) -> pl.Series:
+class _Block(NamedTuple):
+    """`offsets_us`: (n,), NaN where a text says none."""
+
+    us: Floats
+    offsets_us: Floats
+
+
+def _read_block(column: NDArray[Any], form: str | None) -> _Block:
+    texts = [text.strip() for text in as_texts(column).tolist()]
+    if any("," in text for text in texts):
+        texts = [_DECIMAL_COMMA.sub(r"\1.\2", text, count=1) for text in texts]
+    ends = [_OFFSET.search(text) for text in texts]
+    offsets = [end[2] if end and end[1] else "" for end in ends]
+    bases = [
+        text[: end.start()] + (end[1] or "") if end and (end[1] or end[2] in "Zz") else text
+        for text, end in zip(texts, ends, strict=True)
+    ]
+    if form is None:
+        bases = [text.replace("T", " ", 1).replace("/", "-") for text in bases]
+        bases = [f"{text}:00" if _WITHOUT_SECONDS.fullmatch(text) else text for text in bases]
+    worth = {offset: _offset_us(offset) if offset else np.nan for offset in set(offsets)}
+    return _Block(parse_times(bases, form or ISO), np.array([worth[one] for one in offsets]))
+
+
+def as_texts(column: NDArray[Any]) -> NDArray[Any]:
+    return text_column(number_texts(column)) if is_number(column) else column
+
+
+def _forward_filled(us: Floats) -> Floats:
+    """The last known value in the place of those that are not."""
+    last = np.maximum.accumulate(np.where(np.isnan(us), 0, np.arange(len(us))))
+    return us[last]
+
+
+def _joined(table: RawTable, times: Times) -> NDArray[Any]:
     assert times.column is not None
     day_form, _, time_form = (times.format or ISO).rpartition(" ")
-    column = texts_for(table.frame[times.column], time_form)
+    column = texts_for(table.columns[times.column], time_form)
     if times.date_column is None:
         return column
-    return with_day(table.frame[times.date_column], column, day_form)
+    return with_day(table.columns[times.date_column], column, day_form)
 
 
-def with_day(day: pl.Series, time: pl.Series, day_form: str) -> pl.Series:
-    """Texts of a day and of a time of day as one; `day_form`: how the day is written."""
-    if day.dtype.is_temporal():
-        texts = day.dt.strftime("%Y-%m-%d")
+def with_day(day: NDArray[Any], time: NDArray[Any], day_form: str) -> NDArray[Any]:
+    """Texts of a day and of a time of day as one, none where either is not known; `day_form`:
+    how the day is written."""
+    if is_time(day):
+        texts = _iso_days(day)
     else:
         whole = _whole(day) if _PARTS.sub("", day_form) else None
         texts = texts_for(day, day_form) if whole is None else _of_spreadsheet(whole)
-    both = pl.DataFrame({"day": texts.str.strip_chars(), "time": time.str.strip_chars()})
-    return both.select((pl.col("day") + " " + pl.col("time")).alias(time.name)).to_series()
+    return text_column(
+        [
+            f"{one.strip()} {other.strip()}" if one and other else ""
+            for one, other in zip(texts.tolist(), time.tolist(), strict=True)
+        ]
+    )
 
 
-def texts_for(series: pl.Series, form: str) -> pl.Series:
+def texts_for(column: NDArray[Any], form: str) -> NDArray[Any]:
     """Texts as they stand. Numbers that stand for digits run together (%Y%m%d, %H%M%S) with the
     zeros before them."""
     width = sum(_DIGITS.get(part, 0) for part in _PARTS.findall(form))
     if not width or _PARTS.sub("", form):
-        return series.cast(pl.String)
-    if "%.f" in form and series.dtype == pl.Float64:
-        ms = (
-            (series * 1000.0)
-            .round(0)
-            .cast(pl.Int64, strict=False)
-            .cast(pl.String)
-            .str.zfill(width + 3)
-        )
-        return ms.str.head(-3) + "." + ms.str.tail(3)
-    whole = _whole(series)
-    return series.cast(pl.String) if whole is None else whole.cast(pl.String).str.zfill(width)
+        return as_texts(column)
+    if "%.f" in form and is_number(column):
+        return map_texts(lambda ms: ms and f"{ms[:-3]}.{ms[-3:]}", _digits(column * 1e3, width + 3))
+    whole = _whole(column)
+    return as_texts(column) if whole is None else _digits(whole, width)
 
 
-def _whole(series: pl.Series) -> pl.Series | None:
+def _digits(column: Floats, width: int) -> NDArray[Any]:
+    """Numbers as whole ones with the zeros before them."""
+    return text_column(
+        ["" if value != value else f"{round(value):0{width}d}" for value in column.tolist()]
+    )
+
+
+def _whole(column: NDArray[Any]) -> Floats | None:
     """Whole numbers, of which none is below 0; None where the column holds others."""
-    if series.dtype == pl.String:
-        texts = series.str.strip_chars()
-        series = texts.set(texts == "", None).cast(pl.Float64, strict=False)
-        if series.null_count() > (texts == "").sum() + texts.null_count():
+    if is_text(column):
+        found = plain_numbers([text.strip() for text in column.tolist()])
+        if found is None:
             return None
-    known = series.drop_nulls()
-    if not known.len() or not ((known == known.round(0)) & (known >= 0)).all():
+        column = found
+    known = column[~np.isnan(column)]
+    if not known.size or not ((known == np.round(known)) & (known >= 0)).all():
         return None
-    return series.cast(pl.Int64, strict=False)
+    return column
 
 
-def _of_spreadsheet(whole: pl.Series) -> pl.Series:
+def _of_spreadsheet(whole: Floats) -> NDArray[Any]:
     """Numbers where the form has a day with signs between: days as spreadsheets count them."""
-    whole = whole.set(~whole.is_between(*SPREADSHEET_DAYS).fill_null(True), None)
-    return (
-        (whole - SPREADSHEET_EPOCH_DAYS)
-        .cast(pl.Int32, strict=False)
-        .cast(pl.Date)
-        .dt.strftime("%Y-%m-%d")
-    )
+    first, last = SPREADSHEET_DAYS
+    days = np.where((whole >= first) & (whole <= last), whole - SPREADSHEET_EPOCH_DAYS, np.nan)
+    return _iso_days(_dates(days))
 
 
-def _parsed(texts: pl.Series, form: str) -> pl.Series:
-    try:
-        return texts.str.to_datetime(form, time_unit="us", strict=False).cast(pl.Int64)
-    except pl.exceptions.PolarsError:
-        raise ImportTrouble(
-            "", f"time.format {form}: not a format; allowed e.g. %d.%m.%Y %H:%M:%S"
-        ) from None
+def _dates(days: Floats) -> NDArray[np.datetime64]:
+    """Days since 1970."""
+    known = np.nan_to_num(days).astype(np.int64).astype("datetime64[D]")
+    return np.where(np.isnan(days), np.datetime64("NaT", "D"), known)
 
 
-def _offset_us(offsets: pl.Series) -> pl.Series:
-    digits = offsets.str.replace_all(r"[^0-9]", "")
-    minutes = digits.str.slice(0, 2).cast(pl.Int64, strict=False).fill_null(
-        0
-    ) * 60 + digits.str.slice(2, 2).cast(pl.Int64, strict=False).fill_null(0)
-    sign = pl.select(pl.when(offsets.str.starts_with("-")).then(-1).otherwise(1)).to_series()
-    return minutes * sign * 60_000_000
+def _iso_days(times: NDArray[Any]) -> NDArray[Any]:
+    days = np.datetime_as_string(times.astype("datetime64[D]"))
+    return text_column(["" if day == "NaT" else day for day in days.tolist()])
 
 
-def _of_datetimes(series: pl.Series, zone: str | None) -> FileClock:
-    stamped = (
-        series.cast(pl.Datetime("us"))
-        if series.dtype == pl.Date
-        else series.dt.cast_time_unit("us")
-    )
-    aware = isinstance(stamped.dtype, pl.Datetime) and stamped.dtype.time_zone is not None
-    us = stamped.dt.timestamp("us")
-    return FileClock(us, "utc") if aware else _of_naive(us, zone)
+def _offset_us(offset: str) -> float:
+    """Of +08:00, -0330 or Z."""
+    digits = offset.replace(":", "")[1:]
+    if not digits:
+        return 0.0
+    minutes = int(digits[:2]) * 60 + int(digits[2:])
+    return float(-minutes if offset.startswith("-") else minutes) * _MINUTE_US
 
 
-def _of_naive(us: pl.Series, zone: str | None) -> FileClock:
+def _of_naive(us: Floats, zone: str | None) -> FileClock:
     if zone is None:
         return FileClock(us, "local")
     fixed = re.fullmatch(r"([-+])(\d{2}):(\d{2})", zone)
     if fixed:
-        minutes = int(fixed[2]) * 60 + int(fixed[3])
-        return FileClock(us - (-1 if fixed[1] == "-" else 1) * minutes * 60_000_000, "utc")
+        return FileClock(us - _offset_us(zone), "utc")
     # In autumn an hour comes twice: what stands before the step back is its first, what follows
     # its second.
-    back = (us.diff().fill_null(0) < 0).cast(pl.Int64).cum_sum() > 0
-    frame = pl.DataFrame({"t": us.cast(pl.Datetime("us")), "back": back})
-    which = pl.when(pl.col("back")).then(pl.lit("latest")).otherwise(pl.lit("earliest"))
-    placed = frame.select(
-        pl.col("t").dt.replace_time_zone(zone, ambiguous=which, non_existent="null")
-    )["t"]
-    return FileClock(placed.dt.timestamp("us"), "utc")
+    is_second = np.cumsum(np.diff(us, prepend=np.nan) < 0.0) > 0
+    # Clocks are set at whole minutes.
+    minutes, place = np.unique(us // _MINUTE_US, return_inverse=True)
+    first, second = (
+        np.array([_zone_offsets_us(minute, ZoneInfo(zone)) for minute in minutes.tolist()])
+        .reshape(-1, 2)[place]
+        .T
+    )
+    return FileClock(us - np.where(is_second, second, first), "utc")
 
 
-def _check(table: RawTable, times: Times, us: pl.Series) -> None:
-    known = us.is_not_null().sum()
-    if known > _GOOD * us.len():
+def _zone_offsets_us(minute: float, zone: ZoneInfo) -> tuple[float, float]:
+    """From UTC to a local minute since 1970, for the first and the second time that the zone's
+    clocks show it; NaN where they never do."""
+    try:
+        local = dt.datetime(1970, 1, 1) + dt.timedelta(minutes=minute)
+    except (OverflowError, ValueError):
+        return np.nan, np.nan
+    first, second = (
+        (local.replace(tzinfo=zone, fold=fold).utcoffset() or dt.timedelta()).total_seconds() * 1e6
+        for fold in (0, 1)
+    )
+    return (first, second) if first >= second else (np.nan, np.nan)
+
+
+def _check(table: RawTable, times: Times, us: Floats) -> None:
+    unknown = np.isnan(us)
+    if (~unknown).sum() > _GOOD * us.size:
         return
     assert times.column is not None
-    row = int(us.is_null().arg_true()[0])
-    cell = table.frame[times.column][row]
+    row = int(np.flatnonzero(unknown)[0])
+    cell = table.columns[times.column][row]
+    cell = "(empty)" if cell == "" else cell
     form = times.format or (
         "ISO 8601, e.g. 2026-03-20T08:00:00Z" if times.counts == "text" else "a number"
     )

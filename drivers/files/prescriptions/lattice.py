@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from control.geodesy import TangentPlane
 from control.recordings.finding import Finding, many
 from control.targets.rate_map import Floats
+from drivers.files.columns import known_or_none
 from drivers.files.imports.mapping import Source
 from drivers.files.imports.numbers import numbers
 from drivers.files.imports.raw import RawTable
@@ -134,19 +135,22 @@ def _place(raw: RawTable, column: str) -> Floats:
         for name in raw.names
         if (subject := subject_of(folded(name), None)) is not None and subject.reading == column
     )
-    return numbers(raw.frame[name], raw.decimal_comma, ()).values.fill_null(np.nan).to_numpy()
+    return numbers(raw.columns[name], raw.decimal_comma).values
 
 
 def _attributes(raw: RawTable) -> list[dict[str, object]]:
     """What each point tells next to its place; a point in numbers with a decimal comma groups
     digits."""
-    frame = raw.frame.select(
-        name
-        for name in raw.names
+    attributes = {
+        name: known_or_none(column)
+        for name, column in raw.columns.items()
         if (subject := subject_of(folded(name), None)) is None
         or subject.reading not in ("lat_deg", "lon_deg")
-    )
-    rows: list[dict[str, object]] = frame.rows(named=True)
+    }
+    rows: list[dict[str, object]] = [
+        dict(zip(attributes, cells, strict=True))
+        for cells in zip(*attributes.values(), strict=True)
+    ]
     if not raw.decimal_comma:
         return rows
     return [

@@ -1,0 +1,138 @@
+"""Tables in memory: columns by name, each a numpy array of the same length.
+
+Numbers are float64 (NaN: not known), times datetime64[us] (NaT: not known), texts are objects
+or, in tables of other programs, numpy's strings of any length, a quarter of their size ("": not
+known).
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Columns = dict[str, NDArray[Any]]
+
+TEXT = np.dtypes.StringDType()
+TIME = np.dtype("datetime64[us]")
+# rows whose cells are Python's objects at the same time: a million would take a gigabyte
+BLOCK_ROWS = 20_000
+
+
+def is_text(column: NDArray[Any]) -> bool:
+    return column.dtype.kind in "OT"
+
+
+def is_number(column: NDArray[Any]) -> bool:
+    return column.dtype.kind == "f"
+
+
+def is_time(column: NDArray[Any]) -> bool:
+    return column.dtype.kind == "M"
+
+
+def count_rows(columns: Columns) -> int:
+    return len(next(iter(columns.values()))) if columns else 0
+
+
+def select_rows(columns: Columns, rows: Any) -> Columns:
+    """The rows that a slice, a mask or numbers of rows say."""
+    return {name: column[rows] for name, column in columns.items()}
+
+
+def text_column(cells: Iterable[str]) -> NDArray[Any]:
+    return np.array(cells if isinstance(cells, Sequence) else list(cells), TEXT)
+
+
+def map_texts(change: Callable[[str], str], column: NDArray[Any]) -> NDArray[Any]:
+    return text_column([change(text) for text in column.tolist()])
+
+
+def texts_array(values: Sequence[str | None]) -> NDArray[Any]:
+    """Texts without blanks around; equal ones share one object: a million states cost a million
+    references only."""
+    shared: dict[str, str] = {}
+    array = np.empty(len(values), object)
+    array[:] = [
+        shared.setdefault(text, text) if (text := (value or "").strip()) else "" for value in values
+    ]
+    return array
+
+
+def count_microseconds(times: NDArray[Any]) -> NDArray[np.float64]:
+    """Since 1970; NaN: not known. A double holds each of them until the year 2255."""
+    times = times.astype(TIME)
+    return np.where(np.isnat(times), np.nan, times.astype(np.int64))
+
+
+def count_differences(column: NDArray[np.float64]) -> NDArray[np.float64]:
+    """From row to row, where both are known."""
+    steps = np.diff(column)
+    return steps[~np.isnan(steps)]
+
+
+def known_values(column: NDArray[np.float64]) -> NDArray[np.float64]:
+    return column[~np.isnan(column)]
+
+
+def median_of(values: NDArray[np.float64]) -> float:
+    """0 where there is none."""
+    return float(np.median(values)) if values.size else 0.0
+
+
+def known_or_none(column: NDArray[Any]) -> list[Any]:
+    """Python's own values; None: not known."""
+    if is_text(column):
+        return [text or None for text in column.tolist()]
+    return [None if value != value else value for value in column.tolist()]
+
+
+def number_texts(column: NDArray[np.float64]) -> list[str]:
+    """The shortest that read back as the same numbers."""
+    return ["" if math.isnan(value) else repr(value) for value in column.tolist()]
+
+
+def unknown_like(column: NDArray[Any], rows: int) -> NDArray[Any]:
+    """A column of the same kind in which nothing is known."""
+    if is_text(column):
+        return np.full(rows, "", TEXT)
+    return np.full(rows, "NaT", TIME) if is_time(column) else np.full(rows, np.nan)
+
+
+def stack_tables(tables: Sequence[Columns]) -> Columns:
+    """One below the other, columns by their names; what a table lacks is not known in its rows.
+    A column that holds texts in one table and numbers in another holds texts."""
+    stacked: Columns = {}
+    for name in dict.fromkeys(name for table in tables for name in table):
+        there = [table[name] for table in tables if name in table]
+        like = next(filter(is_text, there), there[0])
+        parts = [
+            table[name] if name in table else unknown_like(like, count_rows(table))
+            for table in tables
+        ]
+        if is_text(like):
+            parts = [
+                part.astype(TEXT) if is_text(part) else text_column(number_texts(part))
+                for part in parts
+            ]
+        stacked[name] = np.concatenate(parts)
+    return stacked
+
+
+def csv_text(
+    columns: Columns, cell_texts: Callable[[str, NDArray[Any]], Sequence[str | None]]
+) -> str:
+    """Header and rows, as a run log has them. cell_texts: of some rows of a named column."""
+    text = io.StringIO(newline="")
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(columns)
+    for start in range(0, count_rows(columns), BLOCK_ROWS):
+        block = select_rows(columns, slice(start, start + BLOCK_ROWS))
+        cells = [cell_texts(name, column) for name, column in block.items()]
+        writer.writerows(zip(*cells, strict=True))
+    return text.getvalue()

@@ -1,0 +1,154 @@
+"""Times written after a format as `strptime` has them, many at once."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.files.imports.trouble import ImportTrouble
+
+Floats = NDArray[np.float64]
+Whole = NDArray[np.int64]
+
+# parts of a format that say the day
+DAY_PARTS = re.compile("%[djeyYFDs]")
+_WRITTEN_OUT = {"%F": "%Y-%m-%d", "%D": "%m/%d/%y", "%T": "%H:%M:%S", "%R": "%H:%M"}
+_ANOTHER_NAME = {"e": "d", "k": "H", "l": "I", "P": "p", "h": "b"}
+_MONTHS = (
+    "january february march april may june july august september october november december"
+).split()
+_NAMES = f"((?i:{'|'.join((*_MONTHS, *(name[:3] for name in _MONTHS)))}))"
+# Digits that belong to a part are not given back to the one before it.
+_TWO = r"\s*+(\d{1,2}+)"
+_PATTERNS = {
+    "Y": r"\s*+([+-]\d++|\d{1,4}+)",
+    **dict.fromkeys(("y", "m", "d", "H", "I", "M", "S"), _TWO),
+    "j": r"\s*+(\d{1,3}+)",
+    "s": r"\s*+(-?\d++)",
+    "p": "((?i:[ap]m))",
+    "b": _NAMES,
+    "B": _NAMES,
+    # a fraction of a second, with its point or without
+    ".f": r"(?:\.(\d++))?+",
+    "f": r"(\d++)",
+    **{f".{digits}f": rf"(?:\.(\d{{{digits}}}))?+" for digits in (3, 6, 9)},
+    **{f"{digits}f": rf"(\d{{{digits}}})" for digits in (3, 6, 9)},
+}
+# What says nothing that is wanted: the day's name, the zone's (offsets are taken off before).
+_PASSED_OVER = {"a": "[^\\W\\d]+", "A": "[^\\W\\d]+", "Z": r"\S*", "z": "", "%": "%"}
+_PART = re.compile(r"%(\.?[369]?f|[A-Za-z%])|(\s+)|(.)", re.DOTALL)
+_LOWEST = {"Y": -9999, "y": 0, "m": 1, "d": 1, "j": 1, "H": 0, "I": 1, "M": 0, "S": 0}
+_HIGHEST = {"Y": 9999, "y": 99, "m": 12, "d": 31, "j": 366, "H": 23, "I": 12, "M": 59, "S": 60}
+# of years in two digits the first that is of the century before
+_PIVOT = 70
+
+
+class _Layout(NamedTuple):
+    pattern: re.Pattern[str]
+    parts: tuple[str, ...]
+
+
+def parse_times(texts: Sequence[str], form: str) -> Floats:
+    """Microseconds since 1970 (n,), NaN where a text is not written so; what the format does not
+    say is that of 1970-01-01 00:00. Raises ImportTrouble where it is no format."""
+    layout = _layout_of(form)
+    us = np.full(len(texts), np.nan)
+    match = layout.pattern.fullmatch
+    found = [match(text) for text in texts]
+    rows = [row for row, one in enumerate(found) if one is not None]
+    if rows:
+        cells = zip(*[one.groups("0") for one in found if one is not None], strict=True)
+        us[rows] = _microseconds(dict(zip(layout.parts, map(list, cells), strict=True)), len(rows))
+    return us
+
+
+@lru_cache(maxsize=512)
+def _layout_of(form: str) -> _Layout:
+    for short, long in _WRITTEN_OUT.items():
+        form = form.replace(short, long)
+    pattern, parts = "", list[str]()
+    for part, space, letter in _PART.findall(form):
+        part = _ANOTHER_NAME.get(part, part)
+        if part in _PATTERNS:
+            pattern += _PATTERNS[part]
+            parts.append("f" if part.endswith("f") else "b" if part == "B" else part)
+        elif part in _PASSED_OVER:
+            pattern += _PASSED_OVER[part]
+        elif space:
+            pattern += r"\s*+"
+        else:
+            pattern += re.escape(part or letter)
+        if (part and part not in (*_PATTERNS, *_PASSED_OVER)) or (not part and letter == "%"):
+            raise _no_format(form)
+    if len(set(parts)) < len(parts) or not parts or _is_halved(set(parts)):
+        raise _no_format(form)
+    return _Layout(re.compile(pattern), tuple(parts))
+
+
+def _is_halved(parts: set[str]) -> bool:
+    """Hours without minutes or the other way round, half days without their half."""
+    return bool(parts & {"H", "I"}) != ("M" in parts) or ("I" in parts) != ("p" in parts)
+
+
+def _no_format(form: str) -> ImportTrouble:
+    return ImportTrouble("", f"time.format {form}: not a format; allowed e.g. %d.%m.%Y %H:%M:%S")
+
+
+def _microseconds(cells: dict[str, list[str]], rows: int) -> Floats:
+    """Of the parts' texts (rows,); NaN where a part is out of its bounds."""
+    found = {
+        part: np.array(list(map(int, texts)), np.int64)
+        for part, texts in cells.items()
+        if part not in ("f", "b", "p")
+    }
+    good = np.ones(rows, np.bool_)
+    for part, values in found.items():
+        if part in _LOWEST:
+            good &= (values >= _LOWEST[part]) & (values <= _HIGHEST[part])
+    fraction_us = [int(text[:6].ljust(6, "0")) for text in cells.get("f", ())]
+    if "s" in found:
+        seconds = found["s"]
+    else:
+        days, is_day = _days(found, cells.get("b"), rows)
+        good &= is_day
+        seconds = days * 86_400 + _seconds_of_day(found, cells.get("p"), rows)
+    us = seconds * 1e6 + np.array(fraction_us or [0], np.float64)
+    return np.where(good, us, np.nan)
+
+
+def _days(
+    found: dict[str, Whole], names: list[str] | None, rows: int
+) -> tuple[Whole, NDArray[np.bool_]]:
+    """Days since 1970, and whether their month, or year, has them."""
+    one = np.ones(rows, np.int64)
+    year = found.get("Y", 1970 * one)
+    if "y" in found:
+        year = found["y"] + np.where(found["y"] < _PIVOT, 2000, 1900)
+    month = found.get("m", one)
+    if names is not None:
+        months = {name[:3]: number for number, name in enumerate(_MONTHS, start=1)}
+        month = np.array([months[name[:3].lower()] for name in names], np.int64)
+    day = found.get("d", one)
+    begin, end = (year - 1970) * 12 + month - 1, (year - 1970) * 12 + month
+    if "j" in found:
+        day, begin, end = found["j"], (year - 1970) * 12, (year - 1969) * 12
+    first, beyond = (
+        months_since.astype("datetime64[M]").astype("datetime64[D]").astype(np.int64)
+        for months_since in (begin, end)
+    )
+    days = first + day - 1
+    return days, (days >= first) & (days < beyond)
+
+
+def _seconds_of_day(found: dict[str, Whole], halves: list[str] | None, rows: int) -> Whole:
+    zero = np.zeros(rows, np.int64)
+    hours = found.get("H", zero)
+    if halves is not None:
+        is_second = np.array([half.lower() == "pm" for half in halves])
+        hours = found["I"] % 12 + np.where(is_second, 12, 0)
+    return hours * 3600 + found.get("M", zero) * 60 + found.get("S", zero)
