@@ -817,7 +817,7 @@ def test_outlines_that_touch_themselves_are_no_crossings(tmp_path: Path) -> None
     """Two outlines of all cross, as a bow tie does."""
     bow = np.array([(0.0, 0.0), (1.0, 1.0), (1.0, 0.0), (0.0, 1.0)]) * 3e-5
     rings = [chain(60, 3e-5, 40.0 + 0.002 * k) for k in range(60)]
-    rings += [bow + [lon_deg, 40.0] for lon_deg in (117.1, 117.2)]
+    rings += [bow + np.array((lon_deg, 40.0)) for lon_deg in (117.1, 117.2)]
     read = read_prescription(_map(tmp_path / "x.geojson", rings))
     assert [one.rows for one in read.findings if one.id == "crossing"] == [2]
     # a degree at 40 to 40.12 degrees north, WGS84

@@ -17,6 +17,7 @@ from control.targets.prescription import MapData, Zone, statistics
 from drivers.files.imports.mapping import Source
 from drivers.files.imports.read import read_raw
 from drivers.files.imports.trouble import ImportTrouble
+from drivers.files.prescriptions import raster
 from drivers.files.prescriptions.read import read_prescription
 from drivers.files.prescriptions.words import LB_AC_KG_HA, RateChoice, RateQuestion
 from drivers.files.prescriptions.write import write_prescription
@@ -182,6 +183,39 @@ def test_a_raster(crs: str, described: str, tmp_path: Path) -> None:
         }[crs],
         rel=2e-3,
     )
+
+
+def test_a_fine_raster_is_averaged(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    rasterio = pytest.importorskip("rasterio", reason="rasterio is not installed")
+    monkeypatch.setattr(raster, "MOST_CELLS", 20)
+    values = np.linspace(80.0, 200.0, 63, dtype=np.float32).reshape(7, 9)
+    classes = np.repeat([[1.0], [3.0]], [4, 3], axis=0) * np.ones((7, 9))
+    values[0, 0] = classes[0, 0] = -9999.0
+    with rasterio.open(
+        tmp_path / "a.tif",
+        "w",
+        driver="GTiff",
+        width=9,
+        height=7,
+        count=2,
+        dtype="float32",
+        crs="EPSG:32632",
+        nodata=-9999.0,
+        transform=rasterio.transform.from_origin(500_000.0, 5_760_000.0, 10.0, 10.0),
+    ) as file:
+        file.write(values, 1)
+        file.write(classes, 2)
+        file.descriptions = ("rate_kg_ha", "factor")
+    read = read_prescription(tmp_path / "a.tif")
+    rates = [zone.rate_kg_ha for zone in read.data.zones]
+    # of the last column and row half of each block is there, of the last block a quarter
+    assert len(rates) == 19
+    assert rates[0] == pytest.approx(values[0:2, 0:2].ravel()[1:].mean())
+    assert rates[1] == pytest.approx(values[0:2, 2:4].mean())
+    assert rates[4] == pytest.approx(values[0:2, 8].mean())
+    assert str(read.findings[0]).startswith("62 cells, each 2 x 2 of them averaged to one")
+    levels = read_prescription(tmp_path / "a.tif", RateChoice(column="factor", unit="kg/ha"))
+    assert {zone.rate_kg_ha for zone in levels.data.zones} == {1.0, 3.0}
 
 
 def test_without_rasterio_one_line_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

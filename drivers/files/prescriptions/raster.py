@@ -3,7 +3,8 @@ zone. Extra raster."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +24,8 @@ from drivers.plain_text import PlaceInFile
 MAGIC = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")  # TIFF 6.0, and BigTIFF
 # with a value: a zone each; a field of 100 ha in cells of 3 m
 MOST_CELLS = 100_000
+# of a band that may hold classes
+MOST_LEVELS = 12
 
 
 def read_raster(path: Path, choice: RateChoice) -> Imported:
@@ -69,21 +72,21 @@ def _read(path: Path, file: Any, choice: RateChoice) -> Imported:
     )
     names = [stated or f"band {k}" for k, stated in enumerate(file.descriptions, start=1)]
     bands = [_band(file, k) for k in range(1, file.count + 1)]
-    known = np.zeros((file.height, file.width), dtype=bool)
-    for band in bands:
-        known |= np.isfinite(band)
-    rows, columns = np.nonzero(known)
+    said: list[Finding] = []
+    step = _averaging_step(_known_cells(bands))
+    if step > 1:
+        fine = int(_known_cells(bands).sum())
+        bands = [_average_cells(band, step) for band in bands]
+        text = (
+            f"{many(fine, 'cell')}, each {step} x {step} of them averaged to one: up to "
+            f"{MOST_CELLS} are worked with"
+        )
+        said.append(Finding("averaged", text, rows=fine))
+    rows, columns = np.nonzero(_known_cells(bands))
     if not len(rows):
         raise PrescriptionError(path, "no cell has a value")
-    if len(rows) > MOST_CELLS:
-        raise PrescriptionError(
-            path,
-            "{cells} cells: allowed up to {most}: resample it to cells of the working width first",
-            " (in QGIS: Warp, average)",
-            cells=len(rows),
-            most=MOST_CELLS,
-        )
-    corners = _corners(file.transform, rows, columns, projection)
+    transform = file.transform * file.transform.scale(step, step)
+    corners = _corners(transform, rows, columns, projection)
     features = [
         Feature(
             k + 1,
@@ -93,16 +96,60 @@ def _read(path: Path, file: Any, choice: RateChoice) -> Imported:
         for k, (row, column) in enumerate(zip(rows.tolist(), columns.tolist(), strict=True))
     ]
     wide, high = (
-        np.hypot(file.transform.a, file.transform.d),
-        np.hypot(file.transform.b, file.transform.e),
+        np.hypot(transform.a, transform.d),
+        np.hypot(transform.b, transform.e),
     )
     unit = "deg" if projection is None else "m"
-    findings = [Finding("raster", f"{many(len(rows), 'cell')} of {wide:g} x {high:g} {unit}")]
+    findings = [
+        *said,
+        Finding("raster", f"{many(len(rows), 'cell')} of {wide:g} x {high:g} {unit}"),
+    ]
     if projection is not None:
         findings.append(Finding("projected", f"coordinates in {projection.name} taken to degrees"))
     return imported(
         path, "raster", features, choice, findings, title=path.stem, units=_units(path, file, names)
     )
+
+
+def _known_cells(bands: Sequence[Floats]) -> np.ndarray:
+    """Tells which cells (height, width) have a value in any band."""
+    return np.any([np.isfinite(band) for band in bands], axis=0)
+
+
+def _averaging_step(known: np.ndarray) -> int:
+    """Returns how many cells on a side become one, so that no more than MOST_CELLS are left."""
+    step = max(1, math.isqrt(max(0, int(known.sum()) - 1) // MOST_CELLS))
+    while int(_block_sums(known.astype(np.float64), step)[1].sum()) > MOST_CELLS:
+        step += 1
+    return step
+
+
+def _block_sums(values: Floats, step: int) -> tuple[Floats, np.ndarray]:
+    """Sums of blocks of `step` x `step` cells, and which of them are half full or more, where
+    a value of 1 is a cell that counts."""
+    high, wide = (-size % step for size in values.shape)
+    padded = np.pad(values, ((0, high), (0, wide)))
+    rows, columns = (size // step for size in padded.shape)
+    sums = padded.reshape(rows, step, columns, step).sum(axis=(1, 3))
+    return sums, 2.0 * sums >= step * step
+
+
+def _average_cells(band: Floats, step: int) -> Floats:
+    """Means of the values of each block of cells; nothing where less than half have one.
+
+    A band of few values may hold classes, between which there is nothing: the most frequent one
+    is taken.
+    """
+    known = np.isfinite(band)
+    count, is_known = _block_sums(known.astype(np.float64), step)
+    levels = np.unique(band[known])
+    if len(levels) <= MOST_LEVELS:
+        shares = [_block_sums((band == level).astype(np.float64), step)[0] for level in levels]
+        found = levels[np.argmax(shares, axis=0)] if len(levels) else np.zeros_like(count)
+    else:
+        sums = _block_sums(np.where(known, band, 0.0), step)[0]
+        found = sums / np.maximum(count, 1.0)
+    return np.where(is_known, found, np.nan)
 
 
 def _band(file: Any, number: int) -> Floats:
