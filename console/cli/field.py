@@ -19,10 +19,9 @@ if TYPE_CHECKING:
 # done ground this far from the job's field is another field's
 FAR_M = 1000.0
 READS = Reads(
-    ("kml", "kmz", "gpkg", "json", "shp", "zip", "folder", "aog", "config"),
+    ("kml", "kmz", "gpkg", "json", "shp", "zip", "folder", "aog", "config", "task"),
     "a field of AgOpenGPS (its folder), KML, KMZ, GeoPackage, GeoJSON, a shapefile (.shp, "
-    "zip, folder), or a "
-    "job file",
+    "zip, folder), an ISOXML task set, or a job file",
 )
 
 DONE = Reads((*READS.kinds, "text"), f"{READS.words}, or Sections.txt of AgOpenGPS")
@@ -34,7 +33,8 @@ def field(
         typer.Argument(
             metavar="IN",
             help="A field of AgOpenGPS (its folder), KML, KMZ, "
-            "GeoPackage, GeoJSON, a shapefile (.shp, zip, folder), or a job file.",
+            "GeoPackage, GeoJSON, a shapefile (.shp, zip, folder), an ISOXML task set, or a job "
+            "file.",
         ),
     ],
     out: Annotated[

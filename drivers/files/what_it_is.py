@@ -33,6 +33,7 @@ class FileKind(NamedTuple):
 
 _SAVE = "save it as CSV, GeoJSON or shapefile in the program that it comes from"
 _UNPACK = "unpack it first"
+_EXPORT = "no command reads it: export it as a shapefile or as ISOXML from"
 KINDS = {
     kind.id: kind
     for kind in (
@@ -49,7 +50,7 @@ KINDS = {
         FileKind("kml", "a KML file", "topdress map and topdress field read it"),
         FileKind("kmz", "a KMZ file", "topdress map and topdress field read it"),
         FileKind("gpx", "a GPX track", f"no command reads it; {_SAVE}"),
-        FileKind("task", "an ISOXML task file", "topdress map, import and check read it"),
+        FileKind("task", "an ISOXML task file", "topdress map, field, import and check read it"),
         FileKind(
             "xml",
             "an XML file that is no task file",
@@ -58,6 +59,10 @@ KINDS = {
         FileKind("fgb", "a FlatGeobuf file", _SAVE),
         FileKind("las", "a LAS point cloud", "no command reads point clouds"),
         FileKind("parquet", "a Parquet file", "topdress import, diagnose and replay read it"),
+        FileKind("deere", "a file of a John Deere display", f"{_EXPORT} Operations Center"),
+        FileKind("agleader", "a file of an Ag Leader display", f"{_EXPORT} SMS or AgFiniti"),
+        FileKind("cnh", "a card of a Case IH or New Holland display", f"{_EXPORT} AFS or PLM"),
+        FileKind("planting", "a file of a Precision Planting display", f"{_EXPORT} Panorama"),
         FileKind("gzip", "a gzip file", _UNPACK),
         FileKind("7z", "a 7z archive", _UNPACK),
         FileKind("rar", "a RAR archive", _UNPACK),
@@ -116,6 +121,13 @@ _MAGIC = (
     (b"\xd0\xcf\x11\xe0", "excel"),
     (b"\0\0\x27\x0a", "shp"),
 )
+# what displays of machines write for their makers' own programs
+_OF_MAKERS = {
+    **dict.fromkeys((".fdshape", ".fdl", ".fdd", ".gsy", ".gsd"), "deere"),
+    **dict.fromkeys((".agdata", ".agsetup", ".ilf", ".yld"), "agleader"),
+    **dict.fromkeys((".cn1", ".vy1"), "cnh"),
+    ".2020": "planting",
+}
 _PARTS = (".shx", ".dbf", ".prj", ".cpg", ".sbn", ".sbx", ".qix")
 _ROOT = re.compile(rb"<(?:\w+:)?([A-Za-z_][\w.-]*)[\s>/]")
 _ROOTS = {"kml": "kml", "gpx": "gpx", "iso11783_taskdata": "task", "html": "html"}
@@ -126,6 +138,8 @@ _HTML = re.compile(rb"^\s*(<!doctype html|<html)", re.IGNORECASE)
 
 def what_is(path: Path) -> FileKind:
     """Raises OSError."""
+    if (maker := _OF_MAKERS.get(path.suffix.lower())) is not None:
+        return KINDS[maker]
     if path.is_dir():
         names = {one.name.lower() for one in path.iterdir()}
         return KINDS[

@@ -310,7 +310,7 @@ def test_shapefiles_that_are_none_are_one_line(
     assert said.exit_code == 2 and "no .prj that says in what" in said.output
     (tmp_path / "none").mkdir()
     said = topdress("field", tmp_path / "none")
-    assert said.exit_code == 2 and "no shapefile and no field of AgOpenGPS" in said.output
+    assert said.exit_code == 2 and "no shapefile, task set or field of AgOpenGPS" in said.output
     for cut in (0, 60, 120, 170):
         data = (tmp_path / "points.shp").read_bytes() if cut == 0 else b""
         write_shp(tmp_path / "b.shp", [OUTLINE], ["North"])
@@ -513,3 +513,48 @@ def test_what_is_no_done_ground_is_one_line(
         done_ground(np.array([shapely.Polygon()], dtype=object), OF_DEMO)
     with pytest.raises(ValueError, match="allowed are 16 km2 for one field"):
         done_ground(np.array([shapely.box(0, 0, 5000, 5000)], dtype=object), OF_DEMO)
+
+
+def _task_ring(kind: str, places: list[tuple[float, float]]) -> str:
+    points = "".join(f'<PNT A="2" C="{lat}" D="{lon}"/>' for lat, lon in places)
+    return f'<LSG A="{kind}">{points}</LSG>'
+
+
+def _square(south: float, west: float, side: float) -> list[tuple[float, float]]:
+    return [(south + a * side, west + b * side) for a, b in ((0, 0), (0, 1), (1, 1), (1, 0))]
+
+
+def test_a_task_set_of_fields_alone_is_a_field(tmp_path: Path) -> None:
+    """Areas by geopandas, on the sphere's equal area of EPSG:6933 (WGS84)."""
+    geopandas = pytest.importorskip("geopandas", reason="geopandas is not installed")
+    outline, pond = _square(40.0, 117.0, 0.004), _square(40.001, 117.001, 0.001)
+    path = tmp_path / "TASKDATA.XML"
+    path.write_text(
+        '<ISO11783_TaskData VersionMajor="4" ManagementSoftwareManufacturer="Farm">'
+        f'<PFD A="PFD1" C="North"><PLN A="1">{_task_ring("1", outline)}</PLN>'
+        f'<PLN A="3" B="pond">{_task_ring("1", pond)}</PLN>'
+        f'<GGP A="GGP1"><GPN A="GPN1" B="AB east" C="1">{_task_ring("5", outline[:2])}</GPN></GGP>'
+        '</PFD><PDT A="PDT1" B="Urea"/><TSK A="TSK1" G="1"><TLG A="TLG00001"/>'
+        '<TZN A="1"><PDV A="000B" B="3"/></TZN></TSK></ISO11783_TaskData>'
+    )
+    data = read_shapes(path)
+    boundary = data.boundary(data.plane())
+    shape = shapely.Polygon([place[::-1] for place in outline], [[place[::-1] for place in pond]])
+    expected = geopandas.GeoSeries([shape], crs=4326).to_crs(6933).area[0] / 1e4
+    assert boundary is not None and boundary.area_ha == pytest.approx(expected, rel=1e-4)
+    assert data.title == "North" and [line.title for line in data.lines] == ["AB east"]
+    assert str(data.findings[0]) == (
+        "task set of Farm: 1 field, 1 task, 1 product, maps of DDI 000B (count per area, wanted) "
+        "(topdress map), 1 log of work (topdress import)"
+    )
+    assert [str(one) for one in read_shapes(tmp_path).findings] == [
+        str(one) for one in data.findings
+    ]
+
+
+def test_a_task_set_without_an_outline_says_what_it_holds(tmp_path: Path) -> None:
+    (tmp_path / "TASKDATA.XML").write_text(
+        '<ISO11783_TaskData><PFD A="PFD1" C="North"/></ISO11783_TaskData>'
+    )
+    with pytest.raises(FieldError, match=r"no outline .*: task set of a maker .*: 1 field$"):
+        read_shapes(tmp_path)

@@ -239,7 +239,7 @@ def test_fallback_zones_that_are_not_there_are_nothing_and_said(make: Make) -> N
 def test_a_type_2_cell_holds_a_number_for_each_of_its_data(make: Make) -> None:
     cells = np.array([[100, 1], [200, 2], [300, 3], [400, 4], [500, 5], [600, 6]], "<i4").tobytes()
     folder = make(GRID2, cells=cells)
-    with pytest.raises(Refused, match=r"layer not chosen: allowed TSK1/0006, TSK1/0001"):
+    with pytest.raises(Refused, match=r"allowed TSK1/0006 \(mass per area\), TSK1/0001 \(volume"):
         read_prescription(folder)
     mass = read_prescription(folder, RateChoice(layer="TSK1/0006")).data.grid
     volume = read_prescription(folder, RateChoice(layer="TSK1/0001", density_kg_l=2.0)).data.grid
@@ -344,7 +344,11 @@ BROKEN = [
         r"zone 5: rate -0.05 kg/ha: allowed 0 to 20000",
     ),
     ("absurd", lambda t: t.replace('B="31500"', 'B="2000000001"'), "is the unit right"),
-    ("count per area", lambda t: t.replace('"0006"', '"000B"'), "only DDI 000B: allowed"),
+    (
+        "count per area",
+        lambda t: t.replace('"0006"', '"000B"'),
+        r"only DDI 000B \(count per area, wanted\): allowed",
+    ),
     ("no zones", lambda t: t.replace("TZN", "XYZ"), "no treatment zones"),
     ("latitude", lambda t: t.replace('C="40.0"', 'C="140.0"'), "PNT C: 140: allowed -90 to 90"),
     (

@@ -16,7 +16,9 @@ from control.recordings.finding import Finding
 from control.targets.rate_map import Floats
 from drivers.files.atomic import write_atomically
 from drivers.files.fields.field_data import FieldData, FieldError, Line
-from drivers.files.layers import GEOJSON, name_of, read_layers
+from drivers.files.fields.task_fields import find_task_set, read_task_shapes
+from drivers.files.layers import GEOJSON, Layer, name_of, read_layers
+from drivers.files.limits import check_file
 from drivers.files.ogr import FORMATS, write_layer
 
 INSIDE = 0.999  # of its area, that a polygon lies in another one
@@ -24,7 +26,7 @@ INSIDE = 0.999  # of its area, that a polygon lies in another one
 
 def read_shapes(path: Path, name: str | None = None) -> FieldData:
     """name: of the polygon, where there are several fields. Raises FieldError, OSError."""
-    named = named_shapes(path)
+    named, said = _shapes_and_findings(path)
     polygons = [
         (title, part)
         for title, shape in named
@@ -62,18 +64,31 @@ def read_shapes(path: Path, name: str | None = None) -> FieldData:
             for k, (line_title, line) in enumerate(lines, start=1)
         ),
         None,
-        tuple(findings),
+        (*said, *findings),
     )
 
 
 def named_shapes(path: Path) -> list[tuple[str, Any]]:
     """Names and shapes in longitude and latitude. Raises FieldError, Refused, OSError."""
-    layers = read_layers(path)
+    return _shapes_and_findings(path)[0]
+
+
+def _shapes_and_findings(path: Path) -> tuple[list[tuple[str, Any]], list[Finding]]:
+    """The same, and what else the file holds. Raises FieldError, Refused, OSError."""
+    layers = [] if path.suffix.lower() == ".xml" else read_layers(path)
+    files = None if layers else find_task_set(path)
+    if files is not None:
+        check_file(path)
+        return read_task_shapes(files)
+    return _shapes_of_layers(path, layers), []
+
+
+def _shapes_of_layers(path: Path, layers: Sequence[Layer]) -> list[tuple[str, Any]]:
+    """Names and shapes of layers. Raises FieldError."""
     if not layers and (path.is_dir() or path.suffix.lower() == ".zip"):
         raise FieldError(
-            f"{path}: no shapefile and no field of AgOpenGPS in it: allowed is a .shp, or "
-            "Field.txt with "
-            "Boundary.txt"
+            f"{path}: no shapefile, task set or field of AgOpenGPS in it: allowed is a .shp, "
+            "TASKDATA.XML, or Field.txt with Boundary.txt"
         )
     if len(layers) == 1 and layers[0].kind.startswith(("POINT", "MULTI")):
         raise FieldError(

@@ -13,6 +13,7 @@ from control.recordings.finding import Finding, many
 from control.targets.prescription import Fallbacks, GridDeg, MapData, Zone
 from control.targets.rate_map import Floats
 from drivers.files.imports.units import unit_named
+from drivers.files.prescriptions.data_dictionary import ddi_in_words
 from drivers.files.prescriptions.task_files import TaskSet, task_tree
 from drivers.files.prescriptions.words import (
     HIGHEST_KG_HA,
@@ -30,6 +31,7 @@ from drivers.plain_text import PlaceInFile, Reason
 
 # ISO 11783-11: what one step of the number is worth
 SETPOINTS = {1: ("mm3/m2", 0.01), 6: ("mg/m2", 1.0)}
+QUANTITIES = {1: "volume per area", 6: "mass per area"}
 EXTERIOR, INTERIOR = "1", "2"
 
 
@@ -119,12 +121,13 @@ def _picked(root: Element, label: str, choice: RateChoice) -> tuple[_TaskLayer, 
     if not layers:
         raise PrescriptionError(
             label,
-            "only DDI {ddis}: allowed are tasks with zones of DDI 0001 (volume per area) or "
+            "only {ddis}: allowed are tasks with zones of DDI 0001 (volume per area) or "
             "0006 (mass per area)"
             if others
             else "no treatment zones: allowed are tasks with zones of DDI 0001 (volume per "
             "area) or 0006 (mass per area)",
-            ddis=", ".join(f"{ddi:04X}" for ddi in sorted(others)),
+            "; topdress field reads its fields" if root.find("PFD/PLN") is not None else "",
+            ddis=", ".join(map(ddi_in_words, sorted(others))),
         )
     if choice.layer is None and len(layers) == 1:
         return layers[0], ids
@@ -135,7 +138,7 @@ def _picked(root: Element, label: str, choice: RateChoice) -> tuple[_TaskLayer, 
         label,
         "layer {layer}: allowed {layers}" if choice.layer else "layer not chosen: allowed {layers}",
         layer=choice.layer,
-        layers=", ".join(ids),
+        layers=", ".join(f"{one.id} ({QUANTITIES[one.ddi]})" for one in layers),
     )
 
 
@@ -202,14 +205,13 @@ def _unused(layer: _TaskLayer, ids: tuple[str, ...], has_grid: bool) -> list[Fin
             Finding("zones_beside_grid", f"{text} (zones {', '.join(drawn[:8])})", rows=len(drawn))
         )
     others = sorted(
-        {
-            variable.get("A", "")
-            for variable in layer.task.findall("TZN/PDV")
-            if int(variable.get("A", "0"), 16) not in SETPOINTS
-        }
+        {int(variable.get("A", "0"), 16) for variable in layer.task.findall("TZN/PDV")}.difference(
+            SETPOINTS
+        )
     )
     if others:
-        found.append(Finding("other_data", f"process data not used: DDI {', '.join(others)}"))
+        said = ", ".join(map(ddi_in_words, others))
+        found.append(Finding("other_data", f"process data not used: {said}"))
     if len(ids) > 1:
         found.append(
             Finding(

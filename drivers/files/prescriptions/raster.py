@@ -113,7 +113,8 @@ def _read(path: Path, file: Any, choice: RateChoice) -> Imported:
 
 def _known_cells(bands: Sequence[Floats]) -> np.ndarray:
     """Tells which cells (height, width) have a value in any band."""
-    return np.any([np.isfinite(band) for band in bands], axis=0)
+    known: np.ndarray = np.any([np.isfinite(band) for band in bands], axis=0)
+    return known
 
 
 def _averaging_step(known: np.ndarray) -> int:

@@ -1,0 +1,113 @@
+"""Fields of an ISO 11783-10 task set: outlines, obstacles and guidance lines; and what else it
+holds."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from xml.etree.ElementTree import Element
+
+import numpy as np
+import shapely
+
+from control.recordings.finding import Finding, many
+from drivers.files.fields.field_data import FieldError
+from drivers.files.prescriptions.data_dictionary import ddi_in_words
+from drivers.files.prescriptions.task_files import TaskSet, task_sets, task_tree
+
+# types of polygons (PLN) of a field (PFD)
+OUTLINE, OBSTACLES, HEADLAND = "1", ("3", "4", "5", "6"), "10"
+# types of lines (LSG)
+EXTERIOR, INTERIOR, GUIDANCE = "1", "2", "5"
+
+
+def find_task_set(path: Path) -> TaskSet | None:
+    """Returns the task set at a path; None where there is none. Raises FieldError where there
+    are several, Refused, OSError."""
+    found = task_sets(path)
+    if len(found) > 1:
+        names = ", ".join(one.label for one in found[:12])
+        raise FieldError(f"{path}: {len(found)} task sets: allowed is one, of {names}")
+    return found[0] if found else None
+
+
+def read_task_shapes(files: TaskSet) -> tuple[list[tuple[str, shapely.Geometry]], list[Finding]]:
+    """Returns names and shapes in longitude and latitude, and what the set holds. Raises
+    FieldError, Refused, OSError."""
+    root = task_tree(files)
+    findings = [Finding("task_set", _describe(root))]
+    shapes: list[tuple[str, shapely.Geometry]] = []
+    for field in root.findall("PFD"):
+        title: str = field.get("C") or field.get("A", "")
+        where = f"{files.label}: field {title}"
+        for polygon in field.findall("PLN"):
+            if polygon.get("A") == OUTLINE:
+                shapes += [(title, one) for one in _polygons(polygon, where)]
+            elif polygon.get("A") in OBSTACLES:
+                name: str = polygon.get("B") or "obstacle"
+                shapes += [(name, one) for one in _polygons(polygon, where)]
+        if any(one.get("A") == HEADLAND for one in field.findall("PLN")):
+            text = f"headland of {title} not taken: a job has one width: say headland_m in it"
+            findings.append(Finding("headland", text))
+        patterns = [(one.get("B", ""), one) for one in field.iter("GPN")]
+        for called, parent in [*patterns, ("", field)]:
+            for line in parent.findall("LSG"):
+                if line.get("A") == GUIDANCE:
+                    places = _places(line, where, 2)
+                    shapes.append((called or line.get("B", ""), shapely.LineString(places)))
+    if not shapes:
+        raise FieldError(f"{files.label}: no outline of a field in it: {findings[0]}")
+    return shapes, findings
+
+
+def _polygons(polygon: Element, where: str) -> list[shapely.Geometry]:
+    rings = {
+        kind: [_places(one, where, 3) for one in polygon.findall("LSG") if one.get("A") == kind]
+        for kind in (EXTERIOR, INTERIOR)
+    }
+    holes = [shapely.Polygon(ring) for ring in rings[INTERIOR]]
+    outlines = [shapely.Polygon(ring) for ring in rings[EXTERIOR]]
+    return [
+        shapely.Polygon(
+            outline.exterior,
+            [hole.exterior for hole in holes if outline.contains(hole.representative_point())],
+        )
+        for outline in outlines
+    ]
+
+
+def _places(line: Element, where: str, least: int) -> np.ndarray:
+    """(n, 2) longitude and latitude."""
+    points = line.findall("PNT")
+    if any(point.get("J") for point in points):
+        raise FieldError(f"{where}: points in a binary file: allowed are points in the XML")
+    try:
+        found = np.array([(float(one.get("D", "")), float(one.get("C", ""))) for one in points])
+    except ValueError:
+        raise FieldError(f"{where}: a point without C and D: allowed are degrees") from None
+    if len(found) < least:
+        raise FieldError(f"{where}: a line of {len(found)} points: allowed {least} or more")
+    if not (np.isfinite(found).all() and (np.abs(found) <= (180.0, 90.0)).all()):
+        raise FieldError(f"{where}: a point beyond 90 or 180: allowed are degrees")
+    return found
+
+
+def _describe(root: Element) -> str:
+    """Returns what a task set holds, in one sentence."""
+    maker = root.get("ManagementSoftwareManufacturer") or "a maker that it does not name"
+    counts = [
+        (len(root.findall("PFD")), "field"),
+        (len(root.findall("TSK")), "task"),
+        (len(root.findall("PDT")), "product"),
+    ]
+    held = [many(count, what) for count, what in counts if count]
+    zones = {
+        int(one.get("A", ""), 16)
+        for one in root.findall("TSK/TZN/PDV")
+        if one.get("A", "").isalnum() and set(one.get("A", "").lower()) <= set("0123456789abcdef")
+    }
+    if zones:
+        held.append(f"maps of {', '.join(map(ddi_in_words, sorted(zones)))} (topdress map)")
+    logs = len(root.findall("TSK/TLG"))
+    if logs:
+        held.append(f"{many(logs, 'log')} of work (topdress import)")
+    return f"task set of {maker}: {', '.join(held) or 'nothing'}"

@@ -1,0 +1,37 @@
+"""What numbers of the data dictionary (ISO 11783-11) mean, in words."""
+
+from __future__ import annotations
+
+# quantities that a machine is set to: five numbers each, from the set-point on
+_QUANTITIES = {
+    1: "volume per area",
+    6: "mass per area",
+    11: "count per area",
+    16: "spacing",
+    21: "volume per volume",
+    26: "mass per mass",
+    31: "volume per mass",
+    36: "volume per time",
+    41: "mass per time",
+    46: "count per time",
+    51: "tillage depth",
+    56: "seeding depth",
+    61: "working height",
+    66: "working width",
+}
+_KINDS = ("wanted", "applied", "by default", "at least", "at most")
+_OTHERS = {
+    80: "total volume",
+    81: "total mass",
+    82: "total count",
+    116: "total area",
+    141: "work state",
+}
+
+
+def ddi_in_words(ddi: int) -> str:
+    """`DDI 0006 (mass per area, wanted)`."""
+    begin = ddi - (ddi - 1) % len(_KINDS)
+    quantity = _QUANTITIES.get(begin)
+    words = _OTHERS.get(ddi) or (quantity and f"{quantity}, {_KINDS[ddi - begin]}")
+    return f"DDI {ddi:04X} ({words or 'no name known here'})"
