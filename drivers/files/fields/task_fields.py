@@ -37,13 +37,13 @@ def read_task_shapes(files: TaskSet) -> tuple[list[tuple[str, shapely.Geometry]]
     findings = [Finding("task_set", _describe(root))]
     shapes: list[tuple[str, shapely.Geometry]] = []
     for field in root.findall("PFD"):
-        title: str = field.get("C") or field.get("A", "")
+        title = field.get("C") or field.get("A") or ""
         where = f"{files.label}: field {title}"
         for polygon in field.findall("PLN"):
             if polygon.get("A") == OUTLINE:
                 shapes += [(title, one) for one in _polygons(polygon, where)]
             elif polygon.get("A") in OBSTACLES:
-                name: str = polygon.get("B") or "obstacle"
+                name = polygon.get("B") or "obstacle"
                 shapes += [(name, one) for one in _polygons(polygon, where)]
         if any(one.get("A") == HEADLAND for one in field.findall("PLN")):
             text = f"headland of {title} not taken: a job has one width: say headland_m in it"
