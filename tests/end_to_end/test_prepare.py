@@ -22,6 +22,9 @@ def test_the_tests_compile_the_model_first_and_the_console_needs_it_not() -> Non
     }
     assert "$(VENV)/.compiled" in needs["test"] and needs["run"] == ["$(VENV)/.program"]
     assert "-m console.prepare" in text
+    [behind, console] = re.search(r"^run: .*\n\t(.*)\n\t(.*)", text, re.MULTILINE).groups()  # type: ignore[union-attr]
+    assert "$(VENV)/.compiled" in behind and behind.startswith("@nohup nice") and behind[-1] == "&"
+    assert console == "$(BIN)/topdress"
 
 
 def test_without_room_it_says_so_and_the_first_diagnosis_compiles(
