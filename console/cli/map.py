@@ -82,6 +82,10 @@ def map_files(
             metavar="NAME", help="Of a zip or folder with several: the task set or shapefile."
         ),
     ] = None,
+    zone: Annotated[
+        str | None,
+        typer.Option(metavar="ZONE", help="Of a table of places in metres: its UTM zone, as 32N."),
+    ] = None,
     rate_from: Annotated[
         str | None,
         typer.Option(
@@ -152,6 +156,7 @@ def map_files(
         lost_kg_ha=lost,
         layer=layer,
         inside=inside,
+        zone=zone,
         rate_from=_source(rate_from),
     )
     _convert(source, out, choice, rule, merge, as_json)

@@ -92,6 +92,7 @@ class Opened:
 
     def _by_columns(self) -> Held:
         from drivers.files.prescriptions.csv_zones import holds_polygons
+        from drivers.files.prescriptions.lattice import metre_columns
 
         if holds_polygons(self.path):
             return "map"
@@ -102,7 +103,12 @@ class Opened:
                 return "table"
         except TableError:
             return ""  # the reader says what is wrong with it
-        return "log" if tells_time(self.names) else "map" if places_without_time(self.names) else ""
+        if tells_time(self.names):
+            return "log"
+        # kriging programs part columns by spaces
+        parted = self.names[0].split() if len(self.names) == 1 else self.names
+        has_places = places_without_time(self.names) or metre_columns(parted) is not None
+        return "map" if has_places else ""
 
     def _points_of_map(self) -> bool:
         from drivers.files.imports.read import read_raw

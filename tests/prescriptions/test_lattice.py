@@ -14,6 +14,7 @@ import shapely
 
 from control.geodesy import TangentPlane
 from control.targets.prescription import statistics
+from drivers.files.opened import Opened
 from drivers.files.prescriptions.lattice import NoLattice, lattice_of
 from drivers.files.prescriptions.read import read_prescription
 from drivers.files.prescriptions.words import RateChoice, RateQuestion
@@ -294,3 +295,21 @@ def test_a_lattice_of_many_points(tmp_path):
     path = tmp_path / "large.csv"
     frame.write_csv(path)
     assert len(read_prescription(path).data.zones) == 30_000
+
+
+def test_a_table_in_metres_is_asked_for_its_zone(tmp_path: Path) -> None:
+    """As kriging programs write it: columns parted by spaces, no degrees."""
+    path = tmp_path / "krig.txt"
+    places = [(500_000.0 + 5.0 * k, 5_800_000.0 + 5.0 * j) for j in range(4) for k in range(5)]
+    rows = [f"{east} {north} {80.0 + k}" for k, (east, north) in enumerate(places)]
+    path.write_text("\n".join(["x y value", *rows]))
+    assert Opened(path).holds == "map"
+    with pytest.raises(RateQuestion, match=r"columns x, y.*--zone 32N.*--column .*: value"):
+        read_prescription(path)
+    with pytest.raises(Refused, match="zone 99N: allowed are 1N to 60N"):
+        read_prescription(path, RateChoice(zone="99N"))
+    read = read_prescription(path, RateChoice(zone="32N", column="value", unit="kg/ha"))
+    ha = sum(share.area_ha for share in statistics(read.data))
+    # a UTM metre on the central meridian is 1 / 0.9996 m
+    assert ha == pytest.approx(20 * 25e-4 / 0.9996**2, rel=1e-4)
+    assert read.data.box_deg[1] == pytest.approx(9.0, abs=1e-4)

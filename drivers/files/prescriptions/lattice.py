@@ -9,7 +9,7 @@ no ground.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from pathlib import Path
 from typing import NamedTuple
 
@@ -26,19 +26,25 @@ from drivers.files.imports.numbers import numbers
 from drivers.files.imports.raw import RawTable
 from drivers.files.imports.read import read_raw
 from drivers.files.imports.trouble import TableError
-from drivers.files.imports.words import folded, places_without_time, subject_of
+from drivers.files.imports.words import folded, places_without_time, subject_of, tells_time
 from drivers.files.prescriptions.features import Feature, imported
+from drivers.files.prescriptions.projected import TransverseMercator
 from drivers.files.prescriptions.words import (
     Imported,
     NotAMap,
     PrescriptionError,
     RateChoice,
+    RateQuestion,
     check_degrees,
 )
 from drivers.files.stated_units import StatedUnit
 from drivers.plain_text import Reason
 
 LEAST_POINTS = 4
+# names of columns of places in metres, as kriging programs write them
+EAST = frozenset("x easting east x_utm utm_x utm_e x_m east_m x_coord xcoord point_x".split())
+NORTH = frozenset("y northing north y_utm utm_y utm_n y_m north_m y_coord ycoord point_y".split())
+_ZONE = re.compile(r"^\s*(\d{1,2})\s*([NS])\s*$", re.IGNORECASE)
 _THOUSANDS = re.compile(r"^\s*([-+]?\d{1,3})\.(\d{3})\s*$")
 SAME_M = 0.01  # points nearer than this are one place
 # of a cell, that a point may lie off its middle: rounded degrees
@@ -83,7 +89,8 @@ def read_lattice(path: Path, choice: RateChoice) -> Imported:
         raw = read_raw(path, Source(inside=choice.inside))
     except TableError as trouble:
         raise PrescriptionError(trouble.where, "{why}", why=trouble.reasons[0]) from None
-    if not places_without_time(raw.names):
+    metres = metre_columns(raw.names)
+    if metres is None and not places_without_time(raw.names):
         raise NotAMap(
             path,
             "columns {columns_there}: allowed are latitude, longitude and a rate without times, or "
@@ -91,7 +98,10 @@ def read_lattice(path: Path, choice: RateChoice) -> Imported:
             " (a log is read by topdress import)",
             columns_there=", ".join(raw.names[:12]),
         )
-    lat, lon = (_place(raw, column) for column in ("lat_deg", "lon_deg"))
+    if metres is None:
+        lat, lon = (_place(raw, column) for column in ("lat_deg", "lon_deg"))
+    else:
+        lat, lon = _degrees_of(path, raw, metres, choice.zone)
     known = np.isfinite(lat) & np.isfinite(lon)
     rows = np.flatnonzero(known)
     if not len(rows):
@@ -107,7 +117,7 @@ def read_lattice(path: Path, choice: RateChoice) -> Imported:
             "even cells, or polygons",
             why=why.reason,
         ) from None
-    attributes = _attributes(raw)
+    attributes = _attributes(raw, metres or ())
     features = [
         Feature(raw.first_row + row, attributes[row], [(corners[k],)])
         for k, row in enumerate(rows.tolist())
@@ -138,14 +148,60 @@ def _place(raw: RawTable, column: str) -> Floats:
     return numbers(raw.columns[name], raw.decimal_comma).values
 
 
-def _attributes(raw: RawTable) -> list[dict[str, object]]:
+def metre_columns(names: Collection[str]) -> tuple[str, str] | None:
+    """Returns the columns of places in metres, east and north, of a table without degrees and
+    without times; None where there are none."""
+    if places_without_time(names) or tells_time(names):
+        return None
+    found = [
+        next((name for name in names if folded(name) in words), None) for words in (EAST, NORTH)
+    ]
+    east, north = found
+    return None if east is None or north is None else (east, north)
+
+
+def _degrees_of(
+    path: Path, raw: RawTable, metres: tuple[str, str], zone: str | None
+) -> tuple[Floats, Floats]:
+    """Latitude and longitude of places in UTM. Raises RateQuestion where the zone is not said,
+    PrescriptionError where it is none."""
+    if zone is None:
+        others = [name for name in raw.names if name not in metres]
+        raise RateQuestion(
+            path,
+            "places in metres (columns {east}, {north}) of a zone that is not said: allowed with "
+            "the UTM zone",
+            f" (--zone 32N or another; --column says which is the rate: {', '.join(others[:12])})",
+            east=metres[0],
+            north=metres[1],
+        )
+    found = _ZONE.match(zone)
+    if found is None or not 1 <= int(found[1]) <= 60:
+        raise PrescriptionError(
+            path, "zone {zone}: allowed are 1N to 60N and 1S to 60S", zone=zone[:20]
+        )
+    utm = TransverseMercator(
+        f"UTM zone {zone}",
+        6.0 * int(found[1]) - 183.0,
+        scale=0.9996,
+        false_east=500_000.0,
+        false_north=0.0 if found[2].upper() == "N" else 10_000_000.0,
+    )
+    east, north = (numbers(raw.columns[name], raw.decimal_comma).values for name in metres)
+    return utm.to_deg(east, north)
+
+
+def _attributes(raw: RawTable, places: Collection[str]) -> list[dict[str, object]]:
     """What each point tells next to its place; a point in numbers with a decimal comma groups
     digits."""
     attributes = {
         name: known_or_none(column)
         for name, column in raw.columns.items()
-        if (subject := subject_of(folded(name), None)) is None
-        or subject.reading not in ("lat_deg", "lon_deg")
+        if name not in places
+        and (
+            (subject := subject_of(folded(name), None)) is None
+            or subject.reading not in ("lat_deg", "lon_deg")
+        )
     }
     rows: list[dict[str, object]] = [
         dict(zip(attributes, cells, strict=True))

@@ -88,6 +88,8 @@ class RateChoice:
     lost_kg_ha: float | None = None
     # of a task file with several: TASK/DDI or TASK/DDI/PRODUCT
     layer: str | None = None
+    # of a table of places in metres: 32N
+    zone: str | None = None
     # of a folder or zip with several: the task set or shapefile
     inside: str | None = None
     # where a task file contradicts itself
