@@ -22,6 +22,8 @@ EXTRAS = {
     "mqtt": ("what the machine does, to an MQTT broker", ("paho",)),
     "fleet": ("a season of logs on many computers", ("distributed", "fsspec", "cryptography")),
 }
+# in an environment that pipx made; with uv as its back end that has no pip
+OF_PIPX = "pipx_metadata.json"
 _OF_EXTRA = re.compile(r"""^(?P<what>[^;]+?)\s*;.*\bextra\s*==\s*['"](?P<extra>[\w-]+)['"]""")
 _PROJECT = Path(__file__).parents[2] / "pyproject.toml"
 _NAME = re.compile(r"[A-Za-z0-9._-]+")
@@ -82,9 +84,13 @@ def version_of(package: str) -> str | None:
 
 
 def install_line(*packages: str) -> str:
-    """What installs packages next to topdress, whatever installed topdress: pip of a clone,
-    pipx, uv (which has no pip in its environments)."""
+    """What installs packages next to topdress, whatever installed topdress, which is seen by
+    where it runs: pipx keeps a file in its environments, those of uv have no pip, and a clone's
+    has it."""
     what = " ".join(f"'{one}'" for one in packages)
+    environment = Path(sys.prefix)
+    if (environment / OF_PIPX).is_file():
+        return f"pipx inject {environment.name} {what}"
     if find_spec("pip") is None and shutil.which("uv"):
         return f"uv pip install --python {sys.executable} {what}"
     return f"{sys.executable} -m pip install {what}"

@@ -166,7 +166,9 @@ def test_decode_and_devices_do_not_end_well_where_nothing_was(
     assert port.exit_code == 1 and "cannot be opened" in port.output
 
 
-def test_an_install_line_needs_no_package_of_ours(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_install_line_needs_no_package_of_ours(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     assert re.fullmatch(r"\S+ -m pip install 'textual-serve>=[\d.]+'", extras.extra_line("serve"))
     # an environment of `uv tool install`
     monkeypatch.setattr(extras, "find_spec", lambda _: None)
@@ -174,6 +176,12 @@ def test_an_install_line_needs_no_package_of_ours(monkeypatch: pytest.MonkeyPatc
     assert re.fullmatch(
         r"uv pip install --python \S+ 'textual-serve>=[\d.]+'", extras.extra_line("serve")
     )
+    # an environment of pipx, whatever its back end
+    monkeypatch.setattr(extras.sys, "prefix", str(tmp_path / "topdress"))
+    (tmp_path / "topdress").mkdir()
+    (tmp_path / "topdress" / extras.OF_PIPX).touch()
+    line = extras.extra_line("diagnosis")
+    assert re.fullmatch(r"pipx inject topdress 'numba>=[\d.]+'", line)
 
 
 @pytest.mark.parametrize("ending", ["shp", "tif", "gpkg", "kml", "geojson", "zip", "csv"])
