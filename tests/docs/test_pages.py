@@ -268,3 +268,11 @@ if __name__ == "__main__":
                 line + said, line + NUMBER.sub(lambda _, values=values: next(values), said)
             )
     place.write_text(whole, encoding="utf-8")
+
+
+@pytest.mark.parametrize("folder", ["machines", "jobs", "crops", "products", "cabs"])
+def test_what_is_shipped_is_listed(folder: str) -> None:
+    page = (ROOT / "docs" / "format-config.md").read_text(encoding="utf-8")
+    row = next(line for line in page.splitlines() if line.startswith(f"| {folder} | `"))
+    shipped = sorted(path.stem for path in (ROOT / "configs" / folder).glob("*.yaml"))
+    assert re.findall(r"`([^`]+)`", row) == shipped
