@@ -5,9 +5,12 @@ One series of blocks of `BLOCK_S`: what the model says has gone by then, and wha
 read at which pitch. Filter `flow_trim` is a Kalman filter on it; its state is the mass in the
 hopper, three effects of the flow that a scale can tell while working: the gain (density,
 product, head of the hopper, moisture: a slow random walk), what flows more a revolution
-whatever the opening, and what a degree of pitch does; and two of the scale itself: what a
-degree of pitch makes it read, and how much of the cosine of the pitch it reads. So no reading
-is held against one at another pitch for more than is known of these two. The filter never goes
+whatever the opening, and what a degree of pitch does; and three of the scale itself: what a
+degree of pitch makes it read, how much of the cosine of the pitch it reads, and what wind makes
+of its load. So no reading is held against one at another pitch for more than is known of these
+two. Wind is a load that returns to its mean (`SWAY_S`, first-order Gauss-Markov). Its variance
+is learnt from second differences of the readings, in which no straight line shows; on a calm
+scale it is 0, and the filter is as it is without. The filter never goes
 faster than its evidence: where the estimate is x standard deviations from what is trimmed, the
 trim goes 1 - (DOUBT_SD / x)^2 of the way, and does not move below `DOUBT_SD`. The estimate is
 kept within `most_percent`; of it as much is believed as the flow's own prior (by the age of its
@@ -26,9 +29,9 @@ more than `CHANGED_SD` from that:
   than is trimmed: the trim is 1), or a change that may be trimmed. The same line through the
   last two minutes finds what was wrong from the start.
 
-How far is far is what this scale has shown: the file's noise, times what its readings were
-off over windows of the same length before (wind on the hopper, rough ground), `SWAY_S` late,
-so that a change is not taken for its own measure.
+How far is far is what the filter of then knew: the file's noise, times what its readings were
+off by chance, and the wind of then; where nothing turns, also what is known of the wind now, and
+as much as a scale may still have that has not shown that it is calm.
 
 Inputs: measured shaft and opening through the model, `hopper_kg`, `pitch_deg`; output:
 `flow_trim`. All are logged.
@@ -37,10 +40,10 @@ Inputs: measured shaft and opening through the model, `hopper_kg`, `pitch_deg`; 
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import islice
-from math import cos, exp, hypot, inf, radians, sqrt
+from math import cos, exp, hypot, inf, log, radians, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -95,10 +98,11 @@ DECIDED_SD = 4.0  # beyond a limit, by the residuals
 GOES_ON_SHARE = 0.75
 # beyond `low_share` or `high_share`, which is far enough from a sound flow
 FAR_SD = 2.0
-# more is allowed to a scale that stands, until it has shown for ...
-SWAYS_KG = 1.0
-# ... so long what it does; and material has left where it reads less than in all of these
+# blocks of standing: material has left where the scale reads less than in all of these
 SWAY_BLOCKS = 30
+# variance of a load in gusts of 2 kg, three s.d., as `SWAY_S` has it: a scale that stands may
+# have it, as far as what it has shown leaves that likely
+GUSTS_KG2 = 0.77
 # of a fall, where the drive's effort is a witness of the same seconds
 BLOCKED_SD = 3.0
 # of flow, s: a drive that works hard from its start (cold grease) shows it within some 6 s
@@ -114,8 +118,24 @@ NOISE_BLOCKS = 2.0
 # ... that it sways by 1 kg: a scale has to show that it is calm
 NOISE_FIRST = 20.0
 NOISE_MOST = 100.0  # times the variance
+# Wind on the hopper: a load that returns to its mean. Gusts last for 3 to 30 s; matched where
+# it is measured, this time is right for 8 s within a tenth, and says too much of shorter ones.
+SWAY_S = 16.0
+# blocks: second differences so far apart show it, and so near do not; a straight line shows in
+# neither, so that a flow, a leak or a wrong gain is no sway
+SWAY_LAG, NOISE_LAG = 8, 1
+# of them, that the mean is over, and from so many on something is said
+SWAY_BENDS, LEAST_BENDS = 300, 12
+# standard deviations above what the file's noise makes of so few
+SWAY_SD = 4.0
+# second differences that tell as much as one that is independent: of white noise ...
+BENDS_ALIKE = 1.94
+BENDS_IN_GUSTS = 8.0  # ... and of gusts
+# of the steps between weighings, kg2, and how many weighings that is worth at first
+STEP_KG2, STEPS_FIRST, STEPS_MOST = 0.16, 20.0, 200.0
 STALE_S = 1.0  # an older weighing says nothing
 LEAST_G_REV = 1.0  # of the model, to say what an offset is worth
+LEAST_KG = 0.001  # noise of a scale whose file says that it has none
 LEAST_KG_S = 0.005  # a smaller flow is no evidence
 ENDED_BLOCKS = 8  # without a further fall: nothing leaves any more
 # times the machine's largest flow: no flow, something was taken off the hopper
@@ -124,11 +144,11 @@ TEST_PERCENT = 1.5  # what a catch test of today leaves open ...
 # ... and what store and weather add in the square root of a day: 5 % after three months
 TEST_WANDERS_PERCENT = 0.5
 
-H, GAIN, OFFSET, SLOPE, TILT, COSINE = range(6)
+H, GAIN, OFFSET, SLOPE, TILT, COSINE, SWAY = range(7)
 # of the state, one of each: numpy's own calls take longer than so few numbers
 Numbers = tuple[float, ...]
 Rows = tuple[Numbers, ...]
-NO_TRIM = (0.0,) * 6
+NO_TRIM = (0.0,) * 7
 UPRIGHT = Scale()  # reads the same at every pitch
 
 
@@ -142,6 +162,8 @@ class _Block(NamedTuple):
     state: Numbers  # after it
     spread: Rows
     trimmed: Numbers
+    number: int  # of all blocks
+    sway_kg2: float  # as it was known then
 
 
 class FlowTrim:
@@ -161,19 +183,26 @@ class FlowTrim:
         the file knows of its tilt and cosine. most_kg_s: the machine's largest flow."""
         self._scale = scale
         self._limits, self._outlets, self._most_kg = limits, outlets, FASTER * most_kg_s * BLOCK_S
-        self._scale_kg2, self._correlation_s = scale_kg**2, correlation_s
+        self._scale_kg2, self._correlation_s = max(LEAST_KG, scale_kg) ** 2, correlation_s
         # as if blocks were independent
         self._block_kg2 = self._scale_kg2 * min(4.0, 2.0 * correlation_s / BLOCK_S)
         self._gain_percent = limits.gain_percent
         self._noise = NOISE_FIRST  # times the file's variance
         self._judged = 0  # blocks that spoke of the noise
+        # variance of what sways, and of the steps from one weighing to the next
+        self._sway_kg2, self._step_kg2, self._steps = 0.0, STEP_KG2, STEPS_FIRST
+        # second differences by their lag: mean of their squares beyond the file's, and of how many
+        self._bends = {SWAY_LAG: (0.0, 0), NOISE_LAG: (0.0, 0)}
+        self._number = 0
         self._refill_percent: float | None = None
         self._sums = 0.0, 0.0, 0.0
         self._block: list[tuple[tuple[float, float, float], float, tuple[float, float]]] = []
         self._since_s = 0.0
-        # the newest weighing, and what it is made of
-        self._last: tuple[float, Numbers] | None = None
+        # the newest weighing, what it is made of, and what had gone by the model
+        self._last: tuple[float, Numbers, float] | None = None
         self._weighed_s: float | None = None
+        # the last step of the scale in this rest, kg, and what was known before it
+        self._stepped: tuple[float, Rows] | None = None
         self._filled_kg = 0.0  # ordered in this rest
         # read in it: the lowest, and what that is made of
         self._lowest: tuple[float, Numbers] | None = None
@@ -190,6 +219,7 @@ class FlowTrim:
             *NO_TRIM[:TILT],
             scale.tilt_percent_per_deg,
             scale.cosine_share,
+            0.0,
         )
         sds = (
             limits.level_kg,
@@ -198,6 +228,7 @@ class FlowTrim:
             limits.slope_percent_per_deg,
             limits.tilt_percent_per_deg,
             limits.cosine_share,
+            sqrt(self._sway_kg2),
         )
         self._spread: Rows = tuple(
             [
@@ -321,18 +352,39 @@ class FlowTrim:
         self._sums = given + given_kg, turns + turned, on_slope + given_kg * pitch_deg
         if scale is None or now_s - scale.time_s > STALE_S or scale.time_s == self._weighed_s:
             return
-        self._weighed_s = scale.time_s
+        weighed_s, self._weighed_s = self._weighed_s, scale.time_s
         leans = pitch_deg, 100.0 * (cos(radians(pitch_deg)) - 1.0)
-        last, self._last = self._last, (scale.value, _reads(scale.value, leans))
-        if last is not None:
-            rise_kg, unknown_kg2 = self._rise(last, self._last)
-            if rise_kg > REFILL_KG + CHANGED_SD * sqrt(unknown_kg2):
-                self.restart(another_lot=True)
+        last, self._last = self._last, (scale.value, _reads(scale.value, leans), self._sums[0])
+        if last is not None and weighed_s is not None:
+            self._step(last, self._last, scale.time_s - weighed_s)
         if not self._block:
             self._since_s = now_s
         self._block.append((self._sums, scale.value, leans))
         if now_s - self._since_s + dt_s > BLOCK_S - 1e-6:
             self._take_block(labours)
+
+    def _step(
+        self,
+        before: tuple[float, Numbers, float],
+        now: tuple[float, Numbers, float],
+        elapsed_s: float,
+    ) -> None:
+        """From one weighing to the next: filled, stood on, or taken off, where it is more than
+        this scale does and a flow can be."""
+        rise_kg, unknown_kg2 = self._rise(before[:2], now[:2])
+        usual_kg = max(REFILL_KG, CHANGED_SD * sqrt(self._step_kg2))
+        usual_kg += CHANGED_SD * sqrt(unknown_kg2)
+        if not -usual_kg - self._most_kg * abs(elapsed_s) / BLOCK_S < rise_kg < usual_kg:
+            stepped, self._stepped = self._stepped, (rise_kg, self._spread)
+            back = stepped is not None and abs(rise_kg + stepped[0]) < usual_kg
+            if stepped is not None and back:
+                # who stepped up has stepped down: no lot
+                self._spread, self._stepped = stepped[1], None
+            self.restart(another_lot=rise_kg > 0.0 and not back)
+            return
+        more_kg = rise_kg + now[2] - before[2]
+        self._steps = min(STEPS_MOST, self._steps + 1.0)
+        self._step_kg2 += (more_kg**2 - self._step_kg2) / self._steps
 
     # -- blocks
     # ----------------------------------------------------------------------------------------------
@@ -350,14 +402,14 @@ class FlowTrim:
         gone = _more(sums, -1.0, before.sums)
         flows = gone[0] >= LEAST_KG_S * BLOCK_S
         rise_kg, unknown_kg2 = self._rise((before.kg, before.reads), (kg, reads))
-        if abs(rise_kg + gone[0]) > self._most_kg + CHANGED_SD * sqrt(
-            2.0 * self._mean_kg2(1) + unknown_kg2
-        ):
+        unknown_kg2 += 2.0 * (self._mean_kg2(1) + self._sway_kg2 * (1.0 - _stays(1)))
+        if abs(rise_kg + gone[0]) > self._most_kg + CHANGED_SD * sqrt(unknown_kg2):
             self.restart()  # stood on, or taken off
             self._level(kg, reads)
             self._keep(sums, kg, reads, flows, labours)
             return
         if flows:
+            self._stepped = None
             self._check_refill(before)
         self._note_lowest(kg, reads, before.flows and not flows)
         if self._rests and flows:
@@ -374,6 +426,8 @@ class FlowTrim:
             if flows:
                 self._bound()
         self._keep(sums, kg, reads, flows, labours)
+        if not self._rests and self._left is None:
+            self._note_sway()
         if flows:
             self._with_flow()
         else:
@@ -396,8 +450,69 @@ class FlowTrim:
         )
 
     def _keep(self, sums: Numbers, kg: float, reads: Numbers, flows: bool, labours: bool) -> None:
-        state = self._state, self._spread, self._trimmed
+        self._number += 1
+        state = self._state, self._spread, self._trimmed, self._number, self._sway_kg2
         self._blocks.append(_Block(sums, kg, reads, flows, labours, *state))
+
+    def _note_sway(self) -> None:
+        """What the scale does that no flow does: its readings bend over seconds. Beyond what
+        its file and chance make of so few, that is the load's that sways."""
+        newest = list(islice(reversed(self._blocks), 2 * SWAY_LAG + 1))
+        for lag, (mean_kg2, count) in self._bends.items():
+            bent = newest[: 2 * lag + 1]
+            if len(bent) > 2 * lag and len({one.flows for one in bent}) == 1:
+                count = min(SWAY_BENDS, count + 1)
+                beyond_kg2 = self._bend_kg2(bent[0], bent[lag], bent[-1])
+                beyond_kg2 -= _bend_kg2(self._covariance_kg2, lag)
+                self._bends[lag] = mean_kg2 + (beyond_kg2 - mean_kg2) / count, count
+        sways_kg2, count = self._bends[SWAY_LAG]
+        if count >= LEAST_BENDS:
+            # white noise bends as much at every lag
+            white_kg2 = max(0.0, self._bends[NOISE_LAG][0])
+            chance = SWAY_SD * sqrt(2.0 * BENDS_ALIKE / count)
+            beyond_kg2 = sways_kg2 - white_kg2
+            by_chance_kg2 = chance * (_bend_kg2(self._covariance_kg2, SWAY_LAG) + white_kg2)
+            of_one = _bend_kg2(_stays, SWAY_LAG) - _bend_kg2(_stays, NOISE_LAG)
+            self._set_sway(beyond_kg2 / of_one if beyond_kg2 > by_chance_kg2 else 0.0)
+
+    def _bend_kg2(self, last: _Block, middle: _Block, first: _Block) -> float:
+        """Square of a second difference of what was read, without what pitch does to it."""
+        apart = _more(_more(last.reads, -2.0, middle.reads), 1.0, first.reads)
+        gone_kg = last.sums[0] - 2.0 * middle.sums[0] + first.sums[0]
+        bend_kg = last.kg - 2.0 * middle.kg + first.kg + gone_kg - _dot(apart, self._state)
+        return bend_kg**2 - _dot(apart, _along(self._spread, apart))
+
+    @property
+    def _may_sway_kg2(self) -> float:
+        """Variance that is not ruled out: that of gusts, as far as the readings do not bend much
+        more likely as those of the file's scale do."""
+        evidence = 0.0
+        for lag, alike in ((SWAY_LAG, BENDS_IN_GUSTS), (NOISE_LAG, BENDS_ALIKE)):
+            beyond_kg2, count = self._bends[lag]
+            calm_kg2 = _bend_kg2(self._covariance_kg2, lag)
+            gusts_kg2 = calm_kg2 + GUSTS_KG2 * _bend_kg2(_stays, lag)
+            times = (calm_kg2 + max(0.0, beyond_kg2)) / calm_kg2
+            likelier = times * (1.0 - calm_kg2 / gusts_kg2) - log(gusts_kg2 / calm_kg2)
+            evidence += 0.5 * count / alike * likelier
+        return max(self._sway_kg2, exp(min(0.0, evidence)) * GUSTS_KG2)
+
+    def _set_sway(self, kg2: float) -> None:
+        if self._sway_kg2 == 0.0 and kg2 > 0.0:
+            # level and what sways were taken for one another
+            level, sway = self._spread[H], self._spread[SWAY]
+            self._spread = (
+                (level[H] + kg2, *level[GAIN:]),
+                *self._spread[GAIN:SWAY],
+                (*sway[:SWAY], sway[SWAY] + kg2),
+            )
+        self._sway_kg2 = kg2
+
+    def _covariance_kg2(self, blocks: int) -> float:
+        """Covariance of two means over a block, so many apart, of the scale of the file."""
+        t = BLOCK_S / self._correlation_s
+        if blocks == 0:
+            return self._scale_kg2 * 2.0 * (t - 1.0 + exp(-t)) / (t * t)
+        return self._scale_kg2 * ((1.0 - exp(-t)) / t) ** 2 * exp(-(blocks - 1) * t)
 
     def _gone(self, gone: Numbers) -> None:
         """What left the hopper since the block before, by the model and what is believed of it."""
@@ -407,6 +522,20 @@ class FlowTrim:
         self._spread = _wider(
             _of_level(self._spread, (_dot(level, along), *along[GAIN:])),
             self._limits.wanders_percent * sqrt(BLOCK_S / 3600.0),
+        )
+        self._sways()
+
+    def _sways(self) -> None:
+        """What sways goes back to its mean, and is driven on."""
+        if self._spread[SWAY][SWAY] == 0.0:
+            return
+        stays = _stays(1)
+        self._state = (*self._state[:SWAY], stays * self._state[SWAY])
+        of_sway = [stays * one for one in self._spread[SWAY][:SWAY]]
+        own_kg2 = stays**2 * self._spread[SWAY][SWAY] + (1.0 - stays**2) * self._sway_kg2
+        self._spread = (
+            *[(*row[:SWAY], one) for row, one in zip(self._spread, of_sway, strict=False)],
+            (*of_sway, own_kg2),
         )
 
     def _weighed(self, weighed_kg: float, reads: Numbers) -> None:
@@ -443,7 +572,7 @@ class FlowTrim:
 
     def _believe(self) -> None:
         """The trim goes towards the estimate as far as the evidence for the flow of now goes."""
-        apart = _more((0.0, *self._state[GAIN:TILT], 0.0, 0.0), -1.0, self._trimmed)
+        apart = _more((0.0, *self._state[GAIN:TILT], 0.0, 0.0, 0.0), -1.0, self._trimmed)
         percent, sd = _dot(apart, _shows(self.grams_per_rev, self.pitch_deg)), self.sd_percent
         if abs(percent) > DOUBT_SD * sd:
             self._trimmed = _more(self._trimmed, 1.0 - (DOUBT_SD * sd / percent) ** 2, apart)
@@ -455,7 +584,7 @@ class FlowTrim:
             rise_kg, unknown_kg2 = self._rise(self._lowest, (before.kg, before.reads))
             off_kg = rise_kg - self._filled_kg
             allowed = 0.01 * self._limits.refill_percent * self._filled_kg + CHANGED_SD * sqrt(
-                self._scale_kg2 + unknown_kg2
+                self._scale_kg2 + 2.0 * self._sway_kg2 + unknown_kg2
             )
             self._refill_percent = (
                 100.0 * off_kg / self._filled_kg if abs(off_kg) > allowed else None
@@ -467,25 +596,30 @@ class FlowTrim:
 
     def _mean_kg2(self, blocks: int) -> float:
         """Variance of the scale's mean over so many blocks."""
-        t = blocks * BLOCK_S / self._correlation_s
-        return self._noise * self._scale_kg2 * 2.0 * (t - 1.0 + exp(-t)) / (t * t)
+        return self._noise * self._scale_kg2 * _averages(blocks * BLOCK_S / self._correlation_s)
 
-    def _excess(self, since: _Block, blocks: int) -> tuple[float, float]:
+    def _excess(self, since: _Block, blocks: int, sway_kg2: float = 0.0) -> tuple[float, float]:
         """What left since a block more than the filter of then believes, kg, by the mean of the
-        newest blocks, and its standard deviation."""
+        newest blocks, and its standard deviation. sway_kg2: variance of what sways, where more is
+        known of it now."""
         newest = list(islice(reversed(self._blocks), blocks))
         gone = _more(_means([one.sums for one in newest]), -1.0, since.sums)
         reads = _more(_leaves(gone), 1.0, (0.0, *_means([one.reads[GAIN:] for one in newest])))
+        age = self._number - since.number
+        stays = sum([_stays(age - k) for k in range(blocks)]) / blocks
+        reads = (*reads[:SWAY], stays)
         variance = _dot(reads, _along(since.spread, reads)) + self._mean_kg2(blocks)
+        variance += since.sway_kg2 * (_averages(blocks * BLOCK_S / SWAY_S) - stays**2)
+        variance += 2.0 * max(0.0, sway_kg2 - since.sway_kg2) * (1.0 - stays)
         return _dot(reads, since.state) - gone[0] - sum([one.kg for one in newest]) / blocks, sqrt(
             variance
         )
 
-    def _farthest(self, most: int) -> tuple[int, float, float]:
+    def _farthest(self, most: int, sway_kg2: float) -> tuple[int, float, float]:
         """(window, kg, sd) of that window of at most so many blocks over which the scale is
-        farthest off."""
+        farthest off. sway_kg2: as for `_excess`."""
         asked = [
-            (window, *self._excess(self._blocks[-1 - window], max(1, window // 4)))
+            (window, *self._excess(self._blocks[-1 - window], max(1, window // 4), sway_kg2))
             for window in {*WINDOWS, most}
             if window <= min(most, len(self._blocks) - 1)
         ]
@@ -503,8 +637,8 @@ class FlowTrim:
         rest = next(
             (k for k, one in enumerate(reversed(self._blocks)) if one.flows), len(self._blocks) - 1
         )
-        window, kg, sd = self._farthest(rest)
-        least_kg = CHANGED_SD * sd + (SWAYS_KG if self._judged < SWAY_BLOCKS else 0.0)
+        window, kg, sd = self._farthest(rest, self._may_sway_kg2)
+        least_kg = CHANGED_SD * sd
         if kg < -least_kg:  # it is being filled
             self._back_to(self._blocks[-1 - window])
             self._blocks.clear()
@@ -535,7 +669,7 @@ class FlowTrim:
         self._flow.append(self._blocks[-1])
         self._note_effort()
         if not self._rests:
-            window, kg, sd = self._farthest(WINDOWS[-1])
+            window, kg, sd = self._farthest(WINDOWS[-1], self._sway_kg2)
             if abs(kg) > CHANGED_SD * sd:
                 self._since_change(window)
                 self._said = ScaleSays(off_kg=kg)
@@ -572,12 +706,14 @@ class FlowTrim:
         off, lately = share - 1.0, self._share(flow[-len(flow) // 3 :])[0] - 1.0
         goes_on = off * lately > GOES_ON_SHARE * off * off
         fell = self._fall(-off, sd)
-        if goes_on and not limits.low_share - FAR_SD * sd < share < limits.high_share + FAR_SD * sd:
+        far = not limits.low_share - FAR_SD * sd < share < limits.high_share + FAR_SD * sd
+        # in wind a few kilograms of flow say little
+        if goes_on and far and abs(off) > DECIDED_SD * sd:
             self._no_trim(ScaleSays(share=share))
         elif goes_on and self._rests and fell is not None and self._said.beyond_percent is None:
             self._said = fell
         elif goes_on and 100.0 * (abs(off) - DECIDED_SD * sd) > limits.most_percent:
-            window, kg, kg_sd = self._farthest(WINDOWS[-1])
+            window, kg, kg_sd = self._farthest(WINDOWS[-1], self._sway_kg2)
             if not self._rests and abs(kg) > DECIDED_SD * kg_sd:
                 self._since_change(window)  # it was not so all along
                 return
@@ -587,7 +723,8 @@ class FlowTrim:
             or (len(self._flow) == self._flow.maxlen and not self._said.fell)
         ):
             self._said, self._rests = NOTHING_SAID, False
-            self._noise = max(self._noise, noise_kg2 / (self._mean_kg2(1) / self._noise))
+            white_kg2 = noise_kg2 - self._sway_kg2
+            self._noise = max(self._noise, white_kg2 / (self._mean_kg2(1) / self._noise))
             newest = self._blocks[-1]
             self._blocks.clear()
             self._level(newest.kg, newest.reads)
@@ -653,8 +790,8 @@ class FlowTrim:
         share that left, its standard deviation by what the line leaves, and that, kg2."""
         gone = np.array([one.sums[0] for one in flow])
         kg = np.array([one.kg for one in flow])
-        by_pitch = np.array([one.reads[TILT:] for one in flow])
-        kg = kg - by_pitch @ np.array(self._state[TILT:])
+        by_pitch = np.array([one.reads[TILT:SWAY] for one in flow])
+        kg = kg - by_pitch @ np.array(self._state[TILT:SWAY])
         gone, kg = gone - gone.mean(), kg - kg.mean()
         across = max(1e-12, float(gone @ gone))
         line = float(gone @ kg) / across
@@ -666,25 +803,35 @@ class FlowTrim:
         )
         # what is not known of the tilt turns the line, where pitch changed along it
         turned = gone @ by_pitch / across
-        unknown = np.array([row[TILT:] for row in self._spread[TILT:]])
-        return -line, sqrt(each_kg2 / across + float(turned @ unknown @ turned)), noise_kg2
+        unknown = np.array([row[TILT:SWAY] for row in self._spread[TILT:SWAY]])
+        line_2 = max(each_kg2 / across, self._swayed(flow, gone / across))
+        return -line, sqrt(line_2 + float(turned @ unknown @ turned)), noise_kg2
+
+    def _swayed(self, flow: list[_Block], weights: np.ndarray) -> float:
+        """Variance that what sways, and noise, give to a weighted sum of such blocks."""
+        if self._sway_kg2 == 0.0:
+            return 0.0
+        at = np.array([one.number for one in flow])
+        sways = self._sway_kg2 * np.exp(-np.abs(at[:, None] - at) * BLOCK_S / SWAY_S)
+        white_kg2 = self._noise * self._block_kg2
+        return float(weights @ sways @ weights + white_kg2 * (weights @ weights))
 
 
 def _leaves(gone: Numbers) -> Numbers:
     """What the level in the hopper is made of where so much has gone by the model: the level
     before, the effects."""
-    return 1.0, -0.01 * gone[0], -gone[1], -0.01 * gone[2], 0.0, 0.0
+    return 1.0, -0.01 * gone[0], -gone[1], -0.01 * gone[2], 0.0, 0.0, 0.0
 
 
 def _reads(kg: float, leans: Numbers) -> Numbers:
     """What a reading is made of: the level, and what a unit of each effect adds to it. leans:
     degrees of pitch, and how much its cosine is below 1, %."""
-    return 1.0, 0.0, 0.0, 0.0, 0.01 * kg * leans[0], 0.01 * kg * leans[1]
+    return 1.0, 0.0, 0.0, 0.0, 0.01 * kg * leans[0], 0.01 * kg * leans[1], 1.0
 
 
 def _shows(grams_per_rev: float, pitch_deg: float) -> Numbers:
     """What a unit of each effect makes of the flow, %; the level and the scale's own nothing."""
-    return 0.0, 1.0, 100.0 / max(LEAST_G_REV, grams_per_rev), pitch_deg, 0.0, 0.0
+    return 0.0, 1.0, 100.0 / max(LEAST_G_REV, grams_per_rev), pitch_deg, 0.0, 0.0, 0.0
 
 
 def _dot(one: Numbers, other: Numbers) -> float:
@@ -695,7 +842,23 @@ def _dot(one: Numbers, other: Numbers) -> float:
         + one[SLOPE] * other[SLOPE]
         + one[TILT] * other[TILT]
         + one[COSINE] * other[COSINE]
+        + one[SWAY] * other[SWAY]
     )
+
+
+def _stays(blocks: int) -> float:
+    """Which share of what sways is left after so many blocks."""
+    return exp(-blocks * BLOCK_S / SWAY_S)
+
+
+def _averages(t: float) -> float:
+    """Variance of a mean over so many correlation times, for a variance of 1."""
+    return 2.0 * (t - 1.0 + exp(-t)) / (t * t)
+
+
+def _bend_kg2(covariance: Callable[[int], float], lag: int) -> float:
+    """Variance of the second difference of blocks so far apart."""
+    return 6.0 * covariance(0) - 8.0 * covariance(lag) + 2.0 * covariance(2 * lag)
 
 
 def _along(spread: Rows, way: Numbers) -> Numbers:
@@ -721,7 +884,7 @@ def _of_level(spread: Rows, level: Numbers) -> Rows:
 def _level_alone(spread: Rows, reads: Numbers, least_kg2: float) -> Rows:
     """The same where level and scale have nothing in common with the flow's effects. least_kg2:
     of what a reading would be."""
-    level = H, TILT, COSINE
+    level = H, TILT, COSINE, SWAY
     alone = tuple(
         [
             tuple([0.0 if (j in level) is not (k in level) else one for k, one in enumerate(row)])

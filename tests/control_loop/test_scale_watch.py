@@ -314,3 +314,59 @@ def test_a_sound_machine_is_accused_of_nothing_in_an_hour(flow_kg_s: float) -> N
         reads=lambda s, kg: kg + 1000.0,
     )
     assert [says for _, says in run.said if red(says) or says.off_kg != 0.0] == []
+
+
+# --- Wind and people: a load that returns to its mean is no flow
+# ------------------------------------------------------------------------------------
+
+
+def in_gusts(seed: int, from_s: float = -BEGINS_S) -> Callable[[float, float], float]:
+    """A scale in gusts of 2 kg (3 s.d.) that last for 8 s."""
+    rng, gust, keep = np.random.default_rng(100 + seed), [0.0], exp(-DT_S / 8.0)
+
+    def reads(s: float, kg: float) -> float:
+        fresh = 2.0 / 3.0 * sqrt(1.0 - keep * keep) * float(rng.standard_normal())
+        gust[0] = keep * gust[0] + fresh
+        return kg + (gust[0] if s >= from_s else 0.0)
+
+    return reads
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3, 4])
+def test_wind_on_the_hopper_accuses_nobody_at_work_or_in_a_stop(seed: int) -> None:
+    run = runs(240.0, reads=in_gusts(seed), seed=seed, flows=lambda s: s % 80.0 < 50.0)
+    assert run.first_s(red) == float("inf")
+    assert np.abs(run.trims - 1.0).max() < 0.03
+
+
+def test_in_wind_a_person_who_steps_up_and_down_accuses_nobody() -> None:
+    reads = in_gusts(5)
+    run = runs(
+        200.0,
+        reads=lambda s, kg: reads(s, kg) + (80.0 if s % 100.0 > 60.0 and s % 20.0 < 12.0 else 0.0),
+        seed=5,
+        flows=lambda s: s % 100.0 < 60.0,
+    )
+    assert run.first_s(red) == float("inf")
+    assert np.abs(run.trims - 1.0).max() < 0.05
+
+
+def test_in_wind_a_leak_and_an_empty_flow_are_said_all_the_same() -> None:
+    """Later: a leak grows, a gust goes back."""
+    leak = runs(
+        100.0,
+        leaves=lambda s, kg_s: 0.14 if s > 0.0 else kg_s,
+        reads=in_gusts(6),
+        flows=lambda s: s < -10.0,
+    )
+    assert 0.0 < leak.first_s(lambda says: says.unordered_kg > 0.0) < 60.0
+    bridge = runs(120.0, leaves=from_0(0.0), reads=in_gusts(7))
+    assert 0.0 < bridge.first_s(lambda says: says.share is not None) < 110.0
+
+
+def test_a_scale_that_is_said_to_have_no_noise_is_used() -> None:
+    """The machine file allows noise 0: a division by it ended the control."""
+    trim = FlowTrim(0.0)
+    for k in range(600):
+        trim.update(k * DT_S, DT_S, 0.0, 0.0, 0.0, Reading(300.0, k * DT_S))
+    assert trim.says.unordered_kg == 0.0
