@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import importlib
 import json
 import os
 import subprocess
@@ -35,12 +36,13 @@ from console.services.launcher import data_folder
 from console.threads import ONE_THREAD
 from drivers import day_clock
 from drivers.files.atomic import free_path
-from drivers.files.extras import need
+from drivers.files.extras import extra_line, installer, is_there, need, requirements
 
 if TYPE_CHECKING:
     from control.machine.machine import Machine
 
 MOST_FILES = 200
+DIAGNOSIS = "diagnosis"  # the extra
 PROGRAM = ("-P", "-m", "console.services.diagnosis_job")
 
 
@@ -100,8 +102,35 @@ class DiagnosisFiles:
         adopted = sorted(str(path) for path in (self.own / "machines").glob("*.yaml"))
         return (*shipped("machines"), *adopted)
 
+    def is_installed(self) -> bool:
+        return is_there(DIAGNOSIS)
+
     # --- long work
     # ----------------------------------------------------------------------------------------------
+
+    def install(self, tell: Tell, stop: Stop) -> None:
+        command = [*installer(), *requirements(DIAGNOSIS)]
+        tell(0.0, "installing")
+        try:
+            with subprocess.Popen(
+                command,
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.PIPE,
+                start_new_session=True,
+                text=True,
+                errors="replace",
+            ) as child:
+                stop.then(child.kill)
+                trouble = child.communicate()[1].strip().splitlines()
+        except OSError as error:
+            raise ValueError(f"{command[0]}: {error.strerror or error}") from None
+        if stop.is_set():
+            raise WorkStopped
+        importlib.invalidate_caches()
+        if child.returncode or not self.is_installed():
+            why = trouble[-1] if trouble else f"ended with {child.returncode}"
+            raise ValueError(f"{extra_line(DIAGNOSIS)}: {why}")
 
     def diagnose(
         self, source: DiagnosisSource, machine: str | None, tell: Tell, stop: Stop
@@ -162,7 +191,7 @@ class DiagnosisFiles:
     def _done(self, order: DiagnosisOrder, tell: Tell, stop: Stop) -> None:
         """The work in a process of its own. Raises Stopped, OpenQuestions, and ValueError of
         one line."""
-        need("a diagnosis", "diagnosis")
+        need("a diagnosis", DIAGNOSIS)
         orders = Path(order.folder) / "order.json"
         orders.write_text(json.dumps(dataclasses.asdict(order)), encoding="utf-8")
         trouble = Path(order.folder) / "trouble.txt"

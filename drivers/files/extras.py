@@ -83,17 +83,21 @@ def version_of(package: str) -> str | None:
         return None
 
 
-def install_line(*packages: str) -> str:
-    """What installs packages next to topdress, whatever installed topdress, which is seen by
-    where it runs: pipx keeps a file in its environments, those of uv have no pip, and a clone's
-    has it."""
-    what = " ".join(f"'{one}'" for one in packages)
+def installer() -> tuple[str, ...]:
+    """The command that installs packages next to topdress, whatever installed topdress, which is
+    seen by where it runs: pipx keeps a file in its environments, those of uv have no pip, and a
+    clone's has it."""
     environment = Path(sys.prefix)
     if (environment / OF_PIPX).is_file():
-        return f"pipx inject {environment.name} {what}"
+        return ("pipx", "inject", environment.name)
     if find_spec("pip") is None and shutil.which("uv"):
-        return f"uv pip install --python {sys.executable} {what}"
-    return f"{sys.executable} -m pip install {what}"
+        return ("uv", "pip", "install", "--python", sys.executable)
+    return (sys.executable, "-m", "pip", "install")
+
+
+def install_line(*packages: str) -> str:
+    """What is to be typed."""
+    return " ".join([*installer(), *(f"'{one}'" for one in packages)])
 
 
 def extra_line(*extras: str) -> str:

@@ -466,7 +466,7 @@ async def test_every_action_is_in_the_palette(app):
         await opened(app, pilot)
         titles = {command.title for command in app.get_system_commands(app.screen)}
         wanted = {action.label for action in actions.ACTIONS if action.where == DIAGNOSIS}
-        assert len(wanted) == 15 and wanted <= titles
+        assert len(wanted) == 16 and wanted <= titles
 
 
 # --- words and views
@@ -691,3 +691,24 @@ async def test_what_was_adopted_is_compared_on_another_log(app, service, shown):
         assert "shaft: 1.92 -> 0.290 r/min   better: 85 % less error" in text
         assert "no difference beyond chance" in text and "worse: 25 % more error" in text
         assert "/data/reports/compared.html" in text
+
+
+async def test_before_enter_it_says_that_the_diagnosis_is_not_installed_and_a_key_installs_it(
+    app, service, shown, pilot
+):
+    service.installed, service.refuse = False, "pip: no network"
+    page = await opened(app, pilot)
+    assert "not installed here (210 MB): Q8 installs it" in "\n".join(shown(app))
+    await pilot.press("enter")
+    await settled(app, pilot)
+    assert service.asked == [] and page.shown is None
+    await pilot.press("q", "8", "enter")
+    await settled(app, pilot)
+    assert "pip: no network" in "\n".join(shown(app)) and not page.installed
+    service.refuse = ""
+    await pilot.press("q", "8", "enter")
+    await settled(app, pilot)
+    assert service.asked == ["install", "install"] and "(210 MB)" not in "\n".join(shown(app))
+    await pilot.press("enter")
+    await settled(app, pilot)
+    assert page.shown is not None

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import datetime as dt
 import os
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,6 +16,7 @@ import yaml
 from console.app.pages.diagnosis.adoption import selections, undecided
 from console.app.pages.diagnosis.service import Adoption, Stop, WorkStopped
 from console.reports.diagnosis_wording import sorted_out
+from console.services import diagnosis
 from console.services.diagnosis import DiagnosisFiles
 from console.services.separating_run import _DRIVES, drivable, drive_of
 from control.diagnosis.extend import adoptable
@@ -353,3 +355,18 @@ def test_an_adopted_file_is_compared_before_and_after_on_another_log(tmp_path):
     stop.set()
     with pytest.raises(WorkStopped):
         service.compare(str(place), service.source(str(log)), lambda *said: None, stop)
+
+
+def test_installing_runs_the_installer_and_says_its_last_line_where_it_fails(
+    files, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def run(program: str) -> None:
+        monkeypatch.setattr(diagnosis, "installer", lambda: (sys.executable, "-c", program))
+        files.install(lambda share, stage: None, Stop())
+
+    run("import sys; assert sys.argv[1].startswith('numba>=')")
+    with pytest.raises(ValueError, match=r"no network$"):
+        run("import sys; sys.exit('looking\\nno network')")
+    monkeypatch.setattr(diagnosis, "is_there", lambda extra: False)
+    with pytest.raises(ValueError, match=r"ended with 0$"):
+        run("")

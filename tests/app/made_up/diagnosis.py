@@ -239,6 +239,7 @@ class MadeUpDiagnosis:
         self.found = found or sample_found()
         self.refuse, self.unsure = refuse, unsure
         self.asked: list[str] = []
+        self.installed = True
 
     def sources(self, running_log: str) -> tuple[DiagnosisSource, ...]:
         return SOURCES
@@ -254,6 +255,14 @@ class MadeUpDiagnosis:
             name=path.rsplit("/", 1)[-1],
             kind=IMPORT if path.endswith(".xlsx") else "run",
         )
+
+    def is_installed(self) -> bool:
+        return self.installed
+
+    def install(self, tell: Tell, stop: Stop) -> None:
+        self.asked.append("install")
+        self._work(tell, stop)
+        self.installed = True
 
     def machines(self) -> tuple[str, ...]:
         return ("bench", "huanghai")

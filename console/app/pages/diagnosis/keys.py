@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 TYPED = "typed"
 # two predictions of a log and its pictures, on two cores
 COMPARED_S = 10.0
+# fetching and unpacking 70 MB
+INSTALL_S = 40.0
 # simulating a minute and diagnosing it, on two cores
 DRIVE_S_PER_MIN = 1.5
 
@@ -34,8 +36,15 @@ def below(page: DiagnosisScreen) -> None:
 
 
 def diagnose(page: DiagnosisScreen) -> None:
-    if page.shown is None and page.sources:
+    if not page.installed:
+        page.app.notice(_("not installed: Q8 installs the diagnosis"))
+    elif page.shown is None and page.sources:
         page.diagnose(page.sources[page.at])
+
+
+def install(page: DiagnosisScreen) -> None:
+    if not page.installed:
+        page.begin(_("Installing the diagnosis"), page.served.install, INSTALL_S)
 
 
 def other_data(page: DiagnosisScreen) -> None:
@@ -347,6 +356,15 @@ ACTIONS = (
         diagnose,
         DIAGNOSIS,
         3,
+    ),
+    Action(
+        "dia_install",
+        "q_8",
+        "Q8",
+        N_("install"),
+        N_("Installs what computes a diagnosis, where it is not there."),
+        install,
+        DIAGNOSIS,
     ),
     Action(
         "dia_pick",

@@ -171,7 +171,10 @@ class Expected:
 
 
 View = Literal["causes", "channels", "over", "time", "run"]
-Work = Callable[[Tell, Stop], DiagnosisView | ComparedShown]
+# what was found or compared; nothing of what was installed
+Done = DiagnosisView | ComparedShown | None
+Work = Callable[[Tell, Stop], Done]
+Listed = tuple[tuple[DiagnosisSource, ...], tuple[str, ...], bool]
 
 
 BEGIN = next(action for action in ACTIONS if action.do is diagnose)
@@ -195,9 +198,10 @@ class DiagnosisScreen(Page):
         self.cause = 0
         self.see: View = "causes"
         self.said = ""  # why the last thing did not go
+        self.installed = True  # what computes a diagnosis
         self.stop: Stop | None = None  # of the work under way
-        self._working: Worker[DiagnosisView | ComparedShown] | None = None
-        self._listing: Worker[tuple[tuple[DiagnosisSource, ...], tuple[str, ...]]] | None = None
+        self._working: Worker[Done] | None = None
+        self._listing: Worker[Listed] | None = None
         self._brings_in = False  # a new file will be there
         self._title = ""
         self._started_s = 0.0
@@ -258,9 +262,12 @@ class DiagnosisScreen(Page):
         for name in ("causes", "channels", "over", "time", "run"):
             self.set_class(self.see == name, f"-see-{name}")
         said = self.query_one("#dia-said", Static)
-        said.display = bool(self.said)
-        if str(said.content) != f" ! {self.said}":
-            said.update(f" ! {self.said}")
+        text = self.said
+        if not (text or self.installed or self.busy):
+            text = _("The diagnosis is not installed here (210 MB): Q8 installs it.")
+        said.display = bool(text)
+        if str(said.content) != f" ! {text}":
+            said.update(f" ! {text}")
         work = self.query_one("#dia-work", WorkBar)
         work.display = self.busy
         if self.busy:
@@ -328,7 +335,8 @@ class DiagnosisScreen(Page):
         if found is None:
             against = Path(self.machine).stem if self.machine is not None else _("as the log says")
             wanted = [
-                ("dia_begin", "", bool(self.sources), True),
+                *([] if self.installed else [("dia_install", "", True, True)]),
+                ("dia_begin", "", bool(self.sources) and self.installed, self.installed),
                 ("dia_path", "", True, False),
                 ("dia_machine", f"{_('against')}: {against}", True, False),
                 ("dia_pick", _("read anew"), True, False),
@@ -425,7 +433,7 @@ class DiagnosisScreen(Page):
         running = frame.log_path if frame is not None else ""
         self._listed_for = running
         self._listing = self.run_worker(
-            lambda: (service.sources(running), service.machines()),
+            lambda: (service.sources(running), service.machines(), service.is_installed()),
             group="list",
             thread=True,
             exit_on_error=False,
@@ -481,11 +489,11 @@ class DiagnosisScreen(Page):
 
     def _listed(
         self,
-        worker: Worker[tuple[tuple[DiagnosisSource, ...], tuple[str, ...]]],
+        worker: Worker[Listed],
         state: WorkerState,
     ) -> None:
         if state is WorkerState.SUCCESS and worker.result is not None:
-            self.sources, self.machines = worker.result
+            self.sources, self.machines, self.installed = worker.result
             self.at = min(self.at, max(0, len(self.sources) - 1))
         elif state is WorkerState.ERROR:
             self.sources, self.said = (), str(worker.error)
@@ -493,7 +501,7 @@ class DiagnosisScreen(Page):
             self._listing = None
             self.look()
 
-    def _worked(self, worker: Worker[DiagnosisView | ComparedShown], state: WorkerState) -> None:
+    def _worked(self, worker: Worker[Done], state: WorkerState) -> None:
         if state is WorkerState.SUCCESS and isinstance(worker.result, ComparedShown):
             where = (
                 [_("Pictures: {path}").format(path=worker.result.report)]
@@ -510,6 +518,8 @@ class DiagnosisScreen(Page):
             drove = bool(self.found) and bool(worker.result.planted)
             self.found = (*self.found[:1], worker.result) if drove else (worker.result,)
             self.which, self.cause, self.see = len(self.found) - 1, 0, "causes"
+        elif state is WorkerState.SUCCESS:
+            self.installed = True
         elif state is WorkerState.ERROR and isinstance(worker.error, OpenQuestions):
             self.ask(worker.error)
         elif state is WorkerState.ERROR and not isinstance(worker.error, WorkStopped):

@@ -170,6 +170,12 @@ class DiagnosisService(Protocol):
     def source(self, path: str) -> DiagnosisSource:
         """A file by its typed path."""
 
+    def is_installed(self) -> bool:
+        """Whether what computes a diagnosis is there."""
+
+    def install(self, tell: Tell, stop: Stop) -> None:
+        """Installs it next to topdress, by what installed topdress."""
+
     def machines(self) -> tuple[str, ...]:
         """Machine files to hold the data against, along with the one that the log names."""
 

@@ -34,6 +34,7 @@ KINDS = {
 STAGES = {
     "reading": N_("reading the file"),
     "importing": N_("bringing in the file"),
+    "installing": N_("installing the diagnosis"),
     "data": N_("looking at the data"),
     "model": N_("predicting every channel"),
     "shaft": N_("shaft and gate"),
