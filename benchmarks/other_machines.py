@@ -111,7 +111,7 @@ LATE_S = 0.4
 
 def any_machine(machine: Machine, name: str) -> Machine:
     """A plausible one, or one whose senses of speed are worse (`NOISY`, `SPEEDS`)."""
-    from control.machine.machine import with_effect
+    from control.machine.machine import add_effect
     from control.machine.parameter_uncertainty import plausible
 
     if name.startswith("wheel_"):
@@ -119,7 +119,7 @@ def any_machine(machine: Machine, name: str) -> Machine:
             update={"noise": machine.noise.model_copy(update={"wheel_mps": float(name[6:])})}
         )
     if name.endswith("gnss_late"):
-        return with_effect(machine, "speed.gnss_latency", LATE_S)
+        return add_effect(machine, "speed.gnss_latency", LATE_S)
     return (
         machine
         if name in TEETH_PERCENT or name in (*PLANTED, *OUTAGES, STANDING_FREE)

@@ -42,11 +42,11 @@ def worked(
     """
     from console.worker.assemble import assemble
     from console.worker.host import Host
-    from console.worker.options import options_from
+    from console.worker.options import parse_options
     from console.worker.requests import Ask
     from control.orders import Do, Order
 
-    parts = assemble(options_from([*arguments, "--run-file", "none.json"]), clock)
+    parts = assemble(parse_options([*arguments, "--run-file", "none.json"]), clock)
 
     def sleep(seconds: float) -> None:
         wait(max(seconds, 1e-9))

@@ -42,7 +42,7 @@ class Ordered(NamedTuple):
     time_s: float
 
 
-def cleaned(name: object) -> str:
+def clean_name(name: object) -> str:
     """A name that breaks neither an event of the log nor a line of the screen; empty where
     nothing of it is left."""
     text = name if isinstance(name, str) else ""
@@ -65,9 +65,9 @@ def own_name(given: str | None = None) -> str:
     """What a console calls itself: as given, else as the environment variable TOPDRESS_NAME has
     it, else user, computer and terminal: `ann@cab pts/3`."""
     return (
-        cleaned(given)
-        or cleaned(os.environ.get(NAME_VARIABLE))
-        or cleaned(f"{_user()}@{_host()} {_terminal()}")
+        clean_name(given)
+        or clean_name(os.environ.get(NAME_VARIABLE))
+        or clean_name(f"{_user()}@{_host()} {_terminal()}")
     )
 
 
@@ -95,7 +95,7 @@ def said_of(one: Attached) -> str:
     return f"attached {one.name}, {kind}{'' if one.orders else ', looks only'}"
 
 
-def orders_in(events: str | None, time_s: float) -> Iterator[Ordered]:
+def read_orders(events: str | None, time_s: float) -> Iterator[Ordered]:
     """The orders in a cell of events, with who gave them; an order without that is left out."""
     values: dict[str, str] = {}
     for event in (events or "").split(";"):

@@ -32,7 +32,7 @@ def done() -> None:
     gc.enable()
 
 
-def seldom() -> None:
+def collect_seldom() -> None:
     """Before a long computation that leaves little garbage: what is there is not swept again,
     and what comes is swept a hundred times more seldom. A simulated run takes a tenth less; so
     do the imports of a diagnosis.

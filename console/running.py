@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from console.locale import _
-from console.worker_handshake import GREETING, KNOCK_S, LINE_BYTES, knock, still_runs
+from console.worker_handshake import GREETING, KNOCK_S, LINE_BYTES, is_still_running, knock
 from drivers.files.lock import take_lock
 
 # a run file that is not there yet is looked for this often
@@ -160,7 +160,7 @@ def _nobody_holds(path: Path) -> bool:
         return False
     with lock:
         # the lock's file was removed under it: it locks this one next
-        if still_runs(path):
+        if is_still_running(path):
             return False
         path.unlink(missing_ok=True)
     return True

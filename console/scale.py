@@ -78,7 +78,7 @@ def colour(share: float) -> Rgb:
     return _colour(round(min(1.0, max(0.0, share)) * (STEPS - 1)), STEPS)
 
 
-def error_colour(share: float) -> Rgb:
+def find_error_colour(share: float) -> Rgb:
     """sRGB of an error; share 0 is the most that is too little, 0.5 is right, 1 the most that
     is too much."""
     return _either_side(round(min(1.0, max(0.0, share)) * (STEPS - 1)), STEPS)
@@ -89,7 +89,7 @@ def passes_colour(share: float) -> Rgb:
     return _apart(round(min(1.0, max(0.0, share)) * (STEPS - 1)), STEPS)
 
 
-def calm_ends(
+def round_calm_ends(
     values: Iterable[float], step: float = 50.0, least: float = 100.0
 ) -> tuple[float, float]:
     """Round ends of a scale that holds all values and does not move with every sample.

@@ -39,7 +39,7 @@ def knock(port: int, until_s: float) -> dict[str, Any] | None:
     return said if isinstance(said, dict) else {}
 
 
-def still_runs(run_file: Path) -> bool:
+def is_still_running(run_file: Path) -> bool:
     """Whether the worker that a run file names, another than this process, greets there: it
     runs, whatever became of its lock. A file that is missing or wrong, a port that is closed or
     somebody else's: no. Takes 0.5 s at most."""

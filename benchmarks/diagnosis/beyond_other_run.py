@@ -39,12 +39,12 @@ class Seen(NamedTuple):
 def seen(columns: dict[str, Any], machine: Machine) -> dict[str, Seen]:
     """Every channel of a log, by name."""
     from control.diagnosis.runs.channels import channels
-    from control.diagnosis.runs.hypothesis import schedule, stages_of
+    from control.diagnosis.runs.hypothesis import list_stages, schedule
     from control.diagnosis.runs.log import gate
     from control.diagnosis.runs.stages import run_data
     from control.machine.stage_runner import MOST_STEP_S
 
-    plan = schedule(stages_of(machine), ())
+    plan = schedule(list_stages(machine), ())
     return {
         name: Seen(c.grid.even_s, c.grid.step_s, c.measured, c.predict(plan, MOST_STEP_S))
         for name, c in channels(run_data(gate(columns), machine), machine).items()

@@ -446,7 +446,7 @@ def run(case: Case, folder: Path) -> Ran:
     """Import, diagnosis, adoption, by the functions behind the commands."""
     from console.reports.diagnosis_wording import undecided
     from control.diagnosis.extend import extend
-    from control.diagnosis.runs.adoption import adoptable_of
+    from control.diagnosis.runs.adoption import select_adoptable
     from control.diagnosis.runs.diagnose import diagnose_run
     from drivers.files.config import load, save
     from drivers.files.imports.convert import convert
@@ -499,7 +499,7 @@ def run(case: Case, folder: Path) -> Ran:
         "cpu_s": round(time.process_time() - started, 1),
     }
     # as `diagnose --adopt` does
-    taken = adoptable_of(found, [one.id for one in found.causes if not undecided(one)])
+    taken = select_adoptable(found, [one.id for one in found.causes if not undecided(one)])
     there = bool(taken.found.causes or taken.found.terms or taken.found.fitted)
     said |= {
         "taken": [one.id for one in taken.found.causes],
@@ -529,9 +529,9 @@ def judged(case: Case, said: dict[str, Any]) -> str:
 def error_on(log: Path, machine_file: Path, case: Case) -> float:
     """r.m.s. of measured less predicted over every row of a log, r/min or mm, as a machine file
     stands."""
-    from control.diagnosis.runs.channels import drive_rows
-    from control.diagnosis.runs.drives import whole_drives
-    from control.diagnosis.runs.hypothesis import schedule, stages_of
+    from control.diagnosis.runs.channels import simulate_drive_rows
+    from control.diagnosis.runs.drives import read_whole_drives
+    from control.diagnosis.runs.hypothesis import list_stages, schedule
     from control.diagnosis.runs.log import gate
     from control.machine.stage_runner import MOST_STEP_S
     from drivers.files.config import load
@@ -554,8 +554,8 @@ def error_on(log: Path, machine_file: Path, case: Case) -> float:
             for name, values in columns.items()
         }
     clean = gate(columns)
-    drive = whole_drives(clean, machine)[case.stage]
-    predicted = drive_rows(drive)(schedule(stages_of(machine), ()), MOST_STEP_S)[:, 1]
+    drive = read_whole_drives(clean, machine)[case.stage]
+    predicted = simulate_drive_rows(drive)(schedule(list_stages(machine), ()), MOST_STEP_S)[:, 1]
     off = clean.columns[COLUMNS_OF[case.stage][1]] - predicted
     off = off[1:rows] if case.settled else off
     return float(np.sqrt(np.nanmean(np.square(off))))

@@ -189,7 +189,7 @@ def command(words: list[str], model: bool, together: int) -> None:
 
         return wrapped
 
-    fleet.logs_at = timed("listing", fleet.logs_at)
+    fleet.find_logs = timed("listing", fleet.find_logs)
     fleet.diagnosed = timed("logs", functools.partial(fleet.diagnosed, record=many.read))
     twice = fleet._Work.twice
     fleet._Work.twice = lambda its, work, todo, several=1: twice(  # type: ignore[method-assign]

@@ -37,7 +37,7 @@ class Action(NamedTuple):
     needs_machine: bool = False
 
 
-def bindings(actions: Iterable[Action]) -> list[BindingType]:
+def make_bindings(actions: Iterable[Action]) -> list[BindingType]:
     """As Textual bindings, with their ids for a keymap."""
     return [
         Binding(

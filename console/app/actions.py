@@ -61,13 +61,13 @@ _shown: dict[str, str] = {}
 BY_ID = {action.id: action for action in ACTIONS}
 
 
-def remap(keymap: Mapping[str, str]) -> None:
+def remap_actions(keymap: Mapping[str, str]) -> None:
     """From now on these actions are shown with these keys, all others with their own."""
     _shown.clear()
-    _shown.update({name: key_name(keys.split(",")[0].strip()) for name, keys in keymap.items()})
+    _shown.update({name: format_key(keys.split(",")[0].strip()) for name, keys in keymap.items()})
 
 
-def key_name(key: str) -> str:
+def format_key(key: str) -> str:
     """A key as it is written on a keyboard, as short as the key bar wants it."""
     if key.startswith(_IN_MENU):
         return _shown.get("menu", "Q") + key.removeprefix(_IN_MENU)
@@ -106,7 +106,7 @@ def without_machine(shown: tuple[Action, ...]) -> tuple[Action, ...]:
 def shown_key(action: Action) -> str:
     """The key as bars, help and menu show it: the user's, else its own."""
     if action.keys.startswith(_IN_MENU) and action.id not in _shown:
-        return key_name(action.keys)
+        return format_key(action.keys)
     return _shown.get(action.id, action.shown)
 
 
@@ -125,12 +125,12 @@ def menu(where: str) -> tuple[Action, ...]:
     )
 
 
-def bound_at(where: str, keymap: Mapping[str, str]) -> frozenset[str]:
+def find_bound_keys(where: str, keymap: Mapping[str, str]) -> frozenset[str]:
     """Every key that has an action on this screen, the user's in place of the built-in ones."""
-    return frozenset(key for action in at(where) for key in keys_of(action, keymap))
+    return frozenset(key for action in at(where) for key in find_keys(action, keymap))
 
 
-def keys_of(action: Action, keymap: Mapping[str, str]) -> tuple[str, ...]:
+def find_keys(action: Action, keymap: Mapping[str, str]) -> tuple[str, ...]:
     """The keys of an action, the user's in place of the built-in ones."""
     return tuple(key.strip() for key in keymap.get(action.id, action.keys).split(","))
 

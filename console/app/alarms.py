@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 from console.app import words
 from console.app.units import Units
-from console.app.view import wall_clock
+from console.app.view import format_local_time
 from console.locale import _
 from console.worker.resume_alarms import AlarmRecord
 from control.orders import Alarm, Severity
@@ -82,13 +82,13 @@ def entries(
 
 
 def _entry(record: AlarmRecord, units: Units, utc_offset_s: float) -> AlarmEntry:
-    said = words.alarm_words(
+    said = words.describe_alarm(
         Alarm(record.id, record.severity, record.first_s, record.acknowledged, record.details),
         units,
     )
 
     def clock(utc: str, time_s: float) -> str:
-        return wall_clock(utc, utc_offset_s) or f"{time_s:.0f} s"
+        return format_local_time(utc, utc_offset_s) or f"{time_s:.0f} s"
 
     when = [
         _("first {time}").format(time=clock(record.first_utc, record.first_s)),
@@ -101,7 +101,7 @@ def _entry(record: AlarmRecord, units: Units, utc_offset_s: float) -> AlarmEntry
     if record.acknowledged_utc or record.acknowledged:
         when.append(
             _("acknowledged {time}").format(
-                time=wall_clock(record.acknowledged_utc, utc_offset_s) or ""
+                time=format_local_time(record.acknowledged_utc, utc_offset_s) or ""
             )
         )
     elif record.severity is Severity.RED:

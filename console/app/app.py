@@ -21,15 +21,15 @@ from textual.worker import Worker
 
 from console import import_hooks
 from console.app import actions, key_normaliser, themes, words
-from console.app.action import ANYWHERE, JOB, MAP, REPLAY, RUN, Action, bindings
+from console.app.action import ANYWHERE, JOB, MAP, REPLAY, RUN, Action, make_bindings
 from console.app.alarms import Bell
-from console.app.attach_notice import Joined, joined_words
+from console.app.attach_notice import Joined, describe_attachment
 from console.app.dialogs import Choice, ChoiceDialog, Confirm, TextDialog
 from console.app.dose_change import dose_change
 from console.app.fields import FieldPictures
-from console.app.first_question import MAY_CHANGE, ask_first, start_with
+from console.app.first_question import MAY_CHANGE, ask_first_question, restart_worker
 from console.app.guide_line import GuideLine
-from console.app.guide_line_store import KeptLines, guide_record
+from console.app.guide_line_store import KeptLines, make_line_record
 from console.app.history import History
 from console.app.keys import ACTIONS
 from console.app.name_dialog import NameDialog
@@ -39,21 +39,27 @@ from console.app.pages.job.service import Recent
 from console.app.pages.page import Page
 from console.app.pages.replay.service import ReplayJob
 from console.app.plain_lines import PlainLines
-from console.app.presence_text import CompanyView, arrival_words, company_view, list_words, news
-from console.app.reasons import key_first, why_no_machine
+from console.app.presence_text import (
+    CompanyView,
+    arrival_words,
+    company_view,
+    describe_everyone,
+    describe_news,
+)
+from console.app.reasons import find_first_key, why_no_machine
 from console.app.refresh_rates import NUMBERS_S
 from console.app.screens.alarm_list import AlarmList
 from console.app.screens.help import HelpScreen
 from console.app.screens.worker_lost_screen import GoneScreen
 from console.app.services import Services
-from console.app.settings import apply, limit_rates, theme_of
+from console.app.settings import apply, find_rate_limits, make_theme
 from console.app.source import FrameArrival, FrameSource
-from console.app.terminal import Takes, drawn_on
+from console.app.terminal import Takes, find_terminal
 from console.app.tour import Tour
 from console.app.type_ahead_guard import HeldEnter, StrayTyping
-from console.app.undo import Undo, Undoable, back_words, orders_back
+from console.app.undo import Undo, Undoable, describe_undo, reverse_orders
 from console.app.units import METRIC, Units
-from console.app.view import wall_clock
+from console.app.view import format_local_time
 from console.app.widgets.key_bar import URGENT, KeyBar
 from console.frame import Frame
 from console.gc_tuning import Sweeps
@@ -110,7 +116,7 @@ class TopdressApp(App[None], inherit_bindings=False):
     CSS_PATH: ClassVar = [_HERE / "style.tcss", *sorted((_HERE / "pages").glob("*/style.tcss"))]
     TITLE = "topdress"
     ENABLE_COMMAND_PALETTE = False  # Textual's own key for it would pass by the lock
-    BINDINGS: ClassVar = bindings(ACTIONS)
+    BINDINGS: ClassVar = make_bindings(ACTIONS)
     # the machine is held where no such console is open
     keeps_working: ClassVar[bool] = True
 
@@ -197,23 +203,24 @@ class TopdressApp(App[None], inherit_bindings=False):
     def use_keymap(self, keys: Mapping[str, str]) -> None:
         """From now on these keys, and the built-in ones for all other actions."""
         self.set_keymap(dict(keys))
-        actions.remap(keys)
+        actions.remap_actions(keys)
         self.bound_keys = {
-            where: actions.bound_at(where, keys) for where in {one.where for one in actions.ACTIONS}
+            where: actions.find_bound_keys(where, keys)
+            for where in {one.where for one in actions.ACTIONS}
         }
-        self.bound_by = {one.id: actions.keys_of(one, keys) for one in actions.ACTIONS}
+        self.bound_by = {one.id: actions.find_keys(one, keys) for one in actions.ACTIONS}
         self._page_keys = {
-            key: one.id for one in actions.pages() for key in actions.keys_of(one, keys)
+            key: one.id for one in actions.pages() for key in actions.find_keys(one, keys)
         }
-        self._hold_keys = frozenset(actions.keys_of(actions.BY_ID["hold"], keys))
-        self._urgent_keys = self._hold_keys.union(actions.keys_of(actions.BY_ID["stop"], keys))
+        self._hold_keys = frozenset(actions.find_keys(actions.BY_ID["hold"], keys))
+        self._urgent_keys = self._hold_keys.union(actions.find_keys(actions.BY_ID["stop"], keys))
 
     def use_settings(self) -> None:
         """Make the user's settings take effect; what of them cannot be used is said."""
         store = self.services.settings
         if store is not None:
             for data in store.themes:
-                self.register_theme(theme_of(data))
+                self.register_theme(make_theme(data))
             store.trouble = store.trouble or apply(self, store.settings)
 
     def get_default_screen(self) -> Screen[None]:
@@ -405,7 +412,7 @@ class TopdressApp(App[None], inherit_bindings=False):
         self.tick()
         if begins:
             if self.ask_job and self.services.job is not None:
-                ask_first(self, self.services.job)
+                ask_first_question(self, self.services.job)
             self.set_timer(
                 SEEN_S,
                 lambda: self.run_worker(self._make_pages(), group="pages", exit_on_error=False),
@@ -443,7 +450,7 @@ class TopdressApp(App[None], inherit_bindings=False):
         else:
             self.push_screen(
                 TextDialog(
-                    _("At this machine"), list_words(frame, self.own_name, self.utc_offset_s)
+                    _("At this machine"), describe_everyone(frame, self.own_name, self.utc_offset_s)
                 )
             )
 
@@ -459,7 +466,7 @@ class TopdressApp(App[None], inherit_bindings=False):
             elif found:
                 self.notice(found)
         elif frame.attached:
-            said = news(before, frame, self.own_name)
+            said = describe_news(before, frame, self.own_name)
             if said:
                 self.notice(said)
         # a worker that does not tell who is attached
@@ -473,7 +480,7 @@ class TopdressApp(App[None], inherit_bindings=False):
     def _say_joined(self, joined: Joined, found: str, frame: Frame) -> None:
         """With files of its own on the command line this console may take the machine's place."""
         heading = _("A machine runs already: this console has joined it")
-        text = f"{joined_words(joined, self.utc_offset_s)}\n{found}".rstrip()
+        text = f"{describe_attachment(joined, self.utc_offset_s)}\n{found}".rstrip()
         if not (joined.unused and joined.named) or self.services.job is None:
             self.push_screen(TextDialog(heading, text))
             return
@@ -498,7 +505,7 @@ class TopdressApp(App[None], inherit_bindings=False):
     def _use_named(self, joined: Joined) -> None:
         if self.services.job is not None:
             self.joined = None
-            start_with(self, self.services.job, Recent(joined.named, ""))
+            restart_worker(self, self.services.job, Recent(joined.named, ""))
 
     def _note_alarms(self, frame: Frame, now_s: float) -> None:
         if frame.log_path != self._earlier_of:
@@ -552,7 +559,7 @@ class TopdressApp(App[None], inherit_bindings=False):
             self.crop_limits_kg_ha, self.hopper_kg = (0.0, limits.most_rate_kg_ha), limits.hopper_kg
             self.machine = limits.machine
             store = self.services.settings
-            limit_rates(self, None if store is None else store.settings.manual_rate)
+            find_rate_limits(self, None if store is None else store.settings.manual_rate)
 
     def keep_line(self, record: str) -> None:
         """Of the A-B line or a boundary that is being driven: the next console on this log has
@@ -566,10 +573,10 @@ class TopdressApp(App[None], inherit_bindings=False):
         if kept.guide.a is not None and not kept.of_day:
             self.guide = kept.guide
         elif self.guide.a is not None:
-            self.keep_line(guide_record(self.guide))
+            self.keep_line(make_line_record(self.guide))
         elif kept.of_day:
             self.guide = kept.guide
-            self.keep_line(guide_record(self.guide))
+            self.keep_line(make_line_record(self.guide))
             away = actions.shown_key(actions.BY_ID["map_no_guide"])
             self.notice(
                 _(
@@ -674,7 +681,7 @@ class TopdressApp(App[None], inherit_bindings=False):
 
     async def _run_source(self, source: FrameSource) -> None:
         if isinstance(source, Link) and not self.is_headless:
-            source.shows = Takes(drawn_on())
+            source.shows = Takes(find_terminal())
         try:
             await source.run()
         except WorkerFailed as error:
@@ -744,7 +751,7 @@ class TopdressApp(App[None], inherit_bindings=False):
             self.pass_question(
                 offer,
                 _("A job was left at {time}: {job}").format(
-                    time=wall_clock(offer.saved_utc, self.utc_offset_s)[:5], job=offer.job
+                    time=format_local_time(offer.saved_utc, self.utc_offset_s)[:5], job=offer.job
                 ),
             ),
             answer,
@@ -753,7 +760,7 @@ class TopdressApp(App[None], inherit_bindings=False):
     def pass_question(self, offer: Offer, heading: str) -> ChoiceDialog:
         """What is spread twice on purpose is asked: "resume" or "anew"."""
         resume = _("resume the job of {time} ({area} done)").format(
-            time=wall_clock(offer.began_utc, self.utc_offset_s)[:5],
+            time=format_local_time(offer.began_utc, self.utc_offset_s)[:5],
             area=self.units.area.full(offer.area_ha),
         )
         wanted = ", ".join(map(file_name, offer.others))
@@ -854,7 +861,7 @@ class TopdressApp(App[None], inherit_bindings=False):
             if not (await self.asked(partial(_ordered, order), do=order.do)).accepted:
                 break
             followed.append(order)
-        back = orders_back(followed, before)
+        back = reverse_orders(followed, before)
         if back:
 
             def take_back() -> None:
@@ -863,7 +870,7 @@ class TopdressApp(App[None], inherit_bindings=False):
                 )
                 also_back()
 
-            self.undo.add(Undoable(back_words(back, self.units), take_back, back))
+            self.undo.add(Undoable(describe_undo(back, self.units), take_back, back))
 
     async def asked(
         self,
@@ -893,11 +900,11 @@ class TopdressApp(App[None], inherit_bindings=False):
     def _refused(self, answer: Answer, quiet: bool, do: Do | None = None) -> Answer:
         if not quiet:
             frame = self.arrival.frame
-            said = words.answer_words(answer.why, frame.alarms if frame is not None else ())
+            said = words.describe_refusal(answer.why, frame.alarms if frame is not None else ())
             wanted = None if do is None else LEADS_TO.get(do)
             name, _mark, state = answer.why.partition(";state=")
             first = (
-                key_first(self, wanted, state)
+                find_first_key(self, wanted, state)
                 if wanted is not None and name == "not_from_state"
                 else ""
             )

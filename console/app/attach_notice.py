@@ -6,7 +6,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from console.app.pages.job.checklist import file_name
-from console.app.view import wall_clock
+from console.app.view import format_local_time
 from console.locale import _
 
 
@@ -23,9 +23,9 @@ class Joined(NamedTuple):
     named: tuple[str, ...] = ()
 
 
-def joined_words(joined: Joined, utc_offset_s: float) -> str:
+def describe_attachment(joined: Joined, utc_offset_s: float) -> str:
     """What the operator reads before all else."""
-    since = wall_clock(joined.started_utc, utc_offset_s)[:5] or "--"
+    since = format_local_time(joined.started_utc, utc_offset_s)[:5] or "--"
     lines = [
         _("It has been on since {time}. This console has joined it and changed nothing.").format(
             time=since

@@ -21,7 +21,7 @@ class Piece(NamedTuple):
     joined: bool
 
 
-def traced(pieces: Sequence[Piece], columns: int, rows: int) -> Dots:
+def trace_cells(pieces: Sequence[Piece], columns: int, rows: int) -> Dots:
     """Cells of pieces: from lowest to highest at their time, held level from one to the next;
     columns, rows: of the plot in cells, of which nothing is drawn outside."""
     wide, high = 2 * columns, 4 * rows
@@ -53,7 +53,7 @@ def trace(values: Sequence[tuple[float, float | None]], columns: int, rows: int)
     """Cells of a line through (x, y), x and y in 0 ... 1 of the plot: a step, as the drives see
     it; None breaks it."""
     known = [y is not None for _x, y in values]
-    return traced(
+    return trace_cells(
         [
             Piece(x, y, y, after > 0 and known[after - 1])
             for after, (x, y) in enumerate(values)

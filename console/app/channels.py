@@ -7,7 +7,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 from console.app.units import Unit, Units
-from console.app.view import rate_error
+from console.app.view import find_rate_error
 from console.locale import N_
 from control.log_row import COLUMNS, NDRE_COLUMNS, TEXT_COLUMNS, LogRow
 
@@ -110,14 +110,14 @@ def value_of(row: LogRow, channel: str) -> float:
         value = row[at]
         return NAN if value is None else float(value)
     error = (
-        rate_error(row.target_rate_kg_ha, row.applied_rate_kg_ha)
+        find_rate_error(row.target_rate_kg_ha, row.applied_rate_kg_ha)
         if row.state in (None, "working")
         else None
     )
     return NAN if error is None else 100.0 * error
 
 
-def values_of(row: LogRow) -> list[float]:
+def list_values(row: LogRow) -> list[float]:
     """All channels of a row, in the order of CHANNELS."""
     values = [NAN if at < 0 or (value := row[at]) is None else float(value) for at in _AT]
     values[COLUMN[ERROR]] = value_of(row, ERROR)

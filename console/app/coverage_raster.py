@@ -60,7 +60,7 @@ class Spot(NamedTuple):
     way_m: float = 0.0  # driven until here; Worked says it
 
 
-def spot_of(frame: Frame) -> Spot | None:
+def find_spot(frame: Frame) -> Spot | None:
     """Rates count only where the machine worked: a machine that is held owes nothing. None: no
     place."""
     if frame.place_m is None or not all(map(isfinite, frame.place_m)):

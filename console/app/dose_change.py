@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from console.app.typed_number import plain_number
+from console.app.typed_number import format_number
 from console.app.undo import ordered_source
 from console.app.units import Units
 from console.frame import Frame
@@ -64,7 +64,7 @@ class DoseChange(NamedTuple):
         return (
             "--"
             if rate_kg_ha is None
-            else f"{plain_number(round(rate_kg_ha * unit.per_si, 1))} {unit.name}"
+            else f"{format_number(round(rate_kg_ha * unit.per_si, 1))} {unit.name}"
         )
 
 
@@ -78,7 +78,7 @@ def dose_change(frame: Frame | None, orders: Sequence[Order]) -> DoseChange | No
     nudge, source_before = frame.row.nudge_percent or 0.0, ordered_source(frame)
     source = str(dose_orders.get(Do.SOURCE, source_before))
     percent = float(dose_orders.get(Do.NUDGE, nudge) or 0.0)
-    before, after = source_rate(frame, source_before), source_rate(frame, source)
+    before, after = find_source_rate(frame, source_before), find_source_rate(frame, source)
     if source == TargetSource.MANUAL and Do.MANUAL_RATE in dose_orders:
         after = float(dose_orders[Do.MANUAL_RATE] or 0.0)
     elif source == source_before and (after is None or percent == nudge):
@@ -86,7 +86,7 @@ def dose_change(frame: Frame | None, orders: Sequence[Order]) -> DoseChange | No
     return DoseChange(_nudged(before, nudge), _nudged(after, percent), percent)
 
 
-def source_rate(frame: Frame, source: str) -> float | None:
+def find_source_rate(frame: Frame, source: str) -> float | None:
     """Returns what a source of the target gives here, kg/ha, without the nudge; None where that
     is not known. A worker that does not tell: the manual rate, and what holds now."""
     rates = dict(zip(frame.sources, frame.source_rates, strict=False))

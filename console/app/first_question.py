@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from console.app.dialogs import Choice, ChoiceDialog
 from console.app.pages.job.checklist import file_name
-from console.app.view import wall_clock
+from console.app.view import format_local_time
 from console.locale import _
 from control.orders import Do
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 MAY_CHANGE = (None, "off")
 
 
-def ask_first(app: TopdressApp, service: JobService) -> None:
+def ask_first_question(app: TopdressApp, service: JobService) -> None:
     """Asks when there is something to choose from. The machine is there meanwhile, off: nothing
     waits for an answer."""
 
@@ -36,13 +36,13 @@ def ask_first(app: TopdressApp, service: JobService) -> None:
             ]
             app.ask(
                 ChoiceDialog(_("Which field and job?"), choices, "", now),
-                lambda number: start_with(app, service, found[int(number)]),
+                lambda number: restart_worker(app, service, found[int(number)]),
             )
 
     app.list_files(lambda: service.recent(), listed)  # made in the thread
 
 
-def start_with(app: TopdressApp, service: JobService, files: Recent) -> None:
+def restart_worker(app: TopdressApp, service: JobService, files: Recent) -> None:
     """The machine that runs is ended and starts anew with these, unless it works."""
 
     def begin() -> None:
@@ -74,7 +74,9 @@ def _start(app: TopdressApp, service: JobService, left: Offer | None) -> None:
 def _words(one: Recent, app: TopdressApp) -> str:
     day = one.began_utc[:10]
     since = (
-        f"{day} {wall_clock(one.began_utc, app.utc_offset_s)[:5]}" if day else _("not worked yet")
+        f"{day} {format_local_time(one.began_utc, app.utc_offset_s)[:5]}"
+        if day
+        else _("not worked yet")
     )
     done = (
         _("{area} done").format(area=app.units.area.full(one.card.done_ha))

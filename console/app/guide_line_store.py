@@ -29,7 +29,7 @@ class KeptLines(NamedTuple):
     of_day: str = ""
 
 
-def guide_record(guide: GuideLine) -> str:
+def make_line_record(guide: GuideLine) -> str:
     """As it is now; a line that was taken away too."""
     return json.dumps(
         {
@@ -40,7 +40,7 @@ def guide_record(guide: GuideLine) -> str:
     )
 
 
-def drive_record(drive: BoundaryDrive | None, time_s: float) -> str:
+def make_drive_record(drive: BoundaryDrive | None, time_s: float) -> str:
     """A drive that begins; None: it has ended, kept or cancelled."""
     return json.dumps(
         {"drive": None if drive is None else {"right_m": drive.right_m, "time_s": time_s}}
@@ -51,7 +51,7 @@ def corner_record(corner: Corner, place: Place, time_s: float) -> str:
     return json.dumps({"corner": corner, "place_m": place, "time_s": time_s})
 
 
-def kept_lines(records: Iterable[str]) -> KeptLines:
+def read_kept_lines(records: Iterable[str]) -> KeptLines:
     """What holds after these records; those that are none are left out."""
     kept = KeptLines(GuideLine())
     for record in records:

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 from itertools import islice
 from typing import NamedTuple
 
-from console.app.coverage_raster import Spot, Worked, spot_of
+from console.app.coverage_raster import Spot, Worked, find_spot
 from console.app.series import LogSeries, Pyramid
 from console.app.view import applied_kg_ha
 from console.frame import Frame
@@ -25,7 +25,7 @@ class Point(NamedTuple):
     applied_kg_ha: float | None
 
 
-def point_of(frame: Frame) -> Point:
+def make_point(frame: Frame) -> Point:
     return Point(frame.row.time_s, frame.row.target_rate_kg_ha, applied_kg_ha(frame.row))
 
 
@@ -43,9 +43,9 @@ class History:
             self.worked.clear()
             self.series.clear()
         if not self.points or frame.row.time_s > self.points[-1].time_s:
-            self.points.append(point_of(frame))
+            self.points.append(make_point(frame))
             self.series.add(frame)
-        spot = spot_of(frame)
+        spot = find_spot(frame)
         if spot is not None:
             self.worked.add((spot,))
 
@@ -79,13 +79,13 @@ class LogHistory:
             self.worked.clear()
             self._entered = 0
         end = min(last + 1, self._entered + most)
-        spots = (spot_of(frame) for frame in islice(self.frames, self._entered, end))
+        spots = (find_spot(frame) for frame in islice(self.frames, self._entered, end))
         self.worked.add([spot for spot in spots if spot is not None])
         self._entered = end
         return end == last + 1
 
 
-def points_of(frames: Sequence[Frame], first: int, last: int) -> tuple[Point, ...]:
+def sample_points(frames: Sequence[Frame], first: int, last: int) -> tuple[Point, ...]:
     """Points of frames first ... last (both in), thinned to what a trend can show."""
     step = max(1, (last - first + 1) // TREND_POINTS)
-    return tuple(point_of(frame) for frame in islice(frames, first, last + 1, step))
+    return tuple(make_point(frame) for frame in islice(frames, first, last + 1, step))

@@ -24,14 +24,14 @@ from console.app.alarms import entries
 from console.app.dialogs import Choice, ChoiceDialog
 from console.app.dose_change import dose_change
 from console.app.first_question import start_from_any_page
-from console.app.presence_text import leave_words
-from console.app.reasons import why_no_acknowledge, why_no_start, why_no_tour, why_no_undo
+from console.app.presence_text import describe_leaving
+from console.app.reasons import explain_no_tour, explain_no_undo, why_no_acknowledge, why_no_start
 from console.app.screens.alarm_list import AlarmList
 from console.app.screens.help import HelpScreen
-from console.app.screens.jump import JumpScreen, labels, letters, places_of, press
+from console.app.screens.jump import JumpScreen, find_places, labels, letters, press
 from console.app.tour import Tour
 from console.app.units import UNITS
-from console.locale import N_, _, in_use, languages, use
+from console.locale import N_, _, in_use, list_languages, use
 from console.worker.resume_alarms import AlarmRecord
 from control.orders import Do, Severity, State
 
@@ -119,7 +119,7 @@ def next_units(app: TopdressApp) -> None:
 
 def next_language(app: TopdressApp) -> None:
     def change() -> None:
-        codes = languages()
+        codes = list_languages()
         use(codes[(codes.index(in_use()) + 1) % len(codes)])
         app.page.redraw()
         app.tick()
@@ -160,7 +160,7 @@ def jump(app: TopdressApp) -> None:
     """Letters over what can be clicked on the screen as it is, a dialog included."""
     if isinstance(app.screen, JumpScreen):
         return
-    places = places_of(app.screen)
+    places = find_places(app.screen)
     app.ask(JumpScreen(places, labels(len(places), letters(app.bound_keys))), press)
 
 
@@ -199,7 +199,7 @@ def leave(app: TopdressApp) -> None:
     if app.gone or app.source is None or (frame is not None and frame.row.state != "working"):
         app.exit()
     else:
-        text = "" if frame is None else leave_words(frame, app.own_name, app.keeps_working)
+        text = "" if frame is None else describe_leaving(frame, app.own_name, app.keeps_working)
         app.confirm(_("Leave the console?"), text, app.exit)
 
 
@@ -360,7 +360,7 @@ ACTIONS = (
             "setting; asks first."
         ),
         take_back,
-        why=why_no_undo,
+        why=explain_no_undo,
     ),
     Action(
         "alarm_list",
@@ -424,7 +424,7 @@ ACTIONS = (
         N_("tour: next"),
         N_("Skips a step of the guided tour."),
         next_step,
-        why=why_no_tour,
+        why=explain_no_tour,
     ),
     Action(
         "tour_end",
@@ -433,7 +433,7 @@ ACTIONS = (
         N_("tour: end"),
         N_("Ends the guided tour."),
         end_tour,
-        why=why_no_tour,
+        why=explain_no_tour,
     ),
     Action("units", "u", "U", N_("units"), N_("Metric, or mph and lb/ac."), next_units),
     Action("language", "g", "G", N_("language"), N_("English, Chinese."), next_language),

@@ -10,7 +10,7 @@ from console.app.field_picture import FieldPicture
 from console.app.units import Units
 from console.app.view import ERROR_SPAN
 from console.locale import N_
-from console.scale import Rgb, calm_ends, colour, error_colour, passes_colour
+from console.scale import Rgb, colour, find_error_colour, passes_colour, round_calm_ends
 
 
 class MapLayer(StrEnum):
@@ -59,12 +59,12 @@ class LayerScale(NamedTuple):
         return f"{sign}{round(value * self.per_si, self.decimals) + 0.0:.{self.decimals}f}"
 
     def colour(self, share: float) -> Rgb:
-        return {MapLayer.ERROR: error_colour, MapLayer.PASSES: passes_colour}.get(
+        return {MapLayer.ERROR: find_error_colour, MapLayer.PASSES: passes_colour}.get(
             self.layer, colour
         )(share)
 
 
-def scale_of(
+def find_colour_scale(
     layer: MapLayer,
     worked: Worked,
     picture: FieldPicture | None,
@@ -87,13 +87,15 @@ def scale_of(
         low, high = (
             NDVI_ENDS
             if most_kg_ha is not None
-            else calm_ends(worked.ndvi_ends or (), step=0.05, least=0.2)
+            else round_calm_ends(worked.ndvi_ends or (), step=0.05, least=0.2)
         )
         return LayerScale(layer, low, high, 1.0, 2, "")
     planned = picture.planned.ends if picture is not None and picture.planned is not None else None
     per_si = units.rate.per_si
     own = worked.rate_ends if most_kg_ha is None else planned or (0.0, most_kg_ha)
-    low, high = calm_ends(value * per_si for ends in (own, planned, laid) for value in ends or ())
+    low, high = round_calm_ends(
+        value * per_si for ends in (own, planned, laid) for value in ends or ()
+    )
     return LayerScale(layer, low / per_si, high / per_si, per_si, 0, units.rate.name)
 
 

@@ -138,7 +138,7 @@ def glow(seen: Image, worked: Worked, pixels: Pixels) -> None:
     ] += GLOW - DONE
 
 
-def next_passes(worked: Worked, pixels: Pixels) -> tuple[Ring, ...]:
+def find_next_passes(worked: Worked, pixels: Pixels) -> tuple[Ring, ...]:
     """Where the machine drives straight: the line of each pass next to its own that nothing was
     spread on yet."""
     if not worked.trail:
@@ -177,7 +177,7 @@ def next_passes(worked: Worked, pixels: Pixels) -> tuple[Ring, ...]:
     return tuple(found)
 
 
-def line_dots(lines: Iterable[Ring], pixels: Pixels) -> Image:
+def rasterise_lines(lines: Iterable[Ring], pixels: Pixels) -> Image:
     """Lines from corner to corner, as the bits of braille: of each cell of the terminal, two
     pixels high. A dot is half a pixel."""
     dots = np.zeros((pixels.rows // 2, pixels.columns), dtype=np.uint8)

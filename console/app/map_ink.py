@@ -15,7 +15,7 @@ from console.app.braille import BLANK
 from console.app.camera import MapCamera, Pixels, fit
 from console.app.coverage_raster import Worked
 from console.app.field_picture import FieldPicture, Ring
-from console.app.layers import LayerScale, MapLayer, scale_of
+from console.app.layers import LayerScale, MapLayer, find_colour_scale
 from console.app.map_image import (
     DONE,
     EMPTY,
@@ -26,14 +26,14 @@ from console.app.map_image import (
     PLAN,
     Codes,
     Image,
+    find_next_passes,
     glow,
     halves,
     image,
-    line_dots,
-    next_passes,
+    rasterise_lines,
 )
 from console.app.overlay_file import LaidView
-from console.app.terminal import few_colours
+from console.app.terminal import has_few_colours
 from console.app.units import METRIC, Units
 from console.scale import STEPS, Rgb
 
@@ -77,7 +77,7 @@ class MapView(NamedTuple):
 
 @lru_cache(maxsize=4)  # a field stands still, as a rule
 def outline_dots(picture: FieldPicture | None, pixels: Pixels) -> Image:
-    return line_dots(
+    return rasterise_lines(
         [(*ring, ring[0]) for ring in picture.rings_m] if picture is not None else (), pixels
     )
 
@@ -90,9 +90,9 @@ def codes(view: MapView, pixels: Pixels) -> Codes:
     glow(seen, view.worked, fine)
     found, behind = halves(seen)
     for kind, dots in (
-        (2, line_dots(next_passes(view.worked, pixels), pixels)),
+        (2, rasterise_lines(find_next_passes(view.worked, pixels), pixels)),
         (0, outline_dots(view.picture, pixels)),
-        (1, line_dots((*view.lines, *_ahead(view)), pixels)),
+        (1, rasterise_lines((*view.lines, *_ahead(view)), pixels)),
     ):
         at = np.nonzero(dots)
         found[at] = (
@@ -136,13 +136,13 @@ class MapInk:
         planned_share: float = PLANNED_SHARE,
     ) -> None:
         named = on.app.theme_variables
-        self.ground = rgb_of(on.rich_style.bgcolor, (0, 0, 0))
+        self.ground = find_rgb(on.rich_style.bgcolor, (0, 0, 0))
         passage, outline, machine, old, bare = (
-            rgb_of(Color.parse(named[name]), (128, 128, 128))
+            find_rgb(Color.parse(named[name]), (128, 128, 128))
             for name in ("track", "muted", "foreground", "stale", "background")
         )
         self._few, self._layers = (
-            few_colours(on.app),
+            has_few_colours(on.app),
             {DONE: scale.layer, PLAN: scale.layer, LAID: (laid or scale).layer},
         )
         steps, of_laid = (
@@ -207,10 +207,10 @@ _NOTHING = Worked()
 
 def planned_scale(picture: FieldPicture | None, units: Units) -> LayerScale:
     """Where nothing is spread yet."""
-    return scale_of(MapLayer.APPLIED, _NOTHING, picture, units)
+    return find_colour_scale(MapLayer.APPLIED, _NOTHING, picture, units)
 
 
-def small_map(
+def draw_small_map(
     on: Widget, picture: FieldPicture | None, columns: int, rows: int
 ) -> list[list[tuple[str, str]]]:
     """Rows of (character, style) of a field that no machine is on, whole, for questions and
@@ -245,7 +245,7 @@ def mixed(rgb: Rgb, ground: Rgb, share: float) -> Rgb:
     return red, green, blue
 
 
-def rgb_of(colour: Color | None, otherwise: Rgb) -> Rgb:
+def find_rgb(colour: Color | None, otherwise: Rgb) -> Rgb:
     if colour is None:
         return otherwise
     red, green, blue = colour.get_truecolor()

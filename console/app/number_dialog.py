@@ -11,7 +11,7 @@ from textual.containers import Horizontal, Vertical
 from textual.widgets import Button, Static
 
 from console.app.dialogs import Confirm, Dialog
-from console.app.typed_number import MOST_CHARACTERS, TypedReading, plain_number, read_between
+from console.app.typed_number import MOST_CHARACTERS, TypedReading, format_number, read_in_range
 from console.locale import _
 
 
@@ -50,7 +50,7 @@ class NumberDialog(Dialog[float | None]):
 
     @property
     def reading(self) -> TypedReading:
-        return read_between(self.typed, self.low, self.high, self.unit)
+        return read_in_range(self.typed, self.low, self.high, self.unit)
 
     def body(self) -> ComposeResult:
         yield Static(self._says(), classes="dialog-value", id="number-value", markup=False)
@@ -71,7 +71,7 @@ class NumberDialog(Dialog[float | None]):
         """As if it were typed: what stands there is still read, allowed and asked like any
         other number."""
         if self.full is not None:
-            self.typed, self._fresh = plain_number(self.full[2]), True
+            self.typed, self._fresh = format_number(self.full[2]), True
             self._show(asked=False)
 
     def on_mount(self) -> None:
@@ -82,7 +82,7 @@ class NumberDialog(Dialog[float | None]):
         return (
             _("yes")
             if value is None
-            else _("take {number} {unit}").format(number=plain_number(value), unit=self.unit)
+            else _("take {number} {unit}").format(number=format_number(value), unit=self.unit)
         )
 
     def _says(self) -> str:
@@ -177,7 +177,7 @@ class NumberDialog(Dialog[float | None]):
         self.app.push_screen(
             Confirm(
                 _("{number} {unit}: is that right?").format(
-                    number=plain_number(value), unit=self.unit
+                    number=format_number(value), unit=self.unit
                 ),
                 why,
             ),

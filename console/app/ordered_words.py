@@ -40,7 +40,7 @@ ORDERS: dict[str, str] = {
 STRIPS = {"nrich": N_("N-rich strip"), "check": N_("farmer check")}
 
 
-def order_text(do: str, value: str | float | bool | None, units: Units) -> str:
+def format_order(do: str, value: str | float | bool | None, units: Units) -> str:
     """value: as the order has it, or as a frame tells it, in text."""
     word = _(ORDERS[do]) if do in ORDERS else do
     strip = read_strip(value) if do == Do.STRIP else None
@@ -63,7 +63,7 @@ def _value(do: str, value: str, units: Units) -> str:
     if do == Do.STRATEGY:
         return words.strategy_word(value)
     if do == Do.SOURCE:
-        return words.source_word(value)
+        return words.name_source(value)
     try:
         number = float(value)
     except ValueError:

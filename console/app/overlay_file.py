@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 from console.app.coverage_raster import Worked
 from console.app.layers import RATES, LayerScale, MapLayer
-from console.scale import calm_ends
+from console.scale import round_calm_ends
 
 # of a harvest's range: its scale ends at a round tenth
 _PARTS = 10
@@ -44,7 +44,7 @@ class LaidFile:
         if self.harvest is not None:
             low, high = self.worked.ndvi_ends or (0.0, 1.0)
             step = 10.0 ** floor(log10(max(high - low, abs(high), 1e-3) / _PARTS))
-            low, high = calm_ends((low, high), step, 2 * step)
+            low, high = round_calm_ends((low, high), step, 2 * step)
             return LayerScale(
                 MapLayer.NDVI, low, high, 1.0, max(0, -floor(log10(step))), self.harvest.unit
             )

@@ -6,9 +6,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from console.app.ordered_words import order_text
+from console.app.ordered_words import format_order
 from console.app.units import METRIC
-from console.app.view import duration, wall_clock
+from console.app.view import duration, format_local_time
 from console.attached import Attached, Ordered
 from console.frame import Frame
 from console.locale import _
@@ -62,17 +62,17 @@ def kind_of(one: Attached) -> str:
 def order_words(one: Ordered, frame: Frame, own: str, utc_offset_s: float) -> str:
     """What was ordered, by whom, when."""
     back_s = max(0.0, frame.row.time_s - one.time_s)
-    when = wall_clock(frame.row.utc, utc_offset_s, back_s) or _("{duration} ago").format(
+    when = format_local_time(frame.row.utc, utc_offset_s, back_s) or _("{duration} ago").format(
         duration=duration(back_s)
     )
     return _("{order} by {name}, {when}").format(
-        order=order_text(one.do, one.value, METRIC),
+        order=format_order(one.do, one.value, METRIC),
         name=_("this console") if one.name == own else one.name,
         when=when,
     )
 
 
-def news(before: Frame, now: Frame, own: str) -> str:
+def describe_news(before: Frame, now: Frame, own: str) -> str:
     """What the others did since, in one line; empty: nothing."""
     was, here = ({one.name: one for one in others(frame, own)} for frame in (before, now))
     lines = [
@@ -92,7 +92,7 @@ def news(before: Frame, now: Frame, own: str) -> str:
     ]
     known = set(before.ordered)
     lines += [
-        _("{name}: {order}").format(name=one.name, order=order_text(one.do, one.value, METRIC))
+        _("{name}: {order}").format(name=one.name, order=format_order(one.do, one.value, METRIC))
         for one in now.ordered
         if one not in known and one.name != own
     ]
@@ -109,7 +109,7 @@ def _what_then(one: Attached, now: Frame) -> str:
     return _(": no console is left, the machine is held after 2 s")
 
 
-def leave_words(frame: Frame, own: str, keeps_working: bool) -> str:
+def describe_leaving(frame: Frame, own: str, keeps_working: bool) -> str:
     """What becomes of a machine at work when this console is left."""
     if not frame.attached:  # a worker that does not tell who is attached
         if frame.consoles - keeps_working > 0:
@@ -136,7 +136,7 @@ def leave_words(frame: Frame, own: str, keeps_working: bool) -> str:
     )
 
 
-def list_words(frame: Frame, own: str, utc_offset_s: float) -> str:
+def describe_everyone(frame: Frame, own: str, utc_offset_s: float) -> str:
     """Everybody, and the latest orders, for a dialog."""
     lines = [
         f"{one.name}{' ' + _('(this one)') if one.name == own else ''}:  {kind_of(one)}"

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from console.app.words import state_word
+from console.app.words import name_state
 from console.locale import _
 from control.orders import Severity, State
 from control.safety import STATE_REASONS
@@ -23,7 +23,7 @@ def why_no_machine(app: TopdressApp) -> str:
     )
 
 
-def why_no_undo(app: TopdressApp) -> str:
+def explain_no_undo(app: TopdressApp) -> str:
     newest = app.undo.newest
     if newest is None:
         return _("nothing was changed that could be taken back")
@@ -38,7 +38,7 @@ def why_no_acknowledge(app: TopdressApp) -> str:
     return "" if owed else _("no alarm waits for it")
 
 
-def why_no_tour(app: TopdressApp) -> str:
+def explain_no_tour(app: TopdressApp) -> str:
     return _("no tour is shown") if app.tour is None else ""
 
 
@@ -58,18 +58,18 @@ def _why_no_state(app: TopdressApp, from_: tuple[State, ...], already: State) ->
         return ""
     if frame.why_state == "record_only":
         return _(STATE_REASONS[frame.why_state])
-    now = state_word(frame.row.state)
+    now = name_state(frame.row.state)
     if frame.row.state == already:
         return _("the machine is {state} already").format(state=now)
-    first = key_first(app, already, frame.row.state)
+    first = find_first_key(app, already, frame.row.state)
     if first:
         return _("the machine is {state}: press {key} first").format(state=now, key=first)
     return _("the machine is {state}; this begins from {states}").format(
-        state=now, states=", ".join(state_word(one.value) for one in from_)
+        state=now, states=", ".join(name_state(one.value) for one in from_)
     )
 
 
-def key_first(app: TopdressApp, wanted: State, state: str | None) -> str:
+def find_first_key(app: TopdressApp, wanted: State, state: str | None) -> str:
     """The key, as it is shown, that leads on from this state towards the one that is wanted;
     empty where none does."""
     if wanted is State.READY:

@@ -9,7 +9,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 import numpy.typing as npt
 
-from console.app.channels import CHANNELS, COLUMN, value_of, values_of
+from console.app.channels import CHANNELS, COLUMN, list_values, value_of
 from console.frame import Frame
 
 Floats = npt.NDArray[np.float64]
@@ -150,7 +150,7 @@ class Pyramid:
 
     def add(self, frame: Frame) -> None:
         """One more row; rows come in order of time."""
-        values = np.array(values_of(frame.row))
+        values = np.array(list_values(frame.row))
         known = np.isfinite(values)
         time_s = frame.row.time_s
         row = _RowOfAll(

@@ -14,7 +14,7 @@ from console.app.action import ANYWHERE
 from console.app.alarms import STROKES
 from console.app.key_normaliser import ALWAYS_STOP
 from console.app.units import UNITS
-from console.locale import _, preferred, use
+from console.locale import _, find_preferred_language, use
 from control.orders import Severity
 from drivers.files.settings import ManualRate, Settings
 from drivers.files.settings_theme import ThemeData
@@ -55,14 +55,14 @@ def keymap_problem(keymap: Mapping[str, str]) -> str:
                 return _("key keymap.{name}: value {key}: not a key that can be used").format(
                     name=name, key=key
                 )
-    return clash(keymap)
+    return find_key_clash(keymap)
 
 
-def clash(keymap: Mapping[str, str]) -> str:
+def find_key_clash(keymap: Mapping[str, str]) -> str:
     """Two actions of one screen on one key, named in one line; empty where there are none."""
     for one, other in combinations(actions.ACTIONS, 2):
         if one.where == other.where or ANYWHERE in (one.where, other.where):
-            both = set(actions.keys_of(one, keymap)) & set(actions.keys_of(other, keymap))
+            both = set(actions.find_keys(one, keymap)) & set(actions.find_keys(other, keymap))
             if both and (one.id in keymap or other.id in keymap):
                 return _("key {key}: both {one} and {other}").format(
                     key=min(both), one=_(one.label), other=_(other.label)
@@ -70,7 +70,7 @@ def clash(keymap: Mapping[str, str]) -> str:
     return ""
 
 
-def theme_of(data: ThemeData) -> Theme:
+def make_theme(data: ThemeData) -> Theme:
     """A theme as Textual wants it: one of ours, with other colours."""
     like = {theme.name: theme for theme in themes.THEMES}[data.like]
     own = {name: data.colours.get(name, getattr(like, name)) for name in _OWN}
@@ -99,7 +99,7 @@ def apply(app: TopdressApp, settings: Settings) -> str:
     can."""
     trouble = keymap_problem(settings.keymap)
     app.units = UNITS[settings.units]
-    use(preferred() if settings.language == "auto" else settings.language)
+    use(find_preferred_language() if settings.language == "auto" else settings.language)
     if settings.theme in app.available_themes:
         app.theme = settings.theme
     else:
@@ -113,7 +113,7 @@ def apply(app: TopdressApp, settings: Settings) -> str:
         STROKES[Severity.RED]: settings.sounds.alarm,
         STROKES[Severity.AMBER]: settings.sounds.caution,
     }
-    limit_rates(app, settings.manual_rate)
+    find_rate_limits(app, settings.manual_rate)
     presets = settings.presets
     app.presets_kg_ha = presets.first_kg_ha, presets.second_kg_ha, presets.third_kg_ha
     app.rates = settings.console
@@ -122,7 +122,7 @@ def apply(app: TopdressApp, settings: Settings) -> str:
     return trouble
 
 
-def limit_rates(app: TopdressApp, own: ManualRate | None) -> None:
+def find_rate_limits(app: TopdressApp, own: ManualRate | None) -> None:
     """What a manual rate may be: the crop's range, and within it the settings' own."""
     low, high = app.crop_limits_kg_ha
     if own is not None:

@@ -14,7 +14,7 @@ from textual.app import App
 STALLED_S = 0.5
 
 
-def few_colours(app: App[object]) -> bool:
+def has_few_colours(app: App[object]) -> bool:
     """Whether colours cannot carry a scale: NO_COLOR, or a terminal of 16 colours or none."""
     return app.no_color or (
         not app.is_headless and app.console.color_system in (None, "standard", "windows")
@@ -41,7 +41,7 @@ class Takes:
         return now_s - self._taken_s <= STALLED_S
 
 
-def drawn_on() -> int | None:
+def find_terminal() -> int | None:
     """What Textual draws on: stderr, where that is a terminal; on Windows it cannot be asked."""
     if os.name != "posix" or sys.__stderr__ is None or not sys.__stderr__.isatty():
         return None

@@ -70,7 +70,7 @@ def read(text: str) -> TypedReading:
     return TypedReading(float(plain.replace(",", ".")))
 
 
-def read_between(text: str, low: float, high: float, unit: str) -> TypedReading:
+def read_in_range(text: str, low: float, high: float, unit: str) -> TypedReading:
     """As `read`, and within low ... high, both as shown in `unit`. Where a sign could part
     thousands as well, and both readings are allowed, neither is taken."""
     reading = read(text)
@@ -95,20 +95,20 @@ def read_between(text: str, low: float, high: float, unit: str) -> TypedReading:
     return TypedReading(
         None,
         refused.format(
-            number=plain_number(reading.value), unit=unit, low=f"{low:g}", high=f"{high:g}"
+            number=format_number(reading.value), unit=unit, low=f"{low:g}", high=f"{high:g}"
         ),
         half=reading.value < low,
     )
 
 
-def plain_number(value: float) -> str:
+def format_number(value: float) -> str:
     """A typed number again, without zeros that say nothing and never as 1e+06."""
     return f"{value:.10f}".rstrip("0").rstrip(".") if abs(value) < 1e15 else f"{value:.0f}"
 
 
 def in_words(unit: Unit, value_si: float) -> str:
     """A taken number with its unit, to as many decimals as were typed."""
-    return f"{plain_number(round(value_si * unit.per_si, 6))} {unit.name}"
+    return f"{format_number(round(value_si * unit.per_si, 6))} {unit.name}"
 
 
 def inside(unit: Unit, low_si: float, high_si: float, decimals: int) -> tuple[float, float]:

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from types import MappingProxyType
 from typing import NamedTuple
 
-from console.app.ordered_words import order_text
+from console.app.ordered_words import format_order
 from console.app.typed_number import in_words
 from console.app.units import Units
 from console.frame import Frame
@@ -64,7 +64,7 @@ class Undo:
         self._changes.clear()
 
 
-def orders_back(orders: Sequence[Order], before: Frame | None) -> tuple[Order, ...]:
+def reverse_orders(orders: Sequence[Order], before: Frame | None) -> tuple[Order, ...]:
     """What takes these orders back, the last of them first, by what held before they were
     given; () where nothing does, or where all is as it was."""
     found = (
@@ -80,12 +80,12 @@ def orders_back(orders: Sequence[Order], before: Frame | None) -> tuple[Order, .
     return tuple(one for one in found if one not in orders)
 
 
-def back_words(orders: Sequence[Order], units: Units) -> str:
+def describe_undo(orders: Sequence[Order], units: Units) -> str:
     """As it would be again."""
     return ", ".join(
         _("without the refill of {mass}").format(mass=in_words(units.mass, float(one.value or 0.0)))
         if one.do is Do.REFILL_BACK
-        else order_text(one.do, one.value, units)
+        else format_order(one.do, one.value, units)
         for one in orders
     )
 

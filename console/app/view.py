@@ -126,7 +126,7 @@ class RunView(NamedTuple):
     items: tuple[Item, ...]
 
 
-def rate_error(target_kg_ha: float | None, applied_kg_ha: float | None) -> float | None:
+def find_rate_error(target_kg_ha: float | None, applied_kg_ha: float | None) -> float | None:
     """(applied - target) / max(target, 50 kg/ha): as the alarm `rate off`, but against the
     target as it stands."""
     if target_kg_ha is None or applied_kg_ha is None:
@@ -157,7 +157,7 @@ def duration(seconds: float) -> str:
     return f"{hours}:{minutes:02d}:{rest:02d}" if hours else f"{minutes:02d}:{rest:02d}"
 
 
-def wall_clock(utc: str | None, offset_s: float, back_s: float = 0.0) -> str:
+def format_local_time(utc: str | None, offset_s: float, back_s: float = 0.0) -> str:
     """Local time of day of an ISO 8601 time, `back_s` earlier; empty where it is not known."""
     if not utc:
         return ""
@@ -218,18 +218,18 @@ def _status(frame: Frame, age_s: float, utc_offset_s: float, marks: tuple[str, .
         _(word) for name, word in words.ALLOWANCES.items() if getattr(frame.allow, name)
     )
     silent = _("NO DATA {age}").format(age=f"{int(age_s)} s") if age_s > STALE_S else ""
-    word = words.state_word(row.state, frame.why_state)
+    word = words.name_state(row.state, frame.why_state)
     word = _("was {state}").format(state=word) if silent else word
     return StatusView(
         state,
         words.STATE_SYMBOLS.get(state, " "),
         word,
         words.strategy_word(row.strategy),
-        words.source_word(row.target_source),
+        words.name_source(row.target_source),
         "",
         own + marks,
         silent,
-        wall_clock(row.utc, utc_offset_s),
+        format_local_time(row.utc, utc_offset_s),
         duration(row.time_s),
     )
 
@@ -240,9 +240,9 @@ def alarms(frame: Frame, utc_offset_s: float, units: Units, old: bool = False) -
     ordered = sorted(frame.alarms, key=lambda a: (a.severity is not Severity.RED, a.acknowledged))
     lines = []
     for alarm in ordered:
-        said = words.alarm_words(alarm, units)
+        said = words.describe_alarm(alarm, units)
         lasted_s = max(0.0, frame.at_s - alarm.since_s)
-        since = wall_clock(frame.row.utc, utc_offset_s, lasted_s)
+        since = format_local_time(frame.row.utc, utc_offset_s, lasted_s)
         lines.append(
             AlarmLine(
                 alarm.id,
@@ -262,7 +262,7 @@ def alarms(frame: Frame, utc_offset_s: float, units: Units, old: bool = False) -
     calm = _("no values: alarms are not known") if old else _("no alarms")
     # its alarm has gone: what is next, then what it was
     if fault and not old:
-        was = words.alarm_words(Alarm(fault, Severity.RED, 0.0)).text if fault in ALARMS else ""
+        was = words.describe_alarm(Alarm(fault, Severity.RED, 0.0)).text if fault in ALARMS else ""
         calm = (
             f"{_('FAULT, its cause is gone: R on the Run page makes the machine ready.')}   "
             f"{was}".rstrip()
@@ -293,7 +293,7 @@ def _gone(alarm: Alarm, frame: Frame, utc_offset_s: float) -> str:
     if alarm.gone_s is None:
         return ""
     ago_s = max(0.0, frame.at_s - alarm.gone_s)
-    since = wall_clock(frame.row.utc, utc_offset_s, ago_s)
+    since = format_local_time(frame.row.utc, utc_offset_s, ago_s)
     if since:
         return _("cause gone at {time}").format(time=since)
     return _("cause gone for {duration}").format(duration=duration(ago_s))
@@ -303,7 +303,7 @@ def _rates(frame: Frame, old: bool, units: Units) -> RatesView:
     row = frame.row
     # None: a foreign log; held or off, nothing is owed
     at_work = row.state in (None, "working")
-    error = rate_error(row.target_rate_kg_ha, row.applied_rate_kg_ha) if at_work else None
+    error = find_rate_error(row.target_rate_kg_ha, row.applied_rate_kg_ha) if at_work else None
     level = ""
     if error is not None and abs(error) > ERROR_AMBER:
         level = "red" if abs(error) > ERROR_RED else "amber"
@@ -333,7 +333,7 @@ def why_other_rate(frame: Frame) -> tuple[str, ...]:
         notes = list(frame.why_no_flow)
     elif row.state == "working" and row.target_rate_kg_ha == 0.0 and not notes:
         notes = ["rate_is_zero"]
-    return tuple(words.note_word(note) for note in notes)
+    return tuple(words.name_note(note) for note in notes)
 
 
 def _tile_labels(units: Units) -> tuple[tuple[str, str], ...]:
@@ -418,14 +418,14 @@ def _items(frame: Frame, age_s: float, units: Units) -> tuple[Item, ...]:
     old = age_s > STALE_S
     gnss_age_s = None if frame.gnss_age_s is None else frame.gnss_age_s + (age_s if old else 0.0)
     gnss_old = old or gnss_age_s is None or gnss_age_s > STALE_S
-    fix = words.fix_word(row.fix_quality)
+    fix = words.name_fix(row.fix_quality)
     satellites = "--" if row.satellites is None else str(row.satellites)
     hz = "--" if frame.gnss_hz is None else f"{frame.gnss_hz:.0f}"
     age = "--" if gnss_age_s is None else f"{gnss_age_s:.1f}"
     unsure = f"  ! {_('range')}" if LAG_NOTE in frame.notes else ""
     lag = f"{units.time.full(row.lag_s)}  {units.fine_distance.full(row.lag_m)}{unsure}"
     trim = "--" if row.flow_trim is None else f"{row.flow_trim:.3f}"
-    by_plant = point_items(frame, old, units)
+    by_plant = list_point_items(frame, old, units)
     return (
         Item(_("GNSS"), Shown(f"{fix}  {_('{count} sat').format(count=satellites)}", gnss_old)),
         Item(_("fix age"), Shown(f"{age} s  {hz} Hz", gnss_old)),
@@ -451,7 +451,7 @@ def _items(frame: Frame, age_s: float, units: Units) -> tuple[Item, ...]:
     )
 
 
-def point_items(frame: Frame, old: bool, units: Units) -> tuple[Item, ...]:
+def list_point_items(frame: Frame, old: bool, units: Units) -> tuple[Item, ...]:
     """Doses given and missed, and the threshold as learned (more: dosed earlier); nothing where
     not in point mode."""
     t = frame.totals

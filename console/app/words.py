@@ -128,7 +128,7 @@ SECTIONS = {
 }
 
 
-def state_word(state: str | None, why: str = "") -> str:
+def name_state(state: str | None, why: str = "") -> str:
     return _(STATES.get(state or "", state or "")) or (
         _("RECORDS ONLY") if why == "record_only" else _("NO STATE")
     )
@@ -138,11 +138,11 @@ def strategy_word(strategy: str | None) -> str:
     return _(STRATEGIES.get(strategy or "", strategy or ""))
 
 
-def source_word(source: str | None) -> str:
+def name_source(source: str | None) -> str:
     return _(SOURCES.get(source or "", source or ""))
 
 
-def fix_word(fix_quality: int | None) -> str:
+def name_fix(fix_quality: int | None) -> str:
     return _("no GNSS") if fix_quality is None else _(FIXES.get(fix_quality, N_("no fix")))
 
 
@@ -154,7 +154,7 @@ class AlarmWords(NamedTuple):
     place: str
 
 
-def alarm_words(alarm: Alarm, units: Units = METRIC) -> AlarmWords:
+def describe_alarm(alarm: Alarm, units: Units = METRIC) -> AlarmWords:
     """Text, what to do and place of an alarm, its details filled in; the id where the alarm is
     not known here."""
     kind = ALARMS.get(alarm.id)
@@ -168,7 +168,7 @@ def alarm_words(alarm: Alarm, units: Units = METRIC) -> AlarmWords:
     )
 
 
-def answer_words(why: str, alarms: Iterable[Alarm] = ()) -> str:
+def describe_refusal(why: str, alarms: Iterable[Alarm] = ()) -> str:
     """A refusal in words: `why` is an id and its details as `control.safety.read_refusal` takes
     them apart. alarms: the live ones, one of which it may name."""
     if not why:
@@ -186,13 +186,13 @@ def answer_words(why: str, alarms: Iterable[Alarm] = ()) -> str:
             (one for one in alarms if one.id == details["alarm"]),
             Alarm(details["alarm"], Severity.RED, 0.0),
         )
-        shown["alarm"] = alarm_words(named).text.rstrip(".")
+        shown["alarm"] = describe_alarm(named).text.rstrip(".")
     if "state" in details:
-        shown["state"] = state_word(details["state"])
+        shown["state"] = name_state(details["state"])
     return _filled(ANSWERS[name], shown)
 
 
-def note_word(note: str) -> str:
+def name_note(note: str) -> str:
     """A note of the loop or an interlock in a word or two; the id where it is not known here."""
     return _(NOTES.get(note, note))
 

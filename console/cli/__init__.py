@@ -15,7 +15,7 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperCommand
 
-from console.cli.plain_errors import guarded
+from console.cli.plain_errors import guard_command
 from console.cli.plain_output import take_outputs
 from console.threads import few_for_matrices
 
@@ -206,7 +206,7 @@ def console(
         typer.echo(f"topdress {software_version()}")
         raise typer.Exit
     if context.invoked_subcommand is None:
-        guarded(_function(COMMANDS["run"]))()
+        guard_command(_function(COMMANDS["run"]))()
 
 
 def _function(place: str) -> Callable[..., None]:
@@ -218,7 +218,7 @@ def _function(place: str) -> Callable[..., None]:
 def _with(commands: Mapping[str, str], to: typer.Typer, of: str = "") -> typer.Typer:
     for name, place in commands.items():
         to.command(name, cls=PlainCommand, epilog=under(f"{of} {name}".strip()))(
-            guarded(_function(place))
+            guard_command(_function(place))
         )
     return to
 

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from console.app.held_key import HeldKey
-from console.app.words import alarm_words, answer_words
+from console.app.words import describe_alarm, describe_refusal
 from console.frame import Frame
 from control.log_row import LogRow
 from control.orders import Answer, Do, Order, State
@@ -134,7 +134,7 @@ class Unlogged:
         pass
 
 
-def host_of(
+def make_host(
     urls: Mapping[str, str | None],
     machine: str,
     clock: Callable[[], float],
@@ -230,7 +230,9 @@ class AtTheBench:
         if frame.row.state == State.OFF:
             self._make_ready(frame, now_s)
         elif frame.row.state == State.FAULT:
-            words = "; ".join(alarm_words(alarm).text for alarm in frame.alarms) or frame.why_state
+            words = (
+                "; ".join(describe_alarm(alarm).text for alarm in frame.alarms) or frame.why_state
+            )
             self.give_up(words)
         else:
             self.go_on(frame, now_s, pressed)
@@ -264,7 +266,7 @@ class AtTheBench:
         self.host.ask(Order(Do.CALIBRATE), lambda answer, _: self._heard(answer, now_s))
 
     def _heard(self, answer: Answer, now_s: float) -> None:
-        self.refusal = "" if answer.accepted else answer_words(answer.why)
+        self.refusal = "" if answer.accepted else describe_refusal(answer.why)
         if answer.accepted:
             self._refused_since_s = None
             return

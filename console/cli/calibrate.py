@@ -20,9 +20,9 @@ from console.cli.inputs import (
     refuse_other,
     refuse_run_log,
 )
-from console.cli.outputs import Force, Output, log_files, machine_file, refuse_collisions
+from console.cli.outputs import Force, Output, list_log_files, machine_file, refuse_collisions
 from console.cli.plain_errors import CommandError
-from console.cli.plain_output import AsJson, say_json
+from console.cli.plain_output import AsJson, print_json
 from drivers import day_clock
 
 if TYPE_CHECKING:
@@ -103,7 +103,7 @@ def _save_test(
     as_json: bool,
 ) -> None:
     """The product with this test added to its earlier ones."""
-    from control.calibration.flow_fit import catch_test
+    from control.calibration.flow_fit import make_catch_test
     from drivers.files.config import load, save, sha256_of
     from drivers.files.kinds import PRODUCT
 
@@ -112,7 +112,7 @@ def _save_test(
         raise CommandError(f"--out {out}: is the product file that is read: allowed is a new name")
     save(
         out,
-        read.model.with_test(catch_test(machine, flow, day, str(data), sha256_of(data))),
+        read.model.with_test(make_catch_test(machine, flow, day, str(data), sha256_of(data))),
         PRODUCT,
     )
     typer.echo(f"product file: {out}", err=as_json)
@@ -371,7 +371,7 @@ def _refuse(reads: Iterable[Path], out: Path, machine: str, force: bool) -> None
 
 
 def _started(data: Path, out: Path, machine: str, force: bool) -> Machine:
-    _refuse(log_files(data), out, machine, force)
+    _refuse(list_log_files(data), out, machine, force)
     return machine_of(machine)
 
 
@@ -386,7 +386,7 @@ def _save(fitted: Machine, data: Path, out: Path, as_json: bool) -> None:
 def _say(found: object, tell: Callable[[], None], as_json: bool) -> None:
     """A fit, as data or in lines."""
     if as_json:
-        say_json(found)
+        print_json(found)
     else:
         tell()
 

@@ -13,7 +13,7 @@ import typer
 
 from console.cli.outputs import Force, marked, refuse_collisions
 from console.cli.plain_errors import CommandError
-from console.cli.plain_output import AsJson, say_json
+from console.cli.plain_output import AsJson, print_json
 from drivers import day_clock
 from drivers.files.config_error import ConfigError
 
@@ -53,7 +53,7 @@ def check(
         outputs = [marked(write_schemas / f"{name}.json", b'"$schema"') for name in kinds_by_name()]
         refuse_collisions(map(Path, files or ()), outputs, force)
     if schema is not None:
-        typer.echo(schema_text(schema), nl=False)
+        typer.echo(format_schema(schema), nl=False)
     if write_schemas is not None:
         write_all(write_schemas)
     if not files and schema is None and write_schemas is None:
@@ -73,7 +73,7 @@ def kinds_by_name() -> dict[str, Any]:
     return {name.removeprefix("topdress-").partition("/")[0]: kind for name, kind in KINDS.items()}
 
 
-def schema_text(name: str) -> str:
+def format_schema(name: str) -> str:
     """The JSON schema of a kind, by its short name or its format. Raises CommandError."""
     from drivers.files.config import schema
 
@@ -90,7 +90,7 @@ def write_all(folder: Path) -> None:
 
     folder.mkdir(parents=True, exist_ok=True)
     for name in kinds_by_name():
-        write_atomically(folder / f"{name}.json", schema_text(name))
+        write_atomically(folder / f"{name}.json", format_schema(name))
         typer.echo(folder / f"{name}.json")
 
 
@@ -114,7 +114,7 @@ def _check(files: list[str], as_json: bool) -> None:
         ]
     ok = [{"path": loaded.path, "format": kind.format} for kind, loaded in read]
     if as_json:
-        say_json({"ok": ok, "notes": notes, "wrong": wrong})
+        print_json({"ok": ok, "notes": notes, "wrong": wrong})
     else:
         for line in (*("{path}: ok ({format})".format(**one) for one in ok), *notes):
             typer.echo(line)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from console.cli.inputs import machine_of
-from console.cli.outputs import Force, log_files, machine_file, marked, refuse_collisions
+from console.cli.outputs import Force, list_log_files, machine_file, marked, refuse_collisions
 from console.cli.plain_errors import NOT_JUDGED, say_notes
 from console.cli.progress import ProgressLine
 
@@ -47,7 +47,10 @@ def compare(
     from console.reports.html import GENERATOR
 
     machines = [machine_of(name) for name in (old, new)]
-    reads = [*(file for log in logs for file in log_files(log)), *map(machine_file, (old, new))]
+    reads = [
+        *(file for log in logs for file in list_log_files(log)),
+        *map(machine_file, (old, new)),
+    ]
     refuse_collisions(reads, [] if report is None else [marked(report, GENERATOR.encode())], force)
     found = _compared(logs, machines[0], machines[1], new)
     _write(found, old, new, as_json, report)

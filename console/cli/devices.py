@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from console.cli.plain_errors import FAILED
-from console.cli.plain_output import AsJson, say_json
+from console.cli.plain_output import AsJson, print_json
 
 
 def devices(
@@ -61,7 +61,7 @@ def devices(
         failed |= bool(ports) and not opened
         description = descriptions.get(url, "")
         if as_json:
-            say_json({"port": url, "description": description, "opened": opened, "said": said})
+            print_json({"port": url, "description": description, "opened": opened, "said": said})
         else:
             typer.echo(
                 "  ".join(part for part in (f"{url:32}", description, said) if part).rstrip()

@@ -14,10 +14,17 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from console.cli.inputs import LOG, MachineName, machine_of, need_ending, refuse_other
-from console.cli.outputs import Force, Output, log_files, machine_file, marked, refuse_collisions
+from console.cli.outputs import (
+    Force,
+    Output,
+    list_log_files,
+    machine_file,
+    marked,
+    refuse_collisions,
+)
 from console.cli.plain_errors import NOT_JUDGED, CommandError, say_notes
 from console.cli.progress import ProgressLine
-from console.import_hooks import seldom
+from console.import_hooks import collect_seldom
 from drivers import day_clock
 
 if TYPE_CHECKING:
@@ -62,10 +69,10 @@ def adopt(
     Raises ValueError for what holds in a part of the data only, CommandError for a name that
     cannot be picked, typer.Exit where nothing is left to adopt.
     """
-    from console.reports.diagnosis_wording import whole, whole_gain
-    from console.reports.term_words import side_by_side
+    from console.reports.diagnosis_wording import describe_whole_gain, whole
+    from console.reports.term_words import compare_side_by_side
     from control.diagnosis.extend import extend, refuse_to_adopt
-    from control.diagnosis.runs.adoption import adoptable_of
+    from control.diagnosis.runs.adoption import select_adoptable
     from drivers.files.config import save, sha256_of
     from drivers.files.kinds import MACHINE
 
@@ -79,12 +86,12 @@ def adopt(
             found, fitted=None, terms=tuple(one for one in found.terms if not one.predicts_best)
         )
     chosen = [cause.id for cause in found.causes if _taken_up(cause, picked, found)]
-    taken = adoptable_of(found, chosen)
+    taken = select_adoptable(found, chosen)
     for name, why in taken.refused:
         typer.echo(f"note: {name} is not adopted: {why}", err=True)
     kept = taken.found.causes
     if taken.found.fitted is not None:
-        say_notes([whole(taken.found.fitted), whole_gain(taken.found.fitted)])
+        say_notes([whole(taken.found.fitted), describe_whole_gain(taken.found.fitted)])
     _say_terms(found)
     if not kept and not taken.found.terms and taken.found.fitted is None:
         raise _nothing(found, out, bool(taken.refused))
@@ -97,7 +104,7 @@ def adopt(
         "it back):",
         err=True,
     )
-    typer.echo("\n".join(side_by_side(extended.history[-1])), err=True)
+    typer.echo("\n".join(compare_side_by_side(extended.history[-1])), err=True)
     return dataclasses.replace(found, extended_machine=str(out))
 
 
@@ -105,9 +112,9 @@ def _taken_up(cause: Cause, picked: tuple[str, ...], found: Diagnosis) -> bool:
     """Whether a cause goes into the file; says why where it does not, and of what was picked
     that it was."""
     from console.reports.diagnosis_wording import undecided
-    from control.diagnosis.extend import not_adoptable, taken_whole
+    from control.diagnosis.extend import is_taken_whole, not_adoptable
 
-    if taken_whole(found, cause):
+    if is_taken_whole(found, cause):
         return False  # said with the whole
     if why := not_adoptable(cause):
         typer.echo(f"note: {cause.id} is not adopted: {why}", err=True)
@@ -152,12 +159,12 @@ def _refuse_pick(name: str, found: Diagnosis, out: Path) -> None:
 
 
 def _say_terms(found: Diagnosis) -> None:
-    from console.reports.term_words import compensation
+    from console.reports.term_words import describe_compensation
     from control.diagnosis.extend import term_not_adoptable
 
     for one in found.terms:
         why = term_not_adoptable(one)
-        word = f"is not adopted: {why}" if why else f"is adopted. {compensation(one.term)}"
+        word = f"is not adopted: {why}" if why else f"is adopted. {describe_compensation(one.term)}"
         typer.echo(f"note: term {one.term['id']} {word}", err=True)
 
 
@@ -253,7 +260,7 @@ def diagnose(
 
     Exit code 3: nothing of the data could be judged, or --adopt found nothing that is decided.
     """
-    seldom()
+    collect_seldom()
     refuse_other(data, LOG)
     need_ending("--report", report, ".html")
     need_ending("--adopt", adopt, ".yaml", ".yml")
@@ -263,7 +270,7 @@ def diagnose(
     refuse_picks(picked, adopt)
     loaded = machine_of(machine)
     setup = None if closed_loop is None else _setup(machine, job or "demo")
-    reads = [*(file for path in data for file in log_files(path)), machine_file(machine)]
+    reads = [*(file for path in data for file in list_log_files(path)), machine_file(machine)]
     refuse_collisions(
         [*reads, *(() if setup is None else setup.files)], _outputs(as_json, report, adopt), force
     )
@@ -450,11 +457,11 @@ def _closed_loop(found: Diagnosis, setup: Setup, job: str, seconds: float) -> li
 
 
 def _lines(found: Diagnosis, several: Several) -> list[str]:
-    from console.reports.diagnosis_text import by_log, of_a_kind, summary
+    from console.reports.diagnosis_text import describe_by_log, of_a_kind, summary
 
     if several.of_a_kind:
-        return [*of_a_kind(several), *by_log(several.each, "")]
-    return [*summary(found), *by_log(several.each)]
+        return [*of_a_kind(several), *describe_by_log(several.each, "")]
+    return [*summary(found), *describe_by_log(several.each)]
 
 
 def _write(

@@ -10,7 +10,7 @@ import typer
 from console.cli.inputs import machine_of
 from console.cli.outputs import Force, machine_file, marked, refuse_collisions
 from console.cli.plain_errors import say_notes
-from console.cli.plain_output import AsJson, say_json
+from console.cli.plain_output import AsJson, print_json
 from console.cli.terms import what_terms_are
 from drivers import plugins
 
@@ -49,7 +49,7 @@ def effects(
         if not as_json:
             return
     if as_json:
-        say_json(
+        print_json(
             [
                 {
                     "id": e.effect.id,

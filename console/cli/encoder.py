@@ -15,8 +15,8 @@ from console.cli.at_the_bench import (
     HEARD_WITHIN_S,
     AtTheBench,
     Keys,
-    host_of,
     keys,
+    make_host,
     run_attended,
     say,
     show,
@@ -247,7 +247,7 @@ class ByDrive(AtTheBench):
 def _by_drive(board: str, count: MarkCount, keyboard: Keys, machine: str, rpm: float) -> None:
     began_s = time.monotonic()
     person = ByDrive(keyboard, count, machine_of(machine).limits.shaft_low_rpm, rpm)
-    person.host, person.cab = host_of(
+    person.host, person.cab = make_host(
         {"board": board}, machine, lambda: time.monotonic() - began_s, person.between
     )
     run_attended(person.host)

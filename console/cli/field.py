@@ -11,7 +11,7 @@ import typer
 from console.cli.inputs import Reads, need_ending, refuse_other
 from console.cli.outputs import Force, Output, named, refuse_collisions
 from console.cli.plain_errors import CommandError, say_notes
-from console.cli.plain_output import AsJson, say_json
+from console.cli.plain_output import AsJson, print_json
 
 if TYPE_CHECKING:
     from drivers.files.fields.field_data import FieldData
@@ -171,7 +171,7 @@ def _take_done(source: Path, out: Path | None, job: str, as_json: bool) -> None:
     plane = TangentPlane(ground.origin_lat_deg, ground.origin_lon_deg) if has_field else None
     found = read_done(source, plane)
     if as_json:
-        say_json({"done_ha": found.area_ha})
+        print_json({"done_ha": found.area_ha})
     else:
         typer.echo(f"done         {found.area_ha:.4f} ha, each place once: gets nothing more")
     boundary = ground.boundary()
@@ -199,7 +199,7 @@ def _tell(data: FieldData, as_json: bool) -> None:
 
     boundary = data.boundary(data.plane())
     if as_json:
-        say_json({"area_ha": None if boundary is None else boundary.area_ha, **plain(data)})
+        print_json({"area_ha": None if boundary is None else boundary.area_ha, **plain(data)})
         return
     if boundary is not None and data.outline_deg is not None:
         holes = f", {len(data.holes_deg)} obstacles taken out" if data.holes_deg else ""

@@ -13,7 +13,7 @@ import typer
 
 from console.cli.outputs import Force, marked, refuse_collisions
 from console.cli.plain_errors import CANCELLED, CommandError
-from console.cli.plain_output import AsJson, say_json
+from console.cli.plain_output import AsJson, print_json
 from console.cli.progress import ProgressLine
 from drivers import day_clock
 
@@ -93,7 +93,7 @@ def fleet(
     """Diagnose every log once, then all together: the course of each effect by machine, what
     products, operators and fields share, what it cost. Ctrl-C ends; what is done is kept."""
     from console.reports.html import GENERATOR
-    from console.services.fleet import Asked, cluster, diagnosed, logs_at
+    from console.services.fleet import Asked, cluster, diagnosed, find_logs
     from console.services.fleet_job import FORMAT
     from console.services.fleet_tables import TABLES
     from drivers.files.config import load, sha256_of
@@ -104,7 +104,7 @@ def fleet(
     need("a season of logs", "fleet", "diagnosis", "parquet")
     loaded = load(machine, MACHINE)
     options = _options(storage or [])
-    logs = logs_at(paths, out, options)
+    logs = find_logs(paths, out, options)
     if not logs:
         raise CommandError(f"{paths[0]}: no logs there: allowed are .csv and .parquet")
     table = None if about is None else Path(about)
@@ -162,12 +162,12 @@ def _print_season(
     as_json: bool,
 ) -> None:
     from console.reports.fleet_page import (
-        aside_words,
-        costliest,
+        describe_costliest,
+        describe_left_out,
+        describe_low_hopper,
+        describe_same,
+        describe_shared,
         fleet_page,
-        low_words,
-        same_words,
-        shared_words,
     )
     from console.services.fleet_metadata import with_words
     from console.services.fleet_season import season
@@ -196,21 +196,21 @@ def _print_season(
     )
     write_atomically(out / REPORT, page)
     if as_json:
-        say_json(whole._replace(logs=()))
+        print_json(whole._replace(logs=()))
         return
     for one in whole.machines:
         typer.echo(
             f"{one.machine:20} {one.wrong_kg:9.1f} of {one.applied_kg:9.1f} kg  now "
             f"{one.now_percent:+5.1f} %"
-            f"  {costliest(one)}"
+            f"  {describe_costliest(one)}"
         )
     fit = whole.fit
-    shared = (shared_words(one, whole.units) for one in fit.shared)
+    shared = (describe_shared(one, whole.units) for one in fit.shared)
     for said in (
-        *map(aside_words, whole.aside),
+        *map(describe_left_out, whole.aside),
         *shared,
-        *map(same_words, fit.same),
-        *map(low_words, whole.low),
+        *map(describe_same, fit.same),
+        *map(describe_low_hopper, whole.low),
     ):
         typer.echo(said)
     typer.echo(f"report: {out / REPORT}", err=True)

@@ -11,7 +11,7 @@ import typer
 from console.cli.inputs import machine_of, need_ending
 from console.cli.outputs import Force, Output, machine_file, refuse_collisions
 from console.cli.plain_errors import CommandError
-from console.cli.plain_output import AsJson, say_json
+from console.cli.plain_output import AsJson, print_json
 from drivers import day_clock
 
 
@@ -32,7 +32,7 @@ def history(
 ) -> None:
     """List what diagnoses changed in a machine file: day, data, each effect before and after,
     each term."""
-    from console.reports.term_words import side_by_side
+    from console.reports.term_words import compare_side_by_side
     from control.machine.history import last_change, undone
     from drivers.files.config import save
     from drivers.files.kinds import MACHINE
@@ -50,17 +50,17 @@ def history(
         save(out, undone(loaded, date=day_clock.today().isoformat()), MACHINE)
         assert last is not None
         if as_json:
-            say_json(last)
+            print_json(last)
             return
         typer.echo(f"taken back, {out} is without it:")
-        typer.echo("\n".join(side_by_side(last)))
+        typer.echo("\n".join(compare_side_by_side(last)))
         return
     if as_json:
-        say_json(loaded.history)
+        print_json(loaded.history)
         return
     if not loaded.history:
         typer.echo(f"{machine}: no diagnosis changed this file")
     for one in loaded.history:
         state = f", taken back {one.undone}" if one.undone else ""
         typer.echo(f"{one.date or 'no date'}, from {one.data or 'unknown data'}{state}")
-        typer.echo("\n".join(side_by_side(one)))
+        typer.echo("\n".join(compare_side_by_side(one)))

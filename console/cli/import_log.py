@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 import typer
 
 from console.cli.inputs import LOG, machine_of, need_ending, refuse_other
-from console.cli.outputs import Force, Output, log_files, new_log_files, refuse_collisions
+from console.cli.outputs import Force, Output, list_log_files, new_log_files, refuse_collisions
 from console.cli.plain_errors import CommandError, say_notes
-from console.cli.plain_output import AsJson, say_json
+from console.cli.plain_output import AsJson, print_json
 
 if TYPE_CHECKING:
     from drivers.files.imports.guessed import Guess
@@ -132,7 +132,7 @@ def import_log(
     else:
         found, lines = _import(files, mapping, out, given, force)
     if as_json:
-        say_json(found)
+        print_json(found)
     else:
         typer.echo("\n".join(lines))
 
@@ -275,7 +275,7 @@ def _copy(source: Path, out: Path, force: bool) -> _Answer:
     from drivers.files.log_store import SUFFIXES, write_store, write_text
     from drivers.files.read_log import read_rows
 
-    refuse_collisions(log_files(source), [Output(_written(out))], force)
+    refuse_collisions(list_log_files(source), [Output(_written(out))], force)
     log = read_rows(source)
     say_notes(log.findings, f"{source}: ")
     if out.suffix.lower() in SUFFIXES:

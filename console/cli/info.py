@@ -12,14 +12,14 @@ from typing import Any
 
 import typer
 
-from console.cli.plain_output import AsJson, say_json
+from console.cli.plain_output import AsJson, print_json
 
 
 def extras(as_json: AsJson = False) -> None:
     """Say which parts are installed, and what installs the others."""
     found = _extras()
     if as_json:
-        say_json(found)
+        print_json(found)
         return
     for one in found:
         state = "installed" if one["installed"] else f"not installed: {one['line']}"
@@ -47,7 +47,7 @@ def info(as_json: AsJson = False) -> None:
         },
     }
     if as_json:
-        say_json(found)
+        print_json(found)
         return
     for title, of in found.items():
         typer.echo(title)
@@ -78,13 +78,13 @@ def _versions() -> dict[str, str]:
 def _folders() -> dict[str, str]:
     from pathlib import Path
 
-    from console.services.launcher import data_folder
+    from console.services.launcher import find_data_folder
     from drivers.files.settings import settings_path
 
     return {
         "sources": str(Path(__file__).resolve().parents[2]),
         "settings": str(settings_path()),
-        "data": str(data_folder()),
+        "data": str(find_data_folder()),
     }
 
 

@@ -10,12 +10,12 @@ from typing import Any
 
 import typer
 
-from console.app.words import answer_words
+from console.app.words import describe_refusal
 from console.cli.at_the_bench import (
     AtTheBench,
     Keys,
-    host_of,
     keys,
+    make_host,
     run_attended,
     say,
     show,
@@ -63,7 +63,7 @@ def measure_lag(
             keyboard, out, plan, opening_mm=opening_mm, no_key=no_key, with_gnss=gnss is not None
         )
         began = time.monotonic()
-        host, _ = host_of(
+        host, _ = make_host(
             {"lag_rig": rig, "board": board, "gnss": gnss},
             machine,
             lambda: time.monotonic() - began,
@@ -119,7 +119,7 @@ class Attended(AtTheBench):
             answer = self.host.lag.begin(self._out, self._plan)
             self._started = answer.accepted
             if not self._started:
-                self.give_up(answer_words(answer.why))
+                self.give_up(describe_refusal(answer.why))
         if view is None:
             return
         self.measured = len(view.runs)

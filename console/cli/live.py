@@ -23,7 +23,7 @@ import typer
 
 from console.cli.line_output import LineOutput
 from console.cli.plain_errors import CommandError
-from console.cli.plain_output import json_line
+from console.cli.plain_output import format_json_line
 from console.link import Link, WorkerGone
 from console.running import WorkerFailed, find_running
 from drivers.files.extras import need
@@ -157,7 +157,7 @@ async def _going_on(to: list[Tell], port: int | None, every_s: float) -> None:
         now_s = time.monotonic()
         if now_s - last_s >= every_s:
             last_s = now_s
-            line = json_line(said, (",", ":")).encode() + b"\n"
+            line = format_json_line(said, (",", ":")).encode() + b"\n"
             for one in to:
                 one(line)
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from console.cli.calibrate import EffortUnit
-from console.cli.outputs import Force, Output, log_files, refuse_collisions
+from console.cli.outputs import Force, Output, list_log_files, refuse_collisions
 from console.cli.plain_errors import CommandError
 
 if TYPE_CHECKING:
@@ -135,7 +135,7 @@ def machine(
     """Write a first machine file of one stage from a log, asking full speed, rows, direction
     and sensor noise, the time constant where the log does not show it, and in what its effort
     is where it has one."""
-    from control.calibration.first_machine import NoColumn, suggested
+    from control.calibration.first_machine import NoColumn, suggest_machine
     from drivers.files.any_log import open_log
     from drivers.files.atomic import write_atomically
     from drivers.files.config import load
@@ -143,12 +143,12 @@ def machine(
 
     if out.suffix not in (".yaml", ".yml"):
         raise CommandError(f"--out {out}: allowed is a name that ends in .yaml")
-    if out.resolve() == log_files(log)[1].resolve():
+    if out.resolve() == list_log_files(log)[1].resolve():
         raise CommandError(f"--out {out}: is the sidecar of the log {log}: allowed is another name")
-    refuse_collisions(log_files(log), [Output((out,))], force)
+    refuse_collisions(list_log_files(log), [Output((out,))], force)
     columns = dict(open_log(log).columns)
     try:
-        found = suggested(columns)
+        found = suggest_machine(columns)
     except NoColumn as error:
         raise CommandError(
             f"{log}: {error}; topdress import {shlex.quote(str(log))} --guess writes an import "

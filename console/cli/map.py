@@ -9,9 +9,16 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from console.cli.inputs import MAP, machine_of, refuse_other
-from console.cli.outputs import Force, Output, log_files, machine_file, marked, refuse_collisions
+from console.cli.outputs import (
+    Force,
+    Output,
+    list_log_files,
+    machine_file,
+    marked,
+    refuse_collisions,
+)
 from console.cli.plain_errors import CommandError
-from console.cli.plain_output import AsJson, say_json
+from console.cli.plain_output import AsJson, print_json
 from drivers import day_clock
 
 if TYPE_CHECKING:
@@ -166,7 +173,7 @@ def _read(source: Path, is_log: bool, machine: str | None) -> tuple[Path, ...]:
     from drivers.files.archives import files_of
     from drivers.files.opened import Opened
 
-    own = log_files(source) if is_log and Opened(source).is_table else files_of(source)
+    own = list_log_files(source) if is_log and Opened(source).is_table else files_of(source)
     return (*own, *(() if machine is None else (machine_file(machine),)))
 
 
@@ -265,7 +272,7 @@ def _tell(read: Imported, as_json: bool) -> None:
     area, mass = sum(s.area_ha for s in shares), sum(s.mass_kg for s in shares)
     grid = read.data.grid
     if as_json:
-        say_json(
+        print_json(
             {
                 "path": read.path,
                 "format": read.format,
@@ -351,7 +358,7 @@ def _export(
     elif out is not None:
         write_as_applied(applied, out, polygons)
     if as_json:
-        say_json(summary(applied))
+        print_json(summary(applied))
         return
     _tell_applied(applied)
     if out is not None:
@@ -359,13 +366,13 @@ def _export(
 
 
 def _report(applied: AsApplied, out: Path, log: RunLog) -> None:
-    from console.reports.job_about import about_of
+    from console.reports.job_about import read_about
     from console.reports.job_page import job_page
     from drivers.files.atomic import write_atomically
     from drivers.files.run_meta import software_version
 
     out.parent.mkdir(parents=True, exist_ok=True)
-    write_atomically(out, job_page(applied, f"topdress {software_version()}", about_of(log)))
+    write_atomically(out, job_page(applied, f"topdress {software_version()}", read_about(log)))
 
 
 def _tell_applied(applied: AsApplied) -> None:

@@ -65,7 +65,7 @@ def refuse_collisions(reads: Iterable[Path], writes: Iterable[Output], force: bo
             )
 
 
-def log_files(log: Path) -> tuple[Path, Path]:
+def list_log_files(log: Path) -> tuple[Path, Path]:
     """A run log and what stands next to it."""
     return log, log.with_suffix(".yaml")
 
@@ -75,7 +75,7 @@ def new_log_files(log: Path) -> tuple[Path, Path]:
     that is none of a log."""
     if log.suffix != ".csv":
         raise CommandError(f"--out {log}: allowed is a name that ends in .csv")
-    return log_files(log)
+    return list_log_files(log)
 
 
 def machine_file(where: str) -> Path:

@@ -34,7 +34,7 @@ class CommandError(Exception):
     """One plain line for the user."""
 
 
-def guarded(command: F) -> F:
+def guard_command(command: F) -> F:
     """The command with its expected errors turned into lines."""
 
     @functools.wraps(command)

@@ -78,15 +78,17 @@ class PlainOutput(io.TextIOWrapper):
         return f"{BLUE if line.startswith('note: ') else RED}{line}{NO_MORE}"
 
 
-def say_json(found: Any) -> None:
+def print_json(found: Any) -> None:
     """A line of JSON: by the names of fields, which have the units in them; null for what is no
     number."""
     from drivers.files.plain import plain as as_data
 
-    typer.echo(json_line(json.loads(json.dumps(as_data(found)), parse_constant=lambda _: None)))
+    typer.echo(
+        format_json_line(json.loads(json.dumps(as_data(found)), parse_constant=lambda _: None))
+    )
 
 
-def json_line(found: Any, separators: tuple[str, str] | None = None) -> str:
+def format_json_line(found: Any, separators: tuple[str, str] | None = None) -> str:
     """Returns the data as one line of JSON, in which what steers a terminal stands as its
     number (\\u009b): whoever reads it as JSON has every character."""
     line = json.dumps(found, separators=separators, ensure_ascii=False)

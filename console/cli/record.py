@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from console.cli.inputs import LOG, machine_of, need_ending, refuse_other
-from console.cli.outputs import Force, log_files, machine_file, marked, refuse_collisions
+from console.cli.outputs import Force, list_log_files, machine_file, marked, refuse_collisions
 from console.cli.plain_errors import CommandError
-from console.cli.plain_output import AsJson, say_json
+from console.cli.plain_output import AsJson, print_json
 
 if TYPE_CHECKING:
     from control.machine.machine import Machine
@@ -64,7 +64,7 @@ def record(
     need_ending("--out", out, ".csv")
     prices = _prices(price or ())
     reads = [
-        *(file for log in logs for file in log_files(log)),
+        *(file for log in logs for file in list_log_files(log)),
         *([] if machine is None else [machine_file(machine)]),
     ]
     if out is not None:
@@ -112,13 +112,13 @@ def _pass(
     prices: dict[str, float],
     currency: str | None,
 ) -> Pass:
-    from console.reports.job_about import about_of
+    from console.reports.job_about import read_about
     from drivers.files.any_log import open_log
     from drivers.files.exports.as_applied import SpreadProduct, as_applied
     from drivers.files.exports.farm_record import Pass
 
     opened = open_log(log)
-    about = about_of(opened)
+    about = read_about(opened)
     who = about.who
     given = None if nitrogen is None else SpreadProduct(who.product or "product", nitrogen)
     applied = as_applied(opened, machine, given)
@@ -143,7 +143,7 @@ def _pass(
 
 def _tell(found: list[Sum], as_json: bool) -> None:
     if as_json:
-        say_json(found)
+        print_json(found)
         return
     typer.echo(
         f"{'product':20} {'field':20} {'passes':>6} {'ha':>10} {'kg':>12} {'kg N':>10} "

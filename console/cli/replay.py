@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from console.cli.inputs import LOG, refuse_bench_table, refuse_other
-from console.cli.outputs import Force, log_files, refuse_collisions
+from console.cli.outputs import Force, list_log_files, refuse_collisions
 from console.cli.plain_errors import CommandError, say_notes
 from console.cli.progress import progress
 from console.cli.whole_log import log_output, whole_log
@@ -58,7 +58,7 @@ def replay(
     if out is None:
         raise CommandError("--headless needs --out NEW.csv")
     setup = setup_of(recorded, machine, job, strategy)
-    refuse_collisions((*log_files(log), *setup.files), [log_output(out)], force)
+    refuse_collisions((*list_log_files(log), *setup.files), [log_output(out)], force)
     out.parent.mkdir(parents=True, exist_ok=True)
     _again(recorded, out, setup)
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from console.cli.outputs import Force, marked, refuse_collisions
-from console.cli.plain_output import AsJson, say_json
+from console.cli.plain_output import AsJson, print_json
 from console.cli.progress import progress
 
 if TYPE_CHECKING:
@@ -47,7 +47,7 @@ def reproduce(
             write_atomically(out / f"{number}-{k}.csv", table_csv(table))
     write_atomically(out / PAGE, paper_page(sections, f"topdress {software_version()}"))
     if as_json:
-        say_json(
+        print_json(
             [{"title": one.title, "words": one.words, "tables": one.tables} for one in sections]
         )
     else:

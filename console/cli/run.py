@@ -63,7 +63,7 @@ def run(
     ] = None,
 ) -> None:
     """The console. Attaches to the control worker that runs, or starts one."""
-    from console.cli.screens import own_job, show_run
+    from console.cli.screens import find_own_job, show_run
 
-    named = () if job is None else (own_job(job),)
+    named = () if job is None else (find_own_job(job),)
     show_run((*named, *(config or ())), tuple(effect or ()), seed, hz, log, model_check, name)

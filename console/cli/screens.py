@@ -98,8 +98,8 @@ def show_run(
     # else the console asks whether to go on with it
     elif coming is not None or job.offer() is None:
         source = ComingLink(coming or _started(launcher.start), name)
-    tour = not config and first_time()
-    services = run_services(cache(lambda: _setup_of_running(launcher.config, config)), effects)
+    tour = not config and is_first_time()
+    services = make_run_services(cache(lambda: _setup_of_running(launcher.config, config)), effects)
     app = TopdressApp(
         source,
         start=launcher.link,
@@ -131,11 +131,11 @@ def show_run(
         raise CommandError(app.not_started)
 
 
-def own_job(name: str) -> str:
+def find_own_job(name: str) -> str:
     """A name of one of the user's jobs as its file; a path and a shipped name as they are."""
-    from console.services.launcher import data_folder
+    from console.services.launcher import find_data_folder
 
-    own = data_folder() / "jobs" / f"{name}.yaml"
+    own = find_data_folder() / "jobs" / f"{name}.yaml"
     return str(own) if "/" not in name and "\\" not in name and own.is_file() else name
 
 
@@ -181,7 +181,7 @@ def _setup(config: tuple[str, ...]) -> Files:
     return setup_of(found, day_clock.today()), found
 
 
-def run_services(files: Callable[[], Files], effects: tuple[str, ...] = ()) -> Services:
+def make_run_services(files: Callable[[], Files], effects: tuple[str, ...] = ()) -> Services:
     """What the screens of a run can have done. Made, and `files` asked for, when it is first
     asked for.
 
@@ -241,11 +241,11 @@ def run_services(files: Callable[[], Files], effects: tuple[str, ...] = ()) -> S
     )
 
 
-def first_time() -> bool:
+def is_first_time() -> bool:
     """Whether this user never saw the console; from now on they did."""
-    from console.services.launcher import data_folder
+    from console.services.launcher import find_data_folder
 
-    mark = data_folder() / "seen"
+    mark = find_data_folder() / "seen"
     try:
         mark.parent.mkdir(parents=True, exist_ok=True)
         mark.touch(exist_ok=False)
@@ -262,13 +262,13 @@ def show_replay(recorded: RunLog) -> None:
     from console.services.field import field_picture
     from console.services.layers import MapLayers
     from console.services.logs import RunLogs
-    from console.services.replay_frames import replay_job
+    from console.services.replay_frames import open_replay
     from console.services.settings import settings_store
 
     need_terminal("topdress replay", "topdress replay LOG.csv --headless --out NEW.csv")
     app = TopdressApp(
         None,
-        replay=replay_job(recorded),
+        replay=open_replay(recorded),
         services=Services(
             field=field_picture, logs=RunLogs(), layers=MapLayers(), settings=settings_store()
         ),

@@ -12,11 +12,11 @@ import typer
 from console.cli.inputs import JobName, MachineName, PlantedEffects
 from console.cli.outputs import Force, new_log_files, refuse_collisions
 from console.cli.plain_errors import CommandError
-from console.cli.plain_output import AsJson, say_json
+from console.cli.plain_output import AsJson, print_json
 from console.cli.progress import progress
-from console.cli.terms import as_terms, parse_terms
+from console.cli.terms import parse_terms, split_terms
 from console.cli.whole_log import log_output, whole_log
-from console.import_hooks import seldom
+from console.import_hooks import collect_seldom
 from control.orders import Strategy
 from drivers import day_clock
 
@@ -128,7 +128,7 @@ def simulate(
     resolved = with_simulated_field(setup.job.model_copy(update=changes), setup.machine)
     if lines := index_disagreements(None, setup.crop, resolved):
         raise ConfigError(lines)
-    by_plugin, own = as_terms(effect or ())
+    by_plugin, own = split_terms(effect or ())
     planted = [parse_planted(text) for text in own]
     true = setup.machine if plant is None else plausible(setup.machine, plant)
     terms = parse_terms([*(term or ()), *by_plugin])
@@ -226,7 +226,7 @@ def _run(
     record = Record()
     alarms: dict[str, int] = {}
     heads: list[tuple[float, ...]] = []
-    seldom()
+    collect_seldom()
     started = time.perf_counter()
     steps = simulated_run(plant, loop, seconds, doses=doses)
     for step in progress(steps, round(seconds / DT_S), "simulating"):
@@ -323,7 +323,7 @@ def _truth_text(record: Record, width_m: float) -> str:
 def _tell(
     run: _Ran, setup: Setup, job: Job, seconds: float, effects: list[str], as_json: bool
 ) -> None:
-    from control.field.across import across, across_words
+    from control.field.across import across, describe_across
     from control.orders import TargetSource
     from control.simulation.error_metrics import errors
 
@@ -343,7 +343,7 @@ def _tell(
         across(setup.rule, setup.machine, run.heads) if by_canopy and len(run.heads) > 1 else None
     )
     if as_json:
-        say_json(
+        print_json(
             {
                 "seconds": seconds,
                 "strategy": job.strategy.in_force,
@@ -379,7 +379,7 @@ def _tell(
                 f"mean need)"
             )
     if one_rate is not None:
-        typer.echo(f"one rate     {across_words(one_rate)}")
+        typer.echo(f"one rate     {describe_across(one_rate)}")
     typer.echo(
         f"place error  mean {found.place_error_m:.3f} m, bias {found.place_bias_m:+.3f} m "
         "(late is positive), "
@@ -407,7 +407,7 @@ def _tell_points(
     assert learned.doses is not None and fixed.doses is not None
     with_it, without = learned.doses.errors(SETTLE_DOSES), fixed.doses.errors(SETTLE_DOSES)
     if as_json:
-        say_json(
+        print_json(
             {
                 "seconds": seconds,
                 "effects": effects,

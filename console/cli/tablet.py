@@ -51,7 +51,7 @@ async def link_to(operating: bool, find: Callable[[], WorkerAddress | None] = fi
     return TabLink(where if operating else where.looking_only())
 
 
-def token_in(path: Path | None) -> str | None:
+def read_token(path: Path | None) -> str | None:
     """The first line of the token file; None where there is no such file or it is empty."""
     if path is None:
         return None
@@ -62,7 +62,7 @@ def token_in(path: Path | None) -> str | None:
     return lines[0].strip() if lines and lines[0].strip() else None
 
 
-def options_of(where: WorkerAddress | None) -> dict[str, Any]:
+def read_options(where: WorkerAddress | None) -> dict[str, Any]:
     """Limits and hopper of the job at work, as its log's sidecar has them; the console's own
     where it has none."""
     from console.services.running_limits import at_work
@@ -81,7 +81,7 @@ class SharedWaits:
     else out."""
 
     def __init__(self, path: Path, address: str = "") -> None:
-        self._path, self._address = path, counted_as(address)
+        self._path, self._address = path, find_counting_key(address)
 
     @contextlib.contextmanager
     def taken(self) -> Iterator[SharedWaits | None]:
@@ -121,7 +121,7 @@ class SharedWaits:
             return {}
 
 
-def counted_as(address: str) -> str:
+def find_counting_key(address: str) -> str:
     """Under what an address's wrong keys are counted: of IPv6 the network, in which one
     computer has any address."""
     try:
@@ -157,7 +157,7 @@ def end_with(server: int) -> None:
     os._exit(1)
 
 
-def tab_app(where: WorkerAddress | None, token: str | None) -> TabletApp:
+def make_tab_app(where: WorkerAddress | None, token: str | None) -> TabletApp:
     """The app of one tab, looking."""
     from console.services.diagnosis import DiagnosisFiles
     from console.services.field import field_picture
@@ -172,7 +172,7 @@ def tab_app(where: WorkerAddress | None, token: str | None) -> TabletApp:
         source,
         link_to,
         Key(token, time.monotonic, waits),
-        **options_of(where),
+        **read_options(where),
         services=Services(
             field=field_picture, diagnosis=DiagnosisFiles(), earlier=earlier, lines=LinesSeen()
         ),
@@ -191,7 +191,7 @@ def main() -> None:
         where = find_running()
     except WorkerFailed:
         where = None
-    tab_app(where, token_in(given.token_file)).run()
+    make_tab_app(where, read_token(given.token_file)).run()
 
 
 if __name__ == "__main__":

@@ -35,7 +35,7 @@ def parse_terms(texts: Sequence[str]) -> list[Term]:
     return found
 
 
-def as_terms(effects: Sequence[str]) -> tuple[list[str], list[str]]:
+def split_terms(effects: Sequence[str]) -> tuple[list[str], list[str]]:
     """Of `--effect`: those of plug-ins as texts of terms, and the others. Raises ValueError."""
     terms, own = list[str](), list[str]()
     for text in effects:

@@ -8,9 +8,9 @@ from typing import Annotated
 import typer
 
 from console.cli.inputs import LOG, machine_of, refuse_other
-from console.cli.outputs import Force, log_files, machine_file, marked, refuse_collisions
+from console.cli.outputs import Force, list_log_files, machine_file, marked, refuse_collisions
 from console.cli.plain_errors import CommandError
-from console.cli.plain_output import AsJson, say_json
+from console.cli.plain_output import AsJson, print_json
 
 
 def trial(
@@ -59,7 +59,7 @@ def trial(
     refuse_other([one for one in (log, after) if one is not None], LOG)
     reads = [
         plots,
-        *(file for one in (log, after) if one is not None for file in log_files(one)),
+        *(file for one in (log, after) if one is not None for file in list_log_files(one)),
         *([] if weights is None else [weights]),
         *([] if machine is None else [machine_file(machine)]),
     ]
@@ -71,7 +71,7 @@ def trial(
         raise CommandError(str(error)) from None
     write_atomically(out, paper_page([section], f"topdress {software_version()}", "Trial, by plot"))
     if as_json:
-        say_json({"words": section.words, "tables": section.tables})
+        print_json({"words": section.words, "tables": section.tables})
     else:
         typer.echo("\n".join(section.words))
     typer.echo(f"written      {out}", err=as_json)

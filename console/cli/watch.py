@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from console.cli.inputs import LOG, refuse_bench_table, refuse_other
-from console.cli.plain_output import AsJson, say_json
+from console.cli.plain_output import AsJson, print_json
 
 if TYPE_CHECKING:
     from control.diagnosis.result import Departure
@@ -59,7 +59,7 @@ def watch(
             looks += 1
             if look.departure != last:
                 if as_json:
-                    say_json({"at_s": look.at_s, "departure": look.departure})
+                    print_json({"at_s": look.at_s, "departure": look.departure})
                 else:
                     typer.echo(f"{clock(look.at_s)}  {said(look.departure)}")
             last = look.departure

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from console.cli.outputs import Output, log_files, new_log_files
+from console.cli.outputs import Output, list_log_files, new_log_files
 
 if TYPE_CHECKING:
     from drivers.files.run_log import PlainLogWriter
@@ -22,13 +22,13 @@ def whole_log(path: Path, meta: RunMeta) -> Iterator[PlainLogWriter]:
     from drivers.files.run_log import PlainLogWriter
 
     writer = PlainLogWriter(path.with_name(f".{path.stem}.part.csv"), meta)
-    part = log_files(writer.path)
+    part = list_log_files(writer.path)
     try:
         try:
             yield writer
         finally:
             writer.close()
-        for file, name in reversed(list(zip(part, log_files(path), strict=True))):
+        for file, name in reversed(list(zip(part, list_log_files(path), strict=True))):
             file.replace(name)
     except BaseException:
         for file in part:

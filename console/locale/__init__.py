@@ -37,8 +37,10 @@ def catalogue(language: str) -> Catalogue:
     """
     if language == ENGLISH:
         return Catalogue({})
-    if language not in languages():
-        raise ValueError(f"language: {language!r} is not known; allowed: {', '.join(languages())}")
+    if language not in list_languages():
+        raise ValueError(
+            f"language: {language!r} is not known; allowed: {', '.join(list_languages())}"
+        )
     texts: dict[str, str] = {}
     for path in sorted((_FOLDER / language).glob("*.po")):
         texts |= read_po(path.read_text(encoding="utf-8"), f"{language}/{path.name}")
@@ -46,17 +48,17 @@ def catalogue(language: str) -> Catalogue:
 
 
 @cache
-def languages() -> tuple[str, ...]:
+def list_languages() -> tuple[str, ...]:
     """Codes of all languages that can be used, English first."""
     return (ENGLISH, *sorted({path.parent.name for path in _FOLDER.glob("*/*.po")}))
 
 
-def preferred(environment: os._Environ[str] | dict[str, str] = os.environ) -> str:
+def find_preferred_language(environment: os._Environ[str] | dict[str, str] = os.environ) -> str:
     """The language that the environment asks for (LC_ALL, LC_MESSAGES, LANG), English when it
     is not known."""
     for name in ("LC_ALL", "LC_MESSAGES", "LANG"):
         code = environment.get(name, "").split(".")[0].split("_")[0].lower()
-        if code in languages():
+        if code in list_languages():
             return code
     return ENGLISH
 

@@ -70,7 +70,7 @@ def binned(axis: Axis, values: Array, memory: float = 0.0) -> Binned:
     return Binned(at[there], mean[there], (Z90 * spread / np.sqrt(own))[there])
 
 
-def binned_rates(
+def bin_rates(
     axis: Axis, level: Array, step_s: float, segments: npt.NDArray[np.int64], memory: float
 ) -> Binned:
     """Rates of change of a level (n,) by bins of an axis: least squares on the level itself,
@@ -127,7 +127,7 @@ def bins_of(
     return index, len(edges) + 1
 
 
-def shown_share(axis: Axis, effect: Array) -> float:
+def find_shown_share(axis: Axis, effect: Array) -> float:
     """Share of what an effect does to the rows (n,) that its means over the axis hold, 0 to 1."""
     total = float(np.sum(effect**2))
     if total <= 0.0:
@@ -142,15 +142,15 @@ def shown_share(axis: Axis, effect: Array) -> float:
 
 def telling(axes: Sequence[Axis], effect: Array) -> Axis:
     """The axis along which the effect shows most; of near equals the one that stands first."""
-    best, most = axes[0], shown_share(axes[0], effect)
+    best, most = axes[0], find_shown_share(axes[0], effect)
     for axis in axes[1:]:
-        share = shown_share(axis, effect)
+        share = find_shown_share(axis, effect)
         if share > most + CLEARLY:
             best, most = axis, share
     return best
 
 
-def memory_of(values: Array) -> float:
+def find_memory(values: Array) -> float:
     """Correlation of neighbouring values."""
     centred = values - values.mean()
     total = float(np.sum(centred**2))

@@ -12,7 +12,16 @@ import numpy.typing as npt
 
 from console.reports.chart import AFTER, BEFORE, INK, ChartSheet
 from console.reports.diagnosis_wording import better
-from console.reports.html import Picture, escape, figure, items, page, paragraph, section, table
+from console.reports.html import (
+    Picture,
+    escape,
+    figure,
+    format_paragraph,
+    items,
+    page,
+    section,
+    table,
+)
 from console.reports.numbers import number
 from console.reports.panels import MEASURED
 from control.diagnosis.runs.compared import Compared, ComparedChannel
@@ -96,7 +105,7 @@ def compare_page(logs: Logs, old: str, new: str) -> str:
     parts = [
         f"<header><h1>{escape(old)} against {escape(new)}</h1>\n"
         f'<p class="verdict">{escape(_in_short(logs))}</p></header>',
-        paragraph(
+        format_paragraph(
             "Errors are root mean squares of measured less predicted. No size is fitted to "
             "these logs: both "
             "machine files predict as they stand. The interval is of old less new, 90 %, by "
@@ -115,7 +124,7 @@ def compare_page(logs: Logs, old: str, new: str) -> str:
         parts.append(
             section(
                 path,
-                shown if rows else paragraph("No channel could be held against both."),
+                shown if rows else format_paragraph("No channel could be held against both."),
                 *(figure(picture_of(one)) for one in found.channels),
                 items(found.findings) if found.findings else "",
             )

@@ -14,23 +14,23 @@ from console.reports.html import (
     facts,
     figure,
     folded,
+    format_paragraph,
     items,
     page,
-    paragraph,
     section,
     table,
 )
 from console.reports.numbers import (
-    decimals_of,
+    count_decimals,
     fixed,
+    format_p_value,
     number,
-    p_value,
     percent,
     span_of,
     with_interval,
 )
 from console.reports.pictures import pictures_of
-from console.reports.term_words import compensation
+from console.reports.term_words import describe_compensation
 from console.reports.term_words import sentence as term_sentence
 from control.diagnosis.result import UNKNOWN, Cause, Diagnosis, Gain, TermFound
 from control.machine.machine import CATALOGUE
@@ -99,7 +99,7 @@ def diagnosis_page(found: Diagnosis, tools: Mapping[str, Any]) -> str:
         section(
             "What no known effect explains",
             *(
-                paragraph(sentences.left(one, found.data.kind)) + figure(picture)
+                format_paragraph(sentences.left(one, found.data.kind)) + figure(picture)
                 for one, picture in zip(found.unexplained, pictures.left, strict=True)
             ),
             *(
@@ -109,7 +109,9 @@ def diagnosis_page(found: Diagnosis, tools: Mapping[str, Any]) -> str:
         ),
         section(
             "The drive as a whole",
-            items([f"{sentences.whole(found.fitted)}.", sentences.whole_gain(found.fitted)])
+            items(
+                [f"{sentences.whole(found.fitted)}.", sentences.describe_whole_gain(found.fitted)]
+            )
             if found.fitted is not None
             else "",
         ),
@@ -156,7 +158,7 @@ def _cause(cause: Cause, pictures: Sequence[Any]) -> str:
         ("In the field", escape(sentences.cost(cause.field_cost))),
         ("What to do", f'<span class="do">{escape(cause.advice)}</span>'),
     ]
-    physics = paragraph(entry.effect.physics, "dim") if entry else ""
+    physics = format_paragraph(entry.effect.physics, "dim") if entry else ""
     kind = "cause open" if sentences.others(cause) else "cause"
     title = sentences.heading(cause)
     title, name = title[0].upper() + title[1:], "" if sentences.tied(cause) else _id(cause.id)
@@ -211,8 +213,8 @@ def _id(effect_id: str) -> str:
 
 def _term(found: TermFound, picture: Picture | None) -> str:
     """A term in words, what control does about it, and its picture."""
-    said = paragraph(f"{term_sentence(found.term)}.") + paragraph(
-        f"{compensation(found.term)}.", "dim"
+    said = format_paragraph(f"{term_sentence(found.term)}.") + format_paragraph(
+        f"{describe_compensation(found.term)}.", "dim"
     )
     return said + figure(picture)
 
@@ -222,7 +224,7 @@ def _next_run(found: Diagnosis) -> str:
         return ""
     return section(
         "Next run",
-        paragraph(f"Why: {found.next_run.why}."),
+        format_paragraph(f"Why: {found.next_run.why}."),
         items([f"{step}." for step in sentences.to_do(found)], ordered=True),
     )
 
@@ -242,7 +244,7 @@ def _gains(gains: Sequence[Gain]) -> str:
         ("channel", "error", "nominal", "with the causes", "90 % interval", "change", "held out"),
         rows,
         frozenset({2, 3, 4, 5}),
-    ) + paragraph("The interval is of the error with the causes.", "dim")
+    ) + format_paragraph("The interval is of the error with the causes.", "dim")
 
 
 def _channels(found: Diagnosis) -> str:
@@ -255,7 +257,7 @@ def _channels(found: Diagnosis) -> str:
             str(c.n),
             *_alike(c.bias, c.rmse, c.noise_floor),
             fixed(100.0 * c.explained_by_nominal, 1),
-            p_value(c.structure_p),
+            format_p_value(c.structure_p),
         )
         for c in found.channels
     ]
@@ -272,7 +274,7 @@ def _channels(found: Diagnosis) -> str:
         ),
         rows,
         frozenset(range(2, 8)),
-    ) + paragraph(
+    ) + format_paragraph(
         "Errors of the nominal machine. p of structure: how often noise alone would show so "
         "much; below 0.01 the model "
         "lacks something.",
@@ -282,16 +284,16 @@ def _channels(found: Diagnosis) -> str:
 
 def _alike(bias: float, rmse: float, noise: float) -> tuple[str, str, str]:
     """The three to the same decimals: three digits of the noise."""
-    decimals = decimals_of(noise if noise > 0.0 else rmse) + 1
+    decimals = count_decimals(noise if noise > 0.0 else rmse) + 1
     return fixed(bias, decimals), fixed(rmse, decimals), fixed(noise, decimals)
 
 
 def _not_shown(found: Diagnosis) -> str:
-    seen, blind, elsewhere = sentences.not_seen(found)
+    seen, blind, elsewhere = sentences.list_not_seen(found)
     inside = []
     if seen:
         inside += [
-            paragraph("Not found; each would have been seen from this size on:"),
+            format_paragraph("Not found; each would have been seen from this size on:"),
             table(
                 ("effect", "what happens", "smallest size seen"),
                 [
@@ -309,14 +311,14 @@ def _not_shown(found: Diagnosis) -> str:
         ]
     if blind:
         inside += [
-            paragraph(
+            format_paragraph(
                 "Cannot be seen in this data at all, though data of this kind might show it:"
             ),
             table(("effect", "what happens"), [(one, sentences.title_of(one)) for one in blind]),
         ]
     if elsewhere:
         inside.append(
-            paragraph(f"Other kinds of data are needed for: {', '.join(elsewhere)}.", "dim")
+            format_paragraph(f"Other kinds of data are needed for: {', '.join(elsewhere)}.", "dim")
         )
     return section("Not shown", *inside)
 

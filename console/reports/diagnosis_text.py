@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from console.reports import diagnosis_wording
-from console.reports.numbers import p_value
-from console.reports.term_words import compensation, sentence
+from console.reports.numbers import format_p_value
+from console.reports.term_words import describe_compensation, sentence
 from control.diagnosis.result import Cause, Diagnosis
 from control.diagnosis.runs.rates import in_words
 from control.diagnosis.runs.several import Several
@@ -30,7 +30,7 @@ def summary(found: Diagnosis) -> list[str]:
         )
         lines += [
             f"{c.channel:8s} {c.n:9d} {c.bias:10.4g} {c.rmse:10.4g} {c.noise_floor:10.4g}  "
-            f"{p_value(c.structure_p)} ({c.unit})"
+            f"{format_p_value(c.structure_p)} ({c.unit})"
             for c in found.channels
         ]
     if len(found.rates) > 1:
@@ -51,7 +51,7 @@ def summary(found: Diagnosis) -> list[str]:
         lines += [
             "",
             f"term {term.term['id']}: {sentence(term.term)}",
-            f"    {compensation(term.term)}",
+            f"    {describe_compensation(term.term)}",
         ]
         lines += ["    predicts best; no cause is named by it"] if term.predicts_best else []
     lines += (
@@ -59,7 +59,7 @@ def summary(found: Diagnosis) -> list[str]:
         if found.fitted is None
         else [
             diagnosis_wording.whole(found.fitted),
-            f"    {diagnosis_wording.whole_gain(found.fitted)}",
+            f"    {diagnosis_wording.describe_whole_gain(found.fitted)}",
         ]
     )
     for gain in found.gain:
@@ -75,9 +75,9 @@ def summary(found: Diagnosis) -> list[str]:
     return lines
 
 
-def taken_up(found: Diagnosis) -> list[str]:
+def describe_adoption(found: Diagnosis) -> list[str]:
     """What a machine file takes up of a run's diagnosis, and what it leaves and why."""
-    kept, left = diagnosis_wording.sorted_out(found) if found.data.kind == "run" else ((), ())
+    kept, left = diagnosis_wording.sort_adoptable(found) if found.data.kind == "run" else ((), ())
     return ([f"a machine file takes up: {', '.join(kept)}"] if kept else []) + [
         f"it leaves {one}" for one in left
     ]
@@ -104,7 +104,9 @@ def of_a_kind(found: Several) -> list[str]:
     return lines
 
 
-def by_log(each: Sequence[Diagnosis], beyond: str = ", beyond what they share") -> list[str]:
+def describe_by_log(
+    each: Sequence[Diagnosis], beyond: str = ", beyond what they share"
+) -> list[str]:
     """What logs have of their own: a line each, and what is behind it."""
     lines = ["", f"each log by itself{beyond}:"]
     for found in each:
@@ -143,7 +145,7 @@ def _cause(cause: Cause) -> list[str]:
     entry = CATALOGUE.get(cause.id)
     which = "" if cause.member is None else f", number {cause.member}"
     then = diagnosis_wording.when(cause)
-    suspected = "" if diagnosis_wording.headlined(cause) else "suspected: "
+    suspected = "" if diagnosis_wording.is_headline(cause) else "suspected: "
     lines = [
         f"{suspected}{cause.id}: {entry.effect.title if entry else ''}",
         f"    {diagnosis_wording.sized(cause.size)}{which}{then and f', {then}'}; probability "
@@ -164,7 +166,7 @@ def _cause(cause: Cause) -> list[str]:
 
 
 def _not_shown(found: Diagnosis) -> list[str]:
-    seen, blind, _elsewhere = diagnosis_wording.not_seen(found)
+    seen, blind, _elsewhere = diagnosis_wording.list_not_seen(found)
     lines = []
     if seen:
         detectable = [

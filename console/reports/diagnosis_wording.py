@@ -11,9 +11,9 @@ from dataclasses import replace
 from typing import NamedTuple
 
 from console.locale import N_, _
-from console.reports.numbers import decimals_of, fixed, number, percent, plain, short
+from console.reports.numbers import count_decimals, fixed, number, percent, plain, short
 from console.reports.variables import recorded
-from control.diagnosis.extend import not_adoptable, taken_whole, term_not_adoptable
+from control.diagnosis.extend import is_taken_whole, not_adoptable, term_not_adoptable
 from control.diagnosis.result import (
     RUN_CHANNELS,
     UNKNOWN,
@@ -53,7 +53,7 @@ CHANNELS = {
 }
 
 
-def channel_word(channel: str) -> str:
+def name_channel(channel: str) -> str:
     return _(CHANNELS.get(channel, channel))
 
 
@@ -87,7 +87,7 @@ def others(cause: Cause) -> tuple[tuple[str, float], ...]:
     )
 
 
-def headlined(cause: Cause) -> bool:
+def is_headline(cause: Cause) -> bool:
     """Whether a cause is likely enough for a headline: else it is only suspected."""
     return cause.probability >= HEADLINE and all(
         share < cause.probability for _rival, share in others(cause)
@@ -97,7 +97,7 @@ def headlined(cause: Cause) -> bool:
 def headlines_first(found: Diagnosis) -> Diagnosis:
     """With the causes that are only suspected behind the others."""
     return replace(
-        found, causes=tuple(sorted(found.causes, key=lambda cause: not headlined(cause)))
+        found, causes=tuple(sorted(found.causes, key=lambda cause: not is_headline(cause)))
     )
 
 
@@ -107,7 +107,7 @@ def tied(cause: Cause) -> bool:
     return any(rival != UNKNOWN for rival, _share in others(cause))
 
 
-def ties(cause: Cause) -> tuple[tuple[str, str], ...]:
+def list_ties(cause: Cause) -> tuple[tuple[str, str], ...]:
     """A cause and its rivals as equals, each with its probability: the data does not prefer one."""
     own = (title(cause), percent(cause.probability))
     return (
@@ -121,13 +121,17 @@ def heading(cause: Cause) -> str:
     """Its title, and whether there is more than a suspicion; of equals how many they are: none
     of them is a headline until the next run."""
     if tied(cause):
-        return _("one of these {count}, this data cannot tell which").format(count=len(ties(cause)))
-    return title(cause) if headlined(cause) else _("suspected: {title}").format(title=title(cause))
+        return _("one of these {count}, this data cannot tell which").format(
+            count=len(list_ties(cause))
+        )
+    return (
+        title(cause) if is_headline(cause) else _("suspected: {title}").format(title=title(cause))
+    )
 
 
 def undecided(cause: Cause) -> bool:
     """Whether no machine file takes a cause up unless somebody picks it by its name."""
-    return tied(cause) or not headlined(cause)
+    return tied(cause) or not is_headline(cause)
 
 
 def when(cause: Cause) -> str:
@@ -183,12 +187,12 @@ def left(of: Unexplained, kind: str, column: bool = True) -> str:
     if of.variable:
         name = _(recorded(of.variable, kind).name)
         said = _("{channel} changes with {variable}; none of the known causes fits").format(
-            channel=channel_word(of.channel),
+            channel=name_channel(of.channel),
             variable=f"{name} ({of.variable})" if column and name != of.variable else name,
         )
     else:
         said = _("{channel} is off by more than chance; none of the known causes fits").format(
-            channel=channel_word(of.channel)
+            channel=name_channel(of.channel)
         )
     facts = [
         _("that is {share} of the error not yet explained").format(
@@ -196,7 +200,7 @@ def left(of: Unexplained, kind: str, column: bool = True) -> str:
         )
     ]
     if of.rms is not None and of.noise is not None:
-        decimals = decimals_of(of.noise if of.noise > 0.0 else of.rms)
+        decimals = count_decimals(of.noise if of.noise > 0.0 else of.rms)
         facts.append(
             _("typically off by {rms} {unit}; the sensors alone are off by {noise} {unit}").format(
                 rms=plain(fixed(of.rms, decimals)),
@@ -219,7 +223,7 @@ def left(of: Unexplained, kind: str, column: bool = True) -> str:
 # ------------------------------------------------------------------------------------
 
 
-def whole_id(of: Fitted) -> str:
+def format_whole_id(of: Fitted) -> str:
     """By which a drive fitted as a whole is adopted."""
     return f"{of.channel} as a whole"
 
@@ -227,10 +231,10 @@ def whole_id(of: Fitted) -> str:
 def whole(of: Fitted) -> str:
     """A drive fitted as a whole: what of, and the 90 % intervals."""
     sizes = ", ".join(f"{title_of(name)} {sized(size)}" for name, size in of.sizes)
-    return _("{channel} as a whole: {sizes}").format(channel=channel_word(of.channel), sizes=sizes)
+    return _("{channel} as a whole: {sizes}").format(channel=name_channel(of.channel), sizes=sizes)
 
 
-def whole_gain(of: Fitted) -> str:
+def describe_whole_gain(of: Fitted) -> str:
     """What a drive fitted as a whole is good for."""
     return _(
         "Which of these is wrong is not told apart. Adopted together they predict rows that "
@@ -239,12 +243,12 @@ def whole_gain(of: Fitted) -> str:
     ).format(before=plain(number(of.before)), after=plain(number(of.after)), unit=_(of.unit))
 
 
-def sorted_out(found: Diagnosis) -> tuple[tuple[str, ...], tuple[str, ...]]:
+def sort_adoptable(found: Diagnosis) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Ids of effects and terms that a machine file may take up, and a line for each that it may
     not."""
-    kept, refused = ([] if found.fitted is None else [whole_id(found.fitted)]), []
+    kept, refused = ([] if found.fitted is None else [format_whole_id(found.fitted)]), []
     for cause in found.causes:
-        if taken_whole(found, cause):
+        if is_taken_whole(found, cause):
             continue  # as far as it is right it is in that already
         if cause.scope is not None:
             refused.append(f"{cause.id}: holds in the rows of {cause.scope} only")
@@ -277,7 +281,7 @@ class NotSeen(NamedTuple):
     elsewhere: tuple[str, ...]
 
 
-def not_seen(found: Diagnosis) -> NotSeen:
+def list_not_seen(found: Diagnosis) -> NotSeen:
     """Several kinds of data are joined by a plus."""
     blind = [one.id for one in found.not_shown if one.smallest_detectable.value is None]
     hoped_for = [
@@ -320,7 +324,7 @@ def sentence(found: Diagnosis) -> str:
     missing = not_judged(found)
     if not missing or found.verdict == "not_judged":
         return _verdict(found)
-    channels = ", ".join(map(channel_word, missing))
+    channels = ", ".join(map(name_channel, missing))
     return f"{_('Not judged: {channels}.').format(channels=channels)} {_verdict(found)}"
 
 
@@ -331,7 +335,7 @@ def _next_test(found: Diagnosis) -> str:
     assert found.next_run is not None
     minutes = f" ({found.next_run.minutes:g} min)" if found.next_run.minutes else ""
     equals, what = (
-        dict.fromkeys(name for cause in found.causes for name, _sure in ties(cause)),
+        dict.fromkeys(name for cause in found.causes for name, _sure in list_ties(cause)),
         to_do(found)[0],
     )
     said = (
@@ -346,14 +350,14 @@ def _next_test(found: Diagnosis) -> str:
             )
         ]
     )
-    sure = [title(cause) for cause in found.causes if not tied(cause) and headlined(cause)]
+    sure = [title(cause) for cause in found.causes if not tied(cause) and is_headline(cause)]
     if sure:
         said.append(_("Sure: {causes}.").format(causes="; ".join(sure)))
     return " ".join(said)
 
 
 def _verdict(found: Diagnosis) -> str:
-    likely = [cause for cause in found.causes if headlined(cause)]
+    likely = [cause for cause in found.causes if is_headline(cause)]
     suspected = len(found.causes) - len(likely)
     if found.verdict == "none":
         return _("Everything is as the machine file says, as far as the sensors can tell.")

@@ -8,11 +8,20 @@ from math import ceil, floor
 
 from console.locale import N_, _
 from console.reports.chart import AFTER, BEFORE, DIM, ChartSheet, Tick
-from console.reports.html import Picture, escape, figure, items, page, paragraph, section, table
+from console.reports.html import (
+    Picture,
+    escape,
+    figure,
+    format_paragraph,
+    items,
+    page,
+    section,
+    table,
+)
 from console.reports.numbers import fixed
 from control.diagnosis.season.effect_timelines import Cause, Same, SeasonFit, wears
 from control.diagnosis.season.mixed import Alternative
-from control.diagnosis.season.season_cost import Low, MachineSeason, still_there
+from control.diagnosis.season.season_cost import Low, MachineSeason, is_still_there
 from control.machine.machine import CATALOGUE
 from drivers import day_clock
 
@@ -79,7 +88,7 @@ def fleet_page(
             ),
             _about(one.now_percent, one.now_least, one.now_most, 1, "+z"),
             f"{one.others_percent:+z.1f}",
-            costliest(one),
+            describe_costliest(one),
         ]
         for one in machines
     ]
@@ -98,7 +107,7 @@ def fleet_page(
         section(
             _("Machines, worst first"),
             table(head, rows, numbers),
-            paragraph(
+            format_paragraph(
                 _(
                     "In brackets: between what it lies where logs cannot tell which of "
                     "several causes it is. What causes "
@@ -114,9 +123,9 @@ def fleet_page(
             _("What logs share"),
             items(
                 [
-                    *(shared_words(one, units) for one in fit.shared),
-                    *map(same_words, fit.same),
-                    *map(low_words, low),
+                    *(describe_shared(one, units) for one in fit.shared),
+                    *map(describe_same, fit.same),
+                    *map(describe_low_hopper, low),
                 ]
             ),
         ),
@@ -126,7 +135,7 @@ def fleet_page(
             for number, one in enumerate(machines[:SHOWN])
             if any(cost.cause.pieces for cost in one.costs)
         ),
-        section(_("Logs without a time"), items([*map(aside_words, aside), *by_file])),
+        section(_("Logs without a time"), items([*map(describe_left_out, aside), *by_file])),
         section(
             _("Logs that could not be read"),
             items(why if path in why else f"{path}: {why}" for path, why in broken),
@@ -137,7 +146,7 @@ def fleet_page(
     return page(
         about,
         f'<h1>{escape(about)}</h1>\n<p class="verdict">{escape(said)}</p>\n{body}\n'
-        f"{paragraph(software, 'dim')}",
+        f"{format_paragraph(software, 'dim')}",
     )
 
 
@@ -191,10 +200,10 @@ def titled(name: str) -> str:
     return f"{title} {member}" if member else title
 
 
-def costliest(one: MachineSeason) -> str:
+def describe_costliest(one: MachineSeason) -> str:
     """What costs a machine most of what is still there, its own or shared; its set of
     alternatives."""
-    cause = next((cost.cause for cost in one.costs if still_there(cost.cause)), None)
+    cause = next((cost.cause for cost in one.costs if is_still_there(cost.cause)), None)
     if cause is None:
         return "-"
     name = set_words(cause)
@@ -224,7 +233,7 @@ def service(machines: Sequence[MachineSeason]) -> list[str]:
     sums = dict[tuple[str, Cause], list[float]]()
     for one in machines:
         for cost in one.costs:
-            if still_there(cost.cause):
+            if is_still_there(cost.cause):
                 who = one.machine if cost.cause.pieces else _factor(cost.cause)
                 of = sums.setdefault((who, cost.cause), [0.0, 0.0, 0.0])
                 of[:] = (of[0] + cost.kg, of[1] + cost.least_kg, of[2] + cost.most_kg)
@@ -244,14 +253,15 @@ def _advice(cause: Cause) -> str:
     sizes = {one.effect: one.size for one in reversed(cause.alternatives)}
     sizes[cause.effect] = cause.now
     said = [
-        owner_words(effect, sizes[effect]) for effect in dict.fromkeys((cause.effect, *cause.alike))
+        describe_for_owner(effect, sizes[effect])
+        for effect in dict.fromkeys((cause.effect, *cause.alike))
     ]
     if len(said) == 1:
         return said[0]
     return _("find out which it is, likeliest first: {each}").format(each=_(" Or: ").join(said))
 
 
-def owner_words(effect: str, size: float) -> str:
+def describe_for_owner(effect: str, size: float) -> str:
     """An effect as who owns the machine would say it, and what to do about it."""
     found = CATALOGUE[effect.partition("#")[0]].effect
     return _("{what} {advice}").format(
@@ -291,7 +301,7 @@ def course_words(course: Cause, unit: str, kg: str) -> str:
     return said
 
 
-def shared_words(one: Cause, units: Mapping[str, str]) -> str:
+def describe_shared(one: Cause, units: Mapping[str, str]) -> str:
     said = _("{factor}: {title} {size} {unit} +- {half} on every machine ({logs} logs)").format(
         factor=_factor(one),
         title=titled(one.effect),
@@ -305,7 +315,7 @@ def shared_words(one: Cause, units: Mapping[str, str]) -> str:
     return said
 
 
-def same_words(one: Same) -> str:
+def describe_same(one: Same) -> str:
     return _(
         "{one} and {other} have the same logs: whose doing something is, they cannot tell"
     ).format(
@@ -319,7 +329,7 @@ def _unit(effect: str, units: Mapping[str, str]) -> str:
     return _(unit) if unit else ""
 
 
-def low_words(one: Low) -> str:
+def describe_low_hopper(one: Low) -> str:
     return _(
         "operator {name} works {minutes} min an hour with the hopper nearly empty, the "
         "others {others} "
@@ -332,7 +342,7 @@ def low_words(one: Low) -> str:
     )
 
 
-def aside_words(one: tuple[str, str]) -> str:
+def describe_left_out(one: tuple[str, str]) -> str:
     path, date = one
     return _(
         "{path}: its clock said {date}: left out of the courses and sums; its true time may "

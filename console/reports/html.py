@@ -43,7 +43,7 @@ def page(title: str, body: str, style: str = "") -> str:
     )
 
 
-def paragraph(text: str, kind: str = "") -> str:
+def format_paragraph(text: str, kind: str = "") -> str:
     """Plain text in a paragraph."""
     return f"<p{_class(kind)}>{escape(text)}</p>"
 

@@ -47,7 +47,7 @@ class About(NamedTuple):
 NOBODY = About()
 
 
-def about_of(log: RunLog) -> About:
+def read_about(log: RunLog) -> About:
     """By the log's sidecar and its rows."""
     meta = log.meta
     job = dict(meta.job or {}) if meta is not None else {}
@@ -151,7 +151,7 @@ def named(about: About, product: str) -> str:
     )
 
 
-def time_line(about: About) -> Picture | None:
+def draw_time_line(about: About) -> Picture | None:
     """Work, refills and each kind of alarm over the job's time; None where nothing happened
     along with the work."""
     happened = about.happened

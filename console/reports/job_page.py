@@ -8,10 +8,10 @@ import numpy.typing as npt
 
 from console.reports.chart import AFTER, BEFORE, LINE, ChartSheet, ColourBar
 from console.reports.html import Picture, escape, facts, figure, page, section
-from console.reports.job_about import NOBODY, About, named, time_line
+from console.reports.job_about import NOBODY, About, draw_time_line, named
 from console.reports.numbers import fixed, number, span_of
 from console.scale import STEPS, colour
-from control.field.across import across_words
+from control.field.across import describe_across
 from control.geodesy import TangentPlane
 from drivers.files.exports.as_applied import AsApplied
 
@@ -109,7 +109,7 @@ def job_page(applied: AsApplied, software: str, about: About = NOBODY) -> str:
             *(
                 ()
                 if applied.one_rate is None
-                else (("one rate across the width", escape(across_words(applied.one_rate))),)
+                else (("one rate across the width", escape(describe_across(applied.one_rate))),)
             ),
             ("working time", escape(span_of(t.worked_s))),
             (
@@ -135,8 +135,8 @@ def job_page(applied: AsApplied, software: str, about: About = NOBODY) -> str:
             f"\n{named(about, about.who.product or applied.product.name)}\n"
             f"{section('Sums', sums)}\n"
             f"{section('Wanted and applied', figure(applied_map(applied)))}\n"
-            f"{effort_section(applied)}{section('What happened', figure(time_line(about)))}\n"
-            f"{section('Against the target', error_words(applied), errors)}\n"
+            f"{effort_section(applied)}{section('What happened', figure(draw_time_line(about)))}\n"
+            f"{section('Against the target', describe_errors(applied), errors)}\n"
             f'<p class="signed"><span>handed over by</span><span>received by</span></p>\n'
             f'<p class="dim">{escape(software)}</p>'
         ),
@@ -204,7 +204,7 @@ def applied_map(applied: AsApplied) -> Picture:
     )
 
 
-def effort_rise(applied: AsApplied) -> Values:
+def find_effort_rise(applied: AsApplied) -> Values:
     """By how much harder the metering drive worked in each stretch (n,) than in the job's easy
     ones, %: a machine file whose numbers nobody measured moves all alike. All NaN where it is
     not known."""
@@ -215,7 +215,7 @@ def effort_rise(applied: AsApplied) -> Values:
 def effort_section(applied: AsApplied) -> str:
     """Where the metering drive's effort rose: stones, clods, wet product; "" where no drive
     says."""
-    rise, s = effort_rise(applied), applied.stretches
+    rise, s = find_effort_rise(applied), applied.stretches
     if not np.isfinite(rise).any():
         return ""
     least, worst = ROSE_SD * applied.machine.tolerance.effort_percent, int(np.nanargmax(rise))
@@ -277,7 +277,7 @@ def error_percent(applied: AsApplied) -> tuple[np.ndarray, np.ndarray]:
     return 100.0 * (s.applied_kg_ha[known] / s.target_kg_ha[known] - 1.0), s.area_m2[known]
 
 
-def error_words(applied: AsApplied) -> str:
+def describe_errors(applied: AsApplied) -> str:
     error, area = error_percent(applied)
     if not len(error):
         return "<p>No target was logged.</p>"

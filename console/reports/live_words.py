@@ -4,7 +4,7 @@ when, probably why."""
 from __future__ import annotations
 
 from console.locale import _
-from console.reports.diagnosis_wording import channel_word, title_of
+from console.reports.diagnosis_wording import name_channel, title_of
 from control.diagnosis.result import Departure
 
 LEAST_PERCENT = 0.5  # of the dose: less is not given as a number
@@ -25,7 +25,7 @@ def departure_line(found: Departure, since: str, why: bool = True) -> str:
 
 def what(found: Departure) -> str:
     """Which channel departs, and by how much of the dose."""
-    channel = channel_word(found.channel)
+    channel = name_channel(found.channel)
     if found.percent is None or abs(found.percent) < LEAST_PERCENT:
         return _("{channel} is not as it should be").format(channel=channel)
     share = (

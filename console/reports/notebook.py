@@ -9,7 +9,7 @@ from typing import Any
 
 from console.reports.chart import ChartSheet
 from console.reports.compare_page import picture_of, verdict
-from console.reports.diagnosis_text import summary, taken_up
+from console.reports.diagnosis_text import describe_adoption, summary
 from console.reports.diagnosis_wording import (
     VERDICTS,
     headlines_first,
@@ -215,7 +215,7 @@ def machine_named(name: str) -> Machine:
         raise ValueError(error.lines[0]) from None
 
 
-def html_of(found: Diagnosis) -> str:
+def format_html(found: Diagnosis) -> str:
     """Verdict, causes, errors by channel."""
     rows = []
     for cause in found.causes:
@@ -247,7 +247,9 @@ def html_of(found: Diagnosis) -> str:
         ],
         frozenset({1, 2, 3}),
     )
-    notes = "".join(f"<li>{escape(one)}</li>" for one in (*found.findings, *taken_up(found)))
+    notes = "".join(
+        f"<li>{escape(one)}</li>" for one in (*found.findings, *describe_adoption(found))
+    )
     return framed(
         f"<p><b>{escape(VERDICTS[found.verdict][0])}</b>: {escape(sentence(found))}</p>"
         f"{causes_html}{channels}{_predicted(found)}"

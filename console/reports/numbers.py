@@ -39,7 +39,7 @@ def short(value: float, digits: int = 3) -> str:
     return text.rstrip("0").rstrip(".") if "." in text else text
 
 
-def decimals_of(half_width: float) -> int:
+def count_decimals(half_width: float) -> int:
     """Decimals that an interval of this half width deserves: two of its own digits."""
     if not isfinite(half_width) or half_width <= 0.0:
         return 3
@@ -51,7 +51,9 @@ def with_interval(value: float, low: float | None, high: float | None) -> tuple[
     if low is None or high is None or not high > low:
         return number(value), ""
     largest = max(abs(low), abs(high))
-    decimals = max(0, min(decimals_of(0.5 * (high - low)), MOST_DIGITS - 1 - floor(log10(largest))))
+    decimals = max(
+        0, min(count_decimals(0.5 * (high - low)), MOST_DIGITS - 1 - floor(log10(largest)))
+    )
     least, most = fixed(low, decimals), fixed(high, decimals)
     return fixed(
         value, decimals
@@ -63,7 +65,7 @@ def percent(share: float) -> str:
     return ">99 %" if share > 0.995 else "<1 %" if share < 0.005 else f"{100.0 * share:.0f} %"
 
 
-def p_value(value: float) -> str:
+def format_p_value(value: float) -> str:
     return f"{value:.3f}" if value >= 0.001 else "<0.001"
 
 

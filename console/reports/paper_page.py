@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from console.reports.chart import AFTER, BEFORE, THIRD, ChartSheet
 from console.reports.html import Picture as Drawn
-from console.reports.html import escape, figure, page, paragraph, table
+from console.reports.html import escape, figure, format_paragraph, page, table
 from console.reports.numbers import fixed
 from control.papers.page import Cell, Picture, Section, Table
 
@@ -39,7 +39,7 @@ def paper_page(
 def _section(part: Section, number: int) -> str:
     inside = "\n".join(
         [
-            *(paragraph(text) for text in part.words),
+            *(format_paragraph(text) for text in part.words),
             *(_table(one, _anchor(number, k)) for k, one in enumerate(part.tables)),
             *(figure(draw(one)) for one in part.pictures),
         ]

@@ -79,7 +79,7 @@ def _of_run(found: Diagnosis, tools: Mapping[str, Any]) -> PictureSet:
     for k, one in enumerate(found.unexplained):
         fit = found.tables[k] if k < len(found.tables) else None
         left.append(run_pictures.left_picture(views, parts, one, fit))
-    over_time = run_pictures.time_lines(views, parts)
+    over_time = run_pictures.draw_time_lines(views, parts)
     terms = tuple(term_picture(one) for one in found.terms)
     return PictureSet(tuple(causes), tuple(left), (over_time,) if over_time else (), terms)
 

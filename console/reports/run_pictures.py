@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import numpy.typing as npt
 
-from console.reports.binned import Axis, shown_share
+from console.reports.binned import Axis, find_shown_share
 from console.reports.chart import AFTER, BEFORE, DIM, INK, PAPER, THIRD, ChartSheet, Panel
 from console.reports.html import Picture
 from console.reports.panels import (
@@ -19,7 +19,7 @@ from console.reports.panels import (
     residual_panel,
     smooth_line,
 )
-from console.reports.run_views import View, view_of
+from console.reports.run_views import View, find_view
 from control.diagnosis.result import TableFit, Unexplained
 from control.diagnosis.runs.hypothesis import EffectInstance
 from control.machine.machine import CATALOGUE
@@ -43,7 +43,7 @@ def cause_pictures(
 ) -> list[Picture]:
     """One cause: its residual before and after along the variable that tells it, and a stretch
     where it shows most."""
-    found = view_of(views, parts, part)
+    found = find_view(views, parts, part)
     if found is None:
         return []
     view, effect = found
@@ -51,7 +51,7 @@ def cause_pictures(
     first = OTHERS if others else NOMINAL
     before, after = view.residual(others), view.residual(parts)
     axis = view.axis_of(part, effect)
-    panels = _panels(view, axis, shown_share(axis, effect), part)
+    panels = _panels(view, axis, find_shown_share(axis, effect), part)
     sheet = ChartSheet(6.4 if panels == ["means"] else 9.4, 3.4, columns=len(panels))
     for panel, kind in zip(sheet.panels[0], panels, strict=True):
         if kind == "means":
@@ -194,7 +194,7 @@ def _extension(panel: Panel, fit: TableFit, axis: Axis) -> None:
     )
 
 
-def time_lines(views: Sequence[View], parts: Sequence[EffectInstance]) -> Picture | None:
+def draw_time_lines(views: Sequence[View], parts: Sequence[EffectInstance]) -> Picture | None:
     """Residual of every channel over the run, of the machine file as it was and with what it
     takes up, with the onsets."""
     if not views:

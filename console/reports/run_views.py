@@ -12,19 +12,19 @@ import numpy.typing as npt
 from console.reports.binned import (
     Axis,
     Binned,
+    bin_rates,
     binned,
-    binned_rates,
-    memory_of,
-    shown_share,
+    find_memory,
+    find_shown_share,
     telling,
 )
 from control.diagnosis.prediction.on_log import OnLog
 from control.diagnosis.result import Cause
 from control.diagnosis.runs.channels import ChannelSeries, channels
 from control.diagnosis.runs.drives import Drive
-from control.diagnosis.runs.hypothesis import MAX_SWITCHES, EffectInstance, schedule, stages_of
+from control.diagnosis.runs.hypothesis import MAX_SWITCHES, EffectInstance, list_stages, schedule
 from control.diagnosis.runs.log import gate
-from control.diagnosis.runs.model import in_course
+from control.diagnosis.runs.model import shape_over_time
 from control.diagnosis.runs.stages import RunData, run_data
 from control.machine.machine import CATALOGUE, Machine
 from control.machine.stage_runner import MOST_STEP_S
@@ -90,7 +90,7 @@ class View(NamedTuple):
         hopper positive."""
         if self.segments is None:
             return binned(axis, residual, memory)
-        rates = binned_rates(
+        rates = bin_rates(
             axis, residual, float(np.median(np.diff(self.time_s))), self.segments, memory
         )
         return Binned(rates.at, -1000.0 * rates.mean, 1000.0 * rates.half)
@@ -110,13 +110,13 @@ class View(NamedTuple):
     def memory(self, residual: Array) -> float:
         """Correlation of the residual's neighbouring noise."""
         if self.segments is None:
-            return memory_of(residual)
+            return find_memory(residual)
         slow = np.convolve(
             np.pad(residual, SLOW, mode="edge"),
             np.ones(2 * SLOW + 1) / (2 * SLOW + 1),
             mode="valid",
         )
-        return memory_of(residual - slow)
+        return find_memory(residual - slow)
 
     def axis_of(self, part: EffectInstance, effect: Array) -> Axis:
         """The axis along which what the effect does to the rows (n,) shows most."""
@@ -131,7 +131,9 @@ class View(NamedTuple):
         )
         late = telling([self.axes[name] for name in RUN_WITH_TIME if name in self.axes], effect)
         more = 0.0 if part.onset_s is not None else TIME_MORE
-        return late if shown_share(late, effect) > shown_share(best, effect) + more else best
+        return (
+            late if find_shown_share(late, effect) > find_shown_share(best, effect) + more else best
+        )
 
     def own(self, parts: Sequence[EffectInstance]) -> tuple[EffectInstance, ...]:
         """Those effects that this channel can feel, as many beginnings and ends as one run may
@@ -164,7 +166,7 @@ def parts_of(causes: Sequence[Cause]) -> tuple[EffectInstance, ...]:
     return tuple(found)
 
 
-def view_of(
+def find_view(
     views: Sequence[View], parts: Sequence[EffectInstance], part: EffectInstance
 ) -> tuple[View, Array] | None:
     """The view of the effect's own stage where it shows there, else the one in which it shows
@@ -208,7 +210,7 @@ def run_views(
 def _predictor(
     channel: ChannelSeries, machine: Machine
 ) -> Callable[[tuple[EffectInstance, ...]], Array]:
-    base = stages_of(machine)
+    base = list_stages(machine)
     known: dict[tuple[EffectInstance, ...], Array] = {}
 
     def _grown(part: EffectInstance) -> Array:
@@ -217,7 +219,9 @@ def _predictor(
         whole = channel.predict(
             schedule(base, (EffectInstance(part.id, part.size, member=part.member),)), MOST_STEP_S
         )
-        return in_course(whole - channel.predict(schedule(base, ()), MOST_STEP_S), channel, part)
+        return shape_over_time(
+            whole - channel.predict(schedule(base, ()), MOST_STEP_S), channel, part
+        )
 
     def predict(parts: tuple[EffectInstance, ...]) -> Array:
         if parts not in known:

@@ -13,13 +13,13 @@ from control.calibration.bench_table import BenchTable, usable
 from control.diagnosis.effects import LAG_COARSE_CLOCK
 from control.diagnosis.result import Cause
 from control.diagnosis.tables.duplicate_rows import without_duplicates
-from control.diagnosis.tables.rows import pieces_of
+from control.diagnosis.tables.rows import make_pieces
 from control.diagnosis.tables.table_series import (
     SizedEffect,
     TableCandidate,
     TablePiece,
-    with_effects,
-    within_scope,
+    add_effects,
+    is_within_scope,
 )
 from control.machine.machine import CATALOGUE, Machine
 
@@ -98,7 +98,7 @@ def table_views(
     return tuple(
         _view(piece, machine, parts)
         for table in without_duplicates(list(map(usable, tables)), machine).tables
-        for piece in pieces_of(table, machine)
+        for piece in make_pieces(table, machine)
     )
 
 
@@ -107,16 +107,16 @@ def _view(piece: TablePiece, machine: Machine, parts: tuple[CausePart, ...]) -> 
     felt = dict.fromkeys(
         part.id
         for part in parts
-        if np.any(piece.predict(with_effects(machine, (part.effect,))) != nominal)
+        if np.any(piece.predict(add_effects(machine, (part.effect,))) != nominal)
     )
     extended = nominal.copy()
     groups = []
     for text in dict.fromkeys(piece.group.tolist()):
         rows = piece.group == text
-        held = [part for part in parts if within_scope(part.scope, piece, text, part.id)]
+        held = [part for part in parts if is_within_scope(part.scope, piece, text, part.id)]
         if held:
             extended[rows] = piece.predict(
-                with_effects(machine, tuple(part.effect for part in held))
+                add_effects(machine, tuple(part.effect for part in held))
             )[rows]
         names = {part.id for part in held}
         groups.append(

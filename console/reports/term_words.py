@@ -82,7 +82,7 @@ def _alike(term: Term, plugin: EffectPlugin) -> bool:
     return (other.acts_on, other.form, other.variables) == (term.acts_on, term.form, term.variables)
 
 
-def compensation(plain: Mapping[str, Any]) -> str:
+def describe_compensation(plain: Mapping[str, Any]) -> str:
     """What control does about a term once the machine file has it."""
     term = Term.model_validate(plain)
     if why := not_compensated(term):
@@ -134,7 +134,7 @@ def _signed(value: float, unit: str) -> str:
     return f"{'+' if value > 0.0 else ''}{short(value, 2)} {unit}"
 
 
-def side_by_side(change: Change) -> list[str]:
+def compare_side_by_side(change: Change) -> list[str]:
     """Each effect and term of a machine file before and after, a line each."""
     lines = [
         f"  {one.id}{'' if one.member is None else f'#{one.member}'}: {one.before:.4g} -> "

@@ -24,7 +24,7 @@ from aiohttp.web_protocol import RequestHandler
 from textual_serve.app_service import AppService
 from textual_serve.server import Server
 
-from console.attached import cleaned
+from console.attached import clean_name
 from console.serve.tab import TabConsole
 
 # consoles at once, counted until their processes have ended
@@ -127,10 +127,10 @@ class TabletServer(Server):
         """Silent: the command says where it listens."""
 
     async def handle_index(self, request: web.Request) -> web.Response:
-        if not host_allowed(request.host, self.host):
+        if not is_host_allowed(request.host, self.host):
             raise web.HTTPForbidden(text="this name is not mine")
         scheme = "wss" if request.secure else "ws"
-        name = quote(cleaned(request.query.get("name")), safe="")
+        name = quote(clean_name(request.query.get("name")), safe="")
         address = html.escape(f"{scheme}://{request.host}/ws{'/' + name if name else ''}")
         page = self._page.replace("{{ socket }}", address)
         size = number(request.query.get("fontsize"), USUAL_FONT, LEAST_FONT, MOST_FONT)
@@ -143,7 +143,7 @@ class TabletServer(Server):
     async def handle_websocket(self, request: web.Request) -> web.WebSocketResponse:
         """One tab: its app process lives as long as its socket."""
         origin = request.headers.get("Origin")
-        if not host_allowed(request.host, self.host) or (
+        if not is_host_allowed(request.host, self.host) or (
             origin and urlsplit(origin).netloc != request.host
         ):
             raise web.HTTPForbidden(text="another page may not open this console")
@@ -311,10 +311,12 @@ class MessagePace:
 def name_of(request: web.Request) -> str:
     """What the others at the machine call a tab: as its page's address says behind `?name=`,
     which the page puts into the path of its socket, else where it is."""
-    return cleaned(request.match_info.get("name")) or cleaned(f"tablet {request.remote or ''}")
+    return clean_name(request.match_info.get("name")) or clean_name(
+        f"tablet {request.remote or ''}"
+    )
 
 
-def host_allowed(asked: str, listening: str) -> bool:
+def is_host_allowed(asked: str, listening: str) -> bool:
     """Whether a request means this server: an address, localhost, or a name of this machine.
     Any other name that leads here was made to lead here by somebody else's page; what is
     neither a name nor an address leads nowhere."""

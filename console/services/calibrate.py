@@ -20,7 +20,7 @@ from console.app.pages.calibrate.service import (
     Number,
 )
 from console.app.pages.calibrate.wheel import WheelSample
-from console.services.launcher import data_folder
+from console.services.launcher import find_data_folder
 from control.machine.flow import grams_per_rev
 from control.machine.machine import Machine
 from drivers import day_clock
@@ -49,7 +49,7 @@ def calibrate_job(
     new machine files go; the run logs' folder is next to it. tables: further folders in which
     lag tables are looked for.
     """
-    place = folder or data_folder() / "machines"
+    place = folder or find_data_folder() / "machines"
     look_in = (place.parent / "logs", place, Path.cwd(), *tables)
     limits, points = machine.limits, machine.set_points
     counted_m = wheel_circumference_m or machine.speed.wheel_circumference_m

@@ -15,7 +15,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from console.app.pages.diagnosis.adoption import offer_of, undecided
+from console.app.pages.diagnosis.adoption import find_offer, undecided
 from console.app.pages.diagnosis.service import (
     IMPORT,
     Adoption,
@@ -32,7 +32,7 @@ from console.app.pages.diagnosis.service import (
 from console.reports.diagnosis_wording import others
 from console.services.diagnosis_job import REPORT, RESULT, VIEW, DiagnosisOrder
 from console.services.foreign_files import is_listed, may_be_brought_in
-from console.services.launcher import data_folder
+from console.services.launcher import find_data_folder
 from console.threads import ONE_THREAD
 from drivers import day_clock
 from drivers.files.atomic import free_path
@@ -61,7 +61,7 @@ class DiagnosisFiles:
         effects: tuple[str, ...] = (),
         own: Path | None = None,
     ) -> None:
-        self.own = own or data_folder()
+        self.own = own or find_data_folder()
         self.folders = tuple(dict.fromkeys((self.own / "logs", *(folders or (Path.cwd(),)))))
         self.machine, self.effects = machine, effects
         self._scratch: tempfile.TemporaryDirectory[str] | None = None
@@ -247,7 +247,7 @@ class DiagnosisFiles:
             raise ValueError(
                 "nothing here can be adopted" + "".join(f"; {why}" for why in found.refused)
             )
-        offer = offer_of(found, chosen.ids)
+        offer = find_offer(found, chosen.ids)
         if offer is None:
             raise ValueError(
                 f"{', '.join(chosen.ids) or 'nothing'}: not adopted together: pick one of "
@@ -264,11 +264,15 @@ class DiagnosisFiles:
         )
 
     def last_change(self, machine: str | None) -> tuple[str, ...]:
-        from console.reports.term_words import side_by_side
+        from console.reports.term_words import compare_side_by_side
         from control.machine.history import last_change
 
         change = last_change(self._machine(machine))
-        return () if change is None else (f"{change.date}, {change.data}", *side_by_side(change))
+        return (
+            ()
+            if change is None
+            else (f"{change.date}, {change.data}", *compare_side_by_side(change))
+        )
 
     def take_back(self, machine: str | None) -> str:
         from control.machine.history import undone
@@ -295,7 +299,7 @@ class DiagnosisFiles:
         return _kept(made, self.own / "reports", stem, ".html" if what == "report" else ".json")
 
     def write_run(self, found: DiagnosisView) -> str:
-        from console.services.separating_run import drive_of
+        from console.services.separating_run import make_drive
         from drivers.files.config import load, save
         from drivers.files.kinds import JOB, MACHINE
 
@@ -303,7 +307,7 @@ class DiagnosisFiles:
         if run is None or not found.drives:
             raise ValueError("this run has no job file: do it by its steps")
         machine = load(self.machine, MACHINE).model
-        drive = drive_of(found.drives, load("demo", JOB).model, machine)
+        drive = make_drive(found.drives, load("demo", JOB).model, machine)
         job = drive.job.model_copy(update={"title": run.plan})
         path = free_path(self.own / "jobs", job.id, ".yaml")
         said = (

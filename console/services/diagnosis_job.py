@@ -110,7 +110,7 @@ def machine_of(order: DiagnosisOrder) -> Machine:
 
 def drive(order: DiagnosisOrder, machine: Machine, out: Path, tell: Tell) -> None:
     """The separating run on the simulated machine, as an ordinary run log."""
-    from console.services.separating_run import drive_of
+    from console.services.separating_run import make_drive
     from control.machine.fault_injection import parse_planted
     from control.simulation.assembly import control_loop, simulated_machine, with_simulated_field
     from control.simulation.closed_loop import simulated_run
@@ -120,7 +120,7 @@ def drive(order: DiagnosisOrder, machine: Machine, out: Path, tell: Tell) -> Non
 
     dt_s = 0.05
     setup = load_setup(order.default_machine, "demo", day_clock.today())
-    wanted = drive_of(order.manoeuvre, setup.job, machine)
+    wanted = make_drive(order.manoeuvre, setup.job, machine)
     job = with_simulated_field(wanted.job, machine)
     plant = simulated_machine(
         machine, job, order.seed, dt_s, [parse_planted(text) for text in order.planted]
@@ -149,7 +149,7 @@ def _diagnosed(
     tell: Tell,
 ) -> None:
     """notes: of bringing the data in."""
-    from console.app.pages.diagnosis.adoption import selections
+    from console.app.pages.diagnosis.adoption import list_selections
     from console.services.diagnosis_view import found_of, mean_target
     from drivers.files.atomic import write_atomically
     from drivers.files.plain import plain
@@ -182,7 +182,7 @@ def _diagnosed(
     tell(0.86, "pictures")
     view = found_of(found, tools, name, target, order.planted)
     offers = []
-    for number, ids in enumerate(selections(view)):
+    for number, ids in enumerate(list_selections(view)):
         file = f"machine-{number}.yaml"
         offers.append(_offer(found, ids, machine, data, folder / file))
     write_atomically(folder / RESULT, json.dumps(found.to_json(), indent=1) + "\n")
@@ -205,16 +205,18 @@ def _offer(
 ) -> AdoptionOffer:
     """The machine file with what may be adopted, for the page to put in its place when the
     operator says so; and what changed in it, a line each."""
-    from console.reports.diagnosis_wording import whole_id
-    from console.reports.term_words import side_by_side
+    from console.reports.diagnosis_wording import format_whole_id
+    from console.reports.term_words import compare_side_by_side
     from control.diagnosis.extend import extend
-    from control.diagnosis.runs.adoption import adoptable_of
+    from control.diagnosis.runs.adoption import select_adoptable
     from drivers.files.config import save, sha256_of
     from drivers.files.kinds import MACHINE
 
-    fitted = found.fitted if found.fitted is not None and whole_id(found.fitted) in ids else None
+    fitted = (
+        found.fitted if found.fitted is not None and format_whole_id(found.fitted) in ids else None
+    )
     terms = tuple(one for one in found.terms if one.term["id"] in ids)
-    taken = adoptable_of(dataclasses.replace(found, fitted=fitted, terms=terms), ids)
+    taken = select_adoptable(dataclasses.replace(found, fitted=fitted, terms=terms), ids)
     refused = tuple(f"{name}: {why}" for name, why in taken.refused)
     extended = extend(
         machine, taken.found, date=day_clock.today().isoformat(), sha256=sha256_of(data)
@@ -229,7 +231,7 @@ def _offer(
         ]
     )
     save(path, extended, MACHINE, comment)
-    return AdoptionOffer(ids, path.name, tuple(side_by_side(extended.history[-1])), refused)
+    return AdoptionOffer(ids, path.name, tuple(compare_side_by_side(extended.history[-1])), refused)
 
 
 def teller() -> Tell:

@@ -12,10 +12,10 @@ import numpy as np
 
 from console.app.pages.diagnosis.service import DiagnosisView, Drawn, ResidualCurve
 from console.reports.binned import Array, Axis, Binned
-from console.reports.diagnosis_wording import headlines_first, sorted_out
-from console.reports.run_views import View, parts_of, run_views, view_of
+from console.reports.diagnosis_wording import headlines_first, sort_adoptable
+from console.reports.run_views import View, find_view, parts_of, run_views
 from console.reports.table_views import MeasuredColumn, table_views
-from console.services.separating_run import drivable
+from console.services.separating_run import is_drivable
 from control.diagnosis.result import Cause, Diagnosis
 from control.diagnosis.runs.hypothesis import EffectInstance
 from control.machine.machine import CATALOGUE, Machine
@@ -39,7 +39,7 @@ def found_of(
     parts = parts_of(found.causes)
     after = {view.name: _rms(view.residual(parts)) for view in views if view.segments is None}
     after |= {table.channel: _rms(table.after) for table in tables}
-    kept, refused = sorted_out(found)
+    kept, refused = sort_adoptable(found)
     run = found.next_run
     return DiagnosisView(
         name,
@@ -48,7 +48,7 @@ def found_of(
         after if found.causes else {},
         kept,
         refused,
-        run.id if run is not None and drivable(run.id) else "",
+        run.id if run is not None and is_drivable(run.id) else "",
         _left_curve(found, views, parts),
         mean_target_kg_ha,
         planted=planted,
@@ -71,7 +71,7 @@ def _curves(
         return Drawn()
     if tables:
         return Drawn(_of_table(cause, tables))
-    shown = view_of(views, parts, own[0])
+    shown = find_view(views, parts, own[0])
     if shown is None:
         return Drawn()
     view, effect = shown

@@ -76,7 +76,7 @@ def plane_of_map(meta: RunMeta, log_folder: Path) -> TangentPlane | None:
     return None if profile is None else profile.plane
 
 
-def plane_of_job(meta: RunMeta, log_folder: Path) -> TangentPlane | None:
+def find_job_plane(meta: RunMeta, log_folder: Path) -> TangentPlane | None:
     """The plane on which the loop of a log worked: its field's, else its map's; None: that of
     the first fix."""
     from control.field.job import Ground

@@ -28,11 +28,11 @@ from console.services.fleet_job import (
     Options,
     checksum,
     each,
-    first_bytes,
-    first_line,
+    hash_first_bytes,
+    list_side_urls,
+    read_first_line,
+    read_record,
     record,
-    record_of,
-    side_urls,
 )
 from drivers.files.atomic import write_atomically
 from drivers.files.extras import need
@@ -169,7 +169,7 @@ def _of(scheduler: str, make: Callable[..., Any], connect_s: float) -> Iterator[
             ) from None
         for line in unlike(client.get_versions()):
             raise OSError(f"{scheduler}: {line}")
-        for line in without_us(_formats(client)):
+        for line in list_without_topdress(_formats(client)):
             raise OSError(f"{scheduler}: {line}")
         yield client
 
@@ -187,7 +187,7 @@ def _formats(client: Any) -> dict[str, Any]:
         return {"the scheduler": error, **answers}
 
 
-def without_us(formats: Mapping[str, Any]) -> Iterator[str]:
+def list_without_topdress(formats: Mapping[str, Any]) -> Iterator[str]:
     """Who has no topdress, or one that makes other records, a line each."""
     for who, said in formats.items():
         if isinstance(said, BaseException):
@@ -226,7 +226,7 @@ def unlike(versions: Mapping[str, Any]) -> Iterator[str]:
             )
 
 
-def logs_at(paths: Sequence[str], out: Path, options: Options | None = None) -> list[str]:
+def find_logs(paths: Sequence[str], out: Path, options: Options | None = None) -> list[str]:
     """Files, the logs in folders at any depth, and what stars and fsspec URLs stand for; each
     once, in order. Of what lies in `out` only what was named itself: that is refused before it
     is written over.
@@ -372,7 +372,7 @@ def diagnosed(
                 text = json.dumps({**made, "path": path})
                 # what a power loss takes is made anew
                 write_atomically(_place(out, todo[path]), text, kept=False)
-                kept[todo[path]] = record_of(text)
+                kept[todo[path]] = read_record(text)
             tell(known + number + 1, len(first), "diagnosing")
     finally:
         _write_seen(out, seen)
@@ -407,10 +407,12 @@ def _blind(client: Any, paths: Sequence[str], options: Options) -> dict[str, str
     one_of_each = {path.replace("\\", "/").rpartition("/")[0]: path for path in reversed(paths)}
     blind: dict[str, str] = {}
     for path in list(one_of_each.values())[:MOST_LOOKED_AT]:
-        here = first_bytes(_whole(path), options)
+        here = hash_first_bytes(_whole(path), options)
         if here[1]:  # gone, or broken: it is listed as such
             continue
-        for who, said in client.run(first_bytes, _whole(path), options, on_error="return").items():
+        for who, said in client.run(
+            hash_first_bytes, _whole(path), options, on_error="return"
+        ).items():
             if said != here:
                 # else the worker's own error
                 why = said[1] if isinstance(said, tuple) else str(said)
@@ -427,7 +429,7 @@ def _blind(client: Any, paths: Sequence[str], options: Options) -> dict[str, str
 def _kept(out: Path, key: str) -> dict[str, Any] | None:
     """A record of an earlier run; None where there is none that can be read."""
     try:
-        made = record_of(_place(out, key).read_text(encoding="utf-8"))
+        made = read_record(_place(out, key).read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return None
     return made if isinstance(made, dict) and made.get("format") == FORMAT else None
@@ -500,9 +502,9 @@ class _Work:
                 results = dict(zip(whole, self._client.gather(whole), strict=True))
                 for future in futures:
                     paths = running.pop(future)
-                    made = results.get(future) or [(None, first_line(future.exception()))] * len(
-                        paths
-                    )
+                    made = results.get(future) or [
+                        (None, read_first_line(future.exception()))
+                    ] * len(paths)
                     future.release()
                     put()
                     for path, (result, why) in zip(paths, made, strict=True):
@@ -570,7 +572,7 @@ def _states(paths: Sequence[str], options: Options) -> dict[str, tuple[str, tupl
         there = folders[folder]
         sides = tuple(
             side
-            for side in side_urls(name)
+            for side in list_side_urls(name)
             if (side in there if name in there else system.exists(side))
         )
         with contextlib.suppress(OSError, NotImplementedError):

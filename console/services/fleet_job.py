@@ -28,7 +28,7 @@ SHARED = ("product", "operator", "field")
 Options = Mapping[str, str]  # of fsspec, for logs at URLs
 
 
-def first_bytes(where: str, options: Options) -> tuple[str, str]:
+def hash_first_bytes(where: str, options: Options) -> tuple[str, str]:
     """SHA-256 of a log's first bytes, and why they cannot be read; one of the two is empty."""
     try:
         if "://" in where:
@@ -39,7 +39,7 @@ def first_bytes(where: str, options: Options) -> tuple[str, str]:
         with Path(where).open("rb") as opened:
             return hashlib.sha256(opened.read(FIRST_BYTES)).hexdigest(), ""
     except Exception as error:  # a store's own error of any kind
-        return "", first_line(error)
+        return "", read_first_line(error)
 
 
 def each(work: Callable[..., Any], of: Sequence[tuple[Any, ...]]) -> list[tuple[Any, str]]:
@@ -52,7 +52,7 @@ def _one(work: Callable[..., Any], arguments: tuple[Any, ...]) -> tuple[Any, str
     try:
         made = work(*arguments)
     except Exception as error:  # one log of thousands never stops the rest
-        return None, first_line(error)
+        return None, read_first_line(error)
     if isinstance(made, dict) and "error" in made and not made.get("lasting", True):
         return None, str(made["error"])
     return made, ""
@@ -113,12 +113,12 @@ def record(
         return {
             "format": FORMAT,
             "path": where,
-            "error": first_line(error),
+            "error": read_first_line(error),
             "lasting": isinstance(error, ValueError) and not isinstance(error.__context__, OSError),
         }
 
 
-def record_of(text: str) -> Any:
+def read_record(text: str) -> Any:
     """A record from its file, in a third of the memory: forms as arrays, a word that all
     records say once for all.
 
@@ -144,7 +144,7 @@ def record_of(text: str) -> Any:
     return json.loads(text, object_hook=small)
 
 
-def first_line(error: Exception) -> str:
+def read_first_line(error: Exception) -> str:
     return (str(error).splitlines() or [type(error).__name__])[0]
 
 
@@ -232,7 +232,7 @@ def _time(log: RunLog, path: Path, where: str, options: Options) -> dict[str, An
     ):
         if said:
             with contextlib.suppress(ValueError):
-                return {"time_d": days_of(said), "time_from": whence}
+                return {"time_d": find_epoch_days(said), "time_from": whence}
     modified_s = path.stat().st_mtime
     if "://" in where:
         import fsspec
@@ -243,7 +243,7 @@ def _time(log: RunLog, path: Path, where: str, options: Options) -> dict[str, An
     return {"time_d": modified_s / 86_400.0, "time_from": "file"}
 
 
-def days_of(said: str) -> float:
+def find_epoch_days(said: str) -> float:
     """Days since 1970 of an ISO 8601 time, UTC where it has no zone. Raises ValueError."""
     moment = dt.datetime.fromisoformat(said.replace("Z", "+00:00"))
     return (moment if moment.tzinfo else moment.replace(tzinfo=dt.UTC)).timestamp() / 86_400.0
@@ -269,7 +269,7 @@ def local(where: str, options: Options, sides: Sequence[str] = ()) -> Iterator[P
         yield Path(folder, path.rpartition("/")[2])
 
 
-def side_urls(path: str) -> tuple[str, ...]:
+def list_side_urls(path: str) -> tuple[str, ...]:
     """Where a log's sidecar and import files would be. Of http a path is the whole URL: as a
     file's path it would lose a stroke."""
     from drivers.files.any_log import OF_FOLDER, OWN

@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
-from console.services.fleet_job import SHARED, days_of
+from console.services.fleet_job import SHARED, find_epoch_days
 
 COLUMNS = ("log", "unit", *SHARED, "time")
 
@@ -41,7 +41,7 @@ def listed(rows: Sequence[Mapping[str, str]], logs: Sequence[str]) -> Listed:
         )
         if row.get("time"):
             try:
-                days_of(row["time"])
+                find_epoch_days(row["time"])
             except ValueError:
                 raise ValueError(
                     f"row {number}: time {row['time']}: allowed is ISO 8601, as "
@@ -67,7 +67,7 @@ def _parts(path: str) -> list[str]:
 
 def with_words(record: Mapping[str, Any], row: Mapping[str, str]) -> dict[str, Any]:
     """A log's record with what its row says in place of what its sidecar does."""
-    time = {"time_d": days_of(row["time"]), "time_from": "list"} if row.get("time") else {}
+    time = {"time_d": find_epoch_days(row["time"]), "time_from": "list"} if row.get("time") else {}
     return {
         **record,
         "unit": row.get("unit") or record["unit"],

@@ -13,7 +13,7 @@ from control.diagnosis.season.season_cost import (
     Low,
     MachineSeason,
     OwnersLog,
-    low_hoppers,
+    find_low_hoppers,
     machines,
 )
 from drivers import day_clock
@@ -46,7 +46,7 @@ class Season(NamedTuple):
 def season(
     records: Sequence[Mapping[str, Any]], broken: Sequence[tuple[str, str]], now_d: float
 ) -> Season:
-    """records: as `fleet_job.record_of` reads them, with their key. now_d: days since 1970."""
+    """records: as `fleet_job.read_record` reads them, with their key. now_d: days since 1970."""
     timely, aside = list[Mapping[str, Any]](), list[Aside]()
     for one in records:
         if FIRST_DAY <= one["time_d"] <= now_d + DAY_AHEAD:
@@ -76,7 +76,7 @@ def season(
     return Season(
         tuple(machines(owners, fit)),
         fit,
-        tuple(low_hoppers(owners)),
+        tuple(find_low_hoppers(owners)),
         tuple(owners),
         units,
         tuple(broken),

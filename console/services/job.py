@@ -27,7 +27,7 @@ from console.app.pages.job.service import (
     Progress,
     Recent,
 )
-from console.services.launcher import Launcher, data_folder, others_than
+from console.services.launcher import Launcher, find_data_folder, list_others
 from console.worker import resume
 from control.orders import BY_MAP, TargetSource
 from drivers import day_clock
@@ -66,7 +66,7 @@ class JobFiles:
     def __init__(self, launcher: Launcher, folder: Path | None = None) -> None:
         """folder: of the user's own files; jobs that are changed are in its folder jobs."""
         self._launcher = launcher
-        self._folder = folder or data_folder()
+        self._folder = folder or find_data_folder()
         # files of a start that is asked about; not those in use
         self._next: tuple[str, ...] | None = None
         # of these a job: where it stands, and its next version
@@ -219,9 +219,9 @@ class JobFiles:
             return str(_path_of(self._found(), JOB.format, "demo"))
 
     def maps(self) -> tuple[MapFile, ...]:
-        from console.services.removable_media import maps_in, places
+        from console.services.removable_media import find_maps, places
 
-        return maps_in(places())
+        return find_maps(places())
 
     def map_folder(self, folder: str, kind: str = "map") -> tuple[MapFile, ...]:
         """Raises ValueError."""
@@ -266,7 +266,9 @@ class JobFiles:
         found = self._found()
         setup = setup_of(found, day_clock.today())
         shares = statistics(read.data)
-        doubtful = implausible([share.rate_kg_ha for share in shares], setup.crop.max_rate_kg_ha)
+        doubtful = find_implausible_rates(
+            [share.rate_kg_ha for share in shares], setup.crop.max_rate_kg_ha
+        )
         if read.unit_from == UNIT_NOT_NAMED and doubtful:
             return MapPreview(
                 path,
@@ -343,10 +345,10 @@ class JobFiles:
             )
 
     def cards(self) -> tuple[tuple[File, JobCard | None], ...]:
-        from console.services.recent import card, done_of_jobs
+        from console.services.recent import card, find_done_of_jobs
 
         now = _path_of(self._found(), JOB.format, "demo")
-        done = done_of_jobs(self._launcher.logs)
+        done = find_done_of_jobs(self._launcher.logs)
         return tuple((file, card(Path(file.value), done)) for file in self._files(JOB.folder, now))
 
     def _new_job(self, changes: dict[str, object], comment: str) -> str:
@@ -465,7 +467,7 @@ class JobFiles:
 
     def report(self, log_path: str, progress: Progress, cancelled: Cancelled) -> tuple[str, ...]:
         """Raises ValueError, OSError."""
-        from console.reports.job_about import about_of
+        from console.reports.job_about import read_about
         from console.reports.job_page import MOST_STRETCHES, job_page
         from drivers.files.atomic import write_atomically
         from drivers.files.exports.as_applied import DEFAULT_EVERY_S, as_applied
@@ -478,7 +480,7 @@ class JobFiles:
 
         def write(recorded: RunLog, applied: AsApplied, out: Path) -> None:
             write_atomically(
-                out, job_page(applied, f"topdress {software_version()}", about_of(recorded))
+                out, job_page(applied, f"topdress {software_version()}", read_about(recorded))
             )
 
         return self._of_parts(log_path, "-report.html", gathered, write, progress, cancelled)
@@ -543,22 +545,24 @@ class JobFiles:
             kept.saved_utc,
             kept.job,
             kept.area_ha,
-            others_than(kept.config, self._next or self._launcher.config),
+            list_others(kept.config, self._next or self._launcher.config),
         )
 
     def _left(self) -> list[OpenJob]:
         """Jobs that were left on the field of the next start, the newest first; where no files
         are chosen, the newest of all. Raises ValueError."""
-        from console.worker.resume_field import OpenJob, jobs_here
+        from console.worker.resume_field import OpenJob, find_jobs_here
         from drivers.files.setup import by_kind, setup_of
 
         now, config = day_clock.utc_now(), self._next or self._launcher.config
         if not config:
-            return [OpenJob(*one, 1.0) for one in resume.open_jobs(self._launcher.logs, now)][:1]
+            return [OpenJob(*one, 1.0) for one in resume.find_open_jobs(self._launcher.logs, now)][
+                :1
+            ]
         with one_line():
             found = by_kind(config)
             setup = setup_of(found, day_clock.today())
-        return jobs_here(
+        return find_jobs_here(
             self._launcher.logs,
             _on_its_ground(setup.job, setup.machine, found),
             _is_simulated(found),
@@ -587,7 +591,7 @@ def _typed(path: str) -> str:
 FAR_ABOVE, FAR_BELOW_KG_HA = 2.0, 10.0  # times the crop's limit; less than any dressing
 
 
-def implausible(rates_kg_ha: Sequence[float], most_kg_ha: float) -> str:
+def find_implausible_rates(rates_kg_ha: Sequence[float], most_kg_ha: float) -> str:
     """What of a map's rates no field gets, if they are kg/ha; empty where nothing."""
     highest = max(rates_kg_ha, default=0.0)
     if highest > FAR_ABOVE * most_kg_ha:

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from console.link import Link
 
 
-def data_folder() -> Path:
+def find_data_folder() -> Path:
     """The user's own folder for what the program writes."""
     return Path(platformdirs.user_data_dir("topdress", appauthor=False))
 
@@ -71,7 +71,7 @@ class Launcher:
     @property
     def logs(self) -> Path:
         """The folder in which logs are written."""
-        return data_folder() / "logs" if self.log is None else Path(self.log).parent
+        return find_data_folder() / "logs" if self.log is None else Path(self.log).parent
 
     def adopt(self, log_path: str) -> tuple[str, ...] | None:
         """Take the files of a worker that runs already: its log's sidecar names them. Returns
@@ -93,7 +93,7 @@ class Launcher:
                 continue
             if kind in (JOB, MACHINE, CAB):
                 found.append(file)
-        unused = others_than(found, self.config)
+        unused = list_others(found, self.config)
         self.config = tuple(found)
         return unused
 
@@ -102,7 +102,7 @@ class Launcher:
         return may_go_on(self.logs)
 
 
-def others_than(theirs: Sequence[str], ours: Sequence[str]) -> tuple[str, ...]:
+def list_others(theirs: Sequence[str], ours: Sequence[str]) -> tuple[str, ...]:
     """Those of our files that are not among theirs; shipped ones by their names or by their
     paths."""
     known = {path for file in theirs for path in (Path(file).resolve(), _meant(file))} - {None}

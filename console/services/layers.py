@@ -11,16 +11,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from console.app.coverage_raster import Box, Worked, spot_of
+from console.app.coverage_raster import Box, Worked, find_spot
 from console.app.layers import MapLayer
 from console.app.overlay_file import Harvest, LaidFile
 from console.app.pages.diagnosis.service import OpenQuestions
 from console.app.pages.replay.service import LogFile
 from console.frame import Frame
 from console.services.diagnosis import DiagnosisFiles
-from console.services.field import plane_of_job
+from console.services.field import find_job_plane
 from console.services.foreign_files import IMPORT_FILE, brought_in
-from console.services.logs import logs_among
+from console.services.logs import select_logs
 
 if TYPE_CHECKING:
     from control.geodesy import TangentPlane
@@ -41,7 +41,7 @@ class MapLayers:
         self._files = files or DiagnosisFiles()
 
     def files(self, running_log: str) -> tuple[LogFile, ...]:
-        return logs_among(one for one in self._files.sources(running_log) if not one.working)
+        return select_logs(one for one in self._files.sources(running_log) if not one.working)
 
     def lay(self, path: str, frame: Frame) -> LaidFile:
         """Raises ValueError in one line: not such a file, open questions, no places, no rate
@@ -51,7 +51,7 @@ class MapLayers:
         meta = sidecar_meta(frame.log_path) if frame.log_path else None
         try:
             log = _opened(Path(path))
-            return laid(log, plane_of(frame, meta), _width_m(meta), frame)
+            return laid(log, find_frame_plane(frame, meta), _width_m(meta), frame)
         except OpenQuestions as asked:
             raise ValueError(_asked(Path(path), asked.questions)) from None
         except (ValueError, OSError) as error:
@@ -84,7 +84,7 @@ def _asked(path: Path, questions: Sequence[str]) -> str:
 def laid(log: RunLog, plane: TangentPlane, width_m: float, frame: Frame) -> LaidFile:
     """A log of any program on a plane. width_m: of the ground covered, where the log does not
     tell its own."""
-    from console.services.replay_frames import frames_of
+    from console.services.replay_frames import make_frames
 
     if not (log.has("lat_deg") and log.has("lon_deg")):
         raise ValueError(
@@ -110,9 +110,9 @@ def laid(log: RunLog, plane: TangentPlane, width_m: float, frame: Frame) -> Laid
         None if harvest is None else iter(log.numbers(harvest[0]).tolist())
     )
     spots = []
-    for one in frames_of(log.rows(), log, plane=plane):
+    for one in make_frames(log.rows(), log, plane=plane):
         value = None if values is None else next(values)
-        spot = spot_of(one)
+        spot = find_spot(one)
         if spot is not None:
             spots.append(spot if value is None else spot._replace(ndvi=value))
     worked.add(spots)
@@ -125,7 +125,7 @@ def laid(log: RunLog, plane: TangentPlane, width_m: float, frame: Frame) -> Laid
     )
 
 
-def plane_of(frame: Frame, meta: RunMeta | None) -> TangentPlane:
+def find_frame_plane(frame: Frame, meta: RunMeta | None) -> TangentPlane:
     """The plane that a frame's place is reported on: its job's, if the frame's fix lies there,
     else by fix and place."""
     from control.geodesy import TangentPlane, apart_m, offset
@@ -136,7 +136,7 @@ def plane_of(frame: Frame, meta: RunMeta | None) -> TangentPlane:
     geometry = dict((meta.machine or {}).get("geometry") or {}) if meta is not None else {}
     ahead_m = float(geometry.get("antenna_m", OUTLET_M))
     antenna = place if row.heading_deg is None else offset(place, row.heading_deg, ahead_m)
-    job = plane_of_job(meta, Path(frame.log_path).parent) if meta is not None else None
+    job = find_job_plane(meta, Path(frame.log_path).parent) if meta is not None else None
     if job is not None and apart_m(job.to_m(row.lat_deg, row.lon_deg), antenna) < STALE_FIX_M:
         return job
     plane = TangentPlane(row.lat_deg, row.lon_deg)

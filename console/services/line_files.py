@@ -5,13 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 from typing import NamedTuple
 
-from console.app.guide_line_store import KeptLines, kept_lines
+from console.app.guide_line_store import KeptLines, read_kept_lines
 from console.worker.side_files import SideFiles
 
 ENDING = ".lines.jsonl"
 
 
-def lines_path(log_path: str | Path) -> Path:
+def find_lines_path(log_path: str | Path) -> Path:
     return Path(log_path).with_suffix(ENDING)
 
 
@@ -22,14 +22,14 @@ class KeptLineFiles:
         self._files = SideFiles()
 
     def append(self, log_path: str, record: str) -> None:
-        self._files.append(lines_path(log_path), record.encode() + b"\n")
+        self._files.append(find_lines_path(log_path), record.encode() + b"\n")
 
     def read(self, log_path: str) -> KeptLines:
         """Of the job's parts before a power cut too: what was said last holds."""
         texts = [
-            (log, _text(lines_path(log))) for log in (*_parts_before(log_path), Path(log_path))
+            (log, _text(find_lines_path(log))) for log in (*_parts_before(log_path), Path(log_path))
         ]
-        kept = kept_lines(record for _log, text in texts for record in text.splitlines())
+        kept = read_kept_lines(record for _log, text in texts for record in text.splitlines())
         if not kept.changed:
             kept = _of_the_field(kept, Path(log_path))
         if kept.drive is None:
@@ -52,7 +52,7 @@ def _of_the_field(kept: KeptLines, log: Path) -> KeptLines:
         return kept
     # their names begin with the time
     for path in sorted(log.parent.glob(f"*{ENDING}"), reverse=True):
-        before = kept_lines(_text(path).splitlines())
+        before = read_kept_lines(_text(path).splitlines())
         other = path.with_name(path.name.removesuffix(ENDING) + log.suffix)
         if before.changed and other != log:
             found = _field_of(other)

@@ -11,7 +11,7 @@ from console.services.diagnosis import DiagnosisFiles
 from console.services.foreign_files import YAML
 
 
-def logs_among(sources: Iterable[DiagnosisSource]) -> tuple[LogFile, ...]:
+def select_logs(sources: Iterable[DiagnosisSource]) -> tuple[LogFile, ...]:
     return tuple(
         LogFile(one.path, one.name, one.changed, one.size)
         for one in sources
@@ -26,10 +26,10 @@ class RunLogs:
         self._files = files or DiagnosisFiles()
 
     def logs(self) -> tuple[LogFile, ...]:
-        return logs_among(self._files.sources(""))
+        return select_logs(self._files.sources(""))
 
     def open(self, path: str) -> ReplayJob:
-        from console.services.replay_frames import replay_job
+        from console.services.replay_frames import open_replay
         from drivers.files.any_log import open_log
 
-        return replay_job(open_log(Path(path)))
+        return open_replay(open_log(Path(path)))

@@ -9,7 +9,7 @@ from pathlib import Path
 from console.app.pages.job.service import JobCard, Recent
 from console.services.field import picture_of
 from console.worker import resume
-from console.worker.snapshots import newest_first
+from console.worker.snapshots import list_newest_first
 from control.orders import TargetSource
 from drivers.files.config import load, load_any, shipped
 from drivers.files.config_error import ConfigError
@@ -24,7 +24,7 @@ LOOKED_AT = 60
 def recent(logs: Path, own: Path) -> tuple[Recent, ...]:
     """logs: the folder of the logs; own: of the user's jobs, which are listed too. Sets of which a
     file is gone, or cannot be read any more, are left out."""
-    done = done_of_jobs(logs)
+    done = find_done_of_jobs(logs)
     found: dict[tuple[str, ...], Recent] = {}
     for sidecar in _newest(logs, LOOKED_AT):
         with contextlib.suppress(OSError, ValueError, ConfigError):
@@ -41,11 +41,11 @@ def recent(logs: Path, own: Path) -> tuple[Recent, ...]:
     return tuple(found.values())
 
 
-def done_of_jobs(logs: Path) -> dict[Path, tuple[float, str]]:
+def find_done_of_jobs(logs: Path) -> dict[Path, tuple[float, str]]:
     """Hectares done and when, of the newest run of each job file that a worker of these logs
     was started with."""
     found: dict[Path, tuple[float, str]] = {}
-    for path in newest_first(logs):
+    for path in list_newest_first(logs):
         with contextlib.suppress(OSError, ValueError):
             kept = resume.read(path)
             for file in kept.config:

@@ -44,7 +44,7 @@ def places() -> tuple[tuple[Path, str], ...]:
     return tuple((path, name) for path, name in found if path.is_dir())
 
 
-def maps_in(looked_at: tuple[tuple[Path, str], ...]) -> tuple[MapFile, ...]:
+def find_maps(looked_at: tuple[tuple[Path, str], ...]) -> tuple[MapFile, ...]:
     """The newest first; what cannot be read is left out."""
     found: dict[Path, tuple[float, str]] = {}
     for folder, name in looked_at:
@@ -78,11 +78,11 @@ def _maps(folder: Path) -> Iterator[Path]:
             if one.is_dir():
                 if depth < DEEP:
                     waiting.append((one, depth + 1))
-            elif may_be_map(one):
+            elif is_map_likely(one):
                 yield one
 
 
-def may_be_map(path: Path) -> bool:
+def is_map_likely(path: Path) -> bool:
     """By its ending and its first bytes: no list of settings, no log, no archive of pictures."""
     ending = path.suffix.lower()
     if ending not in ENDINGS:
@@ -111,7 +111,7 @@ def may_be_map(path: Path) -> bool:
 def may_be(kind: str) -> Callable[[Path], bool]:
     """Of a map, or of a job, crop or machine file: by its ending and its first bytes."""
     if kind == "map":
-        return may_be_map
+        return is_map_likely
 
     def is_configuration(path: Path) -> bool:
         if path.suffix.lower() not in (".yaml", ".yml"):

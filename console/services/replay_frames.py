@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from console.app.pages.replay.service import Cancelled, ReplayJob, Tell, WhatIf
 from console.app.replay_source import ReplaySource
 from console.frame import Frame
-from console.services.field import plane_of_job
+from console.services.field import find_job_plane
 from control.geodesy import TangentPlane
 from control.log_row import LogRow
 from control.orders import Alarm
@@ -22,11 +22,11 @@ if TYPE_CHECKING:
 PROGRESS_EVERY = 64  # rows
 
 
-def replay_job(recorded: RunLog) -> ReplayJob:
+def open_replay(recorded: RunLog) -> ReplayJob:
     """The log opened for the Replay screen, with its what-if."""
     from drivers.files.config import shipped
 
-    frames = list(frames_of(recorded.rows(), recorded))
+    frames = list(make_frames(recorded.rows(), recorded))
     return ReplayJob(
         ReplaySource(frames, time.monotonic),
         recorded.path.name,
@@ -37,7 +37,7 @@ def replay_job(recorded: RunLog) -> ReplayJob:
     )
 
 
-def frames_of(
+def make_frames(
     rows: Iterator[LogRow],
     recorded: RunLog,
     width_m: float = 2.4,
@@ -54,7 +54,7 @@ def frames_of(
     job = dict(meta.job or {}) if meta else {}
     width_m = float(dict(machine.get("geometry", {})).get("working_width_m", width_m))
     ahead_m = float(dict(machine.get("geometry", {})).get("antenna_m", 2.0 if machine else 0.0))
-    plane = plane or (plane_of_job(meta, recorded.path.parent) if meta is not None else None)
+    plane = plane or (find_job_plane(meta, recorded.path.parent) if meta is not None else None)
     since: dict[str, float] = {}
     area = mass = 0.0
     last_s: float | None = None
@@ -121,7 +121,7 @@ def _decided_anew(
         setup = dataclasses.replace(setup, crop=crop, rule=rule_of(crop, setup.job))
     rows = (tick.row for tick in rerun(recorded, setup))
     return list(
-        frames_of(
+        make_frames(
             _watched(rows, len(recorded), cancelled, tell),
             recorded,
             setup.machine.geometry.working_width_m,

@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import NamedTuple
 
-from control.experiments.levels import opening_levels, shaft_levels
+from control.experiments.levels import list_shaft_levels, opening_levels
 from control.field.job import Job, SpeedChange
 from control.machine.machine import Machine
 from control.orders import Do, Order, TargetSource
@@ -31,12 +31,12 @@ class SeparatingDrive(NamedTuple):
     orders: Orders | None
 
 
-def drivable(run_id: str) -> bool:
+def is_drivable(run_id: str) -> bool:
     """Whether the simulated machine can drive the manoeuvre that a diagnosis planned."""
     return run_id in _DRIVES
 
 
-def drive_of(manoeuvre: str, job: Job, machine: Machine) -> SeparatingDrive:
+def make_drive(manoeuvre: str, job: Job, machine: Machine) -> SeparatingDrive:
     """A manoeuvre on the ground of `job`: with a fixed rate and without the scale's trim, so
     that only it moves things.
 
@@ -115,7 +115,7 @@ _DRIVES: dict[str, Callable[[Job, Machine], SeparatingDrive]] = {
     "stairs": lambda job, machine: SeparatingDrive(
         _standing(job),
         500.0,
-        _bench([(rpm, machine.set_points.opening_mm) for rpm in shaft_levels(machine) * 2]),
+        _bench([(rpm, machine.set_points.opening_mm) for rpm in list_shaft_levels(machine) * 2]),
     ),
     "openings": lambda job, machine: SeparatingDrive(
         _standing(job),

@@ -15,11 +15,11 @@ from console import import_hooks
 import_hooks.begin()
 
 from console.worker import run_file  # noqa: E402
-from console.worker.options import options_from  # noqa: E402
+from console.worker.options import parse_options  # noqa: E402
 
 
 def main(arguments: Sequence[str]) -> int:
-    options = options_from(arguments)
+    options = parse_options(arguments)
     with contextlib.ExitStack() as until_the_end:
         try:
             right = until_the_end.enter_context(run_file.held(options.run_file))

@@ -14,10 +14,10 @@ from console.worker.options import Options
 from console.worker.parts import Assembly, Bench, Names
 from console.worker.program import Clock
 from console.worker.resume import snapshot_path
-from console.worker.resume_assemble import before_of, go_on, job_to_go_on, started
-from console.worker.resume_field import logs_here
+from console.worker.resume_assemble import find_earlier_job, find_job_to_continue, go_on, started
+from console.worker.resume_field import list_logs_here
 from console.worker.resume_keeper import Keeper
-from console.worker.resume_tail import with_tail
+from console.worker.resume_tail import add_log_tail
 from control.field.job import Job, rule_of
 from control.machine.fault_injection import parse_planted
 from control.machine.machine import Machine
@@ -108,10 +108,13 @@ def assemble(options: Options, clock: Clock) -> Assembly:
     job = with_simulated_field(setup.job, machine) if simulated else setup.job
     if cab is not None:
         sha256[str(cab.path)] = cab.sha256
-    before = before_of(options.resume, log.parent, job, sha256, simulated, now)
+    before = find_earlier_job(options.resume, log.parent, job, sha256, simulated, now)
     if before.job is not None:
-        left = with_tail(before.job, machine, setup.crop.product_n_fraction, _stops_s(cab))
-        before, job = before._replace(job=left), job_to_go_on(job, machine, left, before.same_files)
+        left = add_log_tail(before.job, machine, setup.crop.product_n_fraction, _stops_s(cab))
+        before, job = (
+            before._replace(job=left),
+            find_job_to_continue(job, machine, left, before.same_files),
+        )
     placed = _placed(job, setup)
     if cab is None:
         bench = _simulated(options, machine, job, clock)
@@ -182,7 +185,7 @@ def _configured(options: Options, logs: Path, now: dt.datetime) -> tuple[Loaded[
         found = by_kind(options.config)
         cab = found.get(CAB.format)
         setup = setup_of(
-            found, day_clock.today(), lambda job: logs_here(logs, job, _is_simulated(cab), now)
+            found, day_clock.today(), lambda job: list_logs_here(logs, job, _is_simulated(cab), now)
         )
         lines = index_disagreements(cab, setup.crop, setup.job)
         if cab is not None:

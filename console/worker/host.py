@@ -17,7 +17,7 @@ from math import ceil, inf
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from console.attached import LATEST, Attached, Ordered, orders_in
+from console.attached import LATEST, Attached, Ordered, read_orders
 from console.frame import DeviceView, Frame
 from console.worker.device_service import DeviceService
 from console.worker.lag_bench import LagBench
@@ -282,7 +282,7 @@ class Host:
         self._bench.command(now_s, tick.command, tick.enabled)
         self._state, self._failed = tick.row.state, ""
         self._guarded(lambda: self._record(tick))
-        self._ordered.extend(orders_in(tick.row.events, tick.row.time_s))
+        self._ordered.extend(read_orders(tick.row.events, tick.row.time_s))
         if self._ticks % self._ticks_a_frame == 0 or self._off:
             self.newest = self._frame(now_s, tick)
 

@@ -26,7 +26,7 @@ class Options:
     resume: Path | None = None  # go on with the job of this snapshot
 
 
-def options_from(arguments: Sequence[str]) -> Options:
+def parse_options(arguments: Sequence[str]) -> Options:
     """Read the command line; ends the process with one line and code 2 where it is wrong."""
     parser = argparse.ArgumentParser(
         prog="python -P -m console.worker", description="The control worker of topdress."

@@ -13,7 +13,7 @@ from console import import_hooks
 from console.worker import run_file
 from console.worker.host import Host
 from console.worker.link_server import LinkServer
-from console.worker.options import Options, options_from
+from console.worker.options import Options, parse_options
 from console.worker.parts import Assembly
 from console.worker.system import take_priority, take_signals
 
@@ -23,7 +23,7 @@ Assemble = Callable[[Options, Clock], Assembly]
 
 def main(arguments: Sequence[str], assemble: Assemble) -> int:
     """Run one worker to its end; 0 after a clean stop, 1 with one line on stderr otherwise."""
-    options = options_from(arguments)
+    options = parse_options(arguments)
     with contextlib.ExitStack() as until_the_end:
         try:
             # before any device is opened

@@ -21,7 +21,7 @@ import secrets
 from enum import StrEnum
 from typing import NamedTuple, NoReturn
 
-from console.attached import cleaned
+from console.attached import clean_name
 from console.frame import DeviceDo
 from console.worker.limits import TEXT_CHARACTERS
 from control.orders import Do, Order
@@ -80,7 +80,11 @@ def parse(line: bytes, token: str) -> Request | Refusal:
     with_key = _fits(message.get("token"), token)
     if message.get("ask") == Ask.LOOK:
         return Request(
-            number, Ask.LOOK, with_key, cleaned(message.get("name")), message.get("tablet") is True
+            number,
+            Ask.LOOK,
+            with_key,
+            clean_name(message.get("name")),
+            message.get("tablet") is True,
         )
     if not with_key:
         return Refusal(number, "unauthorised", "unauthorised")

@@ -13,7 +13,7 @@ from typing import Annotated, Any
 
 from console.worker.resume_alarms import AlarmRecord
 from console.worker.resume_ground import NOTHING_DONE, AsBits, Spot, packed
-from console.worker.snapshots import ENDING, FORMAT, newest_first, saved_ns
+from console.worker.snapshots import ENDING, FORMAT, find_saved_ns, list_newest_first
 from control.field.coverage import Raster
 from control.field.totals import NOTHING, Sums
 from control.orders import Strategy
@@ -86,7 +86,7 @@ class Snapshot:
 REFILL_ALIKE_KG = 0.05  # refills are reported to 0.1 kg
 
 
-def without_last(refills: tuple[Refill, ...], kg: float) -> tuple[Refill, ...]:
+def drop_last_refill(refills: tuple[Refill, ...], kg: float) -> tuple[Refill, ...]:
     """Without the newest refill of this mass, which was none."""
     for number in range(len(refills) - 1, -1, -1):
         if abs(refills[number][1] - kg) < REFILL_ALIKE_KG:
@@ -110,9 +110,9 @@ def write(path: Path, snapshot: Snapshot) -> None:
     }
     write_atomically(path, json.dumps({"format": FORMAT} | own, separators=(",", ":")) + "\n")
     others = max(
-        (saved_ns(one) for one in path.parent.glob(f"*{ENDING}") if one != path), default=0
+        (find_saved_ns(one) for one in path.parent.glob(f"*{ENDING}") if one != path), default=0
     )
-    if others >= saved_ns(path):
+    if others >= find_saved_ns(path):
         os.utime(path, ns=(others + 1_000_000, others + 1_000_000))
 
 
@@ -155,12 +155,12 @@ def finish(path: Path) -> None:
     write(path, replace(read(path), finished=True))
 
 
-def open_jobs(folder: Path, now: datetime) -> Iterator[tuple[Path, Snapshot]]:
+def find_open_jobs(folder: Path, now: datetime) -> Iterator[tuple[Path, Snapshot]]:
     """Jobs of these logs that are not done with, the newest first: not ended by their operator,
     something done, left in the last two weeks, and gone on with in no later log. Files that
     cannot be read are passed over."""
     gone_on: set[str] = set()
-    for path in newest_first(folder):
+    for path in list_newest_first(folder):
         try:
             data = _data(path)
             name = Path(data["log_path"]).name

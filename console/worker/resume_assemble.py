@@ -14,7 +14,7 @@ from typing import NamedTuple
 from console.worker import resume
 from console.worker.options import Options
 from console.worker.resume import Snapshot
-from console.worker.resume_field import jobs_here, on_plane, place_on
+from console.worker.resume_field import find_jobs_here, find_last_place, on_plane
 from control.field.job import Job
 from control.geodesy import TangentPlane
 from control.loop import ControlLoop
@@ -44,7 +44,7 @@ class Before(NamedTuple):
         )
 
 
-def before_of(
+def find_earlier_job(
     named: Path | None,
     folder: Path,
     job: Job,
@@ -55,7 +55,7 @@ def before_of(
     """named: the job to go on with (`--resume`); None: the one that was left on this job's
     field, where it has a boundary. folder: of the logs; sha256: of the files. Raises
     ValueError, OSError: what is named cannot be read."""
-    here = jobs_here(folder, job, simulated, now) if job.field.boundary_m else []
+    here = find_jobs_here(folder, job, simulated, now) if job.field.boundary_m else []
     goes_on = (
         next((one.snapshot for one in here if one.goes_on), None)
         if named is None
@@ -74,7 +74,9 @@ def before_of(
     )
 
 
-def job_to_go_on(job: Job, machine: Machine, before: Snapshot, same_files: bool = True) -> Job:
+def find_job_to_continue(
+    job: Job, machine: Machine, before: Snapshot, same_files: bool = True
+) -> Job:
     """The job with what the operator had measured and, where its files are the same, chosen;
     where it is simulated, the tractor stands where it stopped."""
     update: dict[str, object] = (
@@ -94,7 +96,9 @@ def job_to_go_on(job: Job, machine: Machine, before: Snapshot, same_files: bool 
     }
     simulated: dict[str, float] = {}
     if before.simulated:
-        place_m = place_on(TangentPlane(job.field.origin_lat_deg, job.field.origin_lon_deg), before)
+        place_m = find_last_place(
+            TangentPlane(job.field.origin_lat_deg, job.field.origin_lon_deg), before
+        )
         simulated |= {} if place_m is None else {"begin_m": _driven_m(job, machine, place_m)}
         simulated |= {} if before.hopper_kg is None else {"hopper_kg": max(0.0, before.hopper_kg)}
     return job.model_copy(update=update | {"simulated": job.simulated.model_copy(update=simulated)})

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from console.worker.resume import WORTH_HA, Snapshot, open_jobs
+from console.worker.resume import WORTH_HA, Snapshot, find_open_jobs
 from control.field.boundary import Boundary
 from control.field.coverage import FARTHEST_M, MOST_CELLS, Raster
 from control.field.job import Job
@@ -39,11 +39,11 @@ class OpenJob(NamedTuple):
         return self.share >= SAME_FIELD
 
 
-def jobs_here(folder: Path, job: Job, simulated: bool, now: datetime) -> list[OpenJob]:
+def find_jobs_here(folder: Path, job: Job, simulated: bool, now: datetime) -> list[OpenJob]:
     """Those that have spread on this job's field, the newest first; simulated ones and real
     ones keep apart. folder: of the logs. A job without a boundary has no field by which to
     tell: the newest may be anybody's."""
-    left = (one for one in open_jobs(folder, now) if one[1].simulated == simulated)
+    left = (one for one in find_open_jobs(folder, now) if one[1].simulated == simulated)
     boundary = job.field.boundary()
     if boundary is None:
         return [OpenJob(*one, 1.0) for one in islice(left, 1)]
@@ -52,11 +52,11 @@ def jobs_here(folder: Path, job: Job, simulated: bool, now: datetime) -> list[Op
     return [OpenJob(*one, share) for one, share in shares if share is not None]
 
 
-def logs_here(folder: Path, job: Job, simulated: bool, now: datetime) -> list[str]:
+def list_logs_here(folder: Path, job: Job, simulated: bool, now: datetime) -> list[str]:
     """File names of the logs of these jobs, all parts: their ground gets no more as it is."""
     return [
         Path(log).name
-        for one in jobs_here(folder, job, simulated, now)
+        for one in find_jobs_here(folder, job, simulated, now)
         for log in (*one.snapshot.logs_before, one.snapshot.log_path)
     ]
 
@@ -65,7 +65,7 @@ def _share_on(field: Boundary, plane: TangentPlane, snapshot: Snapshot) -> float
     """None: nothing to speak of lies on the field."""
     ground, cells = snapshot.ground, np.argwhere(snapshot.ground.done)
     if snapshot.origin_deg is None or not len(cells):
-        place = place_on(plane, snapshot)  # cut off before anything has landed
+        place = find_last_place(plane, snapshot)  # cut off before anything has landed
         return 1.0 if place is not None and field.contains(*place) else None
     some = cells[:: max(1, len(cells) // LOOKED_AT_CELLS)]
     places = (some[:, ::-1] + 0.5) * ground.cell_m + (ground.west_m, ground.south_m)
@@ -93,7 +93,7 @@ def on_plane(snapshot: Snapshot, plane: TangentPlane) -> Snapshot:
         snapshot,
         origin_deg=(plane.lat_deg, plane.lon_deg),
         ground=_drawn_anew(snapshot.ground, own, plane),
-        place_m=None if snapshot.place_m is None else place_on(plane, snapshot),
+        place_m=None if snapshot.place_m is None else find_last_place(plane, snapshot),
         track=tuple(
             (east, north, *spot[2:])
             for (east, north), spot in zip(track, snapshot.track, strict=True)
@@ -101,7 +101,7 @@ def on_plane(snapshot: Snapshot, plane: TangentPlane) -> Snapshot:
     )
 
 
-def place_on(plane: TangentPlane, snapshot: Snapshot) -> Place | None:
+def find_last_place(plane: TangentPlane, snapshot: Snapshot) -> Place | None:
     """Where the outlets were last."""
     if snapshot.place_m is None or snapshot.origin_deg is None:
         return None

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 from console.frame import Tally
 from console.worker import resume
-from console.worker.resume import Snapshot, without_last
+from console.worker.resume import Snapshot, drop_last_refill
 from console.worker.resume_alarms import AlarmBook
 from console.worker.resume_ground import Done
 from console.worker.resume_tail import SCALE_S
@@ -172,7 +172,7 @@ class Keeper:
             if word == "refill":
                 changes["refills"] = (*self._snapshot.refills, (self._utc_now(), float(value)))
             elif word == "refill_back":
-                changes["refills"] = without_last(self._snapshot.refills, float(value))
+                changes["refills"] = drop_last_refill(self._snapshot.refills, float(value))
             elif word == "strip" and (strip := read_strip(value)) is not None:
                 changes[f"ndvi_{strip.which}"], self._saved_s = strip.ndvi, -inf
             elif event == FINISHED:

@@ -9,14 +9,14 @@ from math import isfinite, nan
 from pathlib import Path
 from typing import NamedTuple
 
-from console.worker.resume import Refill, Snapshot, without_last
+from console.worker.resume import Refill, Snapshot, drop_last_refill
 from console.worker.resume_ground import Done
 from control.field.totals import Totaliser
 from control.geodesy import Place, TangentPlane, offset
 from control.machine.fall import drop_s
 from control.machine.machine import Machine
 from control.machine.sections import LoggedValves
-from control.machine.shaft import ShaftInput, shaft_start, shaft_step
+from control.machine.shaft import ShaftInput, make_shaft_start, shaft_step
 from control.orders import State
 from drivers.files.limits import LINE
 from drivers.files.run_log import FLUSH_S
@@ -46,7 +46,7 @@ def run_on(machine: Machine, shaft_rpm: float, stops_s: float) -> Iterator[After
     without its host."""
     if shaft_rpm <= 0.0:
         return
-    shaft, time_s, share, stood_s = shaft_start(shaft_rpm), 0.0, 1.0, None
+    shaft, time_s, share, stood_s = make_shaft_start(shaft_rpm), 0.0, 1.0, None
     supply_v = machine.shaft.nominal_supply_v
     while time_s < LONGEST_S:
         commanded_rpm = shaft_rpm if time_s < UNLOGGED_S + stops_s else 0.0
@@ -94,7 +94,7 @@ class _TailRow(NamedTuple):
         return isfinite(self.lat_deg + self.lon_deg + self.heading_deg)
 
 
-def with_tail(
+def add_log_tail(
     snapshot: Snapshot, machine: Machine, n_fraction: float, stops_s: float | None = None
 ) -> Snapshot:
     """The snapshot brought up to the log's last whole row, and beyond it to where nothing fell
@@ -222,7 +222,7 @@ def _refills(snapshot: Snapshot, rows: list[_TailRow]) -> tuple[Refill, ...]:
     )
     for row in new:
         if row.refill_back_kg > 0.0:
-            noted = without_last(noted, row.refill_back_kg)
+            noted = drop_last_refill(noted, row.refill_back_kg)
     return noted
 
 

@@ -20,7 +20,7 @@ from pathlib import Path
 
 from console.worker.limits import LOCK_S
 from console.worker.system import private_folder, write_private
-from console.worker_handshake import still_runs
+from console.worker_handshake import is_still_running
 from drivers import day_clock
 from drivers.files.lock import stands, take_lock
 
@@ -173,7 +173,7 @@ def _young(lock: io.FileIO, now_s: float) -> bool:
 def _refuse_second(path: Path) -> None:
     """Raises BlockingIOError where the worker that the run file names still listens, whatever
     became of its lock."""
-    if still_runs(path):
+    if is_still_running(path):
         raise BlockingIOError(f"a machine runs already on this computer{_holder(path)}")
 
 

@@ -14,22 +14,22 @@ ENDING = ".resume.json"
 LOOKED_AT = 100
 
 
-def saved_ns(path: Path) -> int:
+def find_saved_ns(path: Path) -> int:
     try:
         return path.stat().st_mtime_ns
     except OSError:
         return 0
 
 
-def newest_first(folder: Path) -> list[Path]:
+def list_newest_first(folder: Path) -> list[Path]:
     """The snapshots of a folder, as many as are looked at."""
-    return sorted(folder.glob(f"*{ENDING}"), key=saved_ns, reverse=True)[:LOOKED_AT]
+    return sorted(folder.glob(f"*{ENDING}"), key=find_saved_ns, reverse=True)[:LOOKED_AT]
 
 
 def may_go_on(folder: Path) -> bool:
     """False where every job was ended by its operator, or none was worked. Quick;
-    `resume.open_jobs` says which go on indeed."""
-    for path in newest_first(folder):
+    `resume.find_open_jobs` says which go on indeed."""
+    for path in list_newest_first(folder):
         try:
             held_to(RESUME, path.stat().st_size, str(path))
             data = json.loads(path.read_bytes())

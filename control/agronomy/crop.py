@@ -10,7 +10,7 @@ from pydantic import Field, model_validator
 
 from control.agronomy.growth import GrowthWindow
 from control.agronomy.response import HarvestLine, ResponseRule
-from control.agronomy.yield_potential import YieldPotential, day_rule
+from control.agronomy.yield_potential import YieldPotential, describe_day_rule
 from control.frozen_model import FrozenModel
 
 # a line that leaves the canopy's index as it is
@@ -58,7 +58,7 @@ class GrowingDays(FrozenModel):
 
     def fault_with(self, curve: YieldPotential) -> str:
         """Why these days are not those of the curve, one line; empty where they are."""
-        rule = day_rule(curve.base_temp_c)
+        rule = describe_day_rule(curve.base_temp_c)
         if curve.base_temp_c == "every_day":
             if self.above_c is not None:
                 return (

@@ -159,7 +159,7 @@ class Rule:
             if crop.ndvi_min <= ndvi <= crop.ndvi_top:
                 return self._tapered(self._from_reading(ndvi, None, zone_factor), ndvi)
             return Decision(0.0, _side(ndvi, crop), None, None)
-        grade, used = graded_ndvi(ndvi, crop.ndvi_min, crop.ndvi_top, crop.grade_width)
+        grade, used = grade_ndvi(ndvi, crop.ndvi_min, crop.ndvi_top, crop.grade_width)
         if used is None:
             return Decision(0.0, _side(ndvi, crop), 0, None)
         return self._from_reading(used, grade, zone_factor)
@@ -304,7 +304,7 @@ class GradeRate(NamedTuple):
     rate_kg_ha: float
 
 
-def rate_table(
+def make_rate_table(
     crop: Crop, days: int | None = None, ndvi_nrich: float | None = None
 ) -> tuple[GradeRate, ...]:
     """The crop's grades in rising NDVI (paper A, figure 4): (low, low + width] and so on,
@@ -314,7 +314,7 @@ def rate_table(
     edge.
     """
     rule = prepare(crop, days, ndvi_nrich)
-    edges = grade_edges(crop.ndvi_min, crop.ndvi_top, crop.grade_width)
+    edges = list_grade_edges(crop.ndvi_min, crop.ndvi_top, crop.grade_width)
     lower = (crop.ndvi_min, *edges[:-1])
     return tuple(
         GradeRate(k, low, high, rule.decide(high).rate_kg_ha)
@@ -337,7 +337,7 @@ class Graded(NamedTuple):
     ndvi: float | None
 
 
-def graded_ndvi(ndvi: float, low: float = 0.25, high: float = 0.75, width: float = 0.05) -> Graded:
+def grade_ndvi(ndvi: float, low: float = 0.25, high: float = 0.75, width: float = 0.05) -> Graded:
     """The grade of an NDVI: (low, low + width] is grade 1, and so on up to `high`; elsewhere
     grade 0.
 
@@ -351,6 +351,8 @@ def graded_ndvi(ndvi: float, low: float = 0.25, high: float = 0.75, width: float
     return Graded(grade, min(low + grade * width, high))
 
 
-def grade_edges(low: float = 0.25, high: float = 0.75, width: float = 0.05) -> tuple[float, ...]:
+def list_grade_edges(
+    low: float = 0.25, high: float = 0.75, width: float = 0.05
+) -> tuple[float, ...]:
     """Upper edges of grades 1, 2, ..., rounded to 1e-9: ten for the paper's values."""
     return tuple(round(low + k * width, 9) for k in range(1, round((high - low) / width) + 1))

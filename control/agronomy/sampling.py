@@ -45,7 +45,7 @@ def cuc_percent(values: npt.ArrayLike) -> float:
     return float(100.0 * (1.0 - np.abs(w - w.mean()).sum() / w.sum()))
 
 
-def evenness(values: npt.ArrayLike) -> Evenness:
+def measure_evenness(values: npt.ArrayLike) -> Evenness:
     """Count, mean, CV and C_uc of readings (n,), non-finite ones left out."""
     w = _finite(values)
     return Evenness(
@@ -73,7 +73,7 @@ def frequency_table(
 ) -> dict[float, Evenness]:
     """Evenness of readings (n,) taken at `source_hz`, as seen at each frequency: a column of
     paper A's table 1."""
-    return {hz: evenness(subsample(values, source_hz, hz)) for hz in frequencies_hz}
+    return {hz: measure_evenness(subsample(values, source_hz, hz)) for hz in frequencies_hz}
 
 
 class FrequencyChoice(NamedTuple):

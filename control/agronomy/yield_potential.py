@@ -127,7 +127,7 @@ YIELD_SETS: dict[str, YieldSet] = {
 }
 
 
-def day_rule(base_temp_c: float | EveryDay) -> str:
+def describe_day_rule(base_temp_c: float | EveryDay) -> str:
     """Which days count, in words."""
     return (
         "every day since sowing"
@@ -206,7 +206,7 @@ class YieldPotential(FrozenModel):
                 raise ValueError(
                     f"base_temp_c {self.base_temp_c} with the constants of {name}: they "
                     "were published "
-                    f"for {day_rule(known.base_temp_c)}; write set: {name}"
+                    f"for {describe_day_rule(known.base_temp_c)}; write set: {name}"
                 )
         return self
 

@@ -33,7 +33,7 @@ def record(
     )
 
 
-def with_records(
+def merge_records(
     machine: Machine, records: tuple[Adopted, ...], replaced: Collection[str]
 ) -> tuple[Adopted, ...]:
     """Earlier records but for those that a new one stands in for, then the new ones."""
@@ -41,7 +41,7 @@ def with_records(
     return (*(r for r in machine.adopted if r.id not in gone), *records)
 
 
-def retitled(machine: Machine, what: str, data: str, date: str) -> str:
+def make_title(machine: Machine, what: str, data: str, date: str) -> str:
     """The machine's title with the calibration behind it."""
     source = data.replace("\\", "/").rsplit("/", 1)[-1] or "a bench table"
     note = f"{what} from {source}" + (f", {date}" if date else "")

@@ -94,7 +94,7 @@ class Suggested(NamedTuple):
     neutral: Neutral | None = None
 
 
-def suggested(columns: Mapping[str, npt.NDArray[Any]]) -> Suggested:
+def suggest_machine(columns: Mapping[str, npt.NDArray[Any]]) -> Suggested:
     """Of a run log's columns (n,) with `time_s`, `shaft_rpm_cmd` and `shaft_rpm`.
 
     Raises ValueError, one line, where one of them is missing or holds fewer than 10 rows.
@@ -114,7 +114,7 @@ def suggested(columns: Mapping[str, npt.NDArray[Any]]) -> Suggested:
         else neutral_of(time_s, command, reading, dead_s + ANSWERED * tau_s, noise_rpm)
     )
     return Suggested(
-        rounded_up(most),
+        round_up(most),
         settled,
         bool(np.any(command < 0.0)),
         noise_rpm,
@@ -144,7 +144,7 @@ def _known(columns: Mapping[str, npt.NDArray[Any]]) -> tuple[Array, Array, Array
     return time_s, command, reading
 
 
-def at_rest(
+def find_rows_at_rest(
     time_s: Array, command: Array, reading: Array, answers_s: float
 ) -> npt.NDArray[np.bool_]:
     """Rows (n,) with a reading whose command has been left alone for the time of an answer."""
@@ -153,12 +153,12 @@ def at_rest(
     return np.isfinite(reading) & (since_s >= answers_s)
 
 
-def off_zero_of(
+def find_zero_offset(
     time_s: Array, command: Array, reading: Array, answers_s: float, noise_rpm: float
 ) -> OffZero:
     """How a drive stands to a command of 0, by its rows (n,) at rest: by the line through them,
     and by readings of the other sign than their command's."""
-    rows = at_rest(time_s, command, reading, answers_s)
+    rows = find_rows_at_rest(time_s, command, reading, answers_s)
     asked, read = command[rows], reading[rows]
     if rows.sum() < LEAST_ROWS or np.ptp(asked) <= AT_ZERO * np.max(np.abs(asked)):
         return NOT_OFF
@@ -175,10 +175,10 @@ def neutral_of(
     """The command at which a drive stands, where its rows (n,) at rest show that it is not 0:
     half-way between where it begins to turn either way; else where its line meets a standstill,
     of a drive that falls or that turns at 0."""
-    of_zero = off_zero_of(time_s, command, reading, answers_s, noise_rpm)
+    of_zero = find_zero_offset(time_s, command, reading, answers_s, noise_rpm)
     if not of_zero.off:
         return None
-    rows = at_rest(time_s, command, reading, answers_s)
+    rows = find_rows_at_rest(time_s, command, reading, answers_s)
     asked, read = command[rows], reading[rows]
     zero = np.abs(asked) <= AT_ZERO * np.max(np.abs(asked))
     zero_turns = bool(zero.any() and np.median(np.abs(read[zero])) > SURELY_SD * noise_rpm)
@@ -215,7 +215,7 @@ def moves_on(command: Array, reading: Array) -> bool:
     return in_all - at_once > ON_ITS_WAY * in_all
 
 
-def rounded_up(most: float) -> float:
+def round_up(most: float) -> float:
     """The next round number from `most` on: 637 is 650."""
     if most <= 0.0:
         return 100.0

@@ -11,7 +11,7 @@ import numpy as np
 from control.agronomy.product import CatchTest
 from control.machine.machine import Machine, unit_of
 
-from .adopt import record, retitled, with_records
+from .adopt import make_title, merge_records, record
 from .bench_table import Array, BenchTable, usable
 from .least_squares import FittedInterval, LinearFit, fitted
 
@@ -206,15 +206,15 @@ def _calibrated(machine: Machine, flow: FlowFit, table: BenchTable, date: str) -
     checked = Machine.model_validate({**dict(machine), "flow": stage})
     return checked.model_copy(
         update={
-            "adopted": with_records(
+            "adopted": merge_records(
                 machine, tuple(records), ("flow.gain", "flow.zero_offset", "flow.fill_falloff")
             ),
-            "title": retitled(machine, "flow", table.path, date),
+            "title": make_title(machine, "flow", table.path, date),
         }
     )
 
 
-def catch_test(
+def make_catch_test(
     machine: Machine, fit: FlowFit, date: dt.date, data: str, sha256: str = ""
 ) -> CatchTest:
     """The test as the product's file keeps it. machine: it was done with. data, sha256: of the

@@ -9,9 +9,9 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import stdtrit
 
-from control.machine.machine import Adopted, Machine, with_effect
+from control.machine.machine import Adopted, Machine, add_effect
 
-from .adopt import record, retitled, with_records
+from .adopt import make_title, merge_records, record
 from .bench_table import Array
 from .least_squares import FittedInterval
 
@@ -138,7 +138,7 @@ def _checked(machine: Machine, fit: HeadsFit, data: str, date: str) -> Machine:
     records: tuple[Adopted, ...] = ()
     if fouled:
         worst = max(fouled, key=lambda head: abs(head.gain_percent.value))
-        neutral = with_effect(
+        neutral = add_effect(
             neutral, "canopy.head_fouled", round(worst.gain_percent.value, 3), worst.number
         )
         records = (
@@ -146,7 +146,7 @@ def _checked(machine: Machine, fit: HeadsFit, data: str, date: str) -> Machine:
         )
     return neutral.model_copy(
         update={
-            "adopted": with_records(machine, records, ("canopy.head_fouled",)),
-            "title": retitled(machine, "heads", data, date),
+            "adopted": merge_records(machine, records, ("canopy.head_fouled",)),
+            "title": make_title(machine, "heads", data, date),
         }
     )

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from control.machine.fall import Fall, start_drop_s
+from control.machine.fall import Fall, find_start_drop_s
 from control.machine.machine import Machine
-from control.machine.start import first_fall_s, resettled, response_s
+from control.machine.start import find_first_fall_s, resettled, response_s
 
-from .adopt import record, retitled, with_records
+from .adopt import make_title, merge_records, record
 from .bench_table import Array, BenchTable, usable
 from .least_squares import FittedInterval, fitted
 
@@ -172,7 +172,7 @@ def _beyond(
             f"at {rpm:g} r/min, outside the range and not used, the mean lag is {off:+.3f} "
             "s off the line; "
             "the machine file before says "
-            f"{start_drop_s(machine.fall, float(rpm)) + response:.3f} s"
+            f"{find_start_drop_s(machine.fall, float(rpm)) + response:.3f} s"
         )
     return tuple(notes)
 
@@ -203,8 +203,8 @@ def _calibrated(
     checked = Machine.model_validate({**dict(machine), "fall": fall})
     return checked.model_copy(
         update={
-            "adopted": with_records(machine, records, ("lag.offset", "lag.rebound")),
-            "title": retitled(machine, "lag", table.path, date),
+            "adopted": merge_records(machine, records, ("lag.offset", "lag.rebound")),
+            "title": make_title(machine, "lag", table.path, date),
         }
     )
 
@@ -218,7 +218,7 @@ def start_more_per_rpm(machine: Machine, fall: Fall) -> float:
     if max(falls) <= 0.0:
         return fall.start_more_per_rpm
     most = min(
-        0.9 * start_drop_s(fall, n) / more
+        0.9 * find_start_drop_s(fall, n) / more
         for n, more in zip(speeds, falls, strict=True)
         if more > 0.0
     )
@@ -226,7 +226,10 @@ def start_more_per_rpm(machine: Machine, fall: Fall) -> float:
     def off(more: float) -> float:
         settled = fall._replace(start_more_per_rpm=more)
         return float(
-            sum((first_fall_s(machine, settled, n) - start_drop_s(fall, n)) ** 2 for n in speeds)
+            sum(
+                (find_first_fall_s(machine, settled, n) - find_start_drop_s(fall, n)) ** 2
+                for n in speeds
+            )
         )
 
     return float(

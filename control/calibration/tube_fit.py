@@ -17,7 +17,7 @@ from control.machine.change_lag import Settled, change_lag
 from control.machine.machine import Machine
 from control.machine.start import change_response_s, with_carried_share
 
-from .adopt import record, retitled, with_records
+from .adopt import make_title, merge_records, record
 from .bench_table import Array, BenchTable, usable
 from .least_squares import FittedInterval
 
@@ -95,7 +95,7 @@ def settle_tube(table: BenchTable, machine: Machine, *, date: str = "") -> tuple
             "tolerance": machine.tolerance.model_copy(
                 update={"carried_share": round(min(1.0, sd), 3)}
             ),
-            "adopted": with_records(
+            "adopted": merge_records(
                 machine,
                 (
                     record(
@@ -109,7 +109,7 @@ def settle_tube(table: BenchTable, machine: Machine, *, date: str = "") -> tuple
                 ),
                 (),
             ),
-            "title": retitled(machine, "tube", table.path, date),
+            "title": make_title(machine, "tube", table.path, date),
         }
     )
     return Machine.model_validate(dict(settled)), TubeFit(

@@ -13,7 +13,7 @@ from scipy.special import stdtrit
 from control.geodesy import TangentPlane
 from control.machine.machine import Machine
 
-from .adopt import record, retitled, with_records
+from .adopt import make_title, merge_records, record
 from .bench_table import Array
 from .least_squares import FittedInterval
 
@@ -96,8 +96,8 @@ def fit_wheel(
     found = record("speed.wheel_circumference_m", circumference, "m", data, date, {})
     return checked.model_copy(
         update={
-            "adopted": with_records(machine, (found,), ("speed.wheel_radius",)),
-            "title": retitled(machine, "wheel", data, date),
+            "adopted": merge_records(machine, (found,), ("speed.wheel_radius",)),
+            "title": make_title(machine, "wheel", data, date),
         }
     ), fit
 

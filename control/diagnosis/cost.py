@@ -14,10 +14,10 @@ from typing import NamedTuple
 from control.diagnosis.effects import Costs
 from control.diagnosis.result import FieldCost
 from control.experiments.levels import USUAL_MPS
-from control.machine.flow import FlowInput, FlowState, flow_step
+from control.machine.flow import FlowInput, FlowState, step_flow
 from control.machine.machine import Machine
 from control.machine.scale import ScaleInput, scale_reads
-from control.machine.speed import SpeedInput, speed_start, speed_step
+from control.machine.speed import SpeedInput, make_speed_start, step_speed
 
 # over which the mass that the scale reads is taken
 STEP_S = 1.0
@@ -48,7 +48,7 @@ def dose(machine: Machine, points: Sequence[OperatingPoint]) -> float:
     for point in points:
         state = FlowState(point.time_s, point.hopper_kg, 0.0, point.refills)
         asked_of = FlowInput(point.shaft_rpm, point.opening_mm, point.pitch_deg)
-        kg = flow_step(machine.flow, state, asked_of, STEP_S)[1].flow_kg_s * STEP_S
+        kg = step_flow(machine.flow, state, asked_of, STEP_S)[1].flow_kg_s * STEP_S
         left += kg
         asked += kg * _reported_speed(machine, point)
         reported += _reported_mass_kg(machine, point, kg)
@@ -61,8 +61,11 @@ def _reported_speed(machine: Machine, point: OperatingPoint) -> float:
     true = point.speed_mps
     if true <= 0.0:
         return 1.0
-    _, reported = speed_step(
-        machine.speed, speed_start(true), SpeedInput(true, point.working, point.pitch_deg), STEP_S
+    _, reported = step_speed(
+        machine.speed,
+        make_speed_start(true),
+        SpeedInput(true, point.working, point.pitch_deg),
+        STEP_S,
     )
     return reported.wheel_mps * reported.gnss_mps / true**2
 
@@ -93,7 +96,7 @@ def rate_error_percent(
     return 100.0 * (dose(changed, applied) / asked - 1.0) if asked > 0.0 else None
 
 
-def consequence(cost: FieldCost) -> float:
+def find_consequence(cost: FieldCost) -> float:
     """By which causes are put in order, % of the dose; what is not known counts nothing."""
     return abs(cost.rate_error_percent or 0.0) + METRES_OF_A_PERCENT * abs(
         cost.place_error_m or 0.0

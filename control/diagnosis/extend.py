@@ -10,7 +10,7 @@ from control.diagnosis.effects import ROWS, reach
 from control.machine.fault_injection import Planted
 from control.machine.form import FORMS, SHAFT_ANGLE
 from control.machine.history import noted
-from control.machine.machine import CATALOGUE, Adopted, Machine, bounds, with_effect
+from control.machine.machine import CATALOGUE, Adopted, Machine, add_effect, bounds
 from control.machine.terms import Source, Term
 
 from .result import UNKNOWN, Cause, Diagnosis, TermFound
@@ -52,22 +52,22 @@ def extend(
     Examples
     --------
     >>> from control.diagnosis.result import Cause, Data, Diagnosis, FieldCost, Size
-    >>> from control.machine.machine import Machine, effect_sizes
+    >>> from control.machine.machine import Machine, list_effect_sizes
     >>> size, cost = Size(6.0, 5.5, 6.5, "%"), FieldCost(6.0, 0.0)
     >>> cause = Cause("flow.gain", size, None, 0.99, (), None, "Do a catch test.", cost)
     >>> data = Data("run.csv", "run", 600, 60.0, "huanghai")
     >>> found = Diagnosis(data, (), "named", (cause,), (), (), None, (), None)
-    >>> effect_sizes(extend(Machine(), found, date="2026-07-01"))
+    >>> list_effect_sizes(extend(Machine(), found, date="2026-07-01"))
     {'flow.gain': 6.0}
     """
     was = machine = machine_of(machine)
     ranges = dict(diagnosis.excited if valid is None else valid)
     adopted = list(machine.adopted)
     for cause in adoptable(diagnosis):
-        if taken_whole(diagnosis, cause):
+        if is_taken_whole(diagnosis, cause):
             continue
         assert cause.size.value is not None
-        machine = with_effect(machine, cause.id, _total(machine, cause), cause.member)
+        machine = add_effect(machine, cause.id, _total(machine, cause), cause.member)
         adopted.append(
             Adopted(
                 id=cause.id,
@@ -84,7 +84,7 @@ def extend(
         )
     for effect_id, size in diagnosis.fitted.sizes if diagnosis.fitted else ():
         assert size.value is not None
-        machine = with_effect(machine, effect_id, _on_top(machine, effect_id, size.value))
+        machine = add_effect(machine, effect_id, _on_top(machine, effect_id, size.value))
         adopted.append(
             Adopted(
                 id=effect_id,
@@ -104,7 +104,7 @@ def extend(
         term = Term.model_validate(found.term)
         terms.append(
             term.model_copy(
-                update={"id": free_id(term.id, [one.id for one in terms]), "source": source}
+                update={"id": find_free_id(term.id, [one.id for one in terms]), "source": source}
             )
         )
     extended = machine.model_copy(update={"adopted": tuple(adopted), "terms": tuple(terms)})
@@ -113,7 +113,7 @@ def extend(
     return noted(was, extended, data=diagnosis.data.path, sha256=sha256, date=date)
 
 
-def free_id(name: str, taken: Sequence[str]) -> str:
+def find_free_id(name: str, taken: Sequence[str]) -> str:
     """The name, with a number where another term has it already."""
     count = 2
     free = name
@@ -142,7 +142,7 @@ def adoptable(diagnosis: Diagnosis) -> tuple[Cause, ...]:
     return tuple(c for c in diagnosis.causes if not not_adoptable(c))
 
 
-def taken_whole(diagnosis: Diagnosis, cause: Cause) -> bool:
+def is_taken_whole(diagnosis: Diagnosis, cause: Cause) -> bool:
     """Whether a cause's drive was fitted as a whole: what the cause does is in that already."""
     return (
         diagnosis.fitted is not None

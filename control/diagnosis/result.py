@@ -314,7 +314,7 @@ class Diagnosis:
 
     def _repr_html_(self) -> str:
         """What a notebook shows below a cell that ends with a diagnosis."""
-        return str(notebook().html_of(self))
+        return str(notebook().format_html(self))
 
 
 class Departure(NamedTuple):

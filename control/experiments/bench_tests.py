@@ -9,13 +9,13 @@ import numpy as np
 import numpy.typing as npt
 
 from control.experiments.experiment import Experiment, listed
-from control.experiments.levels import USUAL_MPS, opening_levels, shaft_levels
-from control.machine.fall import start_drop_s
+from control.experiments.levels import USUAL_MPS, list_shaft_levels, opening_levels
+from control.machine.fall import find_start_drop_s
 from control.machine.flow import grams_per_rev
-from control.machine.heads import HeadInput, head_reads
+from control.machine.heads import HeadInput, read_head
 from control.machine.machine import Machine
 from control.machine.scale import ScaleInput, scale_reads
-from control.machine.speed import SpeedInput, speed_start, speed_step
+from control.machine.speed import SpeedInput, make_speed_start, step_speed
 from control.machine.start import response_s
 
 Array = npt.NDArray[np.float64]
@@ -52,7 +52,7 @@ def _lag(m: Machine, rpm: float, start: float = 0.0, change: float = 0.0) -> flo
     fall = m.fall
     return (
         response_s(m, rpm)
-        + start_drop_s(fall, rpm)
+        + find_start_drop_s(fall, rpm)
         + start * fall.first_fill_s
         - 0.5 * change * fall.asymmetry_s
     )
@@ -65,20 +65,21 @@ def _place(m: Machine, rpm: float, speed_mps: float) -> float:
     )
 
 
-def wheel_reads(machine: Machine, true_mps: float, working: float = 1.0) -> float:
+def read_wheel(machine: Machine, true_mps: float, working: float = 1.0) -> float:
     """Wheel speed at a true speed, m/s, on level ground."""
-    _, out = speed_step(machine.speed, speed_start(true_mps), SpeedInput(true_mps, working), 0.05)
+    _, out = step_speed(
+        machine.speed, make_speed_start(true_mps), SpeedInput(true_mps, working), 0.05
+    )
     return float(out.wheel_mps)
 
 
 def _wheel(m: Machine) -> Array:
     return (
-        np.array([wheel_reads(m, USUAL_MPS, working) / USUAL_MPS for working in (0.0, 1.0)])
-        / PULSES
+        np.array([read_wheel(m, USUAL_MPS, working) / USUAL_MPS for working in (0.0, 1.0)]) / PULSES
     )
 
 
-def two_rates(machine: Machine) -> str:
+def make_two_rates_test(machine: Machine) -> str:
     """The test that tells whether the stream in the tube carries what falls."""
     _, _, mid, _, _, fast, _ = _settings(machine)[0]
     return (
@@ -92,7 +93,7 @@ def two_rates(machine: Machine) -> str:
 
 def _settings(machine: Machine) -> tuple[tuple[float, ...], tuple[float, ...]]:
     """Shaft speeds, r/min, and openings, mm, of the tests on this machine."""
-    return shaft_levels(machine, SHAFT_RPM), opening_levels(machine, OPENING_MM)
+    return list_shaft_levels(machine, SHAFT_RPM), opening_levels(machine, OPENING_MM)
 
 
 def _of_lags(machine: Machine) -> list[Experiment[Array]]:
@@ -186,7 +187,7 @@ def _of_sensors(_: Machine) -> list[Experiment[Array]]:
     ) -> Array:
         return np.array(
             [
-                head_reads(m.heads, HeadInput(value, float(head), after_s))
+                read_head(m.heads, HeadInput(value, float(head), after_s))
                 for value in ndvi
                 for after_s in on_s
                 for head in which

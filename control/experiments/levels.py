@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from control.machine.effect import OPENING_RANGE, SHAFT_RANGE
-from control.machine.machine import Machine, of_nominal
+from control.machine.machine import Machine, scale_nominal
 
 # of a staircase on the nominal machine, as the next
 SHAFT_RPM = (20.0, 40.0, 60.0, 80.0)
@@ -15,13 +15,15 @@ OPENING_MM = (10.0, 20.0, 30.0, 40.0)
 USUAL_MPS = 1.25
 
 
-def shaft_levels(machine: Machine, nominal_rpm: Sequence[float] = SHAFT_RPM) -> tuple[float, ...]:
+def list_shaft_levels(
+    machine: Machine, nominal_rpm: Sequence[float] = SHAFT_RPM
+) -> tuple[float, ...]:
     """r/min, none below the slowest that the shaft turns at."""
-    scale = of_nominal(machine, SHAFT_RANGE)
+    scale = scale_nominal(machine, SHAFT_RANGE)
     return tuple(round(max(machine.limits.shaft_low_rpm, scale * rpm), 1) for rpm in nominal_rpm)
 
 
 def opening_levels(machine: Machine, nominal_mm: Sequence[float] = OPENING_MM) -> tuple[float, ...]:
     """mm, none below the smallest opening."""
-    scale = of_nominal(machine, OPENING_RANGE)
+    scale = scale_nominal(machine, OPENING_RANGE)
     return tuple(round(max(machine.limits.opening_low_mm, scale * mm), 1) for mm in nominal_mm)

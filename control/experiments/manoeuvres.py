@@ -11,9 +11,9 @@ import numpy as np
 import numpy.typing as npt
 
 from control.experiments.experiment import Experiment
-from control.experiments.levels import USUAL_MPS, opening_levels, shaft_levels
+from control.experiments.levels import USUAL_MPS, list_shaft_levels, opening_levels
 from control.machine.effect import HOPPER
-from control.machine.machine import Machine, of_nominal
+from control.machine.machine import Machine, scale_nominal
 
 Array = npt.NDArray[np.float64]
 Columns = dict[str, npt.NDArray[Any]]
@@ -30,7 +30,7 @@ def manoeuvres(machine: Machine) -> tuple[Experiment[Columns], ...]:
     ten = np.arange(0.0, 600.0, STEP_S)
     twenty = np.arange(0.0, 1200.0, STEP_S)
     rpm, opening = machine.set_points.shaft_rpm, machine.set_points.opening_mm
-    speeds, widths = shaft_levels(machine), opening_levels(machine)
+    speeds, widths = list_shaft_levels(machine), opening_levels(machine)
     level = (np.floor(ten / 60.0) % 4).astype(int)
     stairs, openings = np.array(speeds)[level], np.array(widths)[level]
     halves = np.where(np.floor(ten / 60.0) % 2 < 1, 1.0, 0.0)
@@ -85,7 +85,7 @@ def manoeuvres(machine: Machine) -> tuple[Experiment[Columns], ...]:
             "for ten more.",
             20.0,
             ("work for 600 s", "fill up, kg written down", "work for 600 s"),
-            _log(twenty, rpm, opening, refill=of_nominal(machine, HOPPER) * FILL_KG * filled),
+            _log(twenty, rpm, opening, refill=scale_nominal(machine, HOPPER) * FILL_KG * filled),
         ),
     )
 
@@ -131,7 +131,7 @@ def _run(
         "shaft_rpm": turns + 1e-4 * np.sin(time),
         "opening_mm_cmd": wide,
         "opening_mm": wide + 1e-4 * np.sin(time),
-        "hopper_kg": of_nominal(machine, HOPPER) * BEGIN_KG
+        "hopper_kg": scale_nominal(machine, HOPPER) * BEGIN_KG
         - used
         + refill * n
         + 1e-3 * np.sin(7.0 * time),

@@ -82,7 +82,7 @@ def _rms(values: Floats) -> float:
     return float(np.sqrt(np.nanmean(values**2)))
 
 
-def across_words(found: Across) -> str:
+def describe_across(found: Across) -> str:
     """One line."""
     by_section = (
         "" if found.by_section_kg_ha is None else f", by section {found.by_section_kg_ha:.1f}"

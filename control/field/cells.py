@@ -23,12 +23,12 @@ TILE = 256  # cells on a side
 _EDGE_M = 1e-9
 
 
-def sides_room() -> Floats:
-    """For the sides of the two triangles of a stretch: (2, 3, 6), see `put_sides`."""
+def allocate_sides() -> Floats:
+    """For the sides of the two triangles of a stretch: (2, 3, 6), see `put_triangle_sides`."""
     return np.empty((2, 3, 6))
 
 
-def put_sides(sides: Floats, corners: Corners) -> None:
+def put_triangle_sides(sides: Floats, corners: Corners) -> None:
     """The sides of the two triangles that a stretch is made of.
 
     corners : of the stretch, around it. sides : (2, 3, 6), written: of each side where it
@@ -51,7 +51,7 @@ def put_sides(sides: Floats, corners: Corners) -> None:
             sides[k, j, 5] = -_EDGE_M * (abs(de) + abs(dn)) if abs(area) > 1e-12 else math.inf
 
 
-def beyond_side(
+def find_side_offset(
     from_east: Any, from_north: Any, de: Any, dn: Any, hand: Any, east: Any, north: Any
 ) -> Any:
     """How far places lie on their hand of a side, times its length, m2; numbers, or arrays that
@@ -59,13 +59,13 @@ def beyond_side(
     return hand * (de * (north - from_north) - dn * (east - from_east))
 
 
-def passed_again(travelled_m: Any, stamp: Any, revisit_m: Any) -> Any:
+def is_passed_again(travelled_m: Any, stamp: Any, revisit_m: Any) -> Any:
     """Whether a cell that was covered at `stamp` of the way has been left for long enough to be
     covered again."""
     return travelled_m - stamp > revisit_m
 
 
-def ahead_of(place: float, along_m: Any, way: float, aside_m: Any, side: float) -> Any:
+def offset_places(place: float, along_m: Any, way: float, aside_m: Any, side: float) -> Any:
     """East or north, m, of places so far ahead and aside. way, side : that of the course, and
     of what lies aside."""
     return place + along_m * way + aside_m * side

@@ -13,9 +13,9 @@ import numpy as np
 
 from control.machine.compiled import compiled, jitable
 
-from .cells import TILE, ahead_of, beyond_side, passed_again, put_sides
+from .cells import TILE, find_side_offset, is_passed_again, offset_places, put_triangle_sides
 
-for _piece in (put_sides, beyond_side, passed_again, ahead_of):
+for _piece in (put_triangle_sides, find_side_offset, is_passed_again, offset_places):
     jitable(_piece)
 
 
@@ -24,7 +24,7 @@ def _within(triangle: Any, east_m: float, north_m: float) -> bool:
     """Whether a place lies in a triangle (3, 6), its edges included."""
     for j in range(3):
         if (
-            not beyond_side(
+            not find_side_offset(
                 triangle[j, 0],
                 triangle[j, 1],
                 triangle[j, 2],
@@ -54,10 +54,10 @@ def stamp_tile(
     how many of them are new, and how many done before.
 
     tile : stamps (TILE, TILE) float32, written. first_row, first_column : its first cell. box :
-    cells of the stretch, south, west, north, east. corners : as `put_sides` has them.
+    cells of the stretch, south, west, north, east. corners : as `put_triangle_sides` has them.
     """
     sides = np.empty((2, 3, 6))
-    put_sides(sides, corners)
+    put_triangle_sides(sides, corners)
     stamp, revisit, new, again = np.float32(travelled_m), np.float32(revisit_m), 0, 0
     entered = 0
     for row in range(max(box[0], first_row), min(box[2] + 1, first_row + TILE)):
@@ -70,7 +70,7 @@ def stamp_tile(
             before = tile[row - first_row, column - first_column]
             if np.isnan(before):
                 new += 1
-            elif passed_again(stamp, before, revisit):
+            elif is_passed_again(stamp, before, revisit):
                 again += 1
             tile[row - first_row, column - first_column] = stamp
     return entered, new, again
@@ -99,13 +99,13 @@ def done_ahead(
     found = np.zeros(len(along_m))
     for step in range(len(along_m)):
         for outlet in range(len(aside_m)):
-            east_m = ahead_of(place[0], along_m[step], course[0], aside_m[outlet], course[1])
-            north_m = ahead_of(place[1], along_m[step], course[1], -aside_m[outlet], course[0])
+            east_m = offset_places(place[0], along_m[step], course[0], aside_m[outlet], course[1])
+            north_m = offset_places(place[1], along_m[step], course[1], -aside_m[outlet], course[0])
             column, row = (
                 floor(east_m / cell_m) - west * TILE,
                 floor(north_m / cell_m) - south * TILE,
             )
             stamp = np.float64(tiles[2 * (row // TILE) + column // TILE][row % TILE, column % TILE])
-            if stamp == -np.inf if earlier else passed_again(travelled_m, stamp, revisit_m):
+            if stamp == -np.inf if earlier else is_passed_again(travelled_m, stamp, revisit_m):
                 found[step] += 1.0
     return found

@@ -21,7 +21,16 @@ import numpy.typing as npt
 from control.geodesy import Place, apart_m, direction
 from control.machine.steps import Steps
 
-from .cells import TILE, Corners, Floats, ahead_of, beyond_side, passed_again, put_sides, sides_room
+from .cells import (
+    TILE,
+    Corners,
+    Floats,
+    allocate_sides,
+    find_side_offset,
+    is_passed_again,
+    offset_places,
+    put_triangle_sides,
+)
 
 _EARLIER = -math.inf  # stamp of what an earlier run has done
 # from the plane's origin: no place beyond it is one of the field
@@ -113,7 +122,7 @@ class Coverage:
             _OutletStrip(left, right)
             for left, right in strips or ((-0.5 * width_m, 0.5 * width_m),)
         ]
-        self._sides = sides_room()
+        self._sides = allocate_sides()
         self._empty = _empty_tile()
         self.loops: Any = None if steps is None else steps.cells
 
@@ -200,7 +209,7 @@ class Coverage:
 
         Some 20 us for a few hundred places near each other.
         """
-        again: npt.NDArray[np.bool_] = passed_again(
+        again: npt.NDArray[np.bool_] = is_passed_again(
             self._travelled_m, self._stamps(places), self.revisit_m
         )
         return again
@@ -284,7 +293,7 @@ class Coverage:
         centre_n: Floats = ((np.arange(south, north + 1, dtype=np.float64) + 0.5) * self.cell_m)[
             :, None
         ]
-        put_sides(self._sides, corners)
+        put_triangle_sides(self._sides, corners)
         passed = _in_triangles(centre_e, centre_n, self._sides)
         for row in range(south // TILE, north // TILE + 1):
             for column in range(west // TILE, east // TILE + 1):
@@ -326,8 +335,8 @@ class Coverage:
             return None
         ends = [
             (
-                ahead_of(place[0], along, course[0], aside, course[1]),
-                ahead_of(place[1], along, course[1], -aside, course[0]),
+                offset_places(place[0], along, course[0], aside, course[1]),
+                offset_places(place[1], along, course[1], -aside, course[0]),
             )
             for along in (float(along_m[0]), float(along_m[-1]))
             for aside in (float(aside_m[0]), float(aside_m[-1]))
@@ -384,7 +393,7 @@ class Coverage:
         stamps = view[here]
         self._cells += int(np.count_nonzero(np.isnan(stamps)))
         self._again += int(
-            np.count_nonzero(passed_again(self._travelled_m, stamps, self.revisit_m))
+            np.count_nonzero(is_passed_again(self._travelled_m, stamps, self.revisit_m))
         )
         view[here] = stamp
 
@@ -405,6 +414,6 @@ def _in_triangles(east: Floats, north: Floats, sides: Floats) -> npt.NDArray[np.
     All sides of all triangles at once: their few cells take numpy less time than a call of it.
     """
     from_east, from_north, de, dn, hand, slack = sides.transpose(2, 0, 1)[..., None, None]
-    within = beyond_side(from_east, from_north, de, dn, hand, east, north) >= slack
+    within = find_side_offset(from_east, from_north, de, dn, hand, east, north) >= slack
     inside: npt.NDArray[np.bool_] = within.all(axis=1).any(axis=0)
     return inside

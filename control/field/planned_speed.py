@@ -10,7 +10,7 @@ from control.field.job import Job
 ALONG_DEG = 30.0
 
 
-def pass_number(
+def find_pass_number(
     job: Job, width_m: float, east_m: float, north_m: float, heading_deg: float
 ) -> int | None:
     """Counted from 1 at the origin to the right of the passes' heading, by working width; None
@@ -23,7 +23,7 @@ def pass_number(
     return floor(across_m / width_m) + 1
 
 
-def planned_mps(
+def find_planned_mps(
     job: Job, width_m: float, place_m: tuple[float, float] | None, heading_deg: float | None
 ) -> float | None:
     """Planned speed of the pass at a place, m/s; the last one of a list holds for all passes
@@ -34,5 +34,5 @@ def planned_mps(
         return None if kmh is None else kmh / 3.6
     if place_m is None or heading_deg is None or not job.field.boundary_m:
         return None
-    number = pass_number(job, width_m, *place_m, heading_deg)
+    number = find_pass_number(job, width_m, *place_m, heading_deg)
     return None if number is None else kmh[min(number, len(kmh)) - 1] / 3.6

@@ -5,10 +5,10 @@ from __future__ import annotations
 
 from typing import Any
 
-from control.machine.elements import in_lists
-from control.machine.gate import GateInput, gate_start, gate_step
+from control.machine.elements import convert_to_lists
+from control.machine.gate import GateInput, gate_step, make_gate_start
 from control.machine.machine import Machine
-from control.machine.shaft import ShaftInput, shaft_start, shaft_step
+from control.machine.shaft import ShaftInput, make_shaft_start, shaft_step
 from control.machine.steps import Steps
 from control.machine.term_sums import NOTHING, More
 from control.metering.strategies import Pair
@@ -27,10 +27,10 @@ class ExpectedDrives:
 
     def begin(self, opening_mm: float, now_s: float) -> None:
         """The shaft stands, the gate is here."""
-        shaft, gate = shaft_start(0.0, now_s), gate_start(opening_mm, now_s)
+        shaft, gate = make_shaft_start(0.0, now_s), make_gate_start(opening_mm, now_s)
         self._shaft, self._gate = (
-            shaft._replace(line=in_lists(shaft.line)),
-            gate._replace(line=in_lists(gate.line)),
+            shaft._replace(line=convert_to_lists(shaft.line)),
+            gate._replace(line=convert_to_lists(gate.line)),
         )
         self.pair = Pair(0.0, opening_mm)
         if self._steps is not None:

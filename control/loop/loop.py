@@ -11,7 +11,7 @@ from control.agronomy.noa import Rule
 from control.field.coverage import Raster
 from control.field.done_ground import DoneGround
 from control.field.job import Job
-from control.field.planned_speed import planned_mps
+from control.field.planned_speed import find_planned_mps
 from control.field.totals import Sums, Totaliser, Totals
 from control.geodesy import TangentPlane
 from control.loop.ahead import APPLIED_HOLDS_S, Ahead
@@ -795,7 +795,7 @@ class ControlLoop:
             if sensed.east_m is None or sensed.north_m is None
             else (sensed.east_m, sensed.north_m)
         )
-        mps = planned_mps(
+        mps = find_planned_mps(
             self.job, self.machine.geometry.working_width_m, place, sensed.heading_deg
         )
         return None if mps is None else SpeedPlan(now_s, ((0.0, mps),))

@@ -42,9 +42,9 @@ def jitable(piece: F) -> F:
 
 
 for _piece in (
-    elements.line_put,
-    elements.line_mean,
-    elements.line_held,
+    elements.put_in_line,
+    elements.average_line,
+    elements.read_held_line,
     elements.table_at,
     elements.stepped,
     flow.bridged,
@@ -56,7 +56,7 @@ for _piece in (
     effort.supply_factor,
     effort.shaft_effort,
     effort.gate_effort,
-    fall.start_drop_s,
+    fall.find_start_drop_s,
     fall.drop_s,
     shaft.approach,
     shaft.free_swing,
@@ -71,11 +71,11 @@ for _piece in (
     shaft.dead_s,
     shaft.shaft_step,
     gate.gate_step,
-    flow.flow_step,
-    speed.speed_step,
-    fall.fall_step,
+    flow.step_flow,
+    speed.step_speed,
+    fall.step_fall,
     scale.scale_reads,
-    heads.head_reads,
+    heads.read_head,
     forms.clipped,
     term_step.remembered,
     term_step.term_step,
@@ -148,10 +148,10 @@ def stage_run(step: Callable[..., Any], exact: bool = False) -> Run:
 
 shaft_run = stage_run(shaft.shaft_step, exact=True)
 gate_run = stage_run(gate.gate_step, exact=True)
-flow_run = stage_run(flow.flow_step)
-speed_run = stage_run(speed.speed_step)
+flow_run = stage_run(flow.step_flow)
+speed_run = stage_run(speed.step_speed)
 scale_run = _compiled(mapped(scale.scale_reads))
-heads_run = _compiled(mapped(heads.head_reads))
+heads_run = _compiled(mapped(heads.read_head))
 shaft_effort_run = _compiled(mapped(effort.shaft_effort))
 gate_effort_run = _compiled(mapped(effort.gate_effort))
 term_run = _compiled(term_step.over_rows(term_step.term_step))

@@ -13,7 +13,7 @@ import numpy as np
 
 from .compiled import compiled, jitable, to_fixed_tuple
 from .elements import LINE_SIZE, Array, DelayLine
-from .flow import Flow, FlowInput, FlowState, flow_step
+from .flow import Flow, FlowInput, FlowState, step_flow
 from .gate import Gate, GateInput, GateOutput, GateState, gate_step
 from .shaft import Shaft, ShaftInput, ShaftOutput, ShaftState, shaft_step
 from .term_sums import NOTHING, More
@@ -124,7 +124,7 @@ def tick_steps(
             shafts, shaft, ShaftInput(rpm[k], stood.opening_mm, supply_v, more[0], more[1]), dt_s
         )
         gate, stood = gate_step(gates, gate, GateInput(opening_mm, more[2]), dt_s)
-        hopper, flow = flow_step(
+        hopper, flow = step_flow(
             flows,
             hopper,
             FlowInput(turned.rpm, stood.opening_mm, pitch_deg, refill_kg, more[3], more[4]),

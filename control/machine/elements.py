@@ -31,12 +31,12 @@ class DelayLine(NamedTuple):
     in_force: int  # the change in force at the time last asked for
 
 
-def line_start(value: float, time_s: float = -1e9) -> DelayLine:
+def start_line(value: float, time_s: float = -1e9) -> DelayLine:
     """A line that has held `value` since `time_s`, in arrays."""
     return DelayLine(np.full(LINE_SIZE, time_s), np.full(LINE_SIZE, value), 0, 0)
 
 
-def in_lists(line: DelayLine) -> DelayLine:
+def convert_to_lists(line: DelayLine) -> DelayLine:
     """The same line for steps that run interpreted."""
     return line._replace(
         times_s=[float(time_s) for time_s in line.times_s],
@@ -44,7 +44,7 @@ def in_lists(line: DelayLine) -> DelayLine:
     )
 
 
-def line_put(line: DelayLine, time_s: float, value: float) -> DelayLine:
+def put_in_line(line: DelayLine, time_s: float, value: float) -> DelayLine:
     """The signal holds `value` from `time_s` on. Times must not run backwards."""
     if value == line.values[line.newest]:
         return line
@@ -54,7 +54,7 @@ def line_put(line: DelayLine, time_s: float, value: float) -> DelayLine:
     return DelayLine(line.times_s, line.values, newest, line.in_force)
 
 
-def line_held(line: DelayLine, from_s: float, to_s: float) -> tuple[DelayLine, float, float]:
+def read_held_line(line: DelayLine, from_s: float, to_s: float) -> tuple[DelayLine, float, float]:
     """What the signal holds at `from_s`, and until when: its next change or `to_s`, whichever
     is sooner.
 
@@ -76,7 +76,7 @@ def line_held(line: DelayLine, from_s: float, to_s: float) -> tuple[DelayLine, f
     return DelayLine(line.times_s, line.values, line.newest, at), float(line.values[at]), to_s
 
 
-def line_mean(line: DelayLine, from_s: float, to_s: float) -> tuple[DelayLine, float]:
+def average_line(line: DelayLine, from_s: float, to_s: float) -> tuple[DelayLine, float]:
     """Mean of the held signal over [from_s, to_s], and the line with its reading mark moved up
     to `from_s`.
 

@@ -203,7 +203,7 @@ def fall_start(time_s: float = 0.0) -> FallState:
     return FallState(time_s, 2.0 * EMPTY_TUBE_S, 1e9)
 
 
-def start_drop_s(p: Fall, shaft_rpm: float) -> float:
+def find_start_drop_s(p: Fall, shaft_rpm: float) -> float:
     """Time from 2 r/min to the first granule of a start for a set-point, s, as a rig measures
     it (lag paper eq 6)."""
     start_s = p.intercept_s + p.slope_s_per_rpm * shaft_rpm + p.offset_s
@@ -228,11 +228,11 @@ def drop_s(p: Fall, shaft_rpm: float) -> float:
         + p.start_more_s_per_rpm * shaft_rpm
         + p.start_more_per_rpm * shaft_rpm * falls_s
     )
-    drop = start_drop_s(p, shaft_rpm) - more
+    drop = find_start_drop_s(p, shaft_rpm) - more
     return drop if drop > 0.0 else 0.0
 
 
-def fall_step(p: Fall, s: FallState, u: FallInput, dt_s: float) -> tuple[FallState, float]:
+def step_fall(p: Fall, s: FallState, u: FallInput, dt_s: float) -> tuple[FallState, float]:
     """Seconds after its release at which what is released in this step reaches the ground, if
     the shaft keeps its speed; `landing.falls_s` where it does not."""
     flowing = u.flow_kg_s > 0.0
@@ -245,6 +245,6 @@ def fall_step(p: Fall, s: FallState, u: FallInput, dt_s: float) -> tuple[FallSta
     return FallState(s.time_s + dt_s, quiet, filling), max(0.0, drop)
 
 
-def lag_paper_s(shaft_rpm: float) -> float:
+def find_paper_lag_s(shaft_rpm: float) -> float:
     """Whole lag from command to ground, s (lag paper eq 6; fitted on 10-70 r/min)."""
     return -8.3e-3 * shaft_rpm + 2.2118

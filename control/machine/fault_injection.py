@@ -7,7 +7,7 @@ import re
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from .machine import CATALOGUE, Machine, with_effect
+from .machine import CATALOGUE, Machine, add_effect
 
 _GRAMMAR = re.compile(
     r"(?P<id>[a-z_]+\.[a-z_]+)=(?P<size>[-+0-9.eE]+)(?:@(?P<onset>"
@@ -52,7 +52,7 @@ def schedule(machine: Machine, planted: Sequence[Planted]) -> list[tuple[float, 
     ValueError out of bounds."""
     stages: list[tuple[float, Machine]] = [(0.0, machine)]
     for effect in sorted(planted, key=lambda p: p.onset_s):
-        changed = with_effect(stages[-1][1], effect.id, effect.size, effect.member)
+        changed = add_effect(stages[-1][1], effect.id, effect.size, effect.member)
         if effect.onset_s <= 0.0:
             stages[-1] = (0.0, changed)
         else:

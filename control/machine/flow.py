@@ -262,7 +262,7 @@ class FlowOutput(NamedTuple):
     hopper_kg: float
 
 
-def flow_start(hopper_kg: float, time_s: float = 0.0) -> FlowState:
+def make_flow_start(hopper_kg: float, time_s: float = 0.0) -> FlowState:
     return FlowState(time_s, hopper_kg, 0.0, 0.0)
 
 
@@ -323,7 +323,7 @@ def in_flutes(
     return moved, mass * p.blocked_percent / 100.0
 
 
-def flow_step(p: Flow, s: FlowState, u: FlowInput, dt_s: float) -> tuple[FlowState, FlowOutput]:
+def step_flow(p: Flow, s: FlowState, u: FlowInput, dt_s: float) -> tuple[FlowState, FlowOutput]:
     """One step of `dt_s` with the inputs held; the flow is its mean over the step. Mass is
     conserved.
 

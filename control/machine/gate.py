@@ -8,7 +8,7 @@ from typing import Annotated, NamedTuple
 from pydantic import Field
 
 from .effect import OPENING_RANGE, SLEW, Effect
-from .elements import DelayLine, line_held, line_put, line_start
+from .elements import DelayLine, put_in_line, read_held_line, start_line
 
 
 class Gate(NamedTuple):
@@ -152,20 +152,20 @@ class GateOutput(NamedTuple):
     measured_mm: float
 
 
-def gate_start(opening_mm: float = 0.0, time_s: float = 0.0) -> GateState:
+def make_gate_start(opening_mm: float = 0.0, time_s: float = 0.0) -> GateState:
     """Standing at `opening_mm`, commanded so for ever."""
-    return GateState(time_s, opening_mm, opening_mm, 0.0, line_start(opening_mm))
+    return GateState(time_s, opening_mm, opening_mm, 0.0, start_line(opening_mm))
 
 
 def gate_step(p: Gate, s: GateState, u: GateInput, dt_s: float) -> tuple[GateState, GateOutput]:
     """One step of `dt_s` with the command held; the outputs are those at its end."""
-    line = line_put(s.line, s.time_s, u.command_mm)
+    line = put_in_line(s.line, s.time_s, u.command_mm)
     slew = max(0.0, p.slew_mm_s - p.slow_mm_s) * (1.0 - p.stuck)
     half = 0.5 * p.backlash_mm
     driven, carried, travelled = s.driven_mm, s.carried_mm, s.travelled_mm
     at_s, end_s = s.time_s - p.dead_time_s, s.time_s - p.dead_time_s + dt_s
     while at_s < end_s:
-        line, wanted, until_s = line_held(line, at_s, end_s)
+        line, wanted, until_s = read_held_line(line, at_s, end_s)
         most = slew * (until_s - at_s)
         move = wanted - driven
         if move > most:

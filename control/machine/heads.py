@@ -75,7 +75,7 @@ class HeadInput(NamedTuple):
     on_s: float  # since power-on
 
 
-def head_reads(p: Heads, u: HeadInput) -> float:
+def read_head(p: Heads, u: HeadInput) -> float:
     """Reading of one head."""
     read = u.ndvi * (1.0 + p.warm_up_percent / 100.0 * exp(-u.on_s / WARM_UP_S))
     dense = u.ndvi / 0.8

@@ -274,7 +274,7 @@ SETTLED_SHARE = 0.2
 NOMINAL = Machine.model_construct()
 
 
-def of_nominal(machine: Machine, figures: tuple[str, ...]) -> float:
+def scale_nominal(machine: Machine, figures: tuple[str, ...]) -> float:
     """Figures of the machine file ("limits.shaft_high_rpm"), multiplied, as a multiple of the
     nominal machine's."""
     share = 1.0
@@ -300,7 +300,7 @@ class Bounds(NamedTuple):
 def size_scale(effect_id: str, machine: Machine) -> float:
     """By what bounds and tried sizes of an effect on the nominal machine are multiplied for
     this one."""
-    return of_nominal(machine, CATALOGUE[effect_id].effect.scales_with)
+    return scale_nominal(machine, CATALOGUE[effect_id].effect.scales_with)
 
 
 def bounds(effect_id: str, machine: Machine) -> Bounds:
@@ -327,9 +327,7 @@ def allowed_sizes(effect_id: str, machine: Machine) -> str:
     )
 
 
-def with_effect(
-    machine: Machine, effect_id: str, size: float, member: int | None = None
-) -> Machine:
+def add_effect(machine: Machine, effect_id: str, size: float, member: int | None = None) -> Machine:
     """The machine with one effect at `size` (its catalogue unit; 1 for those whose size is an
     onset).
 
@@ -351,7 +349,7 @@ def with_effect(
     return machine.model_copy(update={entry.stage: stage})
 
 
-def effect_sizes(machine: Machine) -> dict[str, float]:
+def list_effect_sizes(machine: Machine) -> dict[str, float]:
     """Effects of the machine that are not neutral, by id."""
     found = {}
     for effect_id, entry in CATALOGUE.items():

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from .machine import Machine, with_effect
+from .machine import Machine, add_effect
 from .start import with_carried_share
 
 # amplitude of the sum of six outlets; a single straight-fluted roller gives more
@@ -46,15 +46,15 @@ PLAUSIBLE: dict[str, Callable[[Machine], Machine]] = {
     "first_fill_all": lambda machine: machine.model_copy(
         update={"fall": machine.fall._replace(start_more_s=FIRST_FILL_S)}
     ),
-    "pulsating": lambda machine: with_effect(machine, "flow.pulsation", PULSATION_PERCENT),
-    "flow_3_more": lambda machine: with_effect(machine, "flow.gain", 3.0),
-    "flow_6_more": lambda machine: with_effect(machine, "flow.gain", 6.0),
-    "field_lag": lambda machine: with_effect(machine, "lag.offset", FIELD_LAG_S),
+    "pulsating": lambda machine: add_effect(machine, "flow.pulsation", PULSATION_PERCENT),
+    "flow_3_more": lambda machine: add_effect(machine, "flow.gain", 3.0),
+    "flow_6_more": lambda machine: add_effect(machine, "flow.gain", 6.0),
+    "field_lag": lambda machine: add_effect(machine, "lag.offset", FIELD_LAG_S),
     "slow_drives": _slow_drives,
     # An open-loop motor loses 7 % a volt (docs/safety.md): a tired battery.
-    "motor_12_slow": lambda machine: with_effect(machine, "shaft.gain", -12.0),
+    "motor_12_slow": lambda machine: add_effect(machine, "shaft.gain", -12.0),
     # trims take back 2 mm
-    "gate_4_short": lambda machine: with_effect(machine, "gate.home_error", -4.0),
+    "gate_4_short": lambda machine: add_effect(machine, "gate.home_error", -4.0),
 }
 
 

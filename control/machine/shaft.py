@@ -13,7 +13,7 @@ from typing import Annotated, NamedTuple
 from pydantic import Field
 
 from .effect import SHAFT_RANGE, Effect
-from .elements import DelayLine, line_held, line_put, line_start, stepped
+from .elements import DelayLine, put_in_line, read_held_line, start_line, stepped
 
 # of a time constant: the least that a machine file may have
 LEAST_LAG_S = 1e-4
@@ -356,9 +356,9 @@ class ShaftOutput(NamedTuple):
     measured_rpm: float
 
 
-def shaft_start(rpm: float = 0.0, time_s: float = 0.0) -> ShaftState:
+def make_shaft_start(rpm: float = 0.0, time_s: float = 0.0) -> ShaftState:
     """At rest in `rpm`, commanded so for ever."""
-    return ShaftState(time_s, rpm, line_start(rpm))
+    return ShaftState(time_s, rpm, start_line(rpm))
 
 
 def approach(value: float, wanted: float, tau_s: float, fastest_per_s: float, dt_s: float) -> float:
@@ -578,10 +578,10 @@ def shaft_step(
     turns = abs(1.0 + p.gain_percent / 100.0) * (1.0 - sag / 100.0) * (1.0 - droop / 100.0)
     turns *= 1.0 + u.more_percent / 100.0
     turns = turns * (1.0 - p.stalled) if turns > 0.0 else 0.0
-    line = line_put(s.line, s.time_s, u.command_rpm)
+    line = put_in_line(s.line, s.time_s, u.command_rpm)
     rpm, rate, at_s, end_s = s.rpm, s.rpm_s, s.time_s - late_s, s.time_s - late_s + dt_s
     while at_s < end_s:
-        line, wanted, until_s = line_held(line, at_s, end_s)
+        line, wanted, until_s = read_held_line(line, at_s, end_s)
         beyond = beyond_rpm(p, wanted)
         goal = turns * asked_rpm(p, beyond)
         # terms are given with the speed's sign; none turns it round

@@ -7,7 +7,7 @@ from typing import Annotated, NamedTuple
 from pydantic import Field
 
 from .effect import Effect
-from .elements import DelayLine, line_mean, line_put, line_start
+from .elements import DelayLine, average_line, put_in_line, start_line
 
 # slip grows by this share of itself for each degree nose up
 UPHILL_SHARE_PER_DEG = 0.15
@@ -102,16 +102,16 @@ class SpeedOutput(NamedTuple):
     gnss_mps: float  # as measured
 
 
-def speed_start(speed_mps: float = 0.0, time_s: float = 0.0) -> SpeedState:
-    return SpeedState(time_s, line_start(speed_mps))
+def make_speed_start(speed_mps: float = 0.0, time_s: float = 0.0) -> SpeedState:
+    return SpeedState(time_s, start_line(speed_mps))
 
 
-def speed_step(
+def step_speed(
     p: Speed, s: SpeedState, u: SpeedInput, dt_s: float
 ) -> tuple[SpeedState, SpeedOutput]:
     """One step of `dt_s` with the true speed held."""
-    line = line_put(s.line, s.time_s, u.speed_mps)
-    line, gnss = line_mean(line, s.time_s - p.gnss_latency_s, s.time_s - p.gnss_latency_s + dt_s)
+    line = put_in_line(s.line, s.time_s, u.speed_mps)
+    line, gnss = average_line(line, s.time_s - p.gnss_latency_s, s.time_s - p.gnss_latency_s + dt_s)
     slip = p.slip_percent * u.working * max(0.0, 1.0 + UPHILL_SHARE_PER_DEG * u.pitch_deg)
     wheel = (
         u.speed_mps

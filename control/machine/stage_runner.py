@@ -64,7 +64,7 @@ def filling(step: Callable[..., Any], exact: bool = False) -> Callable[..., None
     return fill
 
 
-def input_rows(kind: Any, count: int, **columns: npt.ArrayLike) -> Any:
+def make_input_rows(kind: Any, count: int, **columns: npt.ArrayLike) -> Any:
     """Record array of a stage's inputs: given columns, the others at their defaults (shape
     (count,))."""
     rows = np.zeros(count, [(name, np.float64) for name in kind._fields]).view(np.recarray)
@@ -85,5 +85,5 @@ def mapped(reads: Callable[..., float]) -> Run:
     return run
 
 
-def no_switch() -> npt.NDArray[np.int64]:
+def make_no_switch() -> npt.NDArray[np.int64]:
     return np.empty(0, dtype=np.int64)

@@ -8,7 +8,7 @@ from math import log
 import numpy as np
 
 from control.machine.elements import Array
-from control.machine.fall import Fall, drop_s, start_drop_s
+from control.machine.fall import Fall, drop_s, find_start_drop_s
 from control.machine.landing import falls_s
 from control.machine.machine import Machine
 from control.machine.shaft import HALVINGS, Shaft, dead_s, fastest_rpm_s, follows, lag_s
@@ -57,14 +57,14 @@ def change_response_s(machine: Machine) -> float:
     return dead_s(machine.shaft)
 
 
-def first_fall_s(machine: Machine, fall: Fall, shaft_rpm: float) -> float:
+def find_first_fall_s(machine: Machine, fall: Fall, shaft_rpm: float) -> float:
     """From 2 r/min to the first granule on the ground, s: the rig's test played through the
     model (lag paper, table 3).
 
     Where the stream carries all along, the first granule leaves as the shaft begins to turn,
     and is carried along by the stream behind it while the shaft speeds up; else one that a
     quicker shaft released may overtake it. With the parts of `fall` that say how much longer a
-    start takes it is `start_drop_s`, within 4 ms from 10 to 70 r/min.
+    start takes it is `find_start_drop_s`, within 4 ms from 10 to 70 r/min.
     """
     shaft, share = machine.shaft, fall.carried_share
     rpm, rate = min(TURNS_RPM, 0.5 * shaft_rpm), 0.0
@@ -98,8 +98,8 @@ def with_carried_share(machine: Machine, carried_share: float) -> Machine:
 
 
 def resettled(machine: Machine) -> Machine:
-    """The machine with its running shaft's drop such that its starts are `start_drop_s`: least
-    squares of `first_fall_s` over the line's range, Gauss-Newton."""
+    """The machine with its running shaft's drop such that its starts are `find_start_drop_s`: least
+    squares of `find_first_fall_s` over the line's range, Gauss-Newton."""
     parts = (
         ("start_more_per_rpm",)
         if machine.fall.carried_share >= 1.0
@@ -107,10 +107,12 @@ def resettled(machine: Machine) -> Machine:
     )
     fall = machine.fall._replace(start_more_s=0.0, start_more_s_per_rpm=0.0, start_more_per_rpm=0.0)
     speeds = np.linspace(fall.valid_from_rpm, fall.valid_to_rpm, SETTLED_AT).tolist()
-    line = np.array([start_drop_s(fall, n) for n in speeds])
+    line = np.array([find_start_drop_s(fall, n) for n in speeds])
 
     def off(p: Fall) -> Array:
-        return np.asarray([first_fall_s(machine, p, n) for n in speeds] - line, dtype=np.float64)
+        return np.asarray(
+            [find_first_fall_s(machine, p, n) for n in speeds] - line, dtype=np.float64
+        )
 
     for _ in range(SETTLED_ROUNDS):
         here = off(fall)
@@ -129,11 +131,11 @@ def _more(fall: Fall, part: str, step: float) -> Fall:
     return fall._replace(**{part: value if part == "start_more_s" else max(0.0, value)})
 
 
-def start_lag_s(machine: Machine, shaft_rpm: float) -> float:
+def find_start_lag_s(machine: Machine, shaft_rpm: float) -> float:
     """From the command to the first granule on the ground out of a standing shaft, s (lag
     paper, tables 1 and 4)."""
     return (
         response_s(machine, shaft_rpm)
-        + first_fall_s(machine, machine.fall, shaft_rpm)
+        + find_first_fall_s(machine, machine.fall, shaft_rpm)
         + machine.fall.first_fill_s
     )

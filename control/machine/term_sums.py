@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .elements import Array, DelayLine, in_lists, line_mean, line_put, line_start
+from .elements import Array, DelayLine, average_line, convert_to_lists, put_in_line, start_line
 from .form import FORMS, SHAFT_ANGLE, TermParams, TermRun
 from .machine import Machine
 from .shaft import dead_s
@@ -86,8 +86,8 @@ class HeldCommands:
     def __init__(self, machine: Machine, shaft_rpm: float, opening_mm: float) -> None:
         self._dead_s = dead_times_s(machine)
         self._lines: list[DelayLine] = [
-            in_lists(line_start(shaft_rpm)),
-            in_lists(line_start(opening_mm)),
+            convert_to_lists(start_line(shaft_rpm)),
+            convert_to_lists(start_line(opening_mm)),
         ]
 
     def step(
@@ -97,8 +97,8 @@ class HeldCommands:
         found = {}
         for k, (name, value) in enumerate(((COMMANDED_RPM, shaft_rpm), (COMMANDED_MM, opening_mm))):
             begin_s = now_s - self._dead_s[k]
-            self._lines[k], found[name] = line_mean(
-                line_put(self._lines[k], now_s, value), begin_s, begin_s + dt_s
+            self._lines[k], found[name] = average_line(
+                put_in_line(self._lines[k], now_s, value), begin_s, begin_s + dt_s
             )
         return found
 

@@ -265,7 +265,7 @@ def _filled(numbers: tuple[float, ...], step: float) -> Table:
     return a, b, c, d, e, f, g, h
 
 
-def own_command(stage: str, variable: str) -> str:
+def name_own_command(stage: str, variable: str) -> str:
     """Name of the value that a term of a stage is asked with: of its own drive, the command
     that it follows by now."""
     commands = {("shaft", "shaft_rpm"): COMMANDED_RPM, ("gate", "opening_mm"): COMMANDED_MM}
@@ -274,7 +274,7 @@ def own_command(stage: str, variable: str) -> str:
 
 def needed(term: Term) -> tuple[str, ...]:
     """Names of the values that a term is asked with."""
-    return tuple(own_command(term.stage, name) for name in term.variables)
+    return tuple(name_own_command(term.stage, name) for name in term.variables)
 
 
 COMMANDED_RPM, COMMANDED_MM = "told_rpm", "told_mm"

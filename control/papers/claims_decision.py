@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from control.agronomy.crop import Crop
-from control.agronomy.noa import n_requirement_kg_ha, prepare, rate_table, yield_without
+from control.agronomy.noa import make_rate_table, n_requirement_kg_ha, prepare, yield_without
 from control.agronomy.sampling import FREQUENCIES_HZ, Evenness, best_frequency
 
 from .page import DIGITS, Claim, How, Table, compared
@@ -319,7 +319,7 @@ def rate_claims(crop: Crop, forward: Table, simulated: Table) -> list[Claim]:
     ]
     sown, sensed = dt.date(2013, 11, 1), dt.date(2014, 3, 7)
     index = WITHOUT_STRIP_T_HA / yield_without(NDVI_OF["CK"] / DAYS, *PAPER_CURVE)
-    grades = rate_table(crop)
+    grades = make_rate_table(crop)
     width = grades[0].ndvi_to - grades[0].ndvi_above
     reached = float(np.mean([YIELDS[plot][2] for plot in APPLIED])) / 1000.0
     ck, fc = (1000.0 * yield_without(NDVI_OF[plot] / DAYS, *PAPER_CURVE) for plot in ("CK", "FC"))

@@ -7,9 +7,9 @@ from collections.abc import Iterable
 import numpy as np
 
 from control.geodesy import TangentPlane, distance_m, paper_distance_m
-from control.machine.fall import lag_paper_s
+from control.machine.fall import find_paper_lag_s
 from control.machine.machine import Machine
-from control.machine.start import response_s, start_lag_s
+from control.machine.start import find_start_lag_s, response_s
 
 from .map_geometry import AHEAD_M, AT, boundary_table, cells_that_agree
 from .page import DIGITS, Claim, How, compared
@@ -113,7 +113,7 @@ def equations() -> list[Claim]:
 
 
 def tables_1_to_3(machine: Machine) -> list[Claim]:
-    first = {n: start_lag_s(machine, n) for n in LAG_M}
+    first = {n: find_start_lag_s(machine, n) for n in LAG_M}
     repeats_m = float(np.sqrt(np.mean([np.var(values, ddof=1) for values in LAG_M.values()])))
     off_m = rms(MEAN_M[n] - MPS * first[n] for n in UP_TO_70)
     response = rms(
@@ -189,7 +189,7 @@ def tables_1_to_3(machine: Machine) -> list[Claim]:
 
 
 def table_4(machine: Machine) -> list[Claim]:
-    first = {n: start_lag_s(machine, n) for n in LAG_M}
+    first = {n: find_start_lag_s(machine, n) for n in LAG_M}
     errors = {n: 100.0 * (1.0 - detected / field) for n, (field, detected) in TOTAL_LAG_S.items()}
     restated = {
         n: 100.0 * (1.0 - detected * MPS / MEAN_M[n]) for n, (_, detected) in TOTAL_LAG_S.items()
@@ -271,13 +271,13 @@ def table_4(machine: Machine) -> list[Claim]:
 
 
 def correction() -> list[Claim]:
-    left = {n: MEAN_M[n] - MPS * lag_paper_s(n) for n in UP_TO_70}
+    left = {n: MEAN_M[n] - MPS * find_paper_lag_s(n) for n in UP_TO_70}
     after = {n: float(np.mean(values)) for n, values in CORRECTED_M.items()}
     missed, remains = float(np.mean(list(after.values()))), float(np.mean(list(left.values())))
     spread, explained = (float(np.std(list(values.values()), ddof=1)) for values in (after, left))
     gains = {n: 100.0 * (1.0 - late / before) for n, (before, late) in GAIN_M.items()}
-    line = rms(lag_paper_s(n) - TOTAL_LAG_S[n][1] for n in UP_TO_70)
-    faster = 100.0 * float(np.mean([after[n] / (MPS * lag_paper_s(n)) for n in UP_TO_70]))
+    line = rms(find_paper_lag_s(n) - TOTAL_LAG_S[n][1] for n in UP_TO_70)
+    faster = 100.0 * float(np.mean([after[n] / (MPS * find_paper_lag_s(n)) for n in UP_TO_70]))
     late = sum(value > 0.0 for values in CORRECTED_M.values() for value in values)
     return [
         Claim(

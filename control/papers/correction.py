@@ -14,9 +14,9 @@ from typing import NamedTuple
 import numpy as np
 
 from control.machine.elements import Array
-from control.machine.fall import lag_paper_s
+from control.machine.fall import find_paper_lag_s
 from control.machine.machine import Machine
-from control.machine.start import start_lag_s
+from control.machine.start import find_start_lag_s
 
 from .published import DROP_S, LAG_M, LAG_SPEED_KMH
 
@@ -82,7 +82,7 @@ def misses_m(
         lag += rng.uniform(
             0.0, 1.0 / reading.update_hz, (trials, 1 if reading.shared_phase else REPLICATES)
         )
-    ahead = SPEED_MPS * lag_paper_s(shaft_rpm) if corrected else 0.0
+    ahead = SPEED_MPS * find_paper_lag_s(shaft_rpm) if corrected else 0.0
     return np.asarray(SPEED_MPS * lag - ahead, dtype=np.float64)
 
 
@@ -90,7 +90,9 @@ def _lag_s(machine: Machine, shaft_rpm: int, reading: FieldReading) -> float:
     if reading.lag_from == "field":
         return float(np.mean(LAG_M[shaft_rpm])) / SPEED_MPS
     return (
-        start_lag_s(machine, shaft_rpm) if reading.lag_from == "model" else lag_paper_s(shaft_rpm)
+        find_start_lag_s(machine, shaft_rpm)
+        if reading.lag_from == "model"
+        else find_paper_lag_s(shaft_rpm)
     )
 
 
@@ -194,7 +196,9 @@ def fitted_rival(published_m: dict[int, tuple[float, ...]]) -> Rival:
     """Greatest likelihood in closed form: the mean by shaft speed is table 1's distance less
     the lag that was corrected for; what is left spreads normally between shaft speeds and
     between replicates."""
-    expected = [float(np.mean(LAG_M[rpm])) - SPEED_MPS * lag_paper_s(rpm) for rpm in published_m]
+    expected = [
+        float(np.mean(LAG_M[rpm])) - SPEED_MPS * find_paper_lag_s(rpm) for rpm in published_m
+    ]
     left = np.array(list(published_m.values())) - np.array(expected)[:, None]
     speeds, replicates = left.shape
     within = float(np.sum((left - left.mean(axis=1, keepdims=True)) ** 2)) / (
@@ -222,7 +226,7 @@ def _densities(machine: Machine, shaft_rpm: int, reading: FieldReading, value_m:
     if reading.scatter:
         drops = np.array(DROP_S[shaft_rpm])
         lag_s = lag_s + (drops - drops.mean())
-    z = (value_m - SPEED_MPS * (lag_s - lag_paper_s(shaft_rpm))) / MEASURED_TO_M
+    z = (value_m - SPEED_MPS * (lag_s - find_paper_lag_s(shaft_rpm))) / MEASURED_TO_M
     return np.asarray(
         np.mean(np.exp(-0.5 * z * z), axis=1) / (MEASURED_TO_M * np.sqrt(2.0 * np.pi))
     )

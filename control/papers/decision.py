@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from control.agronomy.crop import Crop
-from control.agronomy.noa import Rule, prepare, rate_table
+from control.agronomy.noa import Rule, make_rate_table, prepare
 from control.agronomy.sampling import FREQUENCIES_HZ, Evenness, best_frequency, frequency_table
 from control.field.job import Canopy, Job, Simulated
 from control.machine.elements import Array
@@ -342,7 +342,7 @@ def grades(crop: Crop) -> Table:
     """The grades of figure 4; the text's width of 0.5 is 0.05."""
     rows = tuple(
         (f"({grade.ndvi_above:.2f}, {grade.ndvi_to:.2f}]", grade.rate_kg_ha)
-        for grade in rate_table(crop)
+        for grade in make_rate_table(crop)
     )
     return Table(
         "Figure 4 as a table: rate of each grade, kg/ha; below 0.25 and above 0.75 none",

@@ -18,10 +18,10 @@ from scipy.optimize import least_squares, minimize_scalar
 from scipy.special import stdtrit
 
 from control.machine.elements import Array
-from control.machine.fall import Fall, drop_s, start_drop_s
+from control.machine.fall import Fall, drop_s, find_start_drop_s
 from control.machine.machine import Machine
 from control.machine.shaft import approach
-from control.machine.start import first_fall_s, response_s
+from control.machine.start import find_first_fall_s, response_s
 
 from .page import Table
 from .published import DROP_S, LAG_M, LAG_SPEED_KMH, RESPONSE_S, TOTAL_LAG_S
@@ -65,7 +65,7 @@ def with_rise(machine: Machine) -> tuple[Machine, Sized]:
         return machine.fall._replace(rebound_s=rise_s)
 
     def off(rise_s: float) -> Array:
-        falls = np.array([first_fall_s(machine, risen(rise_s), SPEEDS_RPM[k]) for k in above])
+        falls = np.array([find_first_fall_s(machine, risen(rise_s), SPEEDS_RPM[k]) for k in above])
         return np.asarray((MEAN_DROP_S[above] - falls) / DROP_SE_S[above])
 
     rise = float(
@@ -81,10 +81,10 @@ def risen_by(machine: Machine, parameter: Sized) -> Sized:
     """How much a start at 100 r/min lies above the line, s. The parameter is the rise of a
     granule's own drop at 100 r/min; those that leave while the shaft speeds up take less, and
     the first granule is one of them."""
-    line = first_fall_s(machine, machine.fall, 100.0)
+    line = find_first_fall_s(machine, machine.fall, 100.0)
     return Sized(
         *(
-            first_fall_s(machine, machine.fall._replace(rebound_s=size), 100.0) - line
+            find_first_fall_s(machine, machine.fall._replace(rebound_s=size), 100.0) - line
             for size in parameter
         )
     )
@@ -192,7 +192,7 @@ def experiment_tables(machine: Machine) -> tuple[tuple[Table, ...], tuple[str, .
     """Rows, r.m.s. by table next to the old model's, what settles what; and the words on it."""
     risen, parameter = with_rise(machine)
     rise = risen_by(machine, parameter)
-    lags = starts(risen, lambda n: first_fall_s(risen, risen.fall, n))
+    lags = starts(risen, lambda n: find_first_fall_s(risen, risen.fall, n))
     old = starts(
         machine,
         lambda n: overtaking_fall_s(
@@ -243,7 +243,7 @@ def experiment_tables(machine: Machine) -> tuple[tuple[Table, ...], tuple[str, .
         ),
         ("table 1, m", MEAN_M, driven, WRITTEN_MPS * old, line),
     )
-    more = start_drop_s(machine.fall, 70.0) - drop_s(machine.fall, 70.0)
+    more = find_start_drop_s(machine.fall, 70.0) - drop_s(machine.fall, 70.0)
     slopes = tuple(
         float(np.polyfit(np.array(SPEEDS_RPM)[line], lag[line], 1)[0]) for lag in (lags, old)
     )
@@ -388,7 +388,7 @@ def _settled(machine: Machine, rise: Sized, field: PaperField, odds: Odds) -> Ta
             (
                 "speed of the test, km/h",
                 _mean(
-                    3.6 * MEAN_M / starts(machine, lambda n: first_fall_s(machine, fall, n))
+                    3.6 * MEAN_M / starts(machine, lambda n: find_first_fall_s(machine, fall, n))
                 ).text("{:.2f}"),
                 "table 1 over tables 2 and 3, if nothing else differs",
             ),
@@ -432,7 +432,7 @@ def _singly(machine: Machine) -> float:
         return np.array(
             [
                 overtaking_fall_s(machine, n, float(line[0]), float(line[1]))
-                - start_drop_s(machine.fall, n)
+                - find_start_drop_s(machine.fall, n)
                 for n in speeds
             ]
         )

@@ -6,9 +6,9 @@ from __future__ import annotations
 import numpy as np
 
 from control.geodesy import TangentPlane, distance_m, paper_distance_corrected_m, paper_distance_m
-from control.machine.fall import drop_s, lag_paper_s
+from control.machine.fall import drop_s, find_paper_lag_s
 from control.machine.machine import Machine
-from control.machine.start import first_fall_s, response_s, start_lag_s
+from control.machine.start import find_first_fall_s, find_start_lag_s, response_s
 
 from .claims_lag import lag_claims
 from .correction import (
@@ -71,8 +71,8 @@ def distances(machine: Machine) -> Table:
         (
             rpm,
             float(np.mean(values)),
-            SPEED_MPS * lag_paper_s(rpm),
-            SPEED_MPS * start_lag_s(machine, rpm),
+            SPEED_MPS * find_paper_lag_s(rpm),
+            SPEED_MPS * find_start_lag_s(machine, rpm),
         )
         for rpm, values in LAG_M.items()
     )
@@ -100,7 +100,7 @@ def drops(machine: Machine) -> Table:
             rpm,
             float(np.mean(values)),
             float(np.std(values, ddof=1)),
-            first_fall_s(machine, machine.fall, rpm),
+            find_first_fall_s(machine, machine.fall, rpm),
             drop_s(machine.fall, rpm),
         )
         for rpm, values in DROP_S.items()
@@ -120,8 +120,8 @@ def totals(machine: Machine) -> Table:
             field,
             detected,
             100.0 * (1.0 - detected / field),
-            lag_paper_s(rpm),
-            start_lag_s(machine, rpm),
+            find_paper_lag_s(rpm),
+            find_start_lag_s(machine, rpm),
         )
         for rpm, (field, detected) in TOTAL_LAG_S.items()
     )
@@ -144,7 +144,7 @@ def lag_line() -> tuple[Table, tuple[str, ...]]:
         fits[name] = (float(intercept), float(slope))
         rows.append((name, float(intercept), float(slope), float(-np.corrcoef(rpm, lag)[0, 1])))
     apart = max(
-        abs(fits["detected, table 4"][0] + fits["detected, table 4"][1] * n - lag_paper_s(n))
+        abs(fits["detected, table 4"][0] + fits["detected, table 4"][1] * n - find_paper_lag_s(n))
         for n in (10, 70)
     )
     words = (
@@ -307,7 +307,7 @@ def drop_picture(machine: Machine) -> Picture:
                 "machine model's start, 10 to 70 r/min",
                 "ours",
                 rising.tolist(),
-                [first_fall_s(machine, machine.fall, float(n)) for n in rising],
+                [find_first_fall_s(machine, machine.fall, float(n)) for n in rising],
                 True,
             ),
         ),
@@ -353,7 +353,9 @@ def line_picture() -> Picture:
                 [TOTAL_LAG_S[n][1] for n in speeds],
             ),
             Line("field", "other", [float(n) for n in speeds], [TOTAL_LAG_S[n][0] for n in speeds]),
-            Line("eq 6", "ours", [10.0, 70.0], [lag_paper_s(10.0), lag_paper_s(70.0)], True),
+            Line(
+                "eq 6", "ours", [10.0, 70.0], [find_paper_lag_s(10.0), find_paper_lag_s(70.0)], True
+            ),
         ),
     )
 

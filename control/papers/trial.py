@@ -14,8 +14,8 @@ from control.agronomy.sampling import (
     Evenness,
     FrequencyChoice,
     best_frequency,
-    evenness,
     frequency_table,
+    measure_evenness,
 )
 from control.machine.elements import Array
 
@@ -141,12 +141,14 @@ def canopy(trial: Trial) -> Table:
     rows: list[tuple[Cell, ...]] = []
     for treatment, plots in trial.treatments.items():
         rows += [
-            _canopy(treatment, plot.name, evenness(plot.before), evenness(plot.after))
+            _canopy(
+                treatment, plot.name, measure_evenness(plot.before), measure_evenness(plot.after)
+            )
             for plot in plots
         ]
         if len(plots) > 1:
             both = [
-                _together([evenness(part) for part in parts])
+                _together([measure_evenness(part) for part in parts])
                 for parts in ([p.before for p in plots], [p.after for p in plots])
             ]
             rows.append(_canopy(treatment, "mean of plots", *both))
@@ -359,7 +361,7 @@ def _pictures(trial: Trial) -> tuple[Picture, ...]:
         + ")"
     )
     before, after = (
-        [_known(evenness(part).cv_percent) for part in parts]
+        [_known(measure_evenness(part).cv_percent) for part in parts]
         for parts in ([plot.before for plot in trial.plots], [plot.after for plot in trial.plots])
     )
     pictures = [

@@ -12,17 +12,17 @@ from typing import Any, NamedTuple
 from control.field.job import Job
 from control.geodesy import TangentPlane
 from control.machine.effort import EffortInput, gate_effort, shaft_effort
-from control.machine.elements import Array, in_lists, stepped
-from control.machine.fall import FallInput, drop_s, fall_start, fall_step
+from control.machine.elements import Array, convert_to_lists, stepped
+from control.machine.fall import FallInput, drop_s, fall_start, step_fall
 from control.machine.fault_injection import Planted, schedule
-from control.machine.flow import FlowInput, flow_start, flow_step, in_flutes
+from control.machine.flow import FlowInput, in_flutes, make_flow_start, step_flow
 from control.machine.form import SHAFT_ANGLE
-from control.machine.gate import GateInput, GateOutput, gate_start, gate_step
-from control.machine.heads import HeadInput, head_reads
+from control.machine.gate import GateInput, GateOutput, gate_step, make_gate_start
+from control.machine.heads import HeadInput, read_head
 from control.machine.machine import Machine
 from control.machine.scale import ScaleInput, scale_reads
-from control.machine.shaft import ShaftInput, ShaftOutput, shaft_start, shaft_step
-from control.machine.speed import SpeedInput, speed_start, speed_step
+from control.machine.shaft import ShaftInput, ShaftOutput, make_shaft_start, shaft_step
+from control.machine.speed import SpeedInput, make_speed_start, step_speed
 from control.machine.steps import Steps
 from control.machine.term_sums import NOTHING, HeldCommands, More, TermSums
 from control.machine.terms import Term
@@ -182,16 +182,16 @@ class Plant:
         self._pulses = 0
         self._pulse_s: float | None = None
         shaft, gate, ground = (
-            shaft_start(0.0),
-            gate_start(machine.set_points.opening_mm),
-            speed_start(0.0),
+            make_shaft_start(0.0),
+            make_gate_start(machine.set_points.opening_mm),
+            make_speed_start(0.0),
         )
         self._shaft, self._gate = (
-            shaft._replace(line=in_lists(shaft.line)),
-            gate._replace(line=in_lists(gate.line)),
+            shaft._replace(line=convert_to_lists(shaft.line)),
+            gate._replace(line=convert_to_lists(gate.line)),
         )
-        self._flow = flow_start(min(sim.hopper_kg, machine.flow.full_kg))
-        self._speed = ground._replace(line=in_lists(ground.line))
+        self._flow = make_flow_start(min(sim.hopper_kg, machine.flow.full_kg))
+        self._speed = ground._replace(line=convert_to_lists(ground.line))
         self._drives: Any = None
         if steps is not None and self.valves is None:
             self._drives = steps.drives(shaft, gate, self._flow)
@@ -378,7 +378,7 @@ class Plant:
             if rests and valves is None and stands(flows, shaft_out.rpm, refill):
                 flow_state = waited(flow_state, step)
                 continue
-            flow_state, flow = flow_step(
+            flow_state, flow = step_flow(
                 flows,
                 flow_state,
                 FlowInput(
@@ -405,7 +405,7 @@ class Plant:
         self._flow_before = flow
         change = self._change[0] if self.time_s - self._change[1] < CHANGE_SHOWS_S else 0.0
         parcel = FallInput(self._shaft_out[0], flow, change)
-        self._fall, drop = fall_step(self._true.fall, self._fall, parcel, self.dt_s)
+        self._fall, drop = step_fall(self._true.fall, self._fall, parcel, self.dt_s)
         return drop
 
     def _read(
@@ -413,7 +413,7 @@ class Plant:
     ) -> SensorReadings:
         now, dt, normal = self.time_s, self.dt_s, self._normal.next
         true, noise = self._true, self.machine.noise
-        self._speed, reads = speed_step(
+        self._speed, reads = step_speed(
             true.speed,
             self._speed,
             SpeedInput(abs(speed), 1.0 if flow > 0.0 else 0.0, pitch, self._more.wheel_percent),
@@ -537,7 +537,7 @@ class Plant:
                 pose.heading_deg,
             )
         ):
-            reads = head_reads(self._true.heads, HeadInput(here, head + 1.0, now))
+            reads = read_head(self._true.heads, HeadInput(here, head + 1.0, now))
             readings.append(
                 min(0.99, max(-0.1, reads + self.machine.noise.ndvi * self._normal.next()))
             )

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from control.field.cells import ahead_of
+from control.field.cells import offset_places
 from control.field.coverage import Coverage, Covered, Raster
 from control.field.ground_trace import GroundTrace
 from control.geodesy import Place, direction
@@ -132,10 +132,10 @@ class Overlap:
         done = self.coverage.done_ahead(place, course, self._ahead, self._aside, earlier)
         if done is None:
             places = np.empty((len(self._ahead), len(self._aside), 2))
-            places[..., 0] = ahead_of(
+            places[..., 0] = offset_places(
                 place[0], self._ahead[:, None], course[0], self._aside, course[1]
             )
-            places[..., 1] = ahead_of(
+            places[..., 1] = offset_places(
                 place[1], self._ahead[:, None], course[1], -self._aside, course[0]
             )
             asked = self.coverage.applied_earlier if earlier else self.coverage.applied

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from control.agronomy.crop import Crop
-from control.agronomy.noa import prepare, rate_table
+from control.agronomy.noa import make_rate_table, prepare
 from control.agronomy.strips import StripValue
 from control.agronomy.yield_potential import YIELD_SETS, YieldPotential
 from control.field.job import Job, rule_of
@@ -39,7 +39,7 @@ def test_every_published_set_has_a_crop_file(crop_data):
 @pytest.mark.parametrize("name", NAMES)
 def test_shipped_crop_works_at_once(name, crop_data):
     crop = Crop.model_validate(crop_data(name))
-    rates = [line.rate_kg_ha for line in rate_table(crop)]
+    rates = [line.rate_kg_ha for line in make_rate_table(crop)]
     assert crop.id == name
     assert max(rates) < crop.max_rate_kg_ha  # the limit is a limit, not the agronomy
     assert max(rates) > 35.0

@@ -12,13 +12,13 @@ from hypothesis import strategies as st
 from control.agronomy.crop import Crop
 from control.agronomy.fusion import Fused, FusionLimits, FusionState, fuse_readings, start
 from control.agronomy.noa import (
-    grade_edges,
-    graded_ndvi,
+    grade_ndvi,
     insey,
+    list_grade_edges,
+    make_rate_table,
     n_requirement_kg_ha,
     prepare,
     rate_kg_ha,
-    rate_table,
     response_index,
     yield_without,
 )
@@ -28,8 +28,8 @@ from control.agronomy.sampling import (
     best_frequency,
     cuc_percent,
     cv_percent,
-    evenness,
     frequency_table,
+    measure_evenness,
     subsample,
 )
 from control.papers.claims_decision import extra_nitrogen_kg_ha, rate_from_weighing_kg_ha
@@ -82,21 +82,21 @@ def test_no_reading_is_no_rate(huanghai, nothing):
 
 
 def test_eleven_grades_each_at_its_upper_edge(huanghai):
-    edges = grade_edges()
+    edges = list_grade_edges()
     assert edges == (0.3, 0.35, 0.4, 0.45, 0.5, 0.55, 0.6, 0.65, 0.7, 0.75)
-    grades = {graded_ndvi(n / 1000).grade for n in range(1001)}
+    grades = {grade_ndvi(n / 1000).grade for n in range(1001)}
     assert grades == set(range(11))
     for grade, edge in enumerate(edges, start=1):
-        assert graded_ndvi(edge).grade == grade
+        assert grade_ndvi(edge).grade == grade
         # a median of floats may sit this close
-        assert graded_ndvi(edge + 1e-12).grade == grade
-        assert graded_ndvi(edge - 0.049).grade == grade
-        assert graded_ndvi(edge).ndvi == pytest.approx(edge)
+        assert grade_ndvi(edge + 1e-12).grade == grade
+        assert grade_ndvi(edge - 0.049).grade == grade
+        assert grade_ndvi(edge).ndvi == pytest.approx(edge)
     assert prepare(huanghai).decide(0.511).rate_kg_ha == rate_kg_ha(smooth(huanghai), 0.55)
 
 
 def test_rate_table_is_what_the_rule_does(huanghai):
-    table = rate_table(huanghai)
+    table = make_rate_table(huanghai)
     rule = prepare(huanghai)
     assert [line.grade for line in table] == list(range(1, 11))
     assert table[0].ndvi_above == 0.25 and table[-1].ndvi_to == 0.75
@@ -220,15 +220,15 @@ def test_by_hand():
     values = [0.4, 0.5, 0.6]
     assert cv_percent(values) == pytest.approx(100 * 0.1 / 0.5)
     assert cuc_percent(values) == pytest.approx(100 * (1 - 0.2 / 1.5))
-    assert evenness(values).mean == pytest.approx(0.5)
+    assert measure_evenness(values).mean == pytest.approx(0.5)
 
 
 def test_gaps_are_left_out_and_nothing_gives_nan():
-    assert evenness([0.4, math.nan, 0.5, 0.6]) == evenness([0.4, 0.5, 0.6])
+    assert measure_evenness([0.4, math.nan, 0.5, 0.6]) == measure_evenness([0.4, 0.5, 0.6])
     assert math.isnan(cv_percent([0.5]))
     assert math.isnan(cuc_percent([]))
     assert math.isnan(cuc_percent([-0.1, 0.05]))
-    assert evenness([]).n == 0
+    assert measure_evenness([]).n == 0
 
 
 @settings(deadline=None)
@@ -253,7 +253,7 @@ def test_a_column_of_table_1():
     table = frequency_table(readings)
     assert tuple(table) == FREQUENCIES_HZ
     assert [table[hz].n for hz in FREQUENCIES_HZ] == [400, 200, 100, 50, 25]
-    assert table[1.0] == evenness(readings[::2])
+    assert table[1.0] == measure_evenness(readings[::2])
 
 
 def test_the_paper_chooses_1_hz(paper_table):

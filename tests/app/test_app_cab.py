@@ -11,10 +11,10 @@ from console.app.boundary_drive import BoundaryDrive
 from console.app.coverage_raster import Worked
 from console.app.dialogs import ChoiceDialog, Confirm
 from console.app.guide_line import GuideLine
-from console.app.layers import MapLayer, scale_of
+from console.app.layers import MapLayer, find_colour_scale
 from console.app.name_dialog import NameDialog
 from console.app.number_dialog import NumberDialog
-from console.app.pages.run.page import LIGHTS, LightBar, light_view
+from console.app.pages.run.page import LIGHTS, LightBar, make_light_view
 from console.app.units import IMPERIAL, METRIC
 from control.geodesy import TangentPlane
 from control.orders import Do, Order
@@ -76,11 +76,11 @@ async def test_hopper_full_is_what_is_missing_and_a_refill_can_be_taken_back(ful
 
 
 def test_what_was_taken_back_is_no_refill_anywhere():
-    from console.worker.resume import without_last
+    from console.worker.resume import drop_last_refill
 
     noted = (("a", 250.0), ("b", 100.0), ("c", 250.0))
-    assert without_last(noted, 250.0) == noted[:2]
-    assert without_last(noted, 99.0) == noted
+    assert drop_last_refill(noted, 250.0) == noted[:2]
+    assert drop_last_refill(noted, 99.0) == noted
 
 
 # --- limits, miles, colours ---
@@ -109,12 +109,16 @@ def test_a_colour_means_one_rate_from_the_first_metre_to_the_last():
     ground, ends = Worked(2.4), set()
     for low, high in ((180.0, 190.0), (100.0, 320.0), (20.0, 480.0)):
         ground._rate_ends = None
-        scale = scale_of(MapLayer.APPLIED, _of(ground, low, high), None, METRIC, most_kg_ha=500.0)
+        scale = find_colour_scale(
+            MapLayer.APPLIED, _of(ground, low, high), None, METRIC, most_kg_ha=500.0
+        )
         ends.add((scale.low, scale.high))
     assert ends == {(0.0, 500.0)}
-    assert scale_of(MapLayer.APPLIED, _of(ground, 180.0, 190.0), None, METRIC) != scale_of(
-        MapLayer.APPLIED, _of(ground, 20.0, 480.0), None, METRIC
-    ), "a log's scale goes by the log"
+    assert find_colour_scale(
+        MapLayer.APPLIED, _of(ground, 180.0, 190.0), None, METRIC
+    ) != find_colour_scale(MapLayer.APPLIED, _of(ground, 20.0, 480.0), None, METRIC), (
+        "a log's scale goes by the log"
+    )
 
 
 def _of(ground, low, high):
@@ -148,7 +152,7 @@ def test_lights_stand_on_the_side_of_the_machine(frames):
         frame = replace(
             frames[-1], place_m=(east_m, 20.0), row=frames[-1].row._replace(heading_deg=0.0)
         )
-        view = light_view(guide, frame, False, METRIC)
+        view = make_light_view(guide, frame, False, METRIC)
         return view, LightBar(view).lines(view, 80, 1)[0].plain
 
     view, text = seen(0.31)

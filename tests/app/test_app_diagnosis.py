@@ -17,12 +17,12 @@ from console.app.name_dialog import NameDialog
 from console.app.pages.diagnosis import shown as diagnosis_shown
 from console.app.pages.diagnosis import words as diagnosis_words
 from console.app.pages.diagnosis.causes import Causes, interval_bar
-from console.app.pages.diagnosis.page import Expected, SourceList, SourcesView, expected_s
+from console.app.pages.diagnosis.page import Expected, SourceList, SourcesView, estimate_duration_s
 from console.app.pages.diagnosis.residual_plot import (
     PlotView,
     ResidualPlot,
-    dots_between,
-    nice_ends,
+    rasterise_line,
+    round_plot_ends,
 )
 from console.app.pages.diagnosis.service import DiagnosisView, ResidualCurve, WorkStopped
 from console.app.services import Services
@@ -272,7 +272,7 @@ async def test_the_list_is_read_anew_when_another_job_is_at_work(app, source, pi
 
 
 def test_the_bar_moves_from_the_start_and_never_back_and_its_time_is_honest():
-    work = Expected(expected_s(20.0))
+    work = Expected(estimate_duration_s(20.0))
     seen = [work.at(t, 0.0) for t in (0.0, 1.0, 3.0, 8.0)]
     assert [share for share, _left in seen] == sorted({share for share, _left in seen}) and seen[1][
         0
@@ -557,11 +557,11 @@ def test_the_interval_bar_has_zero_in_its_middle():
 
 
 def test_plot_ends_hold_zero_and_lines_have_no_gaps():
-    low, high = nice_ends([-3.0, -1.0])
+    low, high = round_plot_ends([-3.0, -1.0])
     assert low <= -3.0 and high >= 0.0
-    dots = dots_between([(0, 0), (10, 3)])
+    dots = rasterise_line([(0, 0), (10, 3)])
     assert {x for x, _y in dots} == set(range(11))
-    assert len(dots_between([(0, 0), (30, 0)], 3)) == 11
+    assert len(rasterise_line([(0, 0), (30, 0)], 3)) == 11
 
 
 async def test_before_and_after_differ_by_shape_and_the_onset_is_marked(app, shown):

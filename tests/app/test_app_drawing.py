@@ -23,7 +23,7 @@ from console.app.refresh_rates import Pace
 from console.app.units import IMPERIAL, METRIC
 from console.app.widgets.panel import fit, right, spread
 from console.app.widgets.tiles import bar
-from console.scale import STEPS, calm_ends, colour
+from console.scale import STEPS, colour, round_calm_ends
 from control.log_row import LogRow
 from tests.app.harness import dots
 from tests.app.made_up.run import run_frames
@@ -94,16 +94,16 @@ def test_colour_blind_eyes_keep_the_ends_apart(matrix):
 
 
 def test_scale_ends_are_calm_and_hold_all_values():
-    assert calm_ends([]) == (0.0, 100.0)
-    assert calm_ends([3.0, 40.0]) == (0.0, 100.0)
-    assert calm_ends([260.0, 390.0]) == (250.0, 400.0)
-    assert calm_ends([301.0, 302.0]) == (300.0, 400.0)
+    assert round_calm_ends([]) == (0.0, 100.0)
+    assert round_calm_ends([3.0, 40.0]) == (0.0, 100.0)
+    assert round_calm_ends([260.0, 390.0]) == (250.0, 400.0)
+    assert round_calm_ends([301.0, 302.0]) == (300.0, 400.0)
 
 
 @settings(max_examples=100, deadline=None)
 @given(st.lists(st.floats(0, 900), min_size=1, max_size=20))
 def test_no_value_lies_outside_the_scale(values):
-    low, high = calm_ends(values)
+    low, high = round_calm_ends(values)
     assert low <= min(values) and max(values) <= high and high - low >= 100
 
 
@@ -179,9 +179,9 @@ def test_what_is_typed_comes_back_in_si(shown):
 
 
 def test_the_rate_error_is_relative_to_50_kg_ha_at_least():
-    assert view.rate_error(300.0, 270.0) == pytest.approx(-0.10)
-    assert view.rate_error(10.0, 20.0) == pytest.approx(0.20)
-    assert view.rate_error(None, 20.0) is None
+    assert view.find_rate_error(300.0, 270.0) == pytest.approx(-0.10)
+    assert view.find_rate_error(10.0, 20.0) == pytest.approx(0.20)
+    assert view.find_rate_error(None, 20.0) is None
 
 
 @pytest.mark.parametrize(
@@ -205,9 +205,11 @@ def test_a_machine_that_is_held_owes_nothing():
 
 def test_times():
     assert view.duration(59.9) == "00:59" and view.duration(3723) == "1:02:03"
-    assert view.wall_clock("2026-03-18T23:59:58.000Z", 3600.0) == "00:59:58"
-    assert view.wall_clock("2026-03-18T06:00:00.000Z", 0.0, 61.0) == "05:58:59"
-    assert view.wall_clock(None, 0.0) == "" and view.wall_clock("yesterday", 0.0) == ""
+    assert view.format_local_time("2026-03-18T23:59:58.000Z", 3600.0) == "00:59:58"
+    assert view.format_local_time("2026-03-18T06:00:00.000Z", 0.0, 61.0) == "05:58:59"
+    assert (
+        view.format_local_time(None, 0.0) == "" and view.format_local_time("yesterday", 0.0) == ""
+    )
 
 
 def test_an_empty_frame_row_shows_dashes_not_numbers():

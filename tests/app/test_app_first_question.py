@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from console.app.dialogs import ChoiceDialog
-from console.app.first_question import ask_first
+from console.app.first_question import ask_first_question
 from console.app.pages.job.service import Offer
 from console.app.widgets.choice_list import ChoiceList
 from console.cli import screens
@@ -36,7 +36,7 @@ def full(full, source):
 
 async def asked(app, pilot):
     await pilot.pause()
-    ask_first(app, app.services.job)
+    ask_first_question(app, app.services.job)
     await settled(app, pilot)
 
 
@@ -62,7 +62,7 @@ async def test_one_key_takes_the_newest_and_one_leaves_all_as_it_is(full, source
         await pilot.press("home")
         await pilot.press("escape")
         assert full.screen is full.page and ("recent",) not in [one[:1] for one in desk.asked]
-        ask_first(full, desk)
+        ask_first_question(full, desk)
         await settled(full, pilot)
         await pilot.press("enter")
         await settled(full, pilot)
@@ -106,7 +106,7 @@ async def test_hold_and_stop_work_under_it_and_a_machine_that_was_started_is_lef
         await pilot.press("enter")
         await settled(full, pilot)
         assert ("drop",) in desk.asked and "stop it first" in full.notice_text and not full.gone
-        ask_first(full, desk)
+        ask_first_question(full, desk)
         await settled(full, pilot)
         assert full.screen is full.page, "nothing is asked while it works"
 

@@ -11,7 +11,7 @@ import pytest
 from console.app.app import TopdressApp
 from console.app.dialogs import ChoiceDialog, Confirm
 from console.app.field_picture import FieldPicture, Planned
-from console.app.map_ink import small_map
+from console.app.map_ink import draw_small_map
 from console.app.name_dialog import NameDialog
 from console.app.number_dialog import NumberDialog
 from console.app.pages.job.map_dialog import MapDialog
@@ -181,18 +181,18 @@ def test_what_a_job_still_takes(frames):
 
 async def test_a_small_map_is_the_large_one_s_drawing(full, pilot):
     ring = ((0.0, 0.0), (40.0, 0.0), (40.0, 40.0), (0.0, 40.0))
-    drawn = small_map(full.page, FieldPicture("", (ring,)), 8, 4)
+    drawn = draw_small_map(full.page, FieldPicture("", (ring,)), 8, 4)
     assert (
         len(drawn) == 4
         and {len(row) for row in drawn} == {8}
-        and small_map(full.page, None, 8, 4) == []
+        and draw_small_map(full.page, None, 8, 4) == []
     )
     for row in (drawn[0], drawn[-1]):
         assert all(0x2800 < ord(text) < 0x2900 for text, _style in row), "a line all along"
     rates = np.array([[100.0, np.nan], [200.0, 300.0]], np.float32)
     planned = [
         cell
-        for row in small_map(
+        for row in draw_small_map(
             full.page, FieldPicture("", planned=Planned(0.0, 0.0, 10.0, rates)), 8, 4
         )
         for cell in row

@@ -11,7 +11,7 @@ from textual.widgets import Button, Input
 from console.app import actions
 from console.app.dialogs import ChoiceDialog
 from console.app.screens.help import HelpScreen
-from console.app.screens.jump import JumpScreen, labels, letters, places_of
+from console.app.screens.jump import JumpScreen, find_places, labels, letters
 from console.app.widgets.key_bar import KeyBar
 from console.app.widgets.status_line import PageBar
 from control.orders import Do
@@ -33,7 +33,10 @@ def label_of(app, wanted):
 
 
 def test_no_label_has_a_letter_that_acts_on_the_machine():
-    bound = {where: actions.bound_at(where, {}) for where in {one.where for one in actions.ACTIONS}}
+    bound = {
+        where: actions.find_bound_keys(where, {})
+        for where in {one.where for one in actions.ACTIONS}
+    }
     assert not set(letters(bound)) & (bound["run"] | bound["calibrate"] | bound["devices"])
     assert len(letters(bound)) >= 6, (
         "enough for labels of two: every letter of these pages has an action, no digit has"
@@ -98,7 +101,7 @@ async def test_rows_of_lists_are_clicked(full, turned, pilot):
 async def test_buttons_of_a_dialog_have_letters_too(full, pilot):
     await pilot.press("t")
     dialog = full.screen
-    assert len(places_of(dialog)) == len(dialog.query(Button)) + len(dialog.choices)
+    assert len(find_places(dialog)) == len(dialog.query(Button)) + len(dialog.choices)
     await shown_letters(full, pilot)
     await pilot.press(
         *label_of(full, lambda place: place.widget.id == "choices" and place.at.y == 1)

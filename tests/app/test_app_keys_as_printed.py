@@ -22,7 +22,7 @@ def test_the_arrows_signs_are_pressed_as_characters_too():
         for one in actions.at(where):
             sign = {"<": "less_than_sign", ">": "greater_than_sign"}.get(one.shown)
             if sign is not None:
-                bound = actions.bound_at(where, {})
+                bound = actions.find_bound_keys(where, {})
                 assert meant(sign, bound, frozenset({"space", "x"})) in one.keys.split(","), one.id
 
 

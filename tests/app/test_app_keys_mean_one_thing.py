@@ -21,7 +21,7 @@ SIZE = (120, 40)
 
 
 def test_no_digit_is_bound_on_any_page():
-    keys = {key for action in actions.ACTIONS for key in actions.keys_of(action, {})}
+    keys = {key for action in actions.ACTIONS for key in actions.find_keys(action, {})}
     assert not [key for key in keys if key.isdigit()]
 
 

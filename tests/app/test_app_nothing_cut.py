@@ -24,12 +24,12 @@ from console.app.pages.page import NoticeRows
 from console.app.units import IMPERIAL, METRIC, UNITS
 from console.app.view import AlarmsView, RatesView, Shown, StatusView, alarms
 from console.app.widgets import panel
-from console.app.widgets.alarm_bar import AlarmBar, rows_needed
+from console.app.widgets.alarm_bar import AlarmBar, count_rows_needed
 from console.app.widgets.canvas import Canvas
 from console.app.widgets.panel import Panel
 from console.app.widgets.rates import Rates
 from console.app.widgets.status_line import StatusLine
-from console.locale import languages, use
+from console.locale import list_languages, use
 from control.orders import Alarm, Severity
 from control.safety import ALARMS
 from control.targets.map_check import MapCheck
@@ -187,7 +187,7 @@ async def test_the_finder_finds_a_row_of_buttons_that_runs_out(picture, columns,
         assert any("answer number 5" in one for one in cut_on(app)) == finds
 
 
-@pytest.mark.parametrize("language", languages())
+@pytest.mark.parametrize("language", list_languages())
 @pytest.mark.parametrize(
     "width", [60, 120, *(pytest.param(width, marks=pytest.mark.exam) for width in (100, 80))]
 )
@@ -209,7 +209,7 @@ def test_every_alarm_is_read_to_its_end(frames, language, width):
             if shown in drawn:
                 continue
             drawn.add(shown)
-            rows = max(3, rows_needed(shown, width))
+            rows = max(3, count_rows_needed(shown, width))
             assert rows <= 7, name
             lines, cut = drawn_in(AlarmBar(shown), shown, width, rows)
             if cut:
@@ -218,35 +218,35 @@ def test_every_alarm_is_read_to_its_end(frames, language, width):
     assert found == {} and len(drawn) > 8 * len(ALARMS)
 
 
-@pytest.mark.parametrize("language", languages())
+@pytest.mark.parametrize("language", list_languages())
 @pytest.mark.parametrize(("width", "height"), [(76, 8), (62, 7), (80, 7)])
 def test_every_reason_for_another_rate_is_read_to_its_end(language, width, height):
     use(language)
     for some in [*((one,) for one in words.NOTES), *combinations(words.NOTES, 2)]:
-        note = tuple(words.note_word(one) for one in some)
+        note = tuple(words.name_note(one) for one in some)
         view = RatesView(
             Shown("1234"), Shown("1234"), "kg/ha", "+30 %", Shown("-100 %"), -1.0, "red", note
         )
         lines, cut = drawn_in(Rates(view), view, width, height)
         assert cut == []
-        assert words.note_word(some[0]) in " ".join(lines), (
+        assert words.name_note(some[0]) in " ".join(lines), (
             "the first reason always; the others are counted"
         )
 
 
-@pytest.mark.parametrize("language", languages())
+@pytest.mark.parametrize("language", list_languages())
 @pytest.mark.parametrize("width", WIDTHS)
 def test_every_refusal_is_read_to_its_end(language, width):
     use(language)
     for why in words.ANSWERS:
-        text = f"refused: {words.answer_words(why)}"
+        text = f"refused: {words.describe_refusal(why)}"
         bar = NoticeRows("")
         rows, cut = drawn_in(bar, text, width, 6)
         assert cut == [] and len(rows) <= 6
         assert "".join(rows).replace(" ", "") == text.replace(" ", "")
 
 
-@pytest.mark.parametrize("language", languages())
+@pytest.mark.parametrize("language", list_languages())
 @pytest.mark.parametrize("width", WIDTHS)
 def test_state_and_marks_stand_whole_and_words_go_whole(language, width):
     use(language)
@@ -255,9 +255,9 @@ def test_state_and_marks_stand_whole_and_words_go_whole(language, width):
         view = StatusView(
             state,
             words.STATE_SYMBOLS[state],
-            words.state_word(state),
+            words.name_state(state),
             words.strategy_word("balanced"),
-            words.source_word(source),
+            words.name_source(source),
             "",
             ("SIMULATED", "LOCKED"),
             silent,
@@ -266,7 +266,7 @@ def test_state_and_marks_stand_whole_and_words_go_whole(language, width):
         )
         (text, *_), cut = drawn_in(bar, view, width, 1)
         assert cut == []
-        assert words.state_word(state) in text and "SIMULATED" in text and silent in text
+        assert words.name_state(state) in text and "SIMULATED" in text and silent in text
 
 
 async def on_every_size(picture, change=None, units="metric"):
@@ -359,7 +359,7 @@ async def test_nothing_is_cut_at_the_end_of_a_long_day(screen, units):
 
 
 @pytest.mark.exam
-@pytest.mark.parametrize("language", languages())
+@pytest.mark.parametrize("language", list_languages())
 @pytest.mark.parametrize("screen", SCREENS)
 async def test_nothing_is_cut_on_any_picture(screen, language):
     assert await on_every_size(Picture("cut", SIZES[0], language=language, screen=screen)) == []

@@ -19,7 +19,7 @@ from console.app.pages.calibrate.catch_calibration import CatchCalibration
 from console.app.pages.calibrate.page import CalibrateScreen
 from console.app.pages.job.refill import RefillWatch
 from console.app.services import Services
-from console.app.typed_number import inside, plain_number, read, read_between
+from console.app.typed_number import format_number, inside, read, read_in_range
 from console.app.units import IMPERIAL, METRIC
 from console.locale import use
 from control.orders import Do, Order
@@ -102,17 +102,17 @@ def test_a_refusal_in_chinese_too(text):
     ],
 )
 def test_out_of_range_is_said_with_the_range(text, said):
-    reading = read_between(text, 0, 600, "kg/ha")
+    reading = read_in_range(text, 0, 600, "kg/ha")
     assert reading.value is None and said in reading.why
 
 
 def test_what_may_part_thousands_is_asked_where_both_are_allowed():
-    assert read_between("1,250", 0, 600, "kg").value == 1.25
+    assert read_in_range("1,250", 0, 600, "kg").value == 1.25
     for text in ("1,250", "1.250"):
-        reading = read_between(text, 0, 4000, "lb")
+        reading = read_in_range(text, 0, 4000, "lb")
         assert reading.value is None and f"{text} can mean 1.25 or 1250 lb" in reading.why
-    assert read_between("0,250", 0, 4000, "lb").value == 0.25
-    assert read_between("1.25", 0, 4000, "lb").value == 1.25
+    assert read_in_range("0,250", 0, 4000, "lb").value == 0.25
+    assert read_in_range("1.25", 0, 4000, "lb").value == 1.25
 
 
 @pytest.mark.parametrize("units", [METRIC, IMPERIAL])
@@ -126,7 +126,7 @@ def test_what_the_range_shows_is_allowed_inside(units, high):
 
 
 def test_a_number_is_repeated_without_a_power_of_ten():
-    assert [plain_number(one) for one in (12.5, 1e6, 0.001, 300.0, 1e20)] == [
+    assert [format_number(one) for one in (12.5, 1e6, 0.001, 300.0, 1e20)] == [
         "12.5",
         "1000000",
         "0.001",

@@ -38,7 +38,7 @@ def printed(action):
     """Keys that a finger can strike by mistake for a word: letters, signs, and Space."""
     return {
         key
-        for key in actions.keys_of(action, {})
+        for key in actions.find_keys(action, {})
         if re.fullmatch(
             "[a-z]|space|comma|full_stop|slash|semicolon|"
             "left_square_bracket|right_square_bracket|apostrophe|exclamation_mark",
@@ -73,7 +73,7 @@ def test_nothing_stands_in_the_list_of_kinds_that_no_page_has():
 
 def test_the_signs_with_two_meanings_are_these():
     for sign, key in (("+", "plus"), ("-", "minus")):
-        assert {one.label for one in actions.ACTIONS if key in actions.keys_of(one, {})} == TWO[
+        assert {one.label for one in actions.ACTIONS if key in actions.find_keys(one, {})} == TWO[
             sign
         ]
 

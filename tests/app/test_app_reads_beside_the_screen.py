@@ -23,7 +23,7 @@ from rich.cells import cell_len
 
 from console.app.app import LATE_MODULES, WIDE, TopdressApp
 from console.app.pages.all import SCREENS
-from console.cli.screens import run_services
+from console.cli.screens import make_run_services
 from console.services.job import JobFiles
 from console.services.launcher import Launcher
 from console.services.settings import settings_store
@@ -91,7 +91,7 @@ def app(source, clock, tmp_path, monkeypatch):
     found = by_kind(())
     setup = setup_of(found, dt.date(2026, 3, 18))
     services = replace(
-        run_services(lambda: (setup, found)), job=JobFiles(launcher), settings=settings_store()
+        make_run_services(lambda: (setup, found)), job=JobFiles(launcher), settings=settings_store()
     )
     source.newest = replace(source.newest, log_path=str(log))
     return TopdressApp(source, clock, live=False, utc_offset_s=0.0, services=services)

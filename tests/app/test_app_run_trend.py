@@ -8,7 +8,7 @@ from dataclasses import replace
 import pytest
 
 from console.app.app import TopdressApp
-from console.app.history import Point, point_of
+from console.app.history import Point, make_point
 from console.app.view import applied_kg_ha
 from console.app.widgets.tiles import TileGraphs, graph
 from console.app.widgets.trend import Trend, TrendView
@@ -157,4 +157,4 @@ async def test_held_the_target_is_no_dots_and_the_applied_rate_is(app, size):
 )
 def test_the_noise_of_a_standing_shaft_is_no_rate_but_a_turning_one_is(frames, state, rpm, kg_ha):
     row = frames[-1].row._replace(state=state, shaft_rpm=rpm, applied_rate_kg_ha=4.2)
-    assert applied_kg_ha(row) == kg_ha == point_of(replace(frames[-1], row=row)).applied_kg_ha
+    assert applied_kg_ha(row) == kg_ha == make_point(replace(frames[-1], row=row)).applied_kg_ha

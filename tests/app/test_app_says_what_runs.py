@@ -112,7 +112,7 @@ def test_while_nothing_is_owed_no_flow_is_too_little(frames, state):
 @pytest.mark.parametrize("name", sorted(REFUSALS))
 def test_no_refusal_shows_the_name_of_a_value(name):
     for why in (name, f"{name};alarm=console_silent", f"{name};state=held"):
-        assert "{" not in words.answer_words(why)
+        assert "{" not in words.describe_refusal(why)
 
 
 async def test_a_refusal_names_the_live_alarm_with_its_values(app, source):

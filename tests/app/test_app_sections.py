@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from console.app.app import TopdressApp
-from console.app.coverage_raster import KINDS, Spot, Worked, spot_of
+from console.app.coverage_raster import KINDS, Spot, Worked, find_spot
 from console.app.pages.run.keys import allow_choices
 from console.app.pages.run.section_bar import section_choices, section_parts
 from console.app.words import SECTIONS
@@ -92,5 +92,5 @@ def test_the_map_keeps_strips_of_what_was_open(frames):
     planes = worked.window(1.0, 0, 0, 3, 10)
     assert planes[KINDS, 2:8].astype(bool).tolist() == [[True, False, True]] * 6
     row = frames[-1].row._replace(sections_cmd="1;0;1")
-    assert spot_of(replace(frames[-1], row=row)).open_bits == 5.0
-    assert spot_of(frames[-1]).open_bits == -1.0
+    assert find_spot(replace(frames[-1], row=row)).open_bits == 5.0
+    assert find_spot(frames[-1]).open_bits == -1.0

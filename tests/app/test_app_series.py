@@ -11,8 +11,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from console.app.channels import CHANNELS, ERROR, value_of, values_of
-from console.app.pages.trends.plots import round_ends
+from console.app.channels import CHANNELS, ERROR, list_values, value_of
+from console.app.pages.trends.plots import round_axis_ends
 from console.app.series import KEPT, WIDTHS_S, LogSeries, Pyramid, sums
 from console.frame import Frame
 from control.log_row import COLUMNS, NDRE_COLUMNS, TEXT_COLUMNS, LogRow
@@ -39,7 +39,7 @@ def test_every_number_of_a_log_row_can_be_plotted():
     assert (value_of(row, "ndvi"), value_of(row, "satellites")) == (0.4, 9.0)
     assert value_of(row, ERROR) == pytest.approx(10.0)
     assert isnan(value_of(row._replace(state="held"), ERROR)) and isnan(value_of(row, "hopper_kg"))
-    assert len(values_of(row)) == len(CHANNELS)
+    assert len(list_values(row)) == len(CHANNELS)
 
 
 @settings(max_examples=40, deadline=None)
@@ -154,17 +154,17 @@ def test_time_that_runs_back_begins_anew():
 @settings(max_examples=200, deadline=None)
 @given(st.floats(-1e5, 1e5), st.floats(0, 1e5), st.integers(0, 3))
 def test_axes_are_round_and_hold_the_values(low, span, decimals):
-    begin, end = round_ends(low, low + span, decimals)
+    begin, end = round_axis_ends(low, low + span, decimals)
     slack = 1e-6 * max(1.0, span, abs(low))
     assert begin <= low + slack and end >= low + span - slack
     assert end > begin and end - begin <= max(3.0 * span, 30.0 * 10.0**-decimals)
 
 
 def test_axes_of_examples():
-    assert round_ends(268.0, 391.0, 0) == (250.0, 400.0)
-    assert round_ends(6.74, 6.95, 2) == pytest.approx((6.7, 7.0))
-    assert round_ends(0.5, 0.5, 3) == pytest.approx((0.498, 0.502))
-    assert round_ends(nan, nan, 0) == (0.0, 1.0)
+    assert round_axis_ends(268.0, 391.0, 0) == (250.0, 400.0)
+    assert round_axis_ends(6.74, 6.95, 2) == pytest.approx((6.7, 7.0))
+    assert round_axis_ends(0.5, 0.5, 3) == pytest.approx((0.498, 0.502))
+    assert round_axis_ends(nan, nan, 0) == (0.0, 1.0)
 
 
 def test_every_number_of_the_log_has_a_labelled_channel():

@@ -16,8 +16,8 @@ from console.app.pages.all import SCREENS
 from console.app.pages.settings.page import SettingsList, ThemeDialog
 from console.app.pages.settings.service import SettingsStore
 from console.app.services import Services
-from console.app.settings import clash, keymap_problem, theme_of
-from console.locale import in_use, languages
+from console.app.settings import find_key_clash, keymap_problem, make_theme
+from console.locale import in_use, list_languages
 from control.orders import Do, Order
 from drivers.files.settings import Settings, read_settings, write_settings
 from drivers.files.settings_theme import ThemeData
@@ -191,7 +191,7 @@ def test_a_keymap_that_cannot_be_used_is_said_in_one_line(source, clock):
 
 
 def test_no_two_built_in_actions_of_a_screen_share_a_key():
-    assert clash({action.id: action.keys for action in actions.ACTIONS}) == ""
+    assert find_key_clash({action.id: action.keys for action in actions.ACTIONS}) == ""
 
 
 def test_settings_of_every_shape_survive_their_file(tmp_path):
@@ -205,12 +205,15 @@ def test_settings_of_every_shape_survive_their_file(tmp_path):
 
 
 def test_every_language_can_be_chosen():
-    assert set(get_args(Settings.model_fields["language"].annotation)) == {"auto", *languages()}
+    assert set(get_args(Settings.model_fields["language"].annotation)) == {
+        "auto",
+        *list_languages(),
+    }
 
 
 async def test_a_theme_of_the_users_own(source, clock):
     data = ThemeData(name="dusk", like="night", colours={"background": "#120e0a", "red": "#ff0000"})
-    theme = theme_of(data)
+    theme = make_theme(data)
     assert (
         theme.dark and theme.background == "#120e0a" and theme.variables["alarm-red"] == "#ff0000"
     )

@@ -256,7 +256,7 @@ async def test_every_letter_does_the_same_with_shift_caps_lock_and_full_width(fu
         for where in full.pages:
             await turned(full, pilot, where)
             for action in actions.at(where):
-                for key in actions.keys_of(action, keymap):
+                for key in actions.find_keys(action, keymap):
                     if len(key) == 1 and key.isalpha():
                         for text in (key, *forms(key)):
                             assert await done_by(full, pilot, text) == [action.id], (where, text)
@@ -264,7 +264,7 @@ async def test_every_letter_does_the_same_with_shift_caps_lock_and_full_width(fu
         letters = {
             action.id
             for action in actions.ACTIONS
-            if any(len(key) == 1 and key.isalpha() for key in actions.keys_of(action, keymap))
+            if any(len(key) == 1 and key.isalpha() for key in actions.find_keys(action, keymap))
         }
         assert tried == letters and len(letters) > 40
         assert await done_by(full, pilot, "\x1b[112;6u") == ["palette"], "Ctrl+Shift+P"
@@ -272,7 +272,7 @@ async def test_every_letter_does_the_same_with_shift_caps_lock_and_full_width(fu
 
 def test_no_built_in_binding_is_a_capital():
     """Else folding would hide it."""
-    own = {key for action in actions.ACTIONS for key in actions.keys_of(action, {})}
+    own = {key for action in actions.ACTIONS for key in actions.find_keys(action, {})}
     for kind in kinds():
         own |= {
             key.strip()

@@ -10,7 +10,7 @@ from textual.widgets import Button
 from console.app import actions
 from console.app.action import ANYWHERE, CALIBRATE, DIAGNOSIS, JOB, MAP, RUN, SETTINGS
 from console.app.guide_line import GuideLine
-from console.app.guide_line_store import guide_record
+from console.app.guide_line_store import make_line_record
 from console.app.pages.job.service import Earlier
 from console.app.screens.worker_lost_screen import GoneScreen
 from console.app.services import Services
@@ -214,7 +214,7 @@ async def test_a_tab_that_comes_late_shows_the_ground_and_the_line_of_before(fra
     log = tmp_path / "run.csv"
     frame = replace(frames[-1], log_path=str(log))
     files = KeptLineFiles()
-    files.append(str(log), guide_record(GuideLine((0.0, 0.0), (0.0, 50.0), 2.4)))
+    files.append(str(log), make_line_record(GuideLine((0.0, 0.0), (0.0, 50.0), 2.4)))
     files.close()
     before = Earlier((), tuple((500.0, float(k), 0.0, 300.0) for k in range(40)))
     app = TabletApp(
@@ -231,6 +231,6 @@ async def test_a_tab_that_comes_late_shows_the_ground_and_the_line_of_before(fra
         await settled(app, pilot)
         assert app.history.worked.box.east_m > 400.0 and app.guide.b == (0.0, 50.0)
         app.guide.clear()
-        app.keep_line(guide_record(app.guide))
+        app.keep_line(make_line_record(app.guide))
         app.services.lines.close()
     assert KeptLineFiles().read(str(log)).guide.set

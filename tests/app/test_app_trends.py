@@ -9,7 +9,7 @@ from datetime import datetime, timedelta
 import pytest
 
 from console.app.app import TopdressApp
-from console.app.braille import Piece, traced
+from console.app.braille import Piece, trace_cells
 from console.app.pages.replay.service import ReplayJob
 from console.app.pages.trends.page import ChannelDialog
 from console.app.pages.trends.plots import Plots
@@ -303,14 +303,14 @@ async def test_at_every_size_three_plots_and_the_time_axis_are_there(shown, size
 
 
 def test_a_piece_goes_from_its_lowest_to_its_highest_and_joins_the_next():
-    seen = dots(traced((Piece(0.0, 0.0, 0.0, False), Piece(1.0, 1.0, 1.0, True)), 2, 1))
+    seen = dots(trace_cells((Piece(0.0, 0.0, 0.0, False), Piece(1.0, 1.0, 1.0, True)), 2, 1))
     assert seen == {(0, 3), (1, 3), (2, 3), (3, 0), (3, 1), (3, 2), (3, 3)}
-    assert dots(traced((Piece(0.5, 0.0, 1.0, False),), 1, 1)) == {(0, y) for y in range(4)}
+    assert dots(trace_cells((Piece(0.5, 0.0, 1.0, False),), 1, 1)) == {(0, y) for y in range(4)}
 
 
 def test_a_gap_and_what_lies_outside_are_not_drawn():
     seen = dots(
-        traced(
+        trace_cells(
             (Piece(-0.4, 0.5, 0.5, False), Piece(0.0, 0.0, 0.0, True), Piece(1.0, 0.0, 0.0, False)),
             3,
             1,

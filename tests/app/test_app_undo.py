@@ -13,7 +13,7 @@ import pytest
 import console.app
 from console.app.dialogs import Confirm
 from console.app.pages.job.page import JobScreen
-from console.app.undo import NOT_TAKEN_BACK, back_words, ordered_source, orders_back
+from console.app.undo import NOT_TAKEN_BACK, describe_undo, ordered_source, reverse_orders
 from console.app.units import METRIC
 from console.frame import Frame
 from console.worker.parts import FRAME_FIELDS
@@ -85,8 +85,8 @@ def test_what_takes_an_order_back_leaves_all_as_it_was(do):
     bench = Bench()
     before = bench.frame()
     order = Order(do, CHANGES[do])
-    back = orders_back([order], before)
-    assert back and back_words(back, METRIC)
+    back = reverse_orders([order], before)
+    assert back and describe_undo(back, METRIC)
     if do is Do.GO_ON_UNLOGGED:  # refused while the log works, taken back or not
         assert back == (Order(do, False),)
         return
@@ -103,7 +103,7 @@ def test_all_sections_given_back_are_closed_again_one_by_one():
     for text in ("1 off", "3 off"):
         assert bench.loop.order(Order(Do.SECTION, text)).accepted
     frame = bench.frame()
-    back = orders_back([Order(Do.SECTION, "all auto")], frame)
+    back = reverse_orders([Order(Do.SECTION, "all auto")], frame)
     assert bench.loop.order(Order(Do.SECTION, "all auto")).accepted
     for one in back:
         assert bench.loop.order(one).accepted
@@ -115,7 +115,7 @@ def test_what_stands_in_for_a_silent_source_is_not_the_one_that_was_ordered(fram
     target for good."""
     row = frames[-1].row._replace(target_source=TargetSource.FALLBACK)
     frame = replace(frames[-1], row=row, ordered_source="canopy")
-    assert orders_back([Order(Do.SOURCE, "manual")], frame) == (Order(Do.SOURCE, "canopy"),)
+    assert reverse_orders([Order(Do.SOURCE, "manual")], frame) == (Order(Do.SOURCE, "canopy"),)
     assert (
         ordered_source(
             replace(frame, ordered_source="", row=row._replace(target_source="index_map"))
@@ -261,7 +261,7 @@ def test_the_field_is_what_is_no_strip_and_keeps_no_samples(full):
 
 async def test_where_there_was_no_strip_none_counts_again(full, source, strip_desk):
     source.newest = replace(source.newest, strips=Strips(), allow=Allowances())
-    assert orders_back([Order(Do.STRIP, "nrich 0.7")], source.newest) == (
+    assert reverse_orders([Order(Do.STRIP, "nrich 0.7")], source.newest) == (
         Order(Do.STRIP, StripValue("nrich", None).text),
     )
-    assert back_words((Order(Do.STRIP, "nrich none"),), METRIC) == "no N-rich strip"
+    assert describe_undo((Order(Do.STRIP, "nrich none"),), METRIC) == "no N-rich strip"

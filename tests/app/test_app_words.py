@@ -13,8 +13,8 @@ import pytest
 
 import console.app
 from console.app import words
-from console.app.pages.job.checklist import crop_note
-from console.locale import N_, _, catalogue, in_use, languages, preferred, use
+from console.app.pages.job.checklist import read_crop_note
+from console.locale import N_, _, catalogue, find_preferred_language, in_use, list_languages, use
 from console.locale.po import read_po
 from control.machine.form import FORMS
 from control.orders import Alarm, Severity, State, Strategy, TargetSource
@@ -117,7 +117,7 @@ def fields(text: str) -> set[str]:
     return {name for _literal, name, _spec, _conversion in string.Formatter().parse(text) if name}
 
 
-@pytest.mark.parametrize("language", [code for code in languages() if code != "en"])
+@pytest.mark.parametrize("language", [code for code in list_languages() if code != "en"])
 def test_every_text_is_translated_and_keeps_its_values(language):
     known = catalogue(language).texts
     missing = {text: where for text, where in all_texts().items() if not known.get(text)}
@@ -215,7 +215,7 @@ def test_languages_are_used_and_refused_in_one_line():
     ],
 )
 def test_the_environment_chooses_the_language(environment, code):
-    assert preferred(environment) == code
+    assert find_preferred_language(environment) == code
 
 
 def test_po_continued_lines_comments_and_fuzzy_entries():
@@ -233,16 +233,16 @@ def test_a_po_line_that_cannot_be_read_is_named(line):
 
 
 def test_a_refusal_names_the_alarm_in_words():
-    assert words.answer_words("acknowledge_first;alarm=shaft_silent") == (
+    assert words.describe_refusal("acknowledge_first;alarm=shaft_silent") == (
         "Acknowledge the alarm The metering shaft does not answer first."
     )
-    assert words.answer_words("") == "not accepted"
-    assert words.answer_words("internal_error: x") == "internal_error: x"
+    assert words.describe_refusal("") == "not accepted"
+    assert words.describe_refusal("internal_error: x") == "internal_error: x"
 
 
 def test_a_missing_detail_leaves_its_braces():
     assert (
-        words.alarm_words(Alarm("hopper_empty", Severity.RED, 0.0)).text
+        words.describe_alarm(Alarm("hopper_empty", Severity.RED, 0.0)).text
         == "The hopper is empty (-- kg)."
     )
 
@@ -250,10 +250,12 @@ def test_a_missing_detail_leaves_its_braces():
 def test_notes_of_crops_are_told_in_the_language_in_use():
     use("zh")
     try:
-        assert crop_note("example values, not of this field: days, ndvi_nrich").endswith(
+        assert read_crop_note("example values, not of this field: days, ndvi_nrich").endswith(
             ": days, ndvi_nrich"
         )
-        assert not any(note in crop_note(note) for note in crop_notes())
-        assert crop_note("written by a grower: sandy soil") == "written by a grower: sandy soil"
+        assert not any(note in read_crop_note(note) for note in crop_notes())
+        assert (
+            read_crop_note("written by a grower: sandy soil") == "written by a grower: sandy soil"
+        )
     finally:
         use("en")

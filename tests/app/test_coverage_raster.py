@@ -12,10 +12,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from console.app.camera import MapCamera, Pixels, fit
-from console.app.coverage_raster import CELLS_M, KINDS, PLANES, Box, Spot, Worked, spot_of
+from console.app.coverage_raster import CELLS_M, KINDS, PLANES, Box, Spot, Worked, find_spot
 from console.app.field_picture import FieldPicture, Planned
 from console.app.history import History, LogHistory
-from console.app.layers import MapLayer, scale_of
+from console.app.layers import MapLayer, find_colour_scale
 from console.app.map_image import (
     CELL_SHARE,
     DONE,
@@ -24,11 +24,11 @@ from console.app.map_image import (
     PASSAGE,
     PLAN,
     Ground,
+    find_next_passes,
     glow,
     halves,
     image,
-    line_dots,
-    next_passes,
+    rasterise_lines,
 )
 from console.app.units import IMPERIAL, METRIC
 from console.scale import STEPS
@@ -98,9 +98,9 @@ def test_what_is_not_known_does_not_count_as_zero():
 def test_a_held_machine_leaves_a_passage_only():
     frame = run_frames(seconds=1.0)[-1]
     held = replace(frame, row=frame.row._replace(state="held"))
-    assert isnan(spot_of(held).applied_kg_ha) and isnan(spot_of(held).target_kg_ha)
-    assert spot_of(frame).applied_kg_ha == frame.row.applied_rate_kg_ha
-    assert spot_of(replace(frame, place_m=None)) is None
+    assert isnan(find_spot(held).applied_kg_ha) and isnan(find_spot(held).target_kg_ha)
+    assert find_spot(frame).applied_kg_ha == frame.row.applied_rate_kg_ha
+    assert find_spot(replace(frame, place_m=None)) is None
 
 
 @pytest.mark.parametrize("metres", [0.25, 0.5, 1.0, 1.5, 2.0, 3.0, 5.0, 7.5, 20.0, 100.0])
@@ -201,7 +201,7 @@ PICTURE = FieldPicture(
 def test_planned_rates_lie_under_the_work_and_the_outline_over_it():
     worked = Worked(width_m=1.0)
     worked.add([Spot(2.5, north, 0.0, 300.0, 300.0, 0.5) for north in (1.5, 2.5, 3.5)])
-    scale = scale_of(MapLayer.APPLIED, worked, PICTURE, METRIC)
+    scale = find_colour_scale(MapLayer.APPLIED, worked, PICTURE, METRIC)
     assert (scale.low, scale.high) == (100.0, 300.0)
     seen = image(worked, PICTURE, scale, Pixels(14, 14, 1.0, -2.0, 12.0))
     assert seen[11 - 2, 2 + 2] == DONE + STEPS - 1
@@ -209,7 +209,7 @@ def test_planned_rates_lie_under_the_work_and_the_outline_over_it():
     assert seen[11 - 2, 7 + 2] == PLAN + round(0.5 * (STEPS - 1))
     assert seen[11 - 7, 7 + 2] == EMPTY, "the plan says nothing there"
     assert seen[11 - 2, 0 + 2] >= PLAN, "the line hides no ground"
-    dots = line_dots(
+    dots = rasterise_lines(
         ((*ring, ring[0]) for ring in PICTURE.rings_m), Pixels(14, 14, 1.0, -2.0, 12.0)
     )
     assert (
@@ -220,7 +220,7 @@ def test_planned_rates_lie_under_the_work_and_the_outline_over_it():
     error = image(
         worked,
         PICTURE,
-        scale_of(MapLayer.ERROR, worked, PICTURE, METRIC),
+        find_colour_scale(MapLayer.ERROR, worked, PICTURE, METRIC),
         Pixels(14, 14, 1.0, -2.0, 12.0),
     )
     assert error[9, 4] == DONE + round(0.5 * (STEPS - 1)) and error[9, 3] == EMPTY
@@ -229,26 +229,26 @@ def test_planned_rates_lie_under_the_work_and_the_outline_over_it():
 def test_the_pass_behind_the_machine_glows_and_the_next_one_is_where_nothing_was_spread():
     worked = Worked(width_m=2.0)
     worked.add([Spot(3.0, float(north), 0.0, 300.0, 300.0, 0.5) for north in range(40)])
-    assert len(next_passes(worked, Pixels(20, 60, 1.0, -5.0, 50.0))) == 2, (
+    assert len(find_next_passes(worked, Pixels(20, 60, 1.0, -5.0, 50.0))) == 2, (
         "nothing lies on either side"
     )
     worked.add([Spot(500.0, 500.0, 0.0, nan, nan, nan)])
     worked.add([Spot(1.0, float(north), 180.0, 300.0, 300.0, 0.5) for north in range(70, -1, -1)])
     pixels = Pixels(20, 60, 1.0, -5.0, 50.0)
-    (line,) = next_passes(worked, pixels)
+    (line,) = find_next_passes(worked, pixels)
     assert [east for east, _north in line] == pytest.approx([-1.0, -1.0])
-    seen = image(worked, None, scale_of(MapLayer.APPLIED, worked, None, METRIC), pixels)
+    seen = image(worked, None, find_colour_scale(MapLayer.APPLIED, worked, None, METRIC), pixels)
     bare = seen.copy()
     glow(seen, worked, pixels)
     assert (seen[49 - 5, 5:7] == bare[49 - 5, 5:7] + GLOW - DONE).all() and (
         seen[:, 7:] == bare[:, 7:]
     ).all()
     near = pixels._replace(columns=40, rows=120, metres=0.5)
-    seen = image(worked, None, scale_of(MapLayer.APPLIED, worked, None, METRIC), near)
+    seen = image(worked, None, find_colour_scale(MapLayer.APPLIED, worked, None, METRIC), near)
     glow(seen, worked, near)
     assert (seen[2 * 30 : 2 * 49, 2 * 5 : 2 * 7] >= GLOW).all(), "without gaps between the frames"
     worked.add([Spot(1.0, 0.0, 90.0, 300.0, 300.0, 0.5), Spot(2.0, 0.0, 90.0, 300.0, 300.0, 0.5)])
-    assert next_passes(worked, pixels) == (), "a turn has none"
+    assert find_next_passes(worked, pixels) == (), "a turn has none"
 
 
 @pytest.mark.parametrize("heading_deg", [0.0, 20.0, 30.0, 45.0, 137.0, 270.0])
@@ -365,7 +365,7 @@ def test_error_goes_from_too_little_to_too_much_against_50_at_least():
 def test_where_nothing_was_spread_only_the_passage_is_seen():
     worked = Worked(width_m=1.0)
     worked.add([Spot(0.5, north, 0.0, 0.0, 0.0, 0.5) for north in (0.5, 1.5, 2.5)])
-    scale = scale_of(MapLayer.APPLIED, worked, None, METRIC)
+    scale = find_colour_scale(MapLayer.APPLIED, worked, None, METRIC)
     assert image(worked, None, scale, Pixels(1, 3, 1.0, 0.0, 3.0)).ravel().tolist() == [PASSAGE] * 3
 
 
@@ -373,7 +373,7 @@ def test_scales_are_round_in_the_shown_unit():
     worked = Worked()
     worked.add([Spot(0.0, 0.0, 0.0, 260.0, 390.0, 0.41), Spot(0.0, 2.0, 0.0, 300.0, 300.0, 0.63)])
     metric, imperial = (
-        scale_of(MapLayer.TARGET, worked, None, units) for units in (METRIC, IMPERIAL)
+        find_colour_scale(MapLayer.TARGET, worked, None, units) for units in (METRIC, IMPERIAL)
     )
     assert (metric.text(metric.low), metric.text(metric.high)) == ("250", "400")
     assert (imperial.text(imperial.low), imperial.text(imperial.high), imperial.unit) == (
@@ -381,7 +381,7 @@ def test_scales_are_round_in_the_shown_unit():
         "350",
         "lb/ac",
     )
-    ndvi = scale_of(MapLayer.NDVI, worked, None, METRIC)
+    ndvi = find_colour_scale(MapLayer.NDVI, worked, None, METRIC)
     assert (ndvi.text(ndvi.low), ndvi.text(ndvi.high)) == ("0.40", "0.65")
 
 

@@ -10,8 +10,13 @@ import pytest
 from console.app.app import TopdressApp
 from console.app.boundary_drive import BoundaryDrive, Corner
 from console.app.guide_line import GuideLine
-from console.app.guide_line_store import corner_record, drive_record, guide_record, kept_lines
-from console.services.line_files import KeptLineFiles, lines_path
+from console.app.guide_line_store import (
+    corner_record,
+    make_drive_record,
+    make_line_record,
+    read_kept_lines,
+)
+from console.services.line_files import KeptLineFiles, find_lines_path
 from control.log_row import LogRow
 from drivers.files.run_log import PlainLogWriter
 from drivers.files.run_meta import meta_to_yaml, run_meta
@@ -26,17 +31,17 @@ CORNERS = [Corner(34.8 + 0.0001 * k, 113.6, 0.0) for k in range(4)]
 def test_what_was_said_last_holds_and_half_a_line_counts_for_nothing():
     guide, drive = GuideLine((0.0, 0.0), (3.0, 100.0), 2.4), BoundaryDrive(-1.2)
     said = [
-        guide_record(GuideLine((9.0, 9.0), None, 2.4)),
-        guide_record(guide),
-        drive_record(drive, 5.0),
+        make_line_record(GuideLine((9.0, 9.0), None, 2.4)),
+        make_line_record(guide),
+        make_drive_record(drive, 5.0),
         *(corner_record(one, (0.0, 10.0 * k), 5.0 + k) for k, one in enumerate(CORNERS)),
     ]
-    kept = kept_lines([*said, '{"corner": [34.9, 113'])
+    kept = read_kept_lines([*said, '{"corner": [34.9, 113'])
     assert kept.guide == guide and kept.drive.right_m == -1.2 and kept.until_s == 8.0
     assert kept.drive.corners == CORNERS and kept.way[-1] == (0.0, 30.0)
-    ended = kept_lines([*said, drive_record(None, 9.0), guide_record(GuideLine())])
+    ended = read_kept_lines([*said, make_drive_record(None, 9.0), make_line_record(GuideLine())])
     assert ended.drive is None and ended.way == () and ended.guide.a is None
-    assert kept_lines(["[]", "7", '{"guide": {"a": 1}}', ""]).guide.a is None
+    assert read_kept_lines(["[]", "7", '{"guide": {"a": 1}}', ""]).guide.a is None
 
 
 def _app(frame, files):
@@ -54,7 +59,7 @@ async def test_the_next_console_goes_on_with_both(frames, tmp_path):
         await settled(first, pilot)
         first.guide.begin((0.0, 0.0), 2.4)
         first.guide.end((0.0, 50.0))
-        first.keep_line(guide_record(first.guide))
+        first.keep_line(make_line_record(first.guide))
         await turned(first, pilot, "map")
         await pilot.press("b", "1", "enter")
         for k in range(4):
@@ -97,7 +102,7 @@ def test_the_way_driven_while_no_console_looked_comes_from_the_log(tmp_path):
             )
         )
     writer.close()
-    files.append(str(log), drive_record(BoundaryDrive(1.2), 0.0))
+    files.append(str(log), make_drive_record(BoundaryDrive(1.2), 0.0))
     for k, one in enumerate(CORNERS):
         files.append(str(log), corner_record(one, (0.0, 10.0 * k), float(k)))
     files.close()
@@ -133,9 +138,9 @@ LINE = GuideLine((0.0, 0.0), (3.0, 100.0), 2.4)
 
 
 def test_the_line_of_a_field_is_there_the_next_day(tmp_path):
-    _worked(tmp_path, "20260318-080000", FIELD, guide_record(LINE))
+    _worked(tmp_path, "20260318-080000", FIELD, make_line_record(LINE))
     other = GuideLine((1.0, 1.0), (9.0, 90.0), 3.0)
-    _worked(tmp_path, "20260319-080000", FIELD | {"origin_lat_deg": 35.0}, guide_record(other))
+    _worked(tmp_path, "20260319-080000", FIELD | {"origin_lat_deg": 35.0}, make_line_record(other))
     today = _worked(tmp_path, "20260320-080000", FIELD | {"title": "another name"})
     kept = KeptLineFiles().read(str(today))
     assert kept.guide == LINE and kept.of_day.startswith("2026-03-18") and kept.drive is None
@@ -148,15 +153,17 @@ def test_the_line_of_a_field_is_there_the_next_day(tmp_path):
 
 
 def test_a_line_that_was_taken_away_stays_away(tmp_path):
-    _worked(tmp_path, "20260318-080000", FIELD, guide_record(LINE))
-    _worked(tmp_path, "20260319-080000", FIELD, guide_record(LINE), guide_record(GuideLine()))
+    _worked(tmp_path, "20260318-080000", FIELD, make_line_record(LINE))
+    _worked(
+        tmp_path, "20260319-080000", FIELD, make_line_record(LINE), make_line_record(GuideLine())
+    )
     assert KeptLineFiles().read(str(_worked(tmp_path, "20260320-080000", FIELD))).guide.a is None
-    away = _worked(tmp_path, "20260318-120000", FIELD, guide_record(GuideLine()))
+    away = _worked(tmp_path, "20260318-120000", FIELD, make_line_record(GuideLine()))
     assert KeptLineFiles().read(str(away)).guide.a is None
 
 
 async def test_the_console_says_whose_line_it_is_and_keeps_it_for_this_job(frames, tmp_path):
-    _worked(tmp_path, "20260318-080000", FIELD, guide_record(LINE))
+    _worked(tmp_path, "20260318-080000", FIELD, make_line_record(LINE))
     today = _worked(tmp_path, "20260320-080000", FIELD)
     app = _app(replace(frames[-1], log_path=str(today)), KeptLineFiles())
     async with app.run_test(size=SIZE) as pilot:
@@ -175,5 +182,5 @@ def test_without_such_a_file_there_is_nothing(tmp_path):
     assert (
         kept.guide.a is None
         and kept.drive is None
-        and not Path(lines_path(tmp_path / "run.csv")).exists()
+        and not Path(find_lines_path(tmp_path / "run.csv")).exists()
     )

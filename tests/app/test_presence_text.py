@@ -11,7 +11,7 @@ from console.app.attach_notice import Joined
 from console.app.dialogs import TextDialog
 from console.app.ordered_words import ORDERS
 from console.app.pages.all import SCREENS
-from console.app.presence_text import leave_words
+from console.app.presence_text import describe_leaving
 from console.app.services import Services
 from console.attached import Attached, Ordered
 from control.orders import Do
@@ -162,7 +162,7 @@ async def test_a_click_on_the_row_lists_everybody_and_the_latest_orders(app, sev
 )
 def test_leaving_says_what_becomes_of_the_machine_with_these_others(source, attached, said):
     frame = replace(source.newest, attached=attached, consoles=sum(one.keeps for one in attached))
-    assert leave_words(frame, OWN.name, True) == said
+    assert describe_leaving(frame, OWN.name, True) == said
 
 
 def test_every_order_has_a_word():

@@ -14,9 +14,9 @@ import yaml
 from control.calibration import BenchTable, WheelLog, check_heads, fit_flow, fit_lag, fit_wheel
 from control.calibration.tube_fit import settle_tube
 from control.geodesy import TangentPlane
-from control.machine.fall import drop_s, lag_paper_s
-from control.machine.machine import Adopted, Machine, with_effect
-from control.machine.start import first_fall_s, response_s
+from control.machine.fall import drop_s, find_paper_lag_s
+from control.machine.machine import Adopted, Machine, add_effect
+from control.machine.start import find_first_fall_s, response_s
 from drivers.files.config import load
 from drivers.files.kinds import MACHINE as MACHINE_FILES
 from tests.command import topdress
@@ -119,7 +119,7 @@ def test_outlets_caught_one_by_one_add_up() -> None:
 def test_flow_provenance_is_written_and_the_old_machine_untouched() -> None:
     before = MACHINE.model_dump()
     machine, fit = fit_flow(
-        catch(5.9, 6.0, 8.0), with_effect(MACHINE, "flow.gain", 5.0), date="2026-05-04"
+        catch(5.9, 6.0, 8.0), add_effect(MACHINE, "flow.gain", 5.0), date="2026-05-04"
     )
     assert MACHINE.model_dump() == before
     assert machine.flow.gain_percent == 0.0
@@ -152,7 +152,7 @@ def test_lag_line_comes_back_and_rows_beyond_its_range_do_not_bend_it() -> None:
     off = 2.4 - 0.009 * 90.0 + 0.3 - (line.intercept_s.value + line.slope_s_per_rpm.value * 90.0)
     said_off, said_before = (float(said) for said in re.findall(r"([+-]?[0-9]+\.[0-9]{3}) s", note))
     assert said_off == pytest.approx(off, abs=0.03), "the mean of four rows that scatter by 0.02 s"
-    assert said_before == pytest.approx(lag_paper_s(90.0), abs=0.002), (
+    assert said_before == pytest.approx(find_paper_lag_s(90.0), abs=0.002), (
         "the machine file before is the paper's"
     )
 
@@ -171,14 +171,14 @@ def test_drop_times_go_in_as_they_are() -> None:
 
 
 def test_a_lag_offset_in_the_machine_is_taken_up_by_the_line() -> None:
-    machine, _ = fit_lag(lag(2.4, -0.009), with_effect(MACHINE, "lag.offset", 0.2))
+    machine, _ = fit_lag(lag(2.4, -0.009), add_effect(MACHINE, "lag.offset", 0.2))
     assert machine.fall.offset_s == 0.0
 
 
 def test_response_of_the_nominal_machine_is_the_papers() -> None:
     for rpm in (10.0, 40.0, 100.0):
         assert response_s(MACHINE, rpm) == pytest.approx(0.383, abs=0.0015)
-    assert response_s(with_effect(MACHINE, "shaft.dead_time", 0.1), 40.0) == pytest.approx(
+    assert response_s(add_effect(MACHINE, "shaft.dead_time", 0.1), 40.0) == pytest.approx(
         0.483, abs=0.0015
     )
 
@@ -465,7 +465,7 @@ SPEEDS_RPM = (10.0, 20.0, 30.0, 40.0, 50.0, 60.0, 70.0)
 def rig_table(machine: Machine, sd: float = 0.01, responses: bool = True) -> BenchTable:
     rng = np.random.default_rng(2)
     rpm = np.repeat(SPEEDS_RPM, 10)
-    first = {n: first_fall_s(machine, machine.fall, n) for n in SPEEDS_RPM}
+    first = {n: find_first_fall_s(machine, machine.fall, n) for n in SPEEDS_RPM}
     columns = {
         "shaft_rpm": rpm,
         "drop_s": np.array([first[n] for n in rpm]) + sd * rng.standard_normal(len(rpm)),
@@ -496,14 +496,14 @@ def test_a_calibrated_machine_played_through_the_rigs_test_gives_the_line_again(
         )
     )
     machine, line = fit_lag(rig_table(Machine(), sd=0.0), before)
-    off = [first_fall_s(machine, machine.fall, n) - line.lag_s(n) for n in SPEEDS_RPM]
+    off = [find_first_fall_s(machine, machine.fall, n) - line.lag_s(n) for n in SPEEDS_RPM]
     assert np.sqrt(np.mean(np.square(off))) < 0.003
     assert drop_s(machine.fall, 70.0) == pytest.approx(drop_s(Machine().fall, 70.0), abs=0.01)
 
 
 def test_a_drop_that_hardly_depends_on_shaft_speed_is_the_same_for_a_start() -> None:
     flat = Machine().fall._replace(slope_s_per_rpm=0.0)
-    assert first_fall_s(Machine(), flat, 70.0) == pytest.approx(1.8288, abs=1e-9)
+    assert find_first_fall_s(Machine(), flat, 70.0) == pytest.approx(1.8288, abs=1e-9)
     assert drop_s(flat, 70.0) == pytest.approx(1.8288)
     machine, _ = fit_lag(rig_table(Machine(fall=flat), sd=0.0), Machine())
     assert drop_s(machine.fall, 70.0) == pytest.approx(1.8288, abs=1e-6)

@@ -17,13 +17,13 @@ import pytest
 from console.app.app import TopdressApp
 from console.cli import screens
 from console.cli.plain_errors import CommandError
-from console.cli.screens import first_time
+from console.cli.screens import is_first_time
 from console.running import WorkerAddress
 from console.services.launcher import Launcher
 from control.log_row import COLUMNS
 from control.machine.fall import drop_s as drop_time_s
 from control.machine.history import noted
-from control.machine.machine import CATALOGUE, Machine, effect_sizes, with_effect
+from control.machine.machine import CATALOGUE, Machine, add_effect, list_effect_sizes
 from control.machine.terms import Term
 from control.metering.setting import PLAN_BAND_MM_SHARE
 from drivers.files import setup
@@ -353,13 +353,13 @@ def test_diagnose_tells_a_bench_table_apart_from_a_run(tmp_path: Path) -> None:
 
 def test_only_the_first_time_is_the_first(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
-    assert [first_time() for _ in range(3)] == [True, False, False]
+    assert [is_first_time() for _ in range(3)] == [True, False, False]
 
 
 def test_a_folder_that_cannot_be_written_is_no_reason_to_fail(tmp_path, monkeypatch):
     (tmp_path / "data").write_text("a file where a folder should be")
     monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
-    assert not first_time()
+    assert not is_first_time()
 
 
 # --- Numbers on the command line: nan and inf are none, whichever option takes one
@@ -393,7 +393,7 @@ TERM = Term.model_validate(
 @pytest.fixture
 def extended(tmp_path: Path) -> Path:
     path = tmp_path / "new.yaml"
-    after = with_effect(Machine(), "flow.gain", 3.0).model_copy(update={"terms": (TERM,)})
+    after = add_effect(Machine(), "flow.gain", 3.0).model_copy(update={"terms": (TERM,)})
     save(path, noted(Machine(), after, data="run.csv", date="2026-07-09"), MACHINE)
     return path
 
@@ -412,7 +412,7 @@ def test_undo_writes_another_file(extended: Path, tmp_path: Path) -> None:
     assert said.exit_code == 0
     assert extended.read_bytes() == before
     back = load(str(tmp_path / "back.yaml"), MACHINE).model
-    assert (effect_sizes(back), back.terms) == ({}, ())
+    assert (list_effect_sizes(back), back.terms) == ({}, ())
     assert "taken back" in topdress("history", tmp_path / "back.yaml").output
 
 
@@ -449,7 +449,7 @@ def steps(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> list[str]:
     monkeypatch.setattr(screens, "has_terminal", lambda: True)
     monkeypatch.setattr(screens, "need_terminal", lambda *words: None)
     monkeypatch.setattr(screens, "trouble_path", lambda: tmp_path / "worker.log")
-    monkeypatch.setattr(screens, "first_time", lambda: False)
+    monkeypatch.setattr(screens, "is_first_time", lambda: False)
     monkeypatch.setattr("console.running.find_running", lambda: None)
     monkeypatch.setattr(Launcher, "start", start)
     monkeypatch.setattr(setup, "setup_of", read)

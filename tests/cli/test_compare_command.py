@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from control.diagnosis.runs.compared import interval_of_difference
-from control.machine.machine import Adopted, with_effect
+from control.machine.machine import Adopted, add_effect
 from drivers.files.config import load, save, sha256_of
 from drivers.files.kinds import MACHINE
 from tests.command import topdress
@@ -38,7 +38,7 @@ def files(tmp_path: Path) -> tuple[Path, Path, Path]:
     nominal = load("drive_alone", MACHINE).model
     old, new = tmp_path / "old.yaml", tmp_path / "new.yaml"
     save(old, nominal, MACHINE)
-    save(new, with_effect(nominal, "shaft.gain", 5.0), MACHINE)
+    save(new, add_effect(nominal, "shaft.gain", 5.0), MACHINE)
     return old, new, log_of(tmp_path / "run.csv", 1.05, 1)
 
 

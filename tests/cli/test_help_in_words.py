@@ -13,7 +13,7 @@ import typer
 from typer.testing import CliRunner
 
 from console.cli import EXAMPLES, app, asked, plain_output, ranges_in_words
-from console.cli.plain_errors import OUR_FAULT, guarded
+from console.cli.plain_errors import OUR_FAULT, guard_command
 from tests.command import topdress
 from tests.places import PAPERS
 
@@ -93,7 +93,7 @@ def test_a_fault_of_ours_is_one_line_with_the_place_of_its_trace(capsys, tmp_pat
         raise KeyError("speed")
 
     with pytest.raises(typer.Exit) as ended:
-        guarded(broken)()
+        guard_command(broken)()
     assert ended.value.exit_code == OUR_FAULT
     [line] = capsys.readouterr().err.splitlines()
     [kept] = tmp_path.iterdir()

@@ -16,9 +16,9 @@ from click.testing import Result
 
 from control.log_row import COLUMNS
 from control.machine.compiled import shaft_run
-from control.machine.machine import with_effect
-from control.machine.shaft import ShaftInput, ShaftOutput, shaft_start
-from control.machine.stage_runner import MOST_STEP_S, input_rows, no_switch
+from control.machine.machine import add_effect
+from control.machine.shaft import ShaftInput, ShaftOutput, make_shaft_start
+from control.machine.stage_runner import MOST_STEP_S, make_input_rows, make_no_switch
 from drivers.files import extras
 from drivers.files.config import load, shipped
 from drivers.files.kinds import MACHINE
@@ -251,11 +251,11 @@ def test_a_log_of_a_shaft_alone_is_diagnosed(tmp_path: Path) -> None:
     drive = load("drive_alone", MACHINE).model
     rng, time = np.random.default_rng(4), np.arange(0.0, 240.0, 0.05)
     asked = np.round(rng.uniform(0.0, 600.0, 200)[(time / 1.5).astype(int)], 1)
-    inputs = input_rows(ShaftInput, len(time), command_rpm=asked, opening_mm=0.0, supply_v=7.4)
+    inputs = make_input_rows(ShaftInput, len(time), command_rpm=asked, opening_mm=0.0, supply_v=7.4)
     turns = shaft_run(
-        (with_effect(drive, "shaft.gain", -6.0).shaft,),
-        no_switch(),
-        shaft_start(),
+        (add_effect(drive, "shaft.gain", -6.0).shaft,),
+        make_no_switch(),
+        make_shaft_start(),
         ShaftOutput(0.0, 0.0),
         inputs,
         time,

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from console.cli import at_the_bench, drop_by_hand
-from control.machine.fall import Fall, start_drop_s
+from control.machine.fall import Fall, find_start_drop_s
 from tests.command import TOPDRESS, serving, topdress
 
 
@@ -44,7 +44,7 @@ def test_one_run_on_real_bytes_gives_a_table_that_is_read(tmp_path: Path) -> Non
     rpm, _, response_s, drop_s = map(float, row.split(","))
     assert rpm == 40.0 and 0.37 < response_s < 0.50
     # out of a standing shaft, eq 6
-    assert drop_s == pytest.approx(start_drop_s(Fall(), 40.0), abs=0.08)
+    assert drop_s == pytest.approx(find_start_drop_s(Fall(), 40.0), abs=0.08)
 
 
 SILENT = "socket://127.0.0.1:9"

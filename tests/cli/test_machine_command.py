@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from control.calibration.first_machine import rounded_up, suggested
+from control.calibration.first_machine import round_up, suggest_machine
 from control.diagnosis.runs.diagnose import diagnose_run
 from control.log_row import COMMANDS_HELD
 from drivers.files.config import load
@@ -198,11 +198,11 @@ def test_where_it_stands_is_measured(
 
 def test_settled_answers_have_no_times() -> None:
     steps = np.arange(0.0, 60.0)
-    found = suggested(
+    found = suggest_machine(
         {"time_s": 1.1 * steps, "shaft_rpm_cmd": 10.0 * steps, "shaft_rpm": 11.0 * steps}
     )
     assert found.settled and (found.dead_s, found.tau_s) == (0.0, 0.0)
-    assert [rounded_up(one) for one in (637.0, 100.0, 101.0, 0.93, 8200.0)] == [
+    assert [round_up(one) for one in (637.0, 100.0, 101.0, 0.93, 8200.0)] == [
         650.0,
         100.0,
         150.0,
@@ -223,7 +223,7 @@ def test_a_drive_that_moves_on_after_its_row_has_a_time_constant(tau_s: float) -
             -0.02 / tau_s
         )
     events = np.full(len(time_s), COMMANDS_HELD, object)
-    found = suggested(
+    found = suggest_machine(
         {
             "time_s": time_s,
             "shaft_rpm_cmd": command,

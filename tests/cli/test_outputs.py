@@ -19,7 +19,7 @@ from typer.testing import Result
 
 from console.cli import app
 from control.machine.history import noted
-from control.machine.machine import Machine, with_effect
+from control.machine.machine import Machine, add_effect
 from drivers.files.config import save, shipped
 from drivers.files.kinds import MACHINE
 from drivers.files.prescriptions.read import read_prescription
@@ -488,7 +488,7 @@ def test_json_stands_alone_on_standard_output(
 ) -> None:
     monkeypatch.setattr("serial.tools.list_ports.comports", lambda: [ListPortInfo("/dev/ttyS9")])
     Path("bad.yaml").write_text("format: topdress-machine/1\nflow: {gain_percent: 700}\n")
-    after = with_effect(Machine(), "flow.gain", 3.0)
+    after = add_effect(Machine(), "flow.gain", 3.0)
     save(Path("new.yaml"), noted(Machine(), after, data="run.csv", date="2026-07-09"), MACHINE)
     Path("lag.csv").write_text(
         "shaft_rpm,lag_s\n"

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from console.cli.check import kinds_by_name, schema_text
+from console.cli.check import format_schema, kinds_by_name
 from tests.command import topdress
 
 PUBLISHED = Path(__file__).parents[2] / "schemas"
@@ -17,7 +17,7 @@ KINDS = sorted(kinds_by_name())
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_published_schema_is_fresh(kind: str) -> None:
     text = (PUBLISHED / f"{kind}.json").read_text(encoding="utf-8")
-    assert text == schema_text(kind), "write them anew: topdress check --write-schemas schemas"
+    assert text == format_schema(kind), "write them anew: topdress check --write-schemas schemas"
 
 
 def test_nothing_else_is_published() -> None:

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from control.machine.change_lag import Lag, Settled, change_lag
-from control.machine.machine import Machine, with_effect
+from control.machine.machine import Machine, add_effect
 from control.orders import TargetSource
 from control.targets.canopy import CanopyDecisions
 from control.targets.lag_correction import ChangeQueue
@@ -36,10 +36,10 @@ def test_a_start_lags_as_the_lag_paper_says_plus_the_run_up(shaft_rpm: float) ->
 def test_known_effects_of_the_fall_enter() -> None:
     plain = change_lag(Machine(), Settled(70.0, 14.0), Settled(70.0, 17.0)).total_s
     late = change_lag(
-        with_effect(Machine(), "lag.offset", 0.3), Settled(70.0, 14.0), Settled(70.0, 17.0)
+        add_effect(Machine(), "lag.offset", 0.3), Settled(70.0, 14.0), Settled(70.0, 17.0)
     ).total_s
     down = change_lag(
-        with_effect(Machine(), "lag.asymmetry", 0.4), Settled(70.0, 17.0), Settled(70.0, 14.0)
+        add_effect(Machine(), "lag.asymmetry", 0.4), Settled(70.0, 17.0), Settled(70.0, 14.0)
     ).total_s
     assert late - plain == pytest.approx(0.3, abs=1e-6)
     assert down - plain == pytest.approx(0.2, abs=1e-6)

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from control.machine.machine import Machine, with_effect
+from control.machine.machine import Machine, add_effect
 from control.metering.inverse import (
     Conditions,
     flow_kg_s,
@@ -22,16 +22,16 @@ from control.metering.inverse import (
 from control.metering.strategies import pair_for
 from control.orders import Do, Order, Strategy
 
-EXTENDED = with_effect(
-    with_effect(
-        with_effect(with_effect(Machine(), "flow.fill_falloff", 9.0), "flow.zero_offset", 8.0),
+EXTENDED = add_effect(
+    add_effect(
+        add_effect(add_effect(Machine(), "flow.fill_falloff", 9.0), "flow.zero_offset", 8.0),
         "flow.hopper_head",
         3.0,
     ),
     "shaft.second_order",
     0.03,
 )
-ZONED = with_effect(with_effect(EXTENDED, "shaft.dead_zone", 4.0), "shaft.saturation", 10.0)
+ZONED = add_effect(add_effect(EXTENDED, "shaft.dead_zone", 4.0), "shaft.saturation", 10.0)
 LIMITS = Machine().limits
 
 
@@ -97,7 +97,7 @@ def test_opening_first_moves_the_opening_and_speed_first_the_shaft() -> None:
 
 
 def test_known_sag_gain_and_droop_are_taken_back() -> None:
-    machine = with_effect(with_effect(Machine(), "shaft.gain", -5.0), "shaft.voltage_sag", 4.0)
+    machine = add_effect(add_effect(Machine(), "shaft.gain", -5.0), "shaft.voltage_sag", 4.0)
     command = shaft_command(machine, 50.0, 20.0, Conditions(supply_v=12.5))
     assert command * 0.95 * 0.96 == pytest.approx(50.0)
 

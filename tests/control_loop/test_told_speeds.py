@@ -9,7 +9,7 @@ from pydantic import ValidationError
 
 from console.services.rerun import rerun
 from control.field.job import Ground, Job
-from control.field.planned_speed import pass_number, planned_mps
+from control.field.planned_speed import find_pass_number, find_planned_mps
 from control.readings import SpeedPlan, announced_of, announced_text
 from drivers.files.read_log import read_log
 from drivers.files.replay import measurements
@@ -100,7 +100,7 @@ def test_a_log_without_the_column_is_read_as_before(tmp_path):
 
 def test_passes_are_counted_from_the_origin_to_the_right():
     job = Job(field=FIELD)
-    assert [pass_number(job, 2.4, east, 50.0, 1.0) for east in (0.1, 1.2, 2.3, 2.5, 23.9)] == [
+    assert [find_pass_number(job, 2.4, east, 50.0, 1.0) for east in (0.1, 1.2, 2.3, 2.5, 23.9)] == [
         1,
         1,
         1,
@@ -108,18 +108,18 @@ def test_passes_are_counted_from_the_origin_to_the_right():
         10,
     ]
     assert (
-        pass_number(job, 2.4, 3.6, 50.0, 181.0) == 2
-        and pass_number(job, 2.4, 3.6, 50.0, 90.0) is None
+        find_pass_number(job, 2.4, 3.6, 50.0, 181.0) == 2
+        and find_pass_number(job, 2.4, 3.6, 50.0, 90.0) is None
     )
-    assert pass_number(job, 2.4, -0.1, 50.0, 0.0) is None
+    assert find_pass_number(job, 2.4, -0.1, 50.0, 0.0) is None
     east = Job(field=FIELD.model_copy(update={"pass_heading_deg": 90.0}))
-    assert pass_number(east, 2.4, 50.0, -3.6, 88.0) == 2, "heading east, the right is south"
+    assert find_pass_number(east, 2.4, 50.0, -3.6, 88.0) == 2, "heading east, the right is south"
 
 
 def test_the_planned_speed_of_the_pass():
     by_pass = Job(field=FIELD, planned_speed_kmh=(3.6, 7.2))
     found = [
-        planned_mps(by_pass, 2.4, place, heading)
+        find_planned_mps(by_pass, 2.4, place, heading)
         for place, heading in (
             ((1.2, 5.0), 0.0),
             ((3.6, 5.0), 180.0),
@@ -130,9 +130,9 @@ def test_the_planned_speed_of_the_pass():
         )
     ]
     assert found == [1.0, 2.0, 2.0, None, None, None], "the last one holds for all beyond"
-    assert planned_mps(Job(planned_speed_kmh=3.6), 2.4, None, None) == 1.0
-    assert planned_mps(Job(), 2.4, None, 0.0) is None
-    assert planned_mps(Job(planned_speed_kmh=(3.6,)), 2.4, (1.2, 5.0), 0.0) is None, (
+    assert find_planned_mps(Job(planned_speed_kmh=3.6), 2.4, None, None) == 1.0
+    assert find_planned_mps(Job(), 2.4, None, 0.0) is None
+    assert find_planned_mps(Job(planned_speed_kmh=(3.6,)), 2.4, (1.2, 5.0), 0.0) is None, (
         "no field, no pass"
     )
     for wrong in ((), (0.0,), (3.0, 31.0)):

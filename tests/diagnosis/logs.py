@@ -19,13 +19,13 @@ from scipy.signal import lfilter
 from control.log_row import COMMANDS_HELD
 from control.machine.compiled import flow_run, gate_run, scale_run, shaft_run, speed_run
 from control.machine.elements import stepped
-from control.machine.flow import FlowInput, FlowOutput, flow_start
-from control.machine.gate import GateInput, GateOutput, gate_start
-from control.machine.machine import Flow, Limits, Machine, Noise, Tolerance, with_effect
+from control.machine.flow import FlowInput, FlowOutput, make_flow_start
+from control.machine.gate import GateInput, GateOutput, make_gate_start
+from control.machine.machine import Flow, Limits, Machine, Noise, Tolerance, add_effect
 from control.machine.scale import ScaleInput
-from control.machine.shaft import Shaft, ShaftInput, ShaftOutput, shaft_start
-from control.machine.speed import SpeedInput, SpeedOutput, speed_start
-from control.machine.stage_runner import MOST_STEP_S, input_rows, no_switch
+from control.machine.shaft import Shaft, ShaftInput, ShaftOutput, make_shaft_start
+from control.machine.speed import SpeedInput, SpeedOutput, make_speed_start
+from control.machine.stage_runner import MOST_STEP_S, make_input_rows, make_no_switch
 from drivers.files.config import load
 from drivers.files.kinds import MACHINE
 
@@ -44,7 +44,7 @@ def wrong(effects: dict[str, float], machine: Machine | None = None) -> Machine:
     """A machine, else the nominal one, with effects of the catalogue at a size each."""
     found = machine or Machine()
     for effect, size in effects.items():
-        found = with_effect(found, effect, size)
+        found = add_effect(found, effect, size)
     return found
 
 
@@ -125,10 +125,10 @@ def gate_answers(machine: Machine, time_s: Array, command_mm: Array) -> Array:
     first = float(command_mm[0])
     return gate_run(
         (machine.gate,),
-        no_switch(),
-        gate_start(first),
+        make_no_switch(),
+        make_gate_start(first),
         GateOutput(first, first),
-        input_rows(GateInput, len(time_s), command_mm=command_mm),
+        make_input_rows(GateInput, len(time_s), command_mm=command_mm),
         time_s,
         MOST_STEP_S,
     )
@@ -139,13 +139,13 @@ def shaft_answers(
 ) -> Array:
     """True and read speed (rows, 2) of the compiled model, at the nominal supply where none is
     given."""
-    rows = input_rows(
+    rows = make_input_rows(
         ShaftInput, len(time_s), **{"supply_v": machine.shaft.nominal_supply_v, **inputs}
     )
     return shaft_run(
         (machine.shaft,),
-        no_switch(),
-        shaft_start(first_rpm),
+        make_no_switch(),
+        make_shaft_start(first_rpm),
         ShaftOutput(first_rpm, first_rpm),
         rows,
         time_s,
@@ -166,11 +166,11 @@ def hopper_answers(
     **inputs: npt.ArrayLike,
 ) -> tuple[Array, Array]:
     """Mass in the hopper and what its scale reads without noise, by the compiled model."""
-    rows = input_rows(FlowInput, len(time_s), pitch_deg=pitch_deg, **inputs)
+    rows = make_input_rows(FlowInput, len(time_s), pitch_deg=pitch_deg, **inputs)
     left_kg = flow_run(
         (machine.flow,),
-        no_switch(),
-        flow_start(full_kg),
+        make_no_switch(),
+        make_flow_start(full_kg),
         FlowOutput(0.0, full_kg),
         rows,
         time_s,
@@ -178,7 +178,9 @@ def hopper_answers(
     )[:, 1]
     return left_kg, scale_run(
         machine.scale,
-        input_rows(ScaleInput, len(time_s), hopper_kg=left_kg, time_s=time_s, pitch_deg=pitch_deg),
+        make_input_rows(
+            ScaleInput, len(time_s), hopper_kg=left_kg, time_s=time_s, pitch_deg=pitch_deg
+        ),
     )
 
 
@@ -210,10 +212,10 @@ def whole_run(
     )
     speed = speed_run(
         (machine.speed,),
-        no_switch(),
-        speed_start(1.3),
+        make_no_switch(),
+        make_speed_start(1.3),
         SpeedOutput(1.3, 1.3),
-        input_rows(
+        make_input_rows(
             SpeedInput,
             n,
             speed_mps=1.3 + 0.2 * np.sin(time_s / 7.0),

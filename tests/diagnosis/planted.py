@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 from control.diagnosis.result import UNKNOWN, Cause, Diagnosis
-from control.diagnosis.runs.channels import drive_rows
+from control.diagnosis.runs.channels import simulate_drive_rows
 from control.diagnosis.runs.diagnose import diagnose_run
-from control.diagnosis.runs.drives import whole_drives
-from control.diagnosis.runs.hypothesis import schedule, stages_of
+from control.diagnosis.runs.drives import read_whole_drives
+from control.diagnosis.runs.hypothesis import list_stages, schedule
 from control.diagnosis.runs.log import gate
 from control.machine.machine import Machine
 from control.machine.stage_runner import MOST_STEP_S
@@ -183,8 +183,8 @@ def answered_wrongly(found: Diagnosis, said: Mapping[str, Any]) -> dict[str, Any
 def shaft_predicted(columns: Columns, machine: Machine) -> tuple[Any, Any]:
     """Shaft speeds as they were read, and as a machine file predicts them (rows,)."""
     clean = gate({name: np.asarray(values) for name, values in columns.items()}, machine.has)
-    rows = drive_rows(whole_drives(clean, machine)["shaft"])
-    return clean.columns["shaft_rpm"], rows(schedule(stages_of(machine), ()), MOST_STEP_S)[:, 1]
+    rows = simulate_drive_rows(read_whole_drives(clean, machine)["shaft"])
+    return clean.columns["shaft_rpm"], rows(schedule(list_stages(machine), ()), MOST_STEP_S)[:, 1]
 
 
 def error_on(columns: Columns, machine: Machine) -> float:

@@ -11,8 +11,8 @@ from control.diagnosis.runs.channels import hopper_channel
 from control.diagnosis.runs.compared import compared
 from control.diagnosis.runs.diagnose import diagnose_run
 from control.diagnosis.runs.drives import repeated_in_motion
-from control.diagnosis.runs.findings import between_rows
-from control.diagnosis.runs.hypothesis import schedule, stages_of
+from control.diagnosis.runs.findings import note_faults_between_rows
+from control.diagnosis.runs.hypothesis import list_stages, schedule
 from control.diagnosis.runs.log import Clean, gate
 from control.diagnosis.runs.row_order import COMMANDS, in_order
 from control.diagnosis.runs.stages import run_data
@@ -125,13 +125,13 @@ def test_a_short_log_far_from_its_prediction_is_not_called_healthy():
 
 def test_small_faults_of_the_drives_are_doubted_where_commands_may_be_lost():
     clean = gate(columns(np.full(ROWS, 1.3)))  # ten rows a second
-    said = between_rows(clean, {"gate.slow", "flow.gain"})
+    said = note_faults_between_rows(clean, {"gate.slow", "flow.gain"})
     assert len(said) == 1 and said[0].startswith("gate.slow: rows come every 0.1 s")
-    assert between_rows(clean, {"flow.gain"}) == []
+    assert note_faults_between_rows(clean, {"flow.gain"}) == []
     every_tick = clean._replace(step_s=0.05, time_s=0.05 * np.arange(ROWS))
-    assert between_rows(every_tick, {"gate.slow"}) == []
+    assert note_faults_between_rows(every_tick, {"gate.slow"}) == []
     holed = every_tick._replace(time_s=np.delete(every_tick.time_s, np.arange(5, ROWS, 20)))
-    assert "5 % of the rows are missing" in between_rows(holed, {"gate.slow"})[0]
+    assert "5 % of the rows are missing" in note_faults_between_rows(holed, {"gate.slow"})[0]
 
 
 def test_readings_alike_to_their_last_printed_digit_are_one_reading() -> None:
@@ -326,7 +326,7 @@ def test_the_scale_is_predicted_for_the_time_at_which_it_was_read() -> None:
     )[::20]
     data = run_data(gate(log), HUANGHAI)
     left = hopper_channel(data.hopper, HUANGHAI)
-    off_kg = left.measured - left.predict(schedule(stages_of(HUANGHAI), ()), MOST_STEP_S)
+    off_kg = left.measured - left.predict(schedule(list_stages(HUANGHAI), ()), MOST_STEP_S)
     assert np.allclose(data.hopper.read_at, 0.0)
     assert np.std(np.diff(off_kg)) < 0.02, (
         "half a second of a flow of 0.05 to 0.4 kg/s makes 0.04 kg"

@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 
 from console.cli import app
 from console.cli.diagnose import adopt
-from console.reports.diagnosis_wording import sorted_out
+from console.reports.diagnosis_wording import sort_adoptable
 from control.diagnosis.result import UNKNOWN, Rival
 from control.diagnosis.tables import diagnose_tables
 from control.machine.machine import Machine
@@ -155,7 +155,10 @@ def test_an_adoption_is_refused_by_the_scope_whatever_the_findings_say(tmp_path:
     with pytest.raises(ValueError, match=r"holds for two\.csv blue only, not for the machine"):
         adopt(reworded, Machine(), [tmp_path / "two.csv"], tmp_path / "new.yaml")
     assert not (tmp_path / "new.yaml").exists()
-    assert sorted_out(reworded) == ((), (f"{cause.id}: holds in the rows of two.csv blue only",))
+    assert sort_adoptable(reworded) == (
+        (),
+        (f"{cause.id}: holds in the rows of two.csv blue only",),
+    )
     adopt(
         replace(found, causes=(replace(cause, scope=None, rivals=()),)),
         Machine(),

@@ -14,14 +14,14 @@ import pytest
 import typer
 
 from console.app.pages.diagnosis import shown
-from console.app.pages.diagnosis.adoption import offer_of, sure
+from console.app.pages.diagnosis.adoption import find_offer, sure
 from console.app.pages.diagnosis.service import DiagnosisView
 from console.app.pages.diagnosis.words import adopted_title
 from console.cli.diagnose import adopt
 from console.services.diagnosis_job import DiagnosisOrder, work
 from control.diagnosis.extend import extend, not_adoptable
 from control.diagnosis.result import Cause, Diagnosis, Rival
-from control.diagnosis.runs.adoption import adoptable_of
+from control.diagnosis.runs.adoption import select_adoptable
 from control.diagnosis.runs.channels import channels
 from control.diagnosis.runs.diagnose import diagnose_run, series_of_log
 from control.diagnosis.runs.hypothesis import EffectInstance
@@ -117,7 +117,7 @@ def test_names_that_leave_something_are_adopted_together() -> None:
     found = diagnose_run(eight_duties(1), machine)
     new = extend(
         machine,
-        adoptable_of(found, [one.id for one in found.causes if not not_adoptable(one)]).found,
+        select_adoptable(found, [one.id for one in found.causes if not not_adoptable(one)]).found,
     )
     assert error_on(eight_duties(2), new) < 0.5 * error_on(eight_duties(2), machine)
 
@@ -153,7 +153,7 @@ def test_a_file_without_an_undecided_part_of_a_curve_is_never_worse(
 
 def test_what_is_left_of_a_joint_fit_is_fitted_anew(curve: Diagnosis) -> None:
     """A staircase without its bend: gain and zone fit on their own, at other sizes than with it."""
-    taken = adoptable_of(curve, ["shaft.gain", "shaft.dead_zone"])
+    taken = select_adoptable(curve, ["shaft.gain", "shaft.dead_zone"])
     assert [one.id for one in taken.found.causes] == [
         "shaft.gain",
         "shaft.dead_zone",
@@ -166,7 +166,7 @@ def test_what_is_left_of_a_joint_fit_is_fitted_anew(curve: Diagnosis) -> None:
 
 
 def test_what_is_whole_is_taken_up_as_it_is(curve: Diagnosis) -> None:
-    taken = adoptable_of(curve, [one.id for one in curve.causes])
+    taken = select_adoptable(curve, [one.id for one in curve.causes])
     assert taken.found.causes == curve.causes and not taken.refused
 
 
@@ -182,7 +182,7 @@ def test_the_page_offers_a_drive_as_a_whole_as_the_command_line_does(tmp_path: P
     work(DiagnosisOrder(str(log), str(tmp_path), machine=str(machine)), lambda share, stage: None)
     found = typed(DiagnosisView, json.loads((tmp_path / "view.json").read_text()))
     assert found.found.fitted is not None and found.adoptable == ("shaft as a whole",)
-    offer = offer_of(found, sure(found))
+    offer = find_offer(found, sure(found))
     assert offer is not None and offer.changes
     new = load(str(tmp_path / offer.file), MACHINE).model
     assert error_on(steps(2), new) < 0.6 * error_on(steps(2), DRIVE)

@@ -100,4 +100,4 @@ def test_a_tolerance_moves_in_the_place_of_a_column_or_stands_whichever_is_likel
     moved = log_t(rest) - log_t(left[:30]) + 0.5 * (left[30] ** 2 - (left[30] - size * pull) ** 2)
     stands = log_t(rest) - log_t((left + size * held)[:30])
     uneven = max(1.0, float(np.mean(rest**2)))
-    assert whitened.even_gain(search, (), {}, None) == approx(min(moved, stands) / uneven)  # type: ignore[arg-type]
+    assert whitened.find_even_gain(search, (), {}, None) == approx(min(moved, stands) / uneven)  # type: ignore[arg-type]

@@ -12,7 +12,7 @@ import pytest
 
 from control.diagnosis.runs import diagnose
 from control.diagnosis.runs.diagnose import diagnose_run, is_finite
-from control.diagnosis.runs.log import LONGEST_NAME, MOST_KEPT, gate, worth_asking
+from control.diagnosis.runs.log import LONGEST_NAME, MOST_KEPT, gate, select_variables
 from control.diagnosis.runs.terms import _id
 from control.machine.machine import Machine
 from control.machine.terms import Term
@@ -156,7 +156,7 @@ def test_a_term_over_a_column_of_any_name(name: str) -> None:
 def test_what_is_no_further_column_is_left_out_and_said() -> None:
     some = RNG.normal(0.0, 1.0, ROWS)
     known = {"shaft_rpm": np.cumsum(some), "time_s": np.arange(float(ROWS))}
-    kept = worth_asking(
+    kept = select_variables(
         {
             "n": np.arange(float(ROWS)),
             "rpm2": 9.55 * known["shaft_rpm"] + 3.0,

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from control.calibration.bench_table import BenchTable
-from control.diagnosis.tables.table_series import best_first, first_best
+from control.diagnosis.tables.table_series import find_first_best, sort_best_first
 from tests.diagnosis import last_bits as bits
 from tests.diagnosis.hidden.cases import one as hidden_case
 from tests.diagnosis.logs import HUANGHAI
@@ -108,10 +108,10 @@ def logs() -> list[tuple[str, dict[str, np.ndarray]]]:
 
 
 def test_of_equal_scores_the_first_is_best() -> None:
-    assert first_best([1.0, 2.0, 2.0 * (1.0 + 1e-13)]) == 1
-    assert first_best([1.0, 2.0, 2.1]) == 2
-    assert first_best(-np.array([1e-300, 0.0, 3.0])) == 1
-    assert best_first([0.2, 0.4 * (1.0 - 1e-13), 0.4, np.inf]) == [3, 1, 2, 0]
+    assert find_first_best([1.0, 2.0, 2.0 * (1.0 + 1e-13)]) == 1
+    assert find_first_best([1.0, 2.0, 2.1]) == 2
+    assert find_first_best(-np.array([1e-300, 0.0, 3.0])) == 1
+    assert sort_best_first([0.2, 0.4 * (1.0 - 1e-13), 0.4, np.inf]) == [3, 1, 2, 0]
 
 
 @pytest.mark.exam

@@ -9,7 +9,14 @@ import pytest
 
 from control.diagnosis.judgement.noise import Noise
 from control.diagnosis.live.rolling import BAR, ChangePoint, Rolling
-from control.diagnosis.live.watch import AGAIN_S, LOOK_S, MOST_S, QUARTER_S, LiveCheck, departure_of
+from control.diagnosis.live.watch import (
+    AGAIN_S,
+    LOOK_S,
+    MOST_S,
+    QUARTER_S,
+    LiveCheck,
+    find_departure,
+)
 from control.diagnosis.result import (
     Cause,
     Data,
@@ -282,13 +289,13 @@ def test_a_quarter_that_departs_alone_is_followed_by_the_next() -> None:
 
 
 def test_what_is_only_suspected_is_not_said() -> None:
-    assert departure_of(diagnosis(cause("flow.gain", Rival("unknown", 0.5)))) is None
-    told = departure_of(diagnosis(cause("flow.gain", Rival("flow.fill_falloff", 0.4))))
+    assert find_departure(diagnosis(cause("flow.gain", Rival("unknown", 0.5)))) is None
+    told = find_departure(diagnosis(cause("flow.gain", Rival("flow.fill_falloff", 0.4))))
     assert told is not None and not told.certain and told.percent == -4.0
-    assert departure_of(diagnosis(cause("flow.fill_falloff"))).adoptable
-    assert not departure_of(diagnosis(cause("flow.fill_falloff", onset_s=3.0))).adoptable
+    assert find_departure(diagnosis(cause("flow.fill_falloff"))).adoptable
+    assert not find_departure(diagnosis(cause("flow.fill_falloff", onset_s=3.0))).adoptable
     for gain in ("flow.gain", "scale.gain"):
-        assert not departure_of(diagnosis(cause(gain))).adoptable, (
+        assert not find_departure(diagnosis(cause(gain))).adoptable, (
             "a scale that nothing confirms is not adopted from"
         )
 

@@ -9,16 +9,16 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from control.diagnosis.judgement.noise import coefficients, leaving_out, segments, series_of
+from control.diagnosis.judgement.noise import coefficients, leave_out_bands, segments, series_of
 from control.diagnosis.judgement.noise_fit import solved
 from control.diagnosis.runs.held_out import BLOCKS, GAP_S, HELD_OUT, held_out
 from control.diagnosis.runs.quantised import (
+    find_reading_step,
     noise_before_rounding,
     rounding_error,
     steps_to_the_end,
-    whole_steps,
 )
-from control.diagnosis.runs.robust import tail_excess
+from control.diagnosis.runs.robust import find_tail_excess
 
 
 @pytest.mark.parametrize(
@@ -54,13 +54,13 @@ def test_coefficients_give_the_series_again() -> None:
 def test_bands_left_out_are_in_no_coefficient_and_in_no_series() -> None:
     series, cut = np.random.default_rng(2).standard_normal(3000), segments(3000)
     bands = np.arange(len(cut.starts)) % 5 == 2
-    less = leaving_out(cut, bands)
+    less = leave_out_bands(cut, bands)
     kept, every = coefficients(series, less), coefficients(series, cut)
     assert len(kept) == less.members.sum() == len(every) - cut.members[bands].sum()
     again = series_of(kept, less)
     assert again.shape == series.shape
     assert np.sum(again**2) == pytest.approx(np.sum(kept**2))
-    assert np.abs(coefficients(again, leaving_out(cut, ~bands))).max() < 1e-9
+    assert np.abs(coefficients(again, leave_out_bands(cut, ~bands))).max() < 1e-9
     assert np.add.reduceat(kept**2, less.starts) == pytest.approx(
         np.add.reduceat(every**2, cut.starts)[~bands]
     )
@@ -74,16 +74,18 @@ def test_readings_that_are_whole_steps_say_their_step_and_others_say_nothing() -
     rng = np.random.default_rng(1)
     true = 40.0 + 30.0 * np.sin(np.linspace(0.0, 40.0, 5000))
     noisy = true + rng.normal(0.0, 0.3, true.size)
-    step = whole_steps(np.round(np.round(noisy / 1.37) * 1.37, 3))
+    step = find_reading_step(np.round(np.round(noisy / 1.37) * 1.37, 3))
     assert (
         step is not None and step.step_rpm == pytest.approx(1.37, abs=0.001) and step.sd_rpm < 0.001
     )
-    assert whole_steps(np.round(noisy, 3)) is None
-    assert whole_steps(np.round(noisy, 1)) is None  # an ordinary log of one decimal
+    assert find_reading_step(np.round(noisy, 3)) is None
+    assert find_reading_step(np.round(noisy, 1)) is None  # an ordinary log of one decimal
     # one value says nothing of its neighbours
-    assert whole_steps(np.full(5000, 70.0)) is None
+    assert find_reading_step(np.full(5000, 70.0)) is None
     assert (
-        whole_steps(np.round(np.round(true / 1.37) * 1.37 + rng.normal(0.0, 0.3, true.size), 3))
+        find_reading_step(
+            np.round(np.round(true / 1.37) * 1.37 + rng.normal(0.0, 0.3, true.size), 3)
+        )
         is None
     )
 
@@ -105,23 +107,23 @@ def test_heavy_tails_are_drawn_in_and_a_steady_shift_stays() -> None:
     noise = lfilter([1.0], [1.0, -0.5], rng.standard_t(3.0, 20_000))
     shift = np.where(np.arange(20_000) > 12_000, 8.0, 0.0)
     free = np.ones(20_000, bool)
-    better = noise + shift - tail_excess(noise + shift, free)
+    better = noise + shift - find_tail_excess(noise + shift, free)
     assert np.mean(better[12_100:]) - np.mean(better[:11_900]) == pytest.approx(8.0, abs=0.15)
     plain, robust = [], []
     for _ in range(60):
         one = rng.standard_t(3.0, 2_000)
         plain.append(one.mean())
-        robust.append((one - tail_excess(one, np.ones(2_000, bool))).mean())
+        robust.append((one - find_tail_excess(one, np.ones(2_000, bool))).mean())
     assert np.std(robust) < 0.85 * np.std(plain)
 
 
 def test_normal_noise_and_protected_samples_are_left_alone() -> None:
     rng = np.random.default_rng(4)
-    assert not tail_excess(rng.normal(size=5_000), np.ones(5_000, bool)).any()
+    assert not find_tail_excess(rng.normal(size=5_000), np.ones(5_000, bool)).any()
     free = np.arange(5_000) < 4_000
     noise = rng.standard_t(3.0, 5_000)
     noise[4_500] = 60.0
-    drawn = tail_excess(noise, free)
+    drawn = find_tail_excess(noise, free)
     assert drawn[:4_000].any() and abs(drawn[4_500]) < 1e-6
 
 

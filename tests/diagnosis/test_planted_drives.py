@@ -14,7 +14,7 @@ from console.reports.diagnosis_text import summary
 from console.reports.diagnosis_wording import sentence
 from control.diagnosis import diagnose_run, extend
 from control.diagnosis.judgement.checks import by_chance_together
-from control.diagnosis.runs.quantised import whole_steps
+from control.diagnosis.runs.quantised import find_reading_step
 from control.machine.machine import Machine, Noise, Tolerance
 from control.recordings.values import without_lone
 from drivers.files.config import load
@@ -465,9 +465,9 @@ def test_fewer_rows_than_a_log_has_are_refused() -> None:
 def test_steps_of_an_encoder_are_seen_through_a_clock_that_jitters() -> None:
     rng = np.random.default_rng(9)
     counts, jitter = rng.integers(14, 19, 600), 1.0 + 1e-4 * rng.integers(-3, 4, 600)
-    found = whole_steps(np.round(16.667 * counts * jitter, 2))
+    found = find_reading_step(np.round(16.667 * counts * jitter, 2))
     assert found is not None and found.step_rpm == approx(16.667, rel=0.001)
-    assert whole_steps(np.round(rng.uniform(200.0, 300.0, 4000), 2)) is None
+    assert find_reading_step(np.round(rng.uniform(200.0, 300.0, 4000), 2)) is None
 
 
 # --- A recorded variable is never overlooked

@@ -18,10 +18,10 @@ from control.diagnosis.runs.diagnose import Cancelled, diagnose_run
 from control.diagnosis.runs.hypothesis import EffectInstance
 from control.diagnosis.runs.log import gate
 from control.diagnosis.runs.model import nuisances
-from control.diagnosis.runs.report import separation
+from control.diagnosis.runs.report import find_separation
 from control.diagnosis.runs.stages import run_data
 from control.experiments.manoeuvres import manoeuvres
-from control.machine.machine import CATALOGUE, Machine, effect_sizes
+from control.machine.machine import CATALOGUE, Machine, list_effect_sizes
 from drivers.files.config import load
 from drivers.files.kinds import MACHINE
 from tests.diagnosis.logs import (
@@ -365,7 +365,7 @@ def test_extending_takes_the_effect_into_the_machine_and_the_second_look_finds_n
     columns = whole_run(15, 500.0, wrong({"shaft.load_droop": 5.0}))
     first = diagnose_run(columns, Machine(), path="run.csv")
     extended = extend(Machine(), first, date="2026-01-01", sha256="ab")
-    assert effect_sizes(extended)["shaft.load_droop"] == approx(5.0, rel=0.1)
+    assert list_effect_sizes(extended)["shaft.load_droop"] == approx(5.0, rel=0.1)
     assert (
         extended.adopted[0].data == "run.csv" and extended.adopted[0].valid["opening_mm"][0] >= 14.0
     )
@@ -412,9 +412,9 @@ def test_the_gate_s_speed_may_be_off_by_its_share_of_the_nominal_one() -> None:
 def test_manoeuvres_separate_what_they_are_for() -> None:
     plans = {m.id: m for m in manoeuvres(Machine())}
     gain = EffectInstance("flow.gain", 5.0)
-    assert separation(plans["openings"], Machine(), gain, "flow.zero_offset") > 3.0
-    assert separation(plans["standing"], Machine(), gain, "flow.zero_offset") < 1.0
-    assert separation(plans["refill"], Machine(), gain, "scale.gain") > 3.0
+    assert find_separation(plans["openings"], Machine(), gain, "flow.zero_offset") > 3.0
+    assert find_separation(plans["standing"], Machine(), gain, "flow.zero_offset") < 1.0
+    assert find_separation(plans["refill"], Machine(), gain, "scale.gain") > 3.0
 
 
 @pytest.mark.exam
@@ -636,7 +636,7 @@ def test_a_manoeuvre_of_another_machine_is_within_its_ranges_and_separates() -> 
         assert columns["hopper_kg"].min() > 0.5 * spreader.flow.full_kg
         assert columns["opening_mm"].max() <= spreader.limits.opening_high_mm
     assert (
-        separation(
+        find_separation(
             plans["openings"], spreader, EffectInstance("flow.gain", 5.0), "flow.zero_offset"
         )
         > 3.0

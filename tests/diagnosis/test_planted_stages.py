@@ -16,16 +16,16 @@ from control.diagnosis.judgement.evidence import Role
 from control.diagnosis.judgement.noise import coefficients, series_of, strengths
 from control.diagnosis.result import UNKNOWN
 from control.diagnosis.runs import intermittent, onset
-from control.diagnosis.runs.changepoint import END_S, best_begins
+from control.diagnosis.runs.changepoint import END_S, find_best_onsets
 from control.diagnosis.runs.channels import channels, hopper_channel
 from control.diagnosis.runs.diagnose import diagnose_run, series_of_log
-from control.diagnosis.runs.hypothesis import EffectInstance, schedule, stages_of
+from control.diagnosis.runs.hypothesis import EffectInstance, list_stages, schedule
 from control.diagnosis.runs.log import gate
-from control.diagnosis.runs.model import GROUPS, course, with_course
+from control.diagnosis.runs.model import GROUPS, apply_course, course
 from control.diagnosis.runs.nominal_values import settle
 from control.diagnosis.runs.search import Search
 from control.diagnosis.runs.stages import run_data
-from control.diagnosis.runs.whitened import even_gain
+from control.diagnosis.runs.whitened import find_even_gain
 from control.machine.machine import Machine
 from control.machine.stage_runner import MOST_STEP_S
 from tests.diagnosis.logs import (
@@ -628,7 +628,7 @@ def test_the_gain_of_a_box_is_that_of_least_squares(id_: str, channel: str) -> N
     candidate = next(c for c in search.candidates if c.part.id == id_)
     banded, base = model.banded_residual(()), columns.of_hypothesis(())
     trace = model.difference((), candidate.part)
-    found = best_begins(
+    found = find_best_onsets(
         model.channels, banded, base, [noise], [candidate], [trace], matters=0.0, temporary=True
     )
     box = next((one for one in found if one.part.until_s is not None), None)
@@ -640,7 +640,7 @@ def test_the_gain_of_a_box_is_that_of_least_squares(id_: str, channel: str) -> N
         there = course(one, box.part)
         summed = one.name == "scale"
         boxed = (
-            with_course(trace[one.name] / candidate.part.size, there, one.copies, summed)
+            apply_course(trace[one.name] / candidate.part.size, there, one.copies, summed)
             if one.name in trace
             else np.zeros(len(one.measured))
         )
@@ -671,7 +671,7 @@ def test_a_box_in_a_gap_of_the_log_has_no_evidence() -> None:
         onset_s=203.0, until_s=225.0
     )
     trace, noise = search.columns.trace((part,), 0), search.refit(()).noise
-    assert even_gain(search, (), noise, trace) == 0.0
+    assert find_even_gain(search, (), noise, trace) == 0.0
 
 
 def test_a_gap_that_ends_while_the_hopper_is_filled_starts_no_new_level() -> None:
@@ -686,7 +686,7 @@ def test_a_gap_that_ends_while_the_hopper_is_filled_starts_no_new_level() -> Non
     ).hopper
     assert [end for end, _ in hopper.gaps] == [303] and 303 not in hopper.grid.rows
     channel = hopper_channel(hopper, HUANGHAI)
-    left = channel.measured - channel.predict(schedule(stages_of(HUANGHAI), ()), MOST_STEP_S)
+    left = channel.measured - channel.predict(schedule(list_stages(HUANGHAI), ()), MOST_STEP_S)
     before, after = (
         np.median(left[rows]) for rows in (channel.grid.even_s < 290.0, channel.grid.even_s > 330.0)
     )

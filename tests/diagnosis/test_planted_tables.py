@@ -15,11 +15,11 @@ from control.calibration.lag_fit import fit_lag
 from control.diagnosis.result import Diagnosis
 from control.diagnosis.tables import diagnose_tables
 from control.diagnosis.tables.cross_calibration import across
-from control.diagnosis.tables.problem import problem_of
-from control.diagnosis.tables.rows import pieces_of
+from control.diagnosis.tables.problem import make_problem
+from control.diagnosis.tables.rows import make_pieces
 from control.diagnosis.tables.search import search
 from control.diagnosis.tables.verdict import judged
-from control.machine.fall import drop_s, start_drop_s
+from control.machine.fall import drop_s, find_start_drop_s
 from control.machine.machine import CATALOGUE
 from control.machine.start import response_s
 from drivers.files.bench_table import read_bench_table
@@ -94,7 +94,9 @@ RPM = np.tile([30.0, 40.0, 50.0, 60.0, 70.0], 8)
 BEFORE = np.repeat([20.0, 25.0], 20)
 DEAD_S = MACHINE.shaft.dead_time_s
 RUNNING_S = DEAD_S + np.array([drop_s(MACHINE.fall, n) for n in RPM.tolist()])
-START_S = np.array([response_s(MACHINE, n) + start_drop_s(MACHINE.fall, n) for n in RPM.tolist()])
+START_S = np.array(
+    [response_s(MACHINE, n) + find_start_drop_s(MACHINE.fall, n) for n in RPM.tolist()]
+)
 STANDS = np.arange(len(RPM)) % 2 == 0
 ASKED_FROM = np.where(STANDS, 5.0, 90.0)
 
@@ -675,7 +677,7 @@ def test_what_is_planted_is_said(seed: int, tables: Tables, said: Mapping[str, A
 
 
 def test_what_a_refused_name_showed_is_not_forgotten() -> None:
-    found = judged(search(problem_of(pieces_of(FAR_TOO_LATE, MACHINE), MACHINE)), True)
+    found = judged(search(make_problem(make_pieces(FAR_TOO_LATE, MACHINE), MACHINE)), True)
     assert not found.named and found.nearest is not None and found.nothing < 1e-6
 
 
@@ -747,11 +749,11 @@ def test_json_has_every_field_of_the_contract() -> None:
 
 
 def test_a_running_shaft_is_predicted_with_its_settled_drop() -> None:
-    (piece,) = pieces_of(timed(RUNNING_S), MACHINE)
+    (piece,) = make_pieces(timed(RUNNING_S), MACHINE)
     assert piece.predict(MACHINE) == approx(RUNNING_S)
     # 0 or not known: it stood
     standing = np.where(BEFORE > 20.0, BEFORE, np.where(RPM > 40.0, 0.0, np.nan))
-    (piece,) = pieces_of(timed(RUNNING_S, standing), MACHINE)
+    (piece,) = make_pieces(timed(RUNNING_S, standing), MACHINE)
     assert piece.predict(MACHINE) == approx(np.where(BEFORE > 20.0, RUNNING_S, START_S))
 
 

@@ -10,16 +10,23 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from console.reports.diagnosis_text import summary, taken_up
-from console.reports.notebook import html_of
+from console.reports.diagnosis_text import describe_adoption, summary
+from console.reports.notebook import format_html
 from control.diagnosis.extend import extend, not_adoptable
-from control.diagnosis.prediction.blocks import BLOCKS, errors, held, in_blocks, numbers_of, surely
+from control.diagnosis.prediction.blocks import (
+    BLOCKS,
+    cut_into_blocks,
+    errors,
+    held,
+    is_surely_positive,
+    numbers_of,
+)
 from control.diagnosis.prediction.on_log import OnLog
-from control.diagnosis.prediction.predictive_validation import adoptable, borne_out
-from control.diagnosis.prediction.rival import rival_of
+from control.diagnosis.prediction.predictive_validation import adoptable, validate_prediction
+from control.diagnosis.prediction.rival import find_rival
 from control.diagnosis.result import Cause, Diagnosis, FieldCost, Size
 from control.diagnosis.runs.diagnose import diagnose_run, series_of_log
-from control.machine.machine import Machine, with_effect
+from control.machine.machine import Machine, add_effect
 from tests.diagnosis.logs import DRIVE, lagged, steps
 from tests.diagnosis.planted import error_on, shaft_predicted
 
@@ -102,7 +109,7 @@ def test_a_name_whose_file_predicts_worse_is_no_longer_sure_and_nothing_is_writt
     found, on_log = wrong_name(sound[0]), sound[1]
     taken = adoptable(on_log, found, ["shaft.gain"], ())
     assert taken.found.causes == () and [name for name, _ in taken.refused] == ["shaft.gain"]
-    after = borne_out(on_log, found, ())
+    after = validate_prediction(on_log, found, ())
     assert (
         after.verdict != "named"
         and after.causes[0].probability < 0.9
@@ -112,7 +119,7 @@ def test_a_name_whose_file_predicts_worse_is_no_longer_sure_and_nothing_is_writt
 
 
 def test_what_is_right_stays_as_it_is() -> None:
-    found = diagnose_run(made(with_effect(DRIVE, "shaft.gain", -10.0), 5), DRIVE)
+    found = diagnose_run(made(add_effect(DRIVE, "shaft.gain", -10.0), 5), DRIVE)
     assert found.verdict == "named" and [one.id for one in found.causes] == ["shaft.gain"]
     said = next(one for one in found.predicted if one.channel == "shaft")
     assert said.file == pytest.approx(2.0, rel=0.1) and said.before > 10.0
@@ -123,17 +130,17 @@ def test_a_block_is_predicted_as_by_least_squares_without_it() -> None:
     """The one-step jackknife is exact for what is a straight line in its numbers."""
     columns = steps(2)
     on_log = seen(columns, DRIVE)
-    file = with_effect(DRIVE, "shaft.gain", 30.0)
+    file = add_effect(DRIVE, "shaft.gain", 30.0)
     (number,) = numbers_of(file, DRIVE)
     judged = held(on_log, file, ("shaft",), [number])
     left = errors(on_log, file, ("shaft",))["shaft"]
-    column = left - errors(on_log, with_effect(DRIVE, "shaft.gain", 31.0), ("shaft",))["shaft"]
+    column = left - errors(on_log, add_effect(DRIVE, "shaft.gain", 31.0), ("shaft",))["shaft"]
     best = float(column @ left) / float(column @ column)
-    for k, block in enumerate(in_blocks(len(left))):
+    for k, block in enumerate(cut_into_blocks(len(left))):
         rest = np.ones(len(left), bool)
         rest[block] = False
         without = float(column[rest] @ left[rest]) / float(column[rest] @ column[rest])
-        moved = with_effect(DRIVE, "shaft.gain", 30.0 + without - best)
+        moved = add_effect(DRIVE, "shaft.gain", 30.0 + without - best)
         piece = errors(on_log, moved, ("shaft",))["shaft"][block]
         assert judged.blocks["shaft"][k] == pytest.approx(float(np.mean(piece**2)), rel=1e-6)
     assert len(judged.blocks["shaft"]) == BLOCKS
@@ -142,7 +149,7 @@ def test_a_block_is_predicted_as_by_least_squares_without_it() -> None:
 def test_the_rival_predicts_as_plain_least_squares_does() -> None:
     """By hand: gain and zone over a grid of lags and dead times, on another log."""
     columns, other = steps(1), steps(2)
-    rival = rival_of(seen(columns, DRIVE), "shaft")
+    rival = find_rival(seen(columns, DRIVE), "shaft")
     assert rival is not None
 
     def plain(of: dict[str, Any], gain: float, zone: float, tau_s: float) -> Array:
@@ -163,9 +170,12 @@ def test_the_rival_predicts_as_plain_least_squares_does() -> None:
 
 def test_report_and_notebook_say_the_rival_and_what_a_file_takes_up() -> None:
     found = of_the_brake()
-    page = html_of(found)
+    page = format_html(found)
     assert "plain least squares" in page and "x_load_g" in page
-    assert taken_up(found)[0].startswith("a machine file takes up: ") and taken_up(found)[0] in page
+    assert (
+        describe_adoption(found)[0].startswith("a machine file takes up: ")
+        and describe_adoption(found)[0] in page
+    )
     terms = [one for one in summary(found) if one.startswith("term ")]
     assert terms and len(set(terms)) == len(terms)
     assert not any(" 0 r/min for each" in one or " 0 % for each" in one for one in terms)
@@ -176,5 +186,7 @@ def test_one_block_that_has_anything_to_say_counts_whatever_its_last_bit(gain: f
     """A shaft that starts once: its mean is one standard error exactly, and two kernels
     answered apart."""
     for moved in (-1e-14, 0.0, 1e-14):
-        assert surely(np.array([gain * (1.0 + moved), *np.full(BLOCKS - 1, moved)]))
-        assert not surely(-np.array([gain * (1.0 + moved), *np.full(BLOCKS - 1, moved)]))
+        assert is_surely_positive(np.array([gain * (1.0 + moved), *np.full(BLOCKS - 1, moved)]))
+        assert not is_surely_positive(
+            -np.array([gain * (1.0 + moved), *np.full(BLOCKS - 1, moved)])
+        )

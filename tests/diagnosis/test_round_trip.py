@@ -16,7 +16,7 @@ from control.diagnosis.extend import extend
 from control.diagnosis.result import Cause, Data, Diagnosis, FieldCost, Size, TermFound
 from control.diagnosis.runs.channels import channels
 from control.diagnosis.runs.diagnose import series_of_log
-from control.diagnosis.runs.hypothesis import EffectInstance, schedule, stages_of
+from control.diagnosis.runs.hypothesis import EffectInstance, list_stages, schedule
 from control.diagnosis.runs.model import GROUPS, GroupModel
 from control.diagnosis.runs.stages import run_data
 from control.machine.compiled import term_run
@@ -126,7 +126,7 @@ def test_an_effect_in_the_file_is_the_effect_of_the_fit(
         )
         for channel, predicted in fit.items():
             own = every[channel]._replace(predict=again[channel].predict)
-            of_file = own.predict(schedule(stages_of(file), ()), MOST_STEP_S)
+            of_file = own.predict(schedule(list_stages(file), ()), MOST_STEP_S)
             assert np.abs(of_file - predicted).max() < 1e-9 * max(1.0, np.abs(predicted).max()), (
                 channel
             )

@@ -16,7 +16,7 @@ from control.diagnosis.runs.closed_loop import closed_loop_gain
 from control.diagnosis.runs.diagnose import diagnose_run
 from control.log_row import COLUMNS, TEXT_COLUMNS
 from control.machine.fault_injection import Planted
-from control.machine.machine import Machine, with_effect
+from control.machine.machine import Machine, add_effect
 from control.orders import Strategy
 from control.simulation.assembly import control_loop, simulated_machine, with_simulated_field
 from control.simulation.closed_loop import simulated_run
@@ -73,7 +73,7 @@ def test_knowing_the_effects_takes_the_bias_out_of_the_closed_loop(setup: Setup)
     effects = (Planted("flow.fill_falloff", 12.0), Planted("shaft.voltage_sag", 3.0))
     known = setup.machine
     for effect in effects:
-        known = with_effect(known, effect.id, effect.size)
+        known = add_effect(known, effect.id, effect.size)
     job = setup.job.model_copy(update={"strategy": Strategy.SPEED_FIRST, "flow_trim": False})
     gain = closed_loop_gain(
         setup.machine, known, effects, setup.crop, setup.rule, job, seconds=240.0, seed=1
@@ -105,7 +105,7 @@ def test_the_command_line_tells_the_gain_in_the_closed_loop(tmp_path: Path) -> N
 @pytest.mark.exam
 def test_a_known_shift_of_the_opening_s_sensor_is_taken_off_its_reading(setup: Setup) -> None:
     shifted = (Planted("gate.offset", 1.5),)
-    known = with_effect(setup.machine, "gate.offset", 1.5)
+    known = add_effect(setup.machine, "gate.offset", 1.5)
     job = setup.job.model_copy(update={"strategy": Strategy.OPENING_FIRST, "flow_trim": False})
     gain = closed_loop_gain(
         setup.machine, known, shifted, setup.crop, setup.rule, job, seconds=200.0, seed=1

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from console.reports.diagnosis_text import summary
-from console.reports.term_words import compensation, sentence
+from console.reports.term_words import describe_compensation, sentence
 from control.diagnosis import diagnose_run, extend
 from control.diagnosis.extend import adoptable_terms, term_not_adoptable
 from control.diagnosis.result import Diagnosis, TermFound
@@ -193,7 +193,7 @@ def test_it_is_said_in_a_sentence_with_range_and_what_control_does() -> None:
     assert sentence(term).startswith(
         "Shaft speed falls by 0.51 % for each deg of roll; seen between -"
     )
-    assert compensation(term) == "Control corrects for it"
+    assert describe_compensation(term) == "Control corrects for it"
     assert any(sentence(term) in line for line in summary(found))
     assert len(found.terms[0].seen) > 5
     _, seen, told = np.array(found.terms[0].seen).T

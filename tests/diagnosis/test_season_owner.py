@@ -18,7 +18,13 @@ from control.diagnosis.season.effect_timelines import (
 )
 from control.diagnosis.season.evidence import LogWork
 from control.diagnosis.season.mixed import Alternative
-from control.diagnosis.season.season_cost import OwnersLog, at, low_hoppers, machines, still_there
+from control.diagnosis.season.season_cost import (
+    OwnersLog,
+    at,
+    find_low_hoppers,
+    is_still_there,
+    machines,
+)
 
 
 def piece(
@@ -114,7 +120,7 @@ def test_what_a_machine_does_now_stands_apart_from_its_operators_share() -> None
 
 def test_what_was_repaired_is_not_there_any_more() -> None:
     gone = course(piece(0.0, 30.0, 0.0, 10.0), piece(32.0, 60.0, 0.0, 0.0))
-    assert not still_there(gone) and still_there(course(piece(0.0, 9.0, 1.0, 1.0)))
+    assert not is_still_there(gone) and is_still_there(course(piece(0.0, 9.0, 1.0, 1.0)))
 
 
 def test_it_wears_where_its_last_piece_surely_grows_away_from_zero() -> None:
@@ -207,7 +213,7 @@ def test_operators_stand_by_their_minutes_with_a_low_hopper() -> None:
         for who, minutes in (("Ann", 18.0), ("Li", 20.0), ("Wang", 0.0), ("Xu", 0.5), ("Zhao", 1.0))
         for k in range(30)
     ]
-    assert [one.operator for one in low_hoppers(logs)] == ["Li", "Ann"]
-    assert not low_hoppers([one._replace(shared={"operator": "Li"}) for one in logs]), (
+    assert [one.operator for one in find_low_hoppers(logs)] == ["Li", "Ann"]
+    assert not find_low_hoppers([one._replace(shared={"operator": "Li"}) for one in logs]), (
         "no others to hold against"
     )

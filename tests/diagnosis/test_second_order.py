@@ -18,9 +18,9 @@ import pytest
 
 from control.diagnosis.extend import extend
 from control.diagnosis.runs.compared import compared
-from control.diagnosis.runs.diagnose import diagnose_run, judged_run
+from control.diagnosis.runs.diagnose import diagnose_run, judge_run
 from control.diagnosis.runs.hypothesis import EffectInstance
-from control.machine.machine import effect_sizes
+from control.machine.machine import list_effect_sizes
 from drivers.files.config import load, save
 from drivers.files.kinds import MACHINE
 from tests.diagnosis.logs import DRIVE, Columns
@@ -110,7 +110,7 @@ def test_it_is_named_with_its_size_said_and_the_file_with_it_predicts_another_re
     path = tmp_path / "adopted.yaml"
     save(path, extend(DRIVE, found), MACHINE)
     adopted = load(str(path), MACHINE).model
-    assert set(effect_sizes(adopted)) == {"shaft.slow", "shaft.second_order"}
+    assert set(list_effect_sizes(adopted)) == {"shaft.slow", "shaft.second_order"}
     asked = compared(log_of(2, response), DRIVE, adopted).channels[0]
     assert asked.new < 1.05 * NOISE_RPM < 0.2 * asked.old
 
@@ -146,7 +146,7 @@ def test_a_late_drive_of_another_time_constant_within_its_tolerance_is_late_and_
     with them."""
     late_s, tau_s = 0.3, 0.045
     log = log_of(1, lambda t: one_lag(tau_s)(np.maximum(0.0, t - late_s)))
-    judged = judged_run(log, DRIVE)
+    judged = judge_run(log, DRIVE)
     assert [cause.id for cause in judged.found.causes] == ["shaft.dead_time"]
     assert judged.found.causes[0].size.value == pytest.approx(late_s, abs=0.003)
     shaft = next(group for group in judged.groups if "shaft" in group.search.model.names)
@@ -165,7 +165,7 @@ def test_what_a_small_motor_has_by_nature_is_no_finding(sds: float) -> None:
 
 def test_a_dead_time_of_a_while_leaves_tolerances_where_they_are() -> None:
     """Their columns moved with it, and fitted what was left of the noise."""
-    columns = judged_run(log_of(1, one_lag(0.06)), DRIVE).groups[0].search.columns
+    columns = judge_run(log_of(1, one_lag(0.06)), DRIVE).groups[0].search.columns
     for later, moved in (
         (EffectInstance("shaft.dead_time", 0.1), True),
         (EffectInstance("shaft.dead_time", 0.1, 10.0, until_s=12.0), False),

@@ -10,7 +10,7 @@ import pytest
 
 from control.diagnosis.effects import SPEED_GNSS_LATENCY
 from control.diagnosis.runs.channels import channels
-from control.diagnosis.runs.hypothesis import EffectInstance, schedule, stages_of
+from control.diagnosis.runs.hypothesis import EffectInstance, list_stages, schedule
 from control.diagnosis.runs.log import gate
 from control.diagnosis.runs.stages import run_data
 from control.machine.stage_runner import MOST_STEP_S
@@ -52,7 +52,9 @@ def test_a_delay_is_neither_short_nor_made_up_by_the_noise_of_the_speed(
     def left(size: float) -> float:
         parts = (EffectInstance(SPEED_GNSS_LATENCY.id, size),)
         return float(
-            np.var(speed.measured - speed.predict(schedule(stages_of(machine), parts), MOST_STEP_S))
+            np.var(
+                speed.measured - speed.predict(schedule(list_stages(machine), parts), MOST_STEP_S)
+            )
         )
 
     found = min(np.arange(0.0, 1.5, STEP_S).tolist(), key=left)

@@ -16,7 +16,7 @@ import pytest
 from console.reports.diagnosis_wording import undecided
 from control.diagnosis.extend import extend
 from control.diagnosis.judgement.prior import NAMED
-from control.diagnosis.runs.adoption import adoptable_of
+from control.diagnosis.runs.adoption import select_adoptable
 from control.diagnosis.runs.compared import compared
 from control.diagnosis.runs.diagnose import diagnose_run
 from drivers.files.config import load
@@ -64,7 +64,7 @@ def _answer(hidden: SimpleNamespace, name: str, seed: int) -> Answer:
         for one in found.causes
         if one.probability >= NAMED and not one.rivals and one.id not in fair
     ]
-    taken = adoptable_of(found, [one.id for one in found.causes if not undecided(one)]).found
+    taken = select_adoptable(found, [one.id for one in found.causes if not undecided(one)]).found
     names = [*(one.id for one in taken.causes), *(one.term["id"] for one in taken.terms)]
     if not names and taken.fitted is None:
         return Answer(found.verdict, said, wrong, [], [])

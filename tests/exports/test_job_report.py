@@ -38,7 +38,7 @@ def test_the_page_tells_the_logs_sums(applied: AsApplied) -> None:
 
 def test_a_map_says_where_the_drives_effort_rose(known_log: RunLog, tmp_path: Path) -> None:
     """A machine file 20 % off all along says nothing; 3 m of clods at 20 s do."""
-    from console.reports.job_page import effort_rise, job_page
+    from console.reports.job_page import find_effort_rise, job_page
 
     machine = load("huanghai", MACHINE).model
     own = 8.0 + 0.6 * 70.0 + 0.06 * 5.5 * 20.0
@@ -53,7 +53,7 @@ def test_a_map_says_where_the_drives_effort_rose(known_log: RunLog, tmp_path: Pa
             clods = 20.0 <= float(one["time_s"]) < 22.4
             written.writerow(one | {"shaft_effort": f"{own * (1.8 if clods else 1.2):.3f}"})
     applied = as_applied(read_log(tmp_path / "effort.csv"), machine, SpreadProduct("urea", 0.46))
-    rise, s = effort_rise(applied), applied.stretches
+    rise, s = find_effort_rise(applied), applied.stretches
     assert np.nanmax(rise) == pytest.approx(60.0, abs=2.0) and np.nanmedian(rise) == pytest.approx(
         0.0, abs=0.1
     )
@@ -89,7 +89,7 @@ def test_the_error_is_applied_against_target_by_area(applied: AsApplied) -> None
 def test_shares_of_the_area_by_how_far_it_is_off(applied: AsApplied) -> None:
     """A quarter of the area 1 % off, a quarter 4 %, a quarter 15 % too little, the rest twice
     what was wanted."""
-    from console.reports.job_page import error_words
+    from console.reports.job_page import describe_errors
 
     s = applied.stretches
     known = np.flatnonzero(np.isfinite(s.target_kg_ha) & (s.target_kg_ha > 0.0))
@@ -99,7 +99,7 @@ def test_shares_of_the_area_by_how_far_it_is_off(applied: AsApplied) -> None:
     area = np.zeros_like(off)
     for some in np.array_split(known, 4):
         area[some] = 100.0 / len(some)
-    words = error_words(
+    words = describe_errors(
         dataclasses.replace(
             applied, stretches=s._replace(applied_kg_ha=off * s.target_kg_ha, area_m2=area)
         )
@@ -109,7 +109,7 @@ def test_shares_of_the_area_by_how_far_it_is_off(applied: AsApplied) -> None:
 
 
 def test_it_is_a_sheet_to_hand_over(applied: AsApplied, tmp_path: Path) -> None:
-    from console.reports.job_about import about_of, happened
+    from console.reports.job_about import happened, read_about
     from console.reports.job_page import job_page
 
     states = {0: "off", 2: "working", 6: "held", 8: "working"}
@@ -137,7 +137,7 @@ def test_it_is_a_sheet_to_hand_over(applied: AsApplied, tmp_path: Path) -> None:
     told = happened(read_log(path))
     assert told.working == ((120.0, 360.0), (480.0, 540.0)) and told.refills == ((420.0, 250.0),)
     assert sorted(told.alarms) == [("hopper_low", 180.0, 360.0), ("shaft_silent", 240.0, 360.0)]
-    about = about_of(read_log(path))
+    about = read_about(read_log(path))
     page = job_page(applied, "topdress test", about)
     for said in (
         "Li &lt;Ming&gt;",
@@ -221,12 +221,12 @@ def test_a_name_from_a_file_cannot_write_html(applied: AsApplied) -> None:
 def test_the_time_line_is_in_minutes_and_the_longest_alarms_come_first() -> None:
     """What a reader measures on the picture: when work, refills and alarms were, and for how
     long."""
-    from console.reports.job_about import MOST_ALARMS, About, AlarmSpan, Happened, time_line
+    from console.reports.job_about import MOST_ALARMS, About, AlarmSpan, Happened, draw_time_line
 
     alarms = [AlarmSpan(f"alarm_{k}", 600.0, 660.0 + 60.0 * k) for k in range(MOST_ALARMS + 2)]
     alarms.append(AlarmSpan("shaft_silent", 1200.0, 2400.0))
     about = About(happened=Happened(tuple(alarms), ((1800.0, 250.0),), ((60.0, 3000.0),), ""))
-    picture = time_line(about)
+    picture = draw_time_line(about)
     assert picture is not None
     words = re.findall(r'<text x="([-\d.]+)" y="([-\d.]+)"[^>]*>([^<]*)</text>', picture.svg)
     at_min = {word: float(x) for x, _, word in words if word.isdigit()}

@@ -13,7 +13,7 @@ from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 from shapely.geometry import Point
 
-from control.field.across import across, across_words
+from control.field.across import across, describe_across
 from control.field.boundary import Boundary
 from control.field.coverage import Coverage
 from control.field.totals import Totaliser
@@ -230,8 +230,9 @@ def test_the_spread_is_that_of_the_need_and_a_section_evens_out_its_own_heads(se
     assert found is not None and found.by_head_kg_ha == pytest.approx(wanted, rel=1e-3)
     assert found.by_section_kg_ha == pytest.approx(abs(0.5 * (low + high) - mid), abs=0.01)
     assert found.noise_kg_ha == pytest.approx(0.01 * (low - high) / 0.04, rel=0.02)
-    assert "r.m.s. between the need under each head and the one rate, by section" in across_words(
-        found
+    assert (
+        "r.m.s. between the need under each head and the one rate, by section"
+        in describe_across(found)
     )
 
 

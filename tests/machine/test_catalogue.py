@@ -13,29 +13,29 @@ import pytest
 from control.diagnosis.effects import ROWS
 from control.diagnosis.extend import extend
 from control.diagnosis.result import Cause, Data, Diagnosis, FieldCost, Size, TermFound
-from control.experiments.levels import opening_levels, shaft_levels
+from control.experiments.levels import list_shaft_levels, opening_levels
 from control.machine import compiled, stage_runner
 from control.machine.effect import FULL_FLOW, SHAFT_RANGE
 from control.machine.effort import EffortInput, gate_effort, shaft_effort
-from control.machine.fall import FallInput, drop_s, fall_start, fall_step
+from control.machine.fall import FallInput, drop_s, fall_start, step_fall
 from control.machine.fault_injection import Planted, schedule
-from control.machine.flow import FlowInput, FlowOutput, flow_start, grams_per_rev
-from control.machine.gate import GateInput, GateOutput, gate_start
-from control.machine.heads import HeadInput, head_reads
+from control.machine.flow import FlowInput, FlowOutput, grams_per_rev, make_flow_start
+from control.machine.gate import GateInput, GateOutput, make_gate_start
+from control.machine.heads import HeadInput, read_head
 from control.machine.history import last_change, undone
 from control.machine.machine import (
     CATALOGUE,
     NOMINAL,
     Machine,
+    add_effect,
     bounds,
-    effect_sizes,
-    of_nominal,
+    list_effect_sizes,
+    scale_nominal,
     unit_of,
-    with_effect,
 )
 from control.machine.scale import ScaleInput, scale_reads
-from control.machine.shaft import ShaftInput, ShaftOutput, shaft_start
-from control.machine.speed import SpeedInput, SpeedOutput, speed_start
+from control.machine.shaft import ShaftInput, ShaftOutput, make_shaft_start
+from control.machine.speed import SpeedInput, SpeedOutput, make_speed_start
 from control.machine.terms import Term
 from drivers.files.config import ConfigError, load, save, shipped
 from drivers.files.kinds import MACHINE
@@ -70,13 +70,13 @@ def outputs(machine: Machine) -> dict[str, np.ndarray[Any, Any]]:
     opening = np.repeat(rng.uniform(5, 60, n // 50), 50).round(1)
     supply = 13.5 - np.abs(np.sin(time_s / 7.0))
     pitch = 3.0 * np.sin(time_s / 11.0)
-    none = stage_runner.no_switch()
-    rows = stage_runner.input_rows
+    none = stage_runner.make_no_switch()
+    rows = stage_runner.make_input_rows
     found: dict[str, Any] = {}
     found["shaft"] = compiled.shaft_run(
         (machine.shaft,),
         none,
-        shaft_start(),
+        make_shaft_start(),
         ShaftOutput(0.0, 0.0),
         rows(ShaftInput, n, command_rpm=command, opening_mm=opening, supply_v=supply),
         time_s,
@@ -85,7 +85,7 @@ def outputs(machine: Machine) -> dict[str, np.ndarray[Any, Any]]:
     found["gate"] = compiled.gate_run(
         (machine.gate,),
         none,
-        gate_start(20.0),
+        make_gate_start(20.0),
         GateOutput(20.0, 20.0),
         rows(GateInput, n, command_mm=opening),
         time_s,
@@ -97,7 +97,7 @@ def outputs(machine: Machine) -> dict[str, np.ndarray[Any, Any]]:
     found["flow"] = compiled.flow_run(
         (machine.flow,),
         none,
-        flow_start(250.0),
+        make_flow_start(250.0),
         FlowOutput(0.0, 250.0),
         rows(
             FlowInput, n, shaft_rpm=stopped, opening_mm=opening, pitch_deg=pitch, refill_kg=refill
@@ -108,7 +108,7 @@ def outputs(machine: Machine) -> dict[str, np.ndarray[Any, Any]]:
     found["speed"] = compiled.speed_run(
         (machine.speed,),
         none,
-        speed_start(),
+        make_speed_start(),
         SpeedOutput(0.0, 0.0),
         rows(SpeedInput, n, speed_mps=1.2 + 0.3 * np.sin(time_s), working=1.0, pitch_deg=pitch),
         time_s,
@@ -123,7 +123,7 @@ def outputs(machine: Machine) -> dict[str, np.ndarray[Any, Any]]:
     found["heads"] = np.array(
         [
             [
-                head_reads(machine.heads, HeadInput(0.5 + 0.1 * np.sin(t), head, t))
+                read_head(machine.heads, HeadInput(0.5 + 0.1 * np.sin(t), head, t))
                 for head in range(1, 7)
             ]
             for t in time_s[::20]
@@ -143,7 +143,7 @@ def outputs(machine: Machine) -> dict[str, np.ndarray[Any, Any]]:
     )
     state, falls = fall_start(), []
     for t, rpm in zip(time_s[::10], stopped[::10], strict=True):
-        state, drop = fall_step(
+        state, drop = step_fall(
             machine.fall, state, FallInput(rpm, 0.1 if rpm > 0 else 0.0, np.sign(np.sin(t))), 0.5
         )
         falls.append(drop)
@@ -185,7 +185,7 @@ def test_an_entry_is_complete(effect_id: str) -> None:
 
 
 def test_the_nominal_machine_has_no_effect() -> None:
-    assert effect_sizes(Machine()) == {}
+    assert list_effect_sizes(Machine()) == {}
 
 
 @pytest.mark.parametrize("effect_id", sorted(set(PUBLISHED) - IN_ITS_TABLE - BACKWARDS))
@@ -193,7 +193,7 @@ def test_an_effect_changes_its_own_stage_only(effect_id: str, nominal: dict[str,
     entry = CATALOGUE[effect_id]
     size = entry.effect.probes[-1]
     changed = outputs(
-        with_effect(Machine(), effect_id, size, 3 if entry.effect.member_field else None)
+        add_effect(Machine(), effect_id, size, 3 if entry.effect.member_field else None)
     )
     for stage, values in nominal.items():
         assert np.array_equal(values, changed[stage]) == (stage != entry.stage), stage
@@ -206,13 +206,13 @@ def test_a_size_out_of_bounds_is_refused_with_the_range(
     effect_id: str, size: float, bad: str
 ) -> None:
     with pytest.raises(ValueError, match=f"{effect_id}: size {bad}: allowed"):
-        with_effect(Machine(), effect_id, size)
+        add_effect(Machine(), effect_id, size)
 
 
 def test_which_head_must_be_said() -> None:
     with pytest.raises(ValueError, match="say which with #1 to #6"):
-        with_effect(Machine(), "canopy.head_fouled", -5.0)
-    assert with_effect(Machine(), "canopy.head_fouled", -5.0, 3).heads.fouled_head == 3.0
+        add_effect(Machine(), "canopy.head_fouled", -5.0)
+    assert add_effect(Machine(), "canopy.head_fouled", -5.0, 3).heads.fouled_head == 3.0
 
 
 # --- What a diagnosis changed in a machine file stands in its history, and the last of it can
@@ -262,7 +262,10 @@ def test_the_last_change_is_taken_back_and_the_one_before_stays() -> None:
     start = Machine()
     first = extend(start, found(2.0), date="2026-07-01", sha256="1" * 64)
     second = extend(first, found(3.0, TERM), date="2026-07-09", sha256="2" * 64)
-    assert (effect_sizes(second), [t.id for t in second.terms]) == ({"flow.gain": 5.0}, [TERM.id])
+    assert (list_effect_sizes(second), [t.id for t in second.terms]) == (
+        {"flow.gain": 5.0},
+        [TERM.id],
+    )
     back = undone(second, date="2026-07-10")
     assert back.model_copy(update={"history": ()}) == first.model_copy(update={"history": ()})
     assert [one.undone for one in back.history] == ["", "2026-07-10"]
@@ -274,8 +277,8 @@ def test_the_last_change_is_taken_back_and_the_one_before_stays() -> None:
 
 
 def test_what_was_changed_by_hand_since_stays() -> None:
-    changed = with_effect(extend(Machine(), found(2.0), date="2026-07-01"), "flow.gain", 2.5)
-    assert effect_sizes(undone(changed)) == {"flow.gain": pytest.approx(0.5)}
+    changed = add_effect(extend(Machine(), found(2.0), date="2026-07-01"), "flow.gain", 2.5)
+    assert list_effect_sizes(undone(changed)) == {"flow.gain": pytest.approx(0.5)}
 
 
 def test_the_file_keeps_it(tmp_path: Path) -> None:
@@ -285,7 +288,7 @@ def test_the_file_keeps_it(tmp_path: Path) -> None:
     assert read == extended
     save(tmp_path / "back.yaml", undone(read, date="2026-07-10"), MACHINE)
     back = load(str(tmp_path / "back.yaml"), MACHINE).model
-    assert (effect_sizes(back), back.terms, back.history[0].terms) == (
+    assert (list_effect_sizes(back), back.terms, back.history[0].terms) == (
         {},
         (),
         (TERM.model_copy(update={"source": back.history[0].terms[0].source}),),
@@ -420,7 +423,7 @@ def test_thresholds_are_tried_down_to_the_slowest_command() -> None:
 
 def test_a_size_out_of_bounds_is_refused_with_this_machines_range() -> None:
     drive = of("drive_alone")
-    assert with_effect(drive, "shaft.dead_band", 150.0).shaft.dead_band_rpm == 150.0
+    assert add_effect(drive, "shaft.dead_band", 150.0).shaft.dead_band_rpm == 150.0
     with pytest.raises(
         ValueError, match=r"size 400: allowed 0 to 390 r/min where limits.shaft_high_rpm is 650$"
     ):
@@ -428,7 +431,7 @@ def test_a_size_out_of_bounds_is_refused_with_this_machines_range() -> None:
     with pytest.raises(
         ValueError, match=r"size 150: allowed 0 to 60 r/min where limits.shaft_high_rpm is 100$"
     ):
-        with_effect(Machine(), "shaft.dead_band", 150.0)
+        add_effect(Machine(), "shaft.dead_band", 150.0)
 
 
 def test_a_machine_file_with_a_size_out_of_its_bounds_is_refused_by_key_and_line(
@@ -456,11 +459,11 @@ def test_what_is_told_at_full_speed_is_told_at_the_machines_own() -> None:
     spreader = of("spreader")
     assert unit_of("flow.fill_falloff", spreader) == "% lost at 1000 r/min"
     assert unit_of("lag.rebound", of("planter")) == "s above the straight line at 60 r/min"
-    lossy = with_effect(spreader, "flow.fill_falloff", 8.0).flow
+    lossy = add_effect(spreader, "flow.fill_falloff", 8.0).flow
     assert grams_per_rev(lossy, 1000.0, 80.0) == pytest.approx(
         0.92 * grams_per_rev(spreader.flow, 1000.0, 80.0)
     )
-    fall = with_effect(Machine(), "lag.rebound", 0.4).fall._replace(
+    fall = add_effect(Machine(), "lag.rebound", 0.4).fall._replace(
         slope_s_per_rpm=0.0, valid_to_rpm=400.0, full_rpm=600.0
     )
     assert drop_s(fall, 600.0) - drop_s(fall, 400.0) == pytest.approx(0.4)
@@ -468,20 +471,22 @@ def test_what_is_told_at_full_speed_is_told_at_the_machines_own() -> None:
 
 def test_figures_as_multiples_of_the_nominal_machines() -> None:
     assert (
-        of_nominal(of("drive_alone"), SHAFT_RANGE) == 6.5
-        and of_nominal(of("drive_alone"), ()) == 1.0
+        scale_nominal(of("drive_alone"), SHAFT_RANGE) == 6.5
+        and scale_nominal(of("drive_alone"), ()) == 1.0
     )
-    assert of_nominal(of("spreader"), FULL_FLOW) == pytest.approx(
+    assert scale_nominal(of("spreader"), FULL_FLOW) == pytest.approx(
         1.5 * 200.0 * 1000.0 / (5.5 * 60.0 * 100.0)
     )
 
 
 def test_stairs_are_within_what_the_machine_can_do() -> None:
-    assert shaft_levels(Machine()) == (20.0, 40.0, 60.0, 80.0) and opening_levels(Machine()) == (
+    assert list_shaft_levels(Machine()) == (20.0, 40.0, 60.0, 80.0) and opening_levels(
+        Machine()
+    ) == (
         10.0,
         20.0,
         30.0,
         40.0,
     )
-    assert shaft_levels(of("spreader")) == (200.0, 400.0, 600.0, 800.0)
-    assert shaft_levels(of("bench"))[0] == 50.0
+    assert list_shaft_levels(of("spreader")) == (200.0, 400.0, 600.0, 800.0)
+    assert list_shaft_levels(of("bench"))[0] == 50.0

@@ -13,23 +13,23 @@ from control.diagnosis.runs.compared import compared
 from control.diagnosis.runs.diagnose import diagnose_run
 from control.machine.compiled import shaft_run
 from control.machine.compiled_tick import CompiledDrives
-from control.machine.elements import in_lists
-from control.machine.fall import Fall, lag_paper_s, start_drop_s
-from control.machine.flow import Flow, FlowInput, flow_start, flow_step
-from control.machine.gate import Gate, GateInput, gate_start, gate_step
+from control.machine.elements import convert_to_lists
+from control.machine.fall import Fall, find_paper_lag_s, find_start_drop_s
+from control.machine.flow import Flow, FlowInput, make_flow_start, step_flow
+from control.machine.gate import Gate, GateInput, gate_step, make_gate_start
 from control.machine.landing import landed
-from control.machine.machine import Machine, with_effect
+from control.machine.machine import Machine, add_effect
 from control.machine.shaft import (
     Shaft,
     ShaftInput,
     ShaftOutput,
     lag_s,
-    shaft_start,
+    make_shaft_start,
     shaft_step,
     swing,
     swung,
 )
-from control.machine.stage_runner import MOST_STEP_S, input_rows, no_switch
+from control.machine.stage_runner import MOST_STEP_S, make_input_rows, make_no_switch
 from control.machine.start import response_s
 from control.machine.term_step import TermState, term_step
 from control.machine.terms import Term, params_of
@@ -41,7 +41,7 @@ STEP_S = 0.001
 
 
 def time_to(rpm: float, set_point_rpm: float) -> float:
-    state, time_s = shaft_start(0.0), 0.0
+    state, time_s = make_shaft_start(0.0), 0.0
     while time_s < 3.0:
         state, out = shaft_step(Shaft(), state, ShaftInput(set_point_rpm, 25.0, 13.5), STEP_S)
         time_s += STEP_S
@@ -58,13 +58,13 @@ def test_two_rpm_after_0_383_s_at_any_set_point(set_point_rpm: float) -> None:
 
 @pytest.mark.parametrize("shaft_rpm", range(10, 71, 10))
 def test_response_and_drop_make_eq_6(shaft_rpm: float) -> None:
-    assert 0.383 + start_drop_s(Fall(), shaft_rpm) == pytest.approx(
-        lag_paper_s(shaft_rpm), abs=1e-9
+    assert 0.383 + find_start_drop_s(Fall(), shaft_rpm) == pytest.approx(
+        find_paper_lag_s(shaft_rpm), abs=1e-9
     )
 
 
 def test_gate_waits_then_slews() -> None:
-    state, openings = gate_start(10.0), []
+    state, openings = make_gate_start(10.0), []
     for _ in range(1000):
         state, out = gate_step(Gate(), state, GateInput(20.0), STEP_S)
         openings.append(out.opening_mm)
@@ -76,14 +76,14 @@ def test_gate_waits_then_slews() -> None:
 
 @pytest.mark.parametrize(("shaft_rpm", "opening_mm"), [(70.0, 14.0), (38.0, 25.0), (10.0, 60.0)])
 def test_flow_formula(shaft_rpm: float, opening_mm: float) -> None:
-    _, out = flow_step(Flow(), flow_start(300.0), FlowInput(shaft_rpm, opening_mm), 0.05)
+    _, out = step_flow(Flow(), make_flow_start(300.0), FlowInput(shaft_rpm, opening_mm), 0.05)
     assert out.flow_kg_s == pytest.approx(0.0055 * opening_mm * shaft_rpm / 60.0, rel=1e-12)
 
 
 def test_an_empty_hopper_gives_what_is_left_and_no_more() -> None:
-    state, total = flow_start(0.003), 0.0
+    state, total = make_flow_start(0.003), 0.0
     for _ in range(100):
-        state, out = flow_step(Flow(), state, FlowInput(70.0, 20.0), 0.05)
+        state, out = step_flow(Flow(), state, FlowInput(70.0, 20.0), 0.05)
         total += out.flow_kg_s * 0.05
     assert total == pytest.approx(0.003)
     assert state.hopper_kg == pytest.approx(0.0, abs=1e-12)
@@ -144,7 +144,7 @@ DRIVE = load("drive_alone", MACHINE).model
 
 
 def settled(shaft: Shaft, command_rpm: float) -> float:
-    state = shaft_start(0.0)
+    state = make_shaft_start(0.0)
     for _ in range(400):
         state, out = shaft_step(
             shaft, state, ShaftInput(command_rpm, 0.0, shaft.nominal_supply_v), 0.01
@@ -153,14 +153,14 @@ def settled(shaft: Shaft, command_rpm: float) -> float:
 
 
 def turned(machine: Machine, command: Array, time_s: Array) -> Array:
-    inputs = input_rows(
+    inputs = make_input_rows(
         ShaftInput, len(time_s), command_rpm=command, supply_v=machine.shaft.nominal_supply_v
     )
     return np.asarray(
         shaft_run(
             (machine.shaft,),
-            no_switch(),
-            shaft_start(),
+            make_no_switch(),
+            make_shaft_start(),
             ShaftOutput(0.0, 0.0),
             inputs,
             time_s,
@@ -267,7 +267,7 @@ def test_a_dead_zone_is_also_a_term_over_the_command() -> None:
     )
     for command in (-300.0, -41.0, -20.0, 20.0, 41.0, 300.0):
         _, more_rpm = term_step(params_of(term), TermState(), command, 0.0, 0.01)
-        state = shaft_start(0.0)
+        state = make_shaft_start(0.0)
         for _ in range(400):
             state, out = shaft_step(
                 DRIVE.shaft, state, ShaftInput(command, 0.0, 7.4, 0.0, more_rpm), 0.01
@@ -285,7 +285,7 @@ RINGS, GRADUAL = SPRUNG._replace(second_order_s=0.4), SPRUNG._replace(second_ord
 
 
 def answered(shaft: Shaft, goals: list[float], hold_s: float, step_s: float) -> Array:
-    state, found = shaft_start(0.0), []
+    state, found = make_shaft_start(0.0), []
     for goal in goals:
         for _ in range(round(hold_s / step_s)):
             state, out = shaft_step(
@@ -350,10 +350,10 @@ def test_overshoot_and_period_are_those_of_the_step() -> None:
 
 def test_compiled_ticks_are_the_steps() -> None:
     shaft, gate = RINGS._replace(acceleration_rpm_s=300.0), Gate()
-    begun = shaft_start(0.0)
+    begun = make_shaft_start(0.0)
     drives, state = (
-        CompiledDrives(begun, gate_start(20.0)),
-        begun._replace(line=in_lists(begun.line)),
+        CompiledDrives(begun, make_gate_start(20.0)),
+        begun._replace(line=convert_to_lists(begun.line)),
     )
     drives.of(shaft, gate)
     for k in range(400):
@@ -365,7 +365,7 @@ def test_compiled_ticks_are_the_steps() -> None:
 
 def test_a_start_takes_longer() -> None:
     first = [
-        response_s(with_effect(Machine(), "shaft.second_order", size), 50.0)
+        response_s(add_effect(Machine(), "shaft.second_order", size), 50.0)
         for size in (1e-6, 0.05, 0.2)
     ]
     assert first[0] == pytest.approx(response_s(Machine(), 50.0), abs=1e-3)

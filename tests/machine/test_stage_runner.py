@@ -14,17 +14,23 @@ import numpy as np
 import pytest
 
 from control.machine import compiled
-from control.machine.fall import drop_s, start_drop_s
-from control.machine.flow import Flow, FlowInput, FlowOutput, flow_start, flow_step
-from control.machine.gate import Gate, GateInput, GateOutput, gate_start, gate_step
+from control.machine.fall import drop_s, find_start_drop_s
+from control.machine.flow import Flow, FlowInput, FlowOutput, make_flow_start, step_flow
+from control.machine.gate import Gate, GateInput, GateOutput, gate_step, make_gate_start
 from control.machine.jit_cache import KeptCode, named_apart
 from control.machine.landing import carried_s, falls_s
-from control.machine.machine import Machine, effect_sizes
+from control.machine.machine import Machine, list_effect_sizes
 from control.machine.parameter_uncertainty import PLAUSIBLE, plausible
-from control.machine.shaft import Shaft, ShaftInput, ShaftOutput, shaft_start, shaft_step
-from control.machine.speed import Speed, SpeedInput, SpeedOutput, speed_start, speed_step
-from control.machine.stage_runner import MOST_STEP_S, filling, input_rows, no_switch, over_log
-from control.machine.start import first_fall_s, with_carried_share
+from control.machine.shaft import Shaft, ShaftInput, ShaftOutput, make_shaft_start, shaft_step
+from control.machine.speed import Speed, SpeedInput, SpeedOutput, make_speed_start, step_speed
+from control.machine.stage_runner import (
+    MOST_STEP_S,
+    filling,
+    make_input_rows,
+    make_no_switch,
+    over_log,
+)
+from control.machine.start import find_first_fall_s, with_carried_share
 
 N = 3000
 
@@ -73,10 +79,10 @@ CASES: list[tuple[str, Any, Any, Any]] = [
             pulsation_percent=5.0,
             hopper_head_percent=2.0,
         ),
-        flow_step,
+        step_flow,
         compiled.flow_run,
     ),
-    ("speed", Speed(gnss_latency_s=0.33, slip_percent=6.0), speed_step, compiled.speed_run),
+    ("speed", Speed(gnss_latency_s=0.33, slip_percent=6.0), step_speed, compiled.speed_run),
 ]
 
 
@@ -89,16 +95,50 @@ def arguments(
 ) -> tuple[Any, ...]:
     time_s, command, opening, supply = drive(step_s, jitter)
     if stage == "shaft":
-        rows = input_rows(ShaftInput, N, command_rpm=command, opening_mm=opening, supply_v=supply)
-        return (params,), no_switch(), shaft_start(), ShaftOutput(0.0, 0.0), rows, time_s, most
+        rows = make_input_rows(
+            ShaftInput, N, command_rpm=command, opening_mm=opening, supply_v=supply
+        )
+        return (
+            (params,),
+            make_no_switch(),
+            make_shaft_start(),
+            ShaftOutput(0.0, 0.0),
+            rows,
+            time_s,
+            most,
+        )
     if stage == "gate":
-        rows = input_rows(GateInput, N, command_mm=opening)
-        return (params,), no_switch(), gate_start(20.0), GateOutput(20.0, 20.0), rows, time_s, most
+        rows = make_input_rows(GateInput, N, command_mm=opening)
+        return (
+            (params,),
+            make_no_switch(),
+            make_gate_start(20.0),
+            GateOutput(20.0, 20.0),
+            rows,
+            time_s,
+            most,
+        )
     if stage == "flow":
-        rows = input_rows(FlowInput, N, shaft_rpm=command, opening_mm=opening)
-        return (params,), no_switch(), flow_start(300.0), FlowOutput(0.0, 300.0), rows, time_s, most
-    rows = input_rows(SpeedInput, N, speed_mps=command / 50.0, working=1.0)
-    return (params,), no_switch(), speed_start(), SpeedOutput(0.0, 0.0), rows, time_s, most
+        rows = make_input_rows(FlowInput, N, shaft_rpm=command, opening_mm=opening)
+        return (
+            (params,),
+            make_no_switch(),
+            make_flow_start(300.0),
+            FlowOutput(0.0, 300.0),
+            rows,
+            time_s,
+            most,
+        )
+    rows = make_input_rows(SpeedInput, N, speed_mps=command / 50.0, working=1.0)
+    return (
+        (params,),
+        make_no_switch(),
+        make_speed_start(),
+        SpeedOutput(0.0, 0.0),
+        rows,
+        time_s,
+        most,
+    )
 
 
 @pytest.mark.parametrize("jitter", [0.0, 0.5])
@@ -128,10 +168,16 @@ def test_one_step_a_row_is_as_good_as_many(
 
 def test_a_command_cannot_show_in_its_own_row() -> None:
     time_s = np.arange(100) * 0.05
-    rows = input_rows(GateInput, 100, command_mm=np.where(np.arange(100) >= 50, 30.0, 20.0))
+    rows = make_input_rows(GateInput, 100, command_mm=np.where(np.arange(100) >= 50, 30.0, 20.0))
     p = Gate(dead_time_s=0.0)
     out = compiled.gate_run(
-        (p,), no_switch(), gate_start(20.0), GateOutput(20.0, 20.0), rows, time_s, MOST_STEP_S
+        (p,),
+        make_no_switch(),
+        make_gate_start(20.0),
+        GateOutput(20.0, 20.0),
+        rows,
+        time_s,
+        MOST_STEP_S,
     )
     assert out[50, 0] == 20.0
     assert out[51, 0] == pytest.approx(21.0)
@@ -140,7 +186,7 @@ def test_a_command_cannot_show_in_its_own_row() -> None:
 def test_an_effect_may_begin_mid_run() -> None:
     sets, _, *rest = arguments("shaft", Shaft(), 0.05, 0.0)
     late = compiled.shaft_run((sets[0], Shaft(gain_percent=10.0)), np.array([1500]), *rest)
-    never = compiled.shaft_run(sets, no_switch(), *rest)
+    never = compiled.shaft_run(sets, make_no_switch(), *rest)
     assert np.array_equal(late[:1501], never[:1501])
     assert not np.array_equal(late[1510:1600], never[1510:1600])
 
@@ -175,7 +221,10 @@ MACHINE = Machine()
 def test_every_share_has_the_same_starts(share: float) -> None:
     """10 ms: a third of the scatter of lag table 3."""
     fall = with_carried_share(MACHINE, share).fall
-    off = [first_fall_s(MACHINE, fall, n) - start_drop_s(fall, n) for n in (10.0, 30.0, 50.0, 70.0)]
+    off = [
+        find_first_fall_s(MACHINE, fall, n) - find_start_drop_s(fall, n)
+        for n in (10.0, 30.0, 50.0, 70.0)
+    ]
     assert np.abs(off).max() < 0.01
 
 
@@ -214,8 +263,8 @@ def test_the_set_has_the_machines_that_it_says() -> None:
         plausible(MACHINE, "singly").fall.carried_share == 0.0
         and plausible(MACHINE, "carried_along") == MACHINE
     )
-    assert effect_sizes(plausible(MACHINE, "flow_6_more")) == {"flow.gain": 6.0}
-    assert effect_sizes(plausible(MACHINE, "field_lag")) == {"lag.offset": 0.3}
+    assert list_effect_sizes(plausible(MACHINE, "flow_6_more")) == {"flow.gain": 6.0}
+    assert list_effect_sizes(plausible(MACHINE, "field_lag")) == {"lag.offset": 0.3}
     slow = plausible(MACHINE, "slow_drives")
     assert slow.shaft.dead_time_s == pytest.approx(
         1.2 * 0.373

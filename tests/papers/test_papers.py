@@ -15,7 +15,7 @@ from control.agronomy.crop import Crop
 from control.machine.fall import drop_s
 from control.machine.landing import carried_s
 from control.machine.machine import Machine
-from control.machine.start import first_fall_s, response_s, start_lag_s
+from control.machine.start import find_first_fall_s, find_start_lag_s, response_s
 from control.papers import published
 from control.papers.claims_decision import decision_claims, grain_n, yields
 from control.papers.claims_lag import lag_claims
@@ -104,7 +104,7 @@ def test_eq_6_exact_leaves_nothing_after_the_correction() -> None:
 
 def test_the_papers_own_test_played_through_the_model_gives_its_tables() -> None:
     speeds = np.arange(10.0, 71.0, 10.0)
-    lags = np.array([start_lag_s(Machine(), n) for n in speeds])
+    lags = np.array([find_start_lag_s(Machine(), n) for n in speeds])
     assert np.polyfit(speeds, lags, 1)[0] == pytest.approx(-8.3e-3, abs=1e-4)
     detected = np.array([published.TOTAL_LAG_S[int(n)][1] for n in speeds])
     assert np.sqrt(np.mean((lags - detected) ** 2)) < 0.032  # eq 6 itself: 0.031
@@ -128,7 +128,7 @@ def test_nothing_overtakes_in_the_tube_and_a_start_takes_longer_than_a_running_s
     assert np.all(np.diff(lands) > 0.0)
     assert carried_s(time, np.full(len(time), 1.3)) == pytest.approx(np.full(len(time), 1.3))
     assert drop_s(Machine().fall, 70.0) == pytest.approx(
-        first_fall_s(Machine(), Machine().fall, 70.0) - 0.07, abs=0.01
+        find_first_fall_s(Machine(), Machine().fall, 70.0) - 0.07, abs=0.01
     )
 
 

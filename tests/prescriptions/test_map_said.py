@@ -17,7 +17,7 @@ import shapely
 from console.app.pages.job.checklist import LOOK, STOP, checks
 from console.app.pages.job.map_words import map_words
 from console.app.units import METRIC
-from console.app.words import alarm_words
+from console.app.words import describe_alarm
 from console.locale import use
 from console.services.job import JobFiles
 from console.services.launcher import Launcher
@@ -145,7 +145,7 @@ def test_the_operator_reads_it(language: str, words: str) -> None:
             False,
             (("planned_kg_ha", 1000), ("limit_kg_ha", 500)),
         )
-        assert words in alarm_words(alarm).text
+        assert words in describe_alarm(alarm).text
     finally:
         use("en")
 

@@ -21,7 +21,7 @@ from console.locale import ENGLISH, use
 from console.reports import html
 from console.reports.diagnosis_html import diagnosis_page
 from console.reports.diagnosis_text import summary
-from console.reports.diagnosis_wording import cost, headlined, sentence, when
+from console.reports.diagnosis_wording import cost, is_headline, sentence, when
 from console.reports.fleet_page import fleet_page
 from console.reports.paper_page import paper_page
 from console.reports.run_pictures import cause_pictures
@@ -641,7 +641,7 @@ def test_a_cause_less_likely_than_not_is_in_no_headline(
     weak = cause_of("gate.offset", size=GATE, probability=0.49, rivals=(Rival(UNKNOWN, 0.5),))
     even = replace(weak, probability=0.5)
     strong = cause_of("shaft.voltage_sag", probability=0.9)
-    assert [headlined(one) for one in (weak, replace(weak, rivals=()), even, strong)] == [
+    assert [is_headline(one) for one in (weak, replace(weak, rivals=()), even, strong)] == [
         False,
         False,
         False,

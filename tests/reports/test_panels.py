@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from console.reports.binned import Axis, binned, binned_rates, shown_share, telling
+from console.reports.binned import Axis, bin_rates, binned, find_shown_share, telling
 from console.reports.chart import ChartSheet, Panel
 from console.reports.diagnosis_wording import left
-from console.reports.numbers import MINUS, number, p_value, percent, span_of, with_interval
+from console.reports.numbers import MINUS, format_p_value, number, percent, span_of, with_interval
 from console.reports.panels import EXTENDED, NOMINAL, residual_panel, smooth_line
 from console.reports.run_pictures import LEAST_SHARE, _most_telling
 from console.reports.run_views import parts_of, run_views
@@ -102,7 +102,7 @@ def test_the_axis_that_holds_the_effect_is_taken(x: np.ndarray) -> None:
     other = np.random.default_rng(5).uniform(0.0, 1.0, len(x))
     axes = (Axis("other", other), Axis("x", x))
     assert telling(axes, x**2 - 30.0).label == "x"
-    assert shown_share(axes[0], x**2 - 30.0) < 0.2
+    assert find_shown_share(axes[0], x**2 - 30.0) < 0.2
 
 
 def test_the_first_of_equals_is_taken(x: np.ndarray) -> None:
@@ -137,7 +137,7 @@ def test_rates_are_read_off_the_level(memory: float) -> None:
             noise[k] = memory * noise[k - 1] + np.sqrt(1.0 - memory**2) * noise[k]
         level = np.concatenate(([0.0], np.cumsum(rates[place.astype(int)])[:-1])) + 0.15 * noise
         segments = np.repeat([0, 1], len(place) // 2)
-        found = binned_rates(Axis("place", place), level + 90.0 * segments, 1.0, segments, memory)
+        found = bin_rates(Axis("place", place), level + 90.0 * segments, 1.0, segments, memory)
         off.append((found.mean - rates) / found.half)
     assert found.half.max() < 0.002
     assert 0.80 < np.mean(np.abs(off) < 1.0) < 0.97
@@ -197,7 +197,7 @@ def test_shares_never_claim_certainty() -> None:
         "<1 %",
         "<1 %",
     ]
-    assert [p_value(p) for p in (0.0, 0.00099, 0.0012, 0.0134)] == [
+    assert [format_p_value(p) for p in (0.0, 0.00099, 0.0012, 0.0134)] == [
         "<0.001",
         "<0.001",
         "0.001",

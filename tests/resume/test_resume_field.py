@@ -12,7 +12,7 @@ from console.worker import resume
 from console.worker.assemble import assemble
 from console.worker.options import Options
 from console.worker.resume import Snapshot
-from console.worker.resume_field import jobs_here, on_plane
+from console.worker.resume_field import find_jobs_here, on_plane
 from control.field.coverage import Raster
 from control.field.job import Ground, Job
 from control.field.totals import Sums, Totaliser
@@ -75,16 +75,18 @@ def job(origin=HOME, ring=SQUARE) -> Job:
 )
 def test_the_field_is_known_by_its_place(tmp_path, field, goes_on):
     kept(tmp_path)
-    assert [one.goes_on for one in jobs_here(tmp_path, field, True, NOW)] == (
+    assert [one.goes_on for one in find_jobs_here(tmp_path, field, True, NOW)] == (
         [] if goes_on is None else [goes_on]
     )
-    assert jobs_here(tmp_path, field, False, NOW) == [], "what was simulated lies on no real field"
+    assert find_jobs_here(tmp_path, field, False, NOW) == [], (
+        "what was simulated lies on no real field"
+    )
 
 
 def test_what_was_cut_off_before_anything_landed_is_where_it_stood(tmp_path):
     kept(tmp_path, worked=True, ground=resume.NOTHING_DONE, sums=Sums(), place_m=(5.0, 5.0))
-    assert len(jobs_here(tmp_path, job(), True, NOW)) == 1
-    assert not jobs_here(tmp_path, job((34.9, 119.9)), True, NOW)
+    assert len(find_jobs_here(tmp_path, job(), True, NOW)) == 1
+    assert not find_jobs_here(tmp_path, job((34.9, 119.9)), True, NOW)
 
 
 def test_on_another_plane_the_same_places_are_done(tmp_path):

@@ -15,14 +15,14 @@ import pytest
 from console.worker import resume
 from console.worker.assemble import assemble
 from console.worker.host import Host
-from console.worker.options import Options, options_from
+from console.worker.options import Options, parse_options
 from console.worker.requests import Ask
 from console.worker.resume import Snapshot
 from console.worker.resume_alarms import AlarmBook, AlarmRecord
-from console.worker.resume_assemble import job_to_go_on
+from console.worker.resume_assemble import find_job_to_continue
 from console.worker.resume_ground import NOTHING_DONE, TRACK_PLACES, Done, joined, packed, unpacked
 from console.worker.resume_keeper import Keeper
-from console.worker.resume_tail import with_tail
+from console.worker.resume_tail import add_log_tail
 from control.agronomy.strips import Strips
 from control.field.coverage import Coverage, Raster
 from control.field.job import rule_of
@@ -138,7 +138,7 @@ class Loop(NamedTuple):
 
 def left(folder):
     """The newest job that was left there, with its snapshot; None: none."""
-    return next(resume.open_jobs(folder, dt.datetime.now(dt.UTC)), None)
+    return next(resume.find_open_jobs(folder, dt.datetime.now(dt.UTC)), None)
 
 
 def _read(folder, data):
@@ -227,12 +227,12 @@ def test_what_is_done_gets_a_second_dose_only_by_the_order_for_it(
 def test_the_tail_of_the_log_closes_the_gap(morning):
     frames, parts = morning
     kept = resume.read(resume.snapshot_path(parts.writer.path))
-    whole = with_tail(kept, Machine(), 0.45)
+    whole = add_log_tail(kept, Machine(), 0.45)
     assert whole.time_s > kept.time_s - 1e-9
     assert whole.area_ha == pytest.approx(frames[-1].area_ha, rel=0.01)
     assert whole.place_m == pytest.approx(frames[-1].place_m, abs=1.0)
     assert whole.ground.done.sum() >= kept.ground.done.sum()
-    assert with_tail(Snapshot("nowhere.csv"), Machine(), 0.45).log_path == "nowhere.csv"
+    assert add_log_tail(Snapshot("nowhere.csv"), Machine(), 0.45).log_path == "nowhere.csv"
 
 
 @pytest.mark.parametrize(("silent_s", "cut_s"), [((14.0, 40.0), 24.0), ((14.0, 23.0), 24.0)])
@@ -240,7 +240,7 @@ def test_ground_spread_without_a_place_is_done_after_a_cut(tmp_path, silent_s, c
     """Killed while the receiver is silent, and just after its place returned."""
     frames, parts = run(tmp_path / "a.csv", cut_s, cut=True, silent_s=silent_s)
     kept = resume.read(resume.snapshot_path(parts.writer.path))
-    whole = with_tail(kept, Machine(), 0.45, 1.0)
+    whole = add_log_tail(kept, Machine(), 0.45, 1.0)
     way = [frame.place_m for frame in frames if frame.row.time_s > 15.0]
     assert way[-1][1] - way[0][1] > 5.0 and frames[-1].row.shaft_rpm > 20.0
     ground = whole.ground
@@ -329,7 +329,7 @@ def test_jobs_that_were_left_are_found_the_newest_first(tmp_path):
     keep(6, "stood", ha=0.0)
     keep(6.5, "no_clock", saved_utc="1970-01-01T00:00:00.000+00:00")
     keep(7, "south", saved_utc=(now - dt.timedelta(days=13)).isoformat(), quit=True)
-    found = [path.name.partition(".")[0] for path, _kept in resume.open_jobs(tmp_path, now)]
+    found = [path.name.partition(".")[0] for path, _kept in resume.find_open_jobs(tmp_path, now)]
     assert found == ["south", "no_clock", "north", "west"]
 
 
@@ -391,7 +391,7 @@ def test_a_job_whose_log_was_cut_short_has_both_as_its_parts(tmp_path):
         (first,),
     )
     assert (
-        len(list(resume.open_jobs(tmp_path, dt.datetime.now(dt.UTC)))) == 1
+        len(list(resume.find_open_jobs(tmp_path, dt.datetime.now(dt.UTC)))) == 1
         and keeper.tally.log_before == first
     )
 
@@ -423,7 +423,7 @@ def test_totals_that_go_on_are_those_of_one_run():
 
 
 def test_the_workers_option():
-    assert options_from(["--run-file", "w.json", "--resume", "a.resume.json"]).resume == Path(
+    assert parse_options(["--run-file", "w.json", "--resume", "a.resume.json"]).resume == Path(
         "a.resume.json"
     )
 
@@ -434,7 +434,7 @@ def test_what_fell_after_the_last_row_is_counted_and_said(morning, tmp_path):
     _frames, parts = morning
     kept = resume.read(resume.snapshot_path(parts.writer.path))
     machine = Machine()
-    known, beyond = (with_tail(kept, machine, 0.46, stops_s) for stops_s in (None, 1.0))
+    known, beyond = (add_log_tail(kept, machine, 0.46, stops_s) for stops_s in (None, 1.0))
     last = list(read_log(parts.writer.path).rows())[-1]
     assert last.shaft_rpm_cmd > 0.0 and last.state == "working"
     flow_kg_s = (
@@ -451,7 +451,7 @@ def test_what_fell_after_the_last_row_is_counted_and_said(morning, tmp_path):
     assert 2.5 * last.speed_used_mps < metres < 4.5 * last.speed_used_mps, (
         "a second, run-down and fall"
     )
-    longer = with_tail(kept, machine, 0.46, 4.0)
+    longer = add_log_tail(kept, machine, 0.46, 4.0)
     assert longer.after_cut_kg - beyond.after_cut_kg == pytest.approx(3.0 * flow_kg_s, rel=0.05)
 
 
@@ -566,7 +566,7 @@ def test_the_job_goes_on_with_its_strips(tmp_path):
     assert not keeper.trouble
     before = resume.read(path)
     assert (before.ndvi_nrich, before.ndvi_check) == (0.66, 0.55)
-    job = job_to_go_on(setup.job, setup.machine, before)
+    job = find_job_to_continue(setup.job, setup.machine, before)
     assert rule_of(setup.crop, job).strips == Strips(0.66, 0.55)
 
 

@@ -28,9 +28,9 @@ from console.cli.tablet import (
     TAB_BYTES,
     SharedWaits,
     TabLink,
-    counted_as,
-    options_of,
-    token_in,
+    find_counting_key,
+    read_options,
+    read_token,
 )
 from console.link import Link
 from console.running import WorkerAddress, WorkerFailed, start_worker
@@ -48,7 +48,7 @@ from console.serve.server import (  # noqa: E402
     TABS,
     MessagePace,
     TabletServer,
-    host_allowed,
+    is_host_allowed,
     number,
 )
 
@@ -213,12 +213,12 @@ async def test_a_tab_that_operates_does_not_keep_the_machine_working(served, tmp
     ],
 )
 def test_only_names_of_this_machine_lead_here(asked, allowed):
-    assert host_allowed(asked, "cab.farm") is allowed
+    assert is_host_allowed(asked, "cab.farm") is allowed
 
 
 async def test_nothing_of_a_request_stands_in_the_page_as_it_came(monkeypatch):
     """The host's name was written as it was sent: a script in it ran."""
-    monkeypatch.setattr(server_module, "host_allowed", lambda *_: True)
+    monkeypatch.setattr(server_module, "is_host_allowed", lambda *_: True)
     server = TabletServer(["x"], "127.0.0.1", 0)
     evil = '"><script>alert(1)</script>'
     request = SimpleNamespace(
@@ -241,19 +241,23 @@ def test_numbers_out_of_a_query_are_held_in_range():
 def test_a_token_file_is_made_for_its_owner_alone_or_checked(tmp_path):
     path = tmp_path / "sub" / "key"
     assert serve_command.prepare_token(path) and not serve_command.prepare_token(path)
-    token = token_in(path)
+    token = read_token(path)
     assert token is not None and len(token) == 10 and set(token) <= set(serve_command.LETTERS)
     if os.name == "posix":
         assert path.stat().st_mode & 0o777 == 0o600
     path.write_text("\n", encoding="utf-8")
     with pytest.raises(CommandError, match="is no key"):
         serve_command.prepare_token(path)
-    assert token_in(path) is None and token_in(tmp_path / "none") is None and token_in(None) is None
+    assert (
+        read_token(path) is None
+        and read_token(tmp_path / "none") is None
+        and read_token(None) is None
+    )
 
 
 async def test_a_tab_begins_without_the_token_and_gets_it_only_to_operate():
     where = WorkerAddress(1, "secret", 1)
-    app = tablet.tab_app(where, "abcd2345")
+    app = tablet.make_tab_app(where, "abcd2345")
     assert app.looking and app.source.where.token is None
     assert (await tablet.link_to(False, lambda: where)).where.token is None
     assert (await tablet.link_to(True, lambda: where)).where.token == "secret"
@@ -263,10 +267,10 @@ async def test_a_tab_begins_without_the_token_and_gets_it_only_to_operate():
 
 def test_limits_come_from_the_log_of_the_job_at_work(tmp_path):
     log = tmp_path / "run.csv"
-    assert options_of(WorkerAddress(1, None, 1, "", str(log))) == {} and options_of(None) == {}
+    assert read_options(WorkerAddress(1, None, 1, "", str(log))) == {} and read_options(None) == {}
     meta = run_meta({"flow": {"full_kg": 280.0}}, {"max_rate_kg_ha": 450.0})
     log.with_suffix(".yaml").write_text(meta_to_yaml(meta), encoding="utf-8")
-    assert options_of(WorkerAddress(1, None, 1, "", str(log))) == {
+    assert read_options(WorkerAddress(1, None, 1, "", str(log))) == {
         "limits_kg_ha": (0.0, 450.0),
         "hopper_kg": 280.0,
     }
@@ -571,7 +575,7 @@ def test_wrong_keys_of_one_address_keep_nobody_at_another_out_and_nobody_out_for
     ],
 )
 def test_an_address_of_ipv6_counts_as_its_network(address, counted):
-    assert counted_as(address) == counted
+    assert find_counting_key(address) == counted
 
 
 # --- a crowd at the door

@@ -13,12 +13,12 @@ import numpy as np
 import pytest
 import yaml
 
-from console.app.pages.diagnosis.adoption import selections, undecided
+from console.app.pages.diagnosis.adoption import list_selections, undecided
 from console.app.pages.diagnosis.service import Adoption, Stop, WorkStopped
-from console.reports.diagnosis_wording import sorted_out
+from console.reports.diagnosis_wording import sort_adoptable
 from console.services import diagnosis
 from console.services.diagnosis import DiagnosisFiles
-from console.services.separating_run import _DRIVES, drivable, drive_of
+from console.services.separating_run import _DRIVES, is_drivable, make_drive
 from control.diagnosis.extend import adoptable
 from control.diagnosis.result import Cause, Data, Diagnosis, FieldCost, Rival, Size
 from control.experiments.manoeuvres import manoeuvres
@@ -147,14 +147,16 @@ def test_of_undecided_causes_any_may_be_picked_and_of_many_one_at_a_time():
         sample_found()._replace(adoptable=("flow.0", "flow.1", "shaft.voltage_sag")),
         causes=(*open_[:2], second),
     )
-    assert list(selections(found)) == [
+    assert list(list_selections(found)) == [
         ("shaft.voltage_sag",),
         ("flow.0", "shaft.voltage_sag"),
         ("flow.1", "shaft.voltage_sag"),
         ("flow.0", "flow.1", "shaft.voltage_sag"),
     ]
     many = having(found._replace(adoptable=tuple(one.id for one in open_)), causes=open_)
-    assert list(selections(many)) == [(one.id,) for one in open_], "nothing alone makes no file"
+    assert list(list_selections(many)) == [(one.id,) for one in open_], (
+        "nothing alone makes no file"
+    )
     suspected = replace(open_[0], rivals=(), probability=0.4)
     assert undecided(having(found, causes=(suspected,))) == (suspected,)
 
@@ -246,7 +248,7 @@ def test_scoped_late_and_sizeless_effects_are_refused():
         (),
         None,
     )
-    kept, refused = sorted_out(found)
+    kept, refused = sort_adoptable(found)
     assert kept == ("flow.gain",)
     assert [why.split(":")[0] for why in refused] == [
         "lag.offset",
@@ -271,8 +273,8 @@ def huanghai():
 
 
 def test_every_planned_manoeuvre_can_be_driven(huanghai):
-    assert {one.id for one in manoeuvres(huanghai) if drivable(one.id)} == set(_DRIVES)
-    assert not drivable("") and not drivable("weigh_by_hand")
+    assert {one.id for one in manoeuvres(huanghai) if is_drivable(one.id)} == set(_DRIVES)
+    assert not is_drivable("") and not is_drivable("weigh_by_hand")
 
 
 @pytest.mark.parametrize(
@@ -284,7 +286,7 @@ def test_every_planned_manoeuvre_can_be_driven(huanghai):
 )
 def test_staircases_are_driven_standing_a_minute_each_step(huanghai, manoeuvre, column, wanted):
     setup = load_setup("huanghai", "demo", dt.date.today())
-    drive = drive_of(manoeuvre, setup.job, huanghai)
+    drive = make_drive(manoeuvre, setup.job, huanghai)
     job = with_simulated_field(drive.job, huanghai)
     step_s = 0.1
     plant = simulated_machine(huanghai, job, 1, step_s)
@@ -320,7 +322,7 @@ def test_the_job_file_of_a_separating_run_reads_back(files, tmp_path, huanghai):
 def test_an_adopted_file_is_compared_before_and_after_on_another_log(tmp_path):
     """By the real process: a drive that turns 5 % faster, and a file that took that up."""
     from control.machine.history import noted
-    from control.machine.machine import with_effect
+    from control.machine.machine import add_effect
     from drivers.files.config import save
 
     rng, time_s = np.random.default_rng(1), np.arange(0.0, 120.0, 0.02)
@@ -334,7 +336,7 @@ def test_an_adopted_file_is_compared_before_and_after_on_another_log(tmp_path):
         + "".join(f"{t:.2f},{c:g},{y:.2f}\n" for t, c, y in zip(time_s, command, read, strict=True))
     )
     before = load("drive_alone", MACHINE).model
-    after, place = with_effect(before, "shaft.gain", 5.0), tmp_path / "new.yaml"
+    after, place = add_effect(before, "shaft.gain", 5.0), tmp_path / "new.yaml"
     save(place, noted(before, after, data="run.csv", date="2026-07-09"), MACHINE)
     service, told = DiagnosisFiles([tmp_path], own=tmp_path / "own"), []
     found = service.compare(

@@ -14,7 +14,7 @@ import pytest
 from console.app.pages.replay.service import WhatIf
 from console.frame import Frame
 from console.services.field import MOST_CELLS, field_picture
-from console.services.replay_frames import frames_of, replay_job
+from console.services.replay_frames import make_frames, open_replay
 from control.log_row import LogRow
 from control.simulation.assembly import with_simulated_field
 from drivers.files.read_log import read_log
@@ -105,7 +105,7 @@ def test_without_an_outline_log_and_plan_still_share_one_plane(tmp_path, setup):
     """The machine stood at the field's corner: it must lie at that corner of the plan."""
     path = write(tmp_path / "a.csv", setup, boundary=False)
     recorded = read_log(path)
-    frame = next(frames_of(recorded.rows(), recorded))
+    frame = next(make_frames(recorded.rows(), recorded))
     planned = field_picture(frame).planned
     antenna_m = setup.machine.geometry.antenna_m
     assert frame.place_m == pytest.approx((planned.west_m, planned.south_m - antenna_m), abs=1.0)
@@ -113,7 +113,7 @@ def test_without_an_outline_log_and_plan_still_share_one_plane(tmp_path, setup):
 
 def test_a_cancelled_what_if_stops_at_its_next_row(tmp_path, setup):
     recorded = read_log(write(tmp_path / "a.csv", setup, rows=400))
-    compute = replay_job(recorded).what_if
+    compute = open_replay(recorded).what_if
     assert compute is not None
     told: list[float] = []
     frames = compute(WhatIf(strategy="speed_first"), lambda: len(told) >= 3, told.append)

@@ -21,10 +21,10 @@ import numpy as np
 import polars as pl
 import pytest
 
-from console.reports.fleet_page import costliest, fleet_page, service
+from console.reports.fleet_page import describe_costliest, fleet_page, service
 from console.reports.numbers import fixed
 from console.services import fleet
-from console.services.fleet_job import FORMAT, checksum, record, record_of, side_urls
+from console.services.fleet_job import FORMAT, checksum, list_side_urls, read_record, record
 from console.services.fleet_metadata import listed, with_words
 from console.services.fleet_season import season
 from console.services.fleet_tables import TABLES, write_tables
@@ -208,11 +208,11 @@ def test_the_checksum_is_of_log_sidecar_and_salt(tmp_path: Path) -> None:
 
 
 def test_the_sidecar_of_a_url() -> None:
-    assert side_urls("http://host:8000/m.1/a b.csv") == tuple(
+    assert list_side_urls("http://host:8000/m.1/a b.csv") == tuple(
         f"http://host:8000/m.1/{name}.yaml" for name in ("a b", "a b.import", "import")
     )
-    assert side_urls("/bucket/a")[0] == "/bucket/a.yaml"
-    assert side_urls("a.b.parquet") == ("a.b.yaml", "a.b.import.yaml", "import.yaml")
+    assert list_side_urls("/bucket/a")[0] == "/bucket/a.yaml"
+    assert list_side_urls("a.b.parquet") == ("a.b.yaml", "a.b.import.yaml", "import.yaml")
 
 
 def test_logs_in_a_store_are_seen_by_one_listing_of_a_folder(
@@ -240,7 +240,7 @@ def test_logs_in_a_store_are_seen_by_one_listing_of_a_folder(
         asked.clear()
         found = fleet.diagnosed(
             client,
-            fleet.logs_at(["memory://season"], tmp_path / "out"),
+            fleet.find_logs(["memory://season"], tmp_path / "out"),
             fleet.Asked(MACHINE, "s"),
             tmp_path / "out",
             quiet,
@@ -281,15 +281,15 @@ def test_which_logs_are_meant(tmp_path: Path) -> None:
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).write_text("")
     meant = [str(tmp_path / "x"), str(tmp_path / "x" / "a.csv"), str(tmp_path / "x" / "*.txt")]
-    found = fleet.logs_at(meant, tmp_path / "out")
+    found = fleet.find_logs(meant, tmp_path / "out")
     assert [Path(one).name for one in found] == ["a.csv", "b.parquet", "d.txt"]
     # an output
-    assert [Path(one).name for one in fleet.logs_at(meant, tmp_path / "x" / "y")] == [
+    assert [Path(one).name for one in fleet.find_logs(meant, tmp_path / "x" / "y")] == [
         "a.csv",
         "d.txt",
     ]
     with pytest.raises(OSError, match="no such file"):
-        fleet.logs_at([str(tmp_path / "nowhere")], tmp_path / "out")
+        fleet.find_logs([str(tmp_path / "nowhere")], tmp_path / "out")
 
 
 def test_each_log_is_diagnosed_once_and_broken_ones_are_listed(
@@ -453,7 +453,7 @@ def test_a_worker_without_topdress_is_said() -> None:
         "worker a": FORMAT,
         "worker b": "topdress-fleet-log/1",
     }
-    scheduler, worker = fleet.without_us(told)
+    scheduler, worker = fleet.list_without_topdress(told)
     assert (
         scheduler.startswith("the scheduler has no topdress")
         and "worker b has a topdress that makes" in worker
@@ -610,7 +610,7 @@ def records(tmp_path: Path) -> list[dict[str, Any]]:
         for day in range(4):
             path = wheel_log(tmp_path / machine / f"{day}.parquet", percent, 60.0, seed=day)
             said = with_words(record(str(path), {}, MACHINE), {"time": f"2026-04-0{day + 1}"})
-            made.append({"key": f"{machine}{day}", **record_of(json.dumps(said))})
+            made.append({"key": f"{machine}{day}", **read_record(json.dumps(said))})
     return made
 
 
@@ -642,9 +642,9 @@ def test_page_and_tables(tmp_path: Path) -> None:
     ]
     (costs,) = machines(told, SeasonFit((), (product,)))
     assert costs.wrong_kg == pytest.approx(costs.costs[0].kg) and costs.wrong_kg > 0.0
-    assert service([costs])[0].startswith("product compound: ") and costliest(costs).startswith(
-        "product compound: "
-    )
+    assert service([costs])[0].startswith("product compound: ") and describe_costliest(
+        costs
+    ).startswith("product compound: ")
     page = fleet_page(
         whole.machines,
         whole.fit,
@@ -695,7 +695,7 @@ def told_season() -> list[dict[str, Any]]:
                     field=f"f{day // 10}",
                 )
                 | {
-                    "forms": [record_of(json.dumps(form))],
+                    "forms": [read_record(json.dumps(form))],
                     "rows": 1200,
                     "units": dict(zip(names, ("%", "%", "mm"), strict=True)),
                     "verdict": "",
@@ -1053,11 +1053,11 @@ def test_progress_without_a_terminal_is_a_line_now_and_then(
 )
 def test_the_owner_reads_what_the_machine_does_and_what_to_do(effect, size, language, said):
     from console.locale import use
-    from console.reports.fleet_page import owner_words
+    from console.reports.fleet_page import describe_for_owner
 
     use(language)
     try:
-        assert owner_words(effect, size).startswith(said)
+        assert describe_for_owner(effect, size).startswith(said)
     finally:
         use("en")
 

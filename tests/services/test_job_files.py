@@ -17,9 +17,9 @@ from console.app.pages.job.map_words import is_doubtful, map_words
 from console.app.pages.job.service import MapReading
 from console.app.units import METRIC
 from console.running import WorkerFailed
-from console.services.job import JobFiles, implausible
-from console.services.launcher import Launcher, others_than
-from console.services.removable_media import entries, maps_in, may_be_map
+from console.services.job import JobFiles, find_implausible_rates
+from console.services.launcher import Launcher, list_others
+from console.services.removable_media import entries, find_maps, is_map_likely
 from console.services.running_limits import at_work, earlier
 from console.worker import resume
 from console.worker.resume import Snapshot
@@ -163,8 +163,8 @@ def test_a_job_that_was_cut_off_is_offered_for_two_weeks(desk, launcher, tmp_pat
 
 def test_a_shipped_file_by_its_name_is_the_same_file(tmp_path):
     other = str(tmp_path / "other.yaml")
-    assert others_than((str(shipped("jobs")["demo"]),), ("demo", other)) == (other,)
-    assert others_than(("demo",), (str(shipped("jobs")["demo"]),)) == ()
+    assert list_others((str(shipped("jobs")["demo"]),), ("demo", other)) == (other,)
+    assert list_others(("demo",), (str(shipped("jobs")["demo"]),)) == ()
 
 
 async def test_begin_anew_is_not_asked_again(desk, launcher):
@@ -363,7 +363,7 @@ def test_maps_are_found_on_a_stick_and_not_searched_for_without_end(tmp_path):
     (stick / "a" / "b" / "c" / "d").mkdir(parents=True)
     field_of_zones(stick / "a" / "b" / "c" / "d" / "deep.geojson")
     (stick / "letter.txt").write_text("no map", encoding="utf-8")
-    found = maps_in(((stick, "STICK"), (tmp_path / "gone", "gone")))
+    found = find_maps(((stick, "STICK"), (tmp_path / "gone", "gone")))
     assert {one.name for one in found} == {"north.geojson", "TASKDATA"} and {
         one.where for one in found
     } == {"STICK"}
@@ -609,9 +609,9 @@ def stick(tmp_path):
 
 
 def test_only_maps_are_listed(stick):
-    listed = {one.name for one in maps_in(((stick, "stick"),))}
+    listed = {one.name for one in find_maps(((stick, "stick"),))}
     assert listed == {"a.geojson", "cells.csv", "map.zip"}
-    assert not may_be_map(stick / "worker.json")
+    assert not is_map_likely(stick / "worker.json")
 
 
 def test_folders_first_then_maps(stick):
@@ -628,4 +628,6 @@ def test_folders_first_then_maps(stick):
     [([120.0, 260.0], ""), ([40_000.0], "far above"), ([0.15], "less than"), ([0.0], "")],
 )
 def test_rates_that_no_field_gets_are_asked_about(rates, said):
-    assert (said in implausible(rates, 500.0)) and bool(implausible(rates, 500.0)) == bool(said)
+    assert (said in find_implausible_rates(rates, 500.0)) and bool(
+        find_implausible_rates(rates, 500.0)
+    ) == bool(said)

@@ -10,12 +10,12 @@ from pathlib import Path
 import pytest
 
 from console.app.camera import Pixels
-from console.app.layers import MapLayer, scale_of
+from console.app.layers import MapLayer, find_colour_scale
 from console.app.map_image import Ground
 from console.app.units import METRIC
 from console.frame import Frame
-from console.services.layers import MapLayers, plane_of
-from console.services.replay_frames import frames_of
+from console.services.layers import MapLayers, find_frame_plane
+from console.services.replay_frames import make_frames
 from control.geodesy import TangentPlane, offset
 from control.log_row import LogRow
 from drivers.files.read_log import RunLog, read_rows
@@ -37,7 +37,7 @@ def run(tmp_path_factory) -> RunLog:
 
 @pytest.fixture(scope="module")
 def frame(run) -> Frame:
-    return list(frames_of(run.rows(), run))[-1]
+    return list(make_frames(run.rows(), run))[-1]
 
 
 def exported(run: RunLog, name: str) -> Path:
@@ -87,7 +87,7 @@ def test_a_combine_s_yield_is_laid_by_its_own_scale(run, frame, tmp_path):
     laid = MapLayers().lay(str(path), frame)
     assert laid.harvest == ("crop flow m", "kg/s")
     assert laid.worked.width_m == 6.0
-    scale = laid.scale(scale_of(MapLayer.APPLIED, laid.worked, None, METRIC))
+    scale = laid.scale(find_colour_scale(MapLayer.APPLIED, laid.worked, None, METRIC))
     assert scale.low <= 2.5 < 3.0 <= scale.high <= 3.5 and scale.unit == "kg/s"
 
 
@@ -157,8 +157,10 @@ def test_the_plane_is_had_from_fix_and_place_where_the_job_tells_none():
     antenna = (412.0, -230.0)
     lat, lon = plane.to_deg(*antenna)
     row = LogRow(time_s=0.0, lat_deg=lat, lon_deg=lon, heading_deg=70.0)
-    found = plane_of(Frame(seq=0, at_s=0.0, row=row, place_m=offset(antenna, 70.0, -2.0)), None)
+    found = find_frame_plane(
+        Frame(seq=0, at_s=0.0, row=row, place_m=offset(antenna, 70.0, -2.0)), None
+    )
     assert found.to_m(lat, lon) == pytest.approx(antenna, abs=1e-3)
     assert (found.lat_deg, found.lon_deg) == pytest.approx((34.8, 113.6), abs=1e-7)
     with pytest.raises(ValueError, match="no position yet"):
-        plane_of(replace(Frame(seq=0, at_s=0.0, row=row), place_m=None), None)
+        find_frame_plane(replace(Frame(seq=0, at_s=0.0, row=row), place_m=None), None)

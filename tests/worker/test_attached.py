@@ -18,9 +18,9 @@ from console.attached import (
     NAME_CHARACTERS,
     Attached,
     Ordered,
-    cleaned,
-    orders_in,
+    clean_name,
     own_name,
+    read_orders,
     unlike,
 )
 from console.cli.tablet import TabLink
@@ -250,7 +250,7 @@ async def test_who_comes_and_goes_without_the_token_fills_no_log(running, join, 
     ],
 )
 def test_a_name_breaks_neither_the_log_nor_the_screen(said, name):
-    assert cleaned(said) == name
+    assert clean_name(said) == name
 
 
 def test_names_that_are_taken_get_a_number():
@@ -271,8 +271,8 @@ def test_a_console_is_named_by_its_user_computer_and_terminal_or_as_it_is_given(
 
 def test_orders_are_read_out_of_a_cell_of_events():
     cell = "nudge 5.0;nudge_by ann;mark start_by nobody;hold;hold_by tablet 2;refill 50;left ann"
-    assert list(orders_in(cell, 3.0)) == [
+    assert list(read_orders(cell, 3.0)) == [
         Ordered("nudge", "5.0", "ann", 3.0),
         Ordered("hold", "", "tablet 2", 3.0),
     ]
-    assert list(orders_in(None, 0.0)) == []
+    assert list(read_orders(None, 0.0)) == []

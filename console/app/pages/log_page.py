@@ -6,8 +6,8 @@ from console.app import words
 from console.app.camera import MapCamera, around
 from console.app.coverage_raster import Box, Worked
 from console.app.field_picture import FieldPicture
-from console.app.history import TREND_SPAN_S, LogHistory, Point, points_of
-from console.app.layers import LayerScale, MapLayer, scale_of
+from console.app.history import TREND_SPAN_S, LogHistory, Point, sample_points
+from console.app.layers import LayerScale, MapLayer, find_colour_scale
 from console.app.map_ink import MapView
 from console.app.overlay_file import LaidFile, LaidView
 from console.app.pages.page import Page
@@ -72,7 +72,7 @@ class LogPage(Page):
         if live is None or not other:
             return super().marks()
         return (
-            f"{_('MACHINE')}: {words.state_word(live.row.state, live.why_state)}",
+            f"{_('MACHINE')}: {words.name_state(live.row.state, live.why_state)}",
             *super().marks(),
         )
 
@@ -82,7 +82,7 @@ class LogPage(Page):
         if job is None:
             return self.app.history.recent()
         source = job.source
-        return points_of(
+        return sample_points(
             source.frames, source.first_index(source.at_s - TREND_SPAN_S), source.index
         )
 
@@ -117,7 +117,7 @@ class LogPage(Page):
         """What a map shows of a frame, and of a file that is laid on it."""
         worked, picture = self.ground(frame)
         most_kg_ha = self.app.crop_limits_kg_ha[1] if self.replayed() is None else None
-        scale = scale_of(
+        scale = find_colour_scale(
             layer,
             worked,
             picture,

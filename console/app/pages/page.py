@@ -18,7 +18,7 @@ from console.app.action import ANYWHERE, DIAGNOSIS, JOB, MAP, REPLAY, RUN, Actio
 from console.app.presence_text import CompanyView
 from console.app.refresh_rates import MAPS_S, NUMBERS_S, PLOTS_S, Pace
 from console.app.view import AlarmsView, RunView, look, without_machine, without_worker
-from console.app.widgets.alarm_bar import AlarmBar, rows_needed
+from console.app.widgets.alarm_bar import AlarmBar, count_rows_needed
 from console.app.widgets.key_bar import KeyBar, KeysView
 from console.app.widgets.panel import Drawn, Panel, fit, line, wrapped
 from console.app.widgets.rates import Small, SmallView
@@ -221,7 +221,7 @@ class Page(Screen[None]):
         rows = self.size.height
         least = low if rows < MIDDLE_ROWS else middle if rows < TALL_ROWS else ALARM_ROWS
         need = (
-            rows_needed(shown, self.size.width, todo=least >= ALARM_ROWS)
+            count_rows_needed(shown, self.size.width, todo=least >= ALARM_ROWS)
             if shown.lines or shown.urgent
             else 0
         )

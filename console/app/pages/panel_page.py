@@ -11,7 +11,7 @@ from console.app.camera import MapCamera, fit
 from console.app.history import TREND_SPAN_S, Point
 from console.app.layers import MapLayer
 from console.app.pages.log_page import EMPTY_MAP, LogPage
-from console.app.view import STALE_S, RunView, duration, look, wall_clock
+from console.app.view import STALE_S, RunView, duration, format_local_time, look
 from console.app.widgets.field_map import FieldMap
 from console.app.widgets.items import Items
 from console.app.widgets.map_legend import LegendView, MapLegend
@@ -126,7 +126,8 @@ class PanelScreen(LogPage):
         unit, back_s = self.app.units.rate, frame.row.time_s - self.cursor_s
         return CursorReading(
             self.cursor_s,
-            wall_clock(frame.row.utc, self.app.utc_offset_s, back_s) or duration(self.cursor_s),
+            format_local_time(frame.row.utc, self.app.utc_offset_s, back_s)
+            or duration(self.cursor_s),
             unit.text(target),
             unit.text(applied),
         )

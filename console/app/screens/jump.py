@@ -48,7 +48,7 @@ class Place(NamedTuple):
     seen: Offset
 
 
-def places_of(screen: Screen[object]) -> tuple[Place, ...]:
+def find_places(screen: Screen[object]) -> tuple[Place, ...]:
     """What can be clicked and is in sight, from the top left to the bottom right."""
     found = (
         Place(widget, at, widget.content_region.offset + at) for widget, at in _clickable(screen)

@@ -7,7 +7,7 @@ from textual import events
 from textual.content import Content
 
 from console.app.view import AlarmLine, AlarmsView
-from console.app.widgets.panel import Panel, Part, fit, fullest, line, wrapped
+from console.app.widgets.panel import Panel, Part, choose_fullest, fit, line, wrapped
 from console.locale import _
 from control.orders import Severity
 
@@ -84,7 +84,7 @@ class AlarmBar(Panel[AlarmsView]):
         await self.run_action("app.do('acknowledge')")
 
 
-def rows_needed(view: AlarmsView, width: int, todo: bool = True) -> int:
+def count_rows_needed(view: AlarmsView, width: int, todo: bool = True) -> int:
     """Rows in which the worst alarm is written out; with the others counted behind it."""
     if not view.lines:
         return len(_calm(view, width))
@@ -144,7 +144,7 @@ def _one_row(alarm: AlarmLine, width: int, more: str) -> Content | None:
     spare = width - _cells(left + rest)
     if spare < 0:
         return None
-    when = fullest((*(f" {form} " for form in _when(alarm)), ""), spare)
+    when = choose_fullest((*(f" {form} " for form in _when(alarm)), ""), spare)
     return line(*left, (" " * (spare - cell_len(when)), style), (when, style), *rest)
 
 

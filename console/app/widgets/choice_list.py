@@ -14,7 +14,7 @@ from textual.geometry import Size
 from textual.message import Message
 
 from console.app.field_picture import FieldPicture
-from console.app.map_ink import small_map
+from console.app.map_ink import draw_small_map
 from console.app.widgets.panel import PickList, fit, line, right, wrapped
 from console.locale import _
 
@@ -137,7 +137,7 @@ class ChoiceList(PickList[ChoicesView]):
     def _thumb(self, picture: FieldPicture | None) -> list[list[tuple[str, str]]]:
         key = picture, self.app.theme
         if key not in self._thumbs:
-            self._thumbs[key] = small_map(self, picture, *THUMB)
+            self._thumbs[key] = draw_small_map(self, picture, *THUMB)
         return self._thumbs[key]
 
     def _window(self, view: ChoicesView, width: int, height: int) -> tuple[list[_Row], int, int]:

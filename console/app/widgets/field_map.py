@@ -14,7 +14,7 @@ from textual.strip import Strip
 from console.app.camera import Pixels
 from console.app.map_image import Codes
 from console.app.map_ink import MapInk, MapView, codes
-from console.app.terminal import few_colours
+from console.app.terminal import has_few_colours
 from console.app.widgets.canvas import Canvas
 from console.locale import _
 
@@ -95,7 +95,7 @@ class FieldMap(Canvas[MapView]):
             laid and laid.layer,
             self.app.theme,
             self.view.stale,
-            few_colours(self.app),
+            has_few_colours(self.app),
         )
         if wanted != self._dressed_for:
             self._dressed_for = wanted

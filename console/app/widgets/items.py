@@ -6,7 +6,7 @@ from rich.cells import cell_len
 from textual.content import Content
 
 from console.app.view import Item
-from console.app.widgets.panel import Panel, Part, fit, fullest, line
+from console.app.widgets.panel import Panel, Part, choose_fullest, fit, line
 
 APART = "  "  # between the parts of a value
 
@@ -46,7 +46,7 @@ def _cell(item: Item, width: int, label_width: int, more: int) -> list[list[Part
     rows of their own, `more` at most."""
     style = "$stale" if item.value.stale else "bold"
     room = width - label_width - 1
-    text = fullest((item.value.text, item.value.text.replace(APART, " ")), room)
+    text = choose_fullest((item.value.text, item.value.text.replace(APART, " ")), room)
     texts = [text]
     if cell_len(text) > room:
         parts = item.value.text.split(APART)

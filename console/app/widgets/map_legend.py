@@ -11,8 +11,8 @@ from textual.strip import Strip
 from textual.widget import Widget
 
 from console.app.layers import RATES, LayerScale, MapLayer
-from console.app.map_ink import LEVELS_DONE, LEVELS_ERROR, LEVELS_PLAN, mixed, rgb_of
-from console.app.terminal import few_colours
+from console.app.map_ink import LEVELS_DONE, LEVELS_ERROR, LEVELS_PLAN, find_rgb, mixed
+from console.app.terminal import has_few_colours
 from console.app.units import Unit
 from console.app.widgets.canvas import Canvas
 from console.locale import _
@@ -30,15 +30,15 @@ class LegendView(NamedTuple):
     planned: bool
 
 
-def ramp_of(
+def draw_colour_ramp(
     on: Widget, scale: LayerScale, cells: int, levels: str, share: float = 1.0
 ) -> list[tuple[str, Style]]:
     """The colours of a scale; characters where there are too few. share: of them over the
     background of `on`."""
     base = on.rich_style
-    if few_colours(on.app):
+    if has_few_colours(on.app):
         return [(levels, base)]
-    ground = rgb_of(base.bgcolor, (0, 0, 0))
+    ground = find_rgb(base.bgcolor, (0, 0, 0))
     colours = [
         Color.from_rgb(*mixed(scale.colour(step / (cells - 1)), ground, share))
         for step in range(cells)
@@ -58,14 +58,14 @@ class MapLegend(Canvas[LegendView]):
         unit = f" {scale.unit}" if scale.unit else ""
         bar = f" {view.distance.full(_BAR_CELLS * view.metres)}"
         planned = f"  {_('faint: planned')}" if view.planned and scale.layer in RATES else ""
-        if few_colours(self.app):
+        if has_few_colours(self.app):
             planned = f" {LEVELS_PLAN} {_('planned')}" if planned else ""
         room = width - _BAR_CELLS - 2 - sum(cell_len(text) for text in (low, high, bar))
         unit = unit if cell_len(unit) + _LEAST_CELLS <= room else ""
         room -= cell_len(unit)
         planned = planned if cell_len(planned) + _LEAST_CELLS <= room else ""
         levels = LEVELS_ERROR if scale.layer is MapLayer.ERROR else LEVELS_DONE
-        ramp = ramp_of(
+        ramp = draw_colour_ramp(
             self, scale, max(_LEAST_CELLS, min(_MOST_CELLS, room - cell_len(planned))), levels
         )
         return [

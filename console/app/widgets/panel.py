@@ -184,7 +184,7 @@ def fit(text: str, width: int) -> str:
     return set_cell_size(text, width - 2) + ".."
 
 
-def fullest(forms: Iterable[str], width: int) -> str:
+def choose_fullest(forms: Iterable[str], width: int) -> str:
     """The first of the forms, the fullest one first, that has room; the last where none has."""
     form = ""
     for form in forms:

@@ -10,7 +10,7 @@ from textual.content import Content
 
 from console.app.digits import ROWS, draw, largest
 from console.app.view import ERROR_SPAN, RatesView, Tile
-from console.app.widgets.panel import Panel, Part, fit, fullest, line, solid, wrapped
+from console.app.widgets.panel import Panel, Part, choose_fullest, fit, line, solid, wrapped
 from console.locale import _
 
 
@@ -79,7 +79,7 @@ class Small(Panel[SmallView]):
                     *(
                         (
                             fit(
-                                fullest(
+                                choose_fullest(
                                     (
                                         f" {tile.label} {tile.value.text} {tile.unit}  "
                                         f"{tile.below}",
@@ -193,7 +193,7 @@ class Rates(Panel[RatesView]):
         """Why the rate is another one, in a row of its own; with `error` in the place of the
         bar, whose value stays."""
         end = f"  {_('error')} {view.error.text} " if error and view.error.text != "--" else ""
-        note = fullest((f" {note} " for note in fewer(view.notes)), width - cell_len(end))
+        note = choose_fullest((f" {note} " for note in fewer(view.notes)), width - cell_len(end))
         note = fit(note, min(cell_len(note), width - cell_len(end)))
         return line(
             (note, "bold $on-alarm-amber on $alarm-amber"),

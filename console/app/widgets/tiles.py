@@ -14,7 +14,7 @@ from console.app.braille import BLANK, trace
 from console.app.digits import ROWS, draw, largest
 from console.app.view import Head, HeadsView, Tile
 from console.app.widgets.canvas import Canvas
-from console.app.widgets.panel import Panel, Part, fit, fullest, line, solid, spread
+from console.app.widgets.panel import Panel, Part, choose_fullest, fit, line, solid, spread
 from console.locale import _
 
 
@@ -146,7 +146,9 @@ class Tiles(Panel[tuple[Tile, ...]]):
                 rows[1 + index] += [" ", *solid(fit(text, each - 1), style)]
             mark = "! " if tile.level else ""
             under = "bold $on-alarm-amber on $alarm-amber" if tile.level else "$muted"
-            text = fit(fullest((mark + tile.below, mark + tile.below_short), each - 2), each - 2)
+            text = fit(
+                choose_fullest((mark + tile.below, mark + tile.below_short), each - 2), each - 2
+            )
             rows[-1] += [" ", (text, under), " "]
         return [line(*row) for row in rows]
 

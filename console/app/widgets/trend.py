@@ -19,7 +19,7 @@ from console.app.view import duration
 from console.app.widgets.canvas import Canvas
 from console.app.widgets.panel import right
 from console.locale import _
-from console.scale import calm_ends
+from console.scale import round_calm_ends
 
 _AXIS = 6
 
@@ -87,7 +87,9 @@ class Trend(Canvas[TrendView]):
         band_style = self.style("trend--stale-band" if view.stale else "trend--band")
         on_band = target_style + Style(bgcolor=band_style.bgcolor)
         unit = view.unit
-        low, high = calm_ends(v * unit.per_si for p in view.points for v in p[1:] if v is not None)
+        low, high = round_calm_ends(
+            v * unit.per_si for p in view.points for v in p[1:] if v is not None
+        )
         now_s = view.points[-1].time_s if view.points else 0.0
 
         def line(of: int) -> list[tuple[float, float | None]]:

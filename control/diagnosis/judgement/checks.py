@@ -28,14 +28,14 @@ FEWEST_PAIRS = 10  # of two series that are held against each other
 MIN_PERIODS = 5.0
 
 
-def is_loud(noise: Noise, prior: NoisePrior, left: Array | None = None) -> bool:
+def is_noise_loud(noise: Noise, prior: NoisePrior, left: Array | None = None) -> bool:
     """Whether the fast noise, or all that is left (banded coefficients (m,)), is stronger than
     the machine file's noise can be: in a short log a noise of long memory need not be strong to
     be large."""
     return _beyond(_strongest(noise, prior, left), prior.spread[0])
 
 
-def times_louder(noise: Noise, prior: NoisePrior, left: Array) -> float:
+def estimate_noise_ratio(noise: Noise, prior: NoisePrior, left: Array) -> float:
     """How many times the machine file's noise what is left (m,) is, where that is more than the
     file's figure can be off by itself; else 0. A sensor may be so loud, but somebody has to say
     so: a drive may, too."""
@@ -124,7 +124,7 @@ def by_chance_taken(left: Array, columns: Array) -> float:
     return float(fdtrc(basis.shape[1], free, ratio))
 
 
-def line_s(
+def find_line_period_s(
     left: Array, noise: Noise, prior: NoisePrior, cut: Segments, step_s: float
 ) -> float | None:
     """Period of a frequency that stands out of the noise in banded coefficients (m,), s; None

@@ -98,7 +98,7 @@ class Problem(NamedTuple):
     sd: Array  # (q,)
     mean: Array  # (q,)
     products: tuple[Products, ...]
-    # of the priors, where their s.d. are those of heavy tails (`prior.log_of_size`)
+    # of the priors, where their s.d. are those of heavy tails (`prior.find_size_log_weight`)
     log_weight: float = 0.0
 
     def places(self, role: Role) -> list[int]:
@@ -178,7 +178,7 @@ def fitted(
     return Fit(sizes.b, sizes.cov, value, value + float(sizes.log_occam), now)
 
 
-def best_fitted(
+def choose_better_fit(
     p: Problem, chosen: Indices, noise: Mapping[str, Noise], channels: Sequence[MeasuredChannel]
 ) -> Fit:
     """The better of two fits: from the noise given and from its calm version.
@@ -191,7 +191,7 @@ def best_fitted(
     )
 
 
-def first_noise(
+def fit_first_noise(
     p: Problem, chosen: Indices, noise: Mapping[str, Noise], channels: Sequence[MeasuredChannel]
 ) -> dict[str, Noise]:
     """The noise from which models of a group are fitted: the best of fits from a quick and from
@@ -211,12 +211,12 @@ def first_noise(
     return max((fitted(p, chosen, one) for one in starts), key=lambda fit: fit.log_evidence).noise
 
 
-def adapted(
+def adapt_noise(
     p: Problem, chosen: Indices, amplitude: Array, noise: Mapping[str, Noise]
 ) -> dict[str, Noise]:
     """A noise with each band's own factor as the residual of chosen columns says."""
     return {
-        one.channel.name: noises.with_bands(
+        one.channel.name: noises.scale_bands(
             one.power(chosen, amplitude), noise[one.channel.name], *one.known
         )
         for one in p.products
@@ -234,7 +234,7 @@ def calm(noise: Mapping[str, Noise], channels: Sequence[MeasuredChannel]) -> dic
     return found
 
 
-def taken_off(
+def subtract_columns(
     banded: Mapping[str, Array], columns: Sequence[Column], amplitude: Array
 ) -> dict[str, Array]:
     """What columns with their amplitudes leave of banded coefficients, (m,) by channel."""
@@ -245,7 +245,7 @@ def taken_off(
     return left
 
 
-def power_left(p: Problem, channel: str, chosen: Indices, amplitude: Array) -> float:
+def find_residual_power(p: Problem, channel: str, chosen: Indices, amplitude: Array) -> float:
     """Sum of squares that the chosen columns with their amplitudes leave of one channel."""
     return next(
         float(np.sum(one.power(chosen, amplitude)))

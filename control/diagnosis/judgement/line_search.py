@@ -12,7 +12,7 @@ from typing import TypeVar
 T = TypeVar("T")
 
 
-def climbed(
+def climb_to_best(
     here: T,
     worth: Callable[[T], float],
     near: Callable[[T, float], Iterable[T]],

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.fft import dct, idct, prev_fast_len
 
-from .noise_fit import BAND_DOF, fit_run, spectrum_run, value_run
+from .noise_fit import BAND_DOF, find_likelihood, find_spectrum, fit_spectrum
 
 Array = npt.NDArray[np.float64]
 
@@ -65,7 +65,7 @@ def segments(length: int, bounds: tuple[tuple[int, int], ...] | None = None) -> 
     return Segments(length, bounds, order, starts, count.astype(np.float64), mean)
 
 
-def as_one_band(cut: Segments) -> Segments:
+def merge_bands(cut: Segments) -> Segments:
     """The same with one strength at every frequency: of a noise that is known to be white."""
     return cut._replace(
         starts=np.zeros(1, np.int64),
@@ -74,7 +74,7 @@ def as_one_band(cut: Segments) -> Segments:
     )
 
 
-def leaving_out(cut: Segments, bands: npt.NDArray[np.bool_]) -> Segments:
+def leave_out_bands(cut: Segments, bands: npt.NDArray[np.bool_]) -> Segments:
     """The same without some of its bands, (bands,): no coefficient of theirs is looked at."""
     kept = ~np.repeat(bands, cut.members.astype(np.int64))
     members = cut.members[~bands]
@@ -164,7 +164,7 @@ def start(prior: NoisePrior) -> Noise:
 def spectrum(theta: Array, prior: NoisePrior, cut: Segments, step_s: float) -> Array:
     """Variance of one coefficient in each band (bands,)."""
     return np.asarray(
-        spectrum_run(
+        find_spectrum(
             theta, prior.floor_sd, prior.walk_sd, np.cos(cut.omega), cut.members.sum(), step_s
         )
     )
@@ -188,7 +188,7 @@ def log_likelihood(
     """Whittle log-likelihood of residual band powers (bands,), the prior of the noise included."""
     theta = np.array(noise.theta)
     return float(
-        value_run(
+        find_likelihood(
             theta,
             power,
             cut.members,
@@ -203,7 +203,7 @@ def fit(
     power: Array, noise: Noise, prior: NoisePrior, cut: Segments, step_s: float, rounds: int = 12
 ) -> Noise:
     """Most probable noise for residual band powers (bands,): Fisher scoring with step halving."""
-    theta = fit_run(
+    theta = fit_spectrum(
         np.array(noise.theta),
         power,
         cut.members,
@@ -215,10 +215,10 @@ def fit(
         step_s,
         rounds,
     )
-    return with_bands(power, _noise(theta), prior, cut, step_s)
+    return scale_bands(power, _noise(theta), prior, cut, step_s)
 
 
-def with_bands(
+def scale_bands(
     power: Array, noise: Noise, prior: NoisePrior, cut: Segments, step_s: float
 ) -> Noise:
     """A noise with each band's factor as residual band powers (bands,) say."""

@@ -34,7 +34,7 @@ BAND_DOF = 20.0
 
 
 @compiled
-def spectrum_run(
+def find_spectrum(
     theta: Array, floor_sd: float, walk_sd: float, cos: Array, count: float, step_s: float
 ) -> Array:
     """Variance of one coefficient in each band (bands,). cos : of its frequency. count : of all
@@ -69,7 +69,7 @@ def width(k: int, off: float, spread: float) -> float:
 
 
 @compiled
-def value_run(
+def find_likelihood(
     theta: Array, power: Array, members: Array, strength: Array, centre: Array, spread: Array
 ) -> float:
     """Log-likelihood of residual band powers, Student t in each band, the prior of theta
@@ -158,7 +158,7 @@ def step_run(
     for k in range(4):
         moved = theta.copy()
         moved[k] += MOVED
-        there = spectrum_run(moved, floor_sd, walk_sd, cos, count, step_s)
+        there = find_spectrum(moved, floor_sd, walk_sd, cos, count, step_s)
         for band in range(bands):
             slopes[k, band] = (np.log(there[band]) - np.log(strength[band])) / MOVED
     gradient, fisher = np.zeros(4), np.zeros((4, 4))
@@ -186,7 +186,7 @@ def step_run(
 
 
 @compiled
-def fit_run(
+def fit_spectrum(
     start: Array,
     power: Array,
     members: Array,
@@ -200,8 +200,8 @@ def fit_run(
 ) -> Array:
     """Fisher scoring with step halving from `start`: the most probable theta (4,)."""
     theta, count = start.copy(), total_of(members)
-    strength = spectrum_run(theta, floor_sd, walk_sd, cos, count, step_s)
-    best = value_run(theta, power, members, strength, centre, spread)
+    strength = find_spectrum(theta, floor_sd, walk_sd, cos, count, step_s)
+    best = find_likelihood(theta, power, members, strength, centre, spread)
     for _ in range(rounds):
         step = step_run(
             theta, power, members, cos, strength, floor_sd, walk_sd, centre, spread, step_s
@@ -209,8 +209,8 @@ def fit_run(
         tried, part = best - 1.0, 1.0
         for _ in range(HALVINGS):
             moved = moved_by(theta, step, part)
-            there = spectrum_run(moved, floor_sd, walk_sd, cos, count, step_s)
-            tried = value_run(moved, power, members, there, centre, spread)
+            there = find_spectrum(moved, floor_sd, walk_sd, cos, count, step_s)
+            tried = find_likelihood(moved, power, members, there, centre, spread)
             if moved[1] > moved[3] - np.log(SLOWER):
                 tried = -np.inf
             if tried >= best:

@@ -60,7 +60,7 @@ APART_SD = sqrt(2.0 * SAID) + NINE_IN_TEN_SD
 LISTED = 0.02  # ... and from which on a rival is listed
 
 
-def course_of(onset_s: float | None, until_s: float | None, grows: bool) -> str:
+def name_course(onset_s: float | None, until_s: float | None, grows: bool) -> str:
     """The word of COURSE."""
     if onset_s is None:
         return "steady"
@@ -80,14 +80,14 @@ def log_of_sign(size: float, only_adds: bool) -> float:
     return log(2.0 * (WRONG_SIGN if size < 0.0 else 1.0 - WRONG_SIGN))
 
 
-def sd_of_size(size: float, usual: float) -> float:
+def find_size_sd(size: float, usual: float) -> float:
     """s.d. of the normal that the prior of a size is near that size."""
     return max(usual, abs(size))
 
 
-def log_of_size(size: float, usual: float) -> float:
+def find_size_log_weight(size: float, usual: float) -> float:
     """Logarithm of the weight of that normal."""
-    return log(usual / sd_of_size(size, usual))
+    return log(usual / find_size_sd(size, usual))
 
 
 def log_odds_of_unit(ratio: float, usual: float, names: int) -> float:

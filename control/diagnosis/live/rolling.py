@@ -28,7 +28,7 @@ import numpy as np
 import numpy.typing as npt
 
 from control.diagnosis.effects import ROWS, FoundBy
-from control.diagnosis.judgement.evidence import Column, Role, best_fitted, problem
+from control.diagnosis.judgement.evidence import Column, Role, choose_better_fit, problem
 from control.diagnosis.judgement.noise import (
     Noise,
     NoisePrior,
@@ -37,16 +37,16 @@ from control.diagnosis.judgement.noise import (
     series_of,
     start,
 )
-from control.diagnosis.judgement.prior import COURSE, course_of
-from control.diagnosis.runs.changepoint import best_begins, that_may_begin
+from control.diagnosis.judgement.prior import COURSE, name_course
+from control.diagnosis.runs.changepoint import find_best_onsets, that_may_begin
 from control.diagnosis.runs.channels import ChannelSeries, channels
 from control.diagnosis.runs.columns import nuisance_columns
 from control.diagnosis.runs.diagnose import series_of_log
 from control.diagnosis.runs.grid import Grid
 from control.diagnosis.runs.hypothesis import EffectInstance
 from control.diagnosis.runs.log import HEADS, MIN_ROWS, Clean, gate
-from control.diagnosis.runs.model import GROUPS, GroupModel, adds_up
-from control.diagnosis.runs.row_order import Move, moved, order_of
+from control.diagnosis.runs.model import GROUPS, GroupModel, is_cumulative
+from control.diagnosis.runs.row_order import Move, find_row_order, moved
 from control.diagnosis.runs.search import Candidate, candidates
 from control.machine.machine import Machine
 
@@ -135,7 +135,7 @@ class Rolling:
             from_s = now_s - self._window_s
             piece = rows(from_s)
             self._kept = {}
-            self._move = order_of(gate(piece), self._machine)
+            self._move = find_row_order(gate(piece), self._machine)
             self._until_s = -np.inf
         else:
             from_s = self._until_s - COMES_TO_S
@@ -192,9 +192,9 @@ class Rolling:
             ]
         noise = {channel.name: start(channel.prior) for channel in series}
         p = problem(series, banded, base)
-        fit = best_fitted(p, np.arange(len(base)), noise, series)
+        fit = choose_better_fit(p, np.arange(len(base)), noise, series)
         usual = {name: self._usual(name, one) for name, one in fit.noise.items()}
-        found = best_begins(
+        found = find_best_onsets(
             series,
             banded,
             base,
@@ -208,7 +208,7 @@ class Rolling:
             return None
         times = sum(len(one.at_s) for one in members)
         odds = [
-            one.evidence + log(COURSE[course_of(one.part.onset_s, None, one.part.grows)])
+            one.evidence + log(COURSE[name_course(one.part.onset_s, None, one.part.grows)])
             for one in found
         ]
         prior = log(sum(COURSE[word] for word in ("begins", "grows")) * len(tried))
@@ -330,7 +330,7 @@ def _lines(
                 model.run((one.part,), only=(channel.name,))[channel.name] - rows[PREDICTED],
                 one,
             )
-            if adds_up(one.part, channel.name):
+            if is_cumulative(one.part, channel.name):
                 sums.add(key)
     at_s, measured, lines = _binned(channel, begin_s, from_s, until_s, rows, sums)
     return Lines(channel, at_s, measured, lines, frozenset(sums), columns, kept)

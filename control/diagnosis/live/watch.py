@@ -189,7 +189,7 @@ class LiveCheck:
         self._reported_s = self.now_s
         rows = self._since(max(begin_s, min(self.now_s, end_s) - MOST_S), end_s)
         try:
-            found = departure_of(self._diagnose(rows, self._machine), group)
+            found = find_departure(self._diagnose(rows, self._machine), group)
         except ValueError:
             return None
         if found is None or found.since_s is None:
@@ -209,7 +209,7 @@ class LiveCheck:
         return rows if inside.all() else {name: array[inside] for name, array in rows.items()}
 
 
-def departure_of(found: Diagnosis, group: str | None = None) -> Departure | None:
+def find_departure(found: Diagnosis, group: str | None = None) -> Departure | None:
     """What a diagnosis says, in one: its costliest cause that is no mere suspicion and has not
     ended; else what it cannot explain.
 

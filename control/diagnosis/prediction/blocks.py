@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 from control.diagnosis.effects import reach
 from control.machine.forms import Form
-from control.machine.machine import CATALOGUE, Machine, effect_sizes, with_effect
+from control.machine.machine import CATALOGUE, Machine, add_effect, list_effect_sizes
 from control.machine.terms import Term
 
 from .on_log import OnLog
@@ -59,14 +59,14 @@ class BlockErrors(NamedTuple):
 
 def numbers_of(machine: Machine, was: Machine) -> list[Number]:
     """The numbers that a file has beyond another: sizes of effects, coefficients of terms."""
-    before, known = effect_sizes(was), set(was.terms)
+    before, known = list_effect_sizes(was), set(was.terms)
     found = [
         effect_number(name, machine, size)
-        for name, size in effect_sizes(machine).items()
+        for name, size in list_effect_sizes(machine).items()
         if size != before.get(name)
     ]
     return found + [
-        number for term in machine.terms if term not in known for number in term_numbers(term)
+        number for term in machine.terms if term not in known for number in list_term_numbers(term)
     ]
 
 
@@ -84,11 +84,11 @@ def effect_number(name: str, machine: Machine, size: float) -> Number:
         STEP * abs(size - entry.neutral),
         low,
         high,
-        lambda of, value: with_effect(of, name, min(high, max(low, value)), member),
+        lambda of, value: add_effect(of, name, min(high, max(low, value)), member),
     )
 
 
-def term_numbers(term: Term) -> list[Number]:
+def list_term_numbers(term: Term) -> list[Number]:
     """Of a term that a file has: its coefficients that it is linear in, of a table its values."""
     spread = max(map(abs, term.values), default=0.0)
     knee = (
@@ -187,11 +187,15 @@ def held(
     square = {name: float(np.mean(one**2)) if len(one) else 0.0 for name, one in left.items()}
     rms = {name: float(np.sqrt(one)) for name, one in square.items()}
     cuts = {
-        name: in_ranges(on_log.at_errors(name, over, len(one))) if over else in_blocks(len(one))
+        name: in_ranges(on_log.at_errors(name, over, len(one)))
+        if over
+        else cut_into_blocks(len(one))
         for name, one in left.items()
     }
     if not numbers:
-        return BlockErrors(rms, {name: by_block(left[name], cuts[name]) for name in channels})
+        return BlockErrors(
+            rms, {name: average_by_block(left[name], cuts[name]) for name in channels}
+        )
     columns = slopes(on_log, machine, channels, numbers, left)
     weight = {
         name: 1.0 / max(1e-300, (usual or square)[name] * max(1, len(left[name])))
@@ -234,7 +238,7 @@ def held(
     )
 
 
-def in_blocks(count: int) -> list[Rows]:
+def cut_into_blocks(count: int) -> list[Rows]:
     """Even stretches of a series: blocks of time, of a staircase pieces of it."""
     edges = np.linspace(0, count, BLOCKS + 1).astype(int).tolist()
     return [np.arange(a, b) for a, b in pairwise(edges)]
@@ -248,7 +252,7 @@ def in_ranges(values: Array) -> list[Rows]:
     return [np.flatnonzero(within == k) for k in range(len(edges) + 1)]
 
 
-def by_block(left: Array, cuts: Sequence[Rows]) -> Array:
+def average_by_block(left: Array, cuts: Sequence[Rows]) -> Array:
     """Mean squares of errors (m,) by block (blocks,)."""
     return np.array([float(np.mean(left[cut] ** 2)) if len(cut) else 0.0 for cut in cuts])
 
@@ -264,7 +268,7 @@ def gained(one: BlockErrors, other: BlockErrors, usual: dict[str, float]) -> Arr
     )
 
 
-def surely(gain: Array, errors: float = 1.0) -> bool:
+def is_surely_positive(gain: Array, errors: float = 1.0) -> bool:
     """Whether a gain by blocks is above nothing by more than so many standard errors; one
     (Breiman, Friedman, Olshen and Stone, Classification and Regression Trees, 1984, 3.4.3).
     Where one block alone has anything to say, its mean is one standard error to the last bit:

@@ -8,14 +8,19 @@ import numpy as np
 import numpy.typing as npt
 
 from control.diagnosis.effects import ROWS
-from control.diagnosis.runs.channels import channels, drive_rows, hopper_channel, speed_channel
+from control.diagnosis.runs.channels import (
+    channels,
+    hopper_channel,
+    simulate_drive_rows,
+    speed_channel,
+)
 from control.diagnosis.runs.drives import Drive
 from control.diagnosis.runs.held_out import FLOW_S, HeldOut, errors_of
-from control.diagnosis.runs.hopper import of_terms
-from control.diagnosis.runs.hypothesis import Hypothesis, Schedule, schedule, stages_of
-from control.diagnosis.runs.inputs import rows_of, term_inputs
+from control.diagnosis.runs.hopper import sum_terms
+from control.diagnosis.runs.hypothesis import Hypothesis, Schedule, list_stages, schedule
+from control.diagnosis.runs.inputs import make_term_inputs, rows_of
 from control.diagnosis.runs.log import Clean
-from control.diagnosis.runs.model import in_course
+from control.diagnosis.runs.model import shape_over_time
 from control.diagnosis.runs.stages import RunData
 from control.machine.compiled import term_run
 from control.machine.machine import Machine
@@ -39,7 +44,7 @@ class OnLog:
         self.time_s = self._every.time_s
         with np.errstate(all="ignore"):
             self.seen = channels(data, machine)
-            self.inputs = term_inputs(log, self._every, machine)
+            self.inputs = make_term_inputs(log, self._every, machine)
 
     def predicted(
         self, machine: Machine, only: Collection[str] | None = None, parts: Hypothesis = ()
@@ -54,7 +59,7 @@ class OnLog:
                 grown = self._run(machine, own, (*steady, part._replace(onset_s=None, grows=False)))
                 without = self._run(machine, own, steady)
                 for name in own:
-                    found[name] = found[name] + in_course(
+                    found[name] = found[name] + shape_over_time(
                         grown[name] - without[name], self.seen[name], part
                     )
         return found
@@ -92,7 +97,7 @@ class OnLog:
     def _run(
         self, machine: Machine, only: Collection[str] | None, parts: Hypothesis
     ) -> dict[str, Array]:
-        plan = schedule(stages_of(machine), parts)
+        plan = schedule(list_stages(machine), parts)
         made = self._with_terms(machine)
         return {
             name: made.get(name, series.predict)(plan, MOST_STEP_S)
@@ -134,7 +139,7 @@ class OnLog:
         if (gate := data.gate) is not None:
             found["gate"] = _of_drive(gate._replace(more=at("gate_mm", gate.time_s)))
         if (hopper := data.hopper) is not None:
-            percent, kg_s, kg = of_terms(every._replace(more=more), hopper.time_s)
+            percent, kg_s, kg = sum_terms(every._replace(more=more), hopper.time_s)
             found["scale"] = hopper_channel(
                 hopper._replace(more_percent=percent, more_kg_s=kg_s, more_kg=kg), self.machine
             ).predict
@@ -146,5 +151,5 @@ class OnLog:
 
 
 def _of_drive(drive: Drive) -> Predict:
-    run = drive_rows(drive)
+    run = simulate_drive_rows(drive)
     return lambda plan, step_s: drive.grid.of(run(plan, step_s)[:, 1])

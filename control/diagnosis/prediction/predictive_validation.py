@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from control.diagnosis.effects import ROWS
-from control.diagnosis.extend import extend, not_adoptable, taken_whole, term_not_adoptable
+from control.diagnosis.extend import extend, is_taken_whole, not_adoptable, term_not_adoptable
 from control.diagnosis.judgement.evidence import Z90
 from control.diagnosis.judgement.prior import NAMED
 from control.diagnosis.result import (
@@ -33,12 +33,20 @@ from control.diagnosis.result import (
 from control.diagnosis.runs.hypothesis import EffectInstance
 from control.diagnosis.runs.model import GROUPS, hidden_within
 from control.diagnosis.runs.nominal_values import MAX_OFFSET_SD
-from control.machine.machine import CATALOGUE, Machine, effect_sizes, unit_of
+from control.machine.machine import CATALOGUE, Machine, list_effect_sizes, unit_of
 from control.machine.terms import Term
 
-from .blocks import BlockErrors, by_block, gained, held, in_blocks, numbers_of, surely
+from .blocks import (
+    BlockErrors,
+    average_by_block,
+    cut_into_blocks,
+    gained,
+    held,
+    is_surely_positive,
+    numbers_of,
+)
 from .on_log import OnLog
-from .rival import AGAIN, STAGE, fitted, rival_of
+from .rival import AGAIN, STAGE, find_rival, fitted
 from .rival import PlainRival as PlainRival
 
 Array = npt.NDArray[np.float64]
@@ -113,7 +121,7 @@ def adoptable(
         every = [
             one
             for one in every
-            if not taken_whole(found, one) and ROWS[one.id].channels[0] not in of_rival
+            if not is_taken_whole(found, one) and ROWS[one.id].channels[0] not in of_rival
         ]
         picked = tuple(one for one in every if one.id in chosen)
         if not picked and not terms and whole is None:
@@ -139,7 +147,7 @@ def adoptable(
     return Adoptable(kept, tuple(refused), tuple(said))
 
 
-def borne_out(on_log: OnLog, found: Diagnosis, read_off: Collection[str]) -> Diagnosis:
+def validate_prediction(on_log: OnLog, found: Diagnosis, read_off: Collection[str]) -> Diagnosis:
     """A diagnosis held against what its file, and the plain rival, predict."""
     decided = [one.id for one in found.causes if one.probability >= NAMED and not one.rivals]
     taken = adoptable(on_log, found, decided, read_off)
@@ -233,7 +241,9 @@ def _best(
             float(one.blocks[name].mean()) / max(1e-300, usual[name]) for name in channels
         ),
     )
-    place = next(k for k, one in enumerate(every) if not surely(gained(least, one, usual)))
+    place = next(
+        k for k, one in enumerate(every) if not is_surely_positive(gained(least, one, usual))
+    )
     if place == 0 or any(tried[place - 1].held.rms[name] > nothing.rms[name] for name in channels):
         return usual, None
     return usual, tried[place - 1]
@@ -261,7 +271,7 @@ def _tried(
     judged = held(on_log, file, channels, numbers, usual)
     if refit:
         sds = {number.name: sd for number, sd in zip(numbers, judged.sd, strict=True)}
-        was, now = effect_sizes(machine), effect_sizes(file)
+        was, now = list_effect_sizes(machine), list_effect_sizes(file)
         causes = tuple(
             _resized(
                 one,
@@ -311,7 +321,7 @@ def _against_rival(
     open_ = bool(own) or any(channel == one.channel for one in found.unexplained)
     if min(said.rms[channel], file.rms[channel]) ** 2 <= (1.0 + LOUD) * on_log.noise(channel) ** 2:
         return found, errors, []  # nothing can be ahead by as much as the noise
-    rival = rival_of(on_log, channel)
+    rival = find_rival(on_log, channel)
     if rival is None:
         return found, errors, []
     within = {
@@ -340,7 +350,7 @@ def _against_rival(
     if not (
         _clearly(over_file, file, rival.held, channel) and float(over_file.mean()) > noise
         if stands or not open_
-        else surely(over_file)
+        else is_surely_positive(over_file)
     ):
         return found, errors, []
     errors = replace(errors, file=rival.held.rms[channel])
@@ -379,7 +389,7 @@ _OWN = {"shaft": ("shaft_rpm",), "gate": ("opening_mm",)}
 
 
 def _clearly(gain: Array, one: BlockErrors, other: BlockErrors, channel: str) -> bool:
-    return surely(gain, SURE) and one.rms[channel] ** 2 > CLEARLY * float(
+    return is_surely_positive(gain, SURE) and one.rms[channel] ** 2 > CLEARLY * float(
         other.blocks[channel].mean()
     )
 
@@ -415,7 +425,7 @@ def _said(
     left = on_log.errors(channel, on_log.predicted(machine, (channel,), parts)[channel])
     return BlockErrors(
         {channel: float(np.sqrt(np.mean(left**2))) if len(left) else 0.0},
-        {channel: by_block(left, in_blocks(len(left)))},
+        {channel: average_by_block(left, cut_into_blocks(len(left)))},
     )
 
 

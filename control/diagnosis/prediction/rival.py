@@ -30,14 +30,14 @@ from control.diagnosis.effects import (
     SHAFT_SLOW,
     reach,
 )
-from control.diagnosis.extend import free_id
+from control.diagnosis.extend import find_free_id
 from control.diagnosis.runs.drives import Drive, off_zero
 from control.diagnosis.runs.hypothesis import EffectInstance, Hypothesis
 from control.diagnosis.runs.smooth import DOWNSTREAM, MIN_RANGE, RANGES
 from control.machine.form import ANGLES
 from control.machine.forms import Form
-from control.machine.machine import CATALOGUE, Machine, effect_sizes, of_nominal, with_effect
-from control.machine.terms import COMMANDED_MM, COMMANDED_RPM, Acts, Term, own_command
+from control.machine.machine import CATALOGUE, Machine, add_effect, list_effect_sizes, scale_nominal
+from control.machine.terms import COMMANDED_MM, COMMANDED_RPM, Acts, Term, name_own_command
 
 from .blocks import (
     KNEE,
@@ -45,10 +45,10 @@ from .blocks import (
     errors,
     gained,
     held,
+    is_surely_positive,
+    list_term_numbers,
     numbers_of,
     slopes,
-    surely,
-    term_numbers,
 )
 from .on_log import OnLog
 
@@ -111,7 +111,7 @@ class PlainRival(NamedTuple):
         return tuple(dict.fromkeys(name for term in self.terms for name in term.variables))
 
 
-def rival_of(on_log: OnLog, channel: str) -> PlainRival | None:
+def find_rival(on_log: OnLog, channel: str) -> PlainRival | None:
     """The rival of a channel; None where nothing of it is better than the machine file as it is."""
     if channel not in ACTS:
         return None
@@ -139,12 +139,12 @@ def rival_of(on_log: OnLog, channel: str) -> PlainRival | None:
         curved
         and channel == "shaft"
         and not _over_ranges(
-            on_log, channel, machine, on_log.machine, own_command(channel, "shaft_rpm"), usual
+            on_log, channel, machine, on_log.machine, name_own_command(channel, "shaft_rpm"), usual
         )
     ):
         return None
     names = [number.name for number in numbers_of(machine, on_log.machine)]
-    was, now = effect_sizes(on_log.machine), effect_sizes(machine)
+    was, now = list_effect_sizes(on_log.machine), list_effect_sizes(machine)
     sizes = tuple(
         (name, now[name] - was.get(name, CATALOGUE[name].neutral), best.sd[names.index(name)])
         for name in now
@@ -169,12 +169,12 @@ def _with_line(
     tried = machine.model_copy(update={"terms": (*machine.terms, line)})
     tried = fitted(on_log, (channel,), tried, AGAIN)
     after = held(on_log, tried, (channel,), numbers_of(tried, on_log.machine), usual)
-    stands = surely(gained(after, best, usual)) and _over_ranges(
+    stands = is_surely_positive(gained(after, best, usual)) and _over_ranges(
         on_log,
         channel,
         tried,
         machine,
-        own_command(STAGE.get(channel, channel), line.variables[0]),
+        name_own_command(STAGE.get(channel, channel), line.variables[0]),
         usual,
     )
     return (tried, after) if stands else None
@@ -194,7 +194,7 @@ def _over_ranges(
         held(on_log, file, (channel,), numbers_of(file, on_log.machine), usual, over)
         for file in (machine, without)
     )
-    return surely(gained(one, other, usual))
+    return is_surely_positive(gained(one, other, usual))
 
 
 def fitted(on_log: OnLog, channels: Sequence[str], machine: Machine, runs: int) -> Machine:
@@ -249,17 +249,17 @@ def fitted(on_log: OnLog, channels: Sequence[str], machine: Machine, runs: int) 
 # ----------------------------------------------------------------------------------------------
 
 
-def curves_of(on_log: OnLog) -> list[Hypothesis]:
+def find_curves(on_log: OnLog) -> list[Hypothesis]:
     """Curves of a drive in open loop, fitted along with its lag and dead time, from few numbers
     to all, as effects that may be there: what makes one curve together is hardly seen one by
     one."""
     if on_log.data.shaft is None:
         return []
     sets = [names for names in _sets(on_log) if KNEE not in names]
-    was, found = effect_sizes(on_log.machine), []
+    was, found = list_effect_sizes(on_log.machine), []
     if any(SHAFT_DEAD_ZONE.id in names for names in sets):
         for names, (_, file) in _fits(on_log, on_log.machine, sets).items():
-            now = effect_sizes(file)
+            now = list_effect_sizes(file)
             found += [
                 tuple(
                     EffectInstance(name, now.get(name, 0.0) - was.get(name, 0.0))
@@ -283,7 +283,7 @@ def _curve(
         ),
     ]
     least = min(tried, key=lambda one: float(one[1].blocks["shaft"].mean()))
-    chosen = next(one for one in tried if not surely(gained(least[1], one[1], usual)))
+    chosen = next(one for one in tried if not is_surely_positive(gained(least[1], one[1], usual)))
     return None if chosen[0] is machine else chosen
 
 
@@ -318,7 +318,7 @@ def _started(machine: Machine, drive: Drive | None, names: Sequence[str], share:
             half = 0.5 * float(np.max(np.abs(drive.command)))
             knee = Term.model_validate(
                 {
-                    "id": free_id("shaft.knee_shaft_rpm", [term.id for term in machine.terms]),
+                    "id": find_free_id("shaft.knee_shaft_rpm", [term.id for term in machine.terms]),
                     "acts_on": Acts.SHAFT_RPM,
                     "form": Form.DEAD_ZONE,
                     "over": [{"name": "shaft_rpm"}],
@@ -334,7 +334,7 @@ def _started(machine: Machine, drive: Drive | None, names: Sequence[str], share:
             if zone
             else STARTS_AT * ROWS[name].on(machine).usual
         )
-        machine = with_effect(machine, name, min(high, max(low, size)))
+        machine = add_effect(machine, name, min(high, max(low, size)))
     return machine
 
 
@@ -372,7 +372,7 @@ def _line(on_log: OnLog, channel: str, machine: Machine, before: Sequence[Term])
     numbers = [number.name for number in numbers_of(machine, on_log.machine)]
     for term in _lines(on_log, channel, before, SHAFT_GAIN.id not in numbers):
         tried = machine.model_copy(update={"terms": (*machine.terms, term)})
-        own = term_numbers(term)
+        own = list_term_numbers(term)
         columns = slopes(on_log, tried, (channel,), own, errors(on_log, tried, (channel,)))[channel]
         columns = columns - free @ (free.T @ columns)
         sizes, *_ = np.linalg.lstsq(columns, rest, rcond=1e-9)
@@ -403,12 +403,12 @@ def _lines(on_log: OnLog, channel: str, before: Sequence[Term], level_open: bool
     }
     found = []
     for name in on_log.inputs:
-        values = on_log.inputs.get(own_command(stage, name), np.empty(0))
+        values = on_log.inputs.get(name_own_command(stage, name), np.empty(0))
         if name in never or not len(values) or not np.isfinite(values).all():
             continue
         low, middle, high = (float(one) for one in np.percentile(values, (ENDS[0], 50.0, ENDS[1])))
         if not high - low > max(
-            1e-9, of_nominal(machine, RANGES.get(name, ())) * MIN_RANGE.get(name, 0.0)
+            1e-9, scale_nominal(machine, RANGES.get(name, ())) * MIN_RANGE.get(name, 0.0)
         ):
             continue
         level = {"level": LEVEL} if level_open else {}
@@ -438,7 +438,7 @@ def _term(
     plain = re.sub(r"[^a-z0-9_.]+", "", f"{stage}.line_{name}".lower())[:LONGEST_ID]
     return Term.model_validate(
         {
-            "id": free_id(plain, [term.id for term in machine.terms]),
+            "id": find_free_id(plain, [term.id for term in machine.terms]),
             "acts_on": acts,
             "form": Form.SLOPE,
             "coefficients": coefficients,

@@ -1,5 +1,5 @@
 """What of a diagnosis a machine file may take up: as much as predicts its log better
-(`prediction.borne_out`)."""
+(`prediction.validate_prediction`)."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from .compared import compared
 from .diagnose import series_of_log
 
 
-def adoptable_of(found: Diagnosis, chosen: Collection[str]) -> Adoptable:
+def select_adoptable(found: Diagnosis, chosen: Collection[str]) -> Adoptable:
     """The chosen causes (by id) of a run log's diagnosis with its terms, as far as a file with
     them predicts better.
 

@@ -21,14 +21,21 @@ import numpy as np
 import numpy.typing as npt
 
 from control.diagnosis.effects import ROWS
-from control.diagnosis.judgement.evidence import Column, adapted, best_fitted, calm, fitted, problem
+from control.diagnosis.judgement.evidence import (
+    Column,
+    adapt_noise,
+    calm,
+    choose_better_fit,
+    fitted,
+    problem,
+)
 from control.diagnosis.judgement.noise import Noise, coefficients
 from control.machine.machine import CATALOGUE
 
 from .channels import ChannelSeries
 from .columns import Columns
 from .hypothesis import EffectInstance, Hypothesis
-from .model import adds_up, course, with_course
+from .model import apply_course, course, is_cumulative
 from .search import Candidate, ScoreTest
 from .whitened import WhitenedResidual
 
@@ -89,11 +96,11 @@ def changes(
         columns.of_hypothesis(parts),
     )
     p, every = problem(channels, banded, base), np.arange(len(base))
-    fit = best_fitted(p, every, noise, channels)
-    at_ease = adapted(p, every, fit.amplitude, calm(fit.noise, channels))
+    fit = choose_better_fit(p, every, noise, channels)
+    at_ease = adapt_noise(p, every, fit.amplitude, calm(fit.noise, channels))
     under = [fit.noise] if at_ease == fit.noise else [fit.noise, at_ease]
     behind = [fit.log_evidence - fitted(p, every, one, rounds=0).log_evidence for one in under]
-    return best_begins(
+    return find_best_onsets(
         channels, banded, base, under, begins, traces, temporary=temporary, behind=behind
     )
 
@@ -110,7 +117,7 @@ def that_may_begin(tried: Sequence[Candidate]) -> list[Candidate]:
     ]
 
 
-def best_begins(
+def find_best_onsets(
     channels: Sequence[ChannelSeries],
     banded: dict[str, Array],
     base: Sequence[Column],
@@ -144,7 +151,7 @@ def best_begins(
         one = Tried(
             candidate,
             there,
-            tuple(adds_up(candidate.part, c.name) for c in there),
+            tuple(is_cumulative(candidate.part, c.name) for c in there),
             tuple((trace[c.name] / candidate.part.size).reshape(c.copies, -1) for c in there),
         )
         within = (float(one.time_s[0]) + end_s, float(one.time_s[-1]) - end_s)
@@ -349,7 +356,7 @@ def _traces(one: Tried, onsets_s: Array, grows: bool) -> list[Array]:
     coefficients (onsets, m) by channel."""
     return [
         coefficients(
-            with_course(
+            apply_course(
                 unit.ravel(),
                 np.array(
                     [

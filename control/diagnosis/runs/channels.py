@@ -12,7 +12,7 @@ from scipy.special import fdtrc
 
 from control.diagnosis.judgement import noise as noises
 from control.diagnosis.judgement.checks import LEVEL
-from control.diagnosis.judgement.noise import NoisePrior, Segments, as_one_band, segments
+from control.diagnosis.judgement.noise import NoisePrior, Segments, merge_bands, segments
 from control.diagnosis.judgement.noise_fit import BAND_DOF
 from control.machine.compiled import (
     flow_run,
@@ -27,20 +27,20 @@ from control.machine.compiled import (
 )
 from control.machine.effect import HOPPER
 from control.machine.effort import EffortInput
-from control.machine.flow import FlowInput, FlowOutput, flow_start
-from control.machine.gate import GateInput, GateOutput, gate_start
+from control.machine.flow import FlowInput, FlowOutput, make_flow_start
+from control.machine.gate import GateInput, GateOutput, make_gate_start
 from control.machine.heads import HeadInput
-from control.machine.machine import Machine, of_nominal
+from control.machine.machine import Machine, scale_nominal
 from control.machine.scale import ScaleInput
-from control.machine.shaft import ShaftInput, ShaftOutput, shaft_start
-from control.machine.speed import SpeedInput, SpeedOutput, speed_start
-from control.machine.stage_runner import LEAST_STEPS, MOST_STEP_S, input_rows
+from control.machine.shaft import ShaftInput, ShaftOutput, make_shaft_start
+from control.machine.speed import SpeedInput, SpeedOutput, make_speed_start
+from control.machine.stage_runner import LEAST_STEPS, MOST_STEP_S, make_input_rows
 
 from .drives import Drive
 from .effort import DriveEffort
 from .grid import Grid, joined
 from .hopper import Hopper
-from .hypothesis import MAX_SWITCHES, Schedule, schedule, stages_of
+from .hypothesis import MAX_SWITCHES, Schedule, list_stages, schedule
 from .speed_and_heads import HeadContrasts, TwoSpeeds
 from .stages import RunData
 
@@ -103,19 +103,19 @@ def in_force(rows: npt.NDArray[np.int64], count: int) -> list[tuple[int, slice]]
 
 # the start is made anew for each run, which writes into it
 _STAGE: dict[str, tuple[Any, Any, Any]] = {
-    "shaft": (shaft_run, shaft_start, ShaftOutput),
-    "gate": (gate_run, gate_start, GateOutput),
+    "shaft": (shaft_run, make_shaft_start, ShaftOutput),
+    "gate": (gate_run, make_gate_start, GateOutput),
 }
 
 
-def drive_rows(drive: Drive) -> Rows:
+def simulate_drive_rows(drive: Drive) -> Rows:
     """Shaft or gate asked for what the log asked: where it truly stood and what was read, r/min
     or mm."""
     count, command = len(drive.time_s), drive.command
     first, begin_s = float(command[0]), float(drive.clock_s[0])
     run_stage, start, output = _STAGE[drive.name]
     if drive.name == "shaft":
-        inputs = input_rows(
+        inputs = make_input_rows(
             ShaftInput,
             count,
             command_rpm=command,
@@ -125,7 +125,7 @@ def drive_rows(drive: Drive) -> Rows:
             more_rpm=drive.more_rpm,
         )
     else:
-        inputs = input_rows(GateInput, count, command_mm=command, more_mm=drive.more)
+        inputs = make_input_rows(GateInput, count, command_mm=command, more_mm=drive.more)
 
     def run(plan: Schedule, step_s: float) -> Array:
         sets, rows = switches(plan, drive.name, drive.time_s)
@@ -146,7 +146,7 @@ def drive_rows(drive: Drive) -> Rows:
 
 def drive_channel(drive: Drive, machine: Machine) -> ChannelSeries:
     """What is read of shaft or gate."""
-    run = drive_rows(drive)
+    run = simulate_drive_rows(drive)
 
     def predict(plan: Schedule, step_s: float) -> Array:
         return drive.grid.of(run(plan, step_s)[:, 1])
@@ -167,19 +167,19 @@ def drive_channel(drive: Drive, machine: Machine) -> ChannelSeries:
         predict,
         prior,
     )
-    return found._replace(settled=True, cut=as_one_band(found.cut)) if drive.settled else found
+    return found._replace(settled=True, cut=merge_bands(found.cut)) if drive.settled else found
 
 
 def hopper_channel(h: Hopper, machine: Machine) -> ChannelSeries:
     """Scale reading, kg."""
     count = len(h.time_s) - 1
-    over_full_kg = of_nominal(machine, HOPPER) * OVER_FULL_KG
+    over_full_kg = scale_nominal(machine, HOPPER) * OVER_FULL_KG
     levels = _hopper_levels(h, over_full_kg)
     read_s = h.time_s[:-1] + h.read_at * np.diff(h.time_s)
 
     def predict(plan: Schedule, step_s: float) -> Array:
         scales, rows = switches(plan, "scale", h.time_s)
-        seen = input_rows(
+        seen = make_input_rows(
             ScaleInput,
             count,
             hopper_kg=levels(plan),
@@ -227,7 +227,7 @@ def _hopper_levels(h: Hopper, over_full_kg: float) -> Callable[[Schedule], Array
         offset = np.array([p.offset_mm for p in gates])[
             np.searchsorted(rows, np.arange(count), side="right")
         ]
-        inputs = input_rows(
+        inputs = make_input_rows(
             FlowInput,
             count,
             shaft_rpm=h.shaft_rpm,
@@ -246,7 +246,7 @@ def _hopper_levels(h: Hopper, over_full_kg: float) -> Callable[[Schedule], Array
             out = flow_run(
                 flow_sets,
                 rows - begin,
-                flow_start(start_kg - over_kg, float(h.time_s[begin])),
+                make_flow_start(start_kg - over_kg, float(h.time_s[begin])),
                 first,
                 inputs[begin : end + 1],
                 h.time_s[begin : end + 1],
@@ -282,14 +282,14 @@ def _level(reading_kg: Array, unknown_kg: float) -> float:
     return float(np.median(known)) if len(known) else unknown_kg
 
 
-def speed_rows(s: TwoSpeeds) -> Rows:
+def select_speed_rows(s: TwoSpeeds) -> Rows:
     """Wheel and GNSS speed at the log's readings, m/s. The true speed runs on between them, in
     rows of FINE_S."""
     clock = joined(s.time_s, SEAM_S)
     fine_s = np.arange(clock[0], clock[-1] + FINE_S, FINE_S)
     in_log_s = np.interp(fine_s, clock, s.time_s)
     middle = fine_s + 0.5 * FINE_S
-    inputs = input_rows(
+    inputs = make_input_rows(
         SpeedInput,
         len(fine_s),
         speed_mps=np.interp(middle, clock, s.true_mps),
@@ -308,7 +308,7 @@ def speed_rows(s: TwoSpeeds) -> Rows:
             speed_run(
                 sets,
                 rows,
-                speed_start(first, float(fine_s[0])),
+                make_speed_start(first, float(fine_s[0])),
                 SpeedOutput(first, first),
                 inputs,
                 fine_s,
@@ -321,7 +321,7 @@ def speed_rows(s: TwoSpeeds) -> Rows:
 
 def speed_channel(s: TwoSpeeds, machine: Machine) -> ChannelSeries:
     """Wheel less GNSS speed, m/s: what both have in common is the ground's."""
-    run = speed_rows(s)
+    run = select_speed_rows(s)
 
     def predict(plan: Schedule, step_s: float) -> Array:
         out = run(plan, step_s)
@@ -343,7 +343,7 @@ def heads_channel(h: HeadContrasts, machine: Machine) -> ChannelSeries:
     used = np.flatnonzero(np.isfinite(h.ndvi).any(axis=1))
     measured = h.ndvi[used] - h.mean
     seen = [
-        input_rows(HeadInput, len(h.time_s), ndvi=h.mean, head=float(head + 1), on_s=h.time_s)
+        make_input_rows(HeadInput, len(h.time_s), ndvi=h.mean, head=float(head + 1), on_s=h.time_s)
         for head in used
     ]
 
@@ -370,11 +370,11 @@ def heads_channel(h: HeadContrasts, machine: Machine) -> ChannelSeries:
     )
 
 
-def effort_bins(e: DriveEffort) -> Callable[[Schedule], Array]:
+def bin_effort(e: DriveEffort) -> Callable[[Schedule], Array]:
     """How hard a drive works in the mean of each bin, in the machine file's unit, NaN of one
     that is left out: (m,)."""
     ways = _EFFORT[e.name]
-    inputs = input_rows(
+    inputs = make_input_rows(
         EffortInput,
         len(e.time_s),
         speed=e.speed,
@@ -408,7 +408,7 @@ def effort_bins(e: DriveEffort) -> Callable[[Schedule], Array]:
 
 def effort_channel(e: DriveEffort, machine: Machine) -> ChannelSeries:
     """How hard a drive works, on an even grid."""
-    bins = effort_bins(e)
+    bins = bin_effort(e)
 
     def predict(plan: Schedule, step_s: float) -> Array:
         return e.grid.of(bins(plan))
@@ -491,7 +491,7 @@ def without_narrowband(
         return seen, []
     said = " and ".join(f"{period_s:.2g} s" for period_s in periods_s)
     return (
-        {**seen, "speed": channel._replace(cut=noises.leaving_out(channel.cut, quick))},
+        {**seen, "speed": channel._replace(cut=noises.leave_out_bands(channel.cut, quick))},
         [
             f"speed: a sensor oscillates with a period of {said}; the speeds are compared over "
             f"periods longer than {least_s:.2g} s"
@@ -506,7 +506,7 @@ def narrowband_periods_s(channel: ChannelSeries, machine: Machine) -> Array:
     those that its variance is worth (`BAND_DOF`). All bands together have the level of the
     other checks.
     """
-    left = channel.measured - channel.predict(schedule(stages_of(machine), ()), MOST_STEP_S)
+    left = channel.measured - channel.predict(schedule(list_stages(machine), ()), MOST_STEP_S)
     cut, step_s = channel.cut, channel.grid.step_s
     power = np.add.reduceat(noises.coefficients(left, cut) ** 2, cut.starts)
     fitted = noises.fit(power, noises.start(channel.prior), channel.prior, cut, step_s)

@@ -12,15 +12,23 @@ from control.diagnosis import effects
 from control.diagnosis.effects import ROWS
 from control.diagnosis.judgement.evidence import Column, Label, Problem, Role, problem, projected
 from control.diagnosis.judgement.noise import coefficients, series_of
-from control.diagnosis.judgement.prior import FORM_SHARE, sd_of_size
+from control.diagnosis.judgement.prior import FORM_SHARE, find_size_sd
 from control.machine.effect import HOPPER
-from control.machine.machine import Machine, bounds, of_nominal
+from control.machine.machine import Machine, bounds, scale_nominal
 from control.machine.stage_runner import MOST_STEP_S
-from control.machine.terms import own_command
+from control.machine.terms import name_own_command
 
 from .channels import ChannelSeries
 from .hypothesis import EffectInstance, Hypothesis, schedule
-from .model import HALT_S, GroupModel, adds_up, course, stamp_sd_s, stood_for, with_course
+from .model import (
+    HALT_S,
+    GroupModel,
+    apply_course,
+    course,
+    find_replaced_nominals,
+    find_stamp_sd_s,
+    is_cumulative,
+)
 from .smooth import TABLES, series, span
 
 Array = npt.NDArray[np.float64]
@@ -130,7 +138,7 @@ def _of_readings(model: GroupModel, channel: ChannelSeries) -> list[Column]:
             turning = turning * (channel.grid.even_s >= data.shaft.steps_from_s)
         return [_column(model, label, {"shaft": turning}, ROUNDING_SHARE * data.shaft.step)]
     if channel.name == "scale" and data.hopper is not None:
-        bins, hopper = np.arange(len(data.hopper.reading_kg)), of_nominal(model.machine, HOPPER)
+        bins, hopper = np.arange(len(data.hopper.reading_kg)), scale_nominal(model.machine, HOPPER)
         steps = [channel.grid.of((bins >= jump).astype(np.float64)) for jump in data.hopper.jumps]
         return [
             _column(model, label, {"scale": np.ones(len(channel.measured))}, hopper * UNKNOWN_KG),
@@ -156,7 +164,7 @@ def _of_readings(model: GroupModel, channel: ChannelSeries) -> list[Column]:
     if channel.name == "speed":
         late = model.difference((), EffectInstance(effects.SPEED_GNSS_LATENCY.id, LATENCY_STEP_S))
         stamp = {name: change / LATENCY_STEP_S for name, change in late.items()}
-        found = [_column(model, label, stamp, stamp_sd_s(model.machine, channel.grid.step_s))]
+        found = [_column(model, label, stamp, find_stamp_sd_s(model.machine, channel.grid.step_s))]
         if data.speed is not None and data.speed.unseen_percent > 0.0:
             short = model.difference((), EffectInstance(effects.SPEED_WHEEL_RADIUS.id, 1.0))
             found.append(_column(model, label, short, data.speed.unseen_percent))
@@ -203,7 +211,7 @@ class Forms:
         )
         own = (
             model.predicted(moves)[name]
-            if moves and own_command(stage, variable) != variable
+            if moves and name_own_command(stage, variable) != variable
             else None
         )
         rows = series(
@@ -252,7 +260,7 @@ class Columns:
         """The nuisances, at the nominal values as they stand, but for those that a part of the
         hypothesis moves."""
         self._refresh()
-        moved = stood_for(parts)
+        moved = find_replaced_nominals(parts)
         return [
             *(
                 c
@@ -330,7 +338,7 @@ class Columns:
                     self.model,
                     Label(Role.SLOPE, part.id, k),
                     change,
-                    sd_of_size(part.size, row.on(model.machine).usual),
+                    find_size_sd(part.size, row.on(model.machine).usual),
                     -part.size,
                 )
             )
@@ -378,11 +386,11 @@ class Columns:
                 model,
                 Label(Role.FORM, part.id, k),
                 {
-                    c.name: with_course(
+                    c.name: apply_course(
                         whole[c.name],
                         np.sin(waves * np.pi * course(c, part)),
                         c.copies,
-                        adds_up(part, c.name),
+                        is_cumulative(part, c.name),
                     )
                     / part.size
                     for c in channels
@@ -425,8 +433,11 @@ class Columns:
                 if stage == "shaft":
                     found[channel.name] = whole * self._shaft_course(channel, part)
                 else:
-                    found[channel.name] = with_course(
-                        whole, course(channel, part), channel.copies, adds_up(part, channel.name)
+                    found[channel.name] = apply_course(
+                        whole,
+                        course(channel, part),
+                        channel.copies,
+                        is_cumulative(part, channel.name),
                     )
         return _column(self.model, column.label, found)
 
@@ -479,11 +490,11 @@ class Columns:
             end_s = time_s[-1] if part.until_s is None else part.until_s
             share = np.clip((time_s - begin_s) / max(1e-9, end_s - begin_s), 0.0, 1.0)
             for waves, shape in enumerate(found, start=1):
-                shape[channel.name] = with_course(
+                shape[channel.name] = apply_course(
                     series,
                     np.cos(waves * np.pi * share),
                     channel.copies,
-                    adds_up(part, channel.name),
+                    is_cumulative(part, channel.name),
                 )
         return [
             _column(

@@ -16,11 +16,11 @@ from control.machine.machine import Machine
 from control.machine.stage_runner import MOST_STEP_S
 
 from .channels import ChannelSeries, channels
-from .findings import turned_back
+from .findings import note_reverse_turning
 from .held_out import HeldOut, errors_of
-from .hypothesis import schedule, stages_of
+from .hypothesis import list_stages, schedule
 from .log import Clean, gate
-from .row_order import moved, order_of
+from .row_order import find_row_order, moved
 from .stages import run_data
 
 Array = npt.NDArray[np.float64]
@@ -118,18 +118,18 @@ def compared(
     A shaft that turns 4 % faster than its command, and a machine file that knows of it:
 
     >>> import numpy as np
-    >>> from control.machine.machine import Machine, with_effect
+    >>> from control.machine.machine import Machine, add_effect
     >>> rng, time_s = np.random.default_rng(1), np.arange(0.0, 240.0, 0.1)
     >>> command = np.where(time_s % 20.0 < 10.0, 40.0, 60.0)
     >>> columns = {"time_s": time_s, "shaft_rpm_cmd": command, "supply_v": np.full(2400, 13.5),
     ...            "shaft_rpm": 1.04 * np.roll(command, 4) + 0.3 * rng.standard_normal(2400)}
-    >>> shaft = compared(columns, Machine(), with_effect(Machine(), "shaft.gain", 4.0)).channels[0]
+    >>> shaft = compared(columns, Machine(), add_effect(Machine(), "shaft.gain", 4.0)).channels[0]
     >>> shaft.channel, shaft.new < shaft.old, shaft.low > 0.0
     ('shaft', True, True)
     """
     old, new = machine_of(old), machine_of(new)
     log = gate(columns_of(columns), old.has)
-    log = moved(log, order_of(log, old))
+    log = moved(log, find_row_order(log, old))
     step(0.1, "data")
     # what comes of it is looked at: a channel without numbers is left out
     with np.errstate(all="ignore"):
@@ -142,7 +142,7 @@ def compared(
             for one in _channels_of(series, of_new[name])
         ]
     step(1.0, "")
-    return Compared(tuple(found), (*log.findings, *turned_back(log, old, counted=True)))
+    return Compared(tuple(found), (*log.findings, *note_reverse_turning(log, old, counted=True)))
 
 
 def _predictions(
@@ -155,7 +155,7 @@ def _predictions(
     seen = channels(
         run_data(log, machine.model_copy(update={"shaft": shaft, "noise": other.noise})), machine
     )
-    plan = schedule(stages_of(machine), ())
+    plan = schedule(list_stages(machine), ())
     found = {}
     for number, (name, series) in enumerate(seen.items()):
         step(number / len(seen), name)

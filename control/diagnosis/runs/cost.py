@@ -14,10 +14,10 @@ from control.machine.machine import Machine
 from control.machine.stage_runner import MOST_STEP_S
 from control.recordings.speeds import MOVING_MPS
 
-from .channels import SEAM_S, drive_rows, speed_rows
+from .channels import SEAM_S, select_speed_rows, simulate_drive_rows
 from .drives import Drive
 from .grid import joined
-from .hypothesis import EffectInstance, Schedule, schedule, stages_of, with_part
+from .hypothesis import EffectInstance, Schedule, add_part, list_stages, schedule
 from .stages import RunData
 
 Array = npt.NDArray[np.float64]
@@ -45,7 +45,7 @@ def field_cost(part: EffectInstance, machine: Machine, data: RunData) -> FieldCo
 
 
 def _plans(part: EffectInstance, machine: Machine) -> tuple[Schedule, Schedule]:
-    base = stages_of(machine)
+    base = list_stages(machine)
     return schedule(base, ()), schedule(base, (part,))
 
 
@@ -60,7 +60,7 @@ def _rate_percent(part: EffectInstance, machine: Machine, data: RunData) -> floa
         return None
     rows = rows[np.unique(np.linspace(0, len(rows) - 1, MAX_POINTS).astype(int))]
     points = _points(data, machine, time_s[rows], float(Needs.REFILL in ROWS[part.id].needs))
-    changed = machine.model_copy(update=with_part(stages_of(machine), part).by_name)
+    changed = machine.model_copy(update=add_part(list_stages(machine), part).by_name)
     if drive is None:
         return rate_error_percent(machine, points, changed, points)
     wanted, applied = (_standing(drive, plan)[rows] for plan in _plans(part, machine))
@@ -95,8 +95,8 @@ def _standing(drive: Drive, plan: Schedule) -> Array:
     """Where a drive truly stands at its rows (n,). A gate is set by its reading: it stands off
     by what that is off."""
     if drive.name == "shaft":
-        return drive_rows(drive)(plan, MOST_STEP_S)[:, 0]
-    true, read = drive_rows(drive)(plan, MOST_STEP_S).T
+        return simulate_drive_rows(drive)(plan, MOST_STEP_S)[:, 0]
+    true, read = simulate_drive_rows(drive)(plan, MOST_STEP_S).T
     return np.asarray(np.maximum(0.0, 2.0 * true - read))
 
 
@@ -121,7 +121,7 @@ def _late_s(part: EffectInstance, machine: Machine, data: RunData) -> float | No
         )
     if stage == "speed" and data.speed is not None:
         every = np.flatnonzero(data.speed.time_s >= (part.onset_s or -np.inf))
-        now, late = (speed_rows(data.speed)(plan, MOST_STEP_S)[:, 1] for plan in plans)
+        now, late = (select_speed_rows(data.speed)(plan, MOST_STEP_S)[:, 1] for plan in plans)
         return _behind_s(now, late, joined(data.speed.time_s, SEAM_S), every)
     return None
 

@@ -25,19 +25,19 @@ from control.diagnosis.dataframe_input import (
     name_frame_library,
 )
 from control.diagnosis.prediction.on_log import OnLog
-from control.diagnosis.prediction.predictive_validation import borne_out
-from control.diagnosis.prediction.rival import curves_of
+from control.diagnosis.prediction.predictive_validation import validate_prediction
+from control.diagnosis.prediction.rival import find_curves
 from control.diagnosis.result import Diagnosis
 from control.machine.machine import Machine
 from control.recordings.values import readable
 
 from .channels import ChannelSeries, channels, without_narrowband
 from .findings import (
-    between_rows,
-    hardly_read,
     hidden_by_load,
-    on_the_whole,
-    turned_back,
+    note_faults_between_rows,
+    note_hardly_read,
+    note_reverse_turning,
+    note_whole_log,
     units_doubted,
     unsure_drives,
 )
@@ -206,9 +206,7 @@ def diagnose_run(
     True
     """
     given, of = columns_of(columns), machine_of(machine)
-    found = judged_run(
-        given, of, path=path, progress=progress, cancelled=cancelled, each=each
-    ).found
+    found = judge_run(given, of, path=path, progress=progress, cancelled=cancelled, each=each).found
     misspelt = find_misspelt_columns(given)
     return replace(
         found,
@@ -218,7 +216,7 @@ def diagnose_run(
     )
 
 
-def judged_run(
+def judge_run(
     columns: Mapping[str, npt.NDArray[Any]],
     machine: Machine,
     *,
@@ -245,9 +243,9 @@ def judged_run(
     log, data, read_off = series_of_log(columns, machine)
     findings = [
         *log.findings,
-        *turned_back(log, machine),
+        *note_reverse_turning(log, machine),
         *unsure_drives(log, data),
-        *hardly_read(log, data),
+        *note_hardly_read(log, data),
         *units_doubted(data, machine),
         *hidden_by_load(data, machine),
     ]
@@ -262,12 +260,16 @@ def judged_run(
         findings += without[1]
     step(0.1, "model")
     on_log = cache(lambda: OnLog(log, data, machine))
-    groups = _judged(seen, machine, data, cache(lambda: curves_of(on_log())), step, each, findings)
+    groups = _judged(
+        seen, machine, data, cache(lambda: find_curves(on_log())), step, each, findings
+    )
     findings += (
-        attempt("the drives over every row", lambda: on_the_whole(log, groups, machine), findings)
+        attempt("the drives over every row", lambda: note_whole_log(log, groups, machine), findings)
         or []
     )
-    findings += between_rows(log, {part.id for one in groups for part in one.found.parts})
+    findings += note_faults_between_rows(
+        log, {part.id for one in groups for part in one.found.parts}
+    )
     step(0.9, "result")
     found = attempt("", lambda: report(data, machine, groups, read_off, path, tuple(findings)), [])
     if found is None or not is_finite(found):
@@ -275,7 +277,9 @@ def judged_run(
         with np.errstate(all="ignore"):
             found = report(data, machine, groups, read_off, path, tuple(findings))
     said, ids = found, {one.part.id for one in read_off}
-    held = attempt("what its file predicts", lambda: borne_out(on_log(), said, ids), findings)
+    held = attempt(
+        "what its file predicts", lambda: validate_prediction(on_log(), said, ids), findings
+    )
     found = (
         held if held is not None and is_finite(held) else replace(said, findings=tuple(findings))
     )

@@ -20,13 +20,13 @@ from control.diagnosis.judgement.noise import coefficients
 from control.machine.compiled import term_run
 from control.machine.form import FORMS, SHAFT_ANGLE, FormSeries, Scaled, TriedForm, scaled
 from control.machine.forms import Lost, ProductForm
-from control.machine.machine import Machine, of_nominal
+from control.machine.machine import Machine, scale_nominal
 from control.machine.stage_runner import MOST_STEP_S
-from control.machine.terms import COMMANDED_RPM, STAGE_OF, Acts, own_command
+from control.machine.terms import COMMANDED_RPM, STAGE_OF, Acts, name_own_command
 
-from .channels import drive_rows
+from .channels import simulate_drive_rows
 from .drives import Drive
-from .hopper import bin_mean, metered_mean
+from .hopper import average_bins, average_metered
 from .hypothesis import EffectInstance, Hypothesis, schedule
 from .model import GroupModel
 from .smooth import DOWNSTREAM, MIN_RANGE, RANGES
@@ -105,10 +105,10 @@ class ActedOn:
         assert hopper is not None
         if self.acts is Acts.SCALE_KG:
             return channel.grid.of(
-                np.array([bin_mean(one, data.row_s, hopper.time_s)[:-1] for one in rows])
+                np.array([average_bins(one, data.row_s, hopper.time_s)[:-1] for one in rows])
             )
         metered = data.inputs["shaft_rpm"] * data.inputs["opening_mm"]
-        share = channel.grid.of(metered_mean(rows, metered, data.row_s, hopper.time_s)[:, :-1])
+        share = channel.grid.of(average_metered(rows, metered, data.row_s, hopper.time_s)[:, :-1])
         share = 0.5 * (share + np.concatenate((share[:, :1], share[:, :-1]), axis=1))
         return np.asarray(np.cumsum(np.diff(self._unit, prepend=self._unit[0]) * share, axis=1))
 
@@ -125,7 +125,9 @@ class ActedOn:
         return np.array([self._of_shaft(drive, was, one) for one in picked])
 
     def _shaft_rpm(self, drive: Drive) -> Array:
-        return drive_rows(drive)(schedule(self._model.base, self._parts), MOST_STEP_S)[:, 0]
+        return simulate_drive_rows(drive)(schedule(self._model.base, self._parts), MOST_STEP_S)[
+            :, 0
+        ]
 
     def _of_shaft(self, drive: Drive, was: Array, one: Array) -> Array:
         """Slope of the shaft's speed in so much of a series over its rows: while it runs up
@@ -268,11 +270,11 @@ def _variables(data: RunData, machine: Machine, acts: Acts) -> Variables:
         work = turning
     found: dict[str, Scaled] = {}
     for name in _names(data, acts):
-        values = inputs.get(own_command(stage, name))
+        values = inputs.get(name_own_command(stage, name))
         if values is None or not np.isfinite(values).all():
             continue
         one = scaled(name, values, work, data.row_s, term_run)
-        least = of_nominal(machine, RANGES.get(name, ())) * MIN_RANGE.get(
+        least = scale_nominal(machine, RANGES.get(name, ())) * MIN_RANGE.get(
             name, float(np.finfo(float).tiny)
         )
         if one.high - one.low >= least:

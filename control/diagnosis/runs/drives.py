@@ -8,15 +8,21 @@ import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import maximum_filter1d
 
-from control.calibration.first_machine import ANSWERED, NOT_OFF, OffZero, at_rest, off_zero_of
+from control.calibration.first_machine import (
+    ANSWERED,
+    NOT_OFF,
+    OffZero,
+    find_rows_at_rest,
+    find_zero_offset,
+)
 from control.machine.compiled import term_run
 from control.machine.effect import OPENING_RANGE, SHAFT_RANGE
-from control.machine.machine import Machine, of_nominal
+from control.machine.machine import Machine, scale_nominal
 from control.machine.shaft import fastest_rpm_s
 from control.machine.term_sums import over_log
 
-from .grid import SMOOTH_S, Grid, bridged, grid_of, smoothed, windows
-from .inputs import FINE_LOG_S, STOPPED_RPM, LogRows, rows_of, term_inputs
+from .grid import SMOOTH_S, Grid, bridged, make_grid, smoothed, windows
+from .inputs import FINE_LOG_S, STOPPED_RPM, LogRows, make_term_inputs, rows_of
 from .log import MIN_ROWS, MIN_SETTLED, Clean
 
 Array = npt.NDArray[np.float64]
@@ -75,16 +81,16 @@ class Drive(NamedTuple):
     more_rpm: Array | float = 0.0
 
 
-def whole_drives(log: Clean, machine: Machine) -> dict[str, Drive]:
+def read_whole_drives(log: Clean, machine: Machine) -> dict[str, Drive]:
     """Shaft and gate of a log, by name, at every row even of a long log that is otherwise
     looked at in windows."""
     every = rows_of(log, machine)
-    more = over_log(machine.terms, term_inputs(log, every, machine), every.time_s, term_run)
-    return drives_of(log, every._replace(more=more), machine, whole=True)
+    more = over_log(machine.terms, make_term_inputs(log, every, machine), every.time_s, term_run)
+    return read_drives(log, every._replace(more=more), machine, whole=True)
 
 
-def drives_of(log: Clean, every: LogRows, machine: Machine, whole: bool) -> dict[str, Drive]:
-    c, found, still_rpm = log.columns, {}, of_nominal(machine, SHAFT_RANGE) * STILL_READ_RPM
+def read_drives(log: Clean, every: LogRows, machine: Machine, whole: bool) -> dict[str, Drive]:
+    c, found, still_rpm = log.columns, {}, scale_nominal(machine, SHAFT_RANGE) * STILL_READ_RPM
     if "shaft" in log.stages:
         since = every.time_s - np.maximum.accumulate(
             np.where(every.command_rpm != 0.0, every.time_s, -np.inf)
@@ -99,7 +105,7 @@ def drives_of(log: Clean, every: LogRows, machine: Machine, whole: bool) -> dict
         sure = ~still & _sure(
             every,
             every.command_rpm,
-            of_nominal(machine, SHAFT_RANGE) * SAME_RPM,
+            scale_nominal(machine, SHAFT_RANGE) * SAME_RPM,
             machine.shaft.dead_time_s + ANSWERED * machine.shaft.time_constant_s,
             fastest_rpm_s(machine.shaft),
         )
@@ -127,7 +133,7 @@ def drives_of(log: Clean, every: LogRows, machine: Machine, whole: bool) -> dict
         sure = _sure(
             every,
             every.command_mm,
-            of_nominal(machine, OPENING_RANGE) * SAME_MM,
+            scale_nominal(machine, OPENING_RANGE) * SAME_MM,
             machine.gate.dead_time_s,
             machine.gate.slew_mm_s,
         )
@@ -151,7 +157,7 @@ def against_the_way(
     judged."""
     if machine.shaft.one_way <= 0.0:
         return np.zeros(len(time_s), bool)
-    stopped_rpm = of_nominal(machine, SHAFT_RANGE) * STOPPED_RPM
+    stopped_rpm = scale_nominal(machine, SHAFT_RANGE) * STOPPED_RPM
     noise_rpm = READ_BACKWARDS_SD * machine.noise.shaft_rpm
     back = (command_rpm < -stopped_rpm) | (read_rpm < -max(stopped_rpm, noise_rpm))
     last = np.maximum.accumulate(np.where(back, time_s, -np.inf))
@@ -165,11 +171,12 @@ def turns_at_zero(
     stops it, and those in which it may still remember that: (n,). None of them is judged, of a
     shaft in open loop: one that holds its speed has run away."""
     shaft, at_zero = machine.shaft, command_rpm == 0.0
-    rests = at_zero & at_rest(
+    rests = at_zero & find_rows_at_rest(
         time_s, command_rpm, read_rpm, shaft.dead_time_s + ANSWERED * shaft.time_constant_s
     )
     least_rpm = max(
-        of_nominal(machine, SHAFT_RANGE) * STOPPED_RPM, READ_BACKWARDS_SD * machine.noise.shaft_rpm
+        scale_nominal(machine, SHAFT_RANGE) * STOPPED_RPM,
+        READ_BACKWARDS_SD * machine.noise.shaft_rpm,
     )
     if (
         shaft.zero_stops <= 0.0
@@ -191,7 +198,7 @@ def off_zero(drive: Drive | None, machine: Machine) -> OffZero:
         if drive.settled
         else machine.shaft.dead_time_s + ANSWERED * machine.shaft.time_constant_s
     )
-    return off_zero_of(
+    return find_zero_offset(
         drive.time_s, drive.command, drive.measured, answers_s, machine.noise.shaft_rpm
     )
 
@@ -289,7 +296,7 @@ def _drive(
     known = np.isfinite(measured[pick]) & (since >= settle_s) & sure[pick] & ~quick & ~held[pick]
     if known.sum() < least:
         return None
-    grid = grid_of(time[pick], known, every.step_s, clock)
+    grid = make_grid(time[pick], known, every.step_s, clock)
     more, more_rpm = (
         every.more.get("shaft_percent" if name == "shaft" else "gate_mm"),
         every.more.get("shaft_rpm"),

@@ -10,9 +10,9 @@ import numpy.typing as npt
 from scipy.ndimage import minimum_filter1d
 
 from control.machine.effect import HOPPER, SHAFT_RANGE
-from control.machine.machine import Machine, of_nominal
+from control.machine.machine import Machine, scale_nominal
 
-from .grid import Grid, bridged, grid_of
+from .grid import Grid, bridged, make_grid
 from .inputs import WORKING_RPM, LogRows
 from .log import MIN_ROWS, Clean
 
@@ -61,7 +61,7 @@ class DriveEffort(NamedTuple):
         """The same with some bins left out, (m,)."""
         members = np.where(bins, 0.0, self.members)
         return self._replace(
-            members=members, grid=grid_of(self.middle_s, members > 0, self.grid.step_s)
+            members=members, grid=make_grid(self.middle_s, members > 0, self.grid.step_s)
         )
 
     def binned(self, rows: Array) -> Array:
@@ -72,13 +72,15 @@ class DriveEffort(NamedTuple):
         )
 
 
-def efforts_of(log: Clean, every: LogRows, machine: Machine) -> tuple[DriveEffort, ...]:
+def read_efforts(log: Clean, every: LogRows, machine: Machine) -> tuple[DriveEffort, ...]:
     """The drives of a log that tell how hard they work, and were seen to move."""
-    found = [drive_effort(name, log, every, machine) for name in EFFORT if name in log.stages]
+    found = [read_drive_effort(name, log, every, machine) for name in EFFORT if name in log.stages]
     return tuple(one for one in found if one is not None)
 
 
-def drive_effort(name: str, log: Clean, every: LogRows, machine: Machine) -> DriveEffort | None:
+def read_drive_effort(
+    name: str, log: Clean, every: LogRows, machine: Machine
+) -> DriveEffort | None:
     """None where the drive hardly moves."""
     time, step_s = every.time_s, every.step_s
     rows = max(5, 2 * round(0.5 * LOOKED_S / step_s) + 1)
@@ -87,7 +89,7 @@ def drive_effort(name: str, log: Clean, every: LogRows, machine: Machine) -> Dri
     if name == "effort":
         speed, per_s = (_polynomial(every.shaft_rpm, rows, step_s, 1, nth) for nth in (0, 1))
         speed = speed if step_s < LOOKED_S else every.shaft_rpm
-        least = of_nominal(machine, SHAFT_RANGE) * WORKING_RPM
+        least = scale_nominal(machine, SHAFT_RANGE) * WORKING_RPM
         even = np.abs(per_s) * LOOKED_S < EVEN_SHARE * machine.limits.shaft_high_rpm
         column = log.columns["shaft_effort"]
     else:
@@ -107,7 +109,7 @@ def drive_effort(name: str, log: Clean, every: LogRows, machine: Machine) -> Dri
     hopper = bridged(time, log.columns["hopper_kg"], np.full(len(time), machine.flow.full_kg))
     supply = np.maximum(1.0, every.supply_v[used])
     middle = time[0] + width * (np.arange(len(members)) + 0.5)
-    rises = np.diff(hopper) > of_nominal(machine, HOPPER) * 3.0
+    rises = np.diff(hopper) > scale_nominal(machine, HOPPER) * 3.0
     return DriveEffort(
         name,
         time[used],
@@ -122,7 +124,7 @@ def drive_effort(name: str, log: Clean, every: LogRows, machine: Machine) -> Dri
         bins,
         members,
         middle,
-        grid_of(middle, members > 0, width),
+        make_grid(middle, members > 0, width),
     )
 
 

@@ -10,13 +10,13 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import stdtrit
 
-from control.calibration.adopt import record, retitled, with_records
+from control.calibration.adopt import make_title, merge_records, record
 from control.calibration.least_squares import FittedInterval, fitted
 from control.diagnosis.effects import ROWS
 from control.machine.compiled import flutes_run
 from control.machine.machine import Machine
 
-from .effort import EFFORT, DriveEffort, drive_effort
+from .effort import EFFORT, DriveEffort, read_drive_effort
 from .inputs import rows_of
 from .log import gate
 
@@ -59,7 +59,7 @@ def fit_effort(
     every, fits = rows_of(log, machine), list[EffortFit]()
     fitted_machine = machine.model_copy(update={"effort_unit": unit or machine.effort_unit})
     for name in EFFORT:
-        drive = drive_effort(name, log, every, machine) if name in log.stages else None
+        drive = read_drive_effort(name, log, every, machine) if name in log.stages else None
         if drive is not None and int((drive.members > 0).sum()) >= LEAST_BINS:
             fitted_machine, fit = _fit(drive, fitted_machine)
             fits.append(fit)
@@ -76,8 +76,8 @@ def fit_effort(
     return Machine.model_validate(
         {
             **dict(fitted_machine),
-            "adopted": with_records(machine, records, of_effort),
-            "title": retitled(machine, "effort", data, date),
+            "adopted": merge_records(machine, records, of_effort),
+            "title": make_title(machine, "effort", data, date),
         }
     ), tuple(fits)
 

@@ -11,16 +11,16 @@ from scipy.special import expit
 from control.diagnosis.effects import ROWS, SHAFT_DEAD_TIME, SHAFT_SATURATION
 from control.diagnosis.judgement.prior import LISTED, NAMED, log_odds_of_row, log_odds_of_unit
 from control.machine.effect import OPENING_RANGE
-from control.machine.machine import Machine, of_nominal
+from control.machine.machine import Machine, scale_nominal
 from control.machine.stage_runner import MOST_STEP_S
 
 from .channels import drive_channel
-from .drives import SAME_MM, Drive, against_the_way, off_zero, turns_at_zero, whole_drives
+from .drives import SAME_MM, Drive, against_the_way, off_zero, read_whole_drives, turns_at_zero
 from .grid import held, looked_at
 from .hypothesis import EffectInstance, schedule
 from .inputs import FINE_LOG_S
 from .log import MIN_SETTLED, Clean
-from .model import tolerance_of
+from .model import find_tolerance
 from .selection import GroupResult
 from .stages import RunData
 
@@ -32,7 +32,7 @@ ONE_WAY_SHARE = 0.05
 LOST_SHARE = 0.01  # of the rows
 
 
-def on_the_whole(log: Clean, judged: Sequence[GroupResult], machine: Machine) -> list[str]:
+def note_whole_log(log: Clean, judged: Sequence[GroupResult], machine: Machine) -> list[str]:
     """Sentences on a long log: the share of rows looked at, and the error over all rows before
     and after naming.
 
@@ -48,7 +48,7 @@ def on_the_whole(log: Clean, judged: Sequence[GroupResult], machine: Machine) ->
         f"{100.0 * len(rows) / count:.0f} % of {count} rows, "
         "evenly chosen; flow and scale on the whole time"
     ]
-    every = whole_drives(log, machine)
+    every = read_whole_drives(log, machine)
     for one in judged:
         for name in ("shaft", "gate"):
             parts = tuple(p for p in one.found.parts if ROWS[p.id].stage == name)
@@ -67,7 +67,7 @@ def on_the_whole(log: Clean, judged: Sequence[GroupResult], machine: Machine) ->
     return said
 
 
-def turned_back(log: Clean, machine: Machine, counted: bool = False) -> list[str]:
+def note_reverse_turning(log: Clean, machine: Machine, counted: bool = False) -> list[str]:
     """Said of a shaft that is asked to turn backwards: that it is judged so, or, of one that
     turns one way by its machine file, how many rows say otherwise and are left out (`counted`:
     are not, as where two files are compared); and of one that turns at a command of 0 though
@@ -128,14 +128,16 @@ def mistaken_unit(drive: Drive | None, machine: Machine) -> float:
     return float(expit(log_odds_of_unit(ratio, SHAFT_SATURATION.on(machine).usual, names)))
 
 
-def is_steady(part: EffectInstance) -> bool:
+def is_steady_part(part: EffectInstance) -> bool:
     """Whether a part scales or shifts all that its drive does, all along, as a mistaken unit
     does."""
     row = ROWS[part.id]
     return part.onset_s is None and not row.move_shaped and row.scanned
 
 
-def mistaken_row(part: EffectInstance, sd_s: float, data: RunData, machine: Machine) -> float:
+def find_row_shift_probability(
+    part: EffectInstance, sd_s: float, data: RunData, machine: Machine
+) -> float:
     """Probability that a shaft is late by a part's size, known to `sd_s` (1 s.d.), because the
     log's rows are one off: where the gate moves, it tells (`row_order`)."""
     if (
@@ -147,10 +149,10 @@ def mistaken_row(part: EffectInstance, sd_s: float, data: RunData, machine: Mach
         return 0.0
     if (
         data.gate is not None
-        and np.ptp(data.gate.command) > of_nominal(machine, OPENING_RANGE) * SAME_MM
+        and np.ptp(data.gate.command) > scale_nominal(machine, OPENING_RANGE) * SAME_MM
     ):
         return 0.0
-    known_s = float(np.hypot(sd_s, tolerance_of(part.id, machine)))
+    known_s = float(np.hypot(sd_s, find_tolerance(part.id, machine)))
     names = sum(row.stage == "shaft" for row in ROWS.values())
     return float(
         expit(
@@ -165,12 +167,14 @@ def mistaken_row(part: EffectInstance, sd_s: float, data: RunData, machine: Mach
     )
 
 
-def rows_doubted(
+def note_doubted_rows(
     causes: Sequence[tuple[EffectInstance, float]], data: RunData, machine: Machine
 ) -> list[str]:
     """Said of a shaft that is late by a row. causes : parts, and to what they are known (1
     s.d.)."""
-    if not any(mistaken_row(part, sd_s, data, machine) > LISTED for part, sd_s in causes):
+    if not any(
+        find_row_shift_probability(part, sd_s, data, machine) > LISTED for part, sd_s in causes
+    ):
         return []
     return [
         f"{SHAFT_DEAD_TIME.id}: it is as late as a row is long, and a log that writes "
@@ -212,7 +216,7 @@ def unsure_drives(log: Clean, data: RunData) -> list[str]:
     ]
 
 
-def hardly_read(log: Clean, data: RunData) -> list[str]:
+def note_hardly_read(log: Clean, data: RunData) -> list[str]:
     """Said of channels whose columns are there and hold hardly a new reading."""
     return [
         f"stage {word} is left out: hardly a new reading in its columns: the same value "
@@ -244,7 +248,7 @@ def hidden_by_load(data: RunData, machine: Machine) -> list[str]:
     return found
 
 
-def between_rows(log: Clean, ids: set[str]) -> list[str]:
+def note_faults_between_rows(log: Clean, ids: set[str]) -> list[str]:
     """Said of small faults of the drives where the log may not hold every command that was
     given."""
     steps = np.diff(log.time_s)

@@ -16,7 +16,7 @@ from control.diagnosis.judgement.prior import FORM_SHARE
 from control.diagnosis.result import Gain
 
 from .columns import WAVES
-from .held_out import BLOCKS, HELD_OUT, HeldOut, amplitudes, errors_of, held_out
+from .held_out import BLOCKS, HELD_OUT, HeldOut, errors_of, fit_amplitudes, held_out
 from .selection import GroupResult
 from .smooth import DOWNSTREAM, TABLES, variables_of
 
@@ -57,7 +57,7 @@ def _channel_gain(
 ) -> list[Gain]:
     """Gains of one channel: of the names, of the best nameless corrector, and of a placebo."""
     noise = judged.found.noise
-    amplitude = amplitudes(blocks, columns, at_fit, noise)
+    amplitude = fit_amplitudes(blocks, columns, at_fit, noise)
     change = sum(
         a * s for a, (c, s) in zip(amplitude, columns, strict=True) if c.label.role is Role.SLOPE
     )
@@ -133,7 +133,7 @@ def _corrected(
     """The error once `others` are fitted, along with the tolerances, to the fitted blocks, and
     taken off everywhere."""
     shapes = [series_of(c.coefficients[blocks.whole.name], blocks.whole.cut) for c in others]
-    amplitude = amplitudes(blocks, [*fixed, *zip(others, shapes, strict=True)], before, noise)[
+    amplitude = fit_amplitudes(blocks, [*fixed, *zip(others, shapes, strict=True)], before, noise)[
         len(fixed) :
     ]
     return np.asarray(before - sum(a * series for a, series in zip(amplitude, shapes, strict=True)))

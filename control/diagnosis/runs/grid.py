@@ -60,7 +60,7 @@ def joined(time: Array, step_s: float, seam_s: float = 0.0) -> Array:
     return np.asarray(time[0] + np.concatenate(([0.0], np.cumsum(spans))))
 
 
-def grid_of(
+def make_grid(
     time: Array,
     known: npt.NDArray[np.bool_],
     step_s: float,
@@ -141,7 +141,7 @@ def looked_at(count: int) -> npt.NDArray[np.int64]:
     return (starts[:, None] + np.arange(each)).ravel()
 
 
-def known_rows(count: int) -> npt.NDArray[np.int64]:
+def select_known_rows(count: int) -> npt.NDArray[np.int64]:
     """Rows at which the recorded variables are kept: all, or those looked at and every
     EVERY_ROW-th of the others."""
     rows = looked_at(count)

@@ -45,7 +45,7 @@ def held_out(channel: ChannelSeries) -> HeldOut:
     )
 
 
-def amplitudes(
+def fit_amplitudes(
     blocks: HeldOut, columns: Sequence[tuple[Column, Array]], left: Array, noise: dict[str, Noise]
 ) -> Array:
     """Amplitudes of columns (given with their series) fitted to the blocks that are not held

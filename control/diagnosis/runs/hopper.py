@@ -9,9 +9,9 @@ import numpy as np
 import numpy.typing as npt
 
 from control.machine.effect import HOPPER, SHAFT_RANGE
-from control.machine.machine import Machine, of_nominal
+from control.machine.machine import Machine, scale_nominal
 
-from .grid import MAX_BRIDGED_STEPS, Grid, grid_of, held
+from .grid import MAX_BRIDGED_STEPS, Grid, held, make_grid
 from .inputs import STOPPED_RPM, LogRows
 
 Array = npt.NDArray[np.float64]
@@ -67,7 +67,7 @@ class Hopper(NamedTuple):
     more_kg: Array | float = 0.0  # (m,), of the reading
 
 
-def hopper_of(
+def read_hopper(
     every: LogRows, reading: Array, written: list[tuple[float, float]], machine: Machine
 ) -> Hopper | None:
     """None where the scale was read in too few bins."""
@@ -76,7 +76,7 @@ def hopper_of(
     count = int(np.floor((time[-1] - time[0]) / width))
     edges = time[0] + width * np.arange(count + 1)
     turned, wide, level = _binned_inputs(
-        every, edges, width, of_nominal(machine, SHAFT_RANGE) * STOPPED_RPM
+        every, edges, width, scale_nominal(machine, SHAFT_RANGE) * STOPPED_RPM
     )
     known = np.isfinite(reading) & (time < edges[-1])
     bins = np.minimum(count - 1, np.floor((time[known] - time[0]) / width).astype(int))
@@ -85,7 +85,7 @@ def hopper_of(
     kg = np.where(seen > 0, sums / np.maximum(1, seen), np.nan)
     within = np.bincount(bins, weights=(time[known] - edges[bins]) / width, minlength=count)
     read_at = np.where(seen > 0, within / np.maximum(1, seen), 0.5)
-    rise_kg = max(of_nominal(machine, HOPPER) * REFILL_KG, REFILL_SD * machine.noise.scale_kg)
+    rise_kg = max(scale_nominal(machine, HOPPER) * REFILL_KG, REFILL_SD * machine.noise.scale_kg)
     refill, jumps, hidden = _refills(kg, rise_kg)
     stated = []
     for jump in jumps:
@@ -108,13 +108,13 @@ def hopper_of(
         start_kg,
         jumps,
         tuple(stated),
-        grid_of(edges[:-1] + 0.5 * width, good, width),
-        *_unseen(every, edges, of_nominal(machine, SHAFT_RANGE) * STOPPED_RPM),
-        *of_terms(every, edges),
+        make_grid(edges[:-1] + 0.5 * width, good, width),
+        *_unseen(every, edges, scale_nominal(machine, SHAFT_RANGE) * STOPPED_RPM),
+        *sum_terms(every, edges),
     )
 
 
-def of_terms(every: LogRows, edges: Array) -> tuple[Array | float, Array | float, Array | float]:
+def sum_terms(every: LogRows, edges: Array) -> tuple[Array | float, Array | float, Array | float]:
     """What the machine file's terms add in each bin: per cent of its flow, kg/s (m+1,), and kg
     of the reading (m,)."""
     more, time = every.more, every.time_s
@@ -122,42 +122,42 @@ def of_terms(every: LogRows, edges: Array) -> tuple[Array | float, Array | float
     kg_s: Array | float = 0.0
     kg: Array | float = 0.0
     if "flow_percent" in more:
-        [percent] = metered_mean(
+        [percent] = average_metered(
             more["flow_percent"][None, :], every.shaft_rpm * every.opening_mm, time, edges
         )
     if "flow_kg_min" in more:
-        kg_s = bin_mean(
+        kg_s = average_bins(
             np.where(every.shaft_rpm > 0.0, more["flow_kg_min"], 0.0) / 60.0, time, edges
         )
     if "scale_kg" in more:
-        kg = kg + bin_mean(more["scale_kg"], time, edges)[:-1]
+        kg = kg + average_bins(more["scale_kg"], time, edges)[:-1]
     if "scale_kg_min" in more:
         run_away = np.concatenate(
             ([0.0], np.cumsum(more["scale_kg_min"][:-1] / 60.0 * np.diff(time)))
         )
-        kg = kg + bin_mean(run_away, time, edges)[:-1]
+        kg = kg + average_bins(run_away, time, edges)[:-1]
     return percent, kg_s, kg
 
 
-def bin_mean(series: Array, time: Array, edges: Array) -> Array:
+def average_bins(series: Array, time: Array, edges: Array) -> Array:
     """Mean of a held series (rows,) over each bin, the last repeated: (m+1,)."""
     mean = _sums_in(time, np.diff(time) * series[:-1], edges) / np.diff(edges)
     return np.append(mean, mean[-1])
 
 
-def metered_mean(series: Array, metered: Array, time: Array, edges: Array) -> Array:
+def average_metered(series: Array, metered: Array, time: Array, edges: Array) -> Array:
     """The same of several series (k, rows), weighted with what was metered meanwhile; plain
     where nothing was."""
     metered = np.maximum(metered, 0.0)
-    weight = bin_mean(metered, time, edges)
+    weight = average_bins(metered, time, edges)
     flows = weight > 0.0
-    found = np.array([bin_mean(metered * one, time, edges) for one in series]) / np.where(
+    found = np.array([average_bins(metered * one, time, edges) for one in series]) / np.where(
         flows, weight, 1.0
     )
     return (
         found
         if flows.all()
-        else np.where(flows, found, [bin_mean(one, time, edges) for one in series])
+        else np.where(flows, found, [average_bins(one, time, edges) for one in series])
     )
 
 

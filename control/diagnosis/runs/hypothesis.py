@@ -58,11 +58,11 @@ class Stages(NamedTuple):
         return Stages({**self.by_name, stage: self.by_name[stage]._replace(**changes)})
 
 
-def stages_of(machine: Machine) -> Stages:
+def list_stages(machine: Machine) -> Stages:
     return Stages({name: getattr(machine, name) for name in STAGES})
 
 
-def with_part(stages: Stages, part: EffectInstance) -> Stages:
+def add_part(stages: Stages, part: EffectInstance) -> Stages:
     """Stages with one more effect on top of what they have; no bounds are looked at."""
     entry = CATALOGUE[part.id]
     before = getattr(stages.by_name[entry.stage], entry.field)
@@ -94,6 +94,6 @@ def schedule(stages: Stages, parts: Hypothesis) -> Schedule:
         for part in parts:
             started = part.onset_s is None or part.onset_s <= begin
             if started and not part.grows and (part.until_s is None or begin < part.until_s):
-                now = with_part(now, part)
+                now = add_part(now, part)
         sets.append(now)
     return Schedule(tuple(sets), tuple(times))

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from control.machine.effect import SHAFT_RANGE
 from control.machine.form import SHAFT_ANGLE
-from control.machine.machine import Machine, of_nominal
+from control.machine.machine import Machine, scale_nominal
 from control.machine.term_sums import angle_over_log, commanded_over_log, dead_times_s
 from control.machine.terms import COMMANDED_MM, COMMANDED_RPM
 from control.recordings.times import GAP_STEPS
@@ -58,7 +58,7 @@ def rows_of(log: Clean, machine: Machine) -> LogRows:
     supply_v = bridged(time, c["supply_v"], np.full(len(time), machine.shaft.nominal_supply_v))
     # neutral
     opening_mm = np.where(np.isfinite(command_mm), command_mm, machine.set_points.opening_mm)
-    turning = np.abs(np.nan_to_num(shaft_rpm)) > of_nominal(machine, SHAFT_RANGE) * WORKING_RPM
+    turning = np.abs(np.nan_to_num(shaft_rpm)) > scale_nominal(machine, SHAFT_RANGE) * WORKING_RPM
     working = np.where(np.isfinite(log.working), log.working, turning)
     opening_mm = bridged(time, c["opening_mm"], opening_mm, ASKED_AFTER_S)
     return LogRows(
@@ -102,7 +102,7 @@ def commands_lost(time: Array, step_s: float) -> npt.NDArray[np.bool_]:
     return np.diff(time, prepend=time[0]) > GAP_STEPS * step_s
 
 
-def term_inputs(log: Clean, every: LogRows, machine: Machine) -> dict[str, Array]:
+def make_term_inputs(log: Clean, every: LogRows, machine: Machine) -> dict[str, Array]:
     """What terms are asked with, at every row of a log (n,): readings, and the commands that
     the drives follow by now.
 

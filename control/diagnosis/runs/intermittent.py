@@ -22,10 +22,10 @@ from control.diagnosis.judgement.prior import COURSE, ROBUST_SD, SAID, UNKNOWN, 
 from control.machine.machine import Machine
 from control.machine.stage_runner import MOST_STEP_S
 
-from .channels import effort_bins, hopper_channel
+from .channels import bin_effort, hopper_channel
 from .effort import EFFORT, DriveEffort
 from .hopper import Hopper
-from .hypothesis import EffectInstance, schedule, stages_of
+from .hypothesis import EffectInstance, list_stages, schedule
 from .model import GROUPS
 from .robust import FREEDOM
 from .search import DIPS_WITHIN_S
@@ -76,7 +76,7 @@ class ReadOff(NamedTuple):
     log_odds: float  # posterior, against nothing in its place
 
 
-def prior_odds(part: EffectInstance) -> float:
+def find_prior_odds(part: EffectInstance) -> float:
     """Log prior odds of an effect that is read off, among those of its group of channels."""
     channel = ROWS[part.id].channels[0]
     names = {
@@ -136,7 +136,7 @@ class _Unloaded(NamedTuple):
 def _without_load(e: DriveEffort, machine: Machine) -> _Unloaded | None:
     """Spells in which the material's load was gone, one of which ended at least: an empty
     hopper's does not."""
-    bins, stages = effort_bins(e), stages_of(machine)
+    bins, stages = bin_effort(e), list_stages(machine)
     full = bins(schedule(stages, ()))
     gone = bins(schedule(stages.put("effort", load=0.0), ())) - full
     known = e.members > 0
@@ -165,7 +165,7 @@ def _without_load(e: DriveEffort, machine: Machine) -> _Unloaded | None:
     begins, ends = np.flatnonzero(edges > 0), np.flatnonzero(edges < 0)
     ended = bool(len(begins)) and bool(known[ends[0] :].any())
     bridging = EffectInstance(effects.FLOW_BRIDGING.id, 100.0 * float(on[known].mean()))
-    odds = evidence + prior_odds(bridging)
+    odds = evidence + find_prior_odds(bridging)
     if not ended or odds <= SAID:
         return None
     half_s = 0.5 * e.grid.step_s
@@ -220,7 +220,7 @@ def _without_dips(s: TwoSpeeds, where: Sequence[Array]) -> tuple[TwoSpeeds, Read
         )
         for rows in (1, LONG_DIP)
     )
-    odds = evidence - float(np.log(2.0)) + prior_odds(missed)  # two ways to count them
+    odds = evidence - float(np.log(2.0)) + find_prior_odds(missed)  # two ways to count them
     followed = [_follows(dips[moving], values[moving], pulse_rows) for values in where]
     # some of what follows a variable comes for a while: so may pulses that are missing
     if followed:
@@ -228,7 +228,7 @@ def _without_dips(s: TwoSpeeds, where: Sequence[Array]) -> tuple[TwoSpeeds, Read
         for_a_while = np.log(1.0 - steady) + _follows(
             dips[moving], np.arange(float(moving.sum())), pulse_rows
         )
-        alone = prior_odds(missed) + float(np.logaddexp(np.log(steady), for_a_while))
+        alone = find_prior_odds(missed) + float(np.logaddexp(np.log(steady), for_a_while))
         odds = min(
             odds,
             alone - float(np.logaddexp.reduce(followed)) - float(np.log(UNKNOWN / len(followed))),
@@ -332,7 +332,7 @@ def _without_bridges(
     where the scale bears it out.
     """
     channel = hopper_channel(h, machine)
-    predicted = channel.predict(schedule(stages_of(machine), ()), MOST_STEP_S)
+    predicted = channel.predict(schedule(list_stages(machine), ()), MOST_STEP_S)
     left = channel.measured - predicted
     steps = np.abs(np.diff(left, append=left[-1:]))
     swell = np.maximum(1.0, median_filter(steps, SWELL) / max(float(np.median(steps)), 1e-9))
@@ -411,7 +411,7 @@ def _short_bridges(h: Hopper, level: _ScaleLevel) -> tuple[Array, ReadOff] | Non
     unseen = rest if 0.0 < rest < len(at) / side * sd else 0.0
     kept += unseen * np.cumsum(flow) / flowed  # spells too short to be seen one by one
     bridging = EffectInstance(effects.FLOW_BRIDGING.id, 100.0 * float(kept[-1]) / flowed)
-    odds = float(up.sum() - up.max() - down.sum()) + prior_odds(bridging)
+    odds = float(up.sum() - up.max() - down.sum()) + find_prior_odds(bridging)
     sd_share = 100.0 * (sd * (len(ups) ** 0.5 + 1.0) + UNSEEN_SD * unseen) / flowed
     return (kept, ReadOff(bridging, float(sd_share), odds)) if odds > SAID else None
 
@@ -459,7 +459,7 @@ def _long_bridges(h: Hopper, level: _ScaleLevel) -> tuple[Array, ReadOff] | None
     if starts < 2:
         return None
     bridging = EffectInstance(effects.FLOW_BRIDGING.id, 100.0 * float(on[working].mean()))
-    odds = evidence + prior_odds(bridging)
+    odds = evidence + find_prior_odds(bridging)
     if odds <= SAID:
         return None
     stayed = np.concatenate(([0.0], np.cumsum(np.where(on, fell, 0.0))))

@@ -87,7 +87,7 @@ class Kept(NamedTuple):
     said: tuple[str, ...]  # what was left out, a sentence each
 
 
-def worth_asking(further: Mapping[str, Array], known: Mapping[str, Array]) -> Kept:
+def select_variables(further: Mapping[str, Array], known: Mapping[str, Array]) -> Kept:
     """Of further columns (n,) those that are asked about: that say something of their own, and
     not too many.
 
@@ -377,7 +377,7 @@ def _further(
             and np.ptp(np.percentile(seen, (1.0, 99.0))) > 0.0
         ):
             found[name] = values
-    kept = worth_asking(found, published)
+    kept = select_variables(found, published)
     findings += [*map(str, odd), *kept.said]
     return kept.columns
 

@@ -14,12 +14,12 @@ from control.diagnosis.judgement import noise as noises
 from control.diagnosis.judgement.noise import coefficients
 from control.machine.effect import FULL_REVOLUTION, SLEW
 from control.machine.effort import OF_GATE, OF_SHAFT
-from control.machine.machine import CATALOGUE, Machine, of_nominal
+from control.machine.machine import CATALOGUE, Machine, scale_nominal
 from control.machine.stage_runner import MOST_STEP_S
 
 from .channels import ChannelSeries
 from .effort import EFFORT
-from .hypothesis import EffectInstance, Hypothesis, Stages, schedule, stages_of
+from .hypothesis import EffectInstance, Hypothesis, Stages, list_stages, schedule
 from .stages import RunData
 
 Array = npt.NDArray[np.float64]
@@ -69,7 +69,7 @@ def nuisances(channel: str, machine: Machine) -> tuple[Nuisance, ...]:
             Nuisance(
                 "gate",
                 "slew_mm_s",
-                0.5 * of_nominal(machine, SLEW),
+                0.5 * scale_nominal(machine, SLEW),
                 machine.gate.slew_mm_s * t.gate_slew_percent / 100.0,
             ),
             Nuisance("gate", "home_error_mm", 0.05, t.opening_mm),
@@ -80,7 +80,7 @@ def nuisances(channel: str, machine: Machine) -> tuple[Nuisance, ...]:
             Nuisance(
                 "flow",
                 "zero_offset_g_rev",
-                0.5 * of_nominal(machine, FULL_REVOLUTION),
+                0.5 * scale_nominal(machine, FULL_REVOLUTION),
                 t.opening_mm * machine.flow.grams_per_rev_mm,
             ),
         )
@@ -96,7 +96,7 @@ def nuisances(channel: str, machine: Machine) -> tuple[Nuisance, ...]:
     return ()
 
 
-def tolerance_of(effect_id: str, machine: Machine) -> float:
+def find_tolerance(effect_id: str, machine: Machine) -> float:
     """Tolerance (1 s.d.) of the nominal value that an effect moves, in the unit of its size; 0
     where it moves none.
 
@@ -113,35 +113,35 @@ def hidden_within(effect_id: str, machine: Machine) -> float:
     sheet's single one leaves out; 0 for others."""
     if effect_id == SHAFT_SECOND_ORDER.id:
         return ELECTRICAL * machine.shaft.time_constant_s
-    return tolerance_of(effect_id, machine)
+    return find_tolerance(effect_id, machine)
 
 
-def untied(effect_id: str) -> tuple[str, ...]:
+def find_absorbed_effects(effect_id: str) -> tuple[str, ...]:
     """Effects that no nominal value off its tolerance does where this one is there: of two
     orders the first is no data sheet's time constant."""
     return (SHAFT_SLOW.id,) if effect_id == SHAFT_SECOND_ORDER.id else ()
 
 
-def stood_for(parts: Hypothesis) -> frozenset[str]:
+def find_replaced_nominals(parts: Hypothesis) -> frozenset[str]:
     """Nominal values (by key) that a steady part moves, or leaves to another effect: sizes say
     how far, and no tolerance along with them."""
     ids = [part.id for part in parts if part.onset_s is None]
-    rows = [ROWS[name] for one in ids for name in (one, *untied(one))]
+    rows = [ROWS[name] for one in ids for name in (one, *find_absorbed_effects(one))]
     return frozenset(f"{row.stage}.{row.moves}" for row in rows if row.moves)
 
 
-def stamp_sd_s(machine: Machine, step_s: float) -> float:
+def find_stamp_sd_s(machine: Machine, step_s: float) -> float:
     """How well the time of a GNSS reading is known (1 s.d.), in a log with rows of `step_s`."""
     return float(np.hypot(machine.tolerance.dead_time_s, GNSS_STAMP_SHARE * step_s))
 
 
-def adds_up(part: EffectInstance, channel: str) -> bool:
+def is_cumulative(part: EffectInstance, channel: str) -> bool:
     """Whether a channel reads the sum of what an effect did until then: a scale reads all that
     flowed."""
     return channel == "scale" and ROWS[part.id].stage != "scale"
 
 
-def in_course(change: Array, channel: ChannelSeries, part: EffectInstance) -> Array:
+def shape_over_time(change: Array, channel: ChannelSeries, part: EffectInstance) -> Array:
     """What an effect does to a channel in the course of a log, from what it would do all along:
     both (m,).
 
@@ -149,7 +149,9 @@ def in_course(change: Array, channel: ChannelSeries, part: EffectInstance) -> Ar
     other channel answers at once, so that this is right for effects whose prediction is a
     straight line in their size.
     """
-    return with_course(change, course(channel, part), channel.copies, adds_up(part, channel.name))
+    return apply_course(
+        change, course(channel, part), channel.copies, is_cumulative(part, channel.name)
+    )
 
 
 def course(channel: ChannelSeries, part: EffectInstance) -> Array:
@@ -161,7 +163,7 @@ def course(channel: ChannelSeries, part: EffectInstance) -> Array:
     return weight if part.until_s is None else np.where(time_s < part.until_s, weight, 0.0)
 
 
-def with_course(change: Array, weight: Array, copies: int, summed: bool) -> Array:
+def apply_course(change: Array, weight: Array, copies: int, summed: bool) -> Array:
     """Changes (..., copies x m) in the course of weights (..., m). summed : the channel adds up
     what an effect does."""
     if summed:
@@ -191,7 +193,7 @@ class GroupModel:
         self.channels = tuple(channels)
         self.names = tuple(channel.name for channel in channels)
         self.machine = machine
-        self.base = stages_of(machine)
+        self.base = list_stages(machine)
         self.noise = {c.name: noises.start(c.prior) for c in channels}
         self.offsets: dict[str, float] = {}
         self.moves = 0
@@ -253,7 +255,9 @@ class GroupModel:
                     (*there, part._replace(onset_s=None, grows=False)), touched, base
                 )
                 for c in touched:
-                    now[c.name] = now[c.name] + in_course(grown[c.name] - steady[c.name], c, part)
+                    now[c.name] = now[c.name] + shape_over_time(
+                        grown[c.name] - steady[c.name], c, part
+                    )
         return now
 
     def _steady(

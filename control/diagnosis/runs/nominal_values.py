@@ -9,14 +9,14 @@ import numpy as np
 
 from control.diagnosis.effects import ROWS, reach
 from control.diagnosis.judgement.evidence import Role, fitted, problem
-from control.diagnosis.judgement.line_search import climbed
+from control.diagnosis.judgement.line_search import climb_to_best
 from control.diagnosis.judgement.noise import coefficients
 from control.machine.machine import Machine
 
 from .channels import ChannelSeries
 from .columns import Columns
 from .hypothesis import EffectInstance, Hypothesis
-from .model import Nuisance, stood_for, tolerance_of
+from .model import Nuisance, find_replaced_nominals, find_tolerance
 
 MAX_ROUNDS = 4
 # shares of the step that the slopes ask for, tried until one gains
@@ -118,7 +118,7 @@ def _try_times(columns: Columns, parts: Hypothesis) -> None:
     A move shorter than a row is over before it is read, or has not started: the likelihood has
     kinks there.
     """
-    moved = stood_for(parts)
+    moved = find_replaced_nominals(parts)
     for channel, n in columns.model.nuisances:
         if n.field in TIMED and n.key not in moved:
             _move_time(columns, parts, channel, n)
@@ -141,7 +141,7 @@ def _move_time(columns: Columns, parts: Hypothesis, channel: ChannelSeries, n: N
         return fitted(p, places, model.noise, rounds=2).log_likelihood - 0.5 * (off / n.sd) ** 2
 
     now = model.offsets.get(n.key, 0.0)
-    best = climbed(
+    best = climb_to_best(
         now,
         value,
         lambda off, step: [
@@ -165,7 +165,7 @@ def looked_for_to(effect_id: str, machine: Machine) -> float:
     row = ROWS[effect_id]
     return max(
         (
-            tolerance_of(one, machine) / 2.0**HALVINGS
+            find_tolerance(one, machine) / 2.0**HALVINGS
             for one in row.siblings
             if ROWS[one].moves in TIMED
         ),

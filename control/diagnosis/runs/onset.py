@@ -11,14 +11,14 @@ from scipy.ndimage import binary_opening, median_filter, uniform_filter1d
 
 from control.diagnosis import effects
 from control.diagnosis.effects import ROWS
-from control.diagnosis.judgement.line_search import climbed
+from control.diagnosis.judgement.line_search import climb_to_best
 from control.diagnosis.judgement.prior import SAID
 from control.machine.effect import OPENING_RANGE, SHAFT_RANGE
-from control.machine.machine import CATALOGUE, of_nominal
+from control.machine.machine import CATALOGUE, scale_nominal
 
 from .changepoint import END_S
 from .hypothesis import EffectInstance, Hypothesis, replaced
-from .intermittent import prior_odds
+from .intermittent import find_prior_odds
 from .model import HALT_S, GroupModel
 from .search import Candidate, FittedHypothesis, Search, log_likelihood
 
@@ -56,7 +56,7 @@ def stops(model: GroupModel) -> list[Candidate]:
             # the last rows of a staircase down are within a dead zone
             continue
         if channel.name == "shaft":
-            asked = predicted["shaft"] > of_nominal(model.machine, SHAFT_RANGE) * TURNING_RPM
+            asked = predicted["shaft"] > scale_nominal(model.machine, SHAFT_RANGE) * TURNING_RPM
             obeyed = asked & (
                 median_filter(channel.measured, MEDIAN_SAMPLES) > TURNS_SHARE * predicted["shaft"]
             )
@@ -67,7 +67,7 @@ def stops(model: GroupModel) -> list[Candidate]:
             at = _still_from(channel.measured, predicted["gate"], channel.prior.fast_sd, least)
             effect = effects.GATE_STUCK.id
             if at is not None:
-                near_mm = of_nominal(model.machine, OPENING_RANGE) * STUCK_MM
+                near_mm = scale_nominal(model.machine, OPENING_RANGE) * STUCK_MM
                 at = _stuck_at(
                     channel.measured, predicted["gate"], at, channel.grid.step_s, near_mm
                 )
@@ -80,7 +80,7 @@ def stops(model: GroupModel) -> list[Candidate]:
     return found
 
 
-def stands_below(model: GroupModel) -> list[Candidate]:
+def find_standing_onset(model: GroupModel) -> list[Candidate]:
     """A shaft that from some time on stands where it is asked for little, and turned so before:
     a dead band."""
     if "shaft" not in model.names:
@@ -89,7 +89,7 @@ def stands_below(model: GroupModel) -> list[Candidate]:
     if channel.settled:
         return []
     rows = np.ones(max(3, round(EPISODE_S / channel.grid.step_s)), bool)
-    commanded = asked > of_nominal(model.machine, SHAFT_RANGE) * TURNING_RPM
+    commanded = asked > scale_nominal(model.machine, SHAFT_RANGE) * TURNING_RPM
     turns = median_filter(channel.measured, MEDIAN_SAMPLES) > TURNS_SHARE * asked
     stood = np.flatnonzero(binary_opening(commanded & ~turns, rows))
     if not len(stood):
@@ -134,7 +134,9 @@ def _still_from(measured: Array, predicted: Array, noise: float, least: int) -> 
     about_model = (np.cumsum(left**2) - np.cumsum(left) ** 2 / np.arange(1, len(left) + 1))[::-1]
     better = (about_model - about_mean)[:-least] / noise**2
     least_gain = 2.0 * (
-        SAID - prior_odds(EffectInstance(effects.GATE_STUCK.id, 1.0)) + float(np.log(len(measured)))
+        SAID
+        - find_prior_odds(EffectInstance(effects.GATE_STUCK.id, 1.0))
+        + float(np.log(len(measured)))
     )
     if len(better) < 1 or float(better.max()) < least_gain:
         return None
@@ -208,4 +210,4 @@ def refined(search: Search, found: FittedHypothesis) -> FittedHypothesis:
     last = found.parts[-1]
     if last.onset_s is None or CATALOGUE[last.id].effect.onset_only:
         return found
-    return climbed(found, log_likelihood, near, STEPS_ROWS, again=False)
+    return climb_to_best(found, log_likelihood, near, STEPS_ROWS, again=False)

@@ -18,13 +18,13 @@ from scipy.special import ndtr
 from control.diagnosis import effects
 from control.diagnosis.judgement.prior import SAID
 from control.machine.effect import SHAFT_RANGE
-from control.machine.machine import Machine, of_nominal
+from control.machine.machine import Machine, scale_nominal
 from control.machine.stage_runner import MOST_STEP_S
 
 from .channels import drive_channel
-from .drives import whole_drives
-from .hypothesis import EffectInstance, schedule, stages_of
-from .intermittent import ReadOff, prior_odds
+from .drives import read_whole_drives
+from .hypothesis import EffectInstance, list_stages, schedule
+from .intermittent import ReadOff, find_prior_odds
 from .log import MIN_ROWS, Clean
 from .model import GroupModel
 from .search import Candidate
@@ -76,13 +76,13 @@ def steps_to_the_end(
     """
     for share in TAILS:
         begin = round((1.0 - share) * len(readings_rpm))
-        steps = whole_steps(readings_rpm[begin:], min_step_rpm)
+        steps = find_reading_step(readings_rpm[begin:], min_step_rpm)
         if steps is None:
             continue
         if begin == 0:
             return steps
         first = _first_of(readings_rpm, steps.step_rpm, min_step_rpm)
-        steps = whole_steps(readings_rpm[first:], min_step_rpm)
+        steps = find_reading_step(readings_rpm[first:], min_step_rpm)
         if steps is not None:
             return steps._replace(first=first)
     return None
@@ -112,7 +112,9 @@ def _off(readings_rpm: Array, step_rpm: float) -> Array:
     return np.abs(readings_rpm - step_rpm * np.round(readings_rpm / step_rpm))
 
 
-def whole_steps(readings_rpm: Array, min_step_rpm: float = MIN_STEP_RPM) -> ReadingSteps | None:
+def find_reading_step(
+    readings_rpm: Array, min_step_rpm: float = MIN_STEP_RPM
+) -> ReadingSteps | None:
     """The step of which every reading (n,) above zero is a whole number; None where they lie on
     no such steps.
 
@@ -132,7 +134,7 @@ def whole_steps(readings_rpm: Array, min_step_rpm: float = MIN_STEP_RPM) -> Read
         evidence = -(len(kinds) - 1.0) * float(np.log(_by_chance(step))) - float(
             np.log(len(PARTS) * len(TAILS))
         )
-        odds = evidence + prior_odds(EffectInstance(effects.SHAFT_COARSE_ENCODER.id, step))
+        odds = evidence + find_prior_odds(EffectInstance(effects.SHAFT_COARSE_ENCODER.id, step))
         if odds > SAID and np.mean(_off(turning, step) < _near(step)) >= ON_STEPS:
             return ReadingSteps(step, WRITTEN_RPM / float(np.max(number)), odds)
     return None
@@ -209,14 +211,14 @@ def without_steps(log: Clean, machine: Machine) -> WithoutSteps | None:
     if "shaft" not in log.stages:
         return None
     readings = log.columns["shaft_rpm"]
-    steps = steps_to_the_end(readings, of_nominal(machine, SHAFT_RANGE) * MIN_STEP_RPM)
+    steps = steps_to_the_end(readings, scale_nominal(machine, SHAFT_RANGE) * MIN_STEP_RPM)
     if steps is None:
         return None
-    channel = drive_channel(whole_drives(log, machine)["shaft"], machine)
+    channel = drive_channel(read_whole_drives(log, machine)["shaft"], machine)
     asked = np.interp(
         log.time_s,
         channel.grid.even_s,
-        channel.predict(schedule(stages_of(machine), ()), MOST_STEP_S),
+        channel.predict(schedule(list_stages(machine), ()), MOST_STEP_S),
     )
     there = slice(steps.first, None)
     true = asked[there] * ratio_before(
@@ -246,7 +248,7 @@ def encoder_steps(model: GroupModel) -> list[Candidate]:
     FROM_RPM."""
     if "shaft" not in model.names or model.data.shaft is None or model.data.shaft.step > 0.0:
         return []
-    scale, predicted = of_nominal(model.machine, SHAFT_RANGE), model.predicted(())["shaft"]
+    scale, predicted = scale_nominal(model.machine, SHAFT_RANGE), model.predicted(())["shaft"]
     left = model.residual(())["shaft"]
     on = predicted > scale * FROM_RPM
     if on.sum() < MIN_ROWS:
@@ -270,6 +272,6 @@ def encoder_steps(model: GroupModel) -> list[Candidate]:
             best, best_score = float(part[k]), float(score[k] ** 2)
     seen = EffectInstance(effects.SHAFT_COARSE_ENCODER.id, best)
     # the price of all those tried
-    if 0.5 * best_score - float(np.log(len(steps_rpm))) + prior_odds(seen) <= SAID:
+    if 0.5 * best_score - float(np.log(len(steps_rpm))) + find_prior_odds(seen) <= SAID:
         return []
     return [Candidate(seen, best, best)]

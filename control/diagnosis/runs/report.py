@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import expit
 
-from control.diagnosis.cost import consequence
+from control.diagnosis.cost import find_consequence
 from control.diagnosis.effects import (
     CANOPY_HEAD_FOULED,
     FLOW_GAIN,
@@ -21,7 +21,7 @@ from control.diagnosis.effects import (
     SHAFT_SECOND_ORDER,
     SPEED_WHEEL_RADIUS,
 )
-from control.diagnosis.extend import free_id
+from control.diagnosis.extend import find_free_id
 from control.diagnosis.judgement.evidence import Z90, projected
 from control.diagnosis.judgement.prior import APART_SD, LISTED, NAMED, log_odds, smallest_said
 from control.diagnosis.result import (
@@ -44,24 +44,24 @@ from control.diagnosis.result import (
 from control.experiments.experiment import Experiment, chosen
 from control.experiments.manoeuvres import Columns, manoeuvres
 from control.machine.effect import HOPPER
-from control.machine.machine import CATALOGUE, Machine, bounds, of_nominal, unit_of
+from control.machine.machine import CATALOGUE, Machine, bounds, scale_nominal, unit_of
 from control.machine.shaft import swing
 
 from .channels import channels
 from .cost import field_cost
-from .findings import is_steady, mistaken_row, mistaken_unit, rows_doubted
+from .findings import find_row_shift_probability, is_steady_part, mistaken_unit, note_doubted_rows
 from .gain import measure_gain, spread_of_sizes
 from .hypothesis import EffectInstance, schedule
 from .intermittent import ReadOff
 from .log import gate
-from .model import GROUPS, hidden_within, tolerance_of
+from .model import GROUPS, find_tolerance, hidden_within
 from .nominal_values import looked_for_to
 from .onset import stop_interval
 from .residual_analysis import Remains, louder, remains, unknown_share
 from .search import Candidate, Search
 from .selection import GroupResult
 from .stages import RunData, run_data
-from .terms import FittedTerm, marginal, means_along
+from .terms import FittedTerm, average_along, average_marginal
 
 Array = npt.NDArray[np.float64]
 # flow is read off the scale over windows of this length
@@ -90,7 +90,9 @@ def next_run(causes: Sequence[Cause], machine: Machine) -> NextRun | None:
     apart = np.array(
         [
             [
-                separation(one, machine, EffectInstance(cause.id, value, None, cause.member), rival)
+                find_separation(
+                    one, machine, EffectInstance(cause.id, value, None, cause.member), rival
+                )
                 for one in every
             ]
         ]
@@ -103,7 +105,7 @@ def next_run(causes: Sequence[Cause], machine: Machine) -> NextRun | None:
     return NextRun(why, run.plan, run.id, run.minutes, run.steps)
 
 
-def separation(
+def find_separation(
     manoeuvre: Experiment[Columns], machine: Machine, part: EffectInstance, rival_id: str
 ) -> float:
     """What is left of an effect's trace, in standard deviations, once its rival is fitted to
@@ -149,7 +151,7 @@ def channel_rows(one: GroupResult, data: RunData) -> list[Channel]:
                     noise.fast_sd,
                     p,
                     data,
-                    of_nominal(one.search.model.machine, HOPPER) * RISE_KG,
+                    scale_nominal(one.search.model.machine, HOPPER) * RISE_KG,
                 )
             )
             residual = residual - np.median(residual[:10])
@@ -299,15 +301,17 @@ def report(
                 data,
                 max(
                     unknown_share(one, k, rest),
-                    doubt * is_steady(part),
-                    mistaken_row(part, sd, data, machine),
+                    doubt * is_steady_part(part),
+                    find_row_shift_probability(part, sd, data, machine),
                 ),
             )
             for k, (part, sd) in enumerate(zip(one.found.parts, one.found.sd, strict=True))
         ]
         findings = (
             *findings,
-            *rows_doubted(tuple(zip(one.found.parts, one.found.sd, strict=True)), data, machine),
+            *note_doubted_rows(
+                tuple(zip(one.found.parts, one.found.sd, strict=True)), data, machine
+            ),
         )
         named = [cause for cause in named if cause.probability > LISTED or not rest]
         causes += named
@@ -354,7 +358,9 @@ def report(
         data=Data(path, "run", data.rows, data.duration_s, machine.id, machine.stages),
         channels=tuple(rows),
         verdict=verdict,
-        causes=tuple(sorted(causes, key=lambda cause: consequence(cause.field_cost), reverse=True)),
+        causes=tuple(
+            sorted(causes, key=lambda cause: find_consequence(cause.field_cost), reverse=True)
+        ),
         not_shown=(
             *absent,
             *_never_shown(
@@ -486,7 +492,7 @@ def _tables(one: GroupResult, data: RunData) -> list[TableFit]:
     """Smooth dependences, one for each entry of `_unexplained`: the search's own, or how each
     variable's term runs."""
     return [
-        TableFit(term.stage, variable, *marginal(term.term, variable, data))
+        TableFit(term.stage, variable, *average_marginal(term.term, variable, data))
         for term in one.terms
         for variable in term.tried.over
     ]
@@ -504,7 +510,7 @@ def _term(group: GroupResult, found: FittedTerm, data: RunData) -> TermFound:
         found.field_percent,
         found.gain,
         gain,
-        means_along(search, now, found, data),
+        average_along(search, now, found, data),
     )
 
 
@@ -513,7 +519,7 @@ def _apart(terms: Sequence[TermFound]) -> tuple[TermFound, ...]:
     file has them."""
     found: list[TermFound] = []
     for one in terms:
-        name = free_id(one.term["id"], [other.term["id"] for other in found])
+        name = find_free_id(one.term["id"], [other.term["id"] for other in found])
         found.append(replace(one, term={**one.term, "id": name}))
     return tuple(found)
 
@@ -547,7 +553,7 @@ def _cause(
     else:
         sd = float(
             np.sqrt(
-                sd**2 + tolerance_of(part.id, machine) ** 2 + looked_for_to(part.id, machine) ** 2
+                sd**2 + find_tolerance(part.id, machine) ** 2 + looked_for_to(part.id, machine) ** 2
             )
         )
         low, high = part.size - Z90 * sd, part.size + Z90 * sd

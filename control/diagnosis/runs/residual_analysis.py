@@ -19,11 +19,11 @@ from control.diagnosis.judgement.checks import (
     by_chance_taken,
     by_chance_together,
     drifts,
-    is_loud,
-    line_s,
-    times_louder,
+    estimate_noise_ratio,
+    find_line_period_s,
+    is_noise_loud,
 )
-from control.diagnosis.judgement.evidence import problem, taken_off
+from control.diagnosis.judgement.evidence import problem, subtract_columns
 from control.diagnosis.judgement.gaussian import Array
 from control.diagnosis.judgement.noise import Noise, coefficients, series_of, strengths
 
@@ -90,14 +90,14 @@ def remains(one: GroupResult, read_off: Collection[str] = ()) -> list[Remains]:
             continue
         name, left = channel.name, rest[channel.name]
         noise = (one.terms[-1].noise if one.terms else one.found.noise)[name]
-        period_s = line_s(left, noise, channel.prior, channel.cut, channel.grid.step_s)
+        period_s = find_line_period_s(left, noise, channel.prior, channel.cut, channel.grid.step_s)
         # between its rows more was metered than they say
         walks = channel.prior.walk_sd > 0.0
         usual = channel.prior.fast_sd**2 * (1.0 + channel.prior.slow_share**2)
         expected = len(left) * (usual + channel.prior.floor_sd**2)
         if name not in read_off and not walks and drifts(noise, channel.prior):
             found.append(Remains(name, "drift", _nearest(one, channel, left), None, left, expected))
-        elif is_loud(noise, channel.prior, left):
+        elif is_noise_loud(noise, channel.prior, left):
             found.append(Remains(name, "loud", _nearest(one, channel, left), None, left, expected))
         elif period_s is not None and period_s > QUICK_S:
             found.append(Remains(name, "line", "", period_s, left, expected))
@@ -121,7 +121,7 @@ def louder(one: GroupResult, known: Collection[str]) -> list[str]:
         times = (
             0.0
             if channel.copies > 1 or channel.prior.walk_sd > 0.0
-            else times_louder(noise, channel.prior, rest[channel.name])
+            else estimate_noise_ratio(noise, channel.prior, rest[channel.name])
         )
         if times:
             said.append(
@@ -141,7 +141,7 @@ def _rest(one: GroupResult) -> dict[str, Array]:
     sizes = problem(columns.model.channels, banded, base).sizes(
         np.arange(len(base)), one.found.noise
     )
-    return taken_off(banded, base, sizes.b)
+    return subtract_columns(banded, base, sizes.b)
 
 
 def _nearest(one: GroupResult, channel: ChannelSeries, left: Array) -> str:
@@ -204,7 +204,7 @@ def follows_moves(channel: ChannelSeries, rest: Array, noise: Noise, data: RunDa
     drive = {"shaft": data.shaft, "gate": data.gate}.get(channel.name)
     if drive is None or drive.settled or not drive.moves_seen:
         return False
-    if drive.step <= 0.0 and not times_louder(noise, channel.prior, rest):
+    if drive.step <= 0.0 and not estimate_noise_ratio(noise, channel.prior, rest):
         return False
     whiten = 1.0 / np.sqrt(strengths(noise, channel.prior, channel.cut, channel.grid.step_s))
     asked = np.interp(channel.grid.even_s, drive.time_s, drive.command)

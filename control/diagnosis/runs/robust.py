@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import median_filter, uniform_filter1d
 
-from control.diagnosis.judgement.evidence import Column, problem, taken_off
+from control.diagnosis.judgement.evidence import Column, problem, subtract_columns
 from control.diagnosis.judgement.noise import coefficients, series_of
 from control.machine.compiled import remembered_run
 
@@ -25,7 +25,7 @@ from .stages import RunData
 
 Array = npt.NDArray[np.float64]
 
-# The pseudo-values (`tail_excess`).
+# The pseudo-values (`find_tail_excess`).
 FREEDOM = 3.0  # degrees of freedom of Student's t
 # median of the absolute value of t with three degrees of freedom
 MEDIAN_TO_SCALE = 0.7649
@@ -36,7 +36,7 @@ SLOW = 201
 WORTH = 1.2
 MIN_SAMPLES = 400  # samples: fewer say nothing about tails
 
-# What is a tail at all (`draw_in`).
+# What is a tail at all (`draw_in_outliers`).
 # a lone reading further off than this is drawn in to it
 OUTLIER_SD = 4.5
 # of OUTLIER_SD: with a neighbour that far off a reading is not alone
@@ -44,7 +44,7 @@ NEIGHBOUR = 0.7
 ANSWERED_S = 2.0  # after a command, a drive has answered it
 
 
-def tail_excess(left: Array, free: npt.NDArray[np.bool_]) -> Array:
+def find_tail_excess(left: Array, free: npt.NDArray[np.bool_]) -> Array:
     """What to take off a residual (m,) for its tails to count no more than they should; zeros
     where they are not heavy.
 
@@ -85,7 +85,7 @@ def _memory(left: Array, free: npt.NDArray[np.bool_]) -> float:
     )
 
 
-def draw_in(columns: Columns, parts: Hypothesis, more: Sequence[Column]) -> None:
+def draw_in_outliers(columns: Columns, parts: Hypothesis, more: Sequence[Column]) -> None:
     """Lone readings far off the richest fit are drawn in; steady or repeated deviations are
     left as they are.
 
@@ -99,7 +99,7 @@ def draw_in(columns: Columns, parts: Hypothesis, more: Sequence[Column]) -> None
         c.name: coefficients(left[c.name] + model.drawn_in[c.name], c.cut) for c in model.channels
     }
     sizes = problem(model.channels, data, every).sizes(np.arange(len(every)), model.noise)
-    rest = taken_off(data, every, sizes.b)
+    rest = subtract_columns(data, every, sizes.b)
     for channel in model.channels:
         series = series_of(rest[channel.name], channel.cut)
         model.drawn_in[channel.name] = _excess(series, channel, _at_ease(channel, model.data))
@@ -110,7 +110,7 @@ def _excess(rest: Array, channel: ChannelSeries, free: npt.NDArray[np.bool_]) ->
     lone = _lone(rest)
     tails = np.zeros(len(rest))
     for begin, end in channel.cut.bounds if free.any() else ():
-        tails[begin:end] = tail_excess((rest - lone)[begin:end], free[begin:end])
+        tails[begin:end] = find_tail_excess((rest - lone)[begin:end], free[begin:end])
     return lone + tails
 
 

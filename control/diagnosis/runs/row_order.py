@@ -21,13 +21,13 @@ import numpy as np
 import numpy.typing as npt
 
 from control.diagnosis.effects import GATE_SLOW
-from control.diagnosis.judgement.line_search import climbed
+from control.diagnosis.judgement.line_search import climb_to_best
 from control.machine.machine import Machine
 from control.machine.shaft import LEAST_LAG_S
 from control.machine.stage_runner import MOST_STEP_S
 
 from .channels import ChannelSeries, channels
-from .hypothesis import EffectInstance, Schedule, schedule, stages_of
+from .hypothesis import EffectInstance, Schedule, list_stages, schedule
 from .log import Clean
 from .nominal_values import HALVINGS, MAX_OFFSET_SD
 from .stages import run_data
@@ -95,7 +95,7 @@ WAYS = (LATE, EARLY)
 def in_order(log: Clean, machine: Machine) -> Clean:
     """The log with commands and answers in the rows that ours have them in, and what was moved
     among its findings."""
-    return moved(log, order_of(log, machine))
+    return moved(log, find_row_order(log, machine))
 
 
 def moved(log: Clean, move: Move | None) -> Clean:
@@ -103,9 +103,9 @@ def moved(log: Clean, move: Move | None) -> Clean:
     return log if move is None else _moved(log, move)
 
 
-def order_of(log: Clean, machine: Machine) -> Move | None:
+def find_row_order(log: Clean, machine: Machine) -> Move | None:
     """What must be moved for a log to have its rows in our order; None: nothing."""
-    some, nominal = _beginning(log), schedule(stages_of(machine), ())
+    some, nominal = _beginning(log), schedule(list_stages(machine), ())
     seen = _channels(some, machine)
     as_it_is = _residuals(seen, nominal)
     tried = [_moved(some, ways[0]) for ways in WAYS]
@@ -183,11 +183,11 @@ def _settled(seen: Mapping[str, ChannelSeries], machine: Machine) -> dict[str, S
 def _climbed(seen: Mapping[str, ChannelSeries], drive: str, machine: Machine) -> Settled:
     def off(by_sd: float) -> Settled:
         dead_time_s = getattr(machine, drive).dead_time_s + by_sd * machine.tolerance.dead_time_s
-        plan = schedule(stages_of(machine).put(drive, dead_time_s=max(0.0, dead_time_s)), ())
+        plan = schedule(list_stages(machine).put(drive, dead_time_s=max(0.0, dead_time_s)), ())
         return Settled(np.square(_residuals(seen, plan, (drive,))[drive]), 0.5 * by_sd**2, by_sd)
 
     first = off(0.0)
-    return climbed(
+    return climb_to_best(
         first,
         lambda one: _gain(first.squares, one.squares) - one.cost,
         lambda one, step: [
@@ -236,7 +236,7 @@ def _slow_gate_gain(before: Array, seen: Mapping[str, ChannelSeries], machine: M
     """What a gate that slews too slowly gains at most over squares `before` (m,): with a shaft
     that is late by itself it looks like rows."""
     plans = [
-        schedule(stages_of(machine), (EffectInstance(GATE_SLOW.id, size),))
+        schedule(list_stages(machine), (EffectInstance(GATE_SLOW.id, size),))
         for size in GATE_SLOW.trial_sizes
     ]
     return max(

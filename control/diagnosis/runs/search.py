@@ -15,19 +15,19 @@ from control.diagnosis.judgement.evidence import (
     Fit,
     Problem,
     Role,
-    adapted,
-    best_fitted,
+    adapt_noise,
     calm,
-    first_noise,
+    choose_better_fit,
+    fit_first_noise,
     fitted,
     projected,
 )
 from control.diagnosis.judgement.gaussian import Gaussian
-from control.diagnosis.judgement.line_search import climbed
+from control.diagnosis.judgement.line_search import climb_to_best
 from control.diagnosis.judgement.noise import Noise
-from control.diagnosis.judgement.prior import log_of_size, sd_of_size
+from control.diagnosis.judgement.prior import find_size_log_weight, find_size_sd
 from control.machine.effect import OPENING_RANGE
-from control.machine.machine import CATALOGUE, Machine, of_nominal, size_scale
+from control.machine.machine import CATALOGUE, Machine, scale_nominal, size_scale
 
 from .channels import ChannelSeries
 from .columns import WRITTEN, Columns
@@ -139,10 +139,10 @@ class Search:
             parts, [self.columns.of_candidate(parts, c.part) for c in tried]
         )
         fixed = np.arange(before)
-        null = best_fitted(p, fixed, noise, self.model.channels)
+        null = choose_better_fit(p, fixed, noise, self.model.channels)
         starts = [
             null.noise,
-            adapted(p, fixed, null.amplitude, calm(null.noise, self.model.channels)),
+            adapt_noise(p, fixed, null.amplitude, calm(null.noise, self.model.channels)),
         ]
         beyond = [projected(p, fixed, start) for start in starts]
         best: dict[tuple[str, int | None], ScoreTest] = {}
@@ -211,7 +211,9 @@ class Search:
     def find_noise(self) -> None:
         """The noise that nothing wrong leaves, from which models are fitted."""
         p, count = self.columns.compressed(())
-        self.model.noise = first_noise(p, np.arange(count), self.model.noise, self.model.channels)
+        self.model.noise = fit_first_noise(
+            p, np.arange(count), self.model.noise, self.model.channels
+        )
 
     def _of_forms(self, p: Problem, fit: Fit) -> float:
         """Log evidence of a hypothesis whose forms are, at even odds, the catalogue's own or
@@ -227,7 +229,7 @@ class Search:
         """The best fit about a hypothesis; a size at its bound that is pulled beyond stands,
         its amplitude 0."""
         p, count = self.columns.compressed(parts)
-        fit = best_fitted(p, np.arange(count), noise, self.model.channels)
+        fit = choose_better_fit(p, np.arange(count), noise, self.model.channels)
         off = [
             k
             for k, label in enumerate(p.labels)
@@ -237,7 +239,7 @@ class Search:
             sd = p.sd.copy()
             sd[off] = np.abs(fit.amplitude[off])
             p = p._replace(sd=sd, log_weight=float(np.sum(np.log(p.sd[off] / sd[off]))))
-            fit = best_fitted(p, np.arange(count), fit.noise, self.model.channels)
+            fit = choose_better_fit(p, np.arange(count), fit.noise, self.model.channels)
         stand = []
         for at in p.places(Role.SLOPE):
             part = parts[p.labels[at].part]
@@ -249,7 +251,7 @@ class Search:
         if not stand:
             return p, fit
         free = np.setdiff1d(np.arange(count), stand)
-        inside = best_fitted(p, free, fit.noise, self.model.channels)
+        inside = choose_better_fit(p, free, fit.noise, self.model.channels)
         amplitude, covariance = np.zeros(count), fit.covariance.copy()
         amplitude[free], covariance[np.ix_(free, free)] = inside.amplitude, inside.covariance
         return p, inside._replace(amplitude=amplitude, covariance=covariance)
@@ -257,7 +259,7 @@ class Search:
     def _where_run(self, found: FittedHypothesis, p: Problem, fit: Fit) -> FittedHypothesis:
         """The same, with the likelihood of the sizes that the model was run with."""
         held = np.setdiff1d(np.arange(len(fit.amplitude)), p.places(Role.SLOPE))
-        there = best_fitted(p, held, found.noise, self.model.channels)
+        there = choose_better_fit(p, held, found.noise, self.model.channels)
         lost = fit.log_likelihood - there.log_likelihood
         return found._replace(
             log_likelihood=there.log_likelihood,
@@ -304,7 +306,7 @@ class Search:
             places = np.unique(np.linspace(0, last, THRESHOLDS_TRIED).astype(int)).tolist()
             here = max([here, *places, self._stood_below(edges, part.onset_s)], key=value)
             first = max(1, last // THRESHOLDS_TRIED)
-        here = climbed(
+        here = climb_to_best(
             here,
             value,
             lambda place, step: [
@@ -346,7 +348,9 @@ class Search:
             halvings = int(
                 np.ceil(np.log2(first / max(WALK_TO * best.sd[k], SMALLEST_WALK * first)))
             )
-            best = climbed(best, log_likelihood, near, [first * 0.5**k for k in range(halvings)])
+            best = climb_to_best(
+                best, log_likelihood, near, [first * 0.5**k for k in range(halvings)]
+            )
         return best
 
     def _at(self, found: FittedHypothesis, k: int, size: float) -> FittedHypothesis:
@@ -461,7 +465,8 @@ def excited(candidate: Candidate, data: RunData, machine: Machine) -> bool:
     if opening is None:
         return Needs.OPENING not in row.needs
     return Needs.OPENINGS not in row.needs or bool(
-        np.ptp(np.percentile(opening, (1.0, 99.0))) >= of_nominal(machine, OPENING_RANGE) * MOVES_MM
+        np.ptp(np.percentile(opening, (1.0, 99.0)))
+        >= scale_nominal(machine, OPENING_RANGE) * MOVES_MM
     )
 
 
@@ -478,8 +483,8 @@ def _added(
     size = c.part.size if whole else float(np.clip(right / stiff, c.low, c.high))
     gain = 2.0 * right * size - stiff * size * size
     sd = p.sd.copy()
-    sd[at] = sd_of_size(size, p.sd[at])
-    spread = 0.5 * float(np.log1p(stiff * sd[at] ** 2)) - log_of_size(size, p.sd[at])
+    sd[at] = find_size_sd(size, p.sd[at])
+    spread = 0.5 * float(np.log1p(stiff * sd[at] ** 2)) - find_size_log_weight(size, p.sd[at])
     p = p._replace(sd=sd)
     if gain > FITTED_FROM and not whole:
         full = fitted(p, np.append(np.arange(before), at), start)

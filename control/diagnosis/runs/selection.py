@@ -14,7 +14,7 @@ A model M is a set of parts, refitted through the machine model (`search.py`), w
                                                         place of part k
 
 L - L' counts as far as it holds by blocks of time as well: g is the smaller of the two
-(`whitened.even_gain`). Without a part in its place (pi'_j = 0) D is what part k is worth. A
+(`whitened.find_even_gain`). Without a part in its place (pi'_j = 0) D is what part k is worth. A
 posterior sums over what may stand in a part's place: the part itself, each rival, something
 unknown, and nothing, with weights 1, exp(-D(M, rival)), exp(unknown), exp(-worth)
 (`InPlace.posterior`; Madigan and Raftery, JASA 89, 1994, 1535).
@@ -35,8 +35,14 @@ import numpy.typing as npt
 from scipy.special import expit, softmax
 
 from control.diagnosis.effects import CANOPY_HEAD_FOULED, ROWS, SHAFT_NEUTRAL, FoundBy
-from control.diagnosis.judgement.checks import is_loud
-from control.diagnosis.judgement.prior import SAID, course_of, log_odds, log_of_sign, log_of_size
+from control.diagnosis.judgement.checks import is_noise_loud
+from control.diagnosis.judgement.prior import (
+    SAID,
+    find_size_log_weight,
+    log_odds,
+    log_of_sign,
+    name_course,
+)
 from control.machine.machine import CATALOGUE
 
 from .changepoint import changes
@@ -44,14 +50,14 @@ from .dictionary import Dictionary
 from .drive_curve import started
 from .drives import off_zero
 from .hypothesis import MAX_SWITCHES, EffectInstance, Hypothesis, replaced, without
-from .model import stood_for, untied
+from .model import find_absorbed_effects, find_replaced_nominals
 from .nominal_values import TIMED, settle
-from .onset import refined, stands_below, still_disobeys, stops
+from .onset import find_standing_onset, refined, still_disobeys, stops
 from .quantised import encoder_steps
-from .robust import draw_in
+from .robust import draw_in_outliers
 from .search import MAX_COLLINEARITY, FittedHypothesis, ScoreTest, Search
-from .terms import FittedTerm, best_span, found_terms
-from .whitened import even_gain
+from .terms import FittedTerm, find_best_span, find_terms
+from .whitened import find_even_gain
 
 Array = npt.NDArray[np.float64]
 
@@ -165,7 +171,7 @@ class Scores:
             return NEVER
         row = ROWS[part.id].on(self.search.model.machine)
         known = log_odds(course, self._names) + log_of_sign(part.size, row.only_adds)
-        known += log_of_size(part.size, row.usual) if row.has_slope else 0.0
+        known += find_size_log_weight(part.size, row.usual) if row.has_slope else 0.0
         known += (
             float(np.log(DIRT_ENDS))
             if course == "ends" and part.id == CANOPY_HEAD_FOULED.id
@@ -212,7 +218,7 @@ class Scores:
         occam = one.log_evidence - one.log_likelihood - (other.log_evidence - other.log_likelihood)
         if gain > 0.0 or j is not None:
             more, less = (one, other) if gain > 0.0 else (other, one)
-            even = even_gain(
+            even = find_even_gain(
                 self.search,
                 less.parts,
                 more.noise,
@@ -263,7 +269,11 @@ def _nothing(search: Search) -> FittedHypothesis:
     """The group with nothing wrong, once what is read off the drives is among the candidates."""
     search.candidates += [
         c._replace(usual=ROWS[c.part.id].on(search.model.machine).usual)
-        for c in (*stops(search.model), *stands_below(search.model), *encoder_steps(search.model))
+        for c in (
+            *stops(search.model),
+            *find_standing_onset(search.model),
+            *encoder_steps(search.model),
+        )
     ]
     settle(search.columns, ())
     search.find_noise()
@@ -276,7 +286,9 @@ def _nothing(search: Search) -> FittedHypothesis:
 def _is_split(search: Search, parts: Hypothesis) -> bool:
     """Whether a review put a part where the nominal value had been moved, along with another
     part: it is in both, and where no slope leads from one to the other."""
-    moved = {key for key in stood_for(parts) if search.model.offsets.get(key, 0.0) != 0.0}
+    moved = {
+        key for key in find_replaced_nominals(parts) if search.model.offsets.get(key, 0.0) != 0.0
+    }
     return any(key.endswith(TIMED) for key in moved)
 
 
@@ -299,10 +311,10 @@ def _draw_in(search: Search, parts: Hypothesis) -> None:
     more = [
         search.columns.of_candidate(parts, c.part)
         for c in search.candidates
-        if not untied(c.part.id)
+        if not find_absorbed_effects(c.part.id)
         and not any(p.id == c.part.id and p.member == c.part.member for p in parts)
     ]
-    draw_in(search.columns, parts, more)
+    draw_in_outliers(search.columns, parts, more)
 
 
 def _forward(
@@ -331,7 +343,7 @@ def _together(
     step, is fitted as a whole; the latter are tried where something is there: a part, or more
     noise than the machine file's can be."""
     model = board.search.model
-    loud = any(is_loud(now.noise[c.name], c.prior) for c in model.channels)
+    loud = any(is_noise_loud(now.noise[c.name], c.prior) for c in model.channels)
     if better is None and not loud:
         return None
     least = board.score(now) + SAID if better is None else board.score(better)
@@ -367,7 +379,7 @@ def _proposed(board: Scores, now: FittedHypothesis) -> list[EffectInstance]:
         for f in found
         if f not in near
         and f.evidence > 0.0
-        and untied(f.part.id)
+        and find_absorbed_effects(f.part.id)
         and ids & set(ROWS[f.part.id].siblings)
     ]
     return [search.as_started(f.part) for f in (*near, *thresholds, *alike, *stopped)]
@@ -421,7 +433,7 @@ def _by_course(found: Sequence[ScoreTest]) -> list[list[ScoreTest]]:
 
 
 def _course(part: EffectInstance) -> str:
-    return course_of(part.onset_s, part.until_s, part.grows)
+    return name_course(part.onset_s, part.until_s, part.grows)
 
 
 def _reviewed(board: Scores, fit: FittedHypothesis) -> WeighedModel:
@@ -543,10 +555,10 @@ def beyond_names(
     dictionary, parts = Dictionary(search.model), now.fit.parts
     # over these the names' forms are free already
     own = frozenset(ROWS[part.id].form_over for part in parts)
-    with_names = tuple(found_terms(search, dictionary, now.fit, own))
+    with_names = tuple(find_terms(search, dictionary, now.fit, own))
     if not parts:
         return now, with_names
-    alone = tuple(found_terms(search, dictionary, null))
+    alone = tuple(find_terms(search, dictionary, null))
     names, unknown = now.fit.log_evidence + log_prior, -np.inf
     if alone:
         unknown = _score(alone) - names
@@ -555,7 +567,7 @@ def beyond_names(
     places = []
     for k, (part, place) in enumerate(zip(parts, now.places, strict=True)):
         rest = search.refit(without(parts, k), now.fit.noise) if part.until_s is not None else None
-        span = best_span(search, dictionary, rest, part) if rest is not None else None
+        span = find_best_span(search, dictionary, rest, part) if rest is not None else None
         if rest is not None and span is not None and span.worth > place.worth:
             return WeighedModel(rest, now.places[:k] + now.places[k + 1 :]), (span,)
         for_as_long = -np.inf if span is None else span.worth - place.worth

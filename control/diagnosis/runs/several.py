@@ -24,7 +24,7 @@ from control.diagnosis.result import Diagnosis, Size
 from control.log_row import COMMANDS_HELD, FILE_BEGINS
 from control.machine.machine import Machine
 
-from .adoption import adoptable_of
+from .adoption import select_adoptable
 from .diagnose import Each, diagnose_run
 from .drives import SETTLE_S, SETTLES
 
@@ -130,7 +130,7 @@ def diagnose_runs(
     together = diagnose_run(
         joined(given, names, of), of, path=" + ".join(names), progress=part(0), each=each
     )
-    taken = adoptable_of(together, [cause.id for cause in together.causes])
+    taken = select_adoptable(together, [cause.id for cause in together.causes])
     known = extend(of, taken.found)
     together = replace(
         together,

@@ -12,7 +12,7 @@ from control.diagnosis import effects
 from control.machine.compiled import table_run
 from control.machine.effect import HOPPER, OPENING_RANGE, SHAFT_RANGE
 from control.machine.elements import Table
-from control.machine.machine import Machine, of_nominal
+from control.machine.machine import Machine, scale_nominal
 from control.machine.stage_runner import MOST_STEP_S
 
 from .channels import ChannelSeries, hopper_channel
@@ -92,7 +92,7 @@ def span(data: RunData, variable: str, machine: Machine) -> Span | None:
     if values is None:
         return None
     low, high = np.percentile(values, (1.0, 99.0))
-    least = of_nominal(machine, RANGES.get(variable, ())) * MIN_RANGE.get(
+    least = scale_nominal(machine, RANGES.get(variable, ())) * MIN_RANGE.get(
         variable, float(np.finfo(float).tiny)
     )
     if not high - low >= least:

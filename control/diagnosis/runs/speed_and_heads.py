@@ -12,7 +12,7 @@ from scipy.ndimage import convolve1d
 from control.machine.machine import Machine
 from control.recordings.speeds import MOVING_MPS
 
-from .grid import SMOOTH_S, Grid, grid_of, looked_at
+from .grid import SMOOTH_S, Grid, looked_at, make_grid
 from .inputs import LogRows
 from .log import MIN_ROWS
 
@@ -63,7 +63,7 @@ class HeadContrasts(NamedTuple):
     grid: Grid
 
 
-def speed_of(every: LogRows, gnss: Array, wheel: Array, machine: Machine) -> TwoSpeeds | None:
+def read_speeds(every: LogRows, gnss: Array, wheel: Array, machine: Machine) -> TwoSpeeds | None:
     """Both speeds where they are new; None where they hardly ever are.
 
     The mean weighted with both sensors' precision is the one whose noise their difference knows
@@ -92,7 +92,7 @@ def speed_of(every: LogRows, gnss: Array, wheel: Array, machine: Machine) -> Two
     )
     moving = smooth > MOVING_MPS
     looked = moving if moving.sum() > MOVES_SHARE * len(at) else np.ones(len(at), bool)
-    grid = grid_of(at, looked, step, seam_s=FORGETS_S)
+    grid = make_grid(at, looked, step, seam_s=FORGETS_S)
     more = every.more.get("wheel_percent")
     return TwoSpeeds(
         at,
@@ -174,7 +174,9 @@ def moves(gnss: Array, wheel: Array) -> npt.NDArray[np.bool_]:
     return np.where(known, np.fmax(gnss, wheel) > MOVING_MPS, ~known.any())
 
 
-def heads_of(time: Array, ndvi: Array, moves: npt.NDArray[np.bool_]) -> HeadContrasts | None:
+def read_heads_channel(
+    time: Array, ndvi: Array, moves: npt.NDArray[np.bool_]
+) -> HeadContrasts | None:
     """The heads while the machine moves: where it stands, each sees its own piece of canopy all
     the time, which is no trait of the head."""
     there = np.isfinite(ndvi).mean(axis=1) > HEAD_THERE
@@ -192,5 +194,5 @@ def heads_of(time: Array, ndvi: Array, moves: npt.NDArray[np.bool_]) -> HeadCont
         at,
         used,
         np.nanmean(used, axis=0),
-        grid_of(at, np.ones(len(at), bool), float(np.median(np.diff(at)))),
+        make_grid(at, np.ones(len(at), bool), float(np.median(np.diff(at)))),
     )

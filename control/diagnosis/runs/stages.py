@@ -12,13 +12,13 @@ from control.machine.compiled import term_run
 from control.machine.machine import Machine
 from control.machine.term_sums import over_log
 
-from .drives import Drive, drives_of
-from .effort import DriveEffort, efforts_of
-from .grid import bridged, known_rows, smoothed
-from .hopper import Hopper, hopper_of, refills_written
-from .inputs import rows_of, term_inputs, variables_of
+from .drives import Drive, read_drives
+from .effort import DriveEffort, read_efforts
+from .grid import bridged, select_known_rows, smoothed
+from .hopper import Hopper, read_hopper, refills_written
+from .inputs import make_term_inputs, rows_of, variables_of
 from .log import HEADS, Clean
-from .speed_and_heads import HeadContrasts, TwoSpeeds, heads_of, moves, speed_of
+from .speed_and_heads import HeadContrasts, TwoSpeeds, moves, read_heads_channel, read_speeds
 
 Array = npt.NDArray[np.float64]
 
@@ -26,7 +26,7 @@ Array = npt.NDArray[np.float64]
 class RunData(NamedTuple):
     duration_s: float
     rows: int
-    # recorded variables over the log's rows (`known_rows`), gaps bridged
+    # recorded variables over the log's rows (`select_known_rows`), gaps bridged
     variables: dict[str, Array]
     time_s: Array  # of those rows
     working: Array
@@ -38,7 +38,7 @@ class RunData(NamedTuple):
     efforts: tuple[DriveEffort, ...] = ()
     # what terms are asked with (`terms.needed`), at `row_s`
     inputs: dict[str, Array] = {}
-    # time of every row, of a long log of the `known_rows`
+    # time of every row, of a long log of the `select_known_rows`
     row_s: Array = np.empty(0)
 
 
@@ -46,26 +46,26 @@ def run_data(log: Clean, machine: Machine) -> RunData:
     """Channels of a cleaned log; None where the log cannot show one."""
     every, c = rows_of(log, machine), log.columns
     time = every.time_s
-    inputs = term_inputs(log, every, machine)
+    inputs = make_term_inputs(log, every, machine)
     every = every._replace(more=over_log(machine.terms, inputs, time, term_run))
     variables = variables_of(log, every)
     hopper = speed = heads = None
-    driven = drives_of(log, every, machine, whole=False)
+    driven = read_drives(log, every, machine, whole=False)
     further = {
         name: smoothed(bridged(time, series, series), log.step_s)
         for name, series in log.further.items()
     }
     if "flow" in log.stages:
-        hopper = hopper_of(every, c["hopper_kg"], refills_written(time, log.events), machine)
+        hopper = read_hopper(every, c["hopper_kg"], refills_written(time, log.events), machine)
     if "speed" in log.stages:
-        speed = speed_of(every, c["speed_mps"], c["wheel_speed_mps"], machine)
+        speed = read_speeds(every, c["speed_mps"], c["wheel_speed_mps"], machine)
         if speed is not None:
             variables["speed_mps"] = np.interp(time, speed.time_s, speed.true_mps)
     if "heads" in log.stages:
-        heads = heads_of(
+        heads = read_heads_channel(
             time, np.array([c[name] for name in HEADS]), moves(c["speed_mps"], c["wheel_speed_mps"])
         )
-    rows = known_rows(len(time))
+    rows = select_known_rows(len(time))
     variables |= further
     return RunData(
         float(time[-1]),
@@ -78,7 +78,7 @@ def run_data(log: Clean, machine: Machine) -> RunData:
         hopper,
         speed,
         heads,
-        efforts_of(log, every, machine),
+        read_efforts(log, every, machine),
         {name: series[rows] for name, series in inputs.items()},
         time[rows],
     )

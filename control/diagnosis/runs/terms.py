@@ -26,26 +26,26 @@ from control.diagnosis.judgement.evidence import (
     Label,
     Problem,
     Role,
-    best_fitted,
     calm,
+    choose_better_fit,
+    find_residual_power,
     fitted,
-    power_left,
     problem,
 )
-from control.diagnosis.judgement.line_search import climbed
+from control.diagnosis.judgement.line_search import climb_to_best
 from control.diagnosis.judgement.noise import Noise, coefficients, series_of
 from control.machine.compiled import term_run
 from control.machine.form import TriedForm
 from control.machine.forms import SPAN_PLACES, Lost, Periodic, SpanForm
 from control.machine.term_sums import over_log
-from control.machine.terms import STAGE_OF, UNIT_OF, Acts, Interval, Term, own_command
+from control.machine.terms import STAGE_OF, UNIT_OF, Acts, Interval, Term, name_own_command
 
 from .dictionary import CHANNEL_OF, ActedOn, Dictionary, FormCandidate, Variables, scan
-from .held_out import amplitudes, errors_of, held_out
+from .held_out import errors_of, fit_amplitudes, held_out
 from .hypothesis import EffectInstance
 from .search import FittedHypothesis, Search
 from .stages import RunData
-from .whitened import WhitenedResidual, even_gain
+from .whitened import WhitenedResidual, find_even_gain
 
 Array = npt.NDArray[np.float64]
 Eight = tuple[float, float, float, float, float, float, float, float]
@@ -132,7 +132,7 @@ class TriedOn:
         return problem(self.channels, self._banded, [*self.base, *columns])
 
 
-def found_terms(
+def find_terms(
     search: Search,
     dictionary: Dictionary,
     now: FittedHypothesis,
@@ -149,7 +149,7 @@ def found_terms(
     return _refit_jointly(TriedOn(search, dictionary, now), terms) if len(terms) > 1 else terms
 
 
-def best_span(
+def find_best_span(
     search: Search, dictionary: Dictionary, now: FittedHypothesis, part: EffectInstance
 ) -> FittedTerm | None:
     """The best constant that is there as long as a part, of any quantity, on top of a
@@ -259,7 +259,7 @@ def _settled(given: TriedOn, one: FormCandidate, noise: dict[str, Noise]) -> Tri
                     yield form.moved(shape, variables.by_name)
 
     steps = np.repeat(FINENESS if kind.leaps else FINENESS[:3], len(kind.movable)).tolist()
-    return climbed(form, gain, near, steps, again=False)
+    return climb_to_best(form, gain, near, steps, again=False)
 
 
 def _verified(given: TriedOn, one: FormCandidate, noise: dict[str, Noise]) -> FittedTerm:
@@ -286,8 +286,8 @@ def _verified(given: TriedOn, one: FormCandidate, noise: dict[str, Noise]) -> Fi
         full.log_evidence - full.log_likelihood - (plain.log_evidence - plain.log_likelihood)
     )
     trace = Column(Label(Role.TRACE), {name: whole}, np.inf)
-    even = min(gain, even_gain(given.search, given.now.parts, full.noise, trace, given.held))
-    left = power_left(p, name, np.arange(base + levels), plain.amplitude)
+    even = min(gain, find_even_gain(given.search, given.now.parts, full.noise, trace, given.held))
+    left = find_residual_power(p, name, np.arange(base + levels), plain.amplitude)
     log_prior = _log_prior(len(given.dictionary.of), one.tried, variables) + log_weight
     level = (
         _level(full, base, given.base, columns[0], float(np.std(sizes @ rows))) if levels else 0.0
@@ -313,14 +313,14 @@ def _fits(
     """The best fits without a form and with it, and the log weight of the prior of its sizes.
     count : columns before it."""
     before, every, sizes = np.arange(count), np.arange(len(p.sd)), np.arange(count, len(p.sd))
-    plain = best_fitted(p, before, noise, given.channels)
+    plain = choose_better_fit(p, before, noise, given.channels)
     first = fitted(p, every, plain.noise)
     wide = p.sd.copy()
-    wide[sizes] = [prior.sd_of_size(float(size), usual) for size in first.amplitude[sizes]]
-    weight = sum(prior.log_of_size(float(size), usual) for size in wide[sizes])
+    wide[sizes] = [prior.find_size_sd(float(size), usual) for size in first.amplitude[sizes]]
+    weight = sum(prior.find_size_log_weight(float(size), usual) for size in wide[sizes])
     p = p._replace(sd=wide)
     full = max(
-        (best_fitted(p, every, start, given.channels) for start in (first.noise, noise)),
+        (choose_better_fit(p, every, start, given.channels) for start in (first.noise, noise)),
         key=lambda fit: fit.log_likelihood,
     )
     again = fitted(p, before, full.noise)  # a better noise is no gain of the form
@@ -469,7 +469,7 @@ def _held_out_gain(given: TriedOn, one: FittedTerm) -> float:
     ]
     left = []
     for columns in (every[: len(every) - len(one.columns)], every):
-        sizes = amplitudes(blocks, columns, before, one.noise)
+        sizes = fit_amplitudes(blocks, columns, before, one.noise)
         left.append(
             before - sum(size * series for size, (_, series) in zip(sizes, columns, strict=True))
         )
@@ -483,9 +483,9 @@ def _held_out_gain(given: TriedOn, one: FittedTerm) -> float:
 # there -------------------
 
 
-def marginal(term: Term, variable: str, data: RunData) -> tuple[Eight, Eight]:
+def average_marginal(term: Term, variable: str, data: RunData) -> tuple[Eight, Eight]:
     """Eight places along one of a term's variables and its mean there in the log."""
-    values = data.inputs[own_command(term.stage, variable)]
+    values = data.inputs[name_own_command(term.stage, variable)]
     low, high = (float(v) for v in np.percentile(values, (1.0, 99.0)))
     nodes = np.linspace(low, high, NODES)
     nearest = np.clip(
@@ -504,7 +504,7 @@ def _eight(numbers: Array) -> Eight:
     return a, b, c, d, e, f, g, h
 
 
-def means_along(
+def average_along(
     search: Search, now: FittedHypothesis, found: FittedTerm, data: RunData
 ) -> tuple[tuple[float, float, float], ...]:
     """By classes of the term's first variable (of a product: of what the term says): place, the
@@ -519,7 +519,7 @@ def means_along(
     along = (
         values
         if len(found.tried.over) > 1
-        else data.inputs[own_command(found.stage, found.tried.over[0])]
+        else data.inputs[name_own_command(found.stage, found.tried.over[0])]
     )
     edges = np.unique(np.percentile(along, np.linspace(0.0, 100.0, CLASSES + 1)))
     if len(edges) < 3:

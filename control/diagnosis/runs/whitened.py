@@ -129,7 +129,7 @@ class WhitenedResidual:
         return Gaussian(a.astype(np.float64), s.astype(np.float64))
 
 
-def even_gain(
+def find_even_gain(
     search: Search,
     others: Hypothesis,
     noise: dict[str, Noise],

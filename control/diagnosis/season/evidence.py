@@ -21,7 +21,7 @@ from control.diagnosis.judgement.evidence import Column, Role, calm, fitted
 from control.diagnosis.judgement.gaussian import Array, Gaussian, Indices
 from control.diagnosis.result import Diagnosis
 from control.diagnosis.runs.cost import field_cost
-from control.diagnosis.runs.diagnose import judged_run
+from control.diagnosis.runs.diagnose import judge_run
 from control.diagnosis.runs.selection import GroupResult
 from control.diagnosis.runs.stages import RunData
 from control.machine.machine import Machine, unit_of
@@ -76,7 +76,7 @@ class LogEvidence(NamedTuple):
 
 def evidence(columns: Columns, machine: Machine, path: str = "") -> LogEvidence:
     """A full diagnosis, and the forms along with it. Raises ValueError as `diagnose_run` does."""
-    run = judged_run(columns, machine, path=path)
+    run = judge_run(columns, machine, path=path)
     forms = tuple(form for one in run.groups if (form := _form(one)) is not None)
     percent, units = {}, {}
     for form in forms:
@@ -279,7 +279,7 @@ def _taken_apart(form: QuadraticForm) -> tuple[Array, Array]:
     return both.T @ weighted, weighted.T @ (seen @ np.array(form.right) / root)
 
 
-def with_scatter(every: Gaussian, variance: Array) -> Gaussian:
+def add_scatter(every: Gaussian, variance: Array) -> Gaussian:
     """The logs' products (n, w, w) and (n, w) where each size also scatters by `variance` (n,
     w) of its own from log to log."""
     here = np.flatnonzero(np.any(variance > 0.0, axis=0))

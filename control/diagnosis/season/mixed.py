@@ -52,7 +52,7 @@ from control.diagnosis.judgement.prior import FORM_SHARE
 from control.machine.machine import CATALOGUE
 
 from .changes import SLOPES, Partition, gain_of_course, partition, share_of
-from .evidence import Logs, with_scatter
+from .evidence import Logs, add_scatter
 
 # that one level does one effect: of the some thousand pairs of a season about one does
 PRIOR = 1e-3
@@ -286,7 +286,7 @@ def _terms(logs: Logs, machine: int, of: tuple[EffectAtLevel, ...]) -> OneMachin
         )
     likely = Gaussian(logs.every.A[here], logs.every.s[here])
     if variance.any():
-        likely = with_scatter(likely, variance)
+        likely = add_scatter(likely, variance)
     # tolerances before all else
     open_ = q + np.flatnonzero(np.any(likely.A[:, q:, q:] != 0.0, axis=(0, 2)))
     share = np.concatenate([np.ones((count, len(open_))), *shares], axis=1)

@@ -184,12 +184,12 @@ def at(cause: Cause, time_d: float) -> float:
     return float(np.interp(time_d, (piece.begin_d, piece.end_d), (piece.begin, piece.end)))
 
 
-def still_there(cause: Cause) -> bool:
+def is_still_there(cause: Cause) -> bool:
     """Whether it is there at the end: what was repaired calls for nothing."""
     return not cause.pieces or abs(cause.now) > cause.pieces[-1].end_half
 
 
-def low_hoppers(logs: Sequence[OwnersLog]) -> list[Low]:
+def find_low_hoppers(logs: Sequence[OwnersLog]) -> list[Low]:
     """Operators whose hours with a nearly empty hopper are more than the others' (Mann and
     Whitney's test)."""
     found, rates = [], dict[str, list[float]]()

@@ -66,7 +66,7 @@ class Unknown(NamedTuple):
     at: tuple[int, ...] = ()
 
 
-def effects_of(problem: TableProblem) -> list[TableEffect]:
+def find_effects(problem: TableProblem) -> list[TableEffect]:
     """Those that do anything to these rows."""
     _, slopes = problem.slopes()
     columns = slopes / problem.sd[:, None]
@@ -137,7 +137,7 @@ def _forms(problem: TableProblem, candidate: TableCandidate, column: Array) -> t
     return np.column_stack([np.zeros((len(column), 0)), *shapes]), np.array(worth)
 
 
-def unknowns_of(problem: TableProblem, effects: list[TableEffect]) -> list[Unknown]:
+def list_unknowns(problem: TableProblem, effects: list[TableEffect]) -> list[Unknown]:
     """Every recorded setting of every piece, its labels, a constant, settings in no order, and
     one setting alone."""
     known, found = _spanned(effects), []

@@ -16,7 +16,7 @@ from scipy.special import ndtr, stdtrit
 from control.diagnosis.judgement.checks import LEVEL
 from control.diagnosis.judgement.prior import ROBUST_SD
 
-from .table_series import Array, first_best
+from .table_series import Array, find_first_best
 
 # The test of the quantogram's peak.
 DRAWS = 1500  # of smooth scatter
@@ -76,7 +76,9 @@ class CoarseClock(NamedTuple):
         return self.p == UNDECIDED
 
 
-def coarse_clock(times_s: Array, fitted_s: Array, digit_s: float, seed: int) -> CoarseClock | None:
+def find_clock_step(
+    times_s: Array, fitted_s: Array, digit_s: float, seed: int
+) -> CoarseClock | None:
     """Looks for a clock step in times (n,) about their fitted means (n,). None: too few rows or
     no scatter to see it.
 
@@ -103,7 +105,7 @@ def coarse_clock(times_s: Array, fitted_s: Array, digit_s: float, seed: int) -> 
     highest = float(z.max())
     p = _p_value(highest, fitted_s, scatter, steps, mean, sd, seed)
     # of equal ones the coarsest
-    step = _coarsest(times_s, float(steps[::-1][first_best(z[::-1])]), coarsest)
+    step = _coarsest(times_s, float(steps[::-1][find_first_best(z[::-1])]), coarsest)
     step, half = _refined(times_s, step)
     # whose full heaping would have stood out of as many
     shown = steps[ndtr((mean - 1.0) / sd) < LEVEL / len(steps)]
@@ -148,7 +150,7 @@ def _few_values(times: Array, digit_s: float) -> CoarseClock | None:
     return None
 
 
-def rounding_sd(clock: CoarseClock | None, scatter_s: float) -> float:
+def find_rounding_sd(clock: CoarseClock | None, scatter_s: float) -> float:
     """S.d. of what rounding does to all replicates of a setting alike, s: 0 where their scatter
     evens it out."""
     if clock is None or not clock.shown or scatter_s >= DITHERED * clock.step_s:

@@ -16,13 +16,13 @@ import numpy as np
 from scipy.special import fdtrc, stdtrit
 
 from control.calibration.bench_table import BenchTable
-from control.machine.fall import start_drop_s
+from control.machine.fall import find_start_drop_s
 from control.machine.machine import Machine
 from control.machine.start import response_s
 from control.recordings.speeds import KMH_PER_MPS
 
-from .rows import UNCORRECTED, labels_of
-from .table_series import Array, BoolArray, best_first
+from .rows import UNCORRECTED, list_labels
+from .table_series import Array, BoolArray, sort_best_first
 
 MIN_SHARED = 5  # shaft speeds that both have
 # share of a value that a row without replicates is taken to be good for
@@ -79,7 +79,7 @@ class AcrossTables(NamedTuple):
 def series_of(table: BenchTable, machine: Machine) -> list[LagSeries]:
     """Whole lags that a table holds, label by label; a drop time is completed by the machine's
     response."""
-    labels = labels_of(table)
+    labels = list_labels(table)
     speed = table.speed_mps()
     found = []
     for label in dict.fromkeys(labels.tolist()):
@@ -127,7 +127,7 @@ def _corrected_m(table: BenchTable, rows: BoolArray, rpm: Array, machine: Machin
     given = table.columns.get("corrected_lag_s", np.full(table.rows, np.nan))
     starts = np.array(
         [
-            response_s(machine, n) + start_drop_s(machine.fall, n)
+            response_s(machine, n) + find_start_drop_s(machine.fall, n)
             for n in table.columns["shaft_rpm"].tolist()
         ]
     )
@@ -179,7 +179,9 @@ def reconciled(one: LagSeries, two: LagSeries) -> AcrossTables | None:
     }
     if one.unit != two.unit and mps is None:
         left.pop(constant)
-    order = [list(left)[k] for k in best_first([-float(np.sum(rest**2)) for rest in left.values()])]
+    order = [
+        list(left)[k] for k in sort_best_first([-float(np.sum(rest**2)) for rest in left.values()])
+    ]
     values = {factor: ratio, constant: shift}
     best = values[order[0]]
     middle = float(np.mean(best))

@@ -11,9 +11,16 @@ from control.machine.machine import Machine
 
 from .duplicate_rows import without_duplicates
 from .gain import held_out_gain, not_shown, smallest_shown
-from .problem import problem_of
-from .report import causes_of, channels_of, findings_of, next_run_of, two_rates_of, verdict_of
-from .rows import pieces_of
+from .problem import make_problem
+from .report import (
+    find_next_run,
+    find_two_rates,
+    find_verdict,
+    list_causes,
+    list_channels,
+    list_findings,
+)
+from .rows import make_pieces
 from .search import search
 from .verdict import judged
 
@@ -98,15 +105,15 @@ def diagnose_tables(
     tables = [usable(table) for table in tables]
     _refuse_twins(tables)
     once = without_duplicates(tables, machine)
-    pieces = [piece for table in once.tables for piece in pieces_of(table, machine)]
+    pieces = [piece for table in once.tables for piece in make_pieces(table, machine)]
     tell(0.1, "noise and steps in the times")
-    problem = problem_of(pieces, machine, seed + 20)
+    problem = make_problem(pieces, machine, seed + 20)
     tell(0.2, "search")
     found = search(problem)
     tell(0.6, "verdict")
     smallest = smallest_shown(found)
     judgement = judged(found, bool(smallest))
-    causes = causes_of(problem, tables, judgement)
+    causes = list_causes(problem, tables, judgement)
     shown = frozenset([*(c.id for c in causes), *(r.id for c in causes for r in c.rivals)])
     tell(0.7, "gain")
     return Diagnosis(
@@ -117,15 +124,15 @@ def diagnose_tables(
             None,
             machine.id,
         ),
-        channels=channels_of(problem, judgement.nothing),
-        verdict=verdict_of(judgement, causes),
+        channels=list_channels(problem, judgement.nothing),
+        verdict=find_verdict(judgement, causes),
         causes=causes,
         not_shown=not_shown(smallest, shown, machine),
         unexplained=judgement.unexplained,
-        next_run=next_run_of(problem, judgement) or two_rates_of(tables, machine),
+        next_run=find_next_run(problem, judgement) or find_two_rates(tables, machine),
         gain=held_out_gain(found, judgement.effects, seed),
         extended_machine=None,
-        findings=findings_of(problem, tables, judgement, once.retellings),
+        findings=list_findings(problem, tables, judgement, once.retellings),
     )
 
 

@@ -21,8 +21,8 @@ from control.machine.machine import Machine
 from control.recordings.speeds import KMH_PER_MPS
 
 from .cross_calibration import MIN_SHARED, AcrossTables, LagSeries, sentence, series_of
-from .noise import quantum_of
-from .rows import labels_of
+from .noise import find_quantum
+from .rows import list_labels
 from .table_series import BoolArray
 
 # of a value that its last digit may be: coarser ones agree by chance
@@ -118,7 +118,7 @@ def same_series(kept: LagSeries, again: LagSeries) -> DuplicateRows | None:
     if len(rpm) < MIN_SHARED:
         return None
     a, b = distances.value[at_distances], times.value[at_times]
-    digits = [quantum_of(series.printed) for series in (distances, times)]
+    digits = [find_quantum(series.printed) for series in (distances, times)]
     if (
         max(digits[0] / float(np.mean(np.abs(a))), digits[1] / float(np.mean(np.abs(b))))
         > FINE_SHARE
@@ -133,7 +133,7 @@ def same_series(kept: LagSeries, again: LagSeries) -> DuplicateRows | None:
 
 def _rows_of(table: BenchTable, series: LagSeries) -> BoolArray:
     return np.asarray(
-        (labels_of(table) == series.label)
+        (list_labels(table) == series.label)
         & np.isfinite(table.columns[series.column])
         & ~table.running()
     )

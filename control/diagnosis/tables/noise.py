@@ -10,7 +10,7 @@ from scipy.special import fdtrc
 
 from control.diagnosis.judgement.prior import ROBUST_SD
 
-from .table_series import Array, BoolArray, IntArray, TablePiece, first_best
+from .table_series import Array, BoolArray, IntArray, TablePiece, find_first_best
 
 # Outliers are winsorised: drawn in to so many robust s.d. from the median of their
 # replicates (3.5: Iglewicz and Hoaglin 1993).
@@ -55,7 +55,7 @@ def noise_of(piece: TablePiece, setting: IntArray, nominal: Array) -> TableNoise
     is taken.
     """
     tried = [_with(piece, setting, nominal, spread) for spread in piece.spreads]
-    return tried[first_best([likelihood for _, likelihood in tried])][0]
+    return tried[find_first_best([likelihood for _, likelihood in tried])][0]
 
 
 def _with(
@@ -65,7 +65,7 @@ def _with(
     relative = (piece.observed - nominal) / spread
     counts = np.bincount(setting)
     medians = np.array([np.median(relative[setting == k]) for k in range(len(counts))])
-    rounding = quantum_of(piece.observed) / np.sqrt(12.0) / float(np.median(spread))
+    rounding = find_quantum(piece.observed) / np.sqrt(12.0) / float(np.median(spread))
     none = NO_SCATTER * max(rounding, float(np.max(np.abs(relative - medians[setting]))))
     winsorised, outliers = _winsorised(relative, medians, setting, counts, none)
     means = np.bincount(setting, winsorised) / counts
@@ -149,7 +149,7 @@ def resolution_of(values: Array) -> float:
     return next((10.0**-digits for digits in range(7) if _multiples(values, 10.0**-digits)), 0.0)
 
 
-def quantum_of(values: Array) -> float:
+def find_quantum(values: Array) -> float:
     """The coarsest of 1, 2, 2.5, 5 times a power of ten that all values are multiples of; 0:
     none."""
     steps = [step * 10.0**-digits for digits in range(7) for step in (5.0, 2.5, 2.0, 1.0)]

@@ -10,16 +10,16 @@ import numpy as np
 
 from control.machine.machine import CATALOGUE, Machine, size_scale
 
-from .clock import DITHERED, CoarseClock, coarse_clock, rounding_sd
-from .noise import TableNoise, noise_of, quantum_of, resolution_of, smoothed
+from .clock import DITHERED, CoarseClock, find_clock_step, find_rounding_sd
+from .noise import TableNoise, find_quantum, noise_of, resolution_of, smoothed
 from .table_series import (
     Array,
     IntArray,
     SizedEffect,
     TableCandidate,
     TablePiece,
+    add_effects,
     scope_name,
-    with_effects,
 )
 
 # replicates beyond the first of each setting, from which on their common rounding is counted
@@ -73,7 +73,7 @@ class TableProblem(NamedTuple):
                 if not here:
                     continue
                 if here not in done:
-                    done[here] = piece.predict(with_effects(self.machine, here))
+                    done[here] = piece.predict(add_effects(self.machine, here))
                 rows = self.group == group
                 out[rows & inside] = done[here][self.group[inside] == group]
         return out
@@ -123,7 +123,7 @@ class _JudgedPiece(NamedTuple):
     rounding: float
 
 
-def problem_of(pieces: Sequence[TablePiece], machine: Machine, seed: int = 0) -> TableProblem:
+def make_problem(pieces: Sequence[TablePiece], machine: Machine, seed: int = 0) -> TableProblem:
     """Puts the pieces side by side; estimates each one's noise from its replicates, else about
     a smooth fit.
 
@@ -180,7 +180,7 @@ def _judged(piece: TablePiece, machine: Machine, seed: int) -> _JudgedPiece:
         setting,
         noise,
         clock,
-        max(rounding_sd(clock, typical), _digit_sd(piece, setting, typical)),
+        max(find_rounding_sd(clock, typical), _digit_sd(piece, setting, typical)),
     )
 
 
@@ -194,13 +194,13 @@ def _clock(
         counts[setting] >= MIN_MEDIAN_ROWS, medians[setting], smoothed(piece, piece.observed)[0]
     )
     near = np.delete(np.arange(len(setting)), outliers)
-    return coarse_clock(piece.observed[near], centres[near], resolution_of(piece.observed), seed)
+    return find_clock_step(piece.observed[near], centres[near], resolution_of(piece.observed), seed)
 
 
 def _digit_sd(piece: TablePiece, setting: IntArray, scatter: float) -> float:
     """S.d. of the rounding that replicates share because they scatter less than the last digit;
     0: they do not."""
-    quantum = quantum_of(piece.observed)
+    quantum = find_quantum(piece.observed)
     repeated = len(setting) - len(np.unique(setting)) >= MIN_SHARED
     return quantum / float(np.sqrt(12.0)) if repeated and scatter < DITHERED * quantum else 0.0
 

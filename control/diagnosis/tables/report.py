@@ -9,7 +9,12 @@ from typing import NamedTuple
 import numpy as np
 
 from control.calibration.bench_table import LAGS, BenchTable
-from control.diagnosis.cost import WITHOUT_MODEL, OperatingPoint, consequence, rate_error_percent
+from control.diagnosis.cost import (
+    WITHOUT_MODEL,
+    OperatingPoint,
+    find_consequence,
+    rate_error_percent,
+)
 from control.diagnosis.effects import (
     LAG_COARSE_CLOCK,
     LAG_OFFSET,
@@ -21,10 +26,10 @@ from control.diagnosis.effects import (
 from control.diagnosis.judgement.evidence import Z90
 from control.diagnosis.judgement.prior import APART_SD, LISTED, NAMED
 from control.diagnosis.result import Cause, Channel, FieldCost, NextRun, Rival, Size, Verdict
-from control.experiments.bench_tests import bench_tests, two_rates
+from control.experiments.bench_tests import bench_tests, make_two_rates_test
 from control.experiments.experiment import Experiment, chosen
 from control.experiments.levels import USUAL_MPS
-from control.machine.fall import start_drop_s
+from control.machine.fall import find_start_drop_s
 from control.machine.machine import CATALOGUE, Machine, bounds, unit_of
 from control.machine.start import response_s
 
@@ -34,7 +39,7 @@ from .duplicate_rows import DuplicateRows, sentences
 from .gain import label_contrasts
 from .noise import MAX_ROBUST_SD, UNEQUAL_P
 from .problem import TableProblem
-from .table_series import Array, BoolArray, SizedEffect, TableCandidate, TablePiece, with_effects
+from .table_series import Array, BoolArray, SizedEffect, TableCandidate, TablePiece, add_effects
 from .verdict import Judgement, NamedEffect
 
 # the same in every row, as steps of a coarse clock may make it
@@ -48,7 +53,7 @@ MAX_TESTS = 3  # an afternoon's work
 Pair = tuple[SizedEffect, SizedEffect]
 
 
-def causes_of(
+def list_causes(
     problem: TableProblem, tables: Sequence[BenchTable], judgement: Judgement
 ) -> tuple[Cause, ...]:
     """Named effects and the clearest coarse clock, largest consequence in the field first."""
@@ -58,10 +63,10 @@ def causes_of(
     if clocks:
         causes.append(_clock_cause(problem, min(clocks, key=lambda clock: clock.p), speed))
 
-    return tuple(sorted(causes, key=lambda cause: consequence(cause.field_cost), reverse=True))
+    return tuple(sorted(causes, key=lambda cause: find_consequence(cause.field_cost), reverse=True))
 
 
-def verdict_of(judgement: Judgement, causes: Sequence[Cause]) -> Verdict:
+def find_verdict(judgement: Judgement, causes: Sequence[Cause]) -> Verdict:
     """The models' verdict, with the clocks."""
     if judgement.verdict not in ("unexplained", "not_judged") or (
         causes and not judgement.unexplained
@@ -119,7 +124,7 @@ def _speed(tables: Sequence[BenchTable]) -> float | None:
     return float(np.nanmean(np.concatenate(speeds))) if speeds else None
 
 
-def channels_of(problem: TableProblem, structure_p: float) -> tuple[Channel, ...]:
+def list_channels(problem: TableProblem, structure_p: float) -> tuple[Channel, ...]:
     """How well the nominal model predicts each channel."""
     out = []
     for channel in dict.fromkeys(piece.channel for piece in problem.pieces):
@@ -144,7 +149,7 @@ def channels_of(problem: TableProblem, structure_p: float) -> tuple[Channel, ...
     return tuple(out)
 
 
-def next_run_of(problem: TableProblem, judgement: Judgement) -> NextRun | None:
+def find_next_run(problem: TableProblem, judgement: Judgement) -> NextRun | None:
     """The tests that would separate the rivals; None where nothing is ambiguous."""
 
     def anywhere(effect: SizedEffect) -> SizedEffect:
@@ -171,7 +176,7 @@ def next_run_of(problem: TableProblem, judgement: Judgement) -> NextRun | None:
     )
 
 
-def two_rates_of(tables: Sequence[BenchTable], machine: Machine) -> NextRun | None:
+def find_two_rates(tables: Sequence[BenchTable], machine: Machine) -> NextRun | None:
     """Starts tell nothing of the tube: where only they were measured, a change between two
     rates is next."""
     lags = [table for table in tables if table.kind == "lag"]
@@ -181,7 +186,7 @@ def two_rates_of(tables: Sequence[BenchTable], machine: Machine) -> NextRun | No
         "starts cannot tell whether the stream in the tube carries what falls or each "
         "granule falls singly, "
         "and until that is known no strategy moves the shaft for what is landing",
-        f"{two_rates(machine)} (10 min)",
+        f"{make_two_rates_test(machine)} (10 min)",
     )
 
 
@@ -214,7 +219,7 @@ def _names(pairs: Sequence[Pair]) -> str:
     return ", ".join(dict.fromkeys(effect.candidate.id for pair in pairs for effect in pair))
 
 
-def findings_of(
+def list_findings(
     problem: TableProblem,
     tables: Sequence[BenchTable],
     judgement: Judgement,
@@ -383,7 +388,7 @@ def separating(machine: Machine, rivals: Sequence[Sequence[SizedEffect]]) -> Nex
         return None
     every = bench_tests(machine)
     readings = {
-        effect: [one.reads(with_effects(machine, (effect,))) for one in every]
+        effect: [one.reads(add_effects(machine, (effect,))) for one in every]
         for pair in pairs
         for effect in pair
     }
@@ -413,7 +418,7 @@ def field_cost(machine: Machine, effect: SizedEffect, speed_mps: float | None) -
     costs = ROWS[effect.candidate.id].costs
     if costs in WITHOUT_MODEL:
         return WITHOUT_MODEL[costs]
-    changed = with_effects(machine, (effect,))
+    changed = add_effects(machine, (effect,))
     speed = speed_mps if speed_mps is not None else USUAL_MPS
     points = (
         OperatingPoint(
@@ -436,7 +441,7 @@ def _lag_s(machine: Machine) -> float:
     fall, rpm = machine.fall, machine.set_points.shaft_rpm
     return (
         response_s(machine, rpm)
-        + start_drop_s(fall, rpm)
+        + find_start_drop_s(fall, rpm)
         + fall.latency_s
         + fall.first_fill_s
         + 0.5 * abs(fall.asymmetry_s)

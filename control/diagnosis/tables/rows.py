@@ -32,16 +32,16 @@ from control.diagnosis.effects import (
     SPEED_WHEEL_RADIUS,
     SPEED_WHEEL_SLIP,
 )
-from control.experiments.bench_tests import wheel_reads
+from control.experiments.bench_tests import read_wheel
 from control.experiments.levels import USUAL_MPS
-from control.machine.fall import drop_s, start_drop_s
+from control.machine.fall import drop_s, find_start_drop_s
 from control.machine.flow import Flow, grams_per_rev
-from control.machine.heads import WARM_UP_S, HeadInput, head_reads
+from control.machine.heads import WARM_UP_S, HeadInput, read_head
 from control.machine.machine import Machine
 from control.machine.scale import ScaleInput, scale_reads
 from control.machine.start import change_response_s, response_s
 
-from .table_series import Array, BoolArray, TableCandidate, TablePiece, varying
+from .table_series import Array, BoolArray, TableCandidate, TablePiece, list_varying
 
 EMPTY = frozenset({"empty", "standstill", "start", "first", "stopped", "zero"})
 RUNNING = frozenset({"running", "change", "full", "filled", "flowing"})
@@ -87,7 +87,7 @@ class Roles(NamedTuple):
         return self.tell_start or self.tell_direction
 
 
-def labels_of(table: BenchTable) -> npt.NDArray[np.str_]:
+def list_labels(table: BenchTable) -> npt.NDArray[np.str_]:
     """Label of each row, (n,); "" where the table has none."""
     return np.full(table.rows, "") if table.label is None else table.label
 
@@ -100,7 +100,7 @@ def column_of(table: BenchTable) -> str:
 def roles_of(table: BenchTable) -> Roles:
     """Reads the labels and the speeds before; a table tells start or direction only where both
     of its sides occur."""
-    label, running = labels_of(table), table.running()
+    label, running = list_labels(table), table.running()
     words = np.array([str(text).strip().lower() for text in label], dtype=object)
     empty, running_said = np.isin(words, list(EMPTY)), np.isin(words, list(RUNNING))
     up, down = np.isin(words, list(UP)), np.isin(words, list(DOWN))
@@ -143,7 +143,7 @@ def _piece(table: BenchTable, machine: Machine, name: str) -> TablePiece:
     if name == "lag_m":
         assert speed is not None
         observed = observed / speed
-    label = labels_of(table)[keep]
+    label = list_labels(table)[keep]
     roles = roles_of(where(table, keep))
     # A column of times next to one of distances is the detector's; any other may have been read
     # off distances.
@@ -186,7 +186,7 @@ def _piece(table: BenchTable, machine: Machine, name: str) -> TablePiece:
         column_of(table),
         tuple(TableCandidate(i) for i in _ids(name, roles)),
         _scoped_ids(name, roles),
-        varying(variables),
+        list_varying(variables),
         nuisances,
         {LAG_REBOUND.id: rises(rpm, machine.fall.full_rpm)} if drops else {},
         {LAG_REBOUND.id: rises(np.full(1, machine.fall.full_rpm), machine.fall.full_rpm)[0]},
@@ -235,7 +235,7 @@ def predicted(machine: Machine, rpm: Array, name: str, roles: Roles) -> Array:
             change_response_s(machine) if running else response_s(machine, n) for n, running in rows
         ]
     if name != "response_s":
-        total += [drop_s(fall, n) if running else start_drop_s(fall, n) for n, running in rows]
+        total += [drop_s(fall, n) if running else find_start_drop_s(fall, n) for n, running in rows]
         total += fall.first_fill_s * roles.start - 0.5 * fall.asymmetry_s * roles.change
     return total
 
@@ -267,7 +267,7 @@ def place_pieces(table: BenchTable, machine: Machine) -> tuple[TablePiece, ...]:
     """
     rpm, speed = table.columns["shaft_rpm"], table.speed_mps()
     assert speed is not None
-    label = labels_of(table)
+    label = list_labels(table)
     roles = roles_of(table)
     corrected = np.where(label == UNCORRECTED, 0.0, predicted(machine, rpm, "lag_s", roles))
     if "corrected_lag_s" in table.columns:
@@ -304,7 +304,7 @@ def place_pieces(table: BenchTable, machine: Machine) -> tuple[TablePiece, ...]:
             column_of(table),
             tuple(TableCandidate(row.id) for row in effects),
             (PLACE_LEVER_ARM.id, PLACE_LATENCY.id),
-            varying(variables),
+            list_varying(variables),
             {"dead_time": speed * machine.tolerance.dead_time_s},
             {LAG_REBOUND.id: rises(rpm, machine.fall.full_rpm) * speed[:, None]},
             {LAG_REBOUND.id: rises(np.full(1, machine.fall.full_rpm), machine.fall.full_rpm)[0]},
@@ -368,11 +368,11 @@ def catch_pieces(table: BenchTable, machine: Machine) -> tuple[TablePiece, ...]:
             columns["mass_kg"],
             predict,
             spreads,
-            labels_of(table),
+            list_labels(table),
             column_of(table),
             candidates,
             (FLOW_GAIN.id,),
-            varying(variables),
+            list_varying(variables),
             {
                 "flow": nominal * machine.tolerance.flow_percent / 100.0,
                 "opening_mm": predict(wide) - nominal,
@@ -478,7 +478,7 @@ def weigh_pieces(table: BenchTable, machine: Machine) -> tuple[TablePiece, ...]:
     opening = target * 1000.0 / np.maximum(turns * grams_per_rev(machine.flow, rpm, 1.0), 1e-9)
 
     def predict(m: Machine) -> Array:
-        moved = wheel_reads(m, mean_mps) / wheel_reads(machine, mean_mps)
+        moved = read_wheel(m, mean_mps) / read_wheel(machine, mean_mps)
         grams = np.array(
             [
                 grams_per_rev(m.flow, rpm, o) / max(grams_per_rev(machine.flow, rpm, o), 1e-9)
@@ -509,11 +509,11 @@ def weigh_pieces(table: BenchTable, machine: Machine) -> tuple[TablePiece, ...]:
             columns["applied_kg"],
             predict,
             (np.ones(table.rows),),
-            labels_of(table),
+            list_labels(table),
             column_of(table),
             tuple(TableCandidate(row.id) for row in WEIGHED),
             (),
-            varying(variables),
+            list_varying(variables),
             {
                 "flow": target * machine.tolerance.flow_percent / 100.0,
                 "wheel": target * machine.tolerance.wheel_percent / 100.0,
@@ -564,7 +564,7 @@ def heads_pieces(table: BenchTable, machine: Machine) -> tuple[TablePiece, ...]:
     ]
 
     def predict(m: Machine) -> Array:
-        return np.array([head_reads(m.heads, one) for one in inputs])
+        return np.array([read_head(m.heads, one) for one in inputs])
 
     candidates = [
         TableCandidate(CANOPY_HEAD_FOULED.id, int(k)) for k in np.unique(head) if k == int(k)
@@ -598,11 +598,11 @@ def heads_pieces(table: BenchTable, machine: Machine) -> tuple[TablePiece, ...]:
             columns["ndvi"],
             predict,
             (np.ones(table.rows),),
-            labels_of(table),
+            list_labels(table),
             column_of(table),
             tuple(candidates),
             (),
-            varying(variables),
+            list_varying(variables),
             {
                 f"head_{int(k)}": np.where(head == k, reference * tolerance, 0.0)
                 for k in np.unique(head)
@@ -633,7 +633,7 @@ _BY_KIND: dict[str, Callable[[BenchTable, Machine], tuple[TablePiece, ...]]] = {
 }
 
 
-def pieces_of(table: BenchTable, machine: Machine) -> tuple[TablePiece, ...]:
+def make_pieces(table: BenchTable, machine: Machine) -> tuple[TablePiece, ...]:
     """A piece for each measured column of a usable table
     (control.calibration.bench_table.usable)."""
     return _BY_KIND[table.kind](table, machine)

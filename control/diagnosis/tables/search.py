@@ -16,12 +16,12 @@ from typing import NamedTuple
 import numpy as np
 
 from control.diagnosis.judgement.gaussian import Gaussian
-from control.diagnosis.judgement.prior import UNKNOWN, log_of_size, sd_of_size
+from control.diagnosis.judgement.prior import UNKNOWN, find_size_log_weight, find_size_sd
 from control.diagnosis.judgement.rows import Posterior, TableRows, mixed, posterior, rows_of
 
-from .candidates import TableEffect, Unknown, effects_of, unknowns_of
+from .candidates import TableEffect, Unknown, find_effects, list_unknowns
 from .problem import TableProblem
-from .table_series import Array, BoolArray, IntArray, SizedEffect, best_first
+from .table_series import Array, BoolArray, IntArray, SizedEffect, sort_best_first
 
 MAX_EFFECTS = 3  # at once
 # log odds behind the best: what is further off is not counted (Madigan and Raftery 1994)
@@ -90,14 +90,14 @@ class TableSearch(NamedTuple):
 
 def search(problem: TableProblem) -> TableSearch:
     """All models that these rows leave probable."""
-    effects = effects_of(problem)
-    unknowns = unknowns_of(problem, effects)
+    effects = find_effects(problem)
+    unknowns = list_unknowns(problem, effects)
     found = [
         refined(problem, effects, unknowns, model)
         for model in _probable(problem, effects, unknowns)
     ]
     scores = [one.score for one in found]
-    order = best_first(scores)
+    order = sort_best_first(scores)
     weights = np.exp(np.array(scores) - max(scores))[order]
     return TableSearch(
         problem,
@@ -180,7 +180,7 @@ def _probable(
 
     def leading() -> list[Model]:
         every = list(scores)
-        return [every[k] for k in best_first([scores[one] for one in every])[:BEST]]
+        return [every[k] for k in sort_best_first([scores[one] for one in every])[:BEST]]
 
     every = range(len(effects))
     tried(
@@ -203,7 +203,7 @@ def _probable(
         tried([Model(one.effects, k) for k in _worth_trying(table, effects, unknowns, one)])
     best = max(scores.values())
     kept = [one for one in scores if scores[one] > best - WINDOW]
-    return [kept[k] for k in best_first([scores[one] for one in kept])[:MOST]]
+    return [kept[k] for k in sort_best_first([scores[one] for one in kept])[:MOST]]
 
 
 def _worth_trying(
@@ -254,7 +254,7 @@ def scored(
 ) -> tuple[float, Posterior]:
     """Log evidence plus log prior odds, and the posterior of the sizes (first) and all else.
 
-    The size of an effect has the tails of a Cauchy distribution (`prior.sd_of_size`): its s.d.
+    The size of an effect has the tails of a Cauchy distribution (`prior.find_size_sd`): its s.d.
     is that of the size fitted. What is unknown has one s.d. for all of its columns, by the same
     rule.
     """
@@ -271,15 +271,15 @@ def scored(
     at = len(chosen)
     for k, one in enumerate(chosen):
         size = float(guess[k])
-        sd[k] = sd_of_size(size, one.usual)
+        sd[k] = find_size_sd(size, one.usual)
         sd[at : at + one.forms.shape[1]] = abs(size)
         at += one.forms.shape[1]
-        log_odds += one.log_odds + log_of_size(size, one.usual) + one.log_of_sign(size)
+        log_odds += one.log_odds + find_size_log_weight(size, one.usual) + one.log_of_sign(size)
     if model.unknown is not None:
         other = unknowns[model.unknown]
         size = float(np.sqrt(np.mean(guess[at : at + strange] ** 2)))
-        sd[at : at + strange] = sd_of_size(size, other.usual)
-        log_odds += other.log_odds + log_of_size(size, other.usual)
+        sd[at : at + strange] = find_size_sd(size, other.usual)
+        log_odds += other.log_odds + find_size_log_weight(size, other.usual)
     free = posterior(table.rows, index, sd, sizes)
     if at == len(chosen):
         return free.log_evidence + log_odds, free

@@ -81,7 +81,7 @@ def scope_name(groups: Iterable[tuple[str, str]]) -> str:
     return SCOPE_AND.join(group_name(table, label) for table, label in groups)
 
 
-def within_scope(scope: str | None, piece: TablePiece, label: str, effect_id: str) -> bool:
+def is_within_scope(scope: str | None, piece: TablePiece, label: str, effect_id: str) -> bool:
     """Whether a cause with this scope holds in a piece's rows of one label."""
     if scope is None:
         return effect_id not in piece.named_only
@@ -96,7 +96,7 @@ def group_name(table: str, label: str) -> str:
     return f"{short} {label}".strip()
 
 
-def with_effects(machine: Machine, effects: tuple[SizedEffect, ...]) -> Machine:
+def add_effects(machine: Machine, effects: tuple[SizedEffect, ...]) -> Machine:
     """The machine with effects on top of those it has; bounds are not looked at."""
     stages: dict[str, Any] = {}
     for (effect_id, member, _), size in effects:
@@ -109,7 +109,7 @@ def with_effects(machine: Machine, effects: tuple[SizedEffect, ...]) -> Machine:
     return machine.model_copy(update=stages)
 
 
-def varying(variables: Mapping[str, Array]) -> dict[str, Array]:
+def list_varying(variables: Mapping[str, Array]) -> dict[str, Array]:
     """Those that are known in every row and take more than one value."""
     return {
         name: values
@@ -119,7 +119,7 @@ def varying(variables: Mapping[str, Array]) -> dict[str, Array]:
     }
 
 
-def first_best(scores: Sequence[float] | Array) -> int:
+def find_first_best(scores: Sequence[float] | Array) -> int:
     """Index of the highest score (n,), of equal ones the first: the order given decides, not
     rounding."""
     values = np.asarray(scores, np.float64)
@@ -128,11 +128,11 @@ def first_best(scores: Sequence[float] | Array) -> int:
     return int(np.flatnonzero(values >= least)[0])
 
 
-def best_first(scores: Sequence[float] | Array) -> list[int]:
+def sort_best_first(scores: Sequence[float] | Array) -> list[int]:
     """Indices of the scores (n,) from the highest down, equal ones in the order given."""
     values = np.asarray(scores, np.float64)
     left = list(range(len(values)))
     out = []
     while left:
-        out.append(left.pop(first_best(values[left])))
+        out.append(left.pop(find_first_best(values[left])))
     return out

@@ -169,7 +169,7 @@ class HeldRun(Calibration):
             return _("No machine is connected.")
         if seen.calibrating and frame.why_no_flow:
             return _("The shaft may not turn: {why}.").format(
-                why=", ".join(words.note_word(note) for note in frame.why_no_flow)
+                why=", ".join(words.name_note(note) for note in frame.why_no_flow)
             )
         if seen.state == "fault":
             return _("The machine is in FAULT: see the alarm above, then make it ready.")
@@ -195,7 +195,7 @@ def estimate_words(one: Estimate) -> str:
     )
 
 
-def curve_of(
+def make_curve(
     fitted: Calibrated | None, points: tuple[tuple[float, float], ...], x_name: str, y_name: str
 ) -> CurveView:
     """What was measured, with the fitted line where there is one."""

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
 from console.app.number_dialog import NumberDialog
-from console.app.pages.calibrate.calibration import Deed, FrameSeen, HeldRun, curve_of
+from console.app.pages.calibrate.calibration import Deed, FrameSeen, HeldRun, make_curve
 from console.app.pages.calibrate.catch import (
     LEAST_POINTS,
     MODEL_FACTOR,
@@ -189,7 +189,7 @@ class CatchCalibration(HeldRun):
             and max(speeds) - min(speeds) > SPEEDS_APART_RPM
         )
         across = speeds if by_speed else openings
-        return curve_of(
+        return make_curve(
             self.fitted,
             tuple(zip(across, (one.grams_per_revolution for one in points), strict=True)),
             "shaft r/min" if by_speed else "opening mm",

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from console.app.dialogs import Choice, ChoiceDialog
 from console.app.name_dialog import NameDialog
-from console.app.pages.calibrate.calibration import FrameSeen, HeldRun, curve_of
+from console.app.pages.calibrate.calibration import FrameSeen, HeldRun, make_curve
 from console.app.pages.calibrate.curve import CurveView
 from console.app.pages.calibrate.guide import GuideStep
 from console.app.pages.calibrate.progress_rows import Bar, Cells, Line, Row
@@ -147,7 +147,7 @@ class LagCalibration(HeldRun):
 
     def curve(self) -> CurveView:
         runs = self.test.runs if self.test is not None else ()
-        return curve_of(
+        return make_curve(
             self.fitted,
             tuple((rpm, response_s + drop_s) for rpm, response_s, drop_s in runs),
             "shaft r/min",

@@ -16,7 +16,7 @@ from textual.timer import Timer
 from textual.worker import Worker
 
 from console.app import words
-from console.app.action import CALIBRATE, bindings
+from console.app.action import CALIBRATE, make_bindings
 from console.app.held_key import HeldKey
 from console.app.name_dialog import NameDialog
 from console.app.pages.calibrate.calibration import Calibration, FrameSeen
@@ -101,7 +101,7 @@ class Runner:
             return True
         if self._running:
             self._running = False
-            self.said = words.answer_words(answer.why)
+            self.said = words.describe_refusal(answer.why)
             self.held.block(now_s)
             self._start(self._end())
         return False
@@ -151,7 +151,7 @@ T = TypeVar("T")
 
 class CalibrateScreen(Page):
     where: ClassVar[str] = CALIBRATE
-    BINDINGS: ClassVar = bindings(ACTIONS)
+    BINDINGS: ClassVar = make_bindings(ACTIONS)
 
     def __init__(self, service: CalibrateService | None = None) -> None:
         super().__init__()

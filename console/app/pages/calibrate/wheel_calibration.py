@@ -113,7 +113,7 @@ class WheelCalibration(Calibration):
         if drive.wheel_m > 1.0:
             rows.append(Line(_("GNSS / wheel"), f"{drive.gnss_m / drive.wheel_m:.4f}"))
         fix = seen.frame.row.fix_quality if seen.frame else None
-        rows.append(Line(_("fix"), words.fix_word(fix), "" if fix in (4, 5) else "amber"))
+        rows.append(Line(_("fix"), words.name_fix(fix), "" if fix in (4, 5) else "amber"))
         if self.page.service is not None:
             rows.append(Line(_("machine file"), f"{self.page.service.wheel_circumference_m:.4f} m"))
         return tuple(rows)

@@ -9,7 +9,7 @@ from typing import NamedTuple
 from rich.cells import cell_len
 from textual.content import Content
 
-from console.app.widgets.panel import Part, PickList, fit, fullest, line, right
+from console.app.widgets.panel import Part, PickList, choose_fullest, fit, line, right
 from console.locale import _
 
 
@@ -73,7 +73,7 @@ class DeviceTable(PickList[TableView]):
         used = names + 3 + states + 34
         # the picked device's protocol and port stand in full below
         end = one.port.rpartition("/")[2]
-        rest = fullest(
+        rest = choose_fullest(
             (
                 "  ".join(part for part in parts if part)
                 for parts in (

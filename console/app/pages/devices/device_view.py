@@ -113,7 +113,7 @@ def details(device: DeviceView, frame_age_s: float) -> RowsView:
     return RowsView(device.name, tuple(rows))
 
 
-def effort_row(says: EffortSays, frame_age_s: float) -> RowsView:
+def make_effort_row(says: EffortSays, frame_age_s: float) -> RowsView:
     """How hard the metering drive works, and between which marks it raises no alarm; nothing
     where no file says."""
     if not says.unit:
@@ -165,7 +165,7 @@ def _test_words(device: DeviceView) -> str:
     return "; ".join(part for part in (found, baud, counts, test.said) if part)
 
 
-def raw_rows(lines: Sequence[tuple[float, str]]) -> RowsView:
+def make_raw_rows(lines: Sequence[tuple[float, str]]) -> RowsView:
     """The last lines as they came, newest last. lines: (time since the log began, s, text)."""
     return RowsView(
         _("last lines, as seen five times a second"),

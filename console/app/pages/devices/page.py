@@ -8,9 +8,9 @@ from typing import ClassVar
 from textual.app import ComposeResult
 from textual.containers import Vertical
 
-from console.app.action import DEVICES, Action, bindings
+from console.app.action import DEVICES, Action, make_bindings
 from console.app.pages.devices.device_table import DeviceTable, TableView
-from console.app.pages.devices.device_view import details, effort_row, raw_rows, rows_of
+from console.app.pages.devices.device_view import details, make_effort_row, make_raw_rows, rows_of
 from console.app.pages.devices.keys import ACTIONS
 from console.app.pages.devices.rows import Rows, RowsView
 from console.app.pages.page import Page
@@ -26,7 +26,7 @@ RAW_LINES = 40
 
 class DevicesScreen(Page):
     where: ClassVar[str] = DEVICES
-    BINDINGS: ClassVar = bindings(ACTIONS)
+    BINDINGS: ClassVar = make_bindings(ACTIONS)
 
     def __init__(self) -> None:
         super().__init__()
@@ -63,7 +63,7 @@ class DevicesScreen(Page):
     def show_numbers(self, view: RunView) -> None:
         super().show_numbers(view)
         frame, age_s = self.seen(self.app.clock())
-        effort = effort_row(NO_EFFORT if frame is None else frame.effort, age_s)
+        effort = make_effort_row(NO_EFFORT if frame is None else frame.effort, age_s)
         self.query_one("#device-effort", Rows).show(effort)
         self.query_one("#device-effort").display = bool(effort.rows)
         self.query_one("#device-details").set_class(bool(effort.rows), "-under-effort")
@@ -83,7 +83,7 @@ class DevicesScreen(Page):
             self.query_one("#device-details").styles.height = len(about.rows) + 1
             raw = self.query_one("#device-raw", Rows)
             lines = list(self._raw.get(device.name, ()))[-max(1, raw.size.height - 1) :]
-            raw.show(raw_rows(lines))
+            raw.show(make_raw_rows(lines))
         self.query_one("#device-chips", Chips).show(self._chips(device))
 
     def _chips(self, device: DeviceView | None) -> tuple[Chip, ...]:

@@ -30,21 +30,21 @@ def sure(found: DiagnosisView) -> tuple[str, ...]:
     return tuple(one for one in found.adoptable if one not in open_)
 
 
-def with_picked(found: DiagnosisView, picked: tuple[str, ...]) -> tuple[str, ...]:
+def merge_picked(found: DiagnosisView, picked: tuple[str, ...]) -> tuple[str, ...]:
     """Ids of what is sure and what was picked, in their order."""
     return tuple(one for one in found.adoptable if one in sure(found) or one in picked)
 
 
-def selections(found: DiagnosisView) -> Iterator[tuple[str, ...]]:
+def list_selections(found: DiagnosisView) -> Iterator[tuple[str, ...]]:
     """Every set of ids that the operator can come to: one machine file each."""
     names = tuple(dict.fromkeys(one.id for one in undecided(found)))
     most = len(names) if len(names) <= MOST_TOGETHER else 1
     for picked in chain.from_iterable(combinations(names, count) for count in range(most + 1)):
-        ids = with_picked(found, picked)
+        ids = merge_picked(found, picked)
         if ids:
             yield ids
 
 
-def offer_of(found: DiagnosisView, ids: tuple[str, ...]) -> AdoptionOffer | None:
+def find_offer(found: DiagnosisView, ids: tuple[str, ...]) -> AdoptionOffer | None:
     """The machine file that takes these up; None where there is none."""
     return next((one for one in found.offers if set(one.ids) == set(ids)), None)

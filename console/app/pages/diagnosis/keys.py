@@ -165,10 +165,10 @@ def _ask_next(
 
 def _ask_why(page: DiagnosisScreen, found: DiagnosisView, picked: tuple[str, ...]) -> None:
     """What was picked against the data's silence is written with its reason."""
-    from console.app.pages.diagnosis.adoption import with_picked
+    from console.app.pages.diagnosis.adoption import merge_picked
     from console.app.pages.diagnosis.service import Adoption
 
-    ids = with_picked(found, picked)
+    ids = merge_picked(found, picked)
     if not ids:
         page.app.notice(_("nothing is adopted: the next test decides"))
     elif not picked:
@@ -191,10 +191,10 @@ def _ask_why(page: DiagnosisScreen, found: DiagnosisView, picked: tuple[str, ...
 
 def _ask_to_write(page: DiagnosisScreen, found: DiagnosisView, chosen: Adoption) -> None:
     from console.app.pages.diagnosis import words
-    from console.app.pages.diagnosis.adoption import offer_of, undecided
+    from console.app.pages.diagnosis.adoption import find_offer, undecided
     from console.reports.diagnosis_wording import title
 
-    offer = offer_of(found, chosen.ids)
+    offer = find_offer(found, chosen.ids)
     left = [title(one) for one in undecided(found) if one.id not in chosen.ids]
     lines = [
         _("Adopted: {what}").format(

@@ -14,7 +14,7 @@ from textual.content import Content
 from textual.widgets import Static
 from textual.worker import Worker, WorkerState
 
-from console.app.action import DIAGNOSIS, Action, bindings
+from console.app.action import DIAGNOSIS, Action, make_bindings
 from console.app.dialogs import TextDialog
 from console.app.pages.diagnosis import shown, words
 from console.app.pages.diagnosis.causes import Causes, CausesView
@@ -142,7 +142,7 @@ MOST_BY_TIME = 0.3
 ENOUGH = 0.2  # of the work, to tell its pace
 
 
-def expected_s(megabytes: float) -> float:
+def estimate_duration_s(megabytes: float) -> float:
     """Before anything is known of this computer's pace."""
     return START_S + S_PER_MB * megabytes
 
@@ -182,7 +182,7 @@ BEGIN = next(action for action in ACTIONS if action.do is diagnose)
 
 class DiagnosisScreen(Page):
     where: ClassVar[str] = DIAGNOSIS
-    BINDINGS: ClassVar = bindings(ACTIONS)
+    BINDINGS: ClassVar = make_bindings(ACTIONS)
 
     def __init__(self) -> None:
         super().__init__()
@@ -446,7 +446,7 @@ class DiagnosisScreen(Page):
         self.begin(
             _("Diagnosis of {name}").format(name=source.name),
             partial(self.service.diagnose, source, self.machine),
-            expected_s(source.bytes / 1e6),
+            estimate_duration_s(source.bytes / 1e6),
         )
 
     def begin(self, title: str, work: Work, takes_s: float) -> None:

@@ -37,7 +37,7 @@ class PlotView(NamedTuple):
     language: str
 
 
-def nice_ends(values: Sequence[float]) -> tuple[float, float]:
+def round_plot_ends(values: Sequence[float]) -> tuple[float, float]:
     """Round ends that hold all values, and zero."""
     low, high = min(0.0, *values), max(0.0, *values)
     span = high - low or 1.0
@@ -45,7 +45,7 @@ def nice_ends(values: Sequence[float]) -> tuple[float, float]:
     return floor(low / step - 0.02) * step, ceil(high / step + 0.02) * step
 
 
-def dots_between(places: Sequence[tuple[int, int]], every: int = 1) -> set[tuple[int, int]]:
+def rasterise_line(places: Sequence[tuple[int, int]], every: int = 1) -> set[tuple[int, int]]:
     """Dots on straight lines from place to place; `every` second, third, ... only."""
     found: list[tuple[int, int]] = list(places[:1])
     for (x0, y0), (x1, y1) in pairwise(places):
@@ -83,7 +83,7 @@ class ResidualPlot(Canvas[PlotView | None]):
         if not view.same:
             legend += [("+ ", after), (_("after"), muted)]
         strips = [self.text_strip(width, *legend)]
-        up = nice_ends([*curve.before, *curve.after])
+        up = round_plot_ends([*curve.before, *curve.after])
         spread = (min(curve.at), max(curve.at))
         across = (spread[0] - 0.5, spread[1] + 0.5) if curve.names else spread
 
@@ -99,7 +99,9 @@ class ResidualPlot(Canvas[PlotView | None]):
         marks |= dict.fromkeys(((x // 2, y // 4) for x, y in new), ("+", after))
         if len(curve.at) > _MOST_MARKS:
             marks = {}
-        lines = [] if curve.names else [(dots_between(new), after), (dots_between(old, 3), before)]
+        lines = (
+            [] if curve.names else [(rasterise_line(new), after), (rasterise_line(old, 3), before)]
+        )
         zero = dot(across[0], 0.0)[1] // 4
         onset = None if curve.onset is None else dot(curve.onset, 0.0)[0] // 2
         labels = {0: _short(up[1], up), rows - 1: _short(up[0], up), zero: "0"}

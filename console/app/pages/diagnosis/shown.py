@@ -48,7 +48,7 @@ def causes(view: DiagnosisView, at: int, units: Units) -> CausesView:
 
 
 def _cause(cause: Cause, mean_target_kg_ha: float | None, units: Units) -> CauseLine:
-    tied = sentences.ties(cause)
+    tied = sentences.list_ties(cause)
     rivals = (
         ""
         if tied
@@ -89,7 +89,7 @@ def channels(view: DiagnosisView) -> ChannelsView:
             "{after} with it "
             "({metric})"
         ).format(
-            channel=sentences.channel_word(gain.channel),
+            channel=sentences.name_channel(gain.channel),
             before=words.figure(gain.before),
             after=words.figure(gain.after),
             metric=gain.metric,
@@ -114,7 +114,7 @@ def _whole(found: Diagnosis) -> tuple[str, ...]:
     return (
         ()
         if found.fitted is None
-        else (f"{sentences.whole(found.fitted)}. {sentences.whole_gain(found.fitted)}",)
+        else (f"{sentences.whole(found.fitted)}. {sentences.describe_whole_gain(found.fitted)}",)
     )
 
 
@@ -125,7 +125,7 @@ def _channel(one: Channel, after: float | None) -> ChannelLine:
         share = 1.0 - (one.noise_floor / one.rmse) ** 2
     wrong = share >= LEAST_SHARE
     return ChannelLine(
-        sentences.channel_word(one.channel),
+        sentences.name_channel(one.channel),
         one.unit,
         words.figure(one.rmse),
         "" if after is None else words.figure(after),
@@ -165,7 +165,7 @@ def _plot(view: DiagnosisView, curve: ResidualCurve | None) -> PlotView | None:
     if curve is None:
         return None
     title = _("error of {channel}, {unit}").format(
-        channel=sentences.channel_word(curve.channel), unit=curve.unit
+        channel=sentences.name_channel(curve.channel), unit=curve.unit
     )
     return PlotView(
         title, recorded(curve.variable, view.found.data.kind).label, curve, not view.drawn, in_use()

@@ -7,7 +7,7 @@ from typing import NamedTuple
 from rich.cells import cell_len
 from textual.content import Content
 
-from console.app.widgets.panel import Panel, fullest, line, wrapped
+from console.app.widgets.panel import Panel, choose_fullest, line, wrapped
 
 _STYLES = {
     "none": "bold reverse",
@@ -45,7 +45,7 @@ class VerdictPanel(Panel[tuple[SaidVerdict, ...]]):
     def _one(said: SaidVerdict, width: int, room: int) -> list[Content]:
         lead = f"{said.lead}: " if said.lead else ""
         left = cell_len(f" {said.symbol} {said.word}   {lead}")
-        about = fullest(
+        about = choose_fullest(
             ("   ".join(said.about[:kept]) for kept in range(len(said.about), -1, -1)), width - left
         )
         head = line(

@@ -11,12 +11,12 @@ from console.app.view import duration
 from console.locale import N_, _
 from console.reports.diagnosis_wording import (
     better,
-    channel_word,
-    headlined,
+    format_whole_id,
+    is_headline,
+    name_channel,
     title,
     when,
     whole,
-    whole_id,
 )
 from console.reports.numbers import number, plain
 from control.diagnosis.result import Cause
@@ -91,7 +91,7 @@ def todo(view: DiagnosisView) -> str:
                 "simulated machine."
             )
         return _("V shows its steps.")
-    if found.causes and headlined(found.causes[0]):
+    if found.causes and is_headline(found.causes[0]):
         return _(found.causes[0].advice)
     if found.causes:
         return _("Do not act on a suspicion alone: look at the machine, or record more data.")
@@ -106,7 +106,7 @@ def adopted_title(view: DiagnosisView, name: str) -> str:
     """Of an id that may be adopted: a cause by its title, a drive as a whole by its sizes, a
     term by its id."""
     fitted = view.found.fitted
-    if fitted is not None and name == whole_id(fitted):
+    if fitted is not None and name == format_whole_id(fitted):
         return whole(fitted)
     return next((title(one) for one in view.found.causes if one.id == name), name)
 
@@ -149,7 +149,7 @@ def cost(cause: Cause, mean_target_kg_ha: float | None, units: Units) -> str:
 def compared(found: ComparedShown) -> list[str]:
     """A line for each channel: error before and after, and which is better beyond chance."""
     lines = [
-        f"{channel_word(one.channel)}: {figure(one.old)} -> {figure(one.new)} {one.unit}   "
+        f"{name_channel(one.channel)}: {figure(one.old)} -> {figure(one.new)} {one.unit}   "
         f"{better(one.old, one.new, one.low, one.high)}"
         for one in found.rows
     ]

@@ -12,7 +12,7 @@ from console.app.pages.job.service import Facts
 from console.app.remaining_work import remaining_work
 from console.app.typed_number import in_words
 from console.app.units import Units
-from console.app.view import STALE_S, Item, Shown, duration, point_items, wall_clock
+from console.app.view import STALE_S, Item, Shown, duration, format_local_time, list_point_items
 from console.frame import DeviceView, Frame
 from console.locale import N_, _
 from control.agronomy.strips import HARDLY_RICHER, Strips, StripValue, doubt, measured_index
@@ -145,7 +145,7 @@ def _who(facts: Facts) -> tuple[Check, ...]:
     return (Check(_("for"), OK, ", ".join(said)),) if said else ()
 
 
-def crop_note(note: str) -> str:
+def read_crop_note(note: str) -> str:
     """What a crop file notes about itself, in the language in use; what its author wrote stays
     as it is. The names of keys behind a colon are those of the file."""
     head, colon, keys = note.partition(": ")
@@ -157,7 +157,7 @@ def _crop(facts: Facts) -> Check:
     setup = facts.setup
     name, notes = (
         setup.crop.name,
-        [crop_note(note) for note in (*setup.job.warnings, *setup.crop.warnings)],
+        [read_crop_note(note) for note in (*setup.job.warnings, *setup.crop.warnings)],
     )
     if notes:
         return Check(
@@ -215,7 +215,7 @@ def _growth(facts: Facts) -> tuple[Check, ...]:
     return (Check(label, OK, f"{scale} {growth.stage:g}  ({first}-{last})"),)
 
 
-def strips_now(frame: Frame | None, facts: Facts | None) -> Strips:
+def find_present_strips(frame: Frame | None, facts: Facts | None) -> Strips:
     """As they count now: those of the worker, which knows what was measured since it began;
     else of the files."""
     live = frame.strips if frame is not None else Strips()
@@ -225,7 +225,7 @@ def strips_now(frame: Frame | None, facts: Facts | None) -> Strips:
     return Strips(live.nrich or rule.ndvi_nrich, live.check or rule.ndvi_check)
 
 
-def doubt_words(strips: Strips) -> str:
+def describe_doubt(strips: Strips) -> str:
     """Why the response index of the field is not to be believed as it stands; empty where
     nothing speaks against it."""
     index, why = measured_index(strips), doubt(strips)
@@ -244,7 +244,7 @@ def doubt_words(strips: Strips) -> str:
     return said.format(index=f"{index:.2f}")
 
 
-def strip_rates(
+def compare_strip_rates(
     facts: Facts | None, before: Strips, after: Strips, field_ndvi: float | None, units: Units
 ) -> str:
     """The canopy's target on the field's ground without and with a strip, by the crop's rule;
@@ -287,7 +287,7 @@ def _response(facts: Facts, frame: Frame | None) -> tuple[Check, ...]:
     """Of a job that goes by the response index of the field."""
     if facts.setup.rule.response_rule != "field" or facts.setup.job.target.source not in BY_CANOPY:
         return ()
-    label, strips = _("response index"), strips_now(frame, facts)
+    label, strips = _("response index"), find_present_strips(frame, facts)
     index = measured_index(strips)
     if index is None:
         missing = (
@@ -296,7 +296,7 @@ def _response(facts: Facts, frame: Frame | None) -> tuple[Check, ...]:
             else (_("no strips yet: drive both with B"))
         )
         return (Check(label, LOOK, missing),)
-    said = doubt_words(strips)
+    said = describe_doubt(strips)
     if said:
         return (Check(label, LOOK, said),)
     return (
@@ -316,7 +316,7 @@ def _strip(facts: Facts, frame: Frame | None) -> Check:
         return Check(
             label,
             OK,
-            _("not needed: {source} in use").format(source=words.source_word(job.target.source)),
+            _("not needed: {source} in use").format(source=words.name_source(job.target.source)),
         )
     live = frame.strips.nrich if frame is not None else None
     if live is not None and live != facts.setup.rule.ndvi_nrich:
@@ -500,7 +500,7 @@ def totals(
         Item(_("mean rate"), Shown(units.rate.full(t.mean_rate_kg_ha), old)),
         Item(_("N used"), Shown(units.mass._replace(decimals=1).full(t.applied_n_kg), old)),
         *(
-            point_items(frame, old, units)
+            list_point_items(frame, old, units)
             or (
                 Item(_("against target"), Shown(error, old)),
                 Item(_("evenness"), Shown(f"CV {cv}  C_uc {cuc}", old)),
@@ -535,6 +535,6 @@ def refills(frame: Frame | None, units: Units, utc_offset_s: float) -> tuple[str
     if frame is None or frame.tally is None:
         return ()
     return tuple(
-        f"{wall_clock(utc, utc_offset_s)}  {in_words(units.mass, round(kg, 1))}"
+        f"{format_local_time(utc, utc_offset_s)}  {in_words(units.mass, round(kg, 1))}"
         for utc, kg in reversed(frame.tally.refills)
     )

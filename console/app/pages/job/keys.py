@@ -12,10 +12,10 @@ from console.app.pages.job.checklist import (
     STRIP_BEGINS,
     STRIP_TITLES,
     checks,
-    doubt_words,
+    compare_strip_rates,
+    describe_doubt,
+    find_present_strips,
     hardly_richer_words,
-    strip_rates,
-    strips_now,
 )
 from console.app.pages.job.nrich import LEAST_M, StripRun
 from console.app.pages.job.service import File, JobCard, JobService
@@ -81,15 +81,15 @@ def strip(page: JobScreen) -> None:
     title = _(STRIP_TITLES[page.strip.which]).format(ndvi=f"{so_far.ndvi:.3f}")
     with_it = page.strips_with(value)
     said = (
-        strip_rates(
+        compare_strip_rates(
             page.facts,
-            strips_now(page.app.arrival.frame, page.facts),
+            find_present_strips(page.app.arrival.frame, page.facts),
             with_it,
             page.field_ndvi,
             page.app.units,
         ),
         hardly_richer_words(value, page.field_ndvi),
-        doubt_words(with_it),
+        describe_doubt(with_it),
         text,
     )
     page.app.confirm(title, "\n".join(part for part in said if part), use)
@@ -125,7 +125,7 @@ def _use_strip(page: JobScreen, value: StripValue) -> None:
     """At once by an order; and into a job file, for the next start. Taken back, both are as
     before."""
     before = value._replace(
-        ndvi=getattr(strips_now(page.app.arrival.frame, page.facts), value.which), se=None
+        ndvi=getattr(find_present_strips(page.app.arrival.frame, page.facts), value.which), se=None
     )
 
     def keep(strip: StripValue) -> None:

@@ -13,13 +13,13 @@ from textual.content import Content
 from textual.widgets import Static
 
 from console.app.dialogs import Choice, ChoiceDialog, Dialog
-from console.app.map_ink import LEVELS_PLAN, planned_scale, small_map
+from console.app.map_ink import LEVELS_PLAN, draw_small_map, planned_scale
 from console.app.pages.job.checklist import file_name
 from console.app.pages.job.map_words import map_words
 from console.app.pages.job.service import MapPreview
 from console.app.units import Units
 from console.app.widgets.choice_list import ChoiceList
-from console.app.widgets.map_legend import ramp_of
+from console.app.widgets.map_legend import draw_colour_ramp
 from console.locale import _
 
 COLUMNS, ROWS, LEAST_ROWS, RAMP_CELLS = 44, 9, 3, 16
@@ -75,9 +75,14 @@ class MapDialog(ChoiceDialog):
                 shown.question
             )
         rows = max(LEAST_ROWS, min(ROWS, self.app.size.height - OTHER_ROWS))
-        drawn = [Content.assemble(*row) for row in small_map(self, shown.picture, COLUMNS, rows)]
+        drawn = [
+            Content.assemble(*row) for row in draw_small_map(self, shown.picture, COLUMNS, rows)
+        ]
         scale = planned_scale(shown.picture, units)
-        ramp = ((text, str(style)) for text, style in ramp_of(self, scale, RAMP_CELLS, LEVELS_PLAN))
+        ramp = (
+            (text, str(style))
+            for text, style in draw_colour_ramp(self, scale, RAMP_CELLS, LEVELS_PLAN)
+        )
         said = map_words(shown.check, units) if shown.check is not None else ()
         return (
             *drawn,

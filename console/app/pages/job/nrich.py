@@ -49,7 +49,7 @@ class FieldRun:
     def add(self, row: LogRow) -> None:
         """A row of the run; rows without NDVI or speed add no length."""
         before_s, self._before_s = self._before_s, row.time_s
-        ndvi = reading_of(row)
+        ndvi = read_heads(row)
         if before_s is None or ndvi is None or row.speed_used_mps is None:
             return
         step_s = row.time_s - before_s
@@ -99,7 +99,7 @@ class StripRun(FieldRun):
         return StripValue(self.which, round(strip.ndvi, 4), strip.se, strip.samples)
 
 
-def reading_of(row: LogRow) -> float | None:
+def read_heads(row: LogRow) -> float | None:
     """What the heads read: the fused value of the decision; where another source of the target
     leaves it empty, their middle one. None: they are silent."""
     if row.ndvi is not None or row.ndre is not None:

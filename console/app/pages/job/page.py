@@ -11,7 +11,7 @@ from textual.app import ComposeResult
 from textual.containers import Container, Vertical
 from textual.worker import Worker, get_current_worker
 
-from console.app.action import JOB, bindings
+from console.app.action import JOB, make_bindings
 from console.app.dialogs import Choice, ChoiceDialog, Confirm
 from console.app.name_dialog import NameDialog
 from console.app.number_dialog import NumberDialog
@@ -20,13 +20,13 @@ from console.app.pages.job.checklist import (
     STRIP_RUNS,
     checks,
     file_name,
+    find_present_strips,
     refills,
-    strips_now,
     totals,
 )
 from console.app.pages.job.keys import ACTIONS
 from console.app.pages.job.map_dialog import COLUMN, TAKE, UNIT, MapDialog
-from console.app.pages.job.nrich import FieldRun, StripRun, reading_of
+from console.app.pages.job.nrich import FieldRun, StripRun, read_heads
 from console.app.pages.job.refill import LEAST_FILLED_KG, RefillWatch, doubt
 from console.app.pages.job.service import (
     Cancelled,
@@ -65,7 +65,7 @@ MAY_RESTART = (None, "off", "ready", "fault")
 
 class JobScreen(Page):
     where: ClassVar[str] = JOB
-    BINDINGS: ClassVar = bindings(ACTIONS)
+    BINDINGS: ClassVar = make_bindings(ACTIONS)
 
     def __init__(self) -> None:
         super().__init__()
@@ -362,13 +362,13 @@ class JobScreen(Page):
         """Of the field's ground so far; before there is enough of it what the heads read now.
         None: nothing."""
         frame = self.app.arrival.frame
-        now = None if frame is None else reading_of(frame.row)
+        now = None if frame is None else read_heads(frame.row)
         return self.field.ndvi if self.field.ndvi is not None else now
 
     def strips_with(self, value: StripValue | None) -> Strips:
         """The strips that will count, with the one just measured."""
         frame, facts = self.app.arrival.frame, self.facts
-        now = strips_now(frame, facts)
+        now = find_present_strips(frame, facts)
         return now if value is None else now._replace(**{value.which: value.ndvi})
 
     def keep(self, work: Callable[[], str]) -> None:

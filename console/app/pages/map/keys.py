@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from console.app import layers
 from console.app.action import MAP, Action, on
 from console.app.dialogs import Choice, ChoiceDialog
-from console.app.guide_line_store import guide_record
+from console.app.guide_line_store import make_line_record
 from console.locale import N_, _
 
 if TYPE_CHECKING:
@@ -64,7 +64,7 @@ def why_no_plan(page: MapScreen) -> str:
 
 def no_guide(page: MapScreen) -> None:
     page.app.guide.clear()
-    page.app.keep_line(guide_record(page.app.guide))
+    page.app.keep_line(make_line_record(page.app.guide))
 
 
 ACTIONS = on(

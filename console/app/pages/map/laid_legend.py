@@ -20,7 +20,7 @@ from textual.strip import Strip
 from console.app.layers import LABELS, LayerScale, MapLayer
 from console.app.map_ink import LAID_SHARE, LEVELS_ERROR, LEVELS_LAID
 from console.app.widgets.canvas import Canvas
-from console.app.widgets.map_legend import ramp_of
+from console.app.widgets.map_legend import draw_colour_ramp
 from console.app.widgets.panel import fit
 
 # The file that is laid on the map, read along with the screen, and again where another job has
@@ -110,7 +110,7 @@ class LaidLegend(Canvas[LaidLegendView]):
                 width,
                 (name, self.rich_style),
                 (low, muted),
-                *ramp_of(self, scale, cells, levels, LAID_SHARE),
+                *draw_colour_ramp(self, scale, cells, levels, LAID_SHARE),
                 (high, muted),
             )
         ]

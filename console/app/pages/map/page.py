@@ -9,19 +9,19 @@ from typing import ClassVar
 from textual.app import ComposeResult
 from textual.containers import Vertical
 
-from console.app.action import JOB, MAP, bindings
+from console.app.action import JOB, MAP, make_bindings
 from console.app.boundary_drive import BoundaryDrive
 from console.app.camera import MapCamera, fit
 from console.app.dialogs import Choice, ChoiceDialog
 from console.app.guide_line import LEAST_M
-from console.app.guide_line_store import corner_record, drive_record, guide_record
+from console.app.guide_line_store import corner_record, make_drive_record, make_line_record
 from console.app.layers import LABELS, MapLayer
 from console.app.overlay_file import LaidFile, LaidView
 from console.app.pages.log_page import EMPTY_MAP, LogPage
 from console.app.pages.map.keys import ACTIONS
 from console.app.pages.map.laid_legend import LaidFiles, LaidLegend, LaidLegendView, label_of
 from console.app.pages.map.map_pane import MapBar, MapBarView, MapPane, Place, ReadingLine
-from console.app.pages.map.reading import PlaceReading, job_items, reading
+from console.app.pages.map.reading import PlaceReading, list_job_items, reading
 from console.app.pages.replay.service import ReplayJob
 from console.app.view import STALE_S, RunView, look
 from console.app.widgets.items import Items
@@ -40,7 +40,7 @@ class MapScreen(LogPage):
     to by keys."""
 
     where: ClassVar[str] = MAP
-    BINDINGS: ClassVar = bindings(ACTIONS)
+    BINDINGS: ClassVar = make_bindings(ACTIONS)
 
     def __init__(self) -> None:
         super().__init__()
@@ -83,7 +83,7 @@ class MapScreen(LogPage):
             rates.show(view.rates)
         frame, age_s = self.seen(self.app.clock())
         self.query_one("#map-job", Items).show(
-            job_items(frame, self.app.fields.of(frame), self.app.units, age_s > STALE_S)
+            list_job_items(frame, self.app.fields.of(frame), self.app.units, age_s > STALE_S)
         )
 
     # --- a boundary by driving round it, and the A-B line
@@ -104,7 +104,7 @@ class MapScreen(LogPage):
         """One begins, or the one that there was has ended."""
         frame = self.app.arrival.frame
         self.drive, self._driven = drive, []
-        self.app.keep_line(drive_record(drive, frame.row.time_s if frame is not None else 0.0))
+        self.app.keep_line(make_drive_record(drive, frame.row.time_s if frame is not None else 0.0))
 
     def go_on_driving(self, drive: BoundaryDrive, way: tuple[Place, ...]) -> None:
         """One that another console began."""
@@ -214,10 +214,10 @@ class MapScreen(LogPage):
             self.app.notice(_("no position yet"))
         elif guide.a is None or guide.b is not None:
             guide.begin(frame.place_m, picture.width_m)
-            self.app.keep_line(guide_record(guide))
+            self.app.keep_line(make_line_record(guide))
             self.app.notice(_("A is here: drive along the line, then N sets B"))
         elif guide.end(frame.place_m):
-            self.app.keep_line(guide_record(guide))
+            self.app.keep_line(make_line_record(guide))
             self.app.notice(
                 _("the A-B line is set: the Run page shows how far the machine is off it")
             )

@@ -12,7 +12,7 @@ from console.app.map_image import Ground
 from console.app.overlay_file import LaidView
 from console.app.remaining_work import remaining_work
 from console.app.units import Units
-from console.app.view import Item, Shown, duration, rate_error, signed_percent
+from console.app.view import Item, Shown, duration, find_rate_error, signed_percent
 from console.frame import Frame
 from console.locale import _
 
@@ -51,7 +51,7 @@ def reading(
     planned = (
         picture.planned.at(*place) if picture is not None and picture.planned is not None else None
     )
-    error = rate_error(target, applied)
+    error = find_rate_error(target, applied)
     parts = [
         ReadingPart(_("applied"), units.rate.full(applied)),
         ReadingPart(_("target"), units.rate.full(target)),
@@ -72,7 +72,7 @@ def reading(
     return PlaceReading(where, tuple(parts))
 
 
-def job_items(
+def list_job_items(
     frame: Frame | None, picture: FieldPicture | None, units: Units, stale: bool
 ) -> tuple[Item, ...]:
     """Area and product done and left. What is left of the product: the plan's, else the mean so

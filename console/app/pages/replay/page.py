@@ -24,7 +24,7 @@ from textual.app import ComposeResult
 from textual.worker import Worker, get_current_worker
 
 from console.app import words
-from console.app.action import REPLAY, bindings
+from console.app.action import REPLAY, make_bindings
 from console.app.coverage_raster import Worked
 from console.app.field_picture import FieldPicture
 from console.app.history import LogHistory, Point
@@ -34,7 +34,7 @@ from console.app.pages.replay.keys import ACTIONS
 from console.app.pages.replay.service import LogFiles, ReplayJob, WhatIf
 from console.app.replay_source import ReplaySource
 from console.app.units import Units
-from console.app.view import RunView, duration, rate_error
+from console.app.view import RunView, duration, find_rate_error
 from console.frame import Frame
 from console.worker.resume_alarms import AlarmBook, AlarmRecord
 
@@ -158,7 +158,9 @@ def changed_words(before: Sequence[Frame], after: Sequence[Frame], units: Units)
             abs(error)
             for frame in frames
             if frame.row.state in (None, "working")
-            and (error := rate_error(frame.row.target_rate_kg_ha, frame.row.applied_rate_kg_ha))
+            and (
+                error := find_rate_error(frame.row.target_rate_kg_ha, frame.row.applied_rate_kg_ha)
+            )
             is not None
         ]
         return 100.0 * sum(found) / len(found) if found else None
@@ -174,7 +176,7 @@ def changed_words(before: Sequence[Frame], after: Sequence[Frame], units: Units)
 
 class ReplayScreen(PanelScreen):
     where: ClassVar[str] = REPLAY
-    BINDINGS: ClassVar = bindings(ACTIONS)
+    BINDINGS: ClassVar = make_bindings(ACTIONS)
 
     def __init__(self, job: ReplayJob | None = None) -> None:
         super().__init__()

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from console.app import words
 from console.app.action import RUN, Action, on
 from console.app.dialogs import Choice, ChoiceDialog, NudgeDialog
-from console.app.dose_change import dose_change, source_rate
+from console.app.dose_change import dose_change, find_source_rate
 from console.app.number_dialog import NumberDialog
 from console.app.pages.run.section_bar import section_choices
 from console.app.reasons import why_no_start, why_not_ready
@@ -191,8 +191,8 @@ def source(page: RunScreen) -> None:
 
 def _source_line(page: RunScreen, source: TargetSource) -> str:
     """Its word, and the rate that it gives here, where that is known."""
-    frame, word = page.app.arrival.frame, words.source_word(source.value)
-    rate = None if frame is None else source_rate(frame, source.value)
+    frame, word = page.app.arrival.frame, words.name_source(source.value)
+    rate = None if frame is None else find_source_rate(frame, source.value)
     return word if rate is None else f"{word}  {page.app.units.rate.full(rate)}"
 
 

@@ -8,15 +8,15 @@ from rich.cells import cell_len
 from textual.app import ComposeResult
 from textual.content import Content
 
-from console.app.action import RUN, Action, bindings
+from console.app.action import RUN, Action, make_bindings
 from console.app.guide_line import GuideLine
 from console.app.held_key import HeldKey
 from console.app.pages.panel_page import PanelScreen
 from console.app.pages.run.keys import ACTIONS
 from console.app.pages.run.section_bar import SectionBar
 from console.app.units import Units
-from console.app.view import AlarmsView, RunView, Shown, duration, wall_clock
-from console.app.widgets.panel import Panel, Part, fit, fullest, line
+from console.app.view import AlarmsView, RunView, Shown, duration, format_local_time
+from console.app.widgets.panel import Panel, Part, choose_fullest, fit, line
 from console.frame import Frame
 from console.locale import _
 from control.orders import State
@@ -50,7 +50,7 @@ def model_check_texts(found: Departure, frame: Frame, utc_offset_s: float) -> tu
 
     since = ""
     if found.since_s is not None:
-        since = wall_clock(frame.row.utc, utc_offset_s, frame.row.time_s - found.since_s)[
+        since = format_local_time(frame.row.utc, utc_offset_s, frame.row.time_s - found.since_s)[
             :5
         ] or duration(found.since_s)
     full, named, dated, plain = (
@@ -94,7 +94,7 @@ class LightView(NamedTuple):
     track: str
 
 
-def light_view(
+def make_light_view(
     guide: GuideLine, frame: Frame | None, stale: bool, units: Units
 ) -> LightView | None:
     """None while there is no line, or no place to hold against it."""
@@ -132,7 +132,7 @@ class LightBar(Panel[LightView | None]):
         middle: Part = (" ◆ " if not view.lights else " ┃ ", f"bold {lit}")
         bar = 2 * LIGHTS + 3
         text = f" {view.said.text}"
-        track = fullest((f"{view.track} ", ""), width - bar - cell_len(text) - 2)
+        track = choose_fullest((f"{view.track} ", ""), width - bar - cell_len(text) - 2)
         gap = " " * max(0, width - bar - cell_len(text) - cell_len(track) - 1)
         return [
             line(
@@ -149,7 +149,7 @@ class LightBar(Panel[LightView | None]):
 
 class RunScreen(PanelScreen):
     where: ClassVar[str] = RUN
-    BINDINGS: ClassVar = bindings(ACTIONS)
+    BINDINGS: ClassVar = make_bindings(ACTIONS)
 
     def __init__(self) -> None:
         super().__init__()
@@ -169,7 +169,7 @@ class RunScreen(PanelScreen):
         super().show_numbers(view)
         frame, checked = self.app.arrival.frame, self.app.services.model_check
         lights = self.query_one("#light-bar", LightBar)
-        light = light_view(self.app.guide, frame, view.status.silent != "", self.app.units)
+        light = make_light_view(self.app.guide, frame, view.status.silent != "", self.app.units)
         lights.display = light is not None
         lights.show(light)
         found = None if frame is None or checked is None else checked(frame.log_path)

@@ -16,20 +16,20 @@ from textual.content import Content
 from textual.widgets import Static
 
 from console.app import actions, themes
-from console.app.action import ANYWHERE, SETTINGS, Action, bindings
+from console.app.action import ANYWHERE, SETTINGS, Action, make_bindings
 from console.app.dialogs import Choice, ChoiceDialog, Dialog
 from console.app.number_dialog import NumberDialog
 from console.app.pages.job.checklist import file_name
 from console.app.pages.page import Page
 from console.app.pages.settings.keys import ACTIONS
 from console.app.pages.settings.service import SettingsStore
-from console.app.settings import apply, clash, keymap_problem
+from console.app.settings import apply, find_key_clash, keymap_problem
 from console.app.typed_number import inside
 from console.app.undo import Undoable
 from console.app.units import Unit
 from console.app.view import RunView
-from console.app.widgets.panel import Part, Picked, PickList, fit, fullest, line, wrapped
-from console.locale import N_, _, languages
+from console.app.widgets.panel import Part, Picked, PickList, choose_fullest, fit, line, wrapped
+from console.locale import N_, _, list_languages
 from drivers.files.settings import ManualRate, Presets, Rates, Settings
 
 
@@ -71,7 +71,7 @@ class SettingsList(PickList[SettingsView]):
             parts: list[Part] = [
                 (fit(f" {'>' if here else ' '} {one.label}", label), style),
                 (fit(f" {'*' if one.own else ' '}{one.value}", value), style or "bold"),
-                (fullest((f" {one.hint}", ""), width - label - value), "$muted"),
+                (choose_fullest((f" {one.hint}", ""), width - label - value), "$muted"),
             ]
             rows.append(line(*parts))
         return [*head, *rows, *[line("")] * (height - len(head) - len(rows) - len(foot)), *foot]
@@ -79,7 +79,7 @@ class SettingsList(PickList[SettingsView]):
     @staticmethod
     def _head(view: SettingsView, width: int) -> list[Content]:
         """The file, and why it was not used."""
-        place = fullest((view.place, file_name(view.place)), width - 1)
+        place = choose_fullest((view.place, file_name(view.place)), width - 1)
         trouble = wrapped(view.trouble, width - 4)
         return [
             line((f" {place}", "$muted")),
@@ -144,7 +144,7 @@ class SettingRow(NamedTuple):
 
 class SettingsScreen(Page):
     where: ClassVar[str] = SETTINGS
-    BINDINGS: ClassVar = bindings(ACTIONS)
+    BINDINGS: ClassVar = make_bindings(ACTIONS)
 
     def __init__(self) -> None:
         super().__init__()
@@ -197,7 +197,11 @@ class SettingsScreen(Page):
                 _("language"),
                 ("language",),
                 now.language,
-                [one for one in _choices(LANGUAGE_WORDS) if one.value in ("auto", *languages())],
+                [
+                    one
+                    for one in _choices(LANGUAGE_WORDS)
+                    if one.value in ("auto", *list_languages())
+                ],
                 "",
             ),
             _choice(
@@ -261,13 +265,13 @@ class SettingsScreen(Page):
         }
         groups = {ANYWHERE: _("keys of every screen")} | pages
         for action in sorted(actions.ACTIONS, key=lambda one: list(groups).index(one.where)):
-            keys = actions.keys_of(action, now.keymap)
+            keys = actions.find_keys(action, now.keymap)
             found.append(
                 SettingRow(
                     groups[action.where],
                     _(action.label),
                     ("keymap", action.id),
-                    "  ".join(actions.key_name(key) for key in keys),
+                    "  ".join(actions.format_key(key) for key in keys),
                     _(action.help),
                 )
             )
@@ -323,7 +327,7 @@ class SettingsScreen(Page):
     def _take_key(self, name: str, key: str) -> None:
         assert self.store is not None
         keymap = {**self.store.settings.keymap, name: key}
-        self._set_keymap(keymap, keymap_problem({name: key}) or clash(keymap))
+        self._set_keymap(keymap, keymap_problem({name: key}) or find_key_clash(keymap))
 
     def _set_keymap(self, keymap: dict[str, str], trouble: str) -> None:
         if trouble:
@@ -341,7 +345,7 @@ class SettingsScreen(Page):
         keymap = {
             name: keys for name, keys in self.store.settings.keymap.items() if name != path[1]
         }
-        self._set_keymap(keymap, clash(keymap))
+        self._set_keymap(keymap, find_key_clash(keymap))
 
     def _set(self, path: tuple[str, ...], value: Any) -> None:
         assert self.store is not None
@@ -438,7 +442,7 @@ class KeyChoice(Dialog[str | None]):
         event.stop()
         event.prevent_default()
         self.key = event.key
-        self.query_one("#key-value", Static).update(actions.key_name(event.key))
+        self.query_one("#key-value", Static).update(actions.format_key(event.key))
 
     def action_yes(self) -> None:
         if self.key:

@@ -12,17 +12,17 @@ from textual.containers import Vertical
 from textual.content import Content
 from textual.widgets import Button
 
-from console.app.action import TRENDS, bindings
+from console.app.action import TRENDS, make_bindings
 from console.app.braille import Piece
 from console.app.channels import AT_FIRST, BY_ID, CHANNELS, TrendChannel
 from console.app.dialogs import Choice, ChoiceDialog
 from console.app.pages.log_page import LogPage
 from console.app.pages.replay.service import ReplayJob
 from console.app.pages.trends.keys import ACTIONS
-from console.app.pages.trends.plots import Plot, Plots, PlotsView, round_ends
+from console.app.pages.trends.plots import Plot, Plots, PlotsView, round_axis_ends
 from console.app.series import TrendStretch, sums
 from console.app.units import Unit, Units
-from console.app.view import STALE_S, duration, wall_clock
+from console.app.view import STALE_S, duration, format_local_time
 from console.app.widgets.panel import Panel, Picked, fit, spread
 from console.frame import Frame
 from console.locale import _
@@ -112,7 +112,7 @@ class TrendsScreen(LogPage):
     run."""
 
     where: ClassVar[str] = TRENDS
-    BINDINGS: ClassVar = bindings(ACTIONS)
+    BINDINGS: ClassVar = make_bindings(ACTIONS)
 
     def __init__(self) -> None:
         super().__init__()
@@ -196,7 +196,7 @@ class TrendsScreen(LogPage):
                 if one == name or (channel.group and BY_ID[one].group == channel.group)
             ]
             known = [each for each in alike if each.low == each.low] or [sums(stretch)]
-            axes[name] = round_ends(
+            axes[name] = round_axis_ends(
                 min(each.low for each in known) * unit.per_si,
                 max(each.high for each in known) * unit.per_si,
                 unit.decimals,
@@ -243,7 +243,7 @@ class TrendsScreen(LogPage):
         clock = (
             ""
             if frame is None
-            else wall_clock(frame.row.utc, self.app.utc_offset_s, frame.row.time_s - time_s)
+            else format_local_time(frame.row.utc, self.app.utc_offset_s, frame.row.time_s - time_s)
         )
         return clock or duration(time_s)
 

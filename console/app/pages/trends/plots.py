@@ -15,7 +15,7 @@ from textual import events
 from textual.message import Message
 from textual.strip import Strip
 
-from console.app.braille import BLANK, Dots, Piece, traced
+from console.app.braille import BLANK, Dots, Piece, trace_cells
 from console.app.widgets.canvas import Canvas
 from console.app.widgets.panel import fit, right
 from console.locale import _
@@ -134,7 +134,7 @@ class Plots(Canvas[PlotsView]):
         columns = self.columns(width)
         line = self.style("trend--stale" if self.view.stale else "trend--applied")
         cursor_style = self.style("plots--cursor")
-        dots = traced(plot.pieces, columns, count)
+        dots = trace_cells(plot.pieces, columns, count)
         cursor = (
             None if self.view.cursor is None else round(self.view.cursor * (2 * columns - 1)) // 2
         )
@@ -220,7 +220,7 @@ class Plots(Canvas[PlotsView]):
 _PIECES = 4
 
 
-def round_ends(low: float, high: float, decimals: int) -> tuple[float, float]:
+def round_axis_ends(low: float, high: float, decimals: int) -> tuple[float, float]:
     """Round numbers that hold low ... high, wide enough that their last shown decimal differs.
     NaN: 0 ... 1."""
     if not (isfinite(low) and isfinite(high)):
