@@ -426,7 +426,7 @@ def bridging(rig: Hosted) -> Found:
     return Found(
         "scale flow below 50 % (bridged)",
         "red, held after 24 s of flow (90 % of the time bridged)",
-        40.0,
+        50.0,
         measured_s,
         f"{', '.join(rig.alarms)}; {rig.state}",
         "flow_missing" in rig.alarms,

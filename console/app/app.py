@@ -621,7 +621,7 @@ class TopdressApp(App[None], inherit_bindings=False):
 
     def why_no_stop(self) -> str:
         """One line for the key bar where hold and STOP are not offered."""
-        return _("STOP: hard-wired, at the machine") if self.disconnected else ""
+        return _("STOP: at machine") if self.disconnected else ""
 
     def notice(self, text: str) -> None:
         """Say something in the key bar for some seconds."""

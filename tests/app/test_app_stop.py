@@ -437,7 +437,7 @@ async def test_without_a_worker_stop_and_hold_ask_to_connect_on_every_page(
         for where in ("run",) if size == SIZE else app.pages:
             await turned(app, pilot, where)
             rows = shown(app)
-            assert "STOP: hard-wired" in rows[-1] and "X connect" in rows[-1], where
+            assert "STOP: at machine" in rows[-1] and "X connect" in rows[-1], where
             assert "X STOP" not in rows[-1] and "Space hold" not in rows[-1], where
             assert "No connection to the machine" in rows[1], "no old alarm hides it"
             orders = [one for one in app.offered(where) if one.needs_machine]
@@ -523,4 +523,4 @@ async def test_while_the_machine_is_changed_over_stop_says_so_and_is_not_lost_af
         await pilot.press("escape")
         app.notice_text = ""
         await looked(app, pilot)
-        assert "STOP: hard-wired" in shown(app)[-1] and "X STOP" not in shown(app)[-1]
+        assert "STOP: at machine" in shown(app)[-1] and "X STOP" not in shown(app)[-1]
