@@ -110,22 +110,21 @@ def summarise(found: Diagnosis) -> str:
 
 def frame_causes(found: Diagnosis) -> Any:
     """The causes as a data frame, a row each. Raises ValueError, one line, without its library."""
-    rows = [
+    causes = found.causes
+    return _frame(
+        found,
         {
-            "id": one.id,
-            "size": one.size.value,
-            "low": one.size.low,
-            "high": one.size.high,
-            "unit": one.size.unit,
-            "probability": one.probability,
-            "onset_s": one.onset_s,
-            "rate_percent": one.field_cost.rate_error_percent,
-            "advice": one.advice,
-        }
-        for one in found.causes
-    ]
-    names = CAUSE_COLUMNS
-    return _frame(found, {name: [row[name] for row in rows] for name in names})
+            "id": [one.id for one in causes],
+            "size": [one.size.value for one in causes],
+            "low": [one.size.low for one in causes],
+            "high": [one.size.high for one in causes],
+            "unit": [one.size.unit for one in causes],
+            "probability": [one.probability for one in causes],
+            "onset_s": [one.onset_s for one in causes],
+            "rate_percent": [one.field_cost.rate_error_percent for one in causes],
+            "advice": [one.advice for one in causes],
+        },
+    )
 
 
 def summarise_compared(compared: Compared) -> str:
@@ -142,19 +141,6 @@ def summarise_compared(compared: Compared) -> str:
 def pictures_of_compared(compared: Compared) -> Pictures:
     """A stretch and the error over time of each channel, under both machine files."""
     return Pictures(tuple(picture_of(one) for one in compared.channels))
-
-
-CAUSE_COLUMNS = (
-    "id",
-    "size",
-    "low",
-    "high",
-    "unit",
-    "probability",
-    "onset_s",
-    "rate_percent",
-    "advice",
-)
 
 
 def frame_residuals(found: Diagnosis) -> Any:

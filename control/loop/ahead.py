@@ -19,7 +19,7 @@ from control.machine.change_lag import Lag
 from control.machine.fall import drop_s
 from control.machine.machine import Machine
 from control.machine.steps import Steps
-from control.metering.strategies import least_rate_kg_ha
+from control.metering.rate_range import least_rate_kg_ha
 from control.orders import TargetSource
 from control.readings import Measurements, is_fresh
 from control.sensing import Sensed

@@ -11,7 +11,7 @@ from control.machine.machine import Machine
 from control.readings import RangeBreach
 
 from .inverse import Conditions, flow_kg_s, lowest_flow_kg_s
-from .strategies import Pair
+from .strategies import ROUNDED_TO_LOWEST, Pair
 
 # Square metres of a hectare.
 M2_PER_HA = 10_000.0
@@ -55,6 +55,13 @@ def find_rate_range(
     """
     low, high = (M2_PER_HA * flow / (width_m * speed_mps) for flow in _flow_range_kg_s(machine, c))
     return RateRange(low, high)
+
+
+def least_rate_kg_ha(machine: Machine, speed_mps: float) -> float:
+    """Rate up to which nothing flows at this ground speed, kg/ha: less than half of what the
+    drives' lowest set-points give. speed_mps: above 0."""
+    of_range = find_rate_range(machine, speed_mps, machine.geometry.working_width_m)
+    return ROUNDED_TO_LOWEST * of_range.low_kg_ha
 
 
 def find_speed_range(

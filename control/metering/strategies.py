@@ -76,13 +76,6 @@ def reach(
     )
 
 
-def least_rate_kg_ha(machine: Machine, speed_mps: float) -> float:
-    """Rate up to which nothing flows at this ground speed, kg/ha: less than half of what the
-    drives' lowest set-points give. speed_mps: above 0."""
-    lowest_kg_s = ROUNDED_TO_LOWEST * lowest_flow_kg_s(machine)
-    return 10_000.0 * lowest_kg_s / (machine.geometry.working_width_m * speed_mps)
-
-
 def pair_for(
     machine: Machine,
     strategy: Strategy,

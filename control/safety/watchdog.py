@@ -78,7 +78,9 @@ class Safety:
         if heads_full != m.heads_full_since_s:
             m = m._replace(heads_full_since_s=heads_full)
         beyond_range = m.state is State.WORKING and motion.moving and s.range_breach is not None
-        m = m._replace(beyond_range_since_s=since(m.beyond_range_since_s, now_s, beyond_range))
+        beyond_range_since_s = since(m.beyond_range_since_s, now_s, beyond_range)
+        if beyond_range_since_s != m.beyond_range_since_s:
+            m = m._replace(beyond_range_since_s=beyond_range_since_s)
         found = troubles(
             m,
             now_s,
