@@ -304,13 +304,14 @@ async def typed_rate(seat: Seat) -> Ground:
 
 @session()
 async def back_to_canopy(seat: Seat) -> Ground:
-    """A manual rate, then O, 1, Enter: the canopy decides again."""
+    """A manual rate, then O, 1, Enter, and Enter to the question: the canopy decides again."""
     await seat.work()
     await seat.press("comma", "enter")
     await seat.go(10.0)
     near(await seat.got(20.0), 100.0)
     await seat.press("o", "1", "enter")
-    await seat.go(10.0)
+    seat.sees("Change the dose from 100 kg/ha to")
+    await seat.confirm(10.0)
     seat.sees("from canopy")
     got = await seat.got(20.0)
     assert got.kg_ha > 150.0, got
