@@ -89,7 +89,7 @@ release: .venv-tools/.installed
 	.ci/release $(TAG)
 
 benchmark-diagnosis: $(VENV)/.installed
-	$(BIN)/python benchmarks/diagnosis/run.py --cases 1200 --seed 1 --programmes all --jobs 2 --out docs/benchmark-diagnosis.md
+	$(BIN)/python benchmarks/diagnosis/run.py --cases 1200 --seed 1 --programmes all --jobs 2
 
 clean:
 	rm -rf $(VENV) .venv-tools .venv-release dist site

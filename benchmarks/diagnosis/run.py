@@ -1,7 +1,6 @@
 """The benchmark of the diagnosis: hidden effects, found or not, counted into one table.
 
-    python -m benchmarks diagnosis/run --cases 1200 --seed 1 --programmes all --jobs 2 \\
-        --out docs/benchmark-diagnosis.md
+    python -m benchmarks diagnosis/run --cases 1200 --seed 1 --programmes all --jobs 2
 
 What case k hides is dealt by hidden/plan.py (runs and tables, nulls, every id in turn), with
 `--plan classes` by hidden/class_plan.py (all classes of runs); with `--category` or `--kind` it

@@ -575,7 +575,7 @@ def test_a_poor_log_may_be_refused_and_the_figures_count_what_they_say(hidden: A
         ),
     ]
     lines = hidden.class_report.sections(marks)
-    assert any("z >= 12 is hidden | <= 1 % | 50.0 % (9-91), 1/2: short" in line for line in lines)
-    assert any("p >= 0.9: right | >= 90 % | 0.0 % (0-79), 0/1: short" in line for line in lines)
-    assert any("5 to 0.5 Hz | <= 2 % | 0.0 % (0-79), 0/1: reached" in line for line in lines)
-    assert any(line.startswith("| 0.95 to 0.99 | 1 | 0.970 | 0.0 %") for line in lines)
+    assert any("z >= 12 is hidden | <= 1 % | 1/2: short" in line for line in lines)
+    assert any("p >= 0.9: right | >= 90 % | 0/1: short" in line for line in lines)
+    assert any("5 to 0.5 Hz | <= 2 % | 0/1: reached" in line for line in lines)
+    assert any(line.startswith("| 0.95 to 0.99 | 1 | 0.970 | 0/1 |") for line in lines)

@@ -402,5 +402,6 @@ def test_score_counts_halves_kinds_and_goals(hidden: Any) -> None:
         for row in text.splitlines()
         if row.startswith("| false alarms, nothing hidden, no slow drift")
     )
-    assert "50.0 % (9-91), 1/2: short" in line and "0.0 % (0-79), 0/1: reached" in line
+    assert "| 1/2: short |" in line and "| 0/1: reached |" in line
+    assert hidden.report.percent(3, 6) == "50.0 % (19-81), 3/6"
     assert "## Runs: false alarms by noise" in text and "## Tables: false alarms by noise" in text

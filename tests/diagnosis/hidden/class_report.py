@@ -185,7 +185,7 @@ def sections(marks: Marks) -> list[str]:
     groups |= {
         s: some
         for s in ("tuning", "unseen")
-        if (some := [m for m in marks if m.truth["split"] == s])
+        if 0 < len(some := [m for m in marks if m.truth["split"] == s]) < len(marks)
     }
     out = [
         "## Classes",

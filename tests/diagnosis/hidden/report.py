@@ -28,13 +28,11 @@ def wilson(right: int, count: int, sigmas: float = 1.96) -> tuple[float, float, 
 
 
 def percent(right: int, count: int) -> str:
-    """ "91.7 % (62-98), 11/12"."""
+    """Writes "91.7 % (62-98), 11/12"; of fewer than five cases the count alone, as "3/4"."""
     p, low, high = wilson(right, count)
-    return (
-        "-"
-        if count == 0
-        else f"{100 * p:.1f} % ({100 * low:.0f}-{100 * high:.0f}), {right}/{count}"
-    )
+    if count < 5:
+        return f"{right}/{count}" if count else "-"
+    return f"{100 * p:.1f} % ({100 * low:.0f}-{100 * high:.0f}), {right}/{count}"
 
 
 class Figure(NamedTuple):
@@ -175,13 +173,14 @@ FIGURES = (
 
 
 def halves(marks: Marks) -> dict[str, list[Mark]]:
-    """Runs and tables, each wholly and by half of the programmes; what has no cases is left out."""
+    """Splits the marks into runs and tables, each as a whole and by half of the programmes; an
+    empty half, or one that is the whole, is left out."""
     out = {}
     for word, is_run in (("runs", True), ("tables", False)):
         here = [m for m in marks if (m.truth["data_kind"] == "run") == is_run]
         for split in ("", " tuning", " unseen"):
             some = [m for m in here if not split or m.truth["split"] == split.strip()]
-            if some:
+            if some and some not in out.values():
                 out[word + split] = some
     return out
 
