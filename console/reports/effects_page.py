@@ -10,17 +10,16 @@ from control.machine.machine import NOMINAL, Machine, bounds, unit_of
 
 HEAD = """# Effects
 
-Everything that the machine model knows how to get wrong. Each effect is one parameter of one
-stage, switched off by its neutral value; diagnosis looks for it, `topdress simulate --effect
-ID=SIZE` plants it, an adopted machine file carries it.
-An effect is judged only on data where it can be seen; elsewhere a diagnosis lists it as not shown.
+For engineers who read a diagnosis or plant an effect: all faults that the machine model knows, how
+each shows, and what to do.
 
-This page is written by `topdress effects --markdown docs/effects.md`; change the parameters, not
-the page.
-"""
-WHOSE = """
-Ranges are those of machine `{id}`. Where one is a share of figures of the machine file,
-`topdress effects --machine FILE` gives another machine's.
+Each effect is one parameter of one stage, switched off by its neutral value. A diagnosis looks for
+it, `topdress simulate --effect ID=SIZE` plants it, an adopted machine file carries it. Data in
+which an effect cannot be seen list it as not shown.
+
+Written by `topdress effects --markdown docs/effects.md` from the parameters. Ranges are those of
+machine `{id}`; where one is a share of figures of the machine file, `topdress effects --machine
+FILE` gives another machine's.
 """
 STAGES = {
     "shaft": "Metering shaft",
@@ -33,21 +32,17 @@ STAGES = {
     "effort": "How hard the drives work",
 }
 
+MEMBERS = {"heads": "head", "flow": "outlet"}
+
 
 def markdown(catalogue: Mapping[str, Entry], machine: Machine = NOMINAL) -> str:
-    """The page: a table of all ids, then each effect by stage, in the order of the catalogue."""
-    lines = [
-        HEAD + WHOSE.format(id=machine.id),
-        "| id | what happens | size in | range | seen in |",
-        "|---|---|---|---|---|",
-    ]
-    lines += [
-        f"| [{e.effect.id}](#{_anchor(e)}) | {_cell(e.effect.title)} | "
-        f"{_cell(unit_of(e.effect.id, machine))} | "
-        f"{_range(e, machine)} | {_cell(', '.join(e.effect.seen_in))} |"
-        for e in catalogue.values()
-    ]
-    for stage in dict.fromkeys(entry.stage for entry in catalogue.values()):
+    """Write the page: the ids of each stage, then each effect, in the order of the catalogue."""
+    stages = list(dict.fromkeys(entry.stage for entry in catalogue.values()))
+    lines = [HEAD.format(id=machine.id), "| stage | effects |", "|---|---|"]
+    for stage in stages:
+        links = [f"[{e.effect.id}](#{_anchor(e)})" for e in catalogue.values() if e.stage == stage]
+        lines.append(f"| {STAGES.get(stage, stage)} | {', '.join(links)} |")
+    for stage in stages:
         lines += ["", f"## {STAGES.get(stage, stage)}"]
         for entry in catalogue.values():
             if entry.stage == stage:
@@ -57,8 +52,8 @@ def markdown(catalogue: Mapping[str, Entry], machine: Machine = NOMINAL) -> str:
 
 def _effect(entry: Entry, machine: Machine) -> list[str]:
     effect = entry.effect
-    which = (
-        {"heads": "head", "flow": "outlet"}.get(entry.stage, "member")
+    member = (
+        f", with the number of the {MEMBERS.get(entry.stage, 'member')}"
         if effect.member_field
         else ""
     )
@@ -71,11 +66,9 @@ def _effect(entry: Entry, machine: Machine) -> list[str]:
         "",
         f"**{effect.title}.** {effect.physics}",
         "",
-        f"- Size: {size}" + (f"; with the number of the {which}" if which else ""),
-        f"- Seen in: {', '.join(effect.seen_in)}",
-        f"- For the owner: {' '.join(effect.says).format(size='(size)')}",
-        f"- What to do: {effect.advice}",
-        f"- Separated from its look-alikes by: {effect.separate}",
+        f"- Size: {size}{member}. Seen in: {', '.join(effect.seen_in)}.",
+        f"- Do: {effect.advice}",
+        f"- Look-alikes: {effect.separate}",
         f"- Source: {effect.source}",
     ]
 
@@ -91,7 +84,3 @@ def _range(entry: Entry, machine: Machine) -> str:
     low, high = bounds(entry.effect.id, machine)
     shares = " x ".join(entry.effect.scales_with)
     return f"{low:g} to {high:g}" + (f", a share of {shares}" if shares else "")
-
-
-def _cell(text: str) -> str:
-    return text.replace("|", "\\|")
