@@ -191,10 +191,7 @@ def named(null: dict[str, Any]) -> bool:
 
 def nulls_table(nulls: Sequence[dict[str, Any]]) -> list[str]:
     """Healthy logs: terms named, and alarms of any kind."""
-    groups = {"all": list(nulls)} | {
-        c: [n for n in nulls if n["truth"]["category"] == c]
-        for c in dict.fromkeys(n["truth"]["category"] for n in nulls)
-    }
+    groups = {"all": list(nulls)}
     rows = [
         [
             word,
@@ -220,7 +217,7 @@ def nulls_table(nulls: Sequence[dict[str, Any]]) -> list[str]:
 
 
 def sections(cases: Sequence[Case]) -> list[str]:
-    """Markdown lines: goals, by class, by z, verdicts and forms said."""
+    """Markdown lines: goals, by class, by z."""
     return [
         "## Goals",
         "",
@@ -233,21 +230,6 @@ def sections(cases: Sequence[Case]) -> list[str]:
         "## By z",
         "",
         *table(["z", *HEADS], _by_z(cases)),
-        "",
-        "## What was said",
-        "",
-        *table(
-            ["class", "verdicts", "names", "first forms"],
-            [
-                [
-                    k,
-                    _common(c.mark.verdict for c in cases if c.kind == k),
-                    _common(c.mark.answer for c in cases if c.kind == k and c.mark.said),
-                    _common(c.form or "none" for c in cases if c.kind == k),
-                ]
-                for k in CLASSES
-            ],
-        ),
     ]
 
 
@@ -259,7 +241,3 @@ def _by_z(cases: Sequence[Case]) -> list[list[str]]:
             [f"{low:g} to {high:g}" if np.isfinite(high) else f"{low:g} and more", *row(some)]
         )
     return rows
-
-
-def _common(words: Any) -> str:
-    return ", ".join(f"{a} {n}" for a, n in Counter(words).most_common(4))

@@ -180,7 +180,7 @@ FIGURES = (
 
 def sections(marks: Marks) -> list[str]:
     """Markdown lines: the figures, how far a probability can be believed, every class, terms by
-    class, by rate."""
+    class."""
     groups = {"all": list(marks)}
     groups |= {
         s: some
@@ -241,54 +241,7 @@ def sections(marks: Marks) -> list[str]:
             ],
         ),
     ]
-    slow = [m for m in marks if "hz" in m.truth.get("log", {})]
-    out += [
-        "",
-        "## Classes: by rate of the log",
-        "",
-        *table(
-            ["class, rows a second", "false alarms", "name right, z >= 12", "verdicts"],
-            [
-                [
-                    key,
-                    share(g, lambda m: m.false_alarm),
-                    share([m for m in g if m.z >= STRONG_Z], lambda m: m.exact),
-                    _verdicts(g),
-                ]
-                for key, g in grouped(
-                    slow, lambda m: f"{m.truth['category']}, {m.truth['log']['hz']:g}"
-                ).items()
-            ],
-        ),
-    ]
-    odd = [m for m in marks if m.truth["category"] in ("foreign", "healthy_foreign")]
-    out += [
-        "",
-        "## Classes: foreign logs",
-        "",
-        *table(
-            ["log", "false alarms", "name right, z >= 12", "verdicts"],
-            [
-                [
-                    key,
-                    share(g, lambda m: m.false_alarm),
-                    share([m for m in g if m.z >= STRONG_Z], lambda m: m.exact),
-                    _verdicts(g),
-                ]
-                for key, g in grouped(odd, _oddity).items()
-            ],
-        ),
-    ]
     return out
-
-
-def _oddity(m: Mark) -> str:
-    log = m.truth["log"]
-    return str(log.get("convention") or log.get("lacks") or "patchy")
-
-
-def _verdicts(marks: Marks) -> str:
-    return ", ".join(f"{a} {n}" for a, n in Counter(m.verdict for m in marks).most_common(5))
 
 
 def _row(category: str, marks: Marks) -> list[str]:

@@ -228,27 +228,12 @@ def report(
         ]
         out += [
             "",
-            f"## {kind.capitalize()}: one effect of z >= 8, by noise",
-            "",
-            *table(
-                ["noise", "exactly named"],
-                _shares(_strong(single), lambda m: m.truth["noise"], lambda m: m.exact),
-            ),
-        ]
-        out += [
-            "",
             f"## {kind.capitalize()}: exactly named by id and z (single effects and look-alikes)",
             "",
             *table(
                 ["hidden", *BAND_WORDS, "size covered", "said instead, most frequent first"],
                 _by_id(_of(some, "single", "lookalike")),
             ),
-        ]
-        out += [
-            "",
-            f"## {kind.capitalize()}: two effects, what was said instead",
-            "",
-            *table(["hidden", "z", "said"], _pairs(_of(some, "pair"))),
         ]
         out += [
             "",
@@ -332,20 +317,6 @@ def _by_id(marks: Marks) -> list[list[str]]:
             ]
         )
     return rows
-
-
-def _pairs(marks: Marks) -> list[list[str]]:
-    return [
-        [
-            "+".join(sorted(c["id"] for c in m.truth["causes"])),
-            ", ".join(
-                f"{c['z']:.0f}" for c in sorted(m.truth["causes"], key=lambda c: str(c["id"]))
-            ),
-            m.answer,
-        ]
-        for m in sorted(marks, key=lambda m: -m.z)
-        if not m.exact
-    ]
 
 
 def _outsiders(marks: Marks) -> list[list[str]]:
