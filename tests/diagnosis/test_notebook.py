@@ -101,10 +101,17 @@ def test_the_page_ends_with_a_model_that_predicts_better(
     (tmp_path / "docs").symlink_to(ROOT / "docs")
     monkeypatch.chdir(tmp_path)
     names: dict[str, Any] = {}
-    blocks = re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
-    for block in blocks:
+    text = PAGE.read_text(encoding="utf-8")
+    for block in re.findall(r"```python\n(.*?)```", text, re.DOTALL):
         exec(compile(block, str(PAGE), "exec"), names)
     shaft = names["shaft"]
+    causes = {cause.id: cause.size.value for cause in names["found"].causes}
+    told = re.search(r"From (\d+) to ([\d.]+) r/min", text)
+    slower = re.search(r"turns (\d+) % slower", text)
+    assert told and slower and set(causes) == {"shaft.gain", "shaft.slow"}
+    assert float(told[1]) == pytest.approx(shaft.old, rel=0.05)
+    assert float(told[2]) == pytest.approx(shaft.new, rel=0.05)
+    assert -float(slower[1]) == pytest.approx(causes["shaft.gain"], abs=0.5)
     assert shaft.new < 0.1 * shaft.old and shaft.low > 0.0, capsys.readouterr().out
     assert (tmp_path / "fan-extended.yaml").exists()
     pictures, found = names["pictures"], names["found"]

@@ -95,22 +95,6 @@ def test_every_command_says_what_the_page_shows(page: str, there: Path) -> None:
         assert result.exit_code == (2 if refused else 0), command
 
 
-@pytest.mark.exam
-def test_the_blocks_of_the_researchers_guide(
-    there: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    names: dict[str, object] = {}
-    text = (DOCS / "guides" / "researcher.md").read_text(encoding="utf-8")
-    for block in re.findall(r"```python\n(.*?)```", text, re.DOTALL):
-        exec(compile(block, "researcher.md", "exec"), names)
-    causes, last = capsys.readouterr().out.splitlines()[:2], names["shaft"]
-    assert [line.split()[0] for line in causes] == ["shaft.gain", "shaft.slow"]
-    told = re.search(r"From (\d+) to ([\d.]+) r/min", text)
-    assert told and float(told[1]) == pytest.approx(last.old, rel=0.05)  # type: ignore[attr-defined]
-    assert float(told[2]) == pytest.approx(last.new, rel=0.05)  # type: ignore[attr-defined]
-    assert (there / "why.html").exists()
-
-
 @pytest.mark.parametrize(
     ("page", "said", "same"),
     [

@@ -86,17 +86,11 @@ FIGURES = (
         _alarms("healthy_coarse"),
         lambda x: x <= 0.02,
     ),
-    Figure("false alarms, healthy, rows missing", "", _alarms("healthy_sparse"), None),
-    Figure("false alarms, healthy, other and louder noise", "", _alarms("healthy_loud"), None),
-    Figure("false alarms, healthy, foreign rows and columns", "", _alarms("healthy_foreign"), None),
-    Figure("false alarms, healthy, further columns", "", _alarms("healthy_columns"), None),
-    Figure("false alarms, healthy, loop trims", "", _alarms("healthy_loop"), None),
     *(
         Figure(f"{word}, z >= 12: name right", goal, _share(lambda m: m.exact, c, z=STRONG_Z), good)
         for word, c, goal, good in (
             ("begins", "onset", ">= 85 %", lambda x: x >= 0.85),
             ("grows", "growth", ">= 85 %", lambda x: x >= 0.85),
-            ("begins and ends", "temporary", "", None),
         )
     ),
     Figure(
@@ -118,39 +112,9 @@ FIGURES = (
         lambda x: x >= 0.85,
     ),
     Figure(
-        "coarse log, z >= 12: name right", "", _share(lambda m: m.exact, "coarse", z=STRONG_Z), None
-    ),
-    Figure(
-        "rows missing, z >= 12: name right",
-        "",
-        _share(lambda m: m.exact, "sparse", z=STRONG_Z),
-        None,
-    ),
-    Figure(
-        "foreign rows and columns, z >= 12: name right",
-        "",
-        _share(lambda m: m.exact, "foreign", z=STRONG_Z),
-        None,
-    ),
-    Figure(
-        "other and louder noise, z >= 12: name right",
-        "",
-        _share(lambda m: m.exact, "loud", z=STRONG_Z),
-        None,
-    ),
-    Figure(
-        "loop trims, z >= 12: name right", "", _share(lambda m: m.exact, "loop", z=STRONG_Z), None
-    ),
-    Figure(
         "three at once, each z >= 12: all named, nothing else",
         "",
         _weak(lambda m: m.exact, "triple"),
-        None,
-    ),
-    Figure(
-        "three at once, any z: all named, nothing else",
-        "",
-        _share(lambda m: m.exact, "triple"),
         None,
     ),
     Figure(

@@ -206,7 +206,8 @@ def report(
             [[f.title, f.goal, *(f.cell(g) for g in groups.values())] for f in FIGURES],
         ),
     ]
-    for kind, some in kinds.items():
+    # Sections of their own have the details: these would repeat a part of them.
+    for kind, some in () if sections else kinds.items():
         single = _of(some, "single")
         out += [
             "",
