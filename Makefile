@@ -31,7 +31,7 @@ $(VENV)/.installed: $(VENV)/.program requirements/dev.txt
 # The machine model compiled for this computer, once for these sources: a first diagnosis then takes as long as any other.
 # Nothing depends on it, so a computer without room for it goes on.
 $(VENV)/.compiled: $(VENV)/.program $(wildcard control/machine/*.py control/field/*.py control/diagnosis/judgement/*.py)
-	-$(BIN)/python -m console.prepare
+	-$(BIN)/python -m topdress.console.prepare
 	@touch $@
 
 # The console shows numbers at once; the machine model is compiled behind it, with what the processor has to spare.
@@ -52,11 +52,17 @@ test: $(VENV)/.installed $(VENV)/.compiled
 exam: $(VENV)/.installed
 	$(BIN)/python -m pytest -n 2 --dist worksteal -m exam
 
-check: $(VENV)/.installed
+# The installed package as links, for tools that read folders and not `__path__`.
+.packages/topdress:
+	mkdir -p $@
+	cd $@ && ln -sf ../../topdress/__init__.py ../../topdress/py.typed ../../console ../../control ../../drivers .
+
+CHECKS := $(abspath $(BIN))
+check: $(VENV)/.installed .packages/topdress
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
-	$(BIN)/mypy
-	$(BIN)/lint-imports
+	cd .packages && $(CHECKS)/mypy --config-file ../pyproject.toml
+	cd .packages && PYTHONPATH=. $(CHECKS)/lint-imports --config ../pyproject.toml --cache-dir ../.import_linter_cache
 	$(MAKE) test
 
 # The tools of the three below have an environment of their own.
@@ -92,4 +98,4 @@ benchmark-diagnosis: $(VENV)/.installed
 	$(BIN)/python benchmarks/diagnosis/run.py --cases 1200 --seed 1 --programmes all --jobs 2
 
 clean:
-	rm -rf $(VENV) .venv-tools .venv-release dist site
+	rm -rf $(VENV) .packages .venv-tools .venv-release dist site

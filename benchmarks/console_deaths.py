@@ -18,10 +18,9 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from terminals import Console, Watcher, took, wait
+from topdress.console.running import WorkerAddress
+from topdress.drivers.files.read_log import read_log
 from verdict import exit_code
-
-from console.running import WorkerAddress
-from drivers.files.read_log import read_log
 
 
 class Death(NamedTuple):

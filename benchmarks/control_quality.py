@@ -26,11 +26,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from manoeuvres import GO_HELD, MANOEUVRES, Manoeuvre, driven, judge, sim_of, the_setup
+from topdress.control.orders import Strategy
+from topdress.control.simulation.error_metrics import landing, needs
+from topdress.control.simulation.figures import moves
 from verdict import exit_code
-
-from control.orders import Strategy
-from control.simulation.error_metrics import landing, needs
-from control.simulation.figures import moves
 
 KNOWN = ("none", "set", "plan", "drive")
 PROMISED_FROM = 3  # seeds

@@ -20,15 +20,18 @@ from math import pi, sin
 from typing import NamedTuple
 
 from rig import DAY, DT_S, Rig
+from topdress.control.orders import Do, Order, TargetSource
+from topdress.control.simulation.assembly import (
+    control_loop,
+    simulated_machine,
+    with_simulated_field,
+)
+from topdress.control.simulation.closed_loop import simulated_run
+from topdress.control.simulation.compiled_steps import STEPS
+from topdress.control.simulation.plant import SensorReadings
+from topdress.drivers.files.setup import load_setup
+from topdress.drivers.virtual.faults import RUNAWAY_MM, RUNAWAY_RPM, Runaway
 from verdict import exit_code
-
-from control.orders import Do, Order, TargetSource
-from control.simulation.assembly import control_loop, simulated_machine, with_simulated_field
-from control.simulation.closed_loop import simulated_run
-from control.simulation.compiled_steps import STEPS
-from control.simulation.plant import SensorReadings
-from drivers.files.setup import load_setup
-from drivers.virtual.faults import RUNAWAY_MM, RUNAWAY_RPM, Runaway
 
 LASTS_S = 30.0
 SETTLED_S = 5.0  # after the shaft has come to a stand again

@@ -25,18 +25,18 @@ from verdict import exit_code
 ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT)]
 
-from console.reports.diagnosis_wording import sentence  # noqa: E402
-from control.diagnosis import diagnose_run  # noqa: E402
-from control.loop.tick import Tick  # noqa: E402
-from control.machine.fault_injection import parse_planted  # noqa: E402
-from control.readings import Measurements, Reading  # noqa: E402
-from control.simulation.assembly import (  # noqa: E402
+from topdress.console.reports.diagnosis_wording import sentence  # noqa: E402
+from topdress.control.diagnosis import diagnose_run  # noqa: E402
+from topdress.control.loop.tick import Tick  # noqa: E402
+from topdress.control.machine.fault_injection import parse_planted  # noqa: E402
+from topdress.control.readings import Measurements, Reading  # noqa: E402
+from topdress.control.simulation.assembly import (  # noqa: E402
     control_loop,
     simulated_machine,
     with_simulated_field,
 )
-from control.simulation.closed_loop import simulated_run  # noqa: E402
-from drivers.files.setup import load_setup  # noqa: E402
+from topdress.control.simulation.closed_loop import simulated_run  # noqa: E402
+from topdress.drivers.files.setup import load_setup  # noqa: E402
 
 SETUP = load_setup("huanghai", "demo", dt.date(2014, 3, 7))
 DT_S, LOG_S = 0.05, 180.0

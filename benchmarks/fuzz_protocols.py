@@ -20,32 +20,38 @@ from collections import Counter
 from collections.abc import Callable, Iterable
 from typing import Any, NamedTuple
 
-from verdict import exit_code
-
-from control.readings import DriveCommand, GnssFix, SpeedPlan
-from drivers.board.framing import Receiver, seal
-from drivers.devices import agopengps, board_frames, gpsd, lag_rig, point_dose, rate_module_frames
-from drivers.devices.board_frames import CommandFrame, encode_command
-from drivers.devices.canopy_heads import PROTOCOLS, HeadDecoder, HeadFields
-from drivers.devices.gnss import GnssDecoder
-from drivers.devices.lines import Ignored, Rejected
-from drivers.devices.nmea import parse
-from drivers.devices.rate_module_frames import (
+from topdress.control.readings import DriveCommand, GnssFix, SpeedPlan
+from topdress.drivers.board.framing import Receiver, seal
+from topdress.drivers.devices import (
+    agopengps,
+    board_frames,
+    gpsd,
+    lag_rig,
+    point_dose,
+    rate_module_frames,
+)
+from topdress.drivers.devices.board_frames import CommandFrame, encode_command
+from topdress.drivers.devices.canopy_heads import PROTOCOLS, HeadDecoder, HeadFields
+from topdress.drivers.devices.gnss import GnssDecoder
+from topdress.drivers.devices.lines import Ignored, Rejected
+from topdress.drivers.devices.nmea import parse
+from topdress.drivers.devices.rate_module_frames import (
     FlowTarget,
     Relays,
     Status,
     encode_relays,
     encode_target,
 )
-from drivers.devices.rate_module_frames import encode_status as encode_module
-from drivers.devices.slave_board import SlaveBoard
-from drivers.devices.tractor_speed import TractorSpeedDecoder
-from drivers.devices.tractor_speed import sentence as plan_sentence
-from drivers.ports import memory_pair
-from drivers.virtual.board import VirtualBoard
-from drivers.virtual.extras import agopengps_frames
-from drivers.virtual.gpsd import VirtualGpsd
-from drivers.virtual.machine import gnss_sentences, head_line
+from topdress.drivers.devices.rate_module_frames import encode_status as encode_module
+from topdress.drivers.devices.slave_board import SlaveBoard
+from topdress.drivers.devices.tractor_speed import TractorSpeedDecoder
+from topdress.drivers.devices.tractor_speed import sentence as plan_sentence
+from topdress.drivers.ports import memory_pair
+from topdress.drivers.virtual.board import VirtualBoard
+from topdress.drivers.virtual.extras import agopengps_frames
+from topdress.drivers.virtual.gpsd import VirtualGpsd
+from topdress.drivers.virtual.machine import gnss_sentences, head_line
+from verdict import exit_code
 
 Said = tuple[Any, ...]
 
@@ -269,7 +275,7 @@ def by_decoder(
 
 
 def _module() -> Callable[[bytes], object]:
-    from drivers.devices.rate_module import ModuleAddress, RateModule
+    from topdress.drivers.devices.rate_module import ModuleAddress, RateModule
 
     driver = RateModule(ModuleAddress(), 360.0, 100.0)
     return lambda data: driver.feed([data], 0.0)

@@ -19,19 +19,18 @@ from typing import Any, NamedTuple
 
 from rig import DAY, DT_S
 from sensors_disagree import Sensors
+from topdress.control.field.job import Simulated
+from topdress.control.loop import ControlLoop, Tick
+from topdress.control.machine.fault_injection import parse_planted
+from topdress.control.orders import Do, Order, Severity, State
+from topdress.control.readings import DriveCommand, Measurements
+from topdress.control.simulation.assembly import control_loop, with_simulated_field
+from topdress.control.simulation.closed_loop import simulated_run
+from topdress.control.simulation.compiled_steps import STEPS
+from topdress.control.simulation.plant import Plant, SensorReadings
+from topdress.control.simulation.tractor import Leg, Path, field_path
+from topdress.drivers.files.setup import load_setup
 from verdict import exit_code
-
-from control.field.job import Simulated
-from control.loop import ControlLoop, Tick
-from control.machine.fault_injection import parse_planted
-from control.orders import Do, Order, Severity, State
-from control.readings import DriveCommand, Measurements
-from control.simulation.assembly import control_loop, with_simulated_field
-from control.simulation.closed_loop import simulated_run
-from control.simulation.compiled_steps import STEPS
-from control.simulation.plant import Plant, SensorReadings
-from control.simulation.tractor import Leg, Path, field_path
-from drivers.files.setup import load_setup
 
 ROAD_M, ROAD_KMH = 1500.0, 25.0
 WORK_FROM_S = ROAD_M / (ROAD_KMH / 3.6)

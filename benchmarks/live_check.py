@@ -33,10 +33,9 @@ from hidden.nominal import Effect
 from hidden.plant import Plant
 from hidden.programmes import Programme, chosen, drive
 from hidden.run_cases import LEAST_KG, within_tolerance
-
-from control.diagnosis.live.watch import LOOK_S, LiveCheck
-from drivers.files.config import load
-from drivers.files.kinds import MACHINE
+from topdress.control.diagnosis.live.watch import LOOK_S, LiveCheck
+from topdress.drivers.files.config import load
+from topdress.drivers.files.kinds import MACHINE
 
 Columns = dict[str, npt.NDArray[Any]]
 PROMISED = 1.0  # false alarms in 100 hours, at most

@@ -19,16 +19,15 @@ from typing import Any, NamedTuple
 
 from rig import DT_S, Rig
 from terminals import wait
+from topdress.console.worker.assemble import SimulatedBench
+from topdress.console.worker.host import Host
+from topdress.console.worker.parts import Assembly, Names
+from topdress.control.orders import Answer, Do, Order
+from topdress.control.simulation.plant import SensorReadings
+from topdress.drivers.files.atomic import NewFile
+from topdress.drivers.files.run_log import RunLogWriter
+from topdress.drivers.files.run_meta import run_meta
 from verdict import exit_code
-
-from console.worker.assemble import SimulatedBench
-from console.worker.host import Host
-from console.worker.parts import Assembly, Names
-from control.orders import Answer, Do, Order
-from control.simulation.plant import SensorReadings
-from drivers.files.atomic import NewFile
-from drivers.files.run_log import RunLogWriter
-from drivers.files.run_meta import run_meta
 
 SETTLED_S = 14.0
 BEGINS_S = SETTLED_S + 2.0  # an effect on top
@@ -502,7 +501,7 @@ def log_failed(rig: Hosted) -> Found:
     rig.go(1.5)
     whole, ticks = not rig.alarms, round(rig.now_s / DT_S)
     rig.host.close("done")
-    from drivers.files.read_log import read_log
+    from topdress.drivers.files.read_log import read_log
 
     rows = sum(1 for _ in read_log(rig.writer.path).rows())
     return Found(

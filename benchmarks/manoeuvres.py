@@ -14,14 +14,17 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-
-from control.field.job import Simulated
-from control.machine.elements import Array
-from control.orders import Do, Order, Strategy
-from control.simulation.assembly import control_loop, simulated_machine, with_simulated_field
-from control.simulation.closed_loop import Record, simulated_run
-from control.simulation.error_metrics import BIN_M, landing, place_errors
-from drivers.files.setup import Setup, load_setup
+from topdress.control.field.job import Simulated
+from topdress.control.machine.elements import Array
+from topdress.control.orders import Do, Order, Strategy
+from topdress.control.simulation.assembly import (
+    control_loop,
+    simulated_machine,
+    with_simulated_field,
+)
+from topdress.control.simulation.closed_loop import Record, simulated_run
+from topdress.control.simulation.error_metrics import BIN_M, landing, place_errors
+from topdress.drivers.files.setup import Setup, load_setup
 
 DT_S = 0.05
 GO = ((0.5, Order(Do.READY)), (1.0, Order(Do.START)))

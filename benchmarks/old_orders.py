@@ -14,10 +14,9 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 from rig import DT_S, Rig
+from topdress.control.orders import Do
+from topdress.drivers.virtual.board import VirtualBoard
 from verdict import exit_code
-
-from control.orders import Do
-from drivers.virtual.board import VirtualBoard
 
 LASTS_S = 30.0
 # frames: beyond the 16 that a board holds for a doubled line

@@ -31,22 +31,25 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from manoeuvres import DT_S, GO, GO_HELD, MANOEUVRES, Manoeuvre, sim_of, the_setup
+from topdress.control.field.job import Simulated
+from topdress.control.machine.fault_injection import Planted
+from topdress.control.machine.machine import Machine
+from topdress.control.orders import Do, Order, Strategy, TargetSource
+from topdress.control.readings import DriveCommand
+from topdress.control.simulation.assembly import (
+    control_loop,
+    simulated_machine,
+    with_simulated_field,
+)
+from topdress.control.simulation.closed_loop import Record, simulated_run
+from topdress.control.simulation.error_metrics import landing, place_errors
+from topdress.control.simulation.figures import moves
+from topdress.control.simulation.plant import Plant, SensorReadings, Truth
+from topdress.control.targets.map_profile import MapProfile
+from topdress.control.targets.prescription import Fallbacks, Prescription
+from topdress.control.targets.rate_map import GridMap, frame_m
+from topdress.drivers.files.setup import Setup
 from verdict import exit_code
-
-from control.field.job import Simulated
-from control.machine.fault_injection import Planted
-from control.machine.machine import Machine
-from control.orders import Do, Order, Strategy, TargetSource
-from control.readings import DriveCommand
-from control.simulation.assembly import control_loop, simulated_machine, with_simulated_field
-from control.simulation.closed_loop import Record, simulated_run
-from control.simulation.error_metrics import landing, place_errors
-from control.simulation.figures import moves
-from control.simulation.plant import Plant, SensorReadings, Truth
-from control.targets.map_profile import MapProfile
-from control.targets.prescription import Fallbacks, Prescription
-from control.targets.rate_map import GridMap, frame_m
-from drivers.files.setup import Setup
 
 # Nothing else: driven once. standing_free: carried along, but a standing shaft does not slow
 # what falls.
@@ -111,8 +114,8 @@ LATE_S = 0.4
 
 def any_machine(machine: Machine, name: str) -> Machine:
     """A plausible one, or one whose senses of speed are worse (`NOISY`, `SPEEDS`)."""
-    from control.machine.machine import add_effect
-    from control.machine.parameter_uncertainty import plausible
+    from topdress.control.machine.machine import add_effect
+    from topdress.control.machine.parameter_uncertainty import plausible
 
     if name.startswith("wheel_"):
         return machine.model_copy(
@@ -231,7 +234,7 @@ def drive(what: Drive) -> tuple[dict[str, Any], list[Any]]:
         setup_plane = control_loop(setup.machine, setup.crop, setup.rule, setup.job).plane
         rates = np.resize(ZONES_KG_HA, (24, 1))
         grid = GridMap(frame_m((-50.0, -ZONE_M), 600.0, ZONE_M), rates)
-        from control.geodesy import TangentPlane
+        from topdress.control.geodesy import TangentPlane
 
         profile = MapProfile(
             Prescription(grid, Fallbacks()),
@@ -291,7 +294,7 @@ def _knowing(known: dict[str, Any]) -> Setup:
 def relanded(columns: dict[str, Any], machine: Machine, free: bool = False) -> dict[str, Any]:
     """The same run, fallen through another tube. free: from the command to stop on the pace
     stays."""
-    from control.machine.fall import drop_s
+    from topdress.control.machine.fall import drop_s
 
     rpm = columns["shaft_rpm"]
     if free:
@@ -536,7 +539,7 @@ PROMISED_M = {(ZONES, "opening_first"): 0.06, (ZONES, "speed_first"): 0.15}
 
 
 def run() -> int:
-    from control.machine.parameter_uncertainty import PLAUSIBLE
+    from topdress.control.machine.parameter_uncertainty import PLAUSIBLE
 
     parser = argparse.ArgumentParser(
         description="Rate and place error where the machine is not its model."

@@ -22,13 +22,12 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from topdress.control.geodesy import TangentPlane
+from topdress.control.readings import Doubted, GnssFix, Measurements, Reading
+from topdress.control.safety import SafetyLimits
+from topdress.control.sensing import Sensed, Sensing
+from topdress.drivers.devices.gnss import GnssDecoder
 from verdict import exit_code
-
-from control.geodesy import TangentPlane
-from control.readings import Doubted, GnssFix, Measurements, Reading
-from control.safety import SafetyLimits
-from control.sensing import Sensed, Sensing
-from drivers.devices.gnss import GnssDecoder
 
 PLANE = TangentPlane(48.0, 11.0)
 TICK_S = 0.05

@@ -11,19 +11,23 @@ import datetime as dt
 from collections.abc import Callable, Iterable
 from typing import Any
 
-from control.field.job import Simulated
-from control.loop.tick import Tick
-from control.machine.fault_injection import parse_planted
-from control.orders import Do, Order, State
-from control.readings import DriveCommand
-from control.simulation.assembly import control_loop, simulated_machine, with_simulated_field
-from control.simulation.plant import Plant, SensorReadings, Truth
-from drivers.cab import BoardConfig, Cab, CabConfig, GnssConfig, HeadsConfig
-from drivers.files.prescriptions.for_job import map_of_job
-from drivers.files.setup import load_setup
-from drivers.ports import memory_pair
-from drivers.virtual.faults import Runaway, VirtualRunaway
-from drivers.virtual.machine import VirtualMachine
+from topdress.control.field.job import Simulated
+from topdress.control.loop.tick import Tick
+from topdress.control.machine.fault_injection import parse_planted
+from topdress.control.orders import Do, Order, State
+from topdress.control.readings import DriveCommand
+from topdress.control.simulation.assembly import (
+    control_loop,
+    simulated_machine,
+    with_simulated_field,
+)
+from topdress.control.simulation.plant import Plant, SensorReadings, Truth
+from topdress.drivers.cab import BoardConfig, Cab, CabConfig, GnssConfig, HeadsConfig
+from topdress.drivers.files.prescriptions.for_job import map_of_job
+from topdress.drivers.files.setup import load_setup
+from topdress.drivers.ports import memory_pair
+from topdress.drivers.virtual.faults import Runaway, VirtualRunaway
+from topdress.drivers.virtual.machine import VirtualMachine
 
 DAY = dt.date(2026, 4, 1)
 DT_S = 0.05

@@ -22,12 +22,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from rig import DT_S, Rig
+from topdress.control.geodesy import TangentPlane
+from topdress.control.orders import Do, Order, State, TargetSource
+from topdress.control.simulation.plant import SensorReadings
+from topdress.drivers.virtual.faults import Runaway
 from verdict import exit_code
-
-from control.geodesy import TangentPlane
-from control.orders import Do, Order, State, TargetSource
-from control.simulation.plant import SensorReadings
-from drivers.virtual.faults import Runaway
 
 ONSET_S, LASTS_S = 40.0, 30.0
 RATE_KG_HA = 200.0

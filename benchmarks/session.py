@@ -23,15 +23,14 @@ from typing import Any, NamedTuple
 from loss_table import Hosted
 from rig import DT_S
 from textual.pilot import Pilot
-
-from console.app.app import TopdressApp
-from console.app.services import Services
-from console.app.units import METRIC
-from console.frame import DeviceDo, Frame
-from console.locale import ENGLISH, use
-from console.services.field import field_picture
-from console.worker.assemble import PARKED
-from control.orders import Answer, Order
+from topdress.console.app.app import TopdressApp
+from topdress.console.app.services import Services
+from topdress.console.app.units import METRIC
+from topdress.console.frame import DeviceDo, Frame
+from topdress.console.locale import ENGLISH, use
+from topdress.console.services.field import field_picture
+from topdress.console.worker.assemble import PARKED
+from topdress.control.orders import Answer, Order
 
 SIZE = (120, 40)
 # between two looks of the console, as it has them live, and between two keys

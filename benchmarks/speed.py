@@ -29,11 +29,10 @@ from typing import NamedTuple
 
 import yaml
 from terminals import Console, Tap, Terminal, console, machine, state, to_work, took, wait
+from topdress.console.link import Link, WorkerGone
+from topdress.console.running import WorkerAddress
 from trees import environment_of, trees, worked
 from verdict import exit_code
-
-from console.link import Link, WorkerGone
-from console.running import WorkerAddress
 
 PROGRAM = Path(sys.executable).parent / "topdress"
 TIMES = 5
@@ -273,7 +272,7 @@ def diagnosed_first(both: dict[str, Path], folder: Path, times: int) -> Iterator
             if (tree / "console" / "prepare.py").exists():
                 started_s = time.monotonic()
                 subprocess.run(
-                    [sys.executable, "-m", "console.prepare"],
+                    [sys.executable, "-m", "topdress.console.prepare"],
                     check=True,
                     stdout=subprocess.DEVNULL,
                     env=environment_of(tree) | {"XDG_CACHE_HOME": empty},

@@ -64,7 +64,7 @@ def main() -> int:
                 [
                     sys.executable,
                     "-c",
-                    "from console.cli import main; main()",
+                    "from topdress.console.cli import main; main()",
                     "serve",
                     "--port",
                     str(port),

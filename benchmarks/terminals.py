@@ -25,10 +25,9 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import yaml
-
-from console.frame import Frame
-from console.link import Link, WorkerGone
-from console.running import WorkerAddress, WorkerFailed, find_running
+from topdress.console.frame import Frame
+from topdress.console.link import Link, WorkerGone
+from topdress.console.running import WorkerAddress, WorkerFailed, find_running
 
 SIZE = (120, 40)
 TAKES_ITS_TERMINAL = (
@@ -397,7 +396,7 @@ def machine() -> Iterator[dict[str, str]]:
     """The served machine; gives the address of each device."""
     words = (
         "-c",
-        "from console.cli import main; main()",
+        "from topdress.console.cli import main; main()",
         "serve-machine",
         "--port",
         "0",

@@ -37,14 +37,14 @@ def worked(
     """The host of a control worker of the tree that this process was started with, once it has
     ended.
 
-    arguments : of `python -m console.worker`. clock, wait : its time. An operator makes it
+    arguments : of `python -m topdress.console.worker`. clock, wait : its time. An operator makes it
     ready and starts it; at `until_s` it is asked to end. options : of the host.
     """
-    from console.worker.assemble import assemble
-    from console.worker.host import Host
-    from console.worker.options import parse_options
-    from console.worker.requests import Ask
-    from control.orders import Do, Order
+    from topdress.console.worker.assemble import assemble
+    from topdress.console.worker.host import Host
+    from topdress.console.worker.options import parse_options
+    from topdress.console.worker.requests import Ask
+    from topdress.control.orders import Do, Order
 
     parts = assemble(parse_options([*arguments, "--run-file", "none.json"]), clock)
 

@@ -2,7 +2,7 @@
 
 import time
 
-from drivers import day_clock
+from topdress.drivers import day_clock
 
 # libraries ask it while they are loaded (logging), where it raises
 if not day_clock.is_set():

@@ -11,14 +11,14 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any, NamedTuple
 
-from console.attached import Attached, Ordered
-from control.agronomy.strips import Strips
-from control.field.totals import Totals
-from control.log_row import LogRow
-from control.orders import Alarm, SectionState
-from control.readings import NO_EFFORT, EffortSays
-from control.safety import Allowances, BenchRun
-from drivers.device_status import DeviceStatus
+from topdress.console.attached import Attached, Ordered
+from topdress.control.agronomy.strips import Strips
+from topdress.control.field.totals import Totals
+from topdress.control.log_row import LogRow
+from topdress.control.orders import Alarm, SectionState
+from topdress.control.readings import NO_EFFORT, EffortSays
+from topdress.control.safety import Allowances, BenchRun
+from topdress.drivers.device_status import DeviceStatus
 
 LEAST_HA = 1e-4  # 1 m2: less ground has no mean rate
 
@@ -176,6 +176,6 @@ def from_json(message: dict[str, Any]) -> Frame:
     """Unknown keys are ignored, so that an older console can look at a newer worker. Raises
     ValueError, one line."""
     # pydantic: the worker, which writes frames, starts without it
-    from drivers.files.plain import typed
+    from topdress.drivers.files.plain import typed
 
     return typed(Frame, message)

@@ -15,12 +15,12 @@ from collections.abc import Callable
 from concurrent.futures import Future
 from typing import Any, NoReturn
 
-from console.attached import own_name
-from console.frame import DeviceDo, Frame, from_json
-from console.locale import _
-from console.running import WorkerAddress
-from console.worker_handshake import HOST, LINE_BYTES
-from control.orders import Answer, Order
+from topdress.console.attached import own_name
+from topdress.console.frame import DeviceDo, Frame, from_json
+from topdress.console.locale import _
+from topdress.console.running import WorkerAddress
+from topdress.console.worker_handshake import HOST, LINE_BYTES
+from topdress.control.orders import Answer, Order
 
 # the worker holds after 2 s of silence: the console may draw for nearly all of them
 KEEP_ALIVE_S = 0.2

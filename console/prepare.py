@@ -16,10 +16,10 @@ import tempfile
 import time
 from pathlib import Path
 
-from drivers.files.extras import MissingExtra, need
+from topdress.drivers.files.extras import MissingExtra, need
 
 PACKAGES = Path(__file__).resolve().parents[1]
-PROGRAM = (sys.executable, "-c", "from console.cli import main; main()")
+PROGRAM = (sys.executable, "-c", "from topdress.console.cli import main; main()")
 # A short run with what a diagnosis looks for: an effect that begins in mid-run and a term, so
 # that the searches for both are gone through.
 PLANTED = ("--effect", "flow.gain=8@60", "--term", "flow_percent bend speed_mps bend=-4.4 at=1.2")

@@ -16,16 +16,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from console.locale import _
-from console.worker_handshake import GREETING, KNOCK_S, LINE_BYTES, is_still_running, knock
-from drivers.files.lock import take_lock
+from topdress.console.locale import _
+from topdress.console.worker_handshake import GREETING, KNOCK_S, LINE_BYTES, is_still_running, knock
+from topdress.drivers.files.lock import take_lock
 
 # a run file that is not there yet is looked for this often
 AGAIN_S = 0.02
 START_S = 20.0  # opening devices may take its time
 SESSIONS = Path("/run/user")  # pam_systemd(8)
 OTHERS_WRITE = stat.S_IWGRP | stat.S_IWOTH
-WORKER = ("-P", "-m", "console.worker")
+WORKER = ("-P", "-m", "topdress.console.worker")
 
 
 class WorkerFailed(RuntimeError):

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from functools import partial
 from typing import TYPE_CHECKING, Any, Protocol
 
-from control.readings import (
+from topdress.control.readings import (
     DoseOrder,
     DriveCommand,
     GnssFix,
@@ -16,7 +16,7 @@ from control.readings import (
     SpeedPlan,
     ValvesSeen,
 )
-from drivers.cab_config import (
+from topdress.drivers.cab_config import (
     MODULE_STOPS_S,
     BoardConfig,
     CabConfig,
@@ -24,27 +24,27 @@ from drivers.cab_config import (
     HeadsConfig,
     RateModuleConfig,
 )
-from drivers.cab_line import DatagramLine, DeviceLine
-from drivers.datagrams import Datagrams, UdpPort, open_line
-from drivers.device_status import DeviceStatus
-from drivers.devices.agopengps import AgOpenGpsDecoder
-from drivers.devices.board_frames import ASK_TURNED, ShaftTurned
-from drivers.devices.canopy_heads import HeadDecoder
-from drivers.devices.gnss import GnssDecoder
-from drivers.devices.gpsd import WATCH, GpsdDecoder
-from drivers.devices.lag_rig import LagRig, RigReadings
-from drivers.devices.lines import Counts
-from drivers.devices.point_dose import GivenDose
-from drivers.devices.rate_line import RateLineDecoder
-from drivers.devices.rate_module import ModuleAddress, RateModule
-from drivers.devices.rate_module_frames import FULL_PWM
-from drivers.devices.slave_board import BoardReadings, SetPointLimits, SlaveBoard
-from drivers.devices.tractor_speed import TractorSpeedDecoder
-from drivers.devices.wheel import WheelGeometry
-from drivers.ports import Clock, Port
+from topdress.drivers.cab_line import DatagramLine, DeviceLine
+from topdress.drivers.datagrams import Datagrams, UdpPort, open_line
+from topdress.drivers.device_status import DeviceStatus
+from topdress.drivers.devices.agopengps import AgOpenGpsDecoder
+from topdress.drivers.devices.board_frames import ASK_TURNED, ShaftTurned
+from topdress.drivers.devices.canopy_heads import HeadDecoder
+from topdress.drivers.devices.gnss import GnssDecoder
+from topdress.drivers.devices.gpsd import WATCH, GpsdDecoder
+from topdress.drivers.devices.lag_rig import LagRig, RigReadings
+from topdress.drivers.devices.lines import Counts
+from topdress.drivers.devices.point_dose import GivenDose
+from topdress.drivers.devices.rate_line import RateLineDecoder
+from topdress.drivers.devices.rate_module import ModuleAddress, RateModule
+from topdress.drivers.devices.rate_module_frames import FULL_PWM
+from topdress.drivers.devices.slave_board import BoardReadings, SetPointLimits, SlaveBoard
+from topdress.drivers.devices.tractor_speed import TractorSpeedDecoder
+from topdress.drivers.devices.wheel import WheelGeometry
+from topdress.drivers.ports import Clock, Port
 
 if TYPE_CHECKING:
-    from drivers.plugin_process import PluginReceiver
+    from topdress.drivers.plugin_process import PluginReceiver
 
 __all__ = [
     "BoardConfig",
@@ -493,7 +493,7 @@ class _Gnss:
 
 
 def _plugin_receiver(protocol: str) -> PluginReceiver:
-    from drivers.plugin_process import PluginReceiver
+    from topdress.drivers.plugin_process import PluginReceiver
 
     return PluginReceiver(protocol)
 

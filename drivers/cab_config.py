@@ -6,11 +6,10 @@ import ipaddress
 from typing import Annotated, Literal, Self
 
 from pydantic import AfterValidator, Field, model_validator
-
-from control.frozen_model import FrozenModel
-from drivers.datagrams import is_loopback, line_url, udp_address
-from drivers.devices.canopy_heads import PROTOCOLS, HeadFields, head_fields
-from drivers.plugins import CALLABLE, names, plugged
+from topdress.control.frozen_model import FrozenModel
+from topdress.drivers.datagrams import is_loopback, line_url, udp_address
+from topdress.drivers.devices.canopy_heads import PROTOCOLS, HeadFields, head_fields
+from topdress.drivers.plugins import CALLABLE, names, plugged
 
 MOST_HEADS = 12
 # where rate modules listen, and where they answer

@@ -6,11 +6,11 @@ from collections import deque
 from collections.abc import Callable, Iterable
 from typing import Literal
 
-from drivers.datagrams import Datagrams
-from drivers.device_status import DeviceStatus
-from drivers.devices.lines import Counts
-from drivers.plugins import PluginFault
-from drivers.ports import Port
+from topdress.drivers.datagrams import Datagrams
+from topdress.drivers.device_status import DeviceStatus
+from topdress.drivers.devices.lines import Counts
+from topdress.drivers.plugins import PluginFault
+from topdress.drivers.ports import Port
 
 RATE_OVER_S = 2.0  # a device silent for this long has rate 0
 ASIDE_CHARACTERS = 200

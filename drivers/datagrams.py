@@ -10,7 +10,15 @@ from collections import deque
 from typing import NamedTuple, Protocol
 from urllib.parse import parse_qs, urlsplit
 
-from drivers.ports import TAIL_BYTES, UNPLUGGED, Clock, Port, PortState, open_port, scheme_of
+from topdress.drivers.ports import (
+    TAIL_BYTES,
+    UNPLUGGED,
+    Clock,
+    Port,
+    PortState,
+    open_port,
+    scheme_of,
+)
 
 LONGEST_DATAGRAM = 2048
 # datagrams given at one read; older ones are dropped: a flood

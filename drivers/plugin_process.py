@@ -22,11 +22,11 @@ from pathlib import Path
 from types import NoneType
 from typing import Any, get_args, get_type_hints
 
-from control.readings import GnssFix
-from drivers.devices.lines import Counts
-from drivers.plain_text import one_line
-from drivers.plugin_host import ENCODING
-from drivers.plugins import Group, Plugin, PluginFault
+from topdress.control.readings import GnssFix
+from topdress.drivers.devices.lines import Counts
+from topdress.drivers.plain_text import one_line
+from topdress.drivers.plugin_host import ENCODING
+from topdress.drivers.plugins import Group, Plugin, PluginFault
 
 # s; a large package takes some seconds to import on a small computer
 LOAD_S = 20.0
@@ -45,7 +45,7 @@ WHY_CHARACTERS = 200  # of what is said of a plug-in
 _COMMAND = (
     *(sys.executable, "-P", "-c"),
     "import json, sys; sys.path[:] = json.loads(sys.argv[1]); "
-    "from drivers.plugin_host import main; main(*sys.argv[2:])",
+    "from topdress.drivers.plugin_host import main; main(*sys.argv[2:])",
 )
 
 

@@ -80,7 +80,7 @@ def plugged(group: Group, name: str) -> Plugin | None:
 @cache
 def _described(group: Group, name: str) -> Plugin | PluginFault:
     """Asked once: one that hangs costs its time once."""
-    from drivers.plugin_process import describe_plugin
+    from topdress.drivers.plugin_process import describe_plugin
 
     try:
         return describe_plugin(group, name)

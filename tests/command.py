@@ -7,12 +7,11 @@ from collections.abc import Iterator
 from typing import Any
 
 from click.testing import Result
+from topdress.console.cli import app
 from typer.testing import CliRunner
 
-from console.cli import app
-
 # as a process of its own
-TOPDRESS = [sys.executable, "-c", "from console.cli import main; main()"]
+TOPDRESS = [sys.executable, "-c", "from topdress.console.cli import main; main()"]
 
 
 def topdress(*words: object, **given: Any) -> Result:

@@ -12,8 +12,7 @@ from pathlib import Path
 import pytest
 import typer.testing
 from click.testing import Result
-
-from console.threads import few_for_matrices
+from topdress.console.threads import few_for_matrices
 
 few_for_matrices()
 # Python looks for garbage after 700 new objects, and through all 10^6 of a session after some

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-
-from control.geodesy import (
+from topdress.control.geodesy import (
     TangentPlane,
     apart_m,
     direction,

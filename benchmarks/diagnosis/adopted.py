@@ -90,7 +90,7 @@ class Outcome(NamedTuple):
 def command(*words: str) -> None:
     """A topdress command of this checkout. Raises RuntimeError with what it said where it fails."""
     done = subprocess.run(
-        [sys.executable, "-c", "from console.cli import main; main()", *words],
+        [sys.executable, "-c", "from topdress.console.cli import main; main()", *words],
         cwd=ROOT,
         capture_output=True,
         text=True,
@@ -102,8 +102,8 @@ def command(*words: str) -> None:
 
 def job_file(hidden: Hidden, folder: Path, seconds: float) -> Path:
     """The shipped job, on the ground on which what is hidden shows."""
-    from drivers.files.config import load
-    from drivers.files.kinds import JOB
+    from topdress.drivers.files.config import load
+    from topdress.drivers.files.kinds import JOB
 
     data = load("demo", JOB).model.model_dump(mode="json", exclude_unset=True)
     if hidden.rough:
@@ -120,9 +120,9 @@ def job_file(hidden: Hidden, folder: Path, seconds: float) -> Path:
 def outcome(hidden: Hidden, seconds: float, folder: Path) -> Outcome:
     """Log, diagnosis, adopted machine, two fields. Raises RuntimeError where a command refuses,
     as `diagnose --adopt` does where it finds nothing."""
-    from drivers.files.config import load
-    from drivers.files.kinds import MACHINE
-    from drivers.files.setup import load_setup
+    from topdress.drivers.files.config import load
+    from topdress.drivers.files.kinds import MACHINE
+    from topdress.drivers.files.setup import load_setup
 
     log, answer, again = folder / "run.csv", folder / "answer.json", folder / "again.json"
     new, undone, job = (
@@ -174,12 +174,16 @@ def outcome(hidden: Hidden, seconds: float, folder: Path) -> Outcome:
 
 def driven(setup: Any, known: Any, hidden: Hidden, seconds: float) -> Driven:
     """One field of the machine that has what is hidden, by control that reads the file `known`."""
-    from control.machine.fault_injection import parse_planted
-    from control.machine.terms import Term, parse_term
-    from control.orders import Strategy
-    from control.simulation.assembly import control_loop, simulated_machine, with_simulated_field
-    from control.simulation.closed_loop import Record, simulated_run
-    from control.simulation.error_metrics import errors
+    from topdress.control.machine.fault_injection import parse_planted
+    from topdress.control.machine.terms import Term, parse_term
+    from topdress.control.orders import Strategy
+    from topdress.control.simulation.assembly import (
+        control_loop,
+        simulated_machine,
+        with_simulated_field,
+    )
+    from topdress.control.simulation.closed_loop import Record, simulated_run
+    from topdress.control.simulation.error_metrics import errors
 
     machine = setup.machine
     job = with_simulated_field(

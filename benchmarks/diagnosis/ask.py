@@ -5,8 +5,8 @@ from __future__ import annotations
 import json
 from typing import Any
 
-from control.diagnosis.result import Diagnosis
-from control.machine.machine import Machine
+from topdress.control.diagnosis.result import Diagnosis
+from topdress.control.machine.machine import Machine
 
 
 def found(
@@ -14,10 +14,10 @@ def found(
 ) -> Diagnosis:
     """`kind`: run, lag, catch, weigh, heads, place. Raises whatever the diagnosis raises."""
     if kind == "run":
-        from control.diagnosis.runs.diagnose import diagnose_run
+        from topdress.control.diagnosis.runs.diagnose import diagnose_run
 
         return diagnose_run(columns, machine, path=f"{name}.csv", seed=seed)
-    from control.diagnosis.tables import Table, diagnose_tables
+    from topdress.control.diagnosis.tables import Table, diagnose_tables
 
     numbers = {k: v for k, v in columns.items() if v.dtype != object}
     texts = [(k, v.astype(str)) for k, v in columns.items() if v.dtype == object]

@@ -52,8 +52,8 @@ def made(task: Task) -> Any:
 def examine(task: Task) -> dict[str, Any]:
     """Truth, answer, and what the adopted file is worth on other runs. Without a truth: the
     case could not be made."""
-    from drivers.files.config import load
-    from drivers.files.kinds import MACHINE
+    from topdress.drivers.files.config import load
+    from topdress.drivers.files.kinds import MACHINE
 
     started = time.perf_counter()
     nominal = load("huanghai", MACHINE).model
@@ -91,8 +91,7 @@ def _other_runs(case: Any) -> dict[str, Any]:
 def _answered(case: Any, nominal: Any, others: dict[str, Any], seed: int) -> dict[str, Any]:
     import ask
     from beyond_other_run import judged
-
-    from control.diagnosis.extend import extend
+    from topdress.control.diagnosis.extend import extend
 
     began, busy = time.perf_counter(), time.process_time()
     diagnosis = ask.found("run", case.columns, nominal, case.name, seed)

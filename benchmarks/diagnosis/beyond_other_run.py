@@ -14,8 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-
-from control.machine.machine import Machine
+from topdress.control.machine.machine import Machine
 
 Floats = npt.NDArray[np.float64]
 # s.d. of the noise of each channel, in which errors of several are added; the scale's by its
@@ -38,11 +37,11 @@ class Seen(NamedTuple):
 
 def seen(columns: dict[str, Any], machine: Machine) -> dict[str, Seen]:
     """Every channel of a log, by name."""
-    from control.diagnosis.runs.channels import channels
-    from control.diagnosis.runs.hypothesis import list_stages, schedule
-    from control.diagnosis.runs.log import gate
-    from control.diagnosis.runs.stages import run_data
-    from control.machine.stage_runner import MOST_STEP_S
+    from topdress.control.diagnosis.runs.channels import channels
+    from topdress.control.diagnosis.runs.hypothesis import list_stages, schedule
+    from topdress.control.diagnosis.runs.log import gate
+    from topdress.control.diagnosis.runs.stages import run_data
+    from topdress.control.machine.stage_runner import MOST_STEP_S
 
     plan = schedule(list_stages(machine), ())
     return {

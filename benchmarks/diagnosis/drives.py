@@ -444,18 +444,18 @@ class Ran(NamedTuple):
 
 def run(case: Case, folder: Path) -> Ran:
     """Import, diagnosis, adoption, by the functions behind the commands."""
-    from console.reports.diagnosis_wording import undecided
-    from control.diagnosis.extend import extend
-    from control.diagnosis.runs.adoption import select_adoptable
-    from control.diagnosis.runs.diagnose import diagnose_run
-    from drivers.files.config import load, save
-    from drivers.files.imports.convert import convert
-    from drivers.files.imports.join import joined
-    from drivers.files.imports.log_file import write_imported
-    from drivers.files.imports.mapping import IMPORT
-    from drivers.files.imports.read import read_raw
-    from drivers.files.kinds import MACHINE
-    from drivers.files.read_log import read_rows
+    from topdress.console.reports.diagnosis_wording import undecided
+    from topdress.control.diagnosis.extend import extend
+    from topdress.control.diagnosis.runs.adoption import select_adoptable
+    from topdress.control.diagnosis.runs.diagnose import diagnose_run
+    from topdress.drivers.files.config import load, save
+    from topdress.drivers.files.imports.convert import convert
+    from topdress.drivers.files.imports.join import joined
+    from topdress.drivers.files.imports.log_file import write_imported
+    from topdress.drivers.files.imports.mapping import IMPORT
+    from topdress.drivers.files.imports.read import read_raw
+    from topdress.drivers.files.kinds import MACHINE
+    from topdress.drivers.files.read_log import read_rows
 
     place = folder / case.name.replace("/", "_").replace(" ", "_")
     place.mkdir()
@@ -529,14 +529,14 @@ def judged(case: Case, said: dict[str, Any]) -> str:
 def error_on(log: Path, machine_file: Path, case: Case) -> float:
     """r.m.s. of measured less predicted over every row of a log, r/min or mm, as a machine file
     stands."""
-    from control.diagnosis.runs.channels import simulate_drive_rows
-    from control.diagnosis.runs.drives import read_whole_drives
-    from control.diagnosis.runs.hypothesis import list_stages, schedule
-    from control.diagnosis.runs.log import gate
-    from control.machine.stage_runner import MOST_STEP_S
-    from drivers.files.config import load
-    from drivers.files.kinds import MACHINE
-    from drivers.files.read_log import read_rows
+    from topdress.control.diagnosis.runs.channels import simulate_drive_rows
+    from topdress.control.diagnosis.runs.drives import read_whole_drives
+    from topdress.control.diagnosis.runs.hypothesis import list_stages, schedule
+    from topdress.control.diagnosis.runs.log import gate
+    from topdress.control.machine.stage_runner import MOST_STEP_S
+    from topdress.drivers.files.config import load
+    from topdress.drivers.files.kinds import MACHINE
+    from topdress.drivers.files.read_log import read_rows
 
     machine = load(str(machine_file), MACHINE).model
     columns = {name: np.asarray(values) for name, values in read_rows(log).columns.items()}

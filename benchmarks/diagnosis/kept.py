@@ -17,7 +17,7 @@ ROOT = Path(__file__).resolve().parents[2]
 HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(ROOT))
 
-from console.threads import few_for_matrices  # noqa: E402
+from topdress.console.threads import few_for_matrices  # noqa: E402
 
 few_for_matrices()  # here and in the processes that it starts
 

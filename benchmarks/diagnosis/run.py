@@ -72,9 +72,8 @@ def examine(task: Task) -> dict[str, Any]:
     number, seed = task.number, task.seed
     import ask
     from hidden.cases import one
-
-    from drivers.files.config import load
-    from drivers.files.kinds import MACHINE
+    from topdress.drivers.files.config import load
+    from topdress.drivers.files.kinds import MACHINE
 
     started = time.perf_counter()
     case = one(*task)

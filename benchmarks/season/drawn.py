@@ -198,7 +198,7 @@ def main() -> int:
         for count in given.logs:
             logs = _as_logs(season_of(seed, count))
             before_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
-            from control.diagnosis.season.effect_timelines import fitted
+            from topdress.control.diagnosis.season.effect_timelines import fitted
 
             begin = time.process_time()
             found = fitted(logs)
@@ -224,7 +224,7 @@ def main() -> int:
 
 
 def _as_logs(made: list[Made]) -> list[Any]:
-    from control.diagnosis.season.evidence import OneLog, QuadraticForm
+    from topdress.control.diagnosis.season.evidence import OneLog, QuadraticForm
 
     return [
         OneLog(one.key, one.machine, one.time_d, (QuadraticForm(**one.form),), one.shared)

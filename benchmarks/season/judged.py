@@ -5,9 +5,8 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 
+from topdress.control.diagnosis.season.effect_timelines import Cause, wears
 from truth import DAYS, MACHINES, OTHER_FLOW, OTHER_PRODUCT, PLANTED, PRODUCTS, Planted
-
-from control.diagnosis.season.effect_timelines import Cause, wears
 
 # machines with an effect reported that was not planted, of all
 MOST_STRANGE = 1

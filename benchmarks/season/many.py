@@ -60,7 +60,7 @@ def read(
     where: str, options: Mapping[str, str], machine: Mapping[str, Any], *more: Any
 ) -> dict[str, Any]:
     """In the place of a diagnosis, on a worker: the record that lies there."""
-    from console.services.fleet_job import local
+    from topdress.console.services.fleet_job import local
 
     with local(where, options, *more) as path:
         return {**json.loads(path.read_bytes()), "path": where}
@@ -69,8 +69,7 @@ def read(
 def bodies(seed: int, count: int) -> Iterator[tuple[str, bytes]]:
     """Place and bytes of every log."""
     from drawn import season_of
-
-    from console.services.fleet_job import FORMAT
+    from topdress.console.services.fleet_job import FORMAT
 
     for number, one in enumerate(season_of(seed, count)):
         form = {
@@ -168,10 +167,9 @@ def command(words: list[str], model: bool, together: int) -> None:
     import functools
 
     import many  # type: ignore[import-not-found]   # by its own name: workers load it by that
-
-    from console.cli import app
-    from console.services import fleet, fleet_season, fleet_tables
-    from control.diagnosis.season.effect_timelines import SeasonFit
+    from topdress.console.cli import app
+    from topdress.console.services import fleet, fleet_season, fleet_tables
+    from topdress.control.diagnosis.season.effect_timelines import SeasonFit
 
     def timed(what: str, work: Any) -> Any:
         @functools.wraps(work)

@@ -26,18 +26,17 @@ from hidden.plant import Plant  # noqa: E402
 from hidden.programmes import chosen, drive  # noqa: E402
 from hidden.run_cases import within_tolerance  # noqa: E402
 from judged import judge  # noqa: E402
-from truth import MACHINES, WEAK, WEAK_PROGRAMME, Day, days  # noqa: E402
-from verdict import exit_code  # noqa: E402
-
-from control.diagnosis.season.effect_timelines import fitted  # noqa: E402
-from control.diagnosis.season.evidence import (  # noqa: E402
+from topdress.control.diagnosis.season.effect_timelines import fitted  # noqa: E402
+from topdress.control.diagnosis.season.evidence import (  # noqa: E402
     OneLog,
     QuadraticForm,
     evidence,
 )
-from control.machine.machine import Machine  # noqa: E402
-from drivers.files.config import load  # noqa: E402
-from drivers.files.kinds import MACHINE  # noqa: E402
+from topdress.control.machine.machine import Machine  # noqa: E402
+from topdress.drivers.files.config import load  # noqa: E402
+from topdress.drivers.files.kinds import MACHINE  # noqa: E402
+from truth import MACHINES, WEAK, WEAK_PROGRAMME, Day, days  # noqa: E402
+from verdict import exit_code  # noqa: E402
 
 REAL = 8  # logs whose information is drawn from
 PROGRAMMES = [one for one in chosen("all") if one.strategy != "opening_first" and not one.refill]

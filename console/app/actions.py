@@ -5,18 +5,18 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from console.app import keys as common
-from console.app.action import ANYWHERE, Action
-from console.app.pages.calibrate import keys as calibrate
-from console.app.pages.devices import keys as devices
-from console.app.pages.diagnosis import keys as diagnosis
-from console.app.pages.job import keys as job
-from console.app.pages.map import keys as map
-from console.app.pages.replay import keys as replay
-from console.app.pages.run import keys as run
-from console.app.pages.settings import keys as settings
-from console.app.pages.trends import keys as trends
-from console.locale import N_
+from topdress.console.app import keys as common
+from topdress.console.app.action import ANYWHERE, Action
+from topdress.console.app.pages.calibrate import keys as calibrate
+from topdress.console.app.pages.devices import keys as devices
+from topdress.console.app.pages.diagnosis import keys as diagnosis
+from topdress.console.app.pages.job import keys as job
+from topdress.console.app.pages.map import keys as map
+from topdress.console.app.pages.replay import keys as replay
+from topdress.console.app.pages.run import keys as run
+from topdress.console.app.pages.settings import keys as settings
+from topdress.console.app.pages.trends import keys as trends
+from topdress.console.locale import N_
 
 ACTIONS: tuple[Action, ...] = (
     *run.ACTIONS,

@@ -9,12 +9,12 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import NamedTuple
 
-from console.app import words
-from console.app.units import Units
-from console.app.view import format_local_time
-from console.locale import _
-from console.worker.resume_alarms import AlarmRecord
-from control.orders import Alarm, Severity
+from topdress.console.app import words
+from topdress.console.app.units import Units
+from topdress.console.app.view import format_local_time
+from topdress.console.locale import _
+from topdress.console.worker.resume_alarms import AlarmRecord
+from topdress.control.orders import Alarm, Severity
 
 LEAST_APART_S = 5.0  # between two bells
 # a terminal has one bell: how often it strikes tells which

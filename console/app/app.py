@@ -18,65 +18,64 @@ from textual.filter import LineFilter
 from textual.screen import Screen
 from textual.widgets import Input
 from textual.worker import Worker
-
-from console import import_hooks
-from console.app import actions, key_normaliser, themes, words
-from console.app.action import ANYWHERE, JOB, MAP, REPLAY, RUN, Action, make_bindings
-from console.app.alarms import Bell
-from console.app.attach_notice import Joined, describe_attachment
-from console.app.dialogs import Choice, ChoiceDialog, Confirm, TextDialog
-from console.app.dose_change import dose_change
-from console.app.fields import FieldPictures
-from console.app.first_question import MAY_CHANGE, ask_first_question, restart_worker
-from console.app.guide_line import GuideLine
-from console.app.guide_line_store import KeptLines, make_line_record
-from console.app.history import History
-from console.app.keys import ACTIONS
-from console.app.name_dialog import NameDialog
-from console.app.pages.all import Pages
-from console.app.pages.job.checklist import file_name
-from console.app.pages.job.service import Recent
-from console.app.pages.page import Page
-from console.app.pages.replay.service import ReplayJob
-from console.app.plain_lines import PlainLines
-from console.app.presence_text import (
+from topdress.console import import_hooks
+from topdress.console.app import actions, key_normaliser, themes, words
+from topdress.console.app.action import ANYWHERE, JOB, MAP, REPLAY, RUN, Action, make_bindings
+from topdress.console.app.alarms import Bell
+from topdress.console.app.attach_notice import Joined, describe_attachment
+from topdress.console.app.dialogs import Choice, ChoiceDialog, Confirm, TextDialog
+from topdress.console.app.dose_change import dose_change
+from topdress.console.app.fields import FieldPictures
+from topdress.console.app.first_question import MAY_CHANGE, ask_first_question, restart_worker
+from topdress.console.app.guide_line import GuideLine
+from topdress.console.app.guide_line_store import KeptLines, make_line_record
+from topdress.console.app.history import History
+from topdress.console.app.keys import ACTIONS
+from topdress.console.app.name_dialog import NameDialog
+from topdress.console.app.pages.all import Pages
+from topdress.console.app.pages.job.checklist import file_name
+from topdress.console.app.pages.job.service import Recent
+from topdress.console.app.pages.page import Page
+from topdress.console.app.pages.replay.service import ReplayJob
+from topdress.console.app.plain_lines import PlainLines
+from topdress.console.app.presence_text import (
     CompanyView,
     arrival_words,
     company_view,
     describe_everyone,
     describe_news,
 )
-from console.app.reasons import find_first_key, why_no_machine
-from console.app.refresh_rates import NUMBERS_S
-from console.app.screens.alarm_list import AlarmList
-from console.app.screens.help import HelpScreen
-from console.app.screens.worker_lost_screen import GoneScreen
-from console.app.services import Services
-from console.app.settings import apply, find_rate_limits, make_theme
-from console.app.source import FrameArrival, FrameSource
-from console.app.terminal import Takes, find_terminal
-from console.app.tour import Tour
-from console.app.type_ahead_guard import HeldEnter, StrayTyping
-from console.app.undo import Undo, Undoable, describe_undo, reverse_orders
-from console.app.units import METRIC, Units
-from console.app.view import format_local_time
-from console.app.widgets.key_bar import URGENT, KeyBar
-from console.frame import Frame
-from console.gc_tuning import Sweeps
-from console.link import Link, WorkerGone
-from console.locale import N_, _, use
-from console.running import WorkerFailed
-from console.worker.resume_alarms import AlarmBook
-from control.orders import Answer, Do, Order, State
-from drivers import day_clock
-from drivers.files.settings import Rates
+from topdress.console.app.reasons import find_first_key, why_no_machine
+from topdress.console.app.refresh_rates import NUMBERS_S
+from topdress.console.app.screens.alarm_list import AlarmList
+from topdress.console.app.screens.help import HelpScreen
+from topdress.console.app.screens.worker_lost_screen import GoneScreen
+from topdress.console.app.services import Services
+from topdress.console.app.settings import apply, find_rate_limits, make_theme
+from topdress.console.app.source import FrameArrival, FrameSource
+from topdress.console.app.terminal import Takes, find_terminal
+from topdress.console.app.tour import Tour
+from topdress.console.app.type_ahead_guard import HeldEnter, StrayTyping
+from topdress.console.app.undo import Undo, Undoable, describe_undo, reverse_orders
+from topdress.console.app.units import METRIC, Units
+from topdress.console.app.view import format_local_time
+from topdress.console.app.widgets.key_bar import URGENT, KeyBar
+from topdress.console.frame import Frame
+from topdress.console.gc_tuning import Sweeps
+from topdress.console.link import Link, WorkerGone
+from topdress.console.locale import N_, _, use
+from topdress.console.running import WorkerFailed
+from topdress.console.worker.resume_alarms import AlarmBook
+from topdress.control.orders import Answer, Do, Order, State
+from topdress.drivers import day_clock
+from topdress.drivers.files.settings import Rates
 
 if TYPE_CHECKING:
-    from console.app.pages.job.page import JobScreen
-    from console.app.pages.job.service import AtWork, JobService, Offer
-    from console.app.pages.map.page import MapScreen
-    from console.app.pages.replay.page import ReplayScreen
-    from control.machine.machine import Machine
+    from topdress.console.app.pages.job.page import JobScreen
+    from topdress.console.app.pages.job.service import AtWork, JobService, Offer
+    from topdress.console.app.pages.map.page import MapScreen
+    from topdress.console.app.pages.replay.page import ReplayScreen
+    from topdress.control.machine.machine import Machine
 
 LEADS_TO = {Do.START: State.WORKING, Do.CALIBRATE: State.CALIBRATING, Do.READY: State.READY}
 NOTES = (TextDialog, HelpScreen, AlarmList)  # nothing is asked in them

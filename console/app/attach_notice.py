@@ -5,9 +5,9 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from console.app.pages.job.checklist import file_name
-from console.app.view import format_local_time
-from console.locale import _
+from topdress.console.app.pages.job.checklist import file_name
+from topdress.console.app.view import format_local_time
+from topdress.console.locale import _
 
 
 class Joined(NamedTuple):

@@ -6,8 +6,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-from control.geodesy import Place, TangentPlane, apart_m, offset
-from control.log_row import LogRow
+from topdress.control.geodesy import Place, TangentPlane, apart_m, offset
+from topdress.control.log_row import LogRow
 
 # of two corners: finer than any edge of a field, and 20,000 of them are 40 km
 APART_M = 2.0

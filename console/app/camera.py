@@ -7,8 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-
-from console.app.coverage_raster import Box
+from topdress.console.app.coverage_raster import Box
 
 Floats = npt.NDArray[np.float64]
 SCALES_M = (

@@ -6,10 +6,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import NamedTuple
 
-from console.app.units import Unit, Units
-from console.app.view import find_rate_error
-from console.locale import N_
-from control.log_row import COLUMNS, NDRE_COLUMNS, TEXT_COLUMNS, LogRow
+from topdress.console.app.units import Unit, Units
+from topdress.console.app.view import find_rate_error
+from topdress.console.locale import N_
+from topdress.control.log_row import COLUMNS, NDRE_COLUMNS, TEXT_COLUMNS, LogRow
 
 UnitOf = Callable[[Units], Unit]
 

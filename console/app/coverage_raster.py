@@ -15,8 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-
-from console.frame import Frame
+from topdress.console.frame import Frame
 
 Floats = npt.NDArray[np.float64]
 # (2 x kinds + 1, rows, columns): sums, counts, passages

@@ -12,15 +12,14 @@ from textual.binding import Binding
 from textual.containers import Horizontal, Vertical, VerticalScroll
 from textual.screen import ModalScreen
 from textual.widgets import Button, Static
-
-from console.app.type_ahead_guard import PAUSE_S
-from console.app.widgets.choice_list import Choice as Choice
-from console.app.widgets.choice_list import ChoiceList, ChoicesView
-from console.app.widgets.panel import Picked
-from console.locale import _
+from topdress.console.app.type_ahead_guard import PAUSE_S
+from topdress.console.app.widgets.choice_list import Choice as Choice
+from topdress.console.app.widgets.choice_list import ChoiceList, ChoicesView
+from topdress.console.app.widgets.panel import Picked
+from topdress.console.locale import _
 
 if TYPE_CHECKING:
-    from console.app.app import TopdressApp
+    from topdress.console.app.app import TopdressApp
 
 R = TypeVar("R")
 # rows of the border, and of alarms and keys that stay in sight

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from console.app.typed_number import format_number
-from console.app.undo import ordered_source
-from console.app.units import Units
-from console.frame import Frame
-from console.locale import _
-from control.orders import Do, Order, TargetSource
+from topdress.console.app.typed_number import format_number
+from topdress.console.app.undo import ordered_source
+from topdress.console.app.units import Units
+from topdress.console.frame import Frame
+from topdress.console.locale import _
+from topdress.control.orders import Do, Order, TargetSource
 
 # Share of the dose before. The nudge goes as far in one question of its own.
 MOST_UNASKED = 0.3

@@ -7,9 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-
-from console.app.camera import Pixels
-from console.app.coverage_raster import Box
+from topdress.console.app.camera import Pixels
+from topdress.console.app.coverage_raster import Box
 
 Rates = npt.NDArray[np.float32]
 Ring = tuple[tuple[float, float], ...]

@@ -7,11 +7,11 @@ from collections.abc import Callable
 from functools import partial
 from typing import TYPE_CHECKING
 
-from console.app.field_picture import FieldPicture
-from console.frame import Frame
+from topdress.console.app.field_picture import FieldPicture
+from topdress.console.frame import Frame
 
 if TYPE_CHECKING:
-    from console.app.app import TopdressApp
+    from topdress.console.app.app import TopdressApp
 
 Load = Callable[[Frame], FieldPicture | None]
 _KEPT = 4

@@ -5,15 +5,15 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from console.app.dialogs import Choice, ChoiceDialog
-from console.app.pages.job.checklist import file_name
-from console.app.view import format_local_time
-from console.locale import _
-from control.orders import Do
+from topdress.console.app.dialogs import Choice, ChoiceDialog
+from topdress.console.app.pages.job.checklist import file_name
+from topdress.console.app.view import format_local_time
+from topdress.console.locale import _
+from topdress.control.orders import Do
 
 if TYPE_CHECKING:
-    from console.app.app import TopdressApp
-    from console.app.pages.job.service import JobService, Offer, Recent
+    from topdress.console.app.app import TopdressApp
+    from topdress.console.app.pages.job.service import JobService, Offer, Recent
 
 # states in which nothing is lost by another start
 MAY_CHANGE = (None, "off")

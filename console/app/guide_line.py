@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from math import atan2, degrees, hypot
 from typing import NamedTuple
 
-from console.app.camera import MapCamera
+from topdress.console.app.camera import MapCamera
 
 # from A to B: below it the noise of a fix turns the line by degrees
 LEAST_M = 10.0

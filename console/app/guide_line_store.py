@@ -11,8 +11,8 @@ import json
 from collections.abc import Iterable
 from typing import Any, NamedTuple
 
-from console.app.boundary_drive import BoundaryDrive, Corner
-from console.app.guide_line import GuideLine, Place
+from topdress.console.app.boundary_drive import BoundaryDrive, Corner
+from topdress.console.app.guide_line import GuideLine, Place
 
 
 class KeptLines(NamedTuple):

@@ -7,10 +7,10 @@ from collections.abc import Iterable, Sequence
 from itertools import islice
 from typing import NamedTuple
 
-from console.app.coverage_raster import Spot, Worked, find_spot
-from console.app.series import LogSeries, Pyramid
-from console.app.view import applied_kg_ha
-from console.frame import Frame
+from topdress.console.app.coverage_raster import Spot, Worked, find_spot
+from topdress.console.app.series import LogSeries, Pyramid
+from topdress.console.app.view import applied_kg_ha
+from topdress.console.frame import Frame
 
 TREND_SPAN_S = 120.0
 TREND_POINTS = 2_000

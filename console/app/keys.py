@@ -6,9 +6,8 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from textual.command import CommandPalette
-
-from console.app import themes
-from console.app.action import (
+from topdress.console.app import themes
+from topdress.console.app.action import (
     CALIBRATE,
     DEVICES,
     DIAGNOSIS,
@@ -20,23 +19,28 @@ from console.app.action import (
     TRENDS,
     Action,
 )
-from console.app.alarms import entries
-from console.app.dialogs import Choice, ChoiceDialog
-from console.app.dose_change import dose_change
-from console.app.first_question import start_from_any_page
-from console.app.presence_text import describe_leaving
-from console.app.reasons import explain_no_tour, explain_no_undo, why_no_acknowledge, why_no_start
-from console.app.screens.alarm_list import AlarmList
-from console.app.screens.help import HelpScreen
-from console.app.screens.jump import JumpScreen, find_places, labels, letters, press
-from console.app.tour import Tour
-from console.app.units import UNITS
-from console.locale import N_, _, in_use, list_languages, use
-from console.worker.resume_alarms import AlarmRecord
-from control.orders import Do, Severity, State
+from topdress.console.app.alarms import entries
+from topdress.console.app.dialogs import Choice, ChoiceDialog
+from topdress.console.app.dose_change import dose_change
+from topdress.console.app.first_question import start_from_any_page
+from topdress.console.app.presence_text import describe_leaving
+from topdress.console.app.reasons import (
+    explain_no_tour,
+    explain_no_undo,
+    why_no_acknowledge,
+    why_no_start,
+)
+from topdress.console.app.screens.alarm_list import AlarmList
+from topdress.console.app.screens.help import HelpScreen
+from topdress.console.app.screens.jump import JumpScreen, find_places, labels, letters, press
+from topdress.console.app.tour import Tour
+from topdress.console.app.units import UNITS
+from topdress.console.locale import N_, _, in_use, list_languages, use
+from topdress.console.worker.resume_alarms import AlarmRecord
+from topdress.control.orders import Do, Severity, State
 
 if TYPE_CHECKING:
-    from console.app.app import TopdressApp
+    from topdress.console.app.app import TopdressApp
 
 
 def hold(app: TopdressApp) -> None:

@@ -5,12 +5,12 @@ from __future__ import annotations
 from enum import StrEnum
 from typing import NamedTuple
 
-from console.app.coverage_raster import Worked
-from console.app.field_picture import FieldPicture
-from console.app.units import Units
-from console.app.view import ERROR_SPAN
-from console.locale import N_
-from console.scale import Rgb, colour, find_error_colour, passes_colour, round_calm_ends
+from topdress.console.app.coverage_raster import Worked
+from topdress.console.app.field_picture import FieldPicture
+from topdress.console.app.units import Units
+from topdress.console.app.view import ERROR_SPAN
+from topdress.console.locale import N_
+from topdress.console.scale import Rgb, colour, find_error_colour, passes_colour, round_calm_ends
 
 
 class MapLayer(StrEnum):

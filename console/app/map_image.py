@@ -9,15 +9,14 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-
-from console.app.braille import BITS
-from console.app.camera import Pixels
-from console.app.coverage_raster import KINDS, NOTHING_KG_HA, Window, Worked
-from console.app.field_picture import FieldPicture, Ring
-from console.app.layers import KINDS_OF, RATES, LayerScale, MapLayer
-from console.app.overlay_file import LaidView
-from console.app.view import RATE_FLOOR_KG_HA
-from console.scale import STEPS
+from topdress.console.app.braille import BITS
+from topdress.console.app.camera import Pixels
+from topdress.console.app.coverage_raster import KINDS, NOTHING_KG_HA, Window, Worked
+from topdress.console.app.field_picture import FieldPicture, Ring
+from topdress.console.app.layers import KINDS_OF, RATES, LayerScale, MapLayer
+from topdress.console.app.overlay_file import LaidView
+from topdress.console.app.view import RATE_FLOOR_KG_HA
+from topdress.console.scale import STEPS
 
 Image = npt.NDArray[np.uint8]  # (rows, columns), from the north-west
 Codes = npt.NDArray[np.int32]  # (rows, columns) of the terminal

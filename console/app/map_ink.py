@@ -10,13 +10,12 @@ from typing import NamedTuple
 import numpy as np
 from rich.color import Color
 from textual.widget import Widget
-
-from console.app.braille import BLANK
-from console.app.camera import MapCamera, Pixels, fit
-from console.app.coverage_raster import Worked
-from console.app.field_picture import FieldPicture, Ring
-from console.app.layers import LayerScale, MapLayer, find_colour_scale
-from console.app.map_image import (
+from topdress.console.app.braille import BLANK
+from topdress.console.app.camera import MapCamera, Pixels, fit
+from topdress.console.app.coverage_raster import Worked
+from topdress.console.app.field_picture import FieldPicture, Ring
+from topdress.console.app.layers import LayerScale, MapLayer, find_colour_scale
+from topdress.console.app.map_image import (
     DONE,
     EMPTY,
     GLOW,
@@ -32,10 +31,10 @@ from console.app.map_image import (
     image,
     rasterise_lines,
 )
-from console.app.overlay_file import LaidView
-from console.app.terminal import has_few_colours
-from console.app.units import METRIC, Units
-from console.scale import STEPS, Rgb
+from topdress.console.app.overlay_file import LaidView
+from topdress.console.app.terminal import has_few_colours
+from topdress.console.app.units import METRIC, Units
+from topdress.console.scale import STEPS, Rgb
 
 _NOSES = "▴▸▾◂"
 # by which of a cell's quarters have the first colour: bit 0 the north-western

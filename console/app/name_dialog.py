@@ -9,9 +9,8 @@ from textual import events
 from textual.app import ComposeResult
 from textual.binding import Binding
 from textual.widgets import Input, Static
-
-from console.app.dialogs import Dialog
-from console.locale import _
+from topdress.console.app.dialogs import Dialog
+from topdress.console.locale import _
 
 
 class NameDialog(Dialog[str | None]):

@@ -9,10 +9,14 @@ from textual import events
 from textual.app import ComposeResult
 from textual.containers import Horizontal, Vertical
 from textual.widgets import Button, Static
-
-from console.app.dialogs import Confirm, Dialog
-from console.app.typed_number import MOST_CHARACTERS, TypedReading, format_number, read_in_range
-from console.locale import _
+from topdress.console.app.dialogs import Confirm, Dialog
+from topdress.console.app.typed_number import (
+    MOST_CHARACTERS,
+    TypedReading,
+    format_number,
+    read_in_range,
+)
+from topdress.console.locale import _
 
 
 class NumberDialog(Dialog[float | None]):

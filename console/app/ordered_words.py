@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from console.app import words
-from console.app.typed_number import in_words
-from console.app.units import Unit, Units
-from console.locale import N_, _
-from control.agronomy.strips import read_strip
-from control.orders import Do
+from topdress.console.app import words
+from topdress.console.app.typed_number import in_words
+from topdress.console.app.units import Unit, Units
+from topdress.console.locale import N_, _
+from topdress.control.agronomy.strips import read_strip
+from topdress.control.orders import Do
 
 ORDERS: dict[str, str] = {
     Do.READY: N_("READY"),

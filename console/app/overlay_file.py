@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from math import floor, log10
 from typing import NamedTuple
 
-from console.app.coverage_raster import Worked
-from console.app.layers import RATES, LayerScale, MapLayer
-from console.scale import round_calm_ends
+from topdress.console.app.coverage_raster import Worked
+from topdress.console.app.layers import RATES, LayerScale, MapLayer
+from topdress.console.scale import round_calm_ends
 
 # of a harvest's range: its scale ends at a round tenth
 _PARTS = 10

@@ -5,8 +5,7 @@ from __future__ import annotations
 from rich.segment import Segment
 from textual.color import Color
 from textual.filter import LineFilter
-
-from drivers.plain_text import plain
+from topdress.drivers.plain_text import plain
 
 
 class PlainLines(LineFilter):

@@ -6,13 +6,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from console.app.ordered_words import format_order
-from console.app.units import METRIC
-from console.app.view import duration, format_local_time
-from console.attached import Attached, Ordered
-from console.frame import Frame
-from console.locale import _
-from control.orders import State
+from topdress.console.app.ordered_words import format_order
+from topdress.console.app.units import METRIC
+from topdress.console.app.view import duration, format_local_time
+from topdress.console.attached import Attached, Ordered
+from topdress.console.frame import Frame
+from topdress.console.locale import _
+from topdress.control.orders import State
 
 
 class CompanyView(NamedTuple):

@@ -5,13 +5,13 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from console.app.words import name_state
-from console.locale import _
-from control.orders import Severity, State
-from control.safety import STATE_REASONS
+from topdress.console.app.words import name_state
+from topdress.console.locale import _
+from topdress.control.orders import Severity, State
+from topdress.control.safety import STATE_REASONS
 
 if TYPE_CHECKING:
-    from console.app.app import TopdressApp
+    from topdress.console.app.app import TopdressApp
 
 
 def why_no_machine(app: TopdressApp) -> str:

@@ -5,10 +5,10 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from console.app.field_picture import FieldPicture
-from console.app.units import M2_PER_HA, Units
-from console.app.view import duration
-from console.frame import Frame
+from topdress.console.app.field_picture import FieldPicture
+from topdress.console.app.units import M2_PER_HA, Units
+from topdress.console.app.view import duration
+from topdress.console.frame import Frame
 
 LEAST_WORKED_S = 30.0  # before, nobody can tell how fast the work goes
 

@@ -7,8 +7,8 @@ import asyncio
 from bisect import bisect_right
 from collections.abc import Callable, Sequence
 
-from console.frame import Frame
-from control.orders import Answer, Order
+from topdress.console.frame import Frame
+from topdress.control.orders import Answer, Order
 
 SLOWEST, FASTEST = 0.1, 1000.0
 SPEEDS = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1000.0)

@@ -8,9 +8,8 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 import numpy.typing as npt
-
-from console.app.channels import CHANNELS, COLUMN, list_values, value_of
-from console.frame import Frame
+from topdress.console.app.channels import CHANNELS, COLUMN, list_values, value_of
+from topdress.console.frame import Frame
 
 Floats = npt.NDArray[np.float64]
 

@@ -10,15 +10,15 @@ from threading import Lock
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 if TYPE_CHECKING:
-    from console.app.field_picture import FieldPicture
-    from console.app.pages.calibrate.service import CalibrateService
-    from console.app.pages.diagnosis.service import DiagnosisService
-    from console.app.pages.job.service import AtWork, Earlier, JobService
-    from console.app.pages.map.service import LayerFiles, LineFiles
-    from console.app.pages.replay.service import LogFiles
-    from console.app.pages.settings.service import SettingsStore
-    from console.frame import Frame
-    from control.diagnosis.result import Departure
+    from topdress.console.app.field_picture import FieldPicture
+    from topdress.console.app.pages.calibrate.service import CalibrateService
+    from topdress.console.app.pages.diagnosis.service import DiagnosisService
+    from topdress.console.app.pages.job.service import AtWork, Earlier, JobService
+    from topdress.console.app.pages.map.service import LayerFiles, LineFiles
+    from topdress.console.app.pages.replay.service import LogFiles
+    from topdress.console.app.pages.settings.service import SettingsStore
+    from topdress.console.frame import Frame
+    from topdress.control.diagnosis.result import Departure
 
 T = TypeVar("T")
 

@@ -8,19 +8,18 @@ from itertools import combinations
 from typing import TYPE_CHECKING
 
 from textual.theme import Theme
-
-from console.app import actions, themes
-from console.app.action import ANYWHERE
-from console.app.alarms import STROKES
-from console.app.key_normaliser import ALWAYS_STOP
-from console.app.units import UNITS
-from console.locale import _, find_preferred_language, use
-from control.orders import Severity
-from drivers.files.settings import ManualRate, Settings
-from drivers.files.settings_theme import ThemeData
+from topdress.console.app import actions, themes
+from topdress.console.app.action import ANYWHERE
+from topdress.console.app.alarms import STROKES
+from topdress.console.app.key_normaliser import ALWAYS_STOP
+from topdress.console.app.units import UNITS
+from topdress.console.locale import _, find_preferred_language, use
+from topdress.control.orders import Severity
+from topdress.drivers.files.settings import ManualRate, Settings
+from topdress.drivers.files.settings_theme import ThemeData
 
 if TYPE_CHECKING:
-    from console.app.app import TopdressApp
+    from topdress.console.app.app import TopdressApp
 
 TAKEN = frozenset({"escape", "enter", "tab", "shift+tab"})  # dialogs need them
 _KEY = re.compile(r"[A-Z]|[a-z0-9_]+(\+[a-z0-9_]+)*")

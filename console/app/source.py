@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Protocol
 
-from console.frame import DeviceDo, Frame
-from control.orders import Answer, Order
+from topdress.console.frame import DeviceDo, Frame
+from topdress.control.orders import Answer, Order
 
 
 class FrameSource(Protocol):

@@ -17,14 +17,22 @@ from textual.binding import Binding
 from textual.screen import Screen
 from textual.timer import Timer
 from textual.widgets import Input, Static
-
-from console.app import actions
-from console.app.action import ANYWHERE, CALIBRATE, DIAGNOSIS, MAP, REPLAY, SETTINGS, TRENDS, Action
-from console.app.app import TopdressApp
-from console.app.name_dialog import NameDialog
-from console.app.source import FrameSource
-from console.app.widgets.key_bar import URGENT
-from console.locale import N_, _
+from topdress.console.app import actions
+from topdress.console.app.action import (
+    ANYWHERE,
+    CALIBRATE,
+    DIAGNOSIS,
+    MAP,
+    REPLAY,
+    SETTINGS,
+    TRENDS,
+    Action,
+)
+from topdress.console.app.app import TopdressApp
+from topdress.console.app.name_dialog import NameDialog
+from topdress.console.app.source import FrameSource
+from topdress.console.app.widgets.key_bar import URGENT
+from topdress.console.locale import N_, _
 
 # pages that write files, closed while the tab only looks
 CLOSED = frozenset({CALIBRATE, DIAGNOSIS, SETTINGS})

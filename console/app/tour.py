@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import NamedTuple
 
-from console.app.action import MAP
-from console.frame import Frame
-from console.locale import N_
+from topdress.console.app.action import MAP
+from topdress.console.frame import Frame
+from topdress.console.locale import N_
 
 FLOWING_KG_HA = 1.0
 READ_S = 8.0  # long enough to read what a step only shows

@@ -9,8 +9,8 @@ from __future__ import annotations
 import unicodedata
 from typing import NamedTuple
 
-from console.app.units import Unit
-from console.locale import _
+from topdress.console.app.units import Unit
+from topdress.console.locale import _
 
 # no number of this console has more; what is typed beyond is refused, not cut
 MOST_CHARACTERS = 24

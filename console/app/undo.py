@@ -7,13 +7,13 @@ from collections.abc import Callable, Mapping, Sequence
 from types import MappingProxyType
 from typing import NamedTuple
 
-from console.app.ordered_words import format_order
-from console.app.typed_number import in_words
-from console.app.units import Units
-from console.frame import Frame
-from console.locale import _
-from control.agronomy.strips import StripValue, read_strip
-from control.orders import Do, Order, TargetSource
+from topdress.console.app.ordered_words import format_order
+from topdress.console.app.typed_number import in_words
+from topdress.console.app.units import Units
+from topdress.console.frame import Frame
+from topdress.console.locale import _
+from topdress.control.agronomy.strips import StripValue, read_strip
+from topdress.control.orders import Do, Order, TargetSource
 
 MOST = 20
 # Orders that change nothing that could be as before, each with the reason.

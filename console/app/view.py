@@ -10,14 +10,14 @@ from __future__ import annotations
 from datetime import datetime, timedelta
 from typing import NamedTuple
 
-from console.app import words
-from console.app.units import Units
-from console.frame import Frame
-from console.locale import _
-from control.log_row import HEAD_COLUMNS, NDRE_COLUMNS, LogRow
-from control.orders import Alarm, Severity
-from control.safety import ALARMS
-from control.safety.limits import SafetyLimits
+from topdress.console.app import words
+from topdress.console.app.units import Units
+from topdress.console.frame import Frame
+from topdress.console.locale import _
+from topdress.control.log_row import HEAD_COLUMNS, NDRE_COLUMNS, LogRow
+from topdress.control.orders import Alarm, Severity
+from topdress.control.safety import ALARMS
+from topdress.control.safety.limits import SafetyLimits
 
 STALE_S = 1.0  # older than this is greyed
 # rate errors are relative to the target, but never to less than this

@@ -6,10 +6,10 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 
-from console.app.units import METRIC, Unit, Units
-from console.locale import N_, _
-from control.orders import Alarm, Severity, Strategy
-from control.safety import ALARMS, REFUSALS, read_refusal
+from topdress.console.app.units import METRIC, Unit, Units
+from topdress.console.locale import N_, _
+from topdress.control.orders import Alarm, Severity, Strategy
+from topdress.control.safety import ALARMS, REFUSALS, read_refusal
 
 STATES = {
     "off": N_("OFF"),

@@ -9,15 +9,13 @@ import sys
 from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from importlib import import_module
-from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+from topdress.console.cli.plain_errors import guard_command
+from topdress.console.cli.plain_output import take_outputs
+from topdress.console.threads import few_for_matrices
 from typer.core import TyperCommand
-
-from console.cli.plain_errors import guard_command
-from console.cli.plain_output import take_outputs
-from console.threads import few_for_matrices
 
 # Examples that stand under each command's help. A test parses every one of them.
 EXAMPLES: dict[str, tuple[str, ...]] = {
@@ -201,7 +199,7 @@ def console(
     """Terminal console of a variable-rate fertilizer applicator. Without a command: the console
     on the simulated machine."""
     if version:
-        from drivers.files.run_meta import software_version
+        from topdress.drivers.files.run_meta import software_version
 
         typer.echo(f"topdress {software_version()}")
         raise typer.Exit
@@ -211,7 +209,7 @@ def console(
 
 def _function(place: str) -> Callable[..., None]:
     file, _, name = place.partition(".")
-    found: Callable[..., None] = getattr(import_module(f"console.cli.{file}"), name)
+    found: Callable[..., None] = getattr(import_module(f"topdress.console.cli.{file}"), name)
     return found
 
 
@@ -263,23 +261,5 @@ def asked(words: Sequence[str], environment: Mapping[str, str]) -> typer.Typer:
 def main() -> None:
     """The entry point `topdress`."""
     few_for_matrices()
-    import control
-
-    own = " an environment of its own, e.g. by pipx or `uv tool install`"
-    if not (control.__doc__ or "").startswith("What is decided and modelled."):
-        typer.echo(
-            "topdress's folder `control` is not whole: another package of that name "
-            "(python-control) came over "
-            f"it or was taken away with it: install topdress again, in{own}",
-            err=True,
-        )
-        raise SystemExit(1)
-    if (Path(control.__file__ or "").parent / "xferfcn.py").exists():
-        typer.echo(
-            "note: python-control lies in the same folder `control` as topdress and no "
-            "longer works there: give "
-            f"topdress{own}",
-            err=True,
-        )
     take_outputs()
     asked(sys.argv[1:], os.environ)()

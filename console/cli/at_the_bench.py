@@ -14,17 +14,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import typer
-
-from console.app.held_key import HeldKey
-from console.app.words import describe_alarm, describe_refusal
-from console.frame import Frame
-from control.log_row import LogRow
-from control.orders import Answer, Do, Order, State
-from drivers import day_clock
+from topdress.console.app.held_key import HeldKey
+from topdress.console.app.words import describe_alarm, describe_refusal
+from topdress.console.frame import Frame
+from topdress.control.log_row import LogRow
+from topdress.control.orders import Answer, Do, Order, State
+from topdress.drivers import day_clock
 
 if TYPE_CHECKING:
-    from console.worker.host import Host
-    from drivers.cab import Cab
+    from topdress.console.worker.host import Host
+    from topdress.drivers.cab import Cab
 
 
 # Keys of the terminal as they are pressed, without waiting for a line; POSIX and Windows.
@@ -142,12 +141,12 @@ def make_host(
 ) -> tuple[Host, Cab]:
     """The control loop with every interlock on the devices of a cab file that are there (`urls`
     by name), its board with the machine's limits; and the cab that it has. Nothing is logged."""
-    from console.worker.host import Host
-    from console.worker.parts import Assembly, Names
-    from control.loop import ControlLoop
-    from control.safety import SafetyLimits
-    from drivers.cab import Cab, CabConfig
-    from drivers.files.setup import load_setup
+    from topdress.console.worker.host import Host
+    from topdress.console.worker.parts import Assembly, Names
+    from topdress.control.loop import ControlLoop
+    from topdress.control.safety import SafetyLimits
+    from topdress.drivers.cab import Cab, CabConfig
+    from topdress.drivers.files.setup import load_setup
 
     setup = load_setup(machine, "demo", day_clock.today())
     limits = setup.machine.limits

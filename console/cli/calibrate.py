@@ -10,8 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-
-from console.cli.inputs import (
+from topdress.console.cli.inputs import (
     RUN_LOG,
     TABLE,
     machine_of,
@@ -20,20 +19,26 @@ from console.cli.inputs import (
     refuse_other,
     refuse_run_log,
 )
-from console.cli.outputs import Force, Output, list_log_files, machine_file, refuse_collisions
-from console.cli.plain_errors import CommandError
-from console.cli.plain_output import AsJson, print_json
-from drivers import day_clock
+from topdress.console.cli.outputs import (
+    Force,
+    Output,
+    list_log_files,
+    machine_file,
+    refuse_collisions,
+)
+from topdress.console.cli.plain_errors import CommandError
+from topdress.console.cli.plain_output import AsJson, print_json
+from topdress.drivers import day_clock
 
 if TYPE_CHECKING:
-    from control.calibration.flow_fit import FlowFit
-    from control.calibration.heads_check import HeadsFit
-    from control.calibration.lag_fit import LagFit
-    from control.calibration.least_squares import FittedInterval
-    from control.calibration.tube_fit import TubeFit
-    from control.calibration.wheel_fit import WheelFit
-    from control.diagnosis.runs.effort_reference import EffortFit
-    from control.machine.machine import Machine
+    from topdress.control.calibration.flow_fit import FlowFit
+    from topdress.control.calibration.heads_check import HeadsFit
+    from topdress.control.calibration.lag_fit import LagFit
+    from topdress.control.calibration.least_squares import FittedInterval
+    from topdress.control.calibration.tube_fit import TubeFit
+    from topdress.control.calibration.wheel_fit import WheelFit
+    from topdress.control.diagnosis.runs.effort_reference import EffortFit
+    from topdress.control.machine.machine import Machine
 
 
 Table = Annotated[Path, typer.Argument(metavar="TABLE.csv", help="The bench table.")]
@@ -72,8 +77,8 @@ def catch(
 ) -> None:
     """Fit the flow model to a catch test: what was weighed at each shaft speed and opening,
     with intervals."""
-    from control.calibration.flow_fit import fit_flow
-    from drivers.files.bench_table import read_bench_table
+    from topdress.control.calibration.flow_fit import fit_flow
+    from topdress.drivers.files.bench_table import read_bench_table
 
     _table(data, out, "calibrate catch")
     loaded = _started(data, out, machine, force)
@@ -103,9 +108,9 @@ def _save_test(
     as_json: bool,
 ) -> None:
     """The product with this test added to its earlier ones."""
-    from control.calibration.flow_fit import make_catch_test
-    from drivers.files.config import load, save, sha256_of
-    from drivers.files.kinds import PRODUCT
+    from topdress.control.calibration.flow_fit import make_catch_test
+    from topdress.drivers.files.config import load, save, sha256_of
+    from topdress.drivers.files.kinds import PRODUCT
 
     read = load(product, PRODUCT)
     if read.path.resolve() == out.resolve():
@@ -182,7 +187,7 @@ def lag(
     """Fit the lag to drop times at several shaft speeds, or measure such a table with the lag
     rig."""
     if rig is not None and data is None:
-        from console.cli.lag_rig import measure_lag
+        from topdress.console.cli.lag_rig import measure_lag
 
         need_ending("--out", out, ".csv")
         _refuse((), out, machine, force)
@@ -200,9 +205,9 @@ def lag(
         return
     if data is None or rig is not None:
         raise CommandError("calibrate lag: allowed is a bench table, or --rig URL and no table")
-    from control.calibration.lag_fit import fit_lag
-    from control.calibration.tube_fit import settle_tube
-    from drivers.files.bench_table import read_bench_table
+    from topdress.control.calibration.lag_fit import fit_lag
+    from topdress.control.calibration.tube_fit import settle_tube
+    from topdress.drivers.files.bench_table import read_bench_table
 
     _table(data, out, "calibrate lag")
     fitted, day = _started(data, out, machine, force), _day(date).isoformat()
@@ -231,9 +236,9 @@ def wheel(
     force: Force = False,
 ) -> None:
     """Fit the wheel's circumference to GNSS distances of a run log."""
-    from control.calibration.wheel_fit import fit_wheel
-    from drivers.files.calibration_log import counted_by, wheel_columns
-    from drivers.files.read_log import read_rows
+    from topdress.control.calibration.wheel_fit import fit_wheel
+    from topdress.drivers.files.calibration_log import counted_by, wheel_columns
+    from topdress.drivers.files.read_log import read_rows
 
     _log(data, out, "calibrate wheel")
     loaded, log = _started(data, out, machine, force), read_rows(data)
@@ -254,9 +259,9 @@ def heads(
     force: Force = False,
 ) -> None:
     """Fit each canopy head against the others over a run log."""
-    from control.calibration.heads_check import check_heads
-    from drivers.files.calibration_log import heads_columns
-    from drivers.files.read_log import read_rows
+    from topdress.control.calibration.heads_check import check_heads
+    from topdress.drivers.files.calibration_log import heads_columns
+    from topdress.drivers.files.read_log import read_rows
 
     _log(data, out, "calibrate heads")
     loaded, log = _started(data, out, machine, force), read_rows(data)
@@ -289,8 +294,8 @@ def effort(
 ) -> None:
     """Fit how hard the drives of a sound machine work to a run log: what later logs are held
     against."""
-    from control.diagnosis.runs.effort_reference import fit_effort
-    from drivers.files.any_log import open_log
+    from topdress.control.diagnosis.runs.effort_reference import fit_effort
+    from topdress.drivers.files.any_log import open_log
 
     _log(data, out, "calibrate effort")
     loaded = _started(data, out, machine, force)
@@ -337,7 +342,7 @@ def encoder(
 ) -> None:
     """Count the encoder's pulses over whole turns of the metering shaft, for the board's
     settings."""
-    from console.cli.encoder import calibrate_encoder
+    from topdress.console.cli.encoder import calibrate_encoder
 
     need_ending("--out", out, ".py")
     _refuse((), out, machine, force)
@@ -376,8 +381,8 @@ def _started(data: Path, out: Path, machine: str, force: bool) -> Machine:
 
 
 def _save(fitted: Machine, data: Path, out: Path, as_json: bool) -> None:
-    from drivers.files.config import save
-    from drivers.files.kinds import MACHINE
+    from topdress.drivers.files.config import save
+    from topdress.drivers.files.kinds import MACHINE
 
     save(out, _signed(fitted, data), MACHINE)
     typer.echo(f"machine file: {out}", err=as_json)
@@ -400,7 +405,7 @@ UNSETTLED = (
 
 def _signed(machine: Machine, data: Path) -> Machine:
     """The records of this calibration with the checksum of the file that they come from."""
-    from drivers.files.config import sha256_of
+    from topdress.drivers.files.config import sha256_of
 
     checksum = sha256_of(data)
     return machine.model_copy(

@@ -10,12 +10,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-
-from console.cli.outputs import Force, marked, refuse_collisions
-from console.cli.plain_errors import CommandError
-from console.cli.plain_output import AsJson, print_json
-from drivers import day_clock
-from drivers.files.config_error import ConfigError
+from topdress.console.cli.outputs import Force, marked, refuse_collisions
+from topdress.console.cli.plain_errors import CommandError
+from topdress.console.cli.plain_output import AsJson, print_json
+from topdress.drivers import day_clock
+from topdress.drivers.files.config_error import ConfigError
 
 # The machine of a job where no other file is given, as for `topdress` itself.
 SHIPPED_MACHINE = "huanghai"
@@ -68,14 +67,14 @@ def check(
 
 def kinds_by_name() -> dict[str, Any]:
     """The kinds of configuration files by the short name of their format."""
-    from drivers.files.kinds import KINDS
+    from topdress.drivers.files.kinds import KINDS
 
     return {name.removeprefix("topdress-").partition("/")[0]: kind for name, kind in KINDS.items()}
 
 
 def format_schema(name: str) -> str:
     """The JSON schema of a kind, by its short name or its format. Raises CommandError."""
-    from drivers.files.config import schema
+    from topdress.drivers.files.config import schema
 
     kinds = kinds_by_name()
     short = name.removeprefix("topdress-").partition("/")[0]
@@ -86,7 +85,7 @@ def format_schema(name: str) -> str:
 
 def write_all(folder: Path) -> None:
     """`<kind>.json` for every kind, whole or not at all. Raises OSError."""
-    from drivers.files.atomic import write_atomically
+    from topdress.drivers.files.atomic import write_atomically
 
     folder.mkdir(parents=True, exist_ok=True)
     for name in kinds_by_name():
@@ -95,8 +94,8 @@ def write_all(folder: Path) -> None:
 
 
 def _check(files: list[str], as_json: bool) -> None:
-    from drivers.files.kinds import CAB, JOB, MACHINE
-    from drivers.files.setup import disagreements
+    from topdress.drivers.files.kinds import CAB, JOB, MACHINE
+    from topdress.drivers.files.setup import disagreements
 
     wrong: list[str] = []
     notes: list[str] = []
@@ -125,8 +124,8 @@ def _check(files: list[str], as_json: bool) -> None:
 def _read_file(file: str, notes: list[str], wrong: list[str]) -> tuple[Any, Any] | None:
     """The kind and the content of one configuration file; None for a task file, or where it is
     wrong. Adds a line to `notes` or `wrong` for each thing that there is to say of it."""
-    from drivers.files.config import load_any
-    from drivers.files.kinds import JOB, KINDS
+    from topdress.drivers.files.config import load_any
+    from topdress.drivers.files.kinds import JOB, KINDS
 
     _refuse_other(Path(file))
     if (lines := _of_task(Path(file))) is not None:
@@ -151,7 +150,7 @@ def _read_file(file: str, notes: list[str], wrong: list[str]) -> tuple[Any, Any]
 def _refuse_other(path: Path) -> None:
     """What is there and no configuration, and what is not there and no shipped name either.
     Raises WrongKind."""
-    from console.cli.inputs import CHECKED, refuse_other
+    from topdress.console.cli.inputs import CHECKED, refuse_other
 
     if path.exists() or path.suffix.lower() not in ("", ".yaml", ".yml") or len(path.parts) > 1:
         refuse_other([path], CHECKED)
@@ -166,7 +165,7 @@ def _of_task(path: Path) -> list[str] | None:
     """What a task file, its folder or a zip of it holds, a line each; None for any other file."""
     if not path.is_dir() and not (path.suffix.lower() in (".xml", ".zip") and path.is_file()):
         return None
-    from drivers.files.imports.task_log import task_words
+    from topdress.drivers.files.imports.task_log import task_words
 
     return task_words(path)
 
@@ -174,13 +173,13 @@ def _of_task(path: Path) -> list[str] | None:
 def _files_of(loaded: Any, notes: list[str]) -> list[str]:
     """Notes what of a job's map will not be applied as it stands, under its ceiling too.
     Returns what is wrong with the files that the job names, a line each."""
-    from console.app.pages.job.map_words import map_words
-    from console.app.units import METRIC
-    from drivers.files.config import load
-    from drivers.files.kinds import CROP
-    from drivers.files.prescriptions.for_job import check_of_job, plants_of_job
-    from drivers.files.setup import product_of, year_n
-    from drivers.plain_text import Refused
+    from topdress.console.app.pages.job.map_words import map_words
+    from topdress.console.app.units import METRIC
+    from topdress.drivers.files.config import load
+    from topdress.drivers.files.kinds import CROP
+    from topdress.drivers.files.prescriptions.for_job import check_of_job, plants_of_job
+    from topdress.drivers.files.setup import product_of, year_n
+    from topdress.drivers.plain_text import Refused
 
     folder = loaded.path.parent
 
@@ -212,8 +211,8 @@ def _files_of(loaded: Any, notes: list[str]) -> list[str]:
 def _notes_of(loaded: Any) -> list[str]:
     """What is to be known of a job before work: strips that are missing or doubtful, the crop's
     stage."""
-    from control.agronomy.strips import doubt, measured_index
-    from drivers.files.setup import growth_note, load_setup
+    from topdress.control.agronomy.strips import doubt, measured_index
+    from topdress.drivers.files.setup import growth_note, load_setup
 
     try:
         setup = load_setup(SHIPPED_MACHINE, loaded.path, day_clock.today())
@@ -256,9 +255,9 @@ def _notes_of(loaded: Any) -> list[str]:
 def _heads_of(job: Any, cabs: list[Any]) -> list[str]:
     """Whether the heads of each cab, or where none is given the simulated ones, give what the
     job's crop needs."""
-    from drivers.files.config import load
-    from drivers.files.kinds import CROP
-    from drivers.files.setup import index_disagreements
+    from topdress.drivers.files.config import load
+    from topdress.drivers.files.kinds import CROP
+    from topdress.drivers.files.setup import index_disagreements
 
     try:
         crop = load(job.model.crop, CROP, base=job.path.parent).model
@@ -269,8 +268,8 @@ def _heads_of(job: Any, cabs: list[Any]) -> list[str]:
 
 def _ranges_of(job: Any, machine_file: str) -> list[str]:
     """Notes which rates of a job the machine of a file cannot give."""
-    from console.cli.check_range import find_range_notes
-    from drivers.files.setup import load_setup
+    from topdress.console.cli.check_range import find_range_notes
+    from topdress.drivers.files.setup import load_setup
 
     # What cannot be read is reported with the job.
     with suppress(ConfigError, ValueError, OSError):
@@ -281,7 +280,7 @@ def _ranges_of(job: Any, machine_file: str) -> list[str]:
 
 def _products_on(machine: Any, jobs: list[Any]) -> list[str]:
     """What is to be known of the jobs' products on this machine."""
-    from drivers.files.setup import product_note, product_of
+    from topdress.drivers.files.setup import product_note, product_of
 
     found = []
     for job in jobs:
@@ -294,10 +293,10 @@ def _products_on(machine: Any, jobs: list[Any]) -> list[str]:
 
 def _of_keymap(model: BaseModel) -> str:
     """What is wrong with the keys of a settings file, one line; empty for files of other kinds."""
-    from drivers.files.settings import Settings
+    from topdress.drivers.files.settings import Settings
 
     if not isinstance(model, Settings) or not model.keymap:
         return ""
-    from console.app.settings import keymap_problem
+    from topdress.console.app.settings import keymap_problem
 
     return keymap_problem(model.keymap)

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from control.field.job import Job
-from control.metering.rate_range import find_rate_range, find_speed_range
-from control.orders import BY_CANOPY, BY_MAP, TargetSource
-from drivers.files.prescriptions.for_job import find_map_rates
-from drivers.files.setup import Setup
+from topdress.control.field.job import Job
+from topdress.control.metering.rate_range import find_rate_range, find_speed_range
+from topdress.control.orders import BY_CANOPY, BY_MAP, TargetSource
+from topdress.drivers.files.prescriptions.for_job import find_map_rates
+from topdress.drivers.files.setup import Setup
 
 MPS_PER_KMH = 1.0 / 3.6
 

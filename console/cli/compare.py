@@ -7,15 +7,20 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-
-from console.cli.inputs import machine_of
-from console.cli.outputs import Force, list_log_files, machine_file, marked, refuse_collisions
-from console.cli.plain_errors import NOT_JUDGED, say_notes
-from console.cli.progress import ProgressLine
+from topdress.console.cli.inputs import machine_of
+from topdress.console.cli.outputs import (
+    Force,
+    list_log_files,
+    machine_file,
+    marked,
+    refuse_collisions,
+)
+from topdress.console.cli.plain_errors import NOT_JUDGED, say_notes
+from topdress.console.cli.progress import ProgressLine
 
 if TYPE_CHECKING:
-    from control.diagnosis.runs.compared import Compared
-    from control.machine.machine import Machine
+    from topdress.control.diagnosis.runs.compared import Compared
+    from topdress.control.machine.machine import Machine
 
 
 def compare(
@@ -44,7 +49,7 @@ def compare(
 
     Exit code 3: no channel of any log could be held against both.
     """
-    from console.reports.html import GENERATOR
+    from topdress.console.reports.html import GENERATOR
 
     machines = [machine_of(name) for name in (old, new)]
     reads = [
@@ -61,8 +66,8 @@ def compare(
 def _compared(
     logs: list[Path], old: Machine, new: Machine, name: str
 ) -> list[tuple[str, Compared]]:
-    from control.diagnosis.runs.compared import compared
-    from drivers.files.any_log import open_log
+    from topdress.control.diagnosis.runs.compared import compared
+    from topdress.drivers.files.any_log import open_log
 
     line, found = ProgressLine(), []
     try:
@@ -94,7 +99,7 @@ def _compared(
 def _fitted_to(path: Path, *machines: Machine) -> list[str]:
     """Said of a log that one of the files was made from: its own error there says nothing about
     other logs."""
-    from drivers.files.config import sha256_of
+    from topdress.drivers.files.config import sha256_of
 
     own = {
         sha
@@ -117,7 +122,7 @@ def _fitted_to(path: Path, *machines: Machine) -> list[str]:
 def _write(
     found: list[tuple[str, Compared]], old: str, new: str, as_json: bool, report: Path | None
 ) -> None:
-    from console.reports.compare_page import plain, summary
+    from topdress.console.reports.compare_page import plain, summary
 
     if as_json:
         typer.echo(json.dumps(plain(found), indent=1))
@@ -125,8 +130,8 @@ def _write(
         for line in summary(found, old, new):
             typer.echo(line)
     if report is not None:
-        from console.reports.compare_page import compare_page
-        from drivers.files.atomic import write_atomically
+        from topdress.console.reports.compare_page import compare_page
+        from topdress.drivers.files.atomic import write_atomically
 
         write_atomically(report, compare_page(found, old, new))
         typer.echo(f"report: {report}", err=True)

@@ -8,9 +8,8 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-
-from console.cli.inputs import CAPTURED, refuse_other
-from console.cli.plain_errors import CommandError
+from topdress.console.cli.inputs import CAPTURED, refuse_other
+from topdress.console.cli.plain_errors import CommandError
 
 
 def decode(
@@ -21,7 +20,7 @@ def decode(
     as_json: Annotated[bool, typer.Option("--json", help="One JSON object a line.")] = False,
 ) -> None:
     """Read a raw capture of one device: a line for each accepted measurement, then the counts."""
-    from drivers.devices.decode import decode as through_driver
+    from topdress.drivers.devices.decode import decode as through_driver
 
     refuse_other([file], CAPTURED)
     records, counts = through_driver(protocol, file.read_bytes())

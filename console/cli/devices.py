@@ -6,9 +6,8 @@ import time
 from typing import Annotated
 
 import typer
-
-from console.cli.plain_errors import FAILED
-from console.cli.plain_output import AsJson, print_json
+from topdress.console.cli.plain_errors import FAILED
+from topdress.console.cli.plain_output import AsJson, print_json
 
 
 def devices(
@@ -34,9 +33,8 @@ def devices(
 ) -> None:
     """List the ports and what speaks on them. Listens only: nothing is sent to any device."""
     from serial.tools.list_ports import comports
-
-    from drivers.cab_config import CONSOLE_PORT
-    from drivers.devices.probe import BAUDS
+    from topdress.drivers.cab_config import CONSOLE_PORT
+    from topdress.drivers.devices.probe import BAUDS
 
     descriptions = {one.device: one.description or "" for one in sorted(comports())}
     urls = list(ports) if ports else list(descriptions)
@@ -72,8 +70,8 @@ def devices(
 
 def _line(url: str, bauds: list[int], seconds: float) -> tuple[str, bool]:
     """What speaks there, and whether the port could be opened."""
-    from drivers.devices.probe import probe
-    from drivers.ports import open_port
+    from topdress.drivers.devices.probe import probe
+    from topdress.drivers.ports import open_port
 
     found = probe(lambda rate: open_port(url, rate, time.monotonic), bauds, listen_s=seconds)
     if not found.protocol:
@@ -90,8 +88,8 @@ def _line(url: str, bauds: list[int], seconds: float) -> tuple[str, bool]:
 
 
 def _modules(url: str, seconds: float) -> tuple[str, bool]:
-    from drivers.datagrams import UdpPort
-    from drivers.devices.probe import recognise_modules
+    from topdress.drivers.datagrams import UdpPort
+    from topdress.drivers.devices.probe import recognise_modules
 
     port = UdpPort(url, time.monotonic)
     heard: list[bytes] = []

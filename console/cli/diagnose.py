@@ -12,9 +12,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-
-from console.cli.inputs import LOG, MachineName, machine_of, need_ending, refuse_other
-from console.cli.outputs import (
+from topdress.console.cli.inputs import LOG, MachineName, machine_of, need_ending, refuse_other
+from topdress.console.cli.outputs import (
     Force,
     Output,
     list_log_files,
@@ -22,23 +21,23 @@ from console.cli.outputs import (
     marked,
     refuse_collisions,
 )
-from console.cli.plain_errors import NOT_JUDGED, CommandError, say_notes
-from console.cli.progress import ProgressLine
-from console.import_hooks import collect_seldom
-from drivers import day_clock
+from topdress.console.cli.plain_errors import NOT_JUDGED, CommandError, say_notes
+from topdress.console.cli.progress import ProgressLine
+from topdress.console.import_hooks import collect_seldom
+from topdress.drivers import day_clock
 
 if TYPE_CHECKING:
-    from control.diagnosis.result import Cause, Diagnosis
-    from control.diagnosis.runs.several import Several
-    from control.machine.machine import Machine
-    from drivers.files.setup import Setup
+    from topdress.control.diagnosis.result import Cause, Diagnosis
+    from topdress.control.diagnosis.runs.several import Several
+    from topdress.control.machine.machine import Machine
+    from topdress.drivers.files.setup import Setup
 
 
 # What `diagnose --adopt` writes: all that is decided, and of what is undecided only what is
 # picked by its name.
 def refuse_picks(picked: tuple[str, ...], out: Path | None) -> None:
     """Before minutes of work. Raises CommandError for names that no diagnosis could say."""
-    from control.machine.machine import CATALOGUE
+    from topdress.control.machine.machine import CATALOGUE
 
     for name in picked:
         if out is None:
@@ -69,12 +68,12 @@ def adopt(
     Raises ValueError for what holds in a part of the data only, CommandError for a name that
     cannot be picked, typer.Exit where nothing is left to adopt.
     """
-    from console.reports.diagnosis_wording import describe_whole_gain, whole
-    from console.reports.term_words import compare_side_by_side
-    from control.diagnosis.extend import extend, refuse_to_adopt
-    from control.diagnosis.runs.adoption import select_adoptable
-    from drivers.files.config import save, sha256_of
-    from drivers.files.kinds import MACHINE
+    from topdress.console.reports.diagnosis_wording import describe_whole_gain, whole
+    from topdress.console.reports.term_words import compare_side_by_side
+    from topdress.control.diagnosis.extend import extend, refuse_to_adopt
+    from topdress.control.diagnosis.runs.adoption import select_adoptable
+    from topdress.drivers.files.config import save, sha256_of
+    from topdress.drivers.files.kinds import MACHINE
 
     for cause in found.causes:
         refuse_to_adopt(cause)
@@ -111,8 +110,8 @@ def adopt(
 def _taken_up(cause: Cause, picked: tuple[str, ...], found: Diagnosis) -> bool:
     """Whether a cause goes into the file; says why where it does not, and of what was picked
     that it was."""
-    from console.reports.diagnosis_wording import undecided
-    from control.diagnosis.extend import is_taken_whole, not_adoptable
+    from topdress.console.reports.diagnosis_wording import undecided
+    from topdress.control.diagnosis.extend import is_taken_whole, not_adoptable
 
     if is_taken_whole(found, cause):
         return False  # said with the whole
@@ -133,7 +132,7 @@ def _taken_up(cause: Cause, picked: tuple[str, ...], found: Diagnosis) -> bool:
 
 
 def _doubt(cause: Cause) -> str:
-    from console.reports.diagnosis_wording import name_of, others
+    from topdress.console.reports.diagnosis_wording import name_of, others
 
     rivals = ", ".join(name_of(one) for one, _share in others(cause))
     return f"this data cannot tell it from {rivals}" if rivals else "it is only suspected"
@@ -141,8 +140,8 @@ def _doubt(cause: Cause) -> str:
 
 def _refuse_pick(name: str, found: Diagnosis, out: Path) -> None:
     """Raises CommandError."""
-    from console.reports.diagnosis_wording import undecided
-    from control.diagnosis.extend import not_adoptable
+    from topdress.console.reports.diagnosis_wording import undecided
+    from topdress.control.diagnosis.extend import not_adoptable
 
     own = [cause for cause in found.causes if cause.id == name]
     if any(not not_adoptable(cause) for cause in own):
@@ -159,8 +158,8 @@ def _refuse_pick(name: str, found: Diagnosis, out: Path) -> None:
 
 
 def _say_terms(found: Diagnosis) -> None:
-    from console.reports.term_words import describe_compensation
-    from control.diagnosis.extend import term_not_adoptable
+    from topdress.console.reports.term_words import describe_compensation
+    from topdress.control.diagnosis.extend import term_not_adoptable
 
     for one in found.terms:
         why = term_not_adoptable(one)
@@ -169,7 +168,7 @@ def _say_terms(found: Diagnosis) -> None:
 
 
 def _nothing(found: Diagnosis, out: Path, refused: bool) -> typer.Exit:
-    from control.diagnosis.extend import adoptable
+    from topdress.control.diagnosis.extend import adoptable
 
     why = "no effect and no term was found that a machine file could take up"
     if refused:
@@ -182,7 +181,7 @@ def _nothing(found: Diagnosis, out: Path, refused: bool) -> typer.Exit:
 
 def _said(kept: tuple[Cause, ...], picked: tuple[str, ...]) -> str:
     """For the file: what was picked against the data's silence."""
-    from console.reports.diagnosis_wording import undecided
+    from topdress.console.reports.diagnosis_wording import undecided
 
     return "\n".join(
         f"{cause.id}: picked by name (diagnose --pick), though {_doubt(cause)}."
@@ -302,7 +301,7 @@ def diagnose(
 
 
 def _outputs(as_json: Path | None, report: Path | None, adopt: Path | None) -> list[Output]:
-    from console.reports.html import GENERATOR
+    from topdress.console.reports.html import GENERATOR
 
     outputs = []
     if as_json is not None and str(as_json) != "-":
@@ -317,7 +316,7 @@ def _outputs(as_json: Path | None, report: Path | None, adopt: Path | None) -> l
 def _is_run(data: list[Path]) -> bool:
     """A run log of any program, by the import where its columns have no names; else a bench
     table."""
-    from drivers.files.opened import Opened
+    from topdress.drivers.files.opened import Opened
 
     file = Opened(data[0])
     return not file.is_table or not file.names or file.holds == "log"
@@ -325,9 +324,9 @@ def _is_run(data: list[Path]) -> bool:
 
 def _columns(path: Path, machine: Machine) -> tuple[dict[str, Any], list[str]]:
     """A log's columns that a diagnosis reads, and what was odd about the log."""
-    from control.diagnosis.runs.log import UNREAD
-    from control.log_row import TEXT_COLUMNS
-    from drivers.files.any_log import open_log
+    from topdress.control.diagnosis.runs.log import UNREAD
+    from topdress.control.log_row import TEXT_COLUMNS
+    from topdress.drivers.files.any_log import open_log
 
     # numbers are examined, and what is odd about them is said
     log = open_log(path, UNREAD & TEXT_COLUMNS)
@@ -341,7 +340,7 @@ def _columns(path: Path, machine: Machine) -> tuple[dict[str, Any], list[str]]:
 
 
 def _run(data: Path, machine: Machine, seed: int) -> tuple[Diagnosis, dict[str, Any]]:
-    from control.diagnosis.runs.diagnose import diagnose_run
+    from topdress.control.diagnosis.runs.diagnose import diagnose_run
 
     columns, odd = _columns(data, machine)
     said: tuple[str, ...] = ()
@@ -358,7 +357,7 @@ def _run(data: Path, machine: Machine, seed: int) -> tuple[Diagnosis, dict[str, 
 
 def _several(data: list[Path], machine: Machine) -> tuple[Several, dict[str, Any]]:
     """What logs of one machine share, and what each has of its own."""
-    from control.diagnosis.runs.several import diagnose_runs, joined
+    from topdress.control.diagnosis.runs.several import diagnose_runs, joined
 
     twice = next(
         (
@@ -390,8 +389,8 @@ def _several(data: list[Path], machine: Machine) -> tuple[Several, dict[str, Any
 def _tables(
     data: list[Path], machine: Machine, kind: str | None, seed: int
 ) -> tuple[Diagnosis, dict[str, Any]]:
-    from control.diagnosis.tables.diagnose import diagnose_tables
-    from drivers.files.bench_table import read_bench_table
+    from topdress.control.diagnosis.tables.diagnose import diagnose_tables
+    from topdress.drivers.files.bench_table import read_bench_table
 
     tables = [read_bench_table(path, kind) for path in data]
     return diagnose_tables(tables, machine, seed=seed, progress=_progress()), {
@@ -413,8 +412,8 @@ def _progress() -> Any:
 
 
 def _setup(machine: str, job: str) -> Setup:
-    from control.orders import TargetSource
-    from drivers.files.setup import load_setup
+    from topdress.control.orders import TargetSource
+    from topdress.drivers.files.setup import load_setup
 
     setup = load_setup(machine, job, day_clock.today())
     if setup.job.target.source not in (TargetSource.CANOPY, TargetSource.MANUAL):
@@ -428,8 +427,8 @@ def _setup(machine: str, job: str) -> Setup:
 def _closed_loop(found: Diagnosis, setup: Setup, job: str, seconds: float) -> list[str]:
     """The sizes found are taken for true, so this says what knowing them is worth, not whether
     they are right."""
-    from control.diagnosis.extend import extend, planted
-    from control.diagnosis.runs.closed_loop import closed_loop_gain
+    from topdress.control.diagnosis.extend import extend, planted
+    from topdress.control.diagnosis.runs.closed_loop import closed_loop_gain
 
     effects = planted(setup.machine, found)
     if not effects:
@@ -457,7 +456,7 @@ def _closed_loop(found: Diagnosis, setup: Setup, job: str, seconds: float) -> li
 
 
 def _lines(found: Diagnosis, several: Several) -> list[str]:
-    from console.reports.diagnosis_text import describe_by_log, of_a_kind, summary
+    from topdress.console.reports.diagnosis_text import describe_by_log, of_a_kind, summary
 
     if several.of_a_kind:
         return [*of_a_kind(several), *describe_by_log(several.each, "")]
@@ -471,8 +470,8 @@ def _write(
     report: Path | None,
     tools: dict[str, Any],
 ) -> None:
-    from console.reports.diagnosis_text import summary
-    from drivers.files.atomic import write_atomically
+    from topdress.console.reports.diagnosis_text import summary
+    from topdress.drivers.files.atomic import write_atomically
 
     if sys.stderr.isatty():
         sys.stderr.write("\r\x1b[K")
@@ -485,7 +484,7 @@ def _write(
         if as_json is not None:
             write_atomically(as_json, json.dumps(plain, indent=1) + "\n")
     if report is not None:
-        from console.reports.diagnosis_html import diagnosis_page
+        from topdress.console.reports.diagnosis_html import diagnosis_page
 
         write_atomically(
             report, diagnosis_page(found, tools | {"date": day_clock.today().isoformat()})

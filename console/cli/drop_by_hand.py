@@ -8,8 +8,7 @@ import time
 from pathlib import Path
 
 import typer
-
-from console.cli.plain_errors import CommandError
+from topdress.console.cli.plain_errors import CommandError
 
 TICK_S = 0.02
 HEARD_WITHIN_S = 10.0
@@ -24,9 +23,9 @@ WORDS = {
 def measure_drop(rig: str, out: Path, runs: int) -> None:
     """Measure `runs` runs and write `out`; interrupted, what was measured stays in it. Raises
     CommandError."""
-    from drivers.cab import Cab, CabConfig
-    from drivers.devices.lag_run import DropTest, drop_table
-    from drivers.files.atomic import write_atomically
+    from topdress.drivers.cab import Cab, CabConfig
+    from topdress.drivers.devices.lag_run import DropTest, drop_table
+    from topdress.drivers.files.atomic import write_atomically
 
     cab = Cab(CabConfig.model_validate({"lag_rig": {"port": rig}}), time.monotonic)
     test, started_s, phase, kept = DropTest(), time.monotonic(), "", 0

@@ -6,13 +6,12 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-
-from console.cli.inputs import machine_of
-from console.cli.outputs import Force, machine_file, marked, refuse_collisions
-from console.cli.plain_errors import say_notes
-from console.cli.plain_output import AsJson, print_json
-from console.cli.terms import what_terms_are
-from drivers import plugins
+from topdress.console.cli.inputs import machine_of
+from topdress.console.cli.outputs import Force, machine_file, marked, refuse_collisions
+from topdress.console.cli.plain_errors import say_notes
+from topdress.console.cli.plain_output import AsJson, print_json
+from topdress.console.cli.terms import what_terms_are
+from topdress.drivers import plugins
 
 
 def effects(
@@ -35,12 +34,12 @@ def effects(
 ) -> None:
     """List the catalogue of effects: what each is, its unit and range, where it shows, its
     source."""
-    from control.machine.machine import CATALOGUE, bounds, unit_of
+    from topdress.control.machine.machine import CATALOGUE, bounds, unit_of
 
     loaded = machine_of(machine)
     if as_page is not None:
-        from console.reports.effects_page import markdown
-        from drivers.files.atomic import write_atomically
+        from topdress.console.reports.effects_page import markdown
+        from topdress.drivers.files.atomic import write_atomically
 
         refuse_collisions(
             [machine_file(machine)], [marked(as_page, b"topdress effects --markdown")], force

@@ -10,8 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import typer
-
-from console.cli.at_the_bench import (
+from topdress.console.cli.at_the_bench import (
     HEARD_WITHIN_S,
     AtTheBench,
     Keys,
@@ -22,17 +21,17 @@ from console.cli.at_the_bench import (
     show,
     stopped_by_signals,
 )
-from console.cli.inputs import machine_of
-from console.cli.plain_errors import CommandError
-from console.frame import Frame
-from control.orders import Do, Order, State
-from drivers import day_clock
-from drivers.cab import Cab, CabConfig
-from drivers.devices.board_frames import COUNTERS, ShaftTurned
-from drivers.files.atomic import write_atomically
+from topdress.console.cli.inputs import machine_of
+from topdress.console.cli.plain_errors import CommandError
+from topdress.console.frame import Frame
+from topdress.control.orders import Do, Order, State
+from topdress.drivers import day_clock
+from topdress.drivers.cab import Cab, CabConfig
+from topdress.drivers.devices.board_frames import COUNTERS, ShaftTurned
+from topdress.drivers.files.atomic import write_atomically
 
 if TYPE_CHECKING:
-    from control.calibration.least_squares import FittedInterval
+    from topdress.control.calibration.least_squares import FittedInterval
 
 TICK_S = 0.02
 ANSWERS_WITHIN_S = 2.0  # of a board that is heard: some 40 questions
@@ -59,7 +58,7 @@ def calibrate_encoder(
             _by_hand(board, count, keyboard)
         else:
             _by_drive(board, count, keyboard, machine, rpm)
-    from control.calibration.encoder_fit import fit_counts
+    from topdress.control.calibration.encoder_fit import fit_counts
 
     lines = [
         _said(setting, fit_counts(runs, turns), believed)

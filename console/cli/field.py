@@ -7,14 +7,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-
-from console.cli.inputs import Reads, need_ending, refuse_other
-from console.cli.outputs import Force, Output, named, refuse_collisions
-from console.cli.plain_errors import CommandError, say_notes
-from console.cli.plain_output import AsJson, print_json
+from topdress.console.cli.inputs import Reads, need_ending, refuse_other
+from topdress.console.cli.outputs import Force, Output, named, refuse_collisions
+from topdress.console.cli.plain_errors import CommandError, say_notes
+from topdress.console.cli.plain_output import AsJson, print_json
 
 if TYPE_CHECKING:
-    from drivers.files.fields.field_data import FieldData
+    from topdress.drivers.files.fields.field_data import FieldData
 
 # done ground this far from the job's field is another field's
 FAR_M = 1000.0
@@ -87,7 +86,7 @@ def field(
     need_ending("--out", out, ".yaml", ".yml", ".kml", ".kmz", ".gpkg", ".geojson", ".json", "")
     is_job = out is not None and out.suffix.lower() in (".yaml", ".yml")
     if out is not None:
-        from drivers.files.kinds import JOB
+        from topdress.drivers.files.kinds import JOB
 
         reads = [
             *(source.iterdir() if source.is_dir() else [source]),
@@ -102,7 +101,7 @@ def field(
     if done:
         _take_done(source, out, job, as_json)
         return
-    from drivers.files.fields.field_data import uncrossed
+    from topdress.drivers.files.fields.field_data import uncrossed
 
     data = uncrossed(_read(source, name), source, largest)
     say_notes(data.findings, f"{source}: ")
@@ -118,24 +117,24 @@ def field(
 
 
 def _read(source: Path, name: str | None) -> FieldData:
-    from drivers.files.fields.agopengps import read_agopengps
-    from drivers.files.fields.field_data import data_of
-    from drivers.files.fields.shapes import read_shapes
-    from drivers.files.what_it_is import what_is
+    from topdress.drivers.files.fields.agopengps import read_agopengps
+    from topdress.drivers.files.fields.field_data import data_of
+    from topdress.drivers.files.fields.shapes import read_shapes
+    from topdress.drivers.files.what_it_is import what_is
 
     if source.is_dir() and what_is(source).id == "aog":
         return read_agopengps(source)
     if source.suffix.lower() in (".yaml", ".yml"):
-        from drivers.files.config import load
-        from drivers.files.kinds import JOB
+        from topdress.drivers.files.config import load
+        from topdress.drivers.files.kinds import JOB
 
         return data_of(load(source, JOB).model.field, str(source))
     return read_shapes(source, name)
 
 
 def _write(data: FieldData, out: Path) -> None:
-    from drivers.files.fields.agopengps import write_agopengps
-    from drivers.files.fields.shapes import write_shapes
+    from topdress.drivers.files.fields.agopengps import write_agopengps
+    from topdress.drivers.files.fields.shapes import write_shapes
 
     if out.suffix:
         write_shapes(data, out)
@@ -144,9 +143,9 @@ def _write(data: FieldData, out: Path) -> None:
 
 
 def _into_job(data: FieldData, job: str, line: str | None, out: Path, source: Path) -> None:
-    from drivers.files.config import load, save
-    from drivers.files.fields.field_data import ground_of
-    from drivers.files.kinds import JOB
+    from topdress.drivers.files.config import load, save
+    from topdress.drivers.files.fields.field_data import ground_of
+    from topdress.drivers.files.kinds import JOB
 
     loaded = load(job, JOB)
     model = loaded.model.with_files(lambda name: str((loaded.path.parent / name).resolve()))
@@ -156,10 +155,10 @@ def _into_job(data: FieldData, job: str, line: str | None, out: Path, source: Pa
 
 def _take_done(source: Path, out: Path | None, job: str, as_json: bool) -> None:
     """Into a job, as the file that it names: it is read anew at each start."""
-    from control.geodesy import TangentPlane
-    from drivers.files.config import load, save
-    from drivers.files.fields.done import read_done
-    from drivers.files.kinds import JOB
+    from topdress.control.geodesy import TangentPlane
+    from topdress.drivers.files.config import load, save
+    from topdress.drivers.files.fields.done import read_done
+    from topdress.drivers.files.kinds import JOB
 
     if out is not None and out.suffix.lower() not in (".yaml", ".yml"):
         raise CommandError(
@@ -195,7 +194,7 @@ def _take_done(source: Path, out: Path | None, job: str, as_json: bool) -> None:
 
 
 def _tell(data: FieldData, as_json: bool) -> None:
-    from drivers.files.plain import plain
+    from topdress.drivers.files.plain import plain
 
     boundary = data.boundary(data.plane())
     if as_json:

@@ -10,16 +10,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-
-from console.cli.outputs import Force, marked, refuse_collisions
-from console.cli.plain_errors import CANCELLED, CommandError
-from console.cli.plain_output import AsJson, print_json
-from console.cli.progress import ProgressLine
-from drivers import day_clock
+from topdress.console.cli.outputs import Force, marked, refuse_collisions
+from topdress.console.cli.plain_errors import CANCELLED, CommandError
+from topdress.console.cli.plain_output import AsJson, print_json
+from topdress.console.cli.progress import ProgressLine
+from topdress.drivers import day_clock
 
 if TYPE_CHECKING:
-    from console.services.fleet import Found
-    from console.services.fleet_metadata import Listed
+    from topdress.console.services.fleet import Found
+    from topdress.console.services.fleet_metadata import Listed
 
 REPORT = "report.html"
 # between two lines of progress where there is no terminal
@@ -92,14 +91,14 @@ def fleet(
 ) -> None:
     """Diagnose every log once, then all together: the course of each effect by machine, what
     products, operators and fields share, what it cost. Ctrl-C ends; what is done is kept."""
-    from console.reports.html import GENERATOR
-    from console.services.fleet import Asked, cluster, diagnosed, find_logs
-    from console.services.fleet_job import FORMAT
-    from console.services.fleet_tables import TABLES
-    from drivers.files.config import load, sha256_of
-    from drivers.files.extras import need
-    from drivers.files.kinds import MACHINE
-    from drivers.files.run_meta import software_version
+    from topdress.console.reports.html import GENERATOR
+    from topdress.console.services.fleet import Asked, cluster, diagnosed, find_logs
+    from topdress.console.services.fleet_job import FORMAT
+    from topdress.console.services.fleet_tables import TABLES
+    from topdress.drivers.files.config import load, sha256_of
+    from topdress.drivers.files.extras import need
+    from topdress.drivers.files.kinds import MACHINE
+    from topdress.drivers.files.run_meta import software_version
 
     need("a season of logs", "fleet", "diagnosis", "parquet")
     loaded = load(machine, MACHINE)
@@ -161,7 +160,7 @@ def _print_season(
     currency: str,
     as_json: bool,
 ) -> None:
-    from console.reports.fleet_page import (
+    from topdress.console.reports.fleet_page import (
         describe_costliest,
         describe_left_out,
         describe_low_hopper,
@@ -169,11 +168,11 @@ def _print_season(
         describe_shared,
         fleet_page,
     )
-    from console.services.fleet_metadata import with_words
-    from console.services.fleet_season import season
-    from console.services.fleet_tables import write_tables
-    from drivers.files.atomic import write_atomically
-    from drivers.files.run_meta import software_version
+    from topdress.console.services.fleet_metadata import with_words
+    from topdress.console.services.fleet_season import season
+    from topdress.console.services.fleet_tables import write_tables
+    from topdress.drivers.files.atomic import write_atomically
+    from topdress.drivers.files.run_meta import software_version
 
     for line in (*found.blind, *found.gone):
         typer.echo(line, err=True)
@@ -219,8 +218,8 @@ def _print_season(
 def _about(table: Path, logs: list[str]) -> Listed:
     """What the list says by log. What it does not say, and of which rows there is no log, is
     said here."""
-    from console.services.fleet_metadata import COLUMNS, listed
-    from drivers.files.table import read_table
+    from topdress.console.services.fleet_metadata import COLUMNS, listed
+    from topdress.drivers.files.table import read_table
 
     read = read_table(table, texts=COLUMNS)
     strange = [name for name in read.names if name not in COLUMNS]

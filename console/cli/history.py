@@ -7,12 +7,11 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-
-from console.cli.inputs import machine_of, need_ending
-from console.cli.outputs import Force, Output, machine_file, refuse_collisions
-from console.cli.plain_errors import CommandError
-from console.cli.plain_output import AsJson, print_json
-from drivers import day_clock
+from topdress.console.cli.inputs import machine_of, need_ending
+from topdress.console.cli.outputs import Force, Output, machine_file, refuse_collisions
+from topdress.console.cli.plain_errors import CommandError
+from topdress.console.cli.plain_output import AsJson, print_json
+from topdress.drivers import day_clock
 
 
 def history(
@@ -32,10 +31,10 @@ def history(
 ) -> None:
     """List what diagnoses changed in a machine file: day, data, each effect before and after,
     each term."""
-    from console.reports.term_words import compare_side_by_side
-    from control.machine.history import last_change, undone
-    from drivers.files.config import save
-    from drivers.files.kinds import MACHINE
+    from topdress.console.reports.term_words import compare_side_by_side
+    from topdress.control.machine.history import last_change, undone
+    from topdress.drivers.files.config import save
+    from topdress.drivers.files.kinds import MACHINE
 
     if undo != (out is not None):
         raise CommandError(

@@ -7,16 +7,21 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
-
-from console.cli.inputs import LOG, machine_of, need_ending, refuse_other
-from console.cli.outputs import Force, Output, list_log_files, new_log_files, refuse_collisions
-from console.cli.plain_errors import CommandError, say_notes
-from console.cli.plain_output import AsJson, print_json
+from topdress.console.cli.inputs import LOG, machine_of, need_ending, refuse_other
+from topdress.console.cli.outputs import (
+    Force,
+    Output,
+    list_log_files,
+    new_log_files,
+    refuse_collisions,
+)
+from topdress.console.cli.plain_errors import CommandError, say_notes
+from topdress.console.cli.plain_output import AsJson, print_json
 
 if TYPE_CHECKING:
-    from drivers.files.imports.guessed import Guess
-    from drivers.files.imports.mapping import ImportFile
-    from drivers.files.imports.raw import RawTable
+    from topdress.drivers.files.imports.guessed import Guess
+    from topdress.drivers.files.imports.mapping import ImportFile
+    from topdress.drivers.files.imports.raw import RawTable
 
 
 _Answer = tuple[dict[str, Any], list[str]]  # as data, and as lines
@@ -180,8 +185,8 @@ def _full(machine: str | None) -> dict[str, float]:
 
 
 def _guess(files: list[Path], place: Path, given: _ImportOptions, force: bool) -> _Answer:
-    from drivers.files.atomic import write_atomically
-    from drivers.files.imports.guessed import first_import_file
+    from topdress.drivers.files.atomic import write_atomically
+    from topdress.drivers.files.imports.guessed import first_import_file
 
     refuse_collisions(_read(files), [Output((place,))], force)
     raw, found = _guessed(files, given)
@@ -200,9 +205,9 @@ def _elements(raw: RawTable) -> list[str]:
 
 
 def _guessed(files: list[Path], given: _ImportOptions) -> tuple[RawTable, Guess]:
-    from drivers.files.imports.guess import guess
-    from drivers.files.imports.mapping import Source
-    from drivers.files.imports.read import read_raw
+    from topdress.drivers.files.imports.guess import guess
+    from topdress.drivers.files.imports.mapping import Source
+    from topdress.drivers.files.imports.read import read_raw
 
     raw = read_raw(files[0], Source.model_validate(given.said))
     return raw, guess(raw, given.full)
@@ -210,7 +215,7 @@ def _guessed(files: list[Path], given: _ImportOptions) -> tuple[RawTable, Guess]
 
 def _read(files: list[Path]) -> list[Path]:
     """With the companions of a shapefile and the files of a task."""
-    from drivers.files.archives import files_of
+    from topdress.drivers.files.archives import files_of
 
     return [one for path in files for one in files_of(path)]
 
@@ -218,11 +223,11 @@ def _read(files: list[Path]) -> list[Path]:
 def _import(
     files: list[Path], mapping_file: Path | None, out: Path, given: _ImportOptions, force: bool
 ) -> _Answer:
-    from drivers.files.columns import count_rows
-    from drivers.files.imports.convert import convert
-    from drivers.files.imports.join import joined
-    from drivers.files.imports.log_file import is_import_of, write_imported
-    from drivers.files.imports.read import read_raw
+    from topdress.drivers.files.columns import count_rows
+    from topdress.drivers.files.imports.convert import convert
+    from topdress.drivers.files.imports.join import joined
+    from topdress.drivers.files.imports.log_file import is_import_of, write_imported
+    from topdress.drivers.files.imports.read import read_raw
 
     reads = [*_read(files), *([] if mapping_file is None else [mapping_file])]
     refuse_collisions(reads, [Output(_written(out), lambda: is_import_of(out, files))], force)
@@ -249,7 +254,7 @@ def _import(
 
 
 def _written(out: Path) -> tuple[Path, ...]:
-    from drivers.files.log_store import SUFFIXES
+    from topdress.drivers.files.log_store import SUFFIXES
 
     if out.suffix.lower() in SUFFIXES:
         return (out,)
@@ -261,8 +266,8 @@ def _written(out: Path) -> tuple[Path, ...]:
 def _is_copy(files: list[Path], mapping: Path | None, out: Path) -> bool:
     """Whether a run log is only to be kept in the other form: text as Parquet, or Parquet of
     ours as text."""
-    from drivers.files.log_store import SUFFIXES, is_store
-    from drivers.files.opened import Opened
+    from topdress.drivers.files.log_store import SUFFIXES, is_store
+    from topdress.drivers.files.opened import Opened
 
     if mapping is not None or len(files) != 1 or not files[0].exists():
         return False
@@ -272,8 +277,8 @@ def _is_copy(files: list[Path], mapping: Path | None, out: Path) -> bool:
 
 
 def _copy(source: Path, out: Path, force: bool) -> _Answer:
-    from drivers.files.log_store import SUFFIXES, write_store, write_text
-    from drivers.files.read_log import read_rows
+    from topdress.drivers.files.log_store import SUFFIXES, write_store, write_text
+    from topdress.drivers.files.read_log import read_rows
 
     refuse_collisions(list_log_files(source), [Output(_written(out))], force)
     log = read_rows(source)
@@ -293,9 +298,9 @@ def _mapping(
 ) -> tuple[RawTable | None, ImportFile]:
     """The import file; without one, the guess where nothing of it is unsure, and the file by
     which it was made."""
-    from drivers.files.config import load
-    from drivers.files.imports.mapping import IMPORT
-    from drivers.files.imports.trouble import ImportTrouble
+    from topdress.drivers.files.config import load
+    from topdress.drivers.files.imports.mapping import IMPORT
+    from topdress.drivers.files.imports.trouble import ImportTrouble
 
     if place is not None:
         mapping = load(place, IMPORT).model

@@ -11,8 +11,7 @@ from importlib.metadata import requires
 from typing import Any
 
 import typer
-
-from console.cli.plain_output import AsJson, print_json
+from topdress.console.cli.plain_output import AsJson, print_json
 
 
 def extras(as_json: AsJson = False) -> None:
@@ -56,8 +55,8 @@ def info(as_json: AsJson = False) -> None:
 
 
 def _versions() -> dict[str, str]:
-    from drivers.files.extras import OWN, name_of, version_of
-    from drivers.files.run_meta import software_version
+    from topdress.drivers.files.extras import OWN, name_of, version_of
+    from topdress.drivers.files.run_meta import software_version
 
     names = (
         [
@@ -78,8 +77,8 @@ def _versions() -> dict[str, str]:
 def _folders() -> dict[str, str]:
     from pathlib import Path
 
-    from console.services.launcher import find_data_folder
-    from drivers.files.settings import settings_path
+    from topdress.console.services.launcher import find_data_folder
+    from topdress.drivers.files.settings import settings_path
 
     return {
         "sources": str(Path(__file__).resolve().parents[2]),
@@ -102,7 +101,7 @@ def _screen() -> dict[str, Any]:
 
 
 def _extras() -> list[dict[str, Any]]:
-    from drivers.files.extras import EXTRAS, extra_line, is_there
+    from topdress.drivers.files.extras import EXTRAS, extra_line, is_there
 
     return [
         {"extra": extra, "for": words, "installed": is_there(extra), "line": extra_line(extra)}

@@ -8,11 +8,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import typer
-
-from console.cli.plain_errors import CommandError
+from topdress.console.cli.plain_errors import CommandError
 
 if TYPE_CHECKING:
-    from control.machine.machine import Machine
+    from topdress.control.machine.machine import Machine
 
 JobName = Annotated[str, typer.Option(metavar="JOB", help="Job file, or name of a shipped one.")]
 PlantedEffects = Annotated[
@@ -60,7 +59,7 @@ CAPTURED = Reads(
 
 def refuse_other(files: Iterable[Path], reads: Reads) -> None:
     """Raises WrongKind in one line for a file that is not there, or of another kind; OSError."""
-    from drivers.files.what_it_is import refuse_kind
+    from topdress.drivers.files.what_it_is import refuse_kind
 
     for file in files:
         refuse_kind(file, reads.kinds, reads.words)
@@ -68,8 +67,8 @@ def refuse_other(files: Iterable[Path], reads: Reads) -> None:
 
 def machine_of(name: str) -> Machine:
     """Of a machine file, or of the name of a shipped one. Raises ConfigError."""
-    from drivers.files.config import load
-    from drivers.files.kinds import MACHINE
+    from topdress.drivers.files.config import load
+    from topdress.drivers.files.kinds import MACHINE
 
     return load(name, MACHINE).model
 
@@ -87,7 +86,7 @@ def need_ending(option: str, path: Path | None, *endings: str) -> None:
 
 def refuse_run_log(table: Path, command: str) -> None:
     """A run log where a bench table is asked for. Raises CommandError."""
-    from drivers.files.opened import Opened
+    from topdress.drivers.files.opened import Opened
 
     if Opened(table).holds == "log":
         raise CommandError(
@@ -98,7 +97,7 @@ def refuse_run_log(table: Path, command: str) -> None:
 
 def refuse_bench_table(log: Path, command: str) -> None:
     """A bench table where a run log is asked for. Raises CommandError."""
-    from drivers.files.opened import Opened
+    from topdress.drivers.files.opened import Opened
 
     file = Opened(log)
     if file.is_table and file.holds == "table":

@@ -9,9 +9,8 @@ from pathlib import Path
 from typing import Any
 
 import typer
-
-from console.app.words import describe_refusal
-from console.cli.at_the_bench import (
+from topdress.console.app.words import describe_refusal
+from topdress.console.cli.at_the_bench import (
     AtTheBench,
     Keys,
     keys,
@@ -21,9 +20,9 @@ from console.cli.at_the_bench import (
     show,
     stopped_by_signals,
 )
-from console.cli.plain_errors import CommandError
-from console.frame import Frame, LagTestView
-from control.orders import Do, Order, State
+from topdress.console.cli.plain_errors import CommandError
+from topdress.console.frame import Frame, LagTestView
+from topdress.control.orders import Do, Order, State
 
 
 def measure_lag(
@@ -44,7 +43,7 @@ def measure_lag(
     Without a board the machine's own drive turns the shaft: `repeats` runs, drop times only.
     """
     if board is None:
-        from console.cli.drop_by_hand import measure_drop
+        from topdress.console.cli.drop_by_hand import measure_drop
 
         with stopped_by_signals():
             measure_drop(rig, out, repeats)
@@ -55,7 +54,7 @@ def measure_lag(
             "no keyboard "
             "here: allowed is --no-key, with somebody at the hard-wired stop"
         )
-    from drivers.devices.lag_run import Plan
+    from topdress.drivers.devices.lag_run import Plan
 
     plan = Plan(shaft_rpm=tuple(speeds_rpm) or Plan().shaft_rpm, repeats=repeats)
     with keys() as keyboard:

@@ -20,13 +20,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 from urllib.parse import SplitResult, urlsplit
 
 import typer
-
-from console.cli.line_output import LineOutput
-from console.cli.plain_errors import CommandError
-from console.cli.plain_output import format_json_line
-from console.link import Link, WorkerGone
-from console.running import WorkerFailed, find_running
-from drivers.files.extras import need
+from topdress.console.cli.line_output import LineOutput
+from topdress.console.cli.plain_errors import CommandError
+from topdress.console.cli.plain_output import format_json_line
+from topdress.console.link import Link, WorkerGone
+from topdress.console.running import WorkerFailed, find_running
+from topdress.drivers.files.extras import need
 
 if TYPE_CHECKING:
     from paho.mqtt.client import Client

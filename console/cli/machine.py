@@ -10,13 +10,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-
-from console.cli.calibrate import EffortUnit
-from console.cli.outputs import Force, Output, list_log_files, refuse_collisions
-from console.cli.plain_errors import CommandError
+from topdress.console.cli.calibrate import EffortUnit
+from topdress.console.cli.outputs import Force, Output, list_log_files, refuse_collisions
+from topdress.console.cli.plain_errors import CommandError
 
 if TYPE_CHECKING:
-    from control.calibration.first_machine import Suggested
+    from topdress.control.calibration.first_machine import Suggested
 
 # of a small drive, where neither the log nor anybody says
 USUAL_TAU_S = 0.05
@@ -135,11 +134,11 @@ def machine(
     """Write a first machine file of one stage from a log, asking full speed, rows, direction
     and sensor noise, the time constant where the log does not show it, and in what its effort
     is where it has one."""
-    from control.calibration.first_machine import NoColumn, suggest_machine
-    from drivers.files.any_log import open_log
-    from drivers.files.atomic import write_atomically
-    from drivers.files.config import load
-    from drivers.files.kinds import MACHINE
+    from topdress.control.calibration.first_machine import NoColumn, suggest_machine
+    from topdress.drivers.files.any_log import open_log
+    from topdress.drivers.files.atomic import write_atomically
+    from topdress.drivers.files.config import load
+    from topdress.drivers.files.kinds import MACHINE
 
     if out.suffix not in (".yaml", ".yml"):
         raise CommandError(f"--out {out}: allowed is a name that ends in .yaml")
@@ -210,10 +209,9 @@ def _with_effort(text: str, columns: Mapping[str, Any], unit: EffortUnit | None,
     """The file with what the drive takes for itself, by its log. Raises ValueError, one line,
     where it does not say."""
     import yaml
-
-    from control.diagnosis.runs.effort_reference import fit_effort
-    from control.machine.effort import Effort
-    from control.machine.machine import Machine
+    from topdress.control.diagnosis.runs.effort_reference import fit_effort
+    from topdress.control.machine.effort import Effort
+    from topdress.control.machine.machine import Machine
 
     if unit is None:
         return text

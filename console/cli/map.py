@@ -7,9 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
-
-from console.cli.inputs import MAP, machine_of, refuse_other
-from console.cli.outputs import (
+from topdress.console.cli.inputs import MAP, machine_of, refuse_other
+from topdress.console.cli.outputs import (
     Force,
     Output,
     list_log_files,
@@ -17,14 +16,14 @@ from console.cli.outputs import (
     marked,
     refuse_collisions,
 )
-from console.cli.plain_errors import CommandError
-from console.cli.plain_output import AsJson, print_json
-from drivers import day_clock
+from topdress.console.cli.plain_errors import CommandError
+from topdress.console.cli.plain_output import AsJson, print_json
+from topdress.drivers import day_clock
 
 if TYPE_CHECKING:
-    from drivers.files.exports.as_applied import AsApplied
-    from drivers.files.prescriptions.words import Imported, RateChoice
-    from drivers.files.read_log import RunLog
+    from topdress.drivers.files.exports.as_applied import AsApplied
+    from topdress.drivers.files.prescriptions.words import Imported, RateChoice
+    from topdress.drivers.files.read_log import RunLog
 
 SHOWN_RATES = 20
 
@@ -129,9 +128,9 @@ def map_files(
     force: Force = False,
 ) -> None:
     """Read a prescription and convert it, or export what a run log applied."""
-    from drivers.files.opened import Opened
-    from drivers.files.prescriptions.words import RateChoice
-    from drivers.files.what_it_is import TABLES
+    from topdress.drivers.files.opened import Opened
+    from topdress.drivers.files.prescriptions.words import RateChoice
+    from topdress.drivers.files.what_it_is import TABLES
 
     refuse_other([source], MAP)
     if out is not None and out.resolve() in (source.resolve(), source.resolve().parent):
@@ -170,8 +169,8 @@ def map_files(
 
 
 def _read(source: Path, is_log: bool, machine: str | None) -> tuple[Path, ...]:
-    from drivers.files.archives import files_of
-    from drivers.files.opened import Opened
+    from topdress.drivers.files.archives import files_of
+    from topdress.drivers.files.opened import Opened
 
     own = list_log_files(source) if is_log and Opened(source).is_table else files_of(source)
     return (*own, *(() if machine is None else (machine_file(machine),)))
@@ -180,7 +179,7 @@ def _read(source: Path, is_log: bool, machine: str | None) -> tuple[Path, ...]:
 def _output(out: Path) -> Output:
     """What is written at `out`, by its ending; an earlier export in a format that has room for
     its maker is known."""
-    from console.reports.html import GENERATOR
+    from topdress.console.reports.html import GENERATOR
 
     match out.suffix.lower():
         case ".shp":
@@ -217,20 +216,20 @@ def _convert(
     merge_kg_ha: float | None,
     as_json: bool,
 ) -> None:
-    from control.recordings.finding import Finding
-    from drivers.files.prescriptions.read import (
+    from topdress.control.recordings.finding import Finding
+    from topdress.drivers.files.prescriptions.read import (
         by_rule,
         index_choice,
         read_prescription,
         with_merged_zones,
     )
-    from drivers.files.prescriptions.write import not_written, write_prescription
+    from topdress.drivers.files.prescriptions.write import not_written, write_prescription
 
     if job is None:
         read = read_prescription(source, choice)
     # a map of an index, as rates by the rule of a job's crop
     else:
-        from drivers.files.setup import load_setup
+        from topdress.drivers.files.setup import load_setup
 
         rule = load_setup("huanghai", job, day_clock.today()).rule
         read = by_rule(read_prescription(source, index_choice(choice, rule, job)), rule)
@@ -262,11 +261,11 @@ def _convert(
 
 
 def _tell(read: Imported, as_json: bool) -> None:
-    from console.app.pages.job.map_words import map_words
-    from console.app.units import METRIC
-    from control.recordings.finding import many
-    from control.targets.map_check import map_check
-    from control.targets.prescription import statistics
+    from topdress.console.app.pages.job.map_words import map_words
+    from topdress.console.app.units import METRIC
+    from topdress.control.recordings.finding import many
+    from topdress.control.targets.map_check import map_check
+    from topdress.control.targets.prescription import statistics
 
     shares = statistics(read.data)
     area, mass = sum(s.area_ha for s in shares), sum(s.mass_kg for s in shares)
@@ -336,10 +335,10 @@ def _export(
     polygons: bool,
     as_json: bool,
 ) -> None:
-    from drivers.files.any_log import open_log
-    from drivers.files.exports.as_applied import SpreadProduct, as_applied
-    from drivers.files.exports.columns import summary
-    from drivers.files.exports.write import write_as_applied
+    from topdress.drivers.files.any_log import open_log
+    from topdress.drivers.files.exports.as_applied import SpreadProduct, as_applied
+    from topdress.drivers.files.exports.columns import summary
+    from topdress.drivers.files.exports.write import write_as_applied
 
     given = None
     if product is not None or nitrogen is not None:
@@ -348,7 +347,7 @@ def _export(
     loaded = machine_of(machine) if machine else None
     applied = as_applied(log, loaded, given, every_s)
     if out is not None and out.suffix.lower() == ".html":
-        from console.reports.job_page import MOST_STRETCHES
+        from topdress.console.reports.job_page import MOST_STRETCHES
 
         _report(
             as_applied(log, loaded, given, max(every_s, applied.totals.worked_s / MOST_STRETCHES)),
@@ -366,10 +365,10 @@ def _export(
 
 
 def _report(applied: AsApplied, out: Path, log: RunLog) -> None:
-    from console.reports.job_about import read_about
-    from console.reports.job_page import job_page
-    from drivers.files.atomic import write_atomically
-    from drivers.files.run_meta import software_version
+    from topdress.console.reports.job_about import read_about
+    from topdress.console.reports.job_page import job_page
+    from topdress.drivers.files.atomic import write_atomically
+    from topdress.drivers.files.run_meta import software_version
 
     out.parent.mkdir(parents=True, exist_ok=True)
     write_atomically(out, job_page(applied, f"topdress {software_version()}", read_about(log)))

@@ -9,8 +9,7 @@ from pathlib import Path
 from typing import Annotated, NamedTuple
 
 import typer
-
-from console.cli.plain_errors import CommandError
+from topdress.console.cli.plain_errors import CommandError
 
 Force = Annotated[
     bool, typer.Option("--force", help="Replace what is there already (never what is read).")
@@ -80,14 +79,14 @@ def new_log_files(log: Path) -> tuple[Path, Path]:
 
 def machine_file(where: str) -> Path:
     """The machine file of a shipped name or path. Raises ConfigError."""
-    from drivers.files.kinds import MACHINE
+    from topdress.drivers.files.kinds import MACHINE
 
     return named(where, MACHINE.folder)
 
 
 def named(where: str, folder: str) -> Path:
     """The configuration file of a shipped name or path. Raises ConfigError."""
-    from drivers.files.config import resolve
+    from topdress.drivers.files.config import resolve
 
     return resolve(where, [folder])
 

@@ -17,11 +17,10 @@ from math import isfinite
 from typing import Any, TypeVar
 
 import typer
-
-from console.running import WorkerFailed
-from drivers.files.config_error import ConfigError
-from drivers.files.imports.trouble import TableError
-from drivers.plain_text import one_line
+from topdress.console.running import WorkerFailed
+from topdress.drivers.files.config_error import ConfigError
+from topdress.drivers.files.imports.trouble import TableError
+from topdress.drivers.plain_text import one_line
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -76,7 +75,7 @@ def guard_command(command: F) -> F:
 def _unforeseen(error: Exception) -> tuple[str, int]:
     """Of what nobody foresaw the trace is for us, the line for the user; of a part that is not
     installed, what installs it."""
-    from drivers.files.extras import extra_line, extra_of
+    from topdress.drivers.files.extras import extra_line, extra_of
 
     if isinstance(error, ModuleNotFoundError) and (extra := extra_of(error.name or "")) is not None:
         return f"this needs the extra {extra}, not installed: {extra_line(extra)}", WRONG

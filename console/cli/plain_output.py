@@ -12,8 +12,7 @@ import textwrap
 from typing import Annotated, Any
 
 import typer
-
-from drivers.plain_text import STEERING, plain
+from topdress.drivers.plain_text import STEERING, plain
 
 AsJson = Annotated[
     bool, typer.Option("--json", help="The answer as JSON, alone on standard output.")
@@ -81,7 +80,7 @@ class PlainOutput(io.TextIOWrapper):
 def print_json(found: Any) -> None:
     """A line of JSON: by the names of fields, which have the units in them; null for what is no
     number."""
-    from drivers.files.plain import plain as as_data
+    from topdress.drivers.files.plain import plain as as_data
 
     typer.echo(
         format_json_line(json.loads(json.dumps(as_data(found)), parse_constant=lambda _: None))

@@ -9,7 +9,7 @@ import time
 from collections.abc import Callable, Iterable, Iterator
 from typing import TypeVar
 
-from console.cli.plain_output import OVER_THE_LINE
+from topdress.console.cli.plain_output import OVER_THE_LINE
 
 T = TypeVar("T")
 EVERY_S = 0.2

@@ -7,15 +7,20 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-
-from console.cli.inputs import LOG, machine_of, need_ending, refuse_other
-from console.cli.outputs import Force, list_log_files, machine_file, marked, refuse_collisions
-from console.cli.plain_errors import CommandError
-from console.cli.plain_output import AsJson, print_json
+from topdress.console.cli.inputs import LOG, machine_of, need_ending, refuse_other
+from topdress.console.cli.outputs import (
+    Force,
+    list_log_files,
+    machine_file,
+    marked,
+    refuse_collisions,
+)
+from topdress.console.cli.plain_errors import CommandError
+from topdress.console.cli.plain_output import AsJson, print_json
 
 if TYPE_CHECKING:
-    from control.machine.machine import Machine
-    from drivers.files.exports.farm_record import Pass, Sum
+    from topdress.control.machine.machine import Machine
+    from topdress.drivers.files.exports.farm_record import Pass, Sum
 
 
 def record(
@@ -57,8 +62,8 @@ def record(
 ) -> None:
     """Say what was spread on which field: kilograms, nitrogen, costs; and keep a line of it for
     the farm's books."""
-    from drivers.files.exports.farm_record import sums, write_record
-    from drivers.files.farm_lines import BEGINS
+    from topdress.drivers.files.exports.farm_record import sums, write_record
+    from topdress.drivers.files.farm_lines import BEGINS
 
     refuse_other(logs, LOG)
     need_ending("--out", out, ".csv")
@@ -112,10 +117,10 @@ def _pass(
     prices: dict[str, float],
     currency: str | None,
 ) -> Pass:
-    from console.reports.job_about import read_about
-    from drivers.files.any_log import open_log
-    from drivers.files.exports.as_applied import SpreadProduct, as_applied
-    from drivers.files.exports.farm_record import Pass
+    from topdress.console.reports.job_about import read_about
+    from topdress.drivers.files.any_log import open_log
+    from topdress.drivers.files.exports.as_applied import SpreadProduct, as_applied
+    from topdress.drivers.files.exports.farm_record import Pass
 
     opened = open_log(log)
     about = read_about(opened)

@@ -7,17 +7,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-
-from console.cli.inputs import LOG, refuse_bench_table, refuse_other
-from console.cli.outputs import Force, list_log_files, refuse_collisions
-from console.cli.plain_errors import CommandError, say_notes
-from console.cli.progress import progress
-from console.cli.whole_log import log_output, whole_log
-from control.orders import Strategy
+from topdress.console.cli.inputs import LOG, refuse_bench_table, refuse_other
+from topdress.console.cli.outputs import Force, list_log_files, refuse_collisions
+from topdress.console.cli.plain_errors import CommandError, say_notes
+from topdress.console.cli.progress import progress
+from topdress.console.cli.whole_log import log_output, whole_log
+from topdress.control.orders import Strategy
 
 if TYPE_CHECKING:
-    from drivers.files.read_log import RunLog
-    from drivers.files.setup import Setup
+    from topdress.drivers.files.read_log import RunLog
+    from topdress.drivers.files.setup import Setup
 
 
 def replay(
@@ -42,8 +41,8 @@ def replay(
     force: Force = False,
 ) -> None:
     """Replay a log: as recorded on the screen, or as it would have been decided."""
-    from console.services.rerun import setup_of
-    from drivers.files.any_log import open_log
+    from topdress.console.services.rerun import setup_of
+    from topdress.drivers.files.any_log import open_log
 
     refuse_other([log], LOG)
     refuse_bench_table(log, "replay")
@@ -51,7 +50,7 @@ def replay(
     if not headless:
         if out is not None:
             raise CommandError("--out goes with --headless")
-        from console.cli.screens import show_replay
+        from topdress.console.cli.screens import show_replay
 
         show_replay(recorded)
         return
@@ -64,8 +63,8 @@ def replay(
 
 
 def _again(recorded: RunLog, out: Path, setup: Setup) -> None:
-    from console.services.rerun import rerun
-    from drivers.files.run_meta import run_meta
+    from topdress.console.services.rerun import rerun
+    from topdress.drivers.files.run_meta import run_meta
 
     say_notes((*recorded.findings, *setup.job.warnings))
     started = time.perf_counter()

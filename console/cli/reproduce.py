@@ -10,13 +10,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-
-from console.cli.outputs import Force, marked, refuse_collisions
-from console.cli.plain_output import AsJson, print_json
-from console.cli.progress import progress
+from topdress.console.cli.outputs import Force, marked, refuse_collisions
+from topdress.console.cli.plain_output import AsJson, print_json
+from topdress.console.cli.progress import progress
 
 if TYPE_CHECKING:
-    from control.papers.page import Section, Table
+    from topdress.control.papers.page import Section, Table
 
 DAY = dt.date(2014, 3, 7)  # the decision paper's day of sensing
 PAGE = "reproduce.html"
@@ -33,10 +32,10 @@ def reproduce(
     force: Force = False,
 ) -> None:
     """Recompute the three papers: published next to obtained."""
-    from console.reports.html import GENERATOR
-    from console.reports.paper_page import paper_page
-    from drivers.files.atomic import write_atomically
-    from drivers.files.run_meta import software_version
+    from topdress.console.reports.html import GENERATOR
+    from topdress.console.reports.paper_page import paper_page
+    from topdress.drivers.files.atomic import write_atomically
+    from topdress.drivers.files.run_meta import software_version
 
     before = [*out.glob("[0-9]-[0-9]*.csv")]
     refuse_collisions((), [marked(out / PAGE, GENERATOR.encode(), before)], force)
@@ -58,12 +57,12 @@ def reproduce(
 
 def run_papers(seed: int) -> list[Section]:
     """Everything the page shows. Takes about half a minute."""
-    from control.papers.decision import decision_section
-    from control.papers.elements import elements_section
-    from control.papers.lag import lag_section
-    from control.papers.page import summary
-    from control.papers.points import points_section
-    from drivers.files.setup import load_setup
+    from topdress.control.papers.decision import decision_section
+    from topdress.control.papers.elements import elements_section
+    from topdress.control.papers.lag import lag_section
+    from topdress.control.papers.page import summary
+    from topdress.control.papers.points import points_section
+    from topdress.drivers.files.setup import load_setup
 
     setup = load_setup("huanghai", "demo", DAY)
     papers: list[Callable[[], Section]] = [

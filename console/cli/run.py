@@ -5,8 +5,7 @@ from __future__ import annotations
 from typing import Annotated
 
 import typer
-
-from console.attached import NAME_VARIABLE
+from topdress.console.attached import NAME_VARIABLE
 
 
 def run(
@@ -63,7 +62,7 @@ def run(
     ] = None,
 ) -> None:
     """The console. Attaches to the control worker that runs, or starts one."""
-    from console.cli.screens import find_own_job, show_run
+    from topdress.console.cli.screens import find_own_job, show_run
 
     named = () if job is None else (find_own_job(job),)
     show_run((*named, *(config or ())), tuple(effect or ()), seed, hz, log, model_check, name)

@@ -10,30 +10,28 @@ from typing import TYPE_CHECKING
 
 import platformdirs
 import typer
-
-from console import import_hooks
-from console.cli.plain_errors import CANCELLED, CommandError, has_terminal, need_terminal
-from console.locale import _
-from drivers import day_clock
+from topdress.console import import_hooks
+from topdress.console.cli.plain_errors import CANCELLED, CommandError, has_terminal, need_terminal
+from topdress.console.locale import _
+from topdress.drivers import day_clock
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
     from pydantic import BaseModel
-
-    from console.app.app import TopdressApp
-    from console.app.attach_notice import Joined
-    from console.app.pages.calibrate.service import CalibrateService
-    from console.app.pages.job.service import AtWork, JobService
-    from console.app.pages.map.service import LayerFiles
-    from console.app.pages.replay.service import LogFiles
-    from console.app.services import Services
-    from console.running import WorkerAddress
-    from console.services.diagnosis import DiagnosisFiles
-    from console.services.launcher import Launcher
-    from drivers.files.config import Loaded
-    from drivers.files.read_log import RunLog
-    from drivers.files.setup import Setup
+    from topdress.console.app.app import TopdressApp
+    from topdress.console.app.attach_notice import Joined
+    from topdress.console.app.pages.calibrate.service import CalibrateService
+    from topdress.console.app.pages.job.service import AtWork, JobService
+    from topdress.console.app.pages.map.service import LayerFiles
+    from topdress.console.app.pages.replay.service import LogFiles
+    from topdress.console.app.services import Services
+    from topdress.console.running import WorkerAddress
+    from topdress.console.services.diagnosis import DiagnosisFiles
+    from topdress.console.services.launcher import Launcher
+    from topdress.drivers.files.config import Loaded
+    from topdress.drivers.files.read_log import RunLog
+    from topdress.drivers.files.setup import Setup
 
     # the setup, and its configuration files by kind
     Files = tuple[Setup, Mapping[str, Loaded[BaseModel]]]
@@ -50,8 +48,8 @@ def show_run(
 ) -> None:
     """The console on the worker that runs, or on one started for it."""
     import_hooks.begin()
-    from console.running import WorkerFailed, find_running
-    from console.services.launcher import Launcher
+    from topdress.console.running import WorkerFailed, find_running
+    from topdress.console.services.launcher import Launcher
 
     launcher = Launcher(config, effects, seed, hz, log, trouble_path(), name)
     coming: Future[WorkerAddress] | None = None
@@ -66,14 +64,14 @@ def show_run(
         "topdress run",
         "topdress simulate runs the loop, topdress serve shows the console in a browser",
     )
-    from console.app.app import TopdressApp
-    from console.app.services import late
-    from console.link import ComingLink, Link
-    from console.services.line_files import KeptLineFiles
-    from console.services.live_checker import LiveChecker
-    from console.services.settings import settings_store
-    from console.services.sound import Player
-    from drivers.files.extras import is_there
+    from topdress.console.app.app import TopdressApp
+    from topdress.console.app.services import late
+    from topdress.console.link import ComingLink, Link
+    from topdress.console.services.line_files import KeptLineFiles
+    from topdress.console.services.live_checker import LiveChecker
+    from topdress.console.services.settings import settings_store
+    from topdress.console.services.sound import Player
+    from topdress.drivers.files.extras import is_there
 
     async def attach() -> Link:
         # not before the worker is started, which takes as long to come up as all of the console
@@ -86,7 +84,7 @@ def show_run(
         return Link(where, name)
 
     def job_files() -> JobService:
-        from console.services.job import JobFiles
+        from topdress.console.services.job import JobFiles
 
         return JobFiles(launcher)
 
@@ -133,7 +131,7 @@ def show_run(
 
 def find_own_job(name: str) -> str:
     """A name of one of the user's jobs as its file; a path and a shipped name as they are."""
-    from console.services.launcher import find_data_folder
+    from topdress.console.services.launcher import find_data_folder
 
     own = find_data_folder() / "jobs" / f"{name}.yaml"
     return str(own) if "/" not in name and "\\" not in name and own.is_file() else name
@@ -141,7 +139,7 @@ def find_own_job(name: str) -> str:
 
 def _join(launcher: Launcher, running: WorkerAddress) -> Joined:
     """Go by the files of the worker that runs."""
-    from console.app.attach_notice import Joined
+    from topdress.console.app.attach_notice import Joined
 
     named = launcher.config
     unused = launcher.adopt(running.log_path)
@@ -153,7 +151,7 @@ def _join(launcher: Launcher, running: WorkerAddress) -> Joined:
 def _setup_of_running(theirs: tuple[str, ...], ours: tuple[str, ...]) -> Files:
     """The files of the machine that runs, as far as they can still be read: a console that
     could not open for them could not stop it. Raises ConfigError."""
-    from drivers.files.config_error import ConfigError
+    from topdress.drivers.files.config_error import ConfigError
 
     for config in (theirs, ours, ()):
         try:
@@ -175,7 +173,7 @@ def _started(start: Callable[[], WorkerAddress]) -> Future[WorkerAddress]:
 
 def _setup(config: tuple[str, ...]) -> Files:
     """Raises ConfigError."""
-    from drivers.files.setup import by_kind, setup_of
+    from topdress.drivers.files.setup import by_kind, setup_of
 
     found = by_kind(config)
     return setup_of(found, day_clock.today()), found
@@ -187,13 +185,13 @@ def make_run_services(files: Callable[[], Files], effects: tuple[str, ...] = ())
 
     effects: of the simulated machine.
     """
-    from console.app.services import Services, late
-    from console.services.field import field_picture
-    from console.services.running_limits import earlier
+    from topdress.console.app.services import Services, late
+    from topdress.console.services.field import field_picture
+    from topdress.console.services.running_limits import earlier
 
     def calibrate() -> CalibrateService:
-        from console.services.calibrate import calibrate_job
-        from drivers.files.kinds import CAB
+        from topdress.console.services.calibrate import calibrate_job
+        from topdress.drivers.files.kinds import CAB
 
         setup, found = files()
         cab = found.get(CAB.format)
@@ -201,8 +199,8 @@ def make_run_services(files: Callable[[], Files], effects: tuple[str, ...] = ())
         return calibrate_job(setup.machine, board.wheel_circumference_m if board else None)
 
     def diagnosis() -> DiagnosisFiles:
-        from console.services.diagnosis import DiagnosisFiles
-        from drivers.files.kinds import MACHINE
+        from topdress.console.services.diagnosis import DiagnosisFiles
+        from topdress.drivers.files.kinds import MACHINE
 
         found = files()[1]
         folders = [Path.cwd(), *(loaded.path.parent for loaded in found.values())]
@@ -210,18 +208,18 @@ def make_run_services(files: Callable[[], Files], effects: tuple[str, ...] = ())
         return DiagnosisFiles(folders, machine, effects)
 
     def logs() -> LogFiles:
-        from console.services.logs import RunLogs
+        from topdress.console.services.logs import RunLogs
 
         return RunLogs()
 
     def layers() -> LayerFiles:
-        from console.services.layers import MapLayers
+        from topdress.console.services.layers import MapLayers
 
         return MapLayers(diagnosed)
 
     def limits(log_path: str) -> AtWork:
-        from console.app.pages.job.service import AtWork
-        from console.services.running_limits import at_work
+        from topdress.console.app.pages.job.service import AtWork
+        from topdress.console.services.running_limits import at_work
 
         found = at_work(log_path)
         if found is not None:
@@ -243,7 +241,7 @@ def make_run_services(files: Callable[[], Files], effects: tuple[str, ...] = ())
 
 def is_first_time() -> bool:
     """Whether this user never saw the console; from now on they did."""
-    from console.services.launcher import find_data_folder
+    from topdress.console.services.launcher import find_data_folder
 
     mark = find_data_folder() / "seen"
     try:
@@ -257,13 +255,13 @@ def is_first_time() -> bool:
 
 def show_replay(recorded: RunLog) -> None:
     """The console on a log."""
-    from console.app.app import TopdressApp
-    from console.app.services import Services
-    from console.services.field import field_picture
-    from console.services.layers import MapLayers
-    from console.services.logs import RunLogs
-    from console.services.replay_frames import open_replay
-    from console.services.settings import settings_store
+    from topdress.console.app.app import TopdressApp
+    from topdress.console.app.services import Services
+    from topdress.console.services.field import field_picture
+    from topdress.console.services.layers import MapLayers
+    from topdress.console.services.logs import RunLogs
+    from topdress.console.services.replay_frames import open_replay
+    from topdress.console.services.settings import settings_store
 
     need_terminal("topdress replay", "topdress replay LOG.csv --headless --out NEW.csv")
     app = TopdressApp(
@@ -279,7 +277,7 @@ def show_replay(recorded: RunLog) -> None:
 def run_on_terminal(app: TopdressApp) -> None:
     """Shows the console until it is left. Raises typer.Exit where its terminal went away first:
     what it looked at goes on by its own rules."""
-    from console.app.terminal_watch import ended_with_terminal
+    from topdress.console.app.terminal_watch import ended_with_terminal
 
     with ended_with_terminal(app.leave_from_thread) as is_gone:
         app.run()

@@ -10,9 +10,8 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-
-from console.cli.plain_errors import CommandError
-from drivers.files.extras import need
+from topdress.console.cli.plain_errors import CommandError
+from topdress.drivers.files.extras import need
 
 LETTERS = "abcdefghjkmnpqrstuvwxyz23456789"  # none that look alike
 TOKEN_LETTERS = 10  # 49 bits
@@ -43,10 +42,10 @@ def serve(
     """Serve the console to browsers. A tab attaches to the control worker that runs; it never
     starts one."""
     need("serve", "serve")
-    from console.running import find_running
-    from console.serve.server import TabletServer
+    from topdress.console.running import find_running
+    from topdress.console.serve.server import TabletServer
 
-    command = [sys.executable, "-P", "-m", "console.cli.tablet"]
+    command = [sys.executable, "-P", "-m", "topdress.console.cli.tablet"]
     if token_file is not None:
         made = prepare_token(token_file)
         typer.echo(f"key          {'made: ' if made else ''}{token_file}")

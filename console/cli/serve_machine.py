@@ -8,14 +8,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-
-from console.cli.inputs import JobName, MachineName, PlantedEffects
-from console.cli.outputs import Force, Output, refuse_collisions
-from console.cli.plain_errors import CommandError
-from drivers import day_clock
+from topdress.console.cli.inputs import JobName, MachineName, PlantedEffects
+from topdress.console.cli.outputs import Force, Output, refuse_collisions
+from topdress.console.cli.plain_errors import CommandError
+from topdress.drivers import day_clock
 
 if TYPE_CHECKING:
-    from control.field.job import Job
+    from topdress.control.field.job import Job
 
 PLANT_STEP_S = 0.02
 
@@ -70,12 +69,12 @@ def serve_machine(
 ) -> None:
     """The simulated machine behind every protocol, in real time. `topdress run --config
     virtual` connects to it."""
-    from control.machine.fault_injection import parse_planted
-    from control.simulation.assembly import simulated_machine, with_simulated_field
-    from drivers.cab_config import MODULE_PORT
-    from drivers.files.setup import load_setup
-    from drivers.virtual.faults import parse_fault
-    from drivers.virtual.served import Serve, ServedMachine
+    from topdress.control.machine.fault_injection import parse_planted
+    from topdress.control.simulation.assembly import simulated_machine, with_simulated_field
+    from topdress.drivers.cab_config import MODULE_PORT
+    from topdress.drivers.files.setup import load_setup
+    from topdress.drivers.virtual.faults import parse_fault
+    from topdress.drivers.virtual.served import Serve, ServedMachine
 
     setup = load_setup(machine, job, day_clock.today())
     field = with_simulated_field(_standing(setup.job) if lag_rig else setup.job, setup.machine)
@@ -119,7 +118,7 @@ def serve_machine(
 
 
 def _standing(job: Job) -> Job:
-    from control.field.job import SpeedChange
+    from topdress.control.field.job import SpeedChange
 
     stands = SpeedChange(at_s=0.0, speed_kmh=0.0)
     return job.model_copy(

@@ -8,31 +8,30 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import typer
-
-from console.cli.inputs import JobName, MachineName, PlantedEffects
-from console.cli.outputs import Force, new_log_files, refuse_collisions
-from console.cli.plain_errors import CommandError
-from console.cli.plain_output import AsJson, print_json
-from console.cli.progress import progress
-from console.cli.terms import parse_terms, split_terms
-from console.cli.whole_log import log_output, whole_log
-from console.import_hooks import collect_seldom
-from control.orders import Strategy
-from drivers import day_clock
+from topdress.console.cli.inputs import JobName, MachineName, PlantedEffects
+from topdress.console.cli.outputs import Force, new_log_files, refuse_collisions
+from topdress.console.cli.plain_errors import CommandError
+from topdress.console.cli.plain_output import AsJson, print_json
+from topdress.console.cli.progress import progress
+from topdress.console.cli.terms import parse_terms, split_terms
+from topdress.console.cli.whole_log import log_output, whole_log
+from topdress.console.import_hooks import collect_seldom
+from topdress.control.orders import Strategy
+from topdress.drivers import day_clock
 
 if TYPE_CHECKING:
-    from control.field.job import Job
-    from control.machine.fault_injection import Planted
-    from control.machine.machine import Machine
-    from control.machine.steps import Steps
-    from control.machine.terms import Term
-    from control.simulation.closed_loop import Record
-    from control.simulation.dose_watch import DoseWatch
-    from control.targets.point import Threshold
-    from drivers.files.prescriptions.for_job import LoopTargets
-    from drivers.files.run_log import PlainLogWriter
-    from drivers.files.run_meta import RunMeta
-    from drivers.files.setup import Setup
+    from topdress.control.field.job import Job
+    from topdress.control.machine.fault_injection import Planted
+    from topdress.control.machine.machine import Machine
+    from topdress.control.machine.steps import Steps
+    from topdress.control.machine.terms import Term
+    from topdress.control.simulation.closed_loop import Record
+    from topdress.control.simulation.dose_watch import DoseWatch
+    from topdress.control.targets.point import Threshold
+    from topdress.drivers.files.prescriptions.for_job import LoopTargets
+    from topdress.drivers.files.run_log import PlainLogWriter
+    from topdress.drivers.files.run_meta import RunMeta
+    from topdress.drivers.files.setup import Setup
 
 DT_S = 0.05
 # from here on compiled steps are sooner there and back than interpreted ones
@@ -105,15 +104,15 @@ def simulate(
     force: Force = False,
 ) -> None:
     """Run the control loop on the simulated machine and judge what came to lie on the ground."""
-    from console.app.pages.job.map_words import map_words
-    from console.app.units import METRIC
-    from control.machine.fault_injection import parse_planted
-    from control.machine.parameter_uncertainty import plausible
-    from control.simulation.assembly import with_simulated_field
-    from drivers.files.atomic import write_atomically
-    from drivers.files.config_error import ConfigError
-    from drivers.files.prescriptions.for_job import check_of_job, placed_of_job
-    from drivers.files.setup import index_disagreements, load_setup
+    from topdress.console.app.pages.job.map_words import map_words
+    from topdress.console.app.units import METRIC
+    from topdress.control.machine.fault_injection import parse_planted
+    from topdress.control.machine.parameter_uncertainty import plausible
+    from topdress.control.simulation.assembly import with_simulated_field
+    from topdress.drivers.files.atomic import write_atomically
+    from topdress.drivers.files.config_error import ConfigError
+    from topdress.drivers.files.prescriptions.for_job import check_of_job, placed_of_job
+    from topdress.drivers.files.setup import index_disagreements, load_setup
 
     setup = load_setup(machine, job, day_clock.today())
     given = {
@@ -205,15 +204,15 @@ def _run(
     placed: LoopTargets,
     log: PlainLogWriter | None,
 ) -> _Ran:
-    from control.orders import TargetSource
-    from control.simulation.assembly import control_loop, simulated_machine
-    from control.simulation.closed_loop import Record, simulated_run
-    from control.simulation.dose_watch import DoseWatch
-    from drivers.files.extras import is_there
+    from topdress.control.orders import TargetSource
+    from topdress.control.simulation.assembly import control_loop, simulated_machine
+    from topdress.control.simulation.closed_loop import Record, simulated_run
+    from topdress.control.simulation.dose_watch import DoseWatch
+    from topdress.drivers.files.extras import is_there
 
     compiled: Steps | None = None
     if seconds >= LONG_S and is_there("diagnosis"):
-        from control.simulation.compiled_steps import STEPS
+        from topdress.control.simulation.compiled_steps import STEPS
 
         compiled = STEPS
     plant = simulated_machine(
@@ -254,7 +253,7 @@ def _switch(option: str, text: str | None) -> bool | None:
 
 
 def _meta(setup: Setup, job: Job, seed: int) -> RunMeta:
-    from drivers.files.run_meta import run_meta
+    from topdress.drivers.files.run_meta import run_meta
 
     return run_meta(
         setup.machine,
@@ -274,8 +273,7 @@ def _truth_text(record: Record, width_m: float) -> str:
     import io
 
     import numpy as np
-
-    from control.simulation.error_metrics import true_landing
+    from topdress.control.simulation.error_metrics import true_landing
 
     columns = record.columns()
     landed_kg_ha, landed_m = true_landing(columns, width_m)
@@ -323,9 +321,9 @@ def _truth_text(record: Record, width_m: float) -> str:
 def _tell(
     run: _Ran, setup: Setup, job: Job, seconds: float, effects: list[str], as_json: bool
 ) -> None:
-    from control.field.across import across, describe_across
-    from control.orders import TargetSource
-    from control.simulation.error_metrics import errors
+    from topdress.control.field.across import across, describe_across
+    from topdress.control.orders import TargetSource
+    from topdress.control.simulation.error_metrics import errors
 
     record, alarms, took_s = run.record, run.alarms, run.took_s
     by_canopy = (

@@ -1,5 +1,5 @@
-"""One tab of `topdress serve`: `python -m console.cli.tablet [--token-file F]`, started by the
-server."""
+"""One tab of `topdress serve`, started by the server:
+`python -m topdress.console.cli.tablet [--token-file F]`."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-from console.app.services import Services
-from console.app.tablet import NONE_RUNS, Key, TabletApp
-from console.link import Link
-from console.locale import _
-from console.running import WorkerAddress, WorkerFailed, default_run_file, find_running
-from console.serve import ADDRESS, SERVER
-from console.worker.system import private_folder, write_private
-from drivers.files.lock import take_lock
+from topdress.console.app.services import Services
+from topdress.console.app.tablet import NONE_RUNS, Key, TabletApp
+from topdress.console.link import Link
+from topdress.console.locale import _
+from topdress.console.running import WorkerAddress, WorkerFailed, default_run_file, find_running
+from topdress.console.serve import ADDRESS, SERVER
+from topdress.console.worker.system import private_folder, write_private
+from topdress.drivers.files.lock import take_lock
 
 # of addresses; a tab with a long log open has some 2 GB of them, and uses a tenth
 TAB_BYTES = 4 << 30
@@ -65,7 +65,7 @@ def read_token(path: Path | None) -> str | None:
 def read_options(where: WorkerAddress | None) -> dict[str, Any]:
     """Limits and hopper of the job at work, as its log's sidecar has them; the console's own
     where it has none."""
-    from console.services.running_limits import at_work
+    from topdress.console.services.running_limits import at_work
 
     found = None if where is None else at_work(where.log_path)
     return (
@@ -159,10 +159,10 @@ def end_with(server: int) -> None:
 
 def make_tab_app(where: WorkerAddress | None, token: str | None) -> TabletApp:
     """The app of one tab, looking."""
-    from console.services.diagnosis import DiagnosisFiles
-    from console.services.field import field_picture
-    from console.services.line_files import LinesSeen
-    from console.services.running_limits import earlier
+    from topdress.console.services.diagnosis import DiagnosisFiles
+    from topdress.console.services.field import field_picture
+    from topdress.console.services.line_files import LinesSeen
+    from topdress.console.services.running_limits import earlier
 
     waits = SharedWaits(
         default_run_file().with_name("tablet-waits.json"), os.environ.get(ADDRESS, "")
@@ -180,7 +180,7 @@ def make_tab_app(where: WorkerAddress | None, token: str | None) -> TabletApp:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(prog="console.cli.tablet")
+    parser = argparse.ArgumentParser(prog="topdress.console.cli.tablet")
     parser.add_argument("--token-file", type=Path)
     given = parser.parse_args()
     bounded()

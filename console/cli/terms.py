@@ -4,21 +4,21 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from console.cli.plain_errors import CommandError
-from drivers.plugins import effect
+from topdress.console.cli.plain_errors import CommandError
+from topdress.drivers.plugins import effect
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from control.machine.terms import Term
+    from topdress.control.machine.terms import Term
 
 
 def parse_terms(texts: Sequence[str]) -> list[Term]:
     """Terms of a simulated machine, each with an id of its own. Raises ValueError,
     CommandError, ConfigError."""
-    from control.machine.form import SHAFT_ANGLE
-    from control.machine.term_sums import KNOWN_TO_CONTROL
-    from control.machine.terms import parse_term
+    from topdress.control.machine.form import SHAFT_ANGLE
+    from topdress.control.machine.term_sums import KNOWN_TO_CONTROL
+    from topdress.control.machine.terms import parse_term
 
     allowed = (*KNOWN_TO_CONTROL, SHAFT_ANGLE)
     found: list[Term] = []
@@ -53,10 +53,9 @@ def split_terms(effects: Sequence[str]) -> tuple[list[str], list[str]]:
 
 def _valid(data: dict[str, Any]) -> Term:
     from pydantic import ValidationError
-
-    from control.machine.terms import Term
-    from drivers.files.config import ConfigError
-    from drivers.files.config_words import explain
+    from topdress.control.machine.terms import Term
+    from topdress.drivers.files.config import ConfigError
+    from topdress.drivers.files.config_words import explain
 
     try:
         return Term.model_validate(data)
@@ -66,8 +65,8 @@ def _valid(data: dict[str, Any]) -> Term:
 
 def what_terms_are() -> list[str]:
     """Lines that say what a term is, what it acts on, its forms and its variables."""
-    from control.machine.form import FORMS
-    from control.machine.terms import EXAMPLE, GRAMMAR, STAGE_OF, UNIT_OF, VARIABLES
+    from topdress.control.machine.form import FORMS
+    from topdress.control.machine.terms import EXAMPLE, GRAMMAR, STAGE_OF, UNIT_OF, VARIABLES
 
     return [
         "",

@@ -6,11 +6,16 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-
-from console.cli.inputs import LOG, machine_of, refuse_other
-from console.cli.outputs import Force, list_log_files, machine_file, marked, refuse_collisions
-from console.cli.plain_errors import CommandError
-from console.cli.plain_output import AsJson, print_json
+from topdress.console.cli.inputs import LOG, machine_of, refuse_other
+from topdress.console.cli.outputs import (
+    Force,
+    list_log_files,
+    machine_file,
+    marked,
+    refuse_collisions,
+)
+from topdress.console.cli.plain_errors import CommandError
+from topdress.console.cli.plain_output import AsJson, print_json
 
 
 def trial(
@@ -49,12 +54,12 @@ def trial(
 ) -> None:
     """Look at a trial of one's own as the decision paper does: canopy, decision rate, amounts
     and yields by plot."""
-    from console.reports.html import GENERATOR
-    from console.reports.paper_page import paper_page
-    from control.papers.trial import trial_section
-    from drivers.files.atomic import write_atomically
-    from drivers.files.run_meta import software_version
-    from drivers.files.trial import read_trial
+    from topdress.console.reports.html import GENERATOR
+    from topdress.console.reports.paper_page import paper_page
+    from topdress.control.papers.trial import trial_section
+    from topdress.drivers.files.atomic import write_atomically
+    from topdress.drivers.files.run_meta import software_version
+    from topdress.drivers.files.trial import read_trial
 
     refuse_other([one for one in (log, after) if one is not None], LOG)
     reads = [

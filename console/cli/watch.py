@@ -7,12 +7,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-
-from console.cli.inputs import LOG, refuse_bench_table, refuse_other
-from console.cli.plain_output import AsJson, print_json
+from topdress.console.cli.inputs import LOG, refuse_bench_table, refuse_other
+from topdress.console.cli.plain_output import AsJson, print_json
 
 if TYPE_CHECKING:
-    from control.diagnosis.result import Departure
+    from topdress.control.diagnosis.result import Departure
 
 
 def watch(
@@ -38,9 +37,9 @@ def watch(
 ) -> None:
     """Tell in one line when the machine departs from its model, and when it is back. Ctrl-C
     ends."""
-    from console.cli.plain_errors import CommandError
-    from console.services.live_check import POLL_S, followed, lower_priority
-    from control.diagnosis.live.watch import FIRST_S
+    from topdress.console.cli.plain_errors import CommandError
+    from topdress.console.services.live_check import POLL_S, followed, lower_priority
+    from topdress.control.diagnosis.live.watch import FIRST_S
 
     if log.exists() or to_end:
         refuse_other([log], LOG)
@@ -74,7 +73,7 @@ def watch(
 
 
 def _started(log: Path, to_end: bool) -> None:
-    from console.cli.plain_errors import CommandError
+    from topdress.console.cli.plain_errors import CommandError
 
     if not to_end:
         typer.echo(
@@ -89,7 +88,7 @@ def _started(log: Path, to_end: bool) -> None:
 
 def said(departure: Departure | None) -> str:
     """What departs and what can be done, in one line; times of the log."""
-    from console.reports.live_words import departure_line, todo
+    from topdress.console.reports.live_words import departure_line, todo
 
     if departure is None:
         return "as the model says again"

@@ -8,18 +8,18 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from console.cli.outputs import Output, list_log_files, new_log_files
+from topdress.console.cli.outputs import Output, list_log_files, new_log_files
 
 if TYPE_CHECKING:
-    from drivers.files.run_log import PlainLogWriter
-    from drivers.files.run_meta import RunMeta
+    from topdress.drivers.files.run_log import PlainLogWriter
+    from topdress.drivers.files.run_meta import RunMeta
 
 
 @contextlib.contextmanager
 def whole_log(path: Path, meta: RunMeta) -> Iterator[PlainLogWriter]:
     """Rows are appended in the block; at its end log and sidecar get their names. Raises
     OSError."""
-    from drivers.files.run_log import PlainLogWriter
+    from topdress.drivers.files.run_log import PlainLogWriter
 
     writer = PlainLogWriter(path.with_name(f".{path.stem}.part.csv"), meta)
     part = list_log_files(writer.path)
@@ -45,7 +45,7 @@ def log_output(log: Path, *with_it: Path) -> Output:
 
 
 def _computed(log: Path) -> bool:
-    from drivers.files.run_meta import sidecar_meta
+    from topdress.drivers.files.run_meta import sidecar_meta
 
     meta = sidecar_meta(log)
     return meta is not None and (

@@ -12,7 +12,7 @@ import os
 from functools import cache
 from pathlib import Path
 
-from console.locale.po import read_po
+from topdress.console.locale.po import read_po
 
 ENGLISH = "en"
 _FOLDER = Path(__file__).parent

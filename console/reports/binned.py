@@ -8,8 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-
-from console.reports.variables import recorded
+from topdress.console.reports.variables import recorded
 
 Array = npt.NDArray[np.float64]
 

@@ -14,8 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-
-from console.reports.html import Picture, escape
+from topdress.console.reports.html import Picture, escape
 
 Array = npt.NDArray[np.float64]
 Values = npt.ArrayLike

@@ -9,10 +9,9 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-
-from console.reports.chart import AFTER, BEFORE, INK, ChartSheet
-from console.reports.diagnosis_wording import better
-from console.reports.html import (
+from topdress.console.reports.chart import AFTER, BEFORE, INK, ChartSheet
+from topdress.console.reports.diagnosis_wording import better
+from topdress.console.reports.html import (
     Picture,
     escape,
     figure,
@@ -22,9 +21,9 @@ from console.reports.html import (
     section,
     table,
 )
-from console.reports.numbers import number
-from console.reports.panels import MEASURED
-from control.diagnosis.runs.compared import Compared, ComparedChannel
+from topdress.console.reports.numbers import number
+from topdress.console.reports.panels import MEASURED
+from topdress.control.diagnosis.runs.compared import Compared, ComparedChannel
 
 Logs = Sequence[tuple[str, Compared]]  # path and what was found there
 

@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from console.reports import diagnosis_wording as sentences
-from console.reports.html import (
+from topdress.console.reports import diagnosis_wording as sentences
+from topdress.console.reports.html import (
     Picture,
     escape,
     facts,
@@ -20,7 +20,7 @@ from console.reports.html import (
     section,
     table,
 )
-from console.reports.numbers import (
+from topdress.console.reports.numbers import (
     count_decimals,
     fixed,
     format_p_value,
@@ -29,11 +29,11 @@ from console.reports.numbers import (
     span_of,
     with_interval,
 )
-from console.reports.pictures import pictures_of
-from console.reports.term_words import describe_compensation
-from console.reports.term_words import sentence as term_sentence
-from control.diagnosis.result import UNKNOWN, Cause, Diagnosis, Gain, TermFound
-from control.machine.machine import CATALOGUE
+from topdress.console.reports.pictures import pictures_of
+from topdress.console.reports.term_words import describe_compensation
+from topdress.console.reports.term_words import sentence as term_sentence
+from topdress.control.diagnosis.result import UNKNOWN, Cause, Diagnosis, Gain, TermFound
+from topdress.control.machine.machine import CATALOGUE
 
 # Small bars in the text: an interval about its value, and shares of one.
 WIDTH, HEIGHT = 220.0, 22.0
@@ -324,7 +324,7 @@ def _not_shown(found: Diagnosis) -> str:
 
 
 def _provenance(found: Diagnosis, tools: Mapping[str, Any]) -> str:
-    from drivers.files.run_meta import software_version
+    from topdress.drivers.files.run_meta import software_version
 
     pairs = []
     for path in [p for p in found.data.path.split(" + ") if p]:
@@ -348,7 +348,7 @@ def _checksum(path: str, given: Mapping[str, str] | str | None) -> str:
         return given
     if given and path in given:
         return given[path]
-    from drivers.files.config import sha256_of
+    from topdress.drivers.files.config import sha256_of
 
     try:
         return sha256_of(Path(path))

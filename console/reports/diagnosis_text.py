@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from console.reports import diagnosis_wording
-from console.reports.numbers import format_p_value
-from console.reports.term_words import describe_compensation, sentence
-from control.diagnosis.result import Cause, Diagnosis
-from control.diagnosis.runs.rates import in_words
-from control.diagnosis.runs.several import Several
-from control.machine.machine import CATALOGUE
+from topdress.console.reports import diagnosis_wording
+from topdress.console.reports.numbers import format_p_value
+from topdress.console.reports.term_words import describe_compensation, sentence
+from topdress.control.diagnosis.result import Cause, Diagnosis
+from topdress.control.diagnosis.runs.rates import in_words
+from topdress.control.diagnosis.runs.several import Several
+from topdress.control.machine.machine import CATALOGUE
 
 SHOWN_LIMIT = 8
 

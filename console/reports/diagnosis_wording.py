@@ -10,11 +10,11 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import NamedTuple
 
-from console.locale import N_, _
-from console.reports.numbers import count_decimals, fixed, number, percent, plain, short
-from console.reports.variables import recorded
-from control.diagnosis.extend import is_taken_whole, not_adoptable, term_not_adoptable
-from control.diagnosis.result import (
+from topdress.console.locale import N_, _
+from topdress.console.reports.numbers import count_decimals, fixed, number, percent, plain, short
+from topdress.console.reports.variables import recorded
+from topdress.control.diagnosis.extend import is_taken_whole, not_adoptable, term_not_adoptable
+from topdress.control.diagnosis.result import (
     RUN_CHANNELS,
     UNKNOWN,
     Cause,
@@ -25,7 +25,7 @@ from control.diagnosis.result import (
     Size,
     Unexplained,
 )
-from control.machine.machine import CATALOGUE
+from topdress.control.machine.machine import CATALOGUE
 
 # least probability of a cause that a headline names
 HEADLINE = 0.5

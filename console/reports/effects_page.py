@@ -5,8 +5,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from control.machine.effect import Entry
-from control.machine.machine import NOMINAL, Machine, bounds, unit_of
+from topdress.control.machine.effect import Entry
+from topdress.control.machine.machine import NOMINAL, Machine, bounds, unit_of
 
 HEAD = """# Effects
 

@@ -6,9 +6,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from math import ceil, floor
 
-from console.locale import N_, _
-from console.reports.chart import AFTER, BEFORE, DIM, ChartSheet, Tick
-from console.reports.html import (
+from topdress.console.locale import N_, _
+from topdress.console.reports.chart import AFTER, BEFORE, DIM, ChartSheet, Tick
+from topdress.console.reports.html import (
     Picture,
     escape,
     figure,
@@ -18,12 +18,12 @@ from console.reports.html import (
     section,
     table,
 )
-from console.reports.numbers import fixed
-from control.diagnosis.season.effect_timelines import Cause, Same, SeasonFit, wears
-from control.diagnosis.season.mixed import Alternative
-from control.diagnosis.season.season_cost import Low, MachineSeason, is_still_there
-from control.machine.machine import CATALOGUE
-from drivers import day_clock
+from topdress.console.reports.numbers import fixed
+from topdress.control.diagnosis.season.effect_timelines import Cause, Same, SeasonFit, wears
+from topdress.control.diagnosis.season.mixed import Alternative
+from topdress.control.diagnosis.season.season_cost import Low, MachineSeason, is_still_there
+from topdress.control.machine.machine import CATALOGUE
+from topdress.drivers import day_clock
 
 SHOWN = 40  # machines with pictures
 MOST_DATES = 7  # along a picture

@@ -7,7 +7,7 @@ from html import escape as _escape
 from typing import TYPE_CHECKING, NamedTuple
 
 if TYPE_CHECKING:
-    from console.reports.chart import ChartSheet
+    from topdress.console.reports.chart import ChartSheet
 
 # in the head of every page: whose it is
 GENERATOR = '<meta name="generator" content="topdress">'

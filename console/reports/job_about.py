@@ -6,12 +6,12 @@ from __future__ import annotations
 from math import isfinite
 from typing import NamedTuple
 
-from console.reports.chart import AFTER, BEFORE, THIRD, ChartSheet
-from console.reports.html import Picture, escape, facts
-from control.field.job_names import JobNames
-from control.orders import Severity
-from control.safety import ALARMS
-from drivers.files.read_log import RunLog
+from topdress.console.reports.chart import AFTER, BEFORE, THIRD, ChartSheet
+from topdress.console.reports.html import Picture, escape, facts
+from topdress.control.field.job_names import JobNames
+from topdress.control.orders import Severity
+from topdress.control.safety import ALARMS
+from topdress.drivers.files.read_log import RunLog
 
 MOST_ALARMS = 12  # kinds on the time line; the longest
 

@@ -5,15 +5,14 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-
-from console.reports.chart import AFTER, BEFORE, LINE, ChartSheet, ColourBar
-from console.reports.html import Picture, escape, facts, figure, page, section
-from console.reports.job_about import NOBODY, About, draw_time_line, named
-from console.reports.numbers import fixed, number, span_of
-from console.scale import STEPS, colour
-from control.field.across import describe_across
-from control.geodesy import TangentPlane
-from drivers.files.exports.as_applied import AsApplied
+from topdress.console.reports.chart import AFTER, BEFORE, LINE, ChartSheet, ColourBar
+from topdress.console.reports.html import Picture, escape, facts, figure, page, section
+from topdress.console.reports.job_about import NOBODY, About, draw_time_line, named
+from topdress.console.reports.numbers import fixed, number, span_of
+from topdress.console.scale import STEPS, colour
+from topdress.control.field.across import describe_across
+from topdress.control.geodesy import TangentPlane
+from topdress.drivers.files.exports.as_applied import AsApplied
 
 # the histogram's ends; what lies beyond is counted in its outermost bars
 ERROR_TO_PERCENT = 20.0

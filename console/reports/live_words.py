@@ -3,9 +3,9 @@ when, probably why."""
 
 from __future__ import annotations
 
-from console.locale import _
-from console.reports.diagnosis_wording import name_channel, title_of
-from control.diagnosis.result import Departure
+from topdress.console.locale import _
+from topdress.console.reports.diagnosis_wording import name_channel, title_of
+from topdress.control.diagnosis.result import Departure
 
 LEAST_PERCENT = 0.5  # of the dose: less is not given as a number
 

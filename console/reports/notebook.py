@@ -7,10 +7,10 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from console.reports.chart import ChartSheet
-from console.reports.compare_page import picture_of, verdict
-from console.reports.diagnosis_text import describe_adoption, summary
-from console.reports.diagnosis_wording import (
+from topdress.console.reports.chart import ChartSheet
+from topdress.console.reports.compare_page import picture_of, verdict
+from topdress.console.reports.diagnosis_text import describe_adoption, summary
+from topdress.console.reports.diagnosis_wording import (
     VERDICTS,
     headlines_first,
     left,
@@ -18,13 +18,13 @@ from console.reports.diagnosis_wording import (
     sized,
     title_of,
 )
-from console.reports.diagnosis_wording import when as when_of
-from console.reports.html import STYLE, Picture, escape, figure, table
-from console.reports.numbers import number, with_interval
-from console.reports.term_words import sentence as term_sentence
-from control.diagnosis.result import Diagnosis
-from control.diagnosis.runs.compared import Compared
-from control.machine.machine import Machine
+from topdress.console.reports.diagnosis_wording import when as when_of
+from topdress.console.reports.html import STYLE, Picture, escape, figure, table
+from topdress.console.reports.numbers import number, with_interval
+from topdress.console.reports.term_words import sentence as term_sentence
+from topdress.control.diagnosis.result import Diagnosis
+from topdress.control.diagnosis.runs.compared import Compared
+from topdress.control.machine.machine import Machine
 
 COLOURS = STYLE[: STYLE.index("* { box-sizing")].replace(":root", ".topdress")
 
@@ -63,8 +63,8 @@ class Pictures:
 
     def save(self, path: str | Path) -> Path:
         """As a page of its own at `path` (.html). Raises OSError."""
-        from console.reports.html import page
-        from drivers.files.atomic import write_atomically
+        from topdress.console.reports.html import page
+        from topdress.drivers.files.atomic import write_atomically
 
         place = Path(path)
         write_atomically(place, page("Pictures of a diagnosis", self._repr_html_()))
@@ -145,8 +145,8 @@ def pictures_of_compared(compared: Compared) -> Pictures:
 
 def frame_residuals(found: Diagnosis) -> Any:
     """Measured, predicted and residual of every channel. Raises ValueError, one line."""
-    from console.reports.run_views import parts_of, run_views
-    from control.diagnosis.extend import extend
+    from topdress.console.reports.run_views import parts_of, run_views
+    from topdress.control.diagnosis.extend import extend
 
     columns, machine = _log_of(found)
     views = run_views(columns, machine, extend(machine, found), ())
@@ -191,9 +191,9 @@ def framed(inside: str) -> str:
 def machine_named(name: str) -> Machine:
     """A machine file by its path, or by its name where it comes with topdress. Raises
     ValueError, one line."""
-    from drivers.files.config import load
-    from drivers.files.config_error import ConfigError
-    from drivers.files.kinds import MACHINE
+    from topdress.drivers.files.config import load
+    from topdress.drivers.files.config_error import ConfigError
+    from topdress.drivers.files.kinds import MACHINE
 
     try:
         return load(name, MACHINE).model
@@ -283,7 +283,7 @@ def _predicted(found: Diagnosis) -> str:
 
 def pictures_of(found: Diagnosis) -> Pictures:
     """What `topdress diagnose --report` draws. Raises ValueError, one line, without the log."""
-    from console.reports.pictures import pictures_of as drawn
+    from topdress.console.reports.pictures import pictures_of as drawn
 
     columns, machine = _log_of(found)
     tools: dict[str, Any] = {"columns": columns, "machine": machine}

@@ -5,9 +5,8 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-
-from console.reports.binned import Axis, Binned
-from console.reports.chart import AFTER, BEFORE, PAPER, THIRD, Panel
+from topdress.console.reports.binned import Axis, Binned
+from topdress.console.reports.chart import AFTER, BEFORE, PAPER, THIRD, Panel
 
 Array = npt.NDArray[np.float64]
 

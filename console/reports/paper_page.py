@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from console.reports.chart import AFTER, BEFORE, THIRD, ChartSheet
-from console.reports.html import Picture as Drawn
-from console.reports.html import escape, figure, format_paragraph, page, table
-from console.reports.numbers import fixed
-from control.papers.page import Cell, Picture, Section, Table
+from topdress.console.reports.chart import AFTER, BEFORE, THIRD, ChartSheet
+from topdress.console.reports.html import Picture as Drawn
+from topdress.console.reports.html import escape, figure, format_paragraph, page, table
+from topdress.console.reports.numbers import fixed
+from topdress.control.papers.page import Cell, Picture, Section, Table
 
 COLOURS = {"published": BEFORE, "ours": AFTER, "other": THIRD}
 PAPERS_STYLE = """

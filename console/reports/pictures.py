@@ -6,15 +6,14 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
-
-from console.reports import run_pictures, table_pictures
-from console.reports.chart import AFTER, PAPER, THIRD, ChartSheet
-from console.reports.html import Picture
-from console.reports.run_views import parts_of, run_views
-from console.reports.table_views import IN_STEPS, table_views
-from console.reports.term_words import sentence, variable_name
-from control.diagnosis.extend import extend
-from control.diagnosis.result import Diagnosis, TermFound
+from topdress.console.reports import run_pictures, table_pictures
+from topdress.console.reports.chart import AFTER, PAPER, THIRD, ChartSheet
+from topdress.console.reports.html import Picture
+from topdress.console.reports.run_views import parts_of, run_views
+from topdress.console.reports.table_views import IN_STEPS, table_views
+from topdress.console.reports.term_words import sentence, variable_name
+from topdress.control.diagnosis.extend import extend
+from topdress.control.diagnosis.result import Diagnosis, TermFound
 
 
 # A term next to what the data themselves say, class by class of its variable.

@@ -7,11 +7,10 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 import numpy.typing as npt
-
-from console.reports.binned import Axis, find_shown_share
-from console.reports.chart import AFTER, BEFORE, DIM, INK, PAPER, THIRD, ChartSheet, Panel
-from console.reports.html import Picture
-from console.reports.panels import (
+from topdress.console.reports.binned import Axis, find_shown_share
+from topdress.console.reports.chart import AFTER, BEFORE, DIM, INK, PAPER, THIRD, ChartSheet, Panel
+from topdress.console.reports.html import Picture
+from topdress.console.reports.panels import (
     EXTENDED,
     MEASURED,
     NOMINAL,
@@ -19,10 +18,10 @@ from console.reports.panels import (
     residual_panel,
     smooth_line,
 )
-from console.reports.run_views import View, find_view
-from control.diagnosis.result import TableFit, Unexplained
-from control.diagnosis.runs.hypothesis import EffectInstance
-from control.machine.machine import CATALOGUE
+from topdress.console.reports.run_views import View, find_view
+from topdress.control.diagnosis.result import TableFit, Unexplained
+from topdress.control.diagnosis.runs.hypothesis import EffectInstance
+from topdress.control.machine.machine import CATALOGUE
 
 Array = npt.NDArray[np.float64]
 

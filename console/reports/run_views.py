@@ -8,8 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-
-from console.reports.binned import (
+from topdress.console.reports.binned import (
     Axis,
     Binned,
     bin_rates,
@@ -18,16 +17,21 @@ from console.reports.binned import (
     find_shown_share,
     telling,
 )
-from control.diagnosis.prediction.on_log import OnLog
-from control.diagnosis.result import Cause
-from control.diagnosis.runs.channels import ChannelSeries, channels
-from control.diagnosis.runs.drives import Drive
-from control.diagnosis.runs.hypothesis import MAX_SWITCHES, EffectInstance, list_stages, schedule
-from control.diagnosis.runs.log import gate
-from control.diagnosis.runs.model import shape_over_time
-from control.diagnosis.runs.stages import RunData, run_data
-from control.machine.machine import CATALOGUE, Machine
-from control.machine.stage_runner import MOST_STEP_S
+from topdress.control.diagnosis.prediction.on_log import OnLog
+from topdress.control.diagnosis.result import Cause
+from topdress.control.diagnosis.runs.channels import ChannelSeries, channels
+from topdress.control.diagnosis.runs.drives import Drive
+from topdress.control.diagnosis.runs.hypothesis import (
+    MAX_SWITCHES,
+    EffectInstance,
+    list_stages,
+    schedule,
+)
+from topdress.control.diagnosis.runs.log import gate
+from topdress.control.diagnosis.runs.model import shape_over_time
+from topdress.control.diagnosis.runs.stages import RunData, run_data
+from topdress.control.machine.machine import CATALOGUE, Machine
+from topdress.control.machine.stage_runner import MOST_STEP_S
 
 Array = npt.NDArray[np.float64]
 

@@ -6,13 +6,12 @@ from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
-
-from console.reports.chart import AFTER, BEFORE, DIM, INK, PAPER, ChartSheet, Panel
-from console.reports.html import Picture
-from console.reports.panels import EXTENDED, MEASURED, NOMINAL, smooth_line
-from console.reports.table_views import Group, MeasuredColumn
-from console.reports.variables import recorded
-from control.diagnosis.result import Unexplained
+from topdress.console.reports.chart import AFTER, BEFORE, DIM, INK, PAPER, ChartSheet, Panel
+from topdress.console.reports.html import Picture
+from topdress.console.reports.panels import EXTENDED, MEASURED, NOMINAL, smooth_line
+from topdress.console.reports.table_views import Group, MeasuredColumn
+from topdress.console.reports.variables import recorded
+from topdress.control.diagnosis.result import Unexplained
 
 Array = npt.NDArray[np.float64]
 

@@ -8,20 +8,19 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-
-from control.calibration.bench_table import BenchTable, usable
-from control.diagnosis.effects import LAG_COARSE_CLOCK
-from control.diagnosis.result import Cause
-from control.diagnosis.tables.duplicate_rows import without_duplicates
-from control.diagnosis.tables.rows import make_pieces
-from control.diagnosis.tables.table_series import (
+from topdress.control.calibration.bench_table import BenchTable, usable
+from topdress.control.diagnosis.effects import LAG_COARSE_CLOCK
+from topdress.control.diagnosis.result import Cause
+from topdress.control.diagnosis.tables.duplicate_rows import without_duplicates
+from topdress.control.diagnosis.tables.rows import make_pieces
+from topdress.control.diagnosis.tables.table_series import (
     SizedEffect,
     TableCandidate,
     TablePiece,
     add_effects,
     is_within_scope,
 )
-from control.machine.machine import CATALOGUE, Machine
+from topdress.control.machine.machine import CATALOGUE, Machine
 
 Array = npt.NDArray[np.float64]
 

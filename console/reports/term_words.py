@@ -7,13 +7,13 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from console.locale import N_, _
-from console.reports.numbers import short
-from control.machine.form import FORMS
-from control.machine.machine import CATALOGUE, Change
-from control.machine.term_sums import not_compensated, partly_compensated
-from control.machine.terms import STAGE_OF, VARIABLES, Acts, Term, parse_term
-from drivers.plugins import EffectPlugin, effects
+from topdress.console.locale import N_, _
+from topdress.console.reports.numbers import short
+from topdress.control.machine.form import FORMS
+from topdress.control.machine.machine import CATALOGUE, Change
+from topdress.control.machine.term_sums import not_compensated, partly_compensated
+from topdress.control.machine.terms import STAGE_OF, VARIABLES, Acts, Term, parse_term
+from topdress.drivers.plugins import EffectPlugin, effects
 
 LEAST_SHOWN = 1e-3  # of a change for each unit of a variable
 

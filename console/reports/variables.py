@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from console.locale import N_, _
+from topdress.console.locale import N_, _
 
 
 class NamedVariable(NamedTuple):

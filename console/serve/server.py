@@ -23,9 +23,8 @@ from aiohttp import WSCloseCode, web
 from aiohttp.web_protocol import RequestHandler
 from textual_serve.app_service import AppService
 from textual_serve.server import Server
-
-from console.attached import clean_name
-from console.serve.tab import TabConsole
+from topdress.console.attached import clean_name
+from topdress.console.serve.tab import TabConsole
 
 # consoles at once, counted until their processes have ended
 TABS = 6

@@ -11,9 +11,8 @@ from collections.abc import Sequence
 from typing import Any
 
 from textual_serve.app_service import AppService
-
-from console.attached import NAME_VARIABLE
-from console.serve import ADDRESS, SERVER
+from topdress.console.attached import NAME_VARIABLE
+from topdress.console.serve import ADDRESS, SERVER
 
 # idle a console that was asked to end takes 0.2 s; after this the system tells it ...
 QUIT_S = 0.5

@@ -10,8 +10,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
-from console.app.pages.calibrate.catch import CatchPoint
-from console.app.pages.calibrate.service import (
+from topdress.console.app.pages.calibrate.catch import CatchPoint
+from topdress.console.app.pages.calibrate.service import (
     Calibrated,
     CalibrateService,
     CurvePoint,
@@ -19,17 +19,17 @@ from console.app.pages.calibrate.service import (
     LagTable,
     Number,
 )
-from console.app.pages.calibrate.wheel import WheelSample
-from console.services.launcher import find_data_folder
-from control.machine.flow import grams_per_rev
-from control.machine.machine import Machine
-from drivers import day_clock
-from drivers.files.atomic import free_path
+from topdress.console.app.pages.calibrate.wheel import WheelSample
+from topdress.console.services.launcher import find_data_folder
+from topdress.control.machine.flow import grams_per_rev
+from topdress.control.machine.machine import Machine
+from topdress.drivers import day_clock
+from topdress.drivers.files.atomic import free_path
 
 if TYPE_CHECKING:
-    from control.calibration.bench_table import BenchTable
-    from control.calibration.least_squares import FittedInterval
-    from control.calibration.wheel_fit import WheelFit
+    from topdress.control.calibration.bench_table import BenchTable
+    from topdress.control.calibration.least_squares import FittedInterval
+    from topdress.control.calibration.wheel_fit import WheelFit
 
 CURVE_POINTS = 40
 # a bench table is small; larger CSV files are not offered
@@ -85,8 +85,7 @@ def fit_catch(machine: Machine, caught: Sequence[CatchPoint]) -> Calibrated:
     """Flow per turn from weighed catches, with the line over opening (over shaft speed where
     only that was changed)."""
     from scipy.special import stdtrit
-
-    from control.calibration.flow_fit import fit_flow
+    from topdress.control.calibration.flow_fit import fit_flow
 
     _machine, flow = fit_flow(catch_table(caught, "catch test"), machine)
     slope = flow.grams_per_rev_mm.value
@@ -142,8 +141,7 @@ def fit_catch(machine: Machine, caught: Sequence[CatchPoint]) -> Calibrated:
 
 def catch_table(caught: Sequence[CatchPoint], path: str) -> BenchTable:
     import numpy as np
-
-    from control.calibration.bench_table import BenchTable
+    from topdress.control.calibration.bench_table import BenchTable
 
     names = ("shaft_rpm", "opening_mm", "duration_s", "mass_kg")
     return BenchTable(
@@ -199,7 +197,7 @@ def _head(path: Path) -> str:
 
 def open_lag_table(path: Path) -> LagTable:
     """Raises ValueError in one line where it is no lag table that can be fitted."""
-    from drivers.files.bench_table import read_bench_table
+    from topdress.drivers.files.bench_table import read_bench_table
 
     table = read_bench_table(path, "lag")
     if not any(name in table.columns for name in ("lag_s", "drop_s", "lag_m")):
@@ -214,10 +212,9 @@ def fit_lag(machine: Machine, path: str, label: str | None) -> Calibrated:
     """The lag line of a table, with its points in and outside the range."""
     import numpy as np
     from scipy.special import stdtrit
-
-    from control.calibration import lag_fit
-    from control.calibration.tube_fit import settle_tube
-    from drivers.files.bench_table import read_bench_table
+    from topdress.control.calibration import lag_fit
+    from topdress.control.calibration.tube_fit import settle_tube
+    from topdress.drivers.files.bench_table import read_bench_table
 
     table = read_bench_table(Path(path), "lag")
     if table.running().all():
@@ -282,8 +279,7 @@ def _wheel(
     machine: Machine, counted_m: float, samples: Sequence[WheelSample], today: str = ""
 ) -> tuple[Machine, WheelFit]:
     import numpy as np
-
-    from control.calibration import wheel_fit
+    from topdress.control.calibration import wheel_fit
 
     time_s, lat, lon, quality, speed, flowing = (
         np.array(column) for column in zip(*samples, strict=True)
@@ -301,8 +297,8 @@ def _wheel(
 def fit_effort(machine: Machine, path: str) -> Calibrated:
     """What the drives take, from a run log as far as it is written; what is saved is what was
     fitted."""
-    from control.diagnosis.runs import effort_reference
-    from drivers.files.any_log import open_log
+    from topdress.control.diagnosis.runs import effort_reference
+    from topdress.drivers.files.any_log import open_log
 
     new, fits = effort_reference.fit_effort(
         dict(open_log(Path(path)).columns), machine, path, date=day_clock.today().isoformat()
@@ -326,13 +322,13 @@ def save(machine: Machine, fitted: Calibrated, name: str, folder: Path, counted_
 
     Raises ValueError in one line where the name is taken, OSError where it cannot be written.
     """
-    from control.calibration.flow_fit import fit_flow
-    from control.calibration.lag_fit import fit_lag as fit_line
-    from control.calibration.tube_fit import settle_tube
-    from drivers.files import config
-    from drivers.files.atomic import write_atomically
-    from drivers.files.bench_table import read_bench_table
-    from drivers.files.kinds import MACHINE
+    from topdress.control.calibration.flow_fit import fit_flow
+    from topdress.control.calibration.lag_fit import fit_lag as fit_line
+    from topdress.control.calibration.tube_fit import settle_tube
+    from topdress.drivers.files import config
+    from topdress.drivers.files.atomic import write_atomically
+    from topdress.drivers.files.bench_table import read_bench_table
+    from topdress.drivers.files.kinds import MACHINE
 
     path = folder / f"{name.removesuffix('.yaml')}.yaml"
     table_path = path.with_suffix(".catch.csv")

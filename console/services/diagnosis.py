@@ -15,8 +15,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from console.app.pages.diagnosis.adoption import find_offer, undecided
-from console.app.pages.diagnosis.service import (
+from topdress.console.app.pages.diagnosis.adoption import find_offer, undecided
+from topdress.console.app.pages.diagnosis.service import (
     IMPORT,
     Adoption,
     ComparedRow,
@@ -29,21 +29,21 @@ from console.app.pages.diagnosis.service import (
     Tell,
     WorkStopped,
 )
-from console.reports.diagnosis_wording import others
-from console.services.diagnosis_job import REPORT, RESULT, VIEW, DiagnosisOrder
-from console.services.foreign_files import is_listed, may_be_brought_in
-from console.services.launcher import find_data_folder
-from console.threads import ONE_THREAD
-from drivers import day_clock
-from drivers.files.atomic import free_path
-from drivers.files.extras import extra_line, installer, is_there, need, requirements
+from topdress.console.reports.diagnosis_wording import others
+from topdress.console.services.diagnosis_job import REPORT, RESULT, VIEW, DiagnosisOrder
+from topdress.console.services.foreign_files import is_listed, may_be_brought_in
+from topdress.console.services.launcher import find_data_folder
+from topdress.console.threads import ONE_THREAD
+from topdress.drivers import day_clock
+from topdress.drivers.files.atomic import free_path
+from topdress.drivers.files.extras import extra_line, installer, is_there, need, requirements
 
 if TYPE_CHECKING:
-    from control.machine.machine import Machine
+    from topdress.control.machine.machine import Machine
 
 MOST_FILES = 200
 DIAGNOSIS = "diagnosis"  # the extra
-PROGRAM = ("-P", "-m", "console.services.diagnosis_job")
+PROGRAM = ("-P", "-m", "topdress.console.services.diagnosis_job")
 
 
 class DiagnosisFiles:
@@ -97,7 +97,7 @@ class DiagnosisFiles:
             raise ValueError(f"{whole}: {error.strerror or error}") from None
 
     def machines(self) -> tuple[str, ...]:
-        from drivers.files.config import shipped
+        from topdress.drivers.files.config import shipped
 
         adopted = sorted(str(path) for path in (self.own / "machines").glob("*.yaml"))
         return (*shipped("machines"), *adopted)
@@ -182,7 +182,7 @@ class DiagnosisFiles:
         )
 
     def _worked(self, order: DiagnosisOrder, tell: Tell, stop: Stop) -> DiagnosisView:
-        from drivers.files.plain import typed
+        from topdress.drivers.files.plain import typed
 
         self._done(order, tell, stop)
         plain = json.loads((Path(order.folder) / VIEW).read_text(encoding="utf-8"))
@@ -264,8 +264,8 @@ class DiagnosisFiles:
         )
 
     def last_change(self, machine: str | None) -> tuple[str, ...]:
-        from console.reports.term_words import compare_side_by_side
-        from control.machine.history import last_change
+        from topdress.console.reports.term_words import compare_side_by_side
+        from topdress.control.machine.history import last_change
 
         change = last_change(self._machine(machine))
         return (
@@ -275,9 +275,9 @@ class DiagnosisFiles:
         )
 
     def take_back(self, machine: str | None) -> str:
-        from control.machine.history import undone
-        from drivers.files.config import save
-        from drivers.files.kinds import MACHINE
+        from topdress.control.machine.history import undone
+        from topdress.drivers.files.config import save
+        from topdress.drivers.files.kinds import MACHINE
 
         today = day_clock.today().isoformat()
         back = undone(self._machine(machine), date=today)
@@ -287,8 +287,8 @@ class DiagnosisFiles:
         return str(path)
 
     def _machine(self, machine: str | None) -> Machine:
-        from drivers.files.config import load
-        from drivers.files.kinds import MACHINE
+        from topdress.drivers.files.config import load
+        from topdress.drivers.files.kinds import MACHINE
 
         found: Machine = load(machine or self.machine, MACHINE).model
         return found
@@ -299,9 +299,9 @@ class DiagnosisFiles:
         return _kept(made, self.own / "reports", stem, ".html" if what == "report" else ".json")
 
     def write_run(self, found: DiagnosisView) -> str:
-        from console.services.separating_run import make_drive
-        from drivers.files.config import load, save
-        from drivers.files.kinds import JOB, MACHINE
+        from topdress.console.services.separating_run import make_drive
+        from topdress.drivers.files.config import load, save
+        from topdress.drivers.files.kinds import JOB, MACHINE
 
         run = found.found.next_run
         if run is None or not found.drives:
@@ -346,10 +346,10 @@ def _kind(path: Path) -> str | None:
     """Run, that of a bench table, or None: what the import may read."""
     if path.suffix.lower() not in (".csv", ".parquet", ".pq"):
         return None
-    from drivers.files.imports.trouble import TableError
+    from topdress.drivers.files.imports.trouble import TableError
 
     # takes a second: only where there is such a file
-    from drivers.files.opened import Opened
+    from topdress.drivers.files.opened import Opened
 
     file = Opened(path)
     try:
@@ -389,7 +389,7 @@ def _said_by(found: DiagnosisView, chosen: Adoption) -> str:
 
 
 def _kept(made: Path, folder: Path, stem: str, ending: str, before: str = "") -> str:
-    from drivers.files.atomic import write_atomically
+    from topdress.drivers.files.atomic import write_atomically
 
     folder.mkdir(parents=True, exist_ok=True)
     path = free_path(folder, stem, ending)

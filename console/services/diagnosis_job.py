@@ -17,12 +17,12 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from console.app.pages.diagnosis.service import IMPORT, AdoptionOffer, OpenQuestions
-from drivers import day_clock
+from topdress.console.app.pages.diagnosis.service import IMPORT, AdoptionOffer, OpenQuestions
+from topdress.drivers import day_clock
 
 if TYPE_CHECKING:
-    from control.diagnosis.result import Diagnosis
-    from control.machine.machine import Machine
+    from topdress.control.diagnosis.result import Diagnosis
+    from topdress.control.machine.machine import Machine
 
 Tell = Callable[[float, str], None]
 
@@ -60,7 +60,7 @@ def work(order: DiagnosisOrder, tell: Tell) -> None:
         return
     notes: tuple[str, ...] = ()
     if order.kind == IMPORT:
-        from console.services.foreign_files import brought_in
+        from topdress.console.services.foreign_files import brought_in
 
         tell(0.0, "importing")
         log, notes = brought_in(Path(order.data), Path(order.logs))
@@ -81,11 +81,11 @@ def work(order: DiagnosisOrder, tell: Tell) -> None:
 def compared_before_and_after(order: DiagnosisOrder, tell: Tell) -> None:
     """Errors of a machine file on a log before and after its last change, in words and as a
     page."""
-    from console.reports.compare_page import compare_page, plain
-    from control.diagnosis.runs.compared import compared
-    from control.machine.history import undone
-    from drivers.files.any_log import open_log
-    from drivers.files.atomic import write_atomically
+    from topdress.console.reports.compare_page import compare_page, plain
+    from topdress.control.diagnosis.runs.compared import compared
+    from topdress.control.machine.history import undone
+    from topdress.drivers.files.any_log import open_log
+    from topdress.drivers.files.atomic import write_atomically
 
     after = machine_of(order)
     tell(0.0, "reading")
@@ -103,20 +103,24 @@ def compared_before_and_after(order: DiagnosisOrder, tell: Tell) -> None:
 
 def machine_of(order: DiagnosisOrder) -> Machine:
     """The machine that the data is held against."""
-    from console.services.live_check import machine_of_log
+    from topdress.console.services.live_check import machine_of_log
 
     return machine_of_log(Path(order.data), order.machine, order.default_machine)
 
 
 def drive(order: DiagnosisOrder, machine: Machine, out: Path, tell: Tell) -> None:
     """The separating run on the simulated machine, as an ordinary run log."""
-    from console.services.separating_run import make_drive
-    from control.machine.fault_injection import parse_planted
-    from control.simulation.assembly import control_loop, simulated_machine, with_simulated_field
-    from control.simulation.closed_loop import simulated_run
-    from drivers.files.run_log import PlainLogWriter
-    from drivers.files.run_meta import run_meta
-    from drivers.files.setup import load_setup
+    from topdress.console.services.separating_run import make_drive
+    from topdress.control.machine.fault_injection import parse_planted
+    from topdress.control.simulation.assembly import (
+        control_loop,
+        simulated_machine,
+        with_simulated_field,
+    )
+    from topdress.control.simulation.closed_loop import simulated_run
+    from topdress.drivers.files.run_log import PlainLogWriter
+    from topdress.drivers.files.run_meta import run_meta
+    from topdress.drivers.files.setup import load_setup
 
     dt_s = 0.05
     setup = load_setup(order.default_machine, "demo", day_clock.today())
@@ -149,18 +153,18 @@ def _diagnosed(
     tell: Tell,
 ) -> None:
     """notes: of bringing the data in."""
-    from console.app.pages.diagnosis.adoption import list_selections
-    from console.services.diagnosis_view import found_of, mean_target
-    from drivers.files.atomic import write_atomically
-    from drivers.files.plain import plain
+    from topdress.console.app.pages.diagnosis.adoption import list_selections
+    from topdress.console.services.diagnosis_view import found_of, mean_target
+    from topdress.drivers.files.atomic import write_atomically
+    from topdress.drivers.files.plain import plain
 
     folder = Path(order.folder)
     tell(0.0, "reading")
     target = None
     tools: dict[str, Any]
     if order.kind == "run":
-        from control.diagnosis.runs.diagnose import diagnose_run
-        from drivers.files.any_log import open_log
+        from topdress.control.diagnosis.runs.diagnose import diagnose_run
+        from topdress.drivers.files.any_log import open_log
 
         log = open_log(data)
         columns = dict(log.columns)
@@ -171,8 +175,8 @@ def _diagnosed(
         found = dataclasses.replace(found, findings=tuple(said))
         tools, target = {"columns": columns, "machine": machine}, mean_target(columns)
     else:
-        from control.diagnosis.tables.diagnose import diagnose_tables
-        from drivers.files.bench_table import read_bench_table
+        from topdress.control.diagnosis.tables.diagnose import diagnose_tables
+        from topdress.drivers.files.bench_table import read_bench_table
 
         tables = [read_bench_table(data, order.kind)]
         found = diagnose_tables(
@@ -193,8 +197,8 @@ def _diagnosed(
 
 def _report(found: Diagnosis, tools: dict[str, Any], path: Path) -> None:
     """Writes the page with pictures."""
-    from console.reports.diagnosis_html import diagnosis_page
-    from drivers.files.atomic import write_atomically
+    from topdress.console.reports.diagnosis_html import diagnosis_page
+    from topdress.drivers.files.atomic import write_atomically
 
     with_date = tools | {"date": day_clock.today().isoformat()}
     write_atomically(path, diagnosis_page(found, with_date))
@@ -205,12 +209,12 @@ def _offer(
 ) -> AdoptionOffer:
     """The machine file with what may be adopted, for the page to put in its place when the
     operator says so; and what changed in it, a line each."""
-    from console.reports.diagnosis_wording import format_whole_id
-    from console.reports.term_words import compare_side_by_side
-    from control.diagnosis.extend import extend
-    from control.diagnosis.runs.adoption import select_adoptable
-    from drivers.files.config import save, sha256_of
-    from drivers.files.kinds import MACHINE
+    from topdress.console.reports.diagnosis_wording import format_whole_id
+    from topdress.console.reports.term_words import compare_side_by_side
+    from topdress.control.diagnosis.extend import extend
+    from topdress.control.diagnosis.runs.adoption import select_adoptable
+    from topdress.drivers.files.config import save, sha256_of
+    from topdress.drivers.files.kinds import MACHINE
 
     fitted = (
         found.fitted if found.fitted is not None and format_whole_id(found.fitted) in ids else None
@@ -253,8 +257,8 @@ def _say(what: dict[str, Any]) -> None:
 
 
 def main(path: str) -> int:
-    from drivers.files.config import ConfigError
-    from drivers.files.plain import typed
+    from topdress.drivers.files.config import ConfigError
+    from topdress.drivers.files.plain import typed
 
     if hasattr(os, "nice"):
         os.nice(NICE)

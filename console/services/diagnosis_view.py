@@ -9,16 +9,15 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-
-from console.app.pages.diagnosis.service import DiagnosisView, Drawn, ResidualCurve
-from console.reports.binned import Array, Axis, Binned
-from console.reports.diagnosis_wording import headlines_first, sort_adoptable
-from console.reports.run_views import View, find_view, parts_of, run_views
-from console.reports.table_views import MeasuredColumn, table_views
-from console.services.separating_run import is_drivable
-from control.diagnosis.result import Cause, Diagnosis
-from control.diagnosis.runs.hypothesis import EffectInstance
-from control.machine.machine import CATALOGUE, Machine
+from topdress.console.app.pages.diagnosis.service import DiagnosisView, Drawn, ResidualCurve
+from topdress.console.reports.binned import Array, Axis, Binned
+from topdress.console.reports.diagnosis_wording import headlines_first, sort_adoptable
+from topdress.console.reports.run_views import View, find_view, parts_of, run_views
+from topdress.console.reports.table_views import MeasuredColumn, table_views
+from topdress.console.services.separating_run import is_drivable
+from topdress.control.diagnosis.result import Cause, Diagnosis
+from topdress.control.diagnosis.runs.hypothesis import EffectInstance
+from topdress.control.machine.machine import CATALOGUE, Machine
 
 # as wide as a terminal draws them; a rate needs longer
 TIME_BINS, RATE_BINS = 40, 16

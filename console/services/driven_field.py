@@ -6,7 +6,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from control.field.job import Ground
+    from topdress.control.field.job import Ground
 
 # corners nearer than this to the straight line between their neighbours are left out
 LOST_M = 0.1
@@ -20,9 +20,8 @@ def driven_field(ground: Ground, ring_deg: tuple[tuple[float, float], ...]) -> t
     Raises ValueError in one line: too few corners, edges that cross.
     """
     from shapely.geometry import Polygon
-
-    from control.field.boundary import Boundary, largest_part
-    from control.geodesy import TangentPlane, distance_m
+    from topdress.control.field.boundary import Boundary, largest_part
+    from topdress.control.geodesy import TangentPlane, distance_m
 
     if len(ring_deg) < 3:
         raise ValueError(f"boundary: {len(ring_deg)} corners: allowed is 3 or more")

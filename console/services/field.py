@@ -10,15 +10,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-
-from console.app.field_picture import FieldPicture, Planned, Ring
-from console.frame import Frame
+from topdress.console.app.field_picture import FieldPicture, Planned, Ring
+from topdress.console.frame import Frame
 
 if TYPE_CHECKING:
-    from control.field.job import Job
-    from control.geodesy import TangentPlane
-    from control.targets.map_profile import MapProfile
-    from drivers.files.run_meta import RunMeta
+    from topdress.control.field.job import Job
+    from topdress.control.geodesy import TangentPlane
+    from topdress.control.targets.map_profile import MapProfile
+    from topdress.drivers.files.run_meta import RunMeta
 
 MOST_CELLS = 250_000
 FINEST_M = 1.0
@@ -30,9 +29,9 @@ def field_picture(frame: Frame) -> FieldPicture | None:
 
     Raises ValueError, one line, where the job's files cannot be read.
     """
-    from drivers.files.atomic import sidecar
-    from drivers.files.kinds import JOB, MACHINE
-    from drivers.files.run_meta import meta_from_yaml
+    from topdress.drivers.files.atomic import sidecar
+    from topdress.drivers.files.kinds import JOB, MACHINE
+    from topdress.drivers.files.run_meta import meta_from_yaml
 
     if not frame.log_path:
         return None
@@ -63,8 +62,8 @@ def field_picture(frame: Frame) -> FieldPicture | None:
 def plane_of_map(meta: RunMeta, log_folder: Path) -> TangentPlane | None:
     """The plane on which the loop of a log worked, where it was its map's: a job without an
     outline, with a map that can still be read; log_folder: the log's folder."""
-    from drivers.files.kinds import JOB
-    from drivers.files.prescriptions.for_job import map_of_job
+    from topdress.drivers.files.kinds import JOB
+    from topdress.drivers.files.prescriptions.for_job import map_of_job
 
     try:
         job = JOB.model.model_validate(dict(meta.job or {}))
@@ -79,8 +78,8 @@ def plane_of_map(meta: RunMeta, log_folder: Path) -> TangentPlane | None:
 def find_job_plane(meta: RunMeta, log_folder: Path) -> TangentPlane | None:
     """The plane on which the loop of a log worked: its field's, else its map's; None: that of
     the first fix."""
-    from control.field.job import Ground
-    from control.geodesy import TangentPlane
+    from topdress.control.field.job import Ground
+    from topdress.control.geodesy import TangentPlane
 
     field = dict((meta.job or {}).get("field") or {})
     if not field.get("boundary_m"):
@@ -91,8 +90,8 @@ def find_job_plane(meta: RunMeta, log_folder: Path) -> TangentPlane | None:
 
 def picture_of(job: Job, folder: Path, width_m: float) -> FieldPicture:
     """Outline and plan of a job whose files lie in `folder`. Raises ValueError, OSError."""
-    from control.field.boundary import Boundary
-    from drivers.files.prescriptions.for_job import map_of_job
+    from topdress.control.field.boundary import Boundary
+    from topdress.drivers.files.prescriptions.for_job import map_of_job
 
     rings: tuple[Ring, ...] = ()
     area_ha = None
@@ -118,9 +117,9 @@ def folder_of(meta: RunMeta, job: Job, log_folder: Path) -> Path:
 def _planned(job: Job, folder: Path, profile: MapProfile, rings: tuple[Ring, ...]) -> Planned:
     """The map looked at in the middles of square cells, no more than MOST_CELLS of them; NaN
     outside the field."""
-    from control.field.boundary import Boundary
-    from control.orders import TargetSource
-    from drivers.files.prescriptions.read import read_prescription
+    from topdress.control.field.boundary import Boundary
+    from topdress.control.orders import TargetSource
+    from topdress.drivers.files.prescriptions.read import read_prescription
 
     assert job.target.map is not None
     south, west, north, east = read_prescription(folder / job.target.map).data.box_deg

@@ -23,7 +23,7 @@ from concurrent.futures import CancelledError
 from pathlib import Path
 from typing import Any
 
-from console.services.fleet_job import (
+from topdress.console.services.fleet_job import (
     FORMAT,
     Options,
     checksum,
@@ -34,8 +34,8 @@ from console.services.fleet_job import (
     read_record,
     record,
 )
-from drivers.files.atomic import write_atomically
-from drivers.files.extras import need
+from topdress.drivers.files.atomic import write_atomically
+from topdress.drivers.files.extras import need
 
 LOGS, SEEN = "logs", "seen.json"
 SUFFIXES = (".csv", ".parquet", ".pq")
@@ -583,7 +583,7 @@ def _states(paths: Sequence[str], options: Options) -> dict[str, tuple[str, tupl
 
 
 def _state(path: str) -> str:
-    from drivers.files.any_log import import_file
+    from topdress.drivers.files.any_log import import_file
 
     try:
         status = Path(path).stat()

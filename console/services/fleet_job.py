@@ -16,8 +16,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from control.machine.machine import Machine
-    from drivers.files.read_log import RunLog
+    from topdress.control.machine.machine import Machine
+    from topdress.drivers.files.read_log import RunLog
 
 FORMAT = "topdress-fleet-log/3"
 BLOCK = 1 << 20
@@ -65,7 +65,7 @@ def checksum(where: str, options: Options, salt: str, sides: Sequence[str] = ())
     Raises OSError; where there is no such file too: all that a worker does not see would have
     one checksum.
     """
-    from drivers.files.any_log import import_file
+    from topdress.drivers.files.any_log import import_file
 
     digest = hashlib.sha256(salt.encode())
     with local(where, options, sides) as path:
@@ -93,8 +93,8 @@ def record(
     log's own fault}. What a reader refuses is the log's; no such file, no memory, a package
     that is missing are the worker's.
     """
-    from control.machine.machine import Machine
-    from drivers.files.config import ConfigError
+    from topdress.control.machine.machine import Machine
+    from topdress.drivers.files.config import ConfigError
 
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     began = time.perf_counter(), time.process_time()
@@ -125,8 +125,7 @@ def read_record(text: str) -> Any:
     Raises ValueError for what is no JSON.
     """
     import numpy as np
-
-    from control.diagnosis.season.evidence import QuadraticForm
+    from topdress.control.diagnosis.season.evidence import QuadraticForm
 
     def small(of: dict[str, Any]) -> Any:
         if "normal" in of:
@@ -149,10 +148,10 @@ def read_first_line(error: Exception) -> str:
 
 
 def _judged(where: str, options: Options, path: Path, default: Machine) -> dict[str, Any]:
-    from control.diagnosis.season.evidence import evidence
-    from drivers.files.any_log import open_log
-    from drivers.files.config import validated
-    from drivers.files.kinds import MACHINE
+    from topdress.control.diagnosis.season.evidence import evidence
+    from topdress.drivers.files.any_log import open_log
+    from topdress.drivers.files.config import validated
+    from topdress.drivers.files.kinds import MACHINE
 
     log = open_log(path)
     if log.duration_s < LEAST_S:
@@ -272,7 +271,7 @@ def local(where: str, options: Options, sides: Sequence[str] = ()) -> Iterator[P
 def list_side_urls(path: str) -> tuple[str, ...]:
     """Where a log's sidecar and import files would be. Of http a path is the whole URL: as a
     file's path it would lose a stroke."""
-    from drivers.files.any_log import OF_FOLDER, OWN
+    from topdress.drivers.files.any_log import OF_FOLDER, OWN
 
     folder, stroke, name = path.rpartition("/")
     own = f"{folder}{stroke}{name.rpartition('.')[0] or name}"

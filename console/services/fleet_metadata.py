@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
-from console.services.fleet_job import SHARED, find_epoch_days
+from topdress.console.services.fleet_job import SHARED, find_epoch_days
 
 COLUMNS = ("log", "unit", *SHARED, "time")
 

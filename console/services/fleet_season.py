@@ -7,16 +7,16 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
-from control.diagnosis.season.effect_timelines import SeasonFit, fitted
-from control.diagnosis.season.evidence import LogWork, OneLog
-from control.diagnosis.season.season_cost import (
+from topdress.control.diagnosis.season.effect_timelines import SeasonFit, fitted
+from topdress.control.diagnosis.season.evidence import LogWork, OneLog
+from topdress.control.diagnosis.season.season_cost import (
     Low,
     MachineSeason,
     OwnersLog,
     find_low_hoppers,
     machines,
 )
-from drivers import day_clock
+from topdress.drivers import day_clock
 
 # days since 1970: 2000-01-01; how far ahead of here a clock may be
 FIRST_DAY, DAY_AHEAD = 10_957.0, 1.0

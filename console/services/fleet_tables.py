@@ -7,10 +7,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from drivers.files.atomic import write_atomically
+from topdress.drivers.files.atomic import write_atomically
 
 if TYPE_CHECKING:
-    from console.services.fleet_season import Season
+    from topdress.console.services.fleet_season import Season
 
 _TEXT, _NUMBER, _COUNT = "Utf8", "Float64", "Int64"
 # Every column of every table, so that an empty one has them too.

@@ -5,9 +5,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from console.app.pages.diagnosis.service import OpenQuestions
-from drivers.files.atomic import free_path
-from drivers.files.what_it_is import FOREIGN, TABLES
+from topdress.console.app.pages.diagnosis.service import OpenQuestions
+from topdress.drivers.files.atomic import free_path
+from topdress.drivers.files.what_it_is import FOREIGN, TABLES
 
 READ = TABLES | FOREIGN
 # may be logs, and often are something else
@@ -35,8 +35,8 @@ def is_listed(path: Path) -> bool:
 
 def _holds_points(path: Path) -> bool:
     """A folder or a zip with the log of a task that was worked."""
-    from drivers.files.archives import files_at, holds_time_log
-    from drivers.plain_text import Refused
+    from topdress.drivers.files.archives import files_at, holds_time_log
+    from topdress.drivers.plain_text import Refused
 
     if not (path.suffix.lower() == ".zip" or path.name.lower() == TASK_FOLDER) or not path.exists():
         return False
@@ -61,15 +61,15 @@ def brought_in(path: Path, folder: Path) -> tuple[Path, tuple[str, ...]]:
     unsure. Raises OpenQuestions where something is, once the guess is written next to the file;
     ImportTrouble, ConfigError and OSError.
     """
-    from drivers.files.atomic import write_atomically
-    from drivers.files.config import load
-    from drivers.files.imports.convert import convert
-    from drivers.files.imports.guess import guess
-    from drivers.files.imports.guessed import first_import_file
-    from drivers.files.imports.join import joined
-    from drivers.files.imports.log_file import write_imported
-    from drivers.files.imports.mapping import IMPORT
-    from drivers.files.imports.read import read_raw
+    from topdress.drivers.files.atomic import write_atomically
+    from topdress.drivers.files.config import load
+    from topdress.drivers.files.imports.convert import convert
+    from topdress.drivers.files.imports.guess import guess
+    from topdress.drivers.files.imports.guessed import first_import_file
+    from topdress.drivers.files.imports.join import joined
+    from topdress.drivers.files.imports.log_file import write_imported
+    from topdress.drivers.files.imports.mapping import IMPORT
+    from topdress.drivers.files.imports.read import read_raw
 
     data, place = _pair(path)
     raw = read_raw(data)
@@ -92,7 +92,7 @@ def brought_in(path: Path, folder: Path) -> tuple[Path, tuple[str, ...]]:
 
 
 def _is_import_file(path: Path) -> bool:
-    from drivers.files.imports.mapping import IMPORT
+    from topdress.drivers.files.imports.mapping import IMPORT
 
     if path.suffix.lower() not in YAML:
         return False

@@ -11,7 +11,7 @@ from itertools import takewhile
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from console.app.pages.job.service import (
+from topdress.console.app.pages.job.service import (
     GATHERING,
     READING,
     WRITING,
@@ -27,27 +27,26 @@ from console.app.pages.job.service import (
     Progress,
     Recent,
 )
-from console.services.launcher import Launcher, find_data_folder, list_others
-from console.worker import resume
-from control.orders import BY_MAP, TargetSource
-from drivers import day_clock
-from drivers.files.config import Loaded, load, save, shipped
-from drivers.files.config_error import ConfigError
-from drivers.files.kinds import CAB, CROP, JOB, MACHINE, PRODUCT
-from drivers.plain_text import Refused
+from topdress.console.services.launcher import Launcher, find_data_folder, list_others
+from topdress.console.worker import resume
+from topdress.control.orders import BY_MAP, TargetSource
+from topdress.drivers import day_clock
+from topdress.drivers.files.config import Loaded, load, save, shipped
+from topdress.drivers.files.config_error import ConfigError
+from topdress.drivers.files.kinds import CAB, CROP, JOB, MACHINE, PRODUCT
+from topdress.drivers.plain_text import Refused
 
 if TYPE_CHECKING:
     from pydantic import BaseModel
-
-    from console.link import Link
-    from console.worker.resume_field import OpenJob
-    from control.agronomy.strips import StripValue
-    from control.field.job import Job
-    from control.machine.machine import Machine
-    from control.targets.map_check import MapCheck
-    from drivers.files.exports.as_applied import AsApplied
-    from drivers.files.read_log import RunLog
-    from drivers.files.setup import Setup
+    from topdress.console.link import Link
+    from topdress.console.worker.resume_field import OpenJob
+    from topdress.control.agronomy.strips import StripValue
+    from topdress.control.field.job import Job
+    from topdress.control.machine.machine import Machine
+    from topdress.control.targets.map_check import MapCheck
+    from topdress.drivers.files.exports.as_applied import AsApplied
+    from topdress.drivers.files.read_log import RunLog
+    from topdress.drivers.files.setup import Setup
 
 
 @contextlib.contextmanager
@@ -81,7 +80,7 @@ class JobFiles:
 
     def facts(self) -> Facts:
         """Raises ValueError."""
-        from drivers.files.setup import product_of, setup_of
+        from topdress.drivers.files.setup import product_of, setup_of
 
         with one_line():
             found = self._found()
@@ -113,7 +112,7 @@ class JobFiles:
     def _field(
         job: Job, machine: Machine, found: dict[str, Loaded[BaseModel]]
     ) -> tuple[str, float | None]:
-        from control.field.boundary import Boundary
+        from topdress.control.field.boundary import Boundary
 
         ground = _on_its_ground(job, machine, found).field
         return ground.title, Boundary(
@@ -125,8 +124,8 @@ class JobFiles:
     ) -> tuple[str, MapCheck | None, str]:
         """Where the job's map stands, what of it will not be applied, why it cannot be used.
         Looked at anew only when the file or the job has changed: a large one takes seconds."""
-        from drivers.files.archives import files_of
-        from drivers.files.prescriptions.for_job import check_of_job
+        from topdress.drivers.files.archives import files_of
+        from topdress.drivers.files.prescriptions.for_job import check_of_job
 
         if setup.job.target.map is None:
             return "", None, ""
@@ -147,7 +146,7 @@ class JobFiles:
                 self._checked = key, error
         checked = self._checked[1]
         if isinstance(checked, Refused):
-            from console.services.map_refused import in_words
+            from topdress.console.services.map_refused import in_words
 
             return str(path), None, f"{path}: {in_words(checked, path)}"
         if isinstance(checked, OSError):
@@ -185,13 +184,13 @@ class JobFiles:
             self._replace(wanted.format, value)
 
     def recent(self) -> tuple[Recent, ...]:
-        from console.services.recent import recent
+        from topdress.console.services.recent import recent
 
         return recent(self._launcher.logs, self._folder)
 
     def take_recent(self, recent: Recent) -> None:
         """Raises ValueError."""
-        from drivers.files.setup import by_kind, setup_of
+        from topdress.drivers.files.setup import by_kind, setup_of
 
         with one_line():
             setup_of(by_kind(recent.files), day_clock.today())
@@ -219,13 +218,13 @@ class JobFiles:
             return str(_path_of(self._found(), JOB.format, "demo"))
 
     def maps(self) -> tuple[MapFile, ...]:
-        from console.services.removable_media import find_maps, places
+        from topdress.console.services.removable_media import find_maps, places
 
         return find_maps(places())
 
     def map_folder(self, folder: str, kind: str = "map") -> tuple[MapFile, ...]:
         """Raises ValueError."""
-        from console.services.removable_media import entries, places
+        from topdress.console.services.removable_media import entries, places
 
         if not folder:
             return (
@@ -240,14 +239,18 @@ class JobFiles:
 
     def preview(self, path: str, reading: MapReading) -> MapPreview:
         """Raises ValueError."""
-        from console.services.field import picture_of
-        from console.services.map_refused import in_words, refused
-        from control.targets.prescription import statistics
-        from drivers.files.prescriptions.for_job import check_of_job
-        from drivers.files.prescriptions.read import read_prescription
-        from drivers.files.prescriptions.words import UNIT_NOT_NAMED, RateChoice, RateQuestion
-        from drivers.files.prescriptions.write import write_prescription
-        from drivers.files.setup import setup_of
+        from topdress.console.services.field import picture_of
+        from topdress.console.services.map_refused import in_words, refused
+        from topdress.control.targets.prescription import statistics
+        from topdress.drivers.files.prescriptions.for_job import check_of_job
+        from topdress.drivers.files.prescriptions.read import read_prescription
+        from topdress.drivers.files.prescriptions.words import (
+            UNIT_NOT_NAMED,
+            RateChoice,
+            RateQuestion,
+        )
+        from topdress.drivers.files.prescriptions.write import write_prescription
+        from topdress.drivers.files.setup import setup_of
 
         choice = RateChoice(column=reading.column or None, unit=reading.unit or None)
         path = _typed(path)
@@ -297,7 +300,7 @@ class JobFiles:
 
     def take_map(self, preview: MapPreview) -> str:
         """Raises ValueError."""
-        from drivers.files.atomic import free_path, write_atomically
+        from topdress.drivers.files.atomic import free_path, write_atomically
 
         place = free_path(self._folder / "maps", Path(preview.kept).stem, ".geojson")
         target = load(_path_of(self._found(), JOB.format, "demo"), JOB).model.target
@@ -319,7 +322,7 @@ class JobFiles:
 
     def take_boundary(self, ring_deg: tuple[tuple[float, float], ...]) -> str:
         """Raises ValueError: edges that cross, too few corners."""
-        from console.services.driven_field import driven_field
+        from topdress.console.services.driven_field import driven_field
 
         ground = load(_path_of(self._found(), JOB.format, "demo"), JOB).model.field
         with one_line():
@@ -345,7 +348,7 @@ class JobFiles:
             )
 
     def cards(self) -> tuple[tuple[File, JobCard | None], ...]:
-        from console.services.recent import card, find_done_of_jobs
+        from topdress.console.services.recent import card, find_done_of_jobs
 
         now = _path_of(self._found(), JOB.format, "demo")
         done = find_done_of_jobs(self._launcher.logs)
@@ -354,7 +357,7 @@ class JobFiles:
     def _new_job(self, changes: dict[str, object], comment: str) -> str:
         """A job of the user's stays the same file and keeps what it was before in the folder
         history; one of others is taken over under its own name."""
-        from drivers.files.atomic import free_path
+        from topdress.drivers.files.atomic import free_path
 
         path = _path_of(self._found(), JOB.format, "demo")
         loaded = load(path, JOB)
@@ -384,7 +387,7 @@ class JobFiles:
     def _settle(self) -> None:
         """What was changed takes its place, and what stood there goes into the history; a
         second time back. Raises ValueError."""
-        from drivers.files.atomic import write_atomically
+        from topdress.drivers.files.atomic import write_atomically
 
         if self._changed is None:
             return
@@ -401,7 +404,7 @@ class JobFiles:
 
     def _check(self, kind: str, value: str) -> None:
         """The new set of files together. Raises ConfigError."""
-        from drivers.files.setup import by_kind, setup_of
+        from topdress.drivers.files.setup import by_kind, setup_of
 
         setup_of(by_kind(self._with(kind, value)), day_clock.today())
 
@@ -414,7 +417,7 @@ class JobFiles:
         return (*kept, value)
 
     def _found(self) -> dict[str, Loaded[BaseModel]]:
-        from drivers.files.setup import by_kind
+        from topdress.drivers.files.setup import by_kind
 
         return by_kind(self._launcher.config)
 
@@ -453,8 +456,8 @@ class JobFiles:
         self, log_path: str, ending: str, progress: Progress, cancelled: Cancelled
     ) -> tuple[str, ...]:
         """Raises ValueError, OSError."""
-        from drivers.files.exports.as_applied import as_applied
-        from drivers.files.exports.write import write_as_applied
+        from topdress.drivers.files.exports.as_applied import as_applied
+        from topdress.drivers.files.exports.write import write_as_applied
 
         return self._of_parts(
             log_path,
@@ -467,11 +470,11 @@ class JobFiles:
 
     def report(self, log_path: str, progress: Progress, cancelled: Cancelled) -> tuple[str, ...]:
         """Raises ValueError, OSError."""
-        from console.reports.job_about import read_about
-        from console.reports.job_page import MOST_STRETCHES, job_page
-        from drivers.files.atomic import write_atomically
-        from drivers.files.exports.as_applied import DEFAULT_EVERY_S, as_applied
-        from drivers.files.run_meta import software_version
+        from topdress.console.reports.job_about import read_about
+        from topdress.console.reports.job_page import MOST_STRETCHES, job_page
+        from topdress.drivers.files.atomic import write_atomically
+        from topdress.drivers.files.exports.as_applied import DEFAULT_EVERY_S, as_applied
+        from topdress.drivers.files.run_meta import software_version
 
         def gathered(recorded: RunLog) -> AsApplied:
             applied = as_applied(recorded)
@@ -496,9 +499,9 @@ class JobFiles:
     ) -> tuple[str, ...]:
         """A file of each log of the job, next to it; cancelled: those that are done. A log with
         nothing in it is passed over, unless no log has more. Raises ValueError, OSError."""
-        from drivers.files.exports.as_applied import ExportError
-        from drivers.files.imports.trouble import TableError
-        from drivers.files.read_log import read_log
+        from topdress.drivers.files.exports.as_applied import ExportError
+        from topdress.drivers.files.imports.trouble import TableError
+        from topdress.drivers.files.read_log import read_log
 
         logs = self._parts(log_path)
         written: list[str] = []
@@ -551,8 +554,8 @@ class JobFiles:
     def _left(self) -> list[OpenJob]:
         """Jobs that were left on the field of the next start, the newest first; where no files
         are chosen, the newest of all. Raises ValueError."""
-        from console.worker.resume_field import OpenJob, find_jobs_here
-        from drivers.files.setup import by_kind, setup_of
+        from topdress.console.worker.resume_field import OpenJob, find_jobs_here
+        from topdress.drivers.files.setup import by_kind, setup_of
 
         now, config = day_clock.utc_now(), self._next or self._launcher.config
         if not config:
@@ -607,7 +610,7 @@ def find_implausible_rates(rates_kg_ha: Sequence[float], most_kg_ha: float) -> s
 def _on_its_ground(job: Job, machine: Machine, found: dict[str, Loaded[BaseModel]]) -> Job:
     """The job on the field where it will be worked: on the simulated machine one without a
     boundary gets one."""
-    from control.simulation.assembly import with_simulated_field
+    from topdress.control.simulation.assembly import with_simulated_field
 
     return with_simulated_field(job, machine) if _is_simulated(found) else job
 

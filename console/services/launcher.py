@@ -10,12 +10,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import platformdirs
-
-from console.running import WorkerAddress, start_worker
-from console.worker.snapshots import may_go_on
+from topdress.console.running import WorkerAddress, start_worker
+from topdress.console.worker.snapshots import may_go_on
 
 if TYPE_CHECKING:
-    from console.link import Link
+    from topdress.console.link import Link
 
 
 def find_data_folder() -> Path:
@@ -64,7 +63,7 @@ class Launcher:
     async def link(self, resumed: Path | None = None) -> Link:
         import asyncio
 
-        from console.link import Link
+        from topdress.console.link import Link
 
         return Link(await asyncio.to_thread(self.start, resumed), self.name)
 
@@ -77,10 +76,10 @@ class Launcher:
         """Take the files of a worker that runs already: its log's sidecar names them. Returns
         those of ours that it does not run with; None where the sidecar cannot be read: then
         ours stay."""
-        from drivers.files.config import load_any
-        from drivers.files.config_error import ConfigError
-        from drivers.files.kinds import CAB, JOB, KINDS, MACHINE
-        from drivers.files.run_meta import sidecar_meta
+        from topdress.drivers.files.config import load_any
+        from topdress.drivers.files.config_error import ConfigError
+        from topdress.drivers.files.kinds import CAB, JOB, KINDS, MACHINE
+        from topdress.drivers.files.run_meta import sidecar_meta
 
         meta = sidecar_meta(log_path)
         if meta is None:
@@ -115,9 +114,9 @@ def _pairs(option: str, values: Sequence[str]) -> list[str]:
 
 def _meant(file: str) -> Path | None:
     """The shipped file of this name; None where there is none."""
-    from drivers.files.config import resolve
-    from drivers.files.config_error import ConfigError
-    from drivers.files.kinds import KINDS
+    from topdress.drivers.files.config import resolve
+    from topdress.drivers.files.config_error import ConfigError
+    from topdress.drivers.files.kinds import KINDS
 
     try:
         return resolve(file, [kind.folder for kind in KINDS.values()]).resolve()

@@ -10,22 +10,21 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-
-from console.app.coverage_raster import Box, Worked, find_spot
-from console.app.layers import MapLayer
-from console.app.overlay_file import Harvest, LaidFile
-from console.app.pages.diagnosis.service import OpenQuestions
-from console.app.pages.replay.service import LogFile
-from console.frame import Frame
-from console.services.diagnosis import DiagnosisFiles
-from console.services.field import find_job_plane
-from console.services.foreign_files import IMPORT_FILE, brought_in
-from console.services.logs import select_logs
+from topdress.console.app.coverage_raster import Box, Worked, find_spot
+from topdress.console.app.layers import MapLayer
+from topdress.console.app.overlay_file import Harvest, LaidFile
+from topdress.console.app.pages.diagnosis.service import OpenQuestions
+from topdress.console.app.pages.replay.service import LogFile
+from topdress.console.frame import Frame
+from topdress.console.services.diagnosis import DiagnosisFiles
+from topdress.console.services.field import find_job_plane
+from topdress.console.services.foreign_files import IMPORT_FILE, brought_in
+from topdress.console.services.logs import select_logs
 
 if TYPE_CHECKING:
-    from control.geodesy import TangentPlane
-    from drivers.files.read_log import RunLog
-    from drivers.files.run_meta import RunMeta
+    from topdress.control.geodesy import TangentPlane
+    from topdress.drivers.files.read_log import RunLog
+    from topdress.drivers.files.run_meta import RunMeta
 
 # behind the antenna, where the machine of the frame is not given
 OUTLET_M = 2.0
@@ -46,7 +45,7 @@ class MapLayers:
     def lay(self, path: str, frame: Frame) -> LaidFile:
         """Raises ValueError in one line: not such a file, open questions, no places, no rate
         and no harvest in it."""
-        from drivers.files.run_meta import sidecar_meta
+        from topdress.drivers.files.run_meta import sidecar_meta
 
         meta = sidecar_meta(frame.log_path) if frame.log_path else None
         try:
@@ -62,9 +61,9 @@ class MapLayers:
 
 def _opened(path: Path) -> RunLog:
     """By its import file where one stands next to it. Raises ValueError, OSError."""
-    from drivers.files.any_log import open_log
-    from drivers.files.imports.trouble import Unsure
-    from drivers.files.read_log import read_rows
+    from topdress.drivers.files.any_log import open_log
+    from topdress.drivers.files.imports.trouble import Unsure
+    from topdress.drivers.files.read_log import read_rows
 
     if not path.with_name(f"{path.stem}{IMPORT_FILE}").exists():
         try:
@@ -84,7 +83,7 @@ def _asked(path: Path, questions: Sequence[str]) -> str:
 def laid(log: RunLog, plane: TangentPlane, width_m: float, frame: Frame) -> LaidFile:
     """A log of any program on a plane. width_m: of the ground covered, where the log does not
     tell its own."""
-    from console.services.replay_frames import make_frames
+    from topdress.console.services.replay_frames import make_frames
 
     if not (log.has("lat_deg") and log.has("lon_deg")):
         raise ValueError(
@@ -128,7 +127,7 @@ def laid(log: RunLog, plane: TangentPlane, width_m: float, frame: Frame) -> Laid
 def find_frame_plane(frame: Frame, meta: RunMeta | None) -> TangentPlane:
     """The plane that a frame's place is reported on: its job's, if the frame's fix lies there,
     else by fix and place."""
-    from control.geodesy import TangentPlane, apart_m, offset
+    from topdress.control.geodesy import TangentPlane, apart_m, offset
 
     row, place = frame.row, frame.place_m
     if place is None or row.lat_deg is None or row.lon_deg is None:
@@ -153,9 +152,9 @@ def _width_m(meta: RunMeta | None) -> float:
 
 def _width_of(log: RunLog, otherwise_m: float) -> float:
     """The log's own working width: its machine's, else the middle one of its column."""
-    from drivers.files.imports.header import named
-    from drivers.files.imports.units import unit_named
-    from drivers.files.imports.words import folded, subject_of
+    from topdress.drivers.files.imports.header import named
+    from topdress.drivers.files.imports.units import unit_named
+    from topdress.drivers.files.imports.words import folded, subject_of
 
     for name in log.columns:
         word, unit = named(name)
@@ -175,8 +174,8 @@ def _width_of(log: RunLog, otherwise_m: float) -> float:
 
 def _harvest(log: RunLog) -> tuple[str, Harvest] | None:
     """The column of what was harvested, where there is one."""
-    from drivers.files.imports.header import named
-    from drivers.files.imports.words import HARVEST, folded
+    from topdress.drivers.files.imports.header import named
+    from topdress.drivers.files.imports.words import HARVEST, folded
 
     for word in HARVEST:
         for name, values in log.columns.items():

@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import NamedTuple
 
-from console.app.guide_line_store import KeptLines, read_kept_lines
-from console.worker.side_files import SideFiles
+from topdress.console.app.guide_line_store import KeptLines, read_kept_lines
+from topdress.console.worker.side_files import SideFiles
 
 ENDING = ".lines.jsonl"
 
@@ -74,7 +74,7 @@ class _SharedField(NamedTuple):
 
 def _field_of(log: Path) -> _SharedField | None:
     """None: its job has no field, or cannot be read."""
-    from drivers.files.run_meta import sidecar_meta
+    from topdress.drivers.files.run_meta import sidecar_meta
 
     meta = sidecar_meta(log)
     field = None if meta is None else (meta.job or {}).get("field")
@@ -88,7 +88,7 @@ def _field_of(log: Path) -> _SharedField | None:
 
 def _drive_on(kept: KeptLines, log: Path, after_s: float) -> None:
     """The way since the last record, while no console looked: the log has it."""
-    from drivers.files.read_log import read_log
+    from topdress.drivers.files.read_log import read_log
 
     assert kept.drive is not None
     try:
@@ -107,7 +107,7 @@ def _text(path: Path) -> str:
 
 
 def _parts_before(log_path: str) -> tuple[Path, ...]:
-    from console.worker import resume
+    from topdress.console.worker import resume
 
     try:
         return tuple(map(Path, resume.read(resume.snapshot_path(log_path)).logs_before))

@@ -1,4 +1,5 @@
-"""The live check as a process of its own: `python -m console.services.live_check LOG [MACHINE]`.
+"""The live check as a process of its own:
+`python -m topdress.console.services.live_check LOG [MACHINE]`.
 
 It follows a growing log with the lowest priority and says what departs from the model as lines
 of JSON on stdout: {"departure": {...} or null, "at_s": 612.0}, whenever that changes, or
@@ -19,9 +20,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 if TYPE_CHECKING:
-    from control.diagnosis.result import Departure
-    from control.machine.machine import Machine
-    from drivers.files.columns import Columns
+    from topdress.control.diagnosis.result import Departure
+    from topdress.control.machine.machine import Machine
+    from topdress.drivers.files.columns import Columns
 
 NICE = 19
 POLL_S = 5.0
@@ -43,9 +44,9 @@ class Look(NamedTuple):
 
 def machine_of_log(log: Path, machine: str | None, default: str = DEFAULT_MACHINE) -> Machine:
     """As given, else as the log names it, else the default one. Raises ConfigError."""
-    from drivers.files.config import load, validated
-    from drivers.files.kinds import MACHINE
-    from drivers.files.read_log import meta_of
+    from topdress.drivers.files.config import load, validated
+    from topdress.drivers.files.kinds import MACHINE
+    from topdress.drivers.files.read_log import meta_of
 
     if machine is None:
         meta = meta_of(log)
@@ -67,8 +68,8 @@ def followed(
     those before are another log's, which is checked from its beginning. Raises TableError,
     ConfigError, OSError.
     """
-    from control.diagnosis.live.watch import LiveCheck
-    from drivers.files.growing_log import GrowingLog
+    from topdress.control.diagnosis.live.watch import LiveCheck
+    from topdress.drivers.files.growing_log import GrowingLog
 
     growing, check, state = GrowingLog(log), None, _FileState(log, tell)
     while True:
@@ -125,8 +126,7 @@ class _FileState:
 def _pieces(rows: Columns) -> Iterator[Columns]:
     """What came at once, as it would have come: LOOK_S at a time."""
     import numpy as np
-
-    from control.diagnosis.live.watch import LOOK_S
+    from topdress.control.diagnosis.live.watch import LOOK_S
 
     looks = np.floor((rows["time_s"] - rows["time_s"][0]) / LOOK_S)
     begins = [0, *(np.flatnonzero(np.diff(looks)) + 1).tolist(), len(looks)]
@@ -135,7 +135,7 @@ def _pieces(rows: Columns) -> Iterator[Columns]:
 
 
 def main(arguments: list[str], sleep: Callable[[float], None] = time.sleep) -> int:
-    from drivers.files.config import ConfigError
+    from topdress.drivers.files.config import ConfigError
 
     log, machine = Path(arguments[0]), arguments[1] if len(arguments) > 1 else None
     said: Departure | tuple[()] | None = ()

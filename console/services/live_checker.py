@@ -16,12 +16,12 @@ import threading
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from console.threads import ONE_THREAD
+from topdress.console.threads import ONE_THREAD
 
 if TYPE_CHECKING:
-    from control.diagnosis.result import Departure
+    from topdress.control.diagnosis.result import Departure
 
-PROGRAM = (sys.executable, "-P", "-m", "console.services.live_check")
+PROGRAM = (sys.executable, "-P", "-m", "topdress.console.services.live_check")
 AGAIN_S = 120.0  # after its death
 STARTS = 3  # for one log, at most
 # A diagnosis takes 100 MB for some seconds. Linux's allocator gives large pieces back at once
@@ -81,7 +81,7 @@ class _Run:
 
     def _listen(self) -> None:
         """Until the process ends. Its stdin stays open: it ends with this console."""
-        from control.diagnosis.result import Departure
+        from topdress.control.diagnosis.result import Departure
 
         with subprocess.Popen(
             [*self._program, self.log],

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable
 from pathlib import Path
 
-from console.app.pages.diagnosis.service import IMPORT, DiagnosisSource
-from console.app.pages.replay.service import LogFile, ReplayJob
-from console.services.diagnosis import DiagnosisFiles
-from console.services.foreign_files import YAML
+from topdress.console.app.pages.diagnosis.service import IMPORT, DiagnosisSource
+from topdress.console.app.pages.replay.service import LogFile, ReplayJob
+from topdress.console.services.diagnosis import DiagnosisFiles
+from topdress.console.services.foreign_files import YAML
 
 
 def select_logs(sources: Iterable[DiagnosisSource]) -> tuple[LogFile, ...]:
@@ -29,7 +29,7 @@ class RunLogs:
         return select_logs(self._files.sources(""))
 
     def open(self, path: str) -> ReplayJob:
-        from console.services.replay_frames import open_replay
-        from drivers.files.any_log import open_log
+        from topdress.console.services.replay_frames import open_replay
+        from topdress.drivers.files.any_log import open_log
 
         return open_replay(open_log(Path(path)))

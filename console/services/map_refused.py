@@ -6,10 +6,10 @@ from __future__ import annotations
 import contextlib
 from pathlib import Path
 
-from console.locale import N_, _
-from drivers.files.prescriptions.words import NotAMap
-from drivers.files.what_it_is import KINDS, OF_TABLES, what_is
-from drivers.plain_text import Reason, Refused
+from topdress.console.locale import N_, _
+from topdress.drivers.files.prescriptions.words import NotAMap
+from topdress.drivers.files.what_it_is import KINDS, OF_TABLES, what_is
+from topdress.drivers.plain_text import Reason, Refused
 
 MAP_KINDS = (*OF_TABLES, "geotiff", "gpkg", "kml", "kmz")
 _KINDS = {

@@ -6,15 +6,15 @@ from __future__ import annotations
 import contextlib
 from pathlib import Path
 
-from console.app.pages.job.service import JobCard, Recent
-from console.services.field import picture_of
-from console.worker import resume
-from console.worker.snapshots import list_newest_first
-from control.orders import TargetSource
-from drivers.files.config import load, load_any, shipped
-from drivers.files.config_error import ConfigError
-from drivers.files.kinds import CAB, JOB, KINDS, MACHINE
-from drivers.files.run_meta import RunMeta, meta_from_yaml
+from topdress.console.app.pages.job.service import JobCard, Recent
+from topdress.console.services.field import picture_of
+from topdress.console.worker import resume
+from topdress.console.worker.snapshots import list_newest_first
+from topdress.control.orders import TargetSource
+from topdress.drivers.files.config import load, load_any, shipped
+from topdress.drivers.files.config_error import ConfigError
+from topdress.drivers.files.kinds import CAB, JOB, KINDS, MACHINE
+from topdress.drivers.files.run_meta import RunMeta, meta_from_yaml
 
 WIDTH_M = 2.4  # of a machine: an outline needs none
 # of the newest logs, a week of a contractor's; and of the jobs

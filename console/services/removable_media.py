@@ -11,8 +11,8 @@ import zipfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-from console.app.pages.job.service import MapFile
-from drivers import day_clock
+from topdress.console.app.pages.job.service import MapFile
+from topdress.drivers import day_clock
 
 ENDINGS = (".shp", ".geojson", ".json", ".zip", ".csv")
 # bytes of a file that tell whether it may be a map at all
@@ -99,7 +99,7 @@ def is_map_likely(path: Path) -> bool:
     except (OSError, zipfile.BadZipFile):
         return False
     if ending == ".csv":
-        from drivers.files.opened import Opened
+        from topdress.drivers.files.opened import Opened
 
         try:
             return Opened(path).holds == "map"

@@ -7,24 +7,24 @@ from collections.abc import Iterator, Sequence
 from functools import partial
 from typing import TYPE_CHECKING
 
-from console.app.pages.replay.service import Cancelled, ReplayJob, Tell, WhatIf
-from console.app.replay_source import ReplaySource
-from console.frame import Frame
-from console.services.field import find_job_plane
-from control.geodesy import TangentPlane
-from control.log_row import LogRow
-from control.orders import Alarm
-from control.safety import ALARMS
+from topdress.console.app.pages.replay.service import Cancelled, ReplayJob, Tell, WhatIf
+from topdress.console.app.replay_source import ReplaySource
+from topdress.console.frame import Frame
+from topdress.console.services.field import find_job_plane
+from topdress.control.geodesy import TangentPlane
+from topdress.control.log_row import LogRow
+from topdress.control.orders import Alarm
+from topdress.control.safety import ALARMS
 
 if TYPE_CHECKING:
-    from drivers.files.read_log import RunLog
+    from topdress.drivers.files.read_log import RunLog
 
 PROGRESS_EVERY = 64  # rows
 
 
 def open_replay(recorded: RunLog) -> ReplayJob:
     """The log opened for the Replay screen, with its what-if."""
-    from drivers.files.config import shipped
+    from topdress.drivers.files.config import shipped
 
     frames = list(make_frames(recorded.rows(), recorded))
     return ReplayJob(
@@ -90,7 +90,7 @@ def make_frames(
 
 
 def _outlet(plane: TangentPlane, row: LogRow, ahead_m: float) -> tuple[float, float]:
-    from control.geodesy import offset
+    from topdress.control.geodesy import offset
 
     antenna = plane.to_m(row.lat_deg or 0.0, row.lon_deg or 0.0)
     back = antenna if row.heading_deg is None else offset(antenna, row.heading_deg, -ahead_m)
@@ -107,11 +107,11 @@ def _decided_anew(
     """
     import dataclasses
 
-    from console.services.rerun import rerun, setup_of
-    from control.field.job import rule_of
-    from control.orders import Strategy
-    from drivers.files.config import load
-    from drivers.files.kinds import CROP
+    from topdress.console.services.rerun import rerun, setup_of
+    from topdress.control.field.job import rule_of
+    from topdress.control.orders import Strategy
+    from topdress.drivers.files.config import load
+    from topdress.drivers.files.kinds import CROP
 
     setup = setup_of(
         recorded, options.machine, None, Strategy(options.strategy) if options.strategy else None

@@ -6,18 +6,18 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Iterator
 
-from console.services.field import folder_of
-from control.field.job import rule_of
-from control.loop import Tick
-from control.orders import Do, Order, State, Strategy
-from control.simulation.assembly import control_loop
-from drivers import day_clock
-from drivers.files.config import validated
-from drivers.files.kinds import CROP, JOB, MACHINE
-from drivers.files.prescriptions.for_job import placed_of_job
-from drivers.files.read_log import RunLog
-from drivers.files.replay import measurements
-from drivers.files.setup import Setup, load_setup
+from topdress.console.services.field import folder_of
+from topdress.control.field.job import rule_of
+from topdress.control.loop import Tick
+from topdress.control.orders import Do, Order, State, Strategy
+from topdress.control.simulation.assembly import control_loop
+from topdress.drivers import day_clock
+from topdress.drivers.files.config import validated
+from topdress.drivers.files.kinds import CROP, JOB, MACHINE
+from topdress.drivers.files.prescriptions.for_job import placed_of_job
+from topdress.drivers.files.read_log import RunLog
+from topdress.drivers.files.replay import measurements
+from topdress.drivers.files.setup import Setup, load_setup
 
 MOVES_MPS = 0.6
 

@@ -3,13 +3,13 @@ snapshot has it."""
 
 from __future__ import annotations
 
-from console.app.pages.job.service import AtWork, Earlier
+from topdress.console.app.pages.job.service import AtWork, Earlier
 
 
 def at_work(log_path: str) -> AtWork | None:
     """None where the log has no sidecar, or one that does not say."""
-    from control.machine.machine import Machine
-    from drivers.files.run_meta import sidecar_meta
+    from topdress.control.machine.machine import Machine
+    from topdress.drivers.files.run_meta import sidecar_meta
 
     meta = sidecar_meta(log_path)
     if meta is None:
@@ -27,7 +27,7 @@ def at_work(log_path: str) -> AtWork | None:
 
 def earlier(log_path: str) -> Earlier | None:
     """None where there is no snapshot, or none that can be read."""
-    from console.worker import resume
+    from topdress.console.worker import resume
 
     try:
         kept = resume.read(resume.snapshot_path(log_path))

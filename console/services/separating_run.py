@@ -6,10 +6,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import NamedTuple
 
-from control.experiments.levels import list_shaft_levels, opening_levels
-from control.field.job import Job, SpeedChange
-from control.machine.machine import Machine
-from control.orders import Do, Order, TargetSource
+from topdress.control.experiments.levels import list_shaft_levels, opening_levels
+from topdress.control.field.job import Job, SpeedChange
+from topdress.control.machine.machine import Machine
+from topdress.control.orders import Do, Order, TargetSource
 
 Orders = tuple[tuple[float, Order], ...]
 

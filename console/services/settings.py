@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from console.app.pages.settings.service import SettingsStore
-from drivers.files.settings import read_settings, settings_path, write_settings
-from drivers.files.settings_theme import read_themes
+from topdress.console.app.pages.settings.service import SettingsStore
+from topdress.drivers.files.settings import read_settings, settings_path, write_settings
+from topdress.drivers.files.settings_theme import read_themes
 
 
 def settings_store() -> SettingsStore:

@@ -1,4 +1,4 @@
-"""`python -P -m console.worker`: see `console.worker.program`.
+"""`python -P -m topdress.console.worker`: see `console.worker.program`.
 
 The right to be the worker is taken before the modules are read: a lock that is new has to
 settle for 0.4 s, in which they come up.
@@ -10,12 +10,12 @@ import contextlib
 import sys
 from collections.abc import Sequence
 
-from console import import_hooks
+from topdress.console import import_hooks
 
 import_hooks.begin()
 
-from console.worker import run_file  # noqa: E402
-from console.worker.options import parse_options  # noqa: E402
+from topdress.console.worker import run_file  # noqa: E402
+from topdress.console.worker.options import parse_options  # noqa: E402
 
 
 def main(arguments: Sequence[str]) -> int:
@@ -26,8 +26,8 @@ def main(arguments: Sequence[str]) -> int:
         except OSError as error:
             print(f"topdress worker: {error}", file=sys.stderr, flush=True)
             return 1
-        from console.worker.assemble import assemble
-        from console.worker.program import run
+        from topdress.console.worker.assemble import assemble
+        from topdress.console.worker.program import run
 
         return run(options, assemble, right)
 

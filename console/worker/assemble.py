@@ -9,36 +9,50 @@ from pathlib import Path
 from typing import Any
 
 import platformdirs
-
-from console.worker.options import Options
-from console.worker.parts import Assembly, Bench, Names
-from console.worker.program import Clock
-from console.worker.resume import snapshot_path
-from console.worker.resume_assemble import find_earlier_job, find_job_to_continue, go_on, started
-from console.worker.resume_field import list_logs_here
-from console.worker.resume_keeper import Keeper
-from console.worker.resume_tail import add_log_tail
-from control.field.job import Job, rule_of
-from control.machine.fault_injection import parse_planted
-from control.machine.machine import Machine
-from control.orders import State, TargetSource
-from control.readings import DriveCommand, Measurements
-from control.simulation.assembly import control_loop, simulated_machine, with_simulated_field
-from control.simulation.plant import Plant
-from drivers import day_clock
-from drivers.cab import BoardConfig, Cab, CabConfig
-from drivers.cab_config import MODULE_STOPS_S
-from drivers.cab_line import DeviceLine
-from drivers.device_status import DeviceStatus
-from drivers.devices.board_frames import SILENT_HOST_S
-from drivers.devices.lag_rig import RigReadings
-from drivers.files.config import ConfigError, Loaded
-from drivers.files.kinds import CAB, MACHINE
-from drivers.files.prescriptions.for_job import LoopTargets, placed_of_job
-from drivers.files.run_log import RunLogWriter
-from drivers.files.run_meta import run_meta
-from drivers.files.setup import Setup, by_kind, disagreements, index_disagreements, setup_of
-from drivers.virtual.machine import VirtualMachine, virtual_cab
+from topdress.console.worker.options import Options
+from topdress.console.worker.parts import Assembly, Bench, Names
+from topdress.console.worker.program import Clock
+from topdress.console.worker.resume import snapshot_path
+from topdress.console.worker.resume_assemble import (
+    find_earlier_job,
+    find_job_to_continue,
+    go_on,
+    started,
+)
+from topdress.console.worker.resume_field import list_logs_here
+from topdress.console.worker.resume_keeper import Keeper
+from topdress.console.worker.resume_tail import add_log_tail
+from topdress.control.field.job import Job, rule_of
+from topdress.control.machine.fault_injection import parse_planted
+from topdress.control.machine.machine import Machine
+from topdress.control.orders import State, TargetSource
+from topdress.control.readings import DriveCommand, Measurements
+from topdress.control.simulation.assembly import (
+    control_loop,
+    simulated_machine,
+    with_simulated_field,
+)
+from topdress.control.simulation.plant import Plant
+from topdress.drivers import day_clock
+from topdress.drivers.cab import BoardConfig, Cab, CabConfig
+from topdress.drivers.cab_config import MODULE_STOPS_S
+from topdress.drivers.cab_line import DeviceLine
+from topdress.drivers.device_status import DeviceStatus
+from topdress.drivers.devices.board_frames import SILENT_HOST_S
+from topdress.drivers.devices.lag_rig import RigReadings
+from topdress.drivers.files.config import ConfigError, Loaded
+from topdress.drivers.files.kinds import CAB, MACHINE
+from topdress.drivers.files.prescriptions.for_job import LoopTargets, placed_of_job
+from topdress.drivers.files.run_log import RunLogWriter
+from topdress.drivers.files.run_meta import run_meta
+from topdress.drivers.files.setup import (
+    Setup,
+    by_kind,
+    disagreements,
+    index_disagreements,
+    setup_of,
+)
+from topdress.drivers.virtual.machine import VirtualMachine, virtual_cab
 
 # The simulated machine as a bench: stepped by the loop's own ticks, reached through the same
 # bytes as a real one.

@@ -7,8 +7,8 @@ import socket
 from enum import Enum, auto
 from math import inf
 
-from console.attached import UNNAMED, Attached
-from console.worker.limits import (
+from topdress.console.attached import UNNAMED, Attached
+from topdress.console.worker.limits import (
     LINE_BYTES,
     REFUSAL_AGAIN_S,
     REFUSALS,

@@ -8,15 +8,15 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from console.frame import DeviceDo, DeviceTest
-from console.worker.limits import CAPTURE_BYTES, TEST_S
-from console.worker.parts import Bench
-from console.worker.requests import DeviceOrder
-from console.worker.side_files import SideFiles
-from control.orders import Answer, State
-from drivers.cab_line import DeviceLine, Direction
-from drivers.devices import capture, probe
-from drivers.ports import Clock, Port, open_port
+from topdress.console.frame import DeviceDo, DeviceTest
+from topdress.console.worker.limits import CAPTURE_BYTES, TEST_S
+from topdress.console.worker.parts import Bench
+from topdress.console.worker.requests import DeviceOrder
+from topdress.console.worker.side_files import SideFiles
+from topdress.control.orders import Answer, State
+from topdress.drivers.cab_line import DeviceLine, Direction
+from topdress.drivers.devices import capture, probe
+from topdress.drivers.ports import Clock, Port, open_port
 
 BUSY = (State.WORKING, State.CALIBRATING)
 Opener = Callable[[str, int, Clock], Port]

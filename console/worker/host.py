@@ -17,11 +17,11 @@ from math import ceil, inf
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from console.attached import LATEST, Attached, Ordered, read_orders
-from console.frame import DeviceView, Frame
-from console.worker.device_service import DeviceService
-from console.worker.lag_bench import LagBench
-from console.worker.limits import (
+from topdress.console.attached import LATEST, Attached, Ordered, read_orders
+from topdress.console.frame import DeviceView, Frame
+from topdress.console.worker.device_service import DeviceService
+from topdress.console.worker.lag_bench import LagBench
+from topdress.console.worker.limits import (
     CATCH_UP_PERIODS,
     DEVICES_S,
     FRAME_HZ,
@@ -34,13 +34,13 @@ from console.worker.limits import (
     TEXT_CHARACTERS,
     TOTALS_S,
 )
-from console.worker.parts import FRAME_FIELDS, Assembly
-from console.worker.requests import Ask, DeviceOrder, What
-from console.worker.side_files import SideFiles
-from control.field.totals import Totals
-from control.loop import Tick
-from control.orders import Alarm, Answer, Do, Order, Severity
-from drivers.device_status import DeviceStatus
+from topdress.console.worker.parts import FRAME_FIELDS, Assembly
+from topdress.console.worker.requests import Ask, DeviceOrder, What
+from topdress.console.worker.side_files import SideFiles
+from topdress.control.field.totals import Totals
+from topdress.control.loop import Tick
+from topdress.control.orders import Alarm, Answer, Do, Order, Severity
+from topdress.drivers.device_status import DeviceStatus
 
 # How punctual the loop is: a histogram of fixed size, so that eight hours cost no more than a
 # second.

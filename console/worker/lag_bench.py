@@ -9,12 +9,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from console.frame import LagTestView
-from console.worker.parts import Bench
-from console.worker.side_files import SideFiles
-from control.loop import ControlLoop
-from control.orders import Answer, Do, Order, State
-from drivers.devices.lag_run import LagTest, Plan, bench_row, bench_table
+from topdress.console.frame import LagTestView
+from topdress.console.worker.parts import Bench
+from topdress.console.worker.side_files import SideFiles
+from topdress.control.loop import ControlLoop
+from topdress.control.orders import Answer, Do, Order, State
+from topdress.drivers.devices.lag_run import LagTest, Plan, bench_row, bench_table
 
 
 class LagBench:

@@ -25,12 +25,12 @@ from functools import partial
 from math import inf
 from typing import Any
 
-from console.attached import UNNAMED, said_of, unlike
-from console.frame import Frame
-from console.worker import wire
-from console.worker.client import Client, ClientKind
-from console.worker.host import Host
-from console.worker.limits import (
+from topdress.console.attached import UNNAMED, said_of, unlike
+from topdress.console.frame import Frame
+from topdress.console.worker import wire
+from topdress.console.worker.client import Client, ClientKind
+from topdress.console.worker.host import Host
+from topdress.console.worker.limits import (
     ACCEPTS_A_TURN,
     ASIDE_S,
     CLIENTS_LOOKING,
@@ -48,8 +48,8 @@ from console.worker.limits import (
     STANDS_S,
     STRANGERS_S,
 )
-from console.worker.requests import Ask, Refusal, Request, parse
-from control.orders import Answer, State
+from topdress.console.worker.requests import Ask, Refusal, Request, parse
+from topdress.control.orders import Answer, State
 
 # When a frame is reported to the consoles: what changed at once, a machine that moves often,
 # one that stands seldom.

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from console.worker.limits import HZ_DEFAULT, HZ_HIGHEST, HZ_LOWEST, ORPHAN_S
+from topdress.console.worker.limits import HZ_DEFAULT, HZ_HIGHEST, HZ_LOWEST, ORPHAN_S
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,7 +29,7 @@ class Options:
 def parse_options(arguments: Sequence[str]) -> Options:
     """Read the command line; ends the process with one line and code 2 where it is wrong."""
     parser = argparse.ArgumentParser(
-        prog="python -P -m console.worker", description="The control worker of topdress."
+        prog="python -P -m topdress.console.worker", description="The control worker of topdress."
     )
     parser.add_argument(
         "--config",

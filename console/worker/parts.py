@@ -7,16 +7,16 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple, Protocol
 
-from console.frame import Frame
-from control.log_row import LogRow
-from control.loop import ControlLoop, Tick
-from control.readings import DriveCommand, Measurements
-from drivers.cab_line import DeviceLine
-from drivers.device_status import DeviceStatus
-from drivers.devices.lag_rig import RigReadings
+from topdress.console.frame import Frame
+from topdress.control.log_row import LogRow
+from topdress.control.loop import ControlLoop, Tick
+from topdress.control.readings import DriveCommand, Measurements
+from topdress.drivers.cab_line import DeviceLine
+from topdress.drivers.device_status import DeviceStatus
+from topdress.drivers.devices.lag_rig import RigReadings
 
 if TYPE_CHECKING:
-    from console.worker.resume_keeper import Keeper
+    from topdress.console.worker.resume_keeper import Keeper
 
 
 class Bench(Protocol):

@@ -9,13 +9,13 @@ import sys
 import time
 from collections.abc import Callable, Sequence
 
-from console import import_hooks
-from console.worker import run_file
-from console.worker.host import Host
-from console.worker.link_server import LinkServer
-from console.worker.options import Options, parse_options
-from console.worker.parts import Assembly
-from console.worker.system import take_priority, take_signals
+from topdress.console import import_hooks
+from topdress.console.worker import run_file
+from topdress.console.worker.host import Host
+from topdress.console.worker.link_server import LinkServer
+from topdress.console.worker.options import Options, parse_options
+from topdress.console.worker.parts import Assembly
+from topdress.console.worker.system import take_priority, take_signals
 
 Clock = Callable[[], float]
 Assemble = Callable[[Options, Clock], Assembly]

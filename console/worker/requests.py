@@ -21,10 +21,10 @@ import secrets
 from enum import StrEnum
 from typing import NamedTuple, NoReturn
 
-from console.attached import clean_name
-from console.frame import DeviceDo
-from console.worker.limits import TEXT_CHARACTERS
-from control.orders import Do, Order
+from topdress.console.attached import clean_name
+from topdress.console.frame import DeviceDo
+from topdress.console.worker.limits import TEXT_CHARACTERS
+from topdress.control.orders import Do, Order
 
 
 class Ask(StrEnum):

@@ -11,14 +11,14 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Annotated, Any
 
-from console.worker.resume_alarms import AlarmRecord
-from console.worker.resume_ground import NOTHING_DONE, AsBits, Spot, packed
-from console.worker.snapshots import ENDING, FORMAT, find_saved_ns, list_newest_first
-from control.field.coverage import Raster
-from control.field.totals import NOTHING, Sums
-from control.orders import Strategy
-from drivers.files.atomic import write_atomically
-from drivers.files.limits import RESUME, held_to
+from topdress.console.worker.resume_alarms import AlarmRecord
+from topdress.console.worker.resume_ground import NOTHING_DONE, AsBits, Spot, packed
+from topdress.console.worker.snapshots import ENDING, FORMAT, find_saved_ns, list_newest_first
+from topdress.control.field.coverage import Raster
+from topdress.control.field.totals import NOTHING, Sums
+from topdress.control.orders import Strategy
+from topdress.drivers.files.atomic import write_atomically
+from topdress.drivers.files.limits import RESUME, held_to
 
 WORTH_HA = 0.001  # less done than this: nothing to go on with
 # before there was a topdress: of a clock that nobody has set
@@ -138,7 +138,7 @@ def _data(path: Path) -> dict[str, Any]:
 
 def _checked(path: Path, data: dict[str, Any]) -> Snapshot:
     """Raises ValueError."""
-    from drivers.files.plain import typed  # pydantic: only where a job goes on
+    from topdress.drivers.files.plain import typed  # pydantic: only where a job goes on
 
     try:
         for name in ("began_utc", "saved_utc"):

@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import NamedTuple
 
-from control.orders import Alarm, Severity
+from topdress.control.orders import Alarm, Severity
 
 
 class AlarmRecord(NamedTuple):

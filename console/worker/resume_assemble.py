@@ -11,17 +11,17 @@ from math import hypot
 from pathlib import Path
 from typing import NamedTuple
 
-from console.worker import resume
-from console.worker.options import Options
-from console.worker.resume import Snapshot
-from console.worker.resume_field import find_jobs_here, find_last_place, on_plane
-from control.field.job import Job
-from control.geodesy import TangentPlane
-from control.loop import ControlLoop
-from control.machine.machine import Machine
-from control.orders import Strategy
-from control.simulation.tractor import field_path
-from drivers.files.run_meta import sidecar_meta
+from topdress.console.worker import resume
+from topdress.console.worker.options import Options
+from topdress.console.worker.resume import Snapshot
+from topdress.console.worker.resume_field import find_jobs_here, find_last_place, on_plane
+from topdress.control.field.job import Job
+from topdress.control.geodesy import TangentPlane
+from topdress.control.loop import ControlLoop
+from topdress.control.machine.machine import Machine
+from topdress.control.orders import Strategy
+from topdress.control.simulation.tractor import field_path
+from topdress.drivers.files.run_meta import sidecar_meta
 
 SEARCH_M = 0.5  # along the simulated tractor's way
 

@@ -11,12 +11,11 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-
-from console.worker.resume import WORTH_HA, Snapshot, find_open_jobs
-from control.field.boundary import Boundary
-from control.field.coverage import FARTHEST_M, MOST_CELLS, Raster
-from control.field.job import Job
-from control.geodesy import Place, TangentPlane
+from topdress.console.worker.resume import WORTH_HA, Snapshot, find_open_jobs
+from topdress.control.field.boundary import Boundary
+from topdress.control.field.coverage import FARTHEST_M, MOST_CELLS, Raster
+from topdress.control.field.job import Job
+from topdress.control.geodesy import Place, TangentPlane
 
 # of what a job has done: with so much of it on this field, it is this field's job
 SAME_FIELD = 0.5

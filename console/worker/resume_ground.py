@@ -9,12 +9,11 @@ from math import hypot
 from typing import Any
 
 import numpy as np
-
-from control.field.coverage import MOST_CELLS, Coverage, Raster
-from control.field.ground_trace import GroundTrace
-from control.machine.fall import drop_s
-from control.machine.machine import Machine
-from control.machine.sections import LoggedValves
+from topdress.control.field.coverage import MOST_CELLS, Coverage, Raster
+from topdress.control.field.ground_trace import GroundTrace
+from topdress.control.machine.fall import drop_s
+from topdress.control.machine.machine import Machine
+from topdress.control.machine.sections import LoggedValves
 
 CELL_M = 0.25  # at most a sixth of the width
 # places kept for the map: at least this far apart ...

@@ -11,20 +11,20 @@ from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import NamedTuple
 
-from console.frame import Tally
-from console.worker import resume
-from console.worker.resume import Snapshot, drop_last_refill
-from console.worker.resume_alarms import AlarmBook
-from console.worker.resume_ground import Done
-from console.worker.resume_tail import SCALE_S
-from control.agronomy.strips import read_strip
-from control.field.totals import Sums
-from control.geodesy import TangentPlane
-from control.log_row import LogRow
-from control.loop import ControlLoop, Tick
-from control.machine.machine import Machine
-from control.orders import State
-from drivers.files.run_log import MAX_WAITING_ROWS
+from topdress.console.frame import Tally
+from topdress.console.worker import resume
+from topdress.console.worker.resume import Snapshot, drop_last_refill
+from topdress.console.worker.resume_alarms import AlarmBook
+from topdress.console.worker.resume_ground import Done
+from topdress.console.worker.resume_tail import SCALE_S
+from topdress.control.agronomy.strips import read_strip
+from topdress.control.field.totals import Sums
+from topdress.control.geodesy import TangentPlane
+from topdress.control.log_row import LogRow
+from topdress.control.loop import ControlLoop, Tick
+from topdress.control.machine.machine import Machine
+from topdress.control.orders import State
+from topdress.drivers.files.run_log import MAX_WAITING_ROWS
 
 # the snapshot is this old at most, and the disk's own time
 SAVE_S = 5.0

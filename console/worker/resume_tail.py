@@ -9,17 +9,17 @@ from math import isfinite, nan
 from pathlib import Path
 from typing import NamedTuple
 
-from console.worker.resume import Refill, Snapshot, drop_last_refill
-from console.worker.resume_ground import Done
-from control.field.totals import Totaliser
-from control.geodesy import Place, TangentPlane, offset
-from control.machine.fall import drop_s
-from control.machine.machine import Machine
-from control.machine.sections import LoggedValves
-from control.machine.shaft import ShaftInput, make_shaft_start, shaft_step
-from control.orders import State
-from drivers.files.limits import LINE
-from drivers.files.run_log import FLUSH_S
+from topdress.console.worker.resume import Refill, Snapshot, drop_last_refill
+from topdress.console.worker.resume_ground import Done
+from topdress.control.field.totals import Totaliser
+from topdress.control.geodesy import Place, TangentPlane, offset
+from topdress.control.machine.fall import drop_s
+from topdress.control.machine.machine import Machine
+from topdress.control.machine.sections import LoggedValves
+from topdress.control.machine.shaft import ShaftInput, make_shaft_start, shaft_step
+from topdress.control.orders import State
+from topdress.drivers.files.limits import LINE
+from topdress.drivers.files.run_log import FLUSH_S
 
 # What left the outlets after the last row of a log: a board whose host fell silent goes on for
 # a while.

@@ -18,11 +18,11 @@ import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-from console.worker.limits import LOCK_S
-from console.worker.system import private_folder, write_private
-from console.worker_handshake import is_still_running
-from drivers import day_clock
-from drivers.files.lock import stands, take_lock
+from topdress.console.worker.limits import LOCK_S
+from topdress.console.worker.system import private_folder, write_private
+from topdress.console.worker_handshake import is_still_running
+from topdress.drivers import day_clock
+from topdress.drivers.files.lock import stands, take_lock
 
 AGAIN_S = 0.02
 MENDED_S = 0.2

@@ -6,7 +6,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from drivers.files.limits import RESUME, held_to
+from topdress.drivers.files.limits import RESUME, held_to
 
 FORMAT = "topdress-resume/1"
 ENDING = ".resume.json"

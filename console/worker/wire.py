@@ -7,9 +7,9 @@ import math
 from dataclasses import replace
 from typing import Any
 
-from console.frame import Frame, to_json
-from console.worker_handshake import GREETING
-from control.orders import Answer
+from topdress.console.frame import Frame, to_json
+from topdress.console.worker_handshake import GREETING
+from topdress.control.orders import Answer
 
 
 def greeting(pid: int) -> bytes:

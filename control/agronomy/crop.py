@@ -7,11 +7,10 @@ import math
 from typing import Literal, Self
 
 from pydantic import Field, model_validator
-
-from control.agronomy.growth import GrowthWindow
-from control.agronomy.response import HarvestLine, ResponseRule
-from control.agronomy.yield_potential import YieldPotential, describe_day_rule
-from control.frozen_model import FrozenModel
+from topdress.control.agronomy.growth import GrowthWindow
+from topdress.control.agronomy.response import HarvestLine, ResponseRule
+from topdress.control.agronomy.yield_potential import YieldPotential, describe_day_rule
+from topdress.control.frozen_model import FrozenModel
 
 # a line that leaves the canopy's index as it is
 CANOPY_ITSELF = HarvestLine(slope=1.0, intercept=0.0)

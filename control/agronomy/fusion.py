@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from statistics import median
 from typing import NamedTuple
 
-from control.readings import Reading, is_fresh
+from topdress.control.readings import Reading, is_fresh
 
 # median absolute deviation to standard deviation, normal distribution
 _MAD_TO_SD = 1.4826

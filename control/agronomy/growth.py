@@ -11,8 +11,7 @@ from __future__ import annotations
 from typing import Annotated, Literal, NamedTuple, Self
 
 from pydantic import Field, model_validator
-
-from control.frozen_model import FrozenModel
+from topdress.control.frozen_model import FrozenModel
 
 Scale = Literal["feekes", "bbch", "days"]
 SCALE_RANGE: dict[str, tuple[float, float]] = {

@@ -22,10 +22,10 @@ import math
 from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple
 
-from control.agronomy.crop import Crop
-from control.agronomy.response import ResponseRule, field_response
-from control.agronomy.strips import Strips, StripValue
-from control.agronomy.yield_potential import YieldPotential
+from topdress.control.agronomy.crop import Crop
+from topdress.control.agronomy.response import ResponseRule, field_response
+from topdress.control.agronomy.strips import Strips, StripValue
+from topdress.control.agronomy.yield_potential import YieldPotential
 
 Why = Literal[
     "in_range",

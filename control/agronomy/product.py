@@ -7,8 +7,7 @@ import datetime as dt
 from typing import Literal, Self
 
 from pydantic import Field, model_validator
-
-from control.frozen_model import FrozenModel
+from topdress.control.frozen_model import FrozenModel
 
 
 class CatchTest(FrozenModel):

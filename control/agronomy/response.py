@@ -13,9 +13,8 @@ from __future__ import annotations
 from typing import Literal, Self
 
 from pydantic import Field, model_validator
-
-from control.agronomy.strips import Strips, measured_index
-from control.frozen_model import FrozenModel
+from topdress.control.agronomy.strips import Strips, measured_index
+from topdress.control.frozen_model import FrozenModel
 
 ResponseRule = Literal["paper", "field"]
 

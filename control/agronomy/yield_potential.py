@@ -14,9 +14,8 @@ from __future__ import annotations
 from typing import Annotated, Any, Literal, NamedTuple, Self
 
 from pydantic import ConfigDict, Field, model_validator
-
-from control.agronomy.response import HarvestLine
-from control.frozen_model import FrozenModel
+from topdress.control.agronomy.response import HarvestLine
+from topdress.control.frozen_model import FrozenModel
 
 OSU_LIBRARY = (
     "Oklahoma State University, library of yield prediction equations "

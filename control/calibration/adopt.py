@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 
-from control.machine.machine import Adopted, Machine
+from topdress.control.machine.machine import Adopted, Machine
 
 from .least_squares import FittedInterval
 

@@ -7,10 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
-
-from control.recordings.finding import Finding
-from control.recordings.speeds import KMH_PER_MPS
-from control.recordings.values import known
+from topdress.control.recordings.finding import Finding
+from topdress.control.recordings.speeds import KMH_PER_MPS
+from topdress.control.recordings.values import known
 
 Array = npt.NDArray[np.float64]
 

@@ -12,8 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-
-from control.log_row import COMMANDS_HELD
+from topdress.control.log_row import COMMANDS_HELD
 
 Array = npt.NDArray[np.float64]
 

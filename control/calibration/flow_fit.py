@@ -7,9 +7,8 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-
-from control.agronomy.product import CatchTest
-from control.machine.machine import Machine, unit_of
+from topdress.control.agronomy.product import CatchTest
+from topdress.control.machine.machine import Machine, unit_of
 
 from .adopt import make_title, merge_records, record
 from .bench_table import Array, BenchTable, usable

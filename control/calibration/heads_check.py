@@ -8,8 +8,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 from scipy.special import stdtrit
-
-from control.machine.machine import Adopted, Machine, add_effect
+from topdress.control.machine.machine import Adopted, Machine, add_effect
 
 from .adopt import make_title, merge_records, record
 from .bench_table import Array

@@ -6,10 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import minimize_scalar
-
-from control.machine.fall import Fall, find_start_drop_s
-from control.machine.machine import Machine
-from control.machine.start import find_first_fall_s, resettled, response_s
+from topdress.control.machine.fall import Fall, find_start_drop_s
+from topdress.control.machine.machine import Machine
+from topdress.control.machine.start import find_first_fall_s, resettled, response_s
 
 from .adopt import make_title, merge_records, record
 from .bench_table import Array, BenchTable, usable

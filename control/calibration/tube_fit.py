@@ -12,10 +12,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-
-from control.machine.change_lag import Settled, change_lag
-from control.machine.machine import Machine
-from control.machine.start import change_response_s, with_carried_share
+from topdress.control.machine.change_lag import Settled, change_lag
+from topdress.control.machine.machine import Machine
+from topdress.control.machine.start import change_response_s, with_carried_share
 
 from .adopt import make_title, merge_records, record
 from .bench_table import Array, BenchTable, usable

@@ -9,9 +9,8 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 from scipy.special import stdtrit
-
-from control.geodesy import TangentPlane
-from control.machine.machine import Machine
+from topdress.control.geodesy import TangentPlane
+from topdress.control.machine.machine import Machine
 
 from .adopt import make_title, merge_records, record
 from .bench_table import Array

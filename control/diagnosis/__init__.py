@@ -1,6 +1,6 @@
 """What the machine model gets wrong on measured data, why, and what putting it right gains.
 
-    from control.diagnosis import compared, diagnose_run, diagnose_tables, extend
+    from topdress.control.diagnosis import compared, diagnose_run, diagnose_tables, extend
 
 The two entries load scipy and the compiled model, so they are imported when they are first
 asked for: a page that only shows a `Diagnosis` starts without them.

@@ -11,13 +11,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from control.diagnosis.effects import Costs
-from control.diagnosis.result import FieldCost
-from control.experiments.levels import USUAL_MPS
-from control.machine.flow import FlowInput, FlowState, step_flow
-from control.machine.machine import Machine
-from control.machine.scale import ScaleInput, scale_reads
-from control.machine.speed import SpeedInput, make_speed_start, step_speed
+from topdress.control.diagnosis.effects import Costs
+from topdress.control.diagnosis.result import FieldCost
+from topdress.control.experiments.levels import USUAL_MPS
+from topdress.control.machine.flow import FlowInput, FlowState, step_flow
+from topdress.control.machine.machine import Machine
+from topdress.control.machine.scale import ScaleInput, scale_reads
+from topdress.control.machine.speed import SpeedInput, make_speed_start, step_speed
 
 # over which the mass that the scale reads is taken
 STEP_S = 1.0

@@ -12,10 +12,9 @@ from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
-
-from control.diagnosis.result import notebook
-from control.log_row import COLUMNS, TEXT_COLUMNS
-from control.machine.machine import Machine
+from topdress.control.diagnosis.result import notebook
+from topdress.control.log_row import COLUMNS, TEXT_COLUMNS
+from topdress.control.machine.machine import Machine
 
 Columns = dict[str, npt.NDArray[Any]]
 

@@ -10,8 +10,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from enum import Enum
 
-from control.machine.machine import CATALOGUE, Bounds, Machine, bounds, size_scale
-from control.machine.shaft import LEAST_LAG_S
+from topdress.control.machine.machine import CATALOGUE, Bounds, Machine, bounds, size_scale
+from topdress.control.machine.shaft import LEAST_LAG_S
 
 THRESHOLD_RATIO = 1.25  # of a threshold to the one tried below it
 # of the highest shaft speed: a shaft that is asked for less stands still

@@ -5,13 +5,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from control.diagnosis.dataframe_input import machine_of
-from control.diagnosis.effects import ROWS, reach
-from control.machine.fault_injection import Planted
-from control.machine.form import FORMS, SHAFT_ANGLE
-from control.machine.history import noted
-from control.machine.machine import CATALOGUE, Adopted, Machine, add_effect, bounds
-from control.machine.terms import Source, Term
+from topdress.control.diagnosis.dataframe_input import machine_of
+from topdress.control.diagnosis.effects import ROWS, reach
+from topdress.control.machine.fault_injection import Planted
+from topdress.control.machine.form import FORMS, SHAFT_ANGLE
+from topdress.control.machine.history import noted
+from topdress.control.machine.machine import CATALOGUE, Adopted, Machine, add_effect, bounds
+from topdress.control.machine.terms import Source, Term
 
 from .result import UNKNOWN, Cause, Diagnosis, TermFound
 
@@ -51,8 +51,8 @@ def extend(
 
     Examples
     --------
-    >>> from control.diagnosis.result import Cause, Data, Diagnosis, FieldCost, Size
-    >>> from control.machine.machine import Machine, list_effect_sizes
+    >>> from topdress.control.diagnosis.result import Cause, Data, Diagnosis, FieldCost, Size
+    >>> from topdress.control.machine.machine import Machine, list_effect_sizes
     >>> size, cost = Size(6.0, 5.5, 6.5, "%"), FieldCost(6.0, 0.0)
     >>> cause = Cause("flow.gain", size, None, 0.99, (), None, "Do a catch test.", cost)
     >>> data = Data("run.csv", "run", 600, 60.0, "huanghai")

@@ -14,7 +14,7 @@ CHANNELS = (*RUN_CHANNELS, "effort", "gate_effort", "lag", "place")
 
 Verdict = Literal["named", "none", "ambiguous", "unexplained", "not_judged"]
 # pages and pictures, and the machine files that come with topdress
-NOTEBOOK = "console.reports.notebook"
+NOTEBOOK = "topdress.console.reports.notebook"
 
 
 @dataclass(frozen=True, slots=True)

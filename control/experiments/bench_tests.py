@@ -7,16 +7,15 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 import numpy.typing as npt
-
-from control.experiments.experiment import Experiment, listed
-from control.experiments.levels import USUAL_MPS, list_shaft_levels, opening_levels
-from control.machine.fall import find_start_drop_s
-from control.machine.flow import grams_per_rev
-from control.machine.heads import HeadInput, read_head
-from control.machine.machine import Machine
-from control.machine.scale import ScaleInput, scale_reads
-from control.machine.speed import SpeedInput, make_speed_start, step_speed
-from control.machine.start import response_s
+from topdress.control.experiments.experiment import Experiment, listed
+from topdress.control.experiments.levels import USUAL_MPS, list_shaft_levels, opening_levels
+from topdress.control.machine.fall import find_start_drop_s
+from topdress.control.machine.flow import grams_per_rev
+from topdress.control.machine.heads import HeadInput, read_head
+from topdress.control.machine.machine import Machine
+from topdress.control.machine.scale import ScaleInput, scale_reads
+from topdress.control.machine.speed import SpeedInput, make_speed_start, step_speed
+from topdress.control.machine.start import response_s
 
 Array = npt.NDArray[np.float64]
 

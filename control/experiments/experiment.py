@@ -14,8 +14,7 @@ from typing import Generic, NamedTuple, TypeVar
 
 import numpy as np
 import numpy.typing as npt
-
-from control.machine.machine import Machine
+from topdress.control.machine.machine import Machine
 
 Array = npt.NDArray[np.float64]
 Readings = TypeVar("Readings")

@@ -5,8 +5,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from control.machine.effect import OPENING_RANGE, SHAFT_RANGE
-from control.machine.machine import Machine, scale_nominal
+from topdress.control.machine.effect import OPENING_RANGE, SHAFT_RANGE
+from topdress.control.machine.machine import Machine, scale_nominal
 
 # of a staircase on the nominal machine, as the next
 SHAFT_RPM = (20.0, 40.0, 60.0, 80.0)

@@ -9,11 +9,10 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-
-from control.experiments.experiment import Experiment
-from control.experiments.levels import USUAL_MPS, list_shaft_levels, opening_levels
-from control.machine.effect import HOPPER
-from control.machine.machine import Machine, scale_nominal
+from topdress.control.experiments.experiment import Experiment
+from topdress.control.experiments.levels import USUAL_MPS, list_shaft_levels, opening_levels
+from topdress.control.machine.effect import HOPPER
+from topdress.control.machine.machine import Machine, scale_nominal
 
 Array = npt.NDArray[np.float64]
 Columns = dict[str, npt.NDArray[Any]]

@@ -15,9 +15,8 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-
-from control.agronomy.noa import Rule
-from control.machine.machine import Machine
+from topdress.control.agronomy.noa import Rule
+from topdress.control.machine.machine import Machine
 
 Floats = npt.NDArray[np.float64]
 

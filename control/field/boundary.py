@@ -13,8 +13,7 @@ import numpy as np
 import numpy.typing as npt
 import shapely
 from shapely.geometry import MultiPolygon, Polygon
-
-from control.geodesy import Place, direction
+from topdress.control.geodesy import Place, direction
 
 Floats = npt.NDArray[np.float64]
 

@@ -12,8 +12,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-
-from control.geodesy import Place
+from topdress.control.geodesy import Place
 
 Floats = npt.NDArray[np.float64]
 Corners = tuple[Place, Place, Place, Place]

@@ -10,8 +10,7 @@ from math import floor
 from typing import Any
 
 import numpy as np
-
-from control.machine.compiled import compiled, jitable
+from topdress.control.machine.compiled import compiled, jitable
 
 from .cells import TILE, find_side_offset, is_passed_again, offset_places, put_triangle_sides
 

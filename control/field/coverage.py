@@ -17,9 +17,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-
-from control.geodesy import Place, apart_m, direction
-from control.machine.steps import Steps
+from topdress.control.geodesy import Place, apart_m, direction
+from topdress.control.machine.steps import Steps
 
 from .cells import (
     TILE,

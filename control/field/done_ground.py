@@ -8,9 +8,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 import shapely
-
-from control.field.coverage import MOST_CELLS, Raster
-from control.geodesy import Place, TangentPlane
+from topdress.control.field.coverage import MOST_CELLS, Raster
+from topdress.control.geodesy import Place, TangentPlane
 
 CELL_M = 0.2  # as the loop's own bitmap of done ground has it
 

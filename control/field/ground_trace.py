@@ -6,8 +6,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from math import inf, nan
 
-from control.field.coverage import Coverage
-from control.geodesy import Place, apart_m, direction, offset, turn_deg
+from topdress.control.field.coverage import Coverage
+from topdress.control.geodesy import Place, apart_m, direction, offset, turn_deg
 
 Flowing = bool | Sequence[bool]
 Passed = tuple[Place, float, Flowing]  # place, heading in degrees, what landed up to there

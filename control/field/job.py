@@ -8,14 +8,13 @@ from collections.abc import Callable
 from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
-
-from control.agronomy.crop import Crop
-from control.agronomy.growth import GrowthStage
-from control.agronomy.noa import Rule, prepare
-from control.agronomy.response import ResponseRule
-from control.field.boundary import Boundary
-from control.frozen_model import FrozenModel
-from control.orders import BY_MAP, Strategy, TargetSource
+from topdress.control.agronomy.crop import Crop
+from topdress.control.agronomy.growth import GrowthStage
+from topdress.control.agronomy.noa import Rule, prepare
+from topdress.control.agronomy.response import ResponseRule
+from topdress.control.field.boundary import Boundary
+from topdress.control.frozen_model import FrozenModel
+from topdress.control.orders import BY_MAP, Strategy, TargetSource
 
 Rate = Annotated[float, Field(ge=0, le=2000)]
 Metres = Annotated[float, Field(ge=0.01, le=1000)]

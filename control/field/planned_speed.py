@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from math import cos, floor, radians, sin
 
-from control.field.job import Job
+from topdress.control.field.job import Job
 
 # turned farther from the passes' heading, the machine is on none of them
 ALONG_DEG = 30.0

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from control.loop.loop import ControlLoop
-from control.loop.tick import Tick
+from topdress.control.loop.loop import ControlLoop
+from topdress.control.loop.tick import Tick
 
 __all__ = ["ControlLoop", "Tick"]

@@ -7,30 +7,30 @@ from collections.abc import Callable
 from functools import partial
 from math import cos, inf, radians, sin
 
-from control.agronomy.crop import Crop
-from control.agronomy.noa import Rule
-from control.field.coverage import Coverage
-from control.field.done_ground import DoneGround
-from control.field.job import Job
-from control.loop.canopy_heads import CanopyHeads
-from control.loop.sections import Sections
-from control.loop.tick_state import Choices, Moment
-from control.machine.change_lag import Lag
-from control.machine.fall import drop_s
-from control.machine.machine import Machine
-from control.machine.steps import Steps
-from control.metering.rate_range import least_rate_kg_ha
-from control.orders import TargetSource
-from control.readings import Measurements, is_fresh
-from control.sensing import Sensed
-from control.targets.boundary_profile import OUTSIDE, Fence, Fenced
-from control.targets.canopy import Around, CanopyDecisions, HoldMean, MapAndCanopy
-from control.targets.index_map import IndexMap
-from control.targets.map_profile import MapProfile
-from control.targets.outside_target import OutsideTarget
-from control.targets.overlap import LONGEST_M, Overlap
-from control.targets.profile import Everywhere, Profile, Stretches, Target, Unspread
-from control.targets.section_ground import SectionsGround
+from topdress.control.agronomy.crop import Crop
+from topdress.control.agronomy.noa import Rule
+from topdress.control.field.coverage import Coverage
+from topdress.control.field.done_ground import DoneGround
+from topdress.control.field.job import Job
+from topdress.control.loop.canopy_heads import CanopyHeads
+from topdress.control.loop.sections import Sections
+from topdress.control.loop.tick_state import Choices, Moment
+from topdress.control.machine.change_lag import Lag
+from topdress.control.machine.fall import drop_s
+from topdress.control.machine.machine import Machine
+from topdress.control.machine.steps import Steps
+from topdress.control.metering.rate_range import least_rate_kg_ha
+from topdress.control.orders import TargetSource
+from topdress.control.readings import Measurements, is_fresh
+from topdress.control.sensing import Sensed
+from topdress.control.targets.boundary_profile import OUTSIDE, Fence, Fenced
+from topdress.control.targets.canopy import Around, CanopyDecisions, HoldMean, MapAndCanopy
+from topdress.control.targets.index_map import IndexMap
+from topdress.control.targets.map_profile import MapProfile
+from topdress.control.targets.outside_target import OutsideTarget
+from topdress.control.targets.overlap import LONGEST_M, Overlap
+from topdress.control.targets.profile import Everywhere, Profile, Stretches, Target, Unspread
+from topdress.control.targets.section_ground import SectionsGround
 
 CELL_M = 0.2  # of the bitmap of ground that is done
 # what another controller says it applies, as a target of such a display holds

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from control.agronomy import fusion
-from control.geodesy import Place, offset
-from control.orders import TargetSource
-from control.readings import Measurements
-from control.sensing import Sensed
-from control.targets.canopy import CanopyDecisions
-from control.targets.index_map import IndexMap
+from topdress.control.agronomy import fusion
+from topdress.control.geodesy import Place, offset
+from topdress.control.orders import TargetSource
+from topdress.control.readings import Measurements
+from topdress.control.sensing import Sensed
+from topdress.control.targets.canopy import CanopyDecisions
+from topdress.control.targets.index_map import IndexMap
 
 LATENCY_S = 0.5  # a head's reading may be one period old
 

@@ -4,21 +4,21 @@ from __future__ import annotations
 
 from math import inf
 
-from control.field.totals import Totals
-from control.geodesy import offset
-from control.loop.ahead import DOSES_ONLY, Ahead
-from control.loop.tick_state import Choices, Moment
-from control.machine.machine import Machine
-from control.metering.inverse import Conditions, flow_kg_s
-from control.orders import State, TargetSource
-from control.readings import DoseOrder, Measurements
-from control.safety import DriveLimits, Verdict, limited_dose
-from control.sensing import Sensed
-from control.targets.boundary_profile import OUTSIDE
-from control.targets.canopy import STRAIGHT_DEG_S
-from control.targets.point import Threshold
-from control.targets.point_source import PointSource
-from control.targets.profile import Target
+from topdress.control.field.totals import Totals
+from topdress.control.geodesy import offset
+from topdress.control.loop.ahead import DOSES_ONLY, Ahead
+from topdress.control.loop.tick_state import Choices, Moment
+from topdress.control.machine.machine import Machine
+from topdress.control.metering.inverse import Conditions, flow_kg_s
+from topdress.control.orders import State, TargetSource
+from topdress.control.readings import DoseOrder, Measurements
+from topdress.control.safety import DriveLimits, Verdict, limited_dose
+from topdress.control.sensing import Sensed
+from topdress.control.targets.boundary_profile import OUTSIDE
+from topdress.control.targets.canopy import STRAIGHT_DEG_S
+from topdress.control.targets.point import Threshold
+from topdress.control.targets.point_source import PointSource
+from topdress.control.targets.profile import Target
 
 
 class Doses:

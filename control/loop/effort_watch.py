@@ -5,12 +5,12 @@ from __future__ import annotations
 
 from math import hypot, inf
 
-from control.log_row import HOLDS_S
-from control.machine.effort import EffortInput, shaft_parts, supply_factor
-from control.machine.flow import in_flutes
-from control.machine.machine import Machine
-from control.metering.inverse import Conditions
-from control.readings import NO_EFFORT, EffortSays, Measurements, held
+from topdress.control.log_row import HOLDS_S
+from topdress.control.machine.effort import EffortInput, shaft_parts, supply_factor
+from topdress.control.machine.flow import in_flutes
+from topdress.control.machine.machine import Machine
+from topdress.control.metering.inverse import Conditions
+from topdress.control.readings import NO_EFFORT, EffortSays, Measurements, held
 
 # of a first-order mean: 96 % of a step within the 10 s in which it is to be said
 MEAN_S = 3.0

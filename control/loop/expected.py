@@ -5,14 +5,14 @@ from __future__ import annotations
 
 from typing import Any
 
-from control.machine.elements import convert_to_lists
-from control.machine.gate import GateInput, gate_step, make_gate_start
-from control.machine.machine import Machine
-from control.machine.shaft import ShaftInput, make_shaft_start, shaft_step
-from control.machine.steps import Steps
-from control.machine.term_sums import NOTHING, More
-from control.metering.strategies import Pair
-from control.readings import DriveCommand
+from topdress.control.machine.elements import convert_to_lists
+from topdress.control.machine.gate import GateInput, gate_step, make_gate_start
+from topdress.control.machine.machine import Machine
+from topdress.control.machine.shaft import ShaftInput, make_shaft_start, shaft_step
+from topdress.control.machine.steps import Steps
+from topdress.control.machine.term_sums import NOTHING, More
+from topdress.control.metering.strategies import Pair
+from topdress.control.readings import DriveCommand
 
 
 class ExpectedDrives:

@@ -3,8 +3,8 @@ of this tick."""
 
 from __future__ import annotations
 
-from control.machine.machine import Machine
-from control.machine.term_sums import (
+from topdress.control.machine.machine import Machine
+from topdress.control.machine.term_sums import (
     NOTHING,
     HeldCommands,
     More,
@@ -12,9 +12,9 @@ from control.machine.term_sums import (
     TermSums,
     not_compensated,
 )
-from control.machine.terms import Acts
-from control.readings import DriveCommand, Measurements, Reading
-from control.sensing import Sensed
+from topdress.control.machine.terms import Acts
+from topdress.control.readings import DriveCommand, Measurements, Reading
+from topdress.control.sensing import Sensed
 
 DRIVES = (Acts.SHAFT_PERCENT, Acts.SHAFT_RPM, Acts.GATE_MM)
 SCALE = (Acts.SCALE_KG,)

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from control.loop.tick_state import Moment
-from control.machine.change_lag import ChangeLags, Lag, Settled
-from control.metering.setting import Setting
-from control.targets.profile import Target, TargetChange
+from topdress.control.loop.tick_state import Moment
+from topdress.control.machine.change_lag import ChangeLags, Lag, Settled
+from topdress.control.metering.setting import Setting
+from topdress.control.targets.profile import Target, TargetChange
 
 FARTHEST_S = 4.0  # changes are looked for this far ahead
 

@@ -5,44 +5,44 @@ from __future__ import annotations
 from datetime import date
 from math import inf, isfinite
 
-from control.agronomy.crop import Crop
-from control.agronomy.growth import growth_of
-from control.agronomy.noa import Rule
-from control.field.coverage import Raster
-from control.field.done_ground import DoneGround
-from control.field.job import Job
-from control.field.planned_speed import find_planned_mps
-from control.field.totals import Sums, Totaliser, Totals
-from control.geodesy import TangentPlane
-from control.loop.ahead import APPLIED_HOLDS_S, Ahead
-from control.loop.canopy_heads import LATENCY_S
-from control.loop.doses import Doses, NoDoses
-from control.loop.effort_watch import EffortWatch
-from control.loop.events import Events
-from control.loop.expected import ExpectedDrives
-from control.loop.known_terms import KnownTerms
-from control.loop.look_ahead_distance import TickReach
-from control.loop.map_near import MapNear
-from control.loop.order_handlers import Operator
-from control.loop.reversing import Backing
-from control.loop.row import head_ndvi, log_row
-from control.loop.sections import Leads
-from control.loop.situation import situation
-from control.loop.tick import Tick
-from control.loop.tick_state import Metered, Moment, TickDecision
-from control.loop.unintended_flow import Stopped, open_share, standing_limits
-from control.machine.change_lag import ChangeLags, Lag
-from control.machine.machine import Machine
-from control.machine.product_calibration import newest_test_date
-from control.machine.steps import Steps
-from control.metering.flow_trim import FlowTrim
-from control.metering.inverse import Conditions, common_of, flow_kg_s
-from control.metering.rate_range import find_breach
-from control.metering.setting import Setting
-from control.metering.strategies import Pair
-from control.metering.trims import NOTHING_LEFT, DriveTrim, TrimLimits
-from control.orders import BY_CANOPY, Answer, Do, Order, State, Strategy, TargetSource
-from control.readings import (
+from topdress.control.agronomy.crop import Crop
+from topdress.control.agronomy.growth import growth_of
+from topdress.control.agronomy.noa import Rule
+from topdress.control.field.coverage import Raster
+from topdress.control.field.done_ground import DoneGround
+from topdress.control.field.job import Job
+from topdress.control.field.planned_speed import find_planned_mps
+from topdress.control.field.totals import Sums, Totaliser, Totals
+from topdress.control.geodesy import TangentPlane
+from topdress.control.loop.ahead import APPLIED_HOLDS_S, Ahead
+from topdress.control.loop.canopy_heads import LATENCY_S
+from topdress.control.loop.doses import Doses, NoDoses
+from topdress.control.loop.effort_watch import EffortWatch
+from topdress.control.loop.events import Events
+from topdress.control.loop.expected import ExpectedDrives
+from topdress.control.loop.known_terms import KnownTerms
+from topdress.control.loop.look_ahead_distance import TickReach
+from topdress.control.loop.map_near import MapNear
+from topdress.control.loop.order_handlers import Operator
+from topdress.control.loop.reversing import Backing
+from topdress.control.loop.row import head_ndvi, log_row
+from topdress.control.loop.sections import Leads
+from topdress.control.loop.situation import situation
+from topdress.control.loop.tick import Tick
+from topdress.control.loop.tick_state import Metered, Moment, TickDecision
+from topdress.control.loop.unintended_flow import Stopped, open_share, standing_limits
+from topdress.control.machine.change_lag import ChangeLags, Lag
+from topdress.control.machine.machine import Machine
+from topdress.control.machine.product_calibration import newest_test_date
+from topdress.control.machine.steps import Steps
+from topdress.control.metering.flow_trim import FlowTrim
+from topdress.control.metering.inverse import Conditions, common_of, flow_kg_s
+from topdress.control.metering.rate_range import find_breach
+from topdress.control.metering.setting import Setting
+from topdress.control.metering.strategies import Pair
+from topdress.control.metering.trims import NOTHING_LEFT, DriveTrim, TrimLimits
+from topdress.control.orders import BY_CANOPY, Answer, Do, Order, State, Strategy, TargetSource
+from topdress.control.readings import (
     DriveCommand,
     Measurements,
     RangeBreach,
@@ -52,7 +52,7 @@ from control.readings import (
     is_fresh,
     possible,
 )
-from control.safety import (
+from topdress.control.safety import (
     BenchRun,
     DriveLimits,
     Safety,
@@ -62,14 +62,14 @@ from control.safety import (
     limited_valves,
     refusal,
 )
-from control.sensing import Forecaster, Sensed, Sensing, SensingLimits
-from control.targets.boundary_profile import OUTSIDE, Fence
-from control.targets.index_map import IndexMap
-from control.targets.lag_correction import ChangeQueue
-from control.targets.map_profile import MapProfile
-from control.targets.point import Threshold
-from control.targets.point_source import PointSource
-from control.targets.profile import Target, TargetChange
+from topdress.control.sensing import Forecaster, Sensed, Sensing, SensingLimits
+from topdress.control.targets.boundary_profile import OUTSIDE, Fence
+from topdress.control.targets.index_map import IndexMap
+from topdress.control.targets.lag_correction import ChangeQueue
+from topdress.control.targets.map_profile import MapProfile
+from topdress.control.targets.point import Threshold
+from topdress.control.targets.point_source import PointSource
+from topdress.control.targets.profile import Target, TargetChange
 
 LONGEST_TICK_S = 1.0
 # half a second at 20 Hz, as long as a drive may be silent

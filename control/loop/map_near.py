@@ -9,11 +9,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from control.field.boundary import Boundary
-from control.geodesy import Place
-from control.orders import BY_MAP, State, TargetSource
-from control.sensing import Sensed
-from control.targets.prescription import Prescription
+from topdress.control.field.boundary import Boundary
+from topdress.control.geodesy import Place
+from topdress.control.orders import BY_MAP, State, TargetSource
+from topdress.control.sensing import Sensed
+from topdress.control.targets.prescription import Prescription
 
 # a machine that stands next to its field, or on a headland that the map leaves out
 NEAR_M = 50.0

@@ -8,15 +8,15 @@ from collections.abc import Callable, Mapping
 from math import inf, isfinite
 from typing import Any
 
-from control.agronomy.crop import Crop
-from control.agronomy.strips import StripValue, read_strip
-from control.field.job import Job
-from control.loop.tick_state import Choices
-from control.metering.flow_trim import FlowTrim
-from control.metering.setting import Setting
-from control.orders import BY_MAP, Answer, Do, Order, State, Strategy, TargetSource
-from control.safety import BenchSetting, Safety, after_setting, refusal
-from control.targets.point_source import FARTHEST_DOSE_M, PointSource
+from topdress.control.agronomy.crop import Crop
+from topdress.control.agronomy.strips import StripValue, read_strip
+from topdress.control.field.job import Job
+from topdress.control.loop.tick_state import Choices
+from topdress.control.metering.flow_trim import FlowTrim
+from topdress.control.metering.setting import Setting
+from topdress.control.orders import BY_MAP, Answer, Do, Order, State, Strategy, TargetSource
+from topdress.control.safety import BenchSetting, Safety, after_setting, refusal
+from topdress.control.targets.point_source import FARTHEST_DOSE_M, PointSource
 
 _SECTION = re.compile(r"(?P<number>\d{1,2}) (?P<to>off|auto)|all auto", re.ASCII)
 NUDGE_PERCENT = 30.0

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from math import inf
 
-from control.machine.fall import drop_s
-from control.machine.machine import Machine
-from control.readings import Reading
-from control.sensing import Sensed, travelled_ahead_m
-from control.targets.canopy import STRAIGHT_DEG_S
+from topdress.control.machine.fall import drop_s
+from topdress.control.machine.machine import Machine
+from topdress.control.readings import Reading
+from topdress.control.sensing import Sensed, travelled_ahead_m
+from topdress.control.targets.canopy import STRAIGHT_DEG_S
 
 
 class Backing:

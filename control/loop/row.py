@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from control.log_row import GNSS_HOLDS_S, HOLDS_S, LogRow
-from control.loop.tick_state import Choices, Metered, Moment, TickDecision
-from control.orders import BY_CANOPY, Strategy, TargetSource
-from control.readings import DriveCommand, Measurements, held
-from control.safety import Verdict
+from topdress.control.log_row import GNSS_HOLDS_S, HOLDS_S, LogRow
+from topdress.control.loop.tick_state import Choices, Metered, Moment, TickDecision
+from topdress.control.orders import BY_CANOPY, Strategy, TargetSource
+from topdress.control.readings import DriveCommand, Measurements, held
+from topdress.control.safety import Verdict
 
 HEAD_SILENT_S = HOLDS_S["ndvi_1"]
 _SILENT = (None,) * 7  # six heads and what was decided by them

@@ -13,12 +13,12 @@ from collections import deque
 from math import inf, radians, sin
 from typing import NamedTuple
 
-from control.geodesy import Place, offset
-from control.machine.machine import Machine
-from control.machine.shaft import dead_s, lag_s
-from control.orders import SectionState
-from control.sensing import Sensed
-from control.targets.section_ground import (
+from topdress.control.geodesy import Place, offset
+from topdress.control.machine.machine import Machine
+from topdress.control.machine.shaft import dead_s, lag_s
+from topdress.control.orders import SectionState
+from topdress.control.sensing import Sensed
+from topdress.control.targets.section_ground import (
     OUTSIDE,
     JudgedStrip,
     SectionGround,

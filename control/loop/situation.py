@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from control.loop.canopy_heads import CanopyHeads
-from control.loop.tick_state import Choices, Metered, Moment, TickDecision
-from control.orders import BY_CANOPY, TargetSource
-from control.readings import EffortSays, RangeBreach, ScaleSays
-from control.safety import Commanded, Situation
-from control.targets.outside_target import OutsideTarget
+from topdress.control.loop.canopy_heads import CanopyHeads
+from topdress.control.loop.tick_state import Choices, Metered, Moment, TickDecision
+from topdress.control.orders import BY_CANOPY, TargetSource
+from topdress.control.readings import EffortSays, RangeBreach, ScaleSays
+from topdress.control.safety import Commanded, Situation
+from topdress.control.targets.outside_target import OutsideTarget
 
 
 def situation(

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from control.agronomy.strips import Strips
-from control.log_row import LogRow
-from control.loop.tick_state import Choices
-from control.orders import Alarm, SectionState, TargetSource
-from control.readings import DriveCommand, EffortSays
-from control.safety import POWERED, Allowances, BenchRun, Verdict
-from control.sensing import Sensed
-from control.targets.lag_correction import Fired
+from topdress.control.agronomy.strips import Strips
+from topdress.control.log_row import LogRow
+from topdress.control.loop.tick_state import Choices
+from topdress.control.orders import Alarm, SectionState, TargetSource
+from topdress.control.readings import DriveCommand, EffortSays
+from topdress.control.safety import POWERED, Allowances, BenchRun, Verdict
+from topdress.control.sensing import Sensed
+from topdress.control.targets.lag_correction import Fired
 
 
 class Tick(NamedTuple):

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from control.machine.change_lag import Lag
-from control.metering.inverse import Conditions
-from control.metering.strategies import Pair
-from control.orders import TargetSource
-from control.readings import Measurements
-from control.sensing import Sensed, SpeedAhead
-from control.targets.lag_correction import Fired
-from control.targets.profile import Target
+from topdress.control.machine.change_lag import Lag
+from topdress.control.metering.inverse import Conditions
+from topdress.control.metering.strategies import Pair
+from topdress.control.orders import TargetSource
+from topdress.control.readings import Measurements
+from topdress.control.sensing import Sensed, SpeedAhead
+from topdress.control.targets.lag_correction import Fired
+from topdress.control.targets.profile import Target
 
 
 class Choices(NamedTuple):

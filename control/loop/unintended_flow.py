@@ -12,12 +12,12 @@ from collections.abc import Sequence
 from dataclasses import replace
 from math import inf, isfinite
 
-from control.machine.machine import Machine
-from control.machine.sections import SectionStrip
-from control.metering.strategies import Pair
-from control.orders import State
-from control.readings import DriveCommand, Measurements, is_fresh
-from control.safety import POWERED, Commanded, SafetyLimits, Verdict
+from topdress.control.machine.machine import Machine
+from topdress.control.machine.sections import SectionStrip
+from topdress.control.metering.strategies import Pair
+from topdress.control.orders import State
+from topdress.control.readings import DriveCommand, Measurements, is_fresh
+from topdress.control.safety import POWERED, Commanded, SafetyLimits, Verdict
 
 # while it goes on, the log tells as often: a power cut loses no more
 EVERY_S = 1.0

@@ -6,8 +6,7 @@ from typing import Annotated, Any, Literal, NamedTuple
 
 from pydantic import Field, model_validator
 from pydantic_core import PydanticCustomError
-
-from control.frozen_model import FrozenModel
+from topdress.control.frozen_model import FrozenModel
 
 from .effect import Entry, catalogue
 from .effort import Effort

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import datetime as dt
 
-from control.agronomy.product import Product
+from topdress.control.agronomy.product import Product
 
 from .machine import Adopted, Machine
 

@@ -12,8 +12,7 @@ from collections.abc import Sequence
 from typing import Annotated, NamedTuple
 
 from pydantic import Field
-
-from control.frozen_model import FrozenModel
+from topdress.control.frozen_model import FrozenModel
 
 # as many relays as a rate module has, and bits a board's command
 MOST_SECTIONS = 16

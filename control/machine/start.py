@@ -6,12 +6,11 @@ from __future__ import annotations
 from math import log
 
 import numpy as np
-
-from control.machine.elements import Array
-from control.machine.fall import Fall, drop_s, find_start_drop_s
-from control.machine.landing import falls_s
-from control.machine.machine import Machine
-from control.machine.shaft import HALVINGS, Shaft, dead_s, fastest_rpm_s, follows, lag_s
+from topdress.control.machine.elements import Array
+from topdress.control.machine.fall import Fall, drop_s, find_start_drop_s
+from topdress.control.machine.landing import falls_s
+from topdress.control.machine.machine import Machine
+from topdress.control.machine.shaft import HALVINGS, Shaft, dead_s, fastest_rpm_s, follows, lag_s
 
 STEP_S = 0.002
 SETTLED_AT, SETTLED_ROUNDS = 7, 4  # shaft speeds and rounds of `with_carried_share`

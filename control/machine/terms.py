@@ -15,8 +15,7 @@ from typing import Annotated, Any, NamedTuple
 
 from pydantic import Field, model_validator
 from pydantic_core import PydanticCustomError
-
-from control.frozen_model import FrozenModel
+from topdress.control.frozen_model import FrozenModel
 
 from .elements import Table
 from .form import FORMS, SHAFT_ANGLE, TermParams

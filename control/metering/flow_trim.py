@@ -47,9 +47,8 @@ from math import cos, exp, hypot, inf, log, radians, sqrt
 from typing import NamedTuple
 
 import numpy as np
-
-from control.machine.scale import Scale
-from control.readings import NOTHING_SAID, Reading, ScaleSays
+from topdress.control.machine.scale import Scale
+from topdress.control.readings import NOTHING_SAID, Reading, ScaleSays
 
 
 @dataclass(frozen=True)

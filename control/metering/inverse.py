@@ -6,11 +6,11 @@ from __future__ import annotations
 from math import inf
 from typing import NamedTuple
 
-from control.machine.flow import Flow, common_factor, grams_per_rev
-from control.machine.machine import Machine
-from control.machine.shaft import Shaft
-from control.machine.term_sums import StandingTerms
-from control.machine.terms import Acts
+from topdress.control.machine.flow import Flow, common_factor, grams_per_rev
+from topdress.control.machine.machine import Machine
+from topdress.control.machine.shaft import Shaft
+from topdress.control.machine.term_sums import StandingTerms
+from topdress.control.machine.terms import Acts
 
 OF_FLOW = (Acts.FLOW_PERCENT, Acts.FLOW_KG_MIN)
 OF_SHAFT = (Acts.SHAFT_PERCENT, Acts.SHAFT_RPM)

@@ -7,8 +7,8 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from control.machine.machine import Machine
-from control.readings import RangeBreach
+from topdress.control.machine.machine import Machine
+from topdress.control.readings import RangeBreach
 
 from .inverse import Conditions, flow_kg_s, lowest_flow_kg_s
 from .strategies import ROUNDED_TO_LOWEST, Pair

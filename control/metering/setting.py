@@ -22,12 +22,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from math import log
 
-from control.machine.change_lag import Settled
-from control.machine.fall import drop_s
-from control.machine.machine import Machine
-from control.machine.shaft import dead_s, lag_s
-from control.orders import Strategy
-from control.readings import DriveCommand
+from topdress.control.machine.change_lag import Settled
+from topdress.control.machine.fall import drop_s
+from topdress.control.machine.machine import Machine
+from topdress.control.machine.shaft import dead_s, lag_s
+from topdress.control.orders import Strategy
+from topdress.control.readings import DriveCommand
 
 from .inverse import Conditions, flow_kg_s, gate_command, opening_for, shaft_command
 from .strategies import Pair, pair_for

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from control.machine.machine import Machine
-from control.orders import Strategy
+from topdress.control.machine.machine import Machine
+from topdress.control.orders import Strategy
 
 from .inverse import Conditions, flow_kg_s, lowest_flow_kg_s, opening_for, shaft_for
 from .trims import NOTHING_LEFT, Left

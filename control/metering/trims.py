@@ -6,7 +6,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from control.readings import Reading
+from topdress.control.readings import Reading
 
 
 @dataclass(frozen=True)

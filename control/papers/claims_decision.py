@@ -7,10 +7,14 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-
-from control.agronomy.crop import Crop
-from control.agronomy.noa import make_rate_table, n_requirement_kg_ha, prepare, yield_without
-from control.agronomy.sampling import FREQUENCIES_HZ, Evenness, best_frequency
+from topdress.control.agronomy.crop import Crop
+from topdress.control.agronomy.noa import (
+    make_rate_table,
+    n_requirement_kg_ha,
+    prepare,
+    yield_without,
+)
+from topdress.control.agronomy.sampling import FREQUENCIES_HZ, Evenness, best_frequency
 
 from .page import DIGITS, Claim, How, Table, compared
 from .published import APPLIED, EXTRA_N_KG_HA, NDVI_OF, PLOTS, SAMPLING, UNIFORM_KG_HA, YIELDS

@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 import numpy as np
-
-from control.geodesy import TangentPlane, distance_m, paper_distance_m
-from control.machine.fall import find_paper_lag_s
-from control.machine.machine import Machine
-from control.machine.start import find_start_lag_s, response_s
+from topdress.control.geodesy import TangentPlane, distance_m, paper_distance_m
+from topdress.control.machine.fall import find_paper_lag_s
+from topdress.control.machine.machine import Machine
+from topdress.control.machine.start import find_start_lag_s, response_s
 
 from .map_geometry import AHEAD_M, AT, boundary_table, cells_that_agree
 from .page import DIGITS, Claim, How, compared

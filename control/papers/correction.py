@@ -12,11 +12,10 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-
-from control.machine.elements import Array
-from control.machine.fall import find_paper_lag_s
-from control.machine.machine import Machine
-from control.machine.start import find_start_lag_s
+from topdress.control.machine.elements import Array
+from topdress.control.machine.fall import find_paper_lag_s
+from topdress.control.machine.machine import Machine
+from topdress.control.machine.start import find_start_lag_s
 
 from .published import DROP_S, LAG_M, LAG_SPEED_KMH
 

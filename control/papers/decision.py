@@ -3,18 +3,26 @@
 from __future__ import annotations
 
 import numpy as np
-
-from control.agronomy.crop import Crop
-from control.agronomy.noa import Rule, make_rate_table, prepare
-from control.agronomy.sampling import FREQUENCIES_HZ, Evenness, best_frequency, frequency_table
-from control.field.job import Canopy, Job, Simulated
-from control.machine.elements import Array
-from control.machine.fault_injection import parse_planted
-from control.machine.machine import Machine
-from control.papers.claims_decision import extra_nitrogen_kg_ha, rate_from_weighing_kg_ha
-from control.simulation.assembly import control_loop, simulated_machine, with_simulated_field
-from control.simulation.canopy import CanopyField
-from control.simulation.closed_loop import simulated_run
+from topdress.control.agronomy.crop import Crop
+from topdress.control.agronomy.noa import Rule, make_rate_table, prepare
+from topdress.control.agronomy.sampling import (
+    FREQUENCIES_HZ,
+    Evenness,
+    best_frequency,
+    frequency_table,
+)
+from topdress.control.field.job import Canopy, Job, Simulated
+from topdress.control.machine.elements import Array
+from topdress.control.machine.fault_injection import parse_planted
+from topdress.control.machine.machine import Machine
+from topdress.control.papers.claims_decision import extra_nitrogen_kg_ha, rate_from_weighing_kg_ha
+from topdress.control.simulation.assembly import (
+    control_loop,
+    simulated_machine,
+    with_simulated_field,
+)
+from topdress.control.simulation.canopy import CanopyField
+from topdress.control.simulation.closed_loop import simulated_run
 
 from .claims_decision import decision_claims, found_in_grain, grain_n, yields
 from .page import Cell, Line, Picture, Section, Table, ledger

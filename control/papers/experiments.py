@@ -16,12 +16,11 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import least_squares, minimize_scalar
 from scipy.special import stdtrit
-
-from control.machine.elements import Array
-from control.machine.fall import Fall, drop_s, find_start_drop_s
-from control.machine.machine import Machine
-from control.machine.shaft import approach
-from control.machine.start import find_first_fall_s, response_s
+from topdress.control.machine.elements import Array
+from topdress.control.machine.fall import Fall, drop_s, find_start_drop_s
+from topdress.control.machine.machine import Machine
+from topdress.control.machine.shaft import approach
+from topdress.control.machine.start import find_first_fall_s, response_s
 
 from .page import Table
 from .published import DROP_S, LAG_M, LAG_SPEED_KMH, RESPONSE_S, TOTAL_LAG_S

@@ -4,11 +4,15 @@ and what eq 3 costs."""
 from __future__ import annotations
 
 import numpy as np
-
-from control.geodesy import TangentPlane, distance_m, paper_distance_corrected_m, paper_distance_m
-from control.machine.fall import drop_s, find_paper_lag_s
-from control.machine.machine import Machine
-from control.machine.start import find_first_fall_s, find_start_lag_s, response_s
+from topdress.control.geodesy import (
+    TangentPlane,
+    distance_m,
+    paper_distance_corrected_m,
+    paper_distance_m,
+)
+from topdress.control.machine.fall import drop_s, find_paper_lag_s
+from topdress.control.machine.machine import Machine
+from topdress.control.machine.start import find_first_fall_s, find_start_lag_s, response_s
 
 from .claims_lag import lag_claims
 from .correction import (

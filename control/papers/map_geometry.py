@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from math import ceil, cos, floor, hypot, radians, sin
 
-from control.geodesy import TangentPlane
+from topdress.control.geodesy import TangentPlane
 
 from .page import Table
 

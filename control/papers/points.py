@@ -4,9 +4,8 @@ but does not print."""
 from __future__ import annotations
 
 import numpy as np
-
-from control.simulation.point_run import point_run
-from control.targets.point import PointLag, fastest_mps, point_lag
+from topdress.control.simulation.point_run import point_run
+from topdress.control.targets.point import PointLag, fastest_mps, point_lag
 
 from .page import DIGITS, Claim, How, Line, Picture, Section, Table, compared, ledger
 from .published import MICROSTEPS, POINT_DELAYS_S

@@ -9,15 +9,14 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.special import stdtrit
-
-from control.agronomy.sampling import (
+from topdress.control.agronomy.sampling import (
     Evenness,
     FrequencyChoice,
     best_frequency,
     frequency_table,
     measure_evenness,
 )
-from control.machine.elements import Array
+from topdress.control.machine.elements import Array
 
 from .claims_decision import rate_from_weighing_kg_ha
 from .page import Cell, Line, Picture, Section, Table

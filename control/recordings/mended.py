@@ -8,13 +8,19 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-
-from control.log_row import COLUMNS, FILE_BEGINS, LOG_BEGINS, PLAUSIBLE, TEXT_COLUMNS
-from control.recordings.finding import Finding
-from control.recordings.places import in_place
-from control.recordings.speeds import in_mps
-from control.recordings.times import mended_times
-from control.recordings.values import ANYTHING, NDVI, SENTINELS, from_percent, known, within
+from topdress.control.log_row import COLUMNS, FILE_BEGINS, LOG_BEGINS, PLAUSIBLE, TEXT_COLUMNS
+from topdress.control.recordings.finding import Finding
+from topdress.control.recordings.places import in_place
+from topdress.control.recordings.speeds import in_mps
+from topdress.control.recordings.times import mended_times
+from topdress.control.recordings.values import (
+    ANYTHING,
+    NDVI,
+    SENTINELS,
+    from_percent,
+    known,
+    within,
+)
 
 Columns = dict[str, NDArray[Any]]
 

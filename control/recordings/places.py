@@ -7,8 +7,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-
-from control.recordings.finding import Finding, many
+from topdress.control.recordings.finding import Finding, many
 
 Floats = NDArray[np.float64]
 Columns = dict[str, NDArray[Any]]

@@ -7,10 +7,9 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-
-from control.log_row import SPEEDS
-from control.recordings.finding import Finding
-from control.recordings.places import pieces
+from topdress.control.log_row import SPEEDS
+from topdress.control.recordings.finding import Finding
+from topdress.control.recordings.places import pieces
 
 Floats = NDArray[np.float64]
 

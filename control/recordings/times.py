@@ -19,8 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-
-from control.recordings.finding import Finding, many
+from topdress.control.recordings.finding import Finding, many
 
 Floats = NDArray[np.float64]
 Rows = NDArray[np.int64]

@@ -5,9 +5,8 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-
-from control.log_row import HEAD_COLUMNS, NDRE_COLUMNS
-from control.recordings.finding import Finding, many
+from topdress.control.log_row import HEAD_COLUMNS, NDRE_COLUMNS
+from topdress.control.recordings.finding import Finding, many
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]

@@ -3,14 +3,14 @@ docs/safety.md."""
 
 from __future__ import annotations
 
-from control.safety.alarms import ALARMS, AlarmKind
-from control.safety.drive_gate import limited, limited_dose, limited_valves
-from control.safety.interlocks import INTERLOCKS
-from control.safety.limits import DriveLimits, SafetyLimits
-from control.safety.memory import Allowances
-from control.safety.order_handlers import SETTINGS, BenchRun, BenchSetting, after_setting
-from control.safety.watchdog import Safety
-from control.safety.words import (
+from topdress.control.safety.alarms import ALARMS, AlarmKind
+from topdress.control.safety.drive_gate import limited, limited_dose, limited_valves
+from topdress.control.safety.interlocks import INTERLOCKS
+from topdress.control.safety.limits import DriveLimits, SafetyLimits
+from topdress.control.safety.memory import Allowances
+from topdress.control.safety.order_handlers import SETTINGS, BenchRun, BenchSetting, after_setting
+from topdress.control.safety.watchdog import Safety
+from topdress.control.safety.words import (
     POWERED,
     REFUSALS,
     STATE_REASONS,

@@ -5,15 +5,15 @@ from __future__ import annotations
 
 from math import isfinite
 
-from control.orders import BY_CANOPY, BY_PLACE, State
-from control.readings import Doubted, EffortSays, ScaleSays, SpeedDoubt
-from control.safety.limits import SafetyLimits
-from control.safety.memory import Memory
-from control.safety.motion import Motion
-from control.safety.sensor_validity import Senses, lasted
-from control.safety.standstill_monitor import Stand
-from control.safety.words import Details, Situation
-from control.safety.work_watch import FollowWatch, HopperWatch, RateWatch
+from topdress.control.orders import BY_CANOPY, BY_PLACE, State
+from topdress.control.readings import Doubted, EffortSays, ScaleSays, SpeedDoubt
+from topdress.control.safety.limits import SafetyLimits
+from topdress.control.safety.memory import Memory
+from topdress.control.safety.motion import Motion
+from topdress.control.safety.sensor_validity import Senses, lasted
+from topdress.control.safety.standstill_monitor import Stand
+from topdress.control.safety.words import Details, Situation
+from topdress.control.safety.work_watch import FollowWatch, HopperWatch, RateWatch
 
 _LOOKING = (State.READY, State.WORKING, State.HELD, State.FAULT)
 # of its limit, down to which a trim that was said is said on

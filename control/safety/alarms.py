@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import NamedTuple
 
-from control.orders import Alarm, Severity, State
-from control.safety.words import N_, Details
+from topdress.control.orders import Alarm, Severity, State
+from topdress.control.safety.words import N_, Details
 
 
 class AlarmKind(NamedTuple):

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from math import isfinite
 
-from control.readings import DoseOrder, DriveCommand
-from control.safety.limits import DriveLimits
+from topdress.control.readings import DoseOrder, DriveCommand
+from topdress.control.safety.limits import DriveLimits
 
 LARGEST_DOSE_DEG = 3600.0
 

@@ -6,13 +6,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from types import MappingProxyType
 
-from control.orders import BY_PLACE, State
-from control.safety.alarm_conditions import target_acceptable
-from control.safety.limits import SafetyLimits
-from control.safety.memory import Allowances
-from control.safety.motion import Motion, awaits_course
-from control.safety.sensor_validity import Senses
-from control.safety.words import N_, Situation
+from topdress.control.orders import BY_PLACE, State
+from topdress.control.safety.alarm_conditions import target_acceptable
+from topdress.control.safety.limits import SafetyLimits
+from topdress.control.safety.memory import Allowances
+from topdress.control.safety.motion import Motion, awaits_course
+from topdress.control.safety.sensor_validity import Senses
+from topdress.control.safety.words import N_, Situation
 
 INTERLOCKS: Mapping[str, str] = MappingProxyType(
     {

@@ -5,11 +5,11 @@ from __future__ import annotations
 from math import inf
 from typing import NamedTuple
 
-from control.orders import State
-from control.safety.alarms import Live
-from control.safety.motion import Motion
-from control.safety.standstill_monitor import Stand
-from control.safety.work_watch import FollowWatch, HopperWatch, RateWatch
+from topdress.control.orders import State
+from topdress.control.safety.alarms import Live
+from topdress.control.safety.motion import Motion
+from topdress.control.safety.standstill_monitor import Stand
+from topdress.control.safety.work_watch import FollowWatch, HopperWatch, RateWatch
 
 
 class Allowances(NamedTuple):

@@ -6,11 +6,11 @@ from collections.abc import Callable, Mapping
 from math import isfinite
 from typing import NamedTuple
 
-from control.orders import Answer, Do, Order, State
-from control.safety.alarms import acknowledged, unacknowledged_red
-from control.safety.limits import SafetyLimits
-from control.safety.memory import Allowances, Memory
-from control.safety.words import refusal
+from topdress.control.orders import Answer, Do, Order, State
+from topdress.control.safety.alarms import acknowledged, unacknowledged_red
+from topdress.control.safety.limits import SafetyLimits
+from topdress.control.safety.memory import Allowances, Memory
+from topdress.control.safety.words import refusal
 
 YES = Answer(True)
 Outcome = tuple[Memory, Answer]

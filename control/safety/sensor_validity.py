@@ -6,9 +6,9 @@ from __future__ import annotations
 from math import isfinite
 from typing import NamedTuple
 
-from control.readings import AHEAD_S, Doubted, Reading, held, is_fresh
-from control.safety.limits import SafetyLimits
-from control.safety.words import Situation
+from topdress.control.readings import AHEAD_S, Doubted, Reading, held, is_fresh
+from topdress.control.safety.limits import SafetyLimits
+from topdress.control.safety.words import Situation
 
 
 class Senses(NamedTuple):

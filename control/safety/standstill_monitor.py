@@ -9,10 +9,10 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from control.readings import is_fresh
-from control.safety.limits import SafetyLimits
-from control.safety.sensor_validity import Senses, lasted, since
-from control.safety.words import Situation
+from topdress.control.readings import is_fresh
+from topdress.control.safety.limits import SafetyLimits
+from topdress.control.safety.sensor_validity import Senses, lasted, since
+from topdress.control.safety.words import Situation
 
 # of its highest speed since it last slowed down: a shaft below that is slowing down
 SLOWING_SHARE = 0.9

@@ -9,18 +9,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from control.orders import Answer, Order, State
-from control.safety.alarm_conditions import troubles
-from control.safety.alarms import ALARMS, booked
-from control.safety.interlocks import forbidding
-from control.safety.limits import SafetyLimits
-from control.safety.memory import Memory
-from control.safety.motion import Motion, moved
-from control.safety.order_handlers import after_order
-from control.safety.sensor_validity import Senses, lasted, senses, since
-from control.safety.standstill_monitor import stood
-from control.safety.words import Details, Situation, Verdict
-from control.safety.work_watch import followed, rated, watched
+from topdress.control.orders import Answer, Order, State
+from topdress.control.safety.alarm_conditions import troubles
+from topdress.control.safety.alarms import ALARMS, booked
+from topdress.control.safety.interlocks import forbidding
+from topdress.control.safety.limits import SafetyLimits
+from topdress.control.safety.memory import Memory
+from topdress.control.safety.motion import Motion, moved
+from topdress.control.safety.order_handlers import after_order
+from topdress.control.safety.sensor_validity import Senses, lasted, senses, since
+from topdress.control.safety.standstill_monitor import stood
+from topdress.control.safety.words import Details, Situation, Verdict
+from topdress.control.safety.work_watch import followed, rated, watched
 
 
 class Safety:

@@ -6,8 +6,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import NamedTuple
 
-from control.orders import Alarm, State, TargetSource
-from control.readings import (
+from topdress.control.orders import Alarm, State, TargetSource
+from topdress.control.readings import (
     NO_EFFORT,
     NOTHING_SAID,
     EffortSays,

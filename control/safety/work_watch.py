@@ -13,9 +13,9 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from control.safety.limits import SafetyLimits
-from control.safety.sensor_validity import Senses, lasted, since
-from control.safety.words import Situation
+from topdress.control.safety.limits import SafetyLimits
+from topdress.control.safety.sensor_validity import Senses, lasted, since
+from topdress.control.safety.words import Situation
 
 
 class FollowWatch(NamedTuple):

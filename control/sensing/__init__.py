@@ -3,8 +3,13 @@ seconds."""
 
 from __future__ import annotations
 
-from control.sensing.sensing import Sensed, Sensing, SensingLimits
-from control.sensing.speed_ahead import Forecaster, SpeedAhead, speed_ahead_mps, travelled_ahead_m
+from topdress.control.sensing.sensing import Sensed, Sensing, SensingLimits
+from topdress.control.sensing.speed_ahead import (
+    Forecaster,
+    SpeedAhead,
+    speed_ahead_mps,
+    travelled_ahead_m,
+)
 
 __all__ = [
     "Forecaster",

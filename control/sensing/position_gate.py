@@ -19,8 +19,8 @@ from __future__ import annotations
 from math import hypot, isfinite
 from typing import NamedTuple
 
-from control.geodesy import Place
-from control.sensing.walk_watch import (
+from topdress.control.geodesy import Place
+from topdress.control.sensing.walk_watch import (
     WINDOWS_S,
     Mark,
     Reckoned,

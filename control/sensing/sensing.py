@@ -11,13 +11,21 @@ from dataclasses import dataclass
 from math import cos, exp, hypot, inf, isfinite, radians, sin
 from typing import NamedTuple
 
-from control.geodesy import Place, TangentPlane
-from control.readings import AHEAD_S, Doubted, GnssFix, Measurements, Reading, SpeedDoubt, is_fresh
-from control.sensing.gnss_late import GnssLate
-from control.sensing.position_gate import FASTEST_MPS, JudgedPlace, PositionGate, spread_m
-from control.sensing.speed_ahead import QUICK_TAU_S, Moving
-from control.sensing.speed_check import SLIP, SpeedCheck
-from control.sensing.walk_watch import Velocity
+from topdress.control.geodesy import Place, TangentPlane
+from topdress.control.readings import (
+    AHEAD_S,
+    Doubted,
+    GnssFix,
+    Measurements,
+    Reading,
+    SpeedDoubt,
+    is_fresh,
+)
+from topdress.control.sensing.gnss_late import GnssLate
+from topdress.control.sensing.position_gate import FASTEST_MPS, JudgedPlace, PositionGate, spread_m
+from topdress.control.sensing.speed_ahead import QUICK_TAU_S, Moving
+from topdress.control.sensing.speed_check import SLIP, SpeedCheck
+from topdress.control.sensing.walk_watch import Velocity
 
 # filter `ratio`, first order: how slowly the wheel is corrected by GNSS. Slip comes in bursts
 # of some 20 s

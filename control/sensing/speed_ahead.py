@@ -18,7 +18,7 @@ from collections import deque
 from math import exp
 from typing import NamedTuple
 
-from control.readings import SpeedPlan, is_fresh
+from topdress.control.readings import SpeedPlan, is_fresh
 
 # its step response is half-way after 0.2 s; a steady acceleration passes without delay
 FILTER_TAU_S = 0.25

@@ -31,9 +31,9 @@ from __future__ import annotations
 from bisect import bisect_left, bisect_right
 from math import atan2, cos, hypot, isfinite, pi, radians, sin
 
-from control.geodesy import Place
-from control.readings import Doubted, SpeedDoubt
-from control.sensing.walk_watch import (
+from topdress.control.geodesy import Place
+from topdress.control.readings import Doubted, SpeedDoubt
+from topdress.control.sensing.walk_watch import (
     GAP_S,
     LATE_S,
     SPEED_SHARE,

@@ -29,7 +29,7 @@ from math import hypot, inf
 from operator import attrgetter
 from typing import NamedTuple
 
-from control.geodesy import Place
+from topdress.control.geodesy import Place
 
 WINDOWS_S = (1.0, 2.0, 4.0, 8.0, 15.0, 30.0, 60.0)
 MARK_S = 0.5  # marks are kept at this distance, ...

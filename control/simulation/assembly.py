@@ -4,25 +4,25 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from control.agronomy.crop import Crop
-from control.agronomy.noa import Rule
-from control.field.boundary import Boundary
-from control.field.done_ground import DoneGround
-from control.field.job import Job
-from control.loop import ControlLoop
-from control.machine.fall import drop_s
-from control.machine.fault_injection import Planted
-from control.machine.machine import Machine
-from control.machine.steps import Steps
-from control.machine.terms import Term
-from control.orders import TargetSource
-from control.readings import DoseOrder
-from control.targets.boundary_profile import Fence
-from control.targets.index_map import IndexMap
-from control.targets.map_profile import MapProfile
-from control.targets.plants import PlantList
-from control.targets.point import PointLag
-from control.targets.point_source import DoseError, PointSource
+from topdress.control.agronomy.crop import Crop
+from topdress.control.agronomy.noa import Rule
+from topdress.control.field.boundary import Boundary
+from topdress.control.field.done_ground import DoneGround
+from topdress.control.field.job import Job
+from topdress.control.loop import ControlLoop
+from topdress.control.machine.fall import drop_s
+from topdress.control.machine.fault_injection import Planted
+from topdress.control.machine.machine import Machine
+from topdress.control.machine.steps import Steps
+from topdress.control.machine.terms import Term
+from topdress.control.orders import TargetSource
+from topdress.control.readings import DoseOrder
+from topdress.control.targets.boundary_profile import Fence
+from topdress.control.targets.index_map import IndexMap
+from topdress.control.targets.map_profile import MapProfile
+from topdress.control.targets.plants import PlantList
+from topdress.control.targets.point import PointLag
+from topdress.control.targets.point_source import DoseError, PointSource
 
 from .plant import Plant, Truth
 from .tractor import field_boundary

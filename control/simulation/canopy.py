@@ -7,9 +7,8 @@ from functools import lru_cache
 from math import cos, exp, log, radians, sin
 
 import numpy as np
-
-from control.field.job import Canopy
-from control.machine.elements import Array
+from topdress.control.field.job import Canopy
+from topdress.control.machine.elements import Array
 
 CELL_M = 0.4
 # 0.8 km by 0.8 km, 32 MB, four times that to make; beyond the same canopy comes again

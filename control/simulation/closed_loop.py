@@ -6,12 +6,11 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
-
-from control.loop import ControlLoop, Tick
-from control.machine.elements import Array
-from control.orders import Do, Order, State
-from control.readings import DriveCommand, Measurements, Reading, ValvesSeen
-from control.targets.lag_correction import Fired
+from topdress.control.loop import ControlLoop, Tick
+from topdress.control.machine.elements import Array
+from topdress.control.orders import Do, Order, State
+from topdress.control.readings import DriveCommand, Measurements, Reading, ValvesSeen
+from topdress.control.targets.lag_correction import Fired
 
 from .canopy import AcrossWidth
 from .dose_watch import DoseWatch

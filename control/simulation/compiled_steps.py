@@ -3,8 +3,8 @@ second: from some 6,000 ticks on that is made good."""
 
 from __future__ import annotations
 
-from control.field import compiled_cells
-from control.machine.compiled_tick import CompiledDrives
-from control.machine.steps import Steps
+from topdress.control.field import compiled_cells
+from topdress.control.machine.compiled_tick import CompiledDrives
+from topdress.control.machine.steps import Steps
 
 STEPS = Steps(CompiledDrives, compiled_cells)

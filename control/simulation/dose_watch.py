@@ -7,8 +7,7 @@ from collections import deque
 from typing import NamedTuple
 
 import numpy as np
-
-from control.machine.elements import Array
+from topdress.control.machine.elements import Array
 
 from .plant import Truth
 

@@ -18,12 +18,11 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-
-from control.agronomy.noa import Rule
-from control.machine.elements import Array
-from control.machine.landing import LandedGround, landed
-from control.machine.landing import falls_s as tube_falls_s
-from control.targets.lag_correction import Fired
+from topdress.control.agronomy.noa import Rule
+from topdress.control.machine.elements import Array
+from topdress.control.machine.landing import LandedGround, landed
+from topdress.control.machine.landing import falls_s as tube_falls_s
+from topdress.control.targets.lag_correction import Fired
 
 BIN_M = 0.25  # rates are judged on stretches of this length
 FINE_BIN_M = 0.05  # half-way points are found on these

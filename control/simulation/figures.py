@@ -7,9 +7,8 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-
-from control.machine.elements import Array
-from control.targets.lag_correction import Fired
+from topdress.control.machine.elements import Array
+from topdress.control.targets.lag_correction import Fired
 
 REACHED_SHARE = 0.9  # of a step: the new rate is reached
 LONGEST_S = 5.0

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-
-from control.field.job import Simulated
+from topdress.control.field.job import Simulated
 
 from .noise import Normals, Slow
 

@@ -9,24 +9,24 @@ from datetime import UTC, datetime, timedelta
 from math import cos, degrees, radians, sin
 from typing import Any, NamedTuple
 
-from control.field.job import Job
-from control.geodesy import TangentPlane
-from control.machine.effort import EffortInput, gate_effort, shaft_effort
-from control.machine.elements import Array, convert_to_lists, stepped
-from control.machine.fall import FallInput, drop_s, fall_start, step_fall
-from control.machine.fault_injection import Planted, schedule
-from control.machine.flow import FlowInput, in_flutes, make_flow_start, step_flow
-from control.machine.form import SHAFT_ANGLE
-from control.machine.gate import GateInput, GateOutput, gate_step, make_gate_start
-from control.machine.heads import HeadInput, read_head
-from control.machine.machine import Machine
-from control.machine.scale import ScaleInput, scale_reads
-from control.machine.shaft import ShaftInput, ShaftOutput, make_shaft_start, shaft_step
-from control.machine.speed import SpeedInput, make_speed_start, step_speed
-from control.machine.steps import Steps
-from control.machine.term_sums import NOTHING, HeldCommands, More, TermSums
-from control.machine.terms import Term
-from control.readings import DoseOrder, DriveCommand, GnssFix, PlantSeen, SpeedPlan
+from topdress.control.field.job import Job
+from topdress.control.geodesy import TangentPlane
+from topdress.control.machine.effort import EffortInput, gate_effort, shaft_effort
+from topdress.control.machine.elements import Array, convert_to_lists, stepped
+from topdress.control.machine.fall import FallInput, drop_s, fall_start, step_fall
+from topdress.control.machine.fault_injection import Planted, schedule
+from topdress.control.machine.flow import FlowInput, in_flutes, make_flow_start, step_flow
+from topdress.control.machine.form import SHAFT_ANGLE
+from topdress.control.machine.gate import GateInput, GateOutput, gate_step, make_gate_start
+from topdress.control.machine.heads import HeadInput, read_head
+from topdress.control.machine.machine import Machine
+from topdress.control.machine.scale import ScaleInput, scale_reads
+from topdress.control.machine.shaft import ShaftInput, ShaftOutput, make_shaft_start, shaft_step
+from topdress.control.machine.speed import SpeedInput, make_speed_start, step_speed
+from topdress.control.machine.steps import Steps
+from topdress.control.machine.term_sums import NOTHING, HeldCommands, More, TermSums
+from topdress.control.machine.terms import Term
+from topdress.control.readings import DoseOrder, DriveCommand, GnssFix, PlantSeen, SpeedPlan
 
 from .canopy import AcrossWidth, canopy_field
 from .noise import Normals, Slow

@@ -5,9 +5,8 @@ from __future__ import annotations
 from math import cos, radians, sin
 
 import numpy as np
-
-from control.field.job import Job
-from control.machine.elements import Array
+from topdress.control.field.job import Job
+from topdress.control.machine.elements import Array
 
 from .tractor import Path, pass_order
 

@@ -6,10 +6,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-
-from control.machine.elements import Array
-from control.targets.plants import PlantRow, SeenPlant
-from control.targets.point import PointLag, PointMode, Threshold
+from topdress.control.machine.elements import Array
+from topdress.control.targets.plants import PlantRow, SeenPlant
+from topdress.control.targets.point import PointLag, PointMode, Threshold
 
 CAMERA_FROM_M, CAMERA_TO_M = 0.2, 1.2  # of the camera's picture, beyond its own place
 

@@ -7,9 +7,9 @@ speed, takes a quarter of the steps' time.
 
 from __future__ import annotations
 
-from control.machine.flow import Flow, FlowState
-from control.machine.gate import GateState
-from control.machine.shaft import ShaftState
+from topdress.control.machine.flow import Flow, FlowState
+from topdress.control.machine.gate import GateState
+from topdress.control.machine.shaft import ShaftState
 
 
 def rest(shaft_was: ShaftState, shaft: ShaftState, gate_was: GateState, gate: GateState) -> bool:

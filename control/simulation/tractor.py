@@ -8,9 +8,8 @@ from math import cos, pi, radians, sin
 from typing import NamedTuple
 
 import numpy as np
-
-from control.field.job import Simulated
-from control.readings import SpeedPlan
+from topdress.control.field.job import Simulated
+from topdress.control.readings import SpeedPlan
 
 # passes are taken in blocks, four apart, so that the turns are wide enough to drive
 BLOCK = 8

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Sequence
 
-from control.machine.machine import Machine
-from control.machine.sections import Valve
+from topdress.control.machine.machine import Machine
+from topdress.control.machine.sections import Valve
 
 
 class Valves:

@@ -6,10 +6,9 @@ from __future__ import annotations
 from collections import deque
 
 import numpy as np
-
-from control.field.job import Camera
-from control.machine.elements import Array
-from control.readings import PlantSeen
+from topdress.control.field.job import Camera
+from topdress.control.machine.elements import Array
+from topdress.control.readings import PlantSeen
 
 
 class Vision:

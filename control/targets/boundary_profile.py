@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Protocol
 
-from control.field.boundary import Boundary
-from control.orders import TargetSource
+from topdress.control.field.boundary import Boundary
+from topdress.control.orders import TargetSource
 
 from .profile import Profile, Target, TargetChange
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from control.agronomy.noa import Rule
-from control.agronomy.strips import StripValue
-from control.orders import TargetSource
+from topdress.control.agronomy.noa import Rule
+from topdress.control.agronomy.strips import StripValue
+from topdress.control.orders import TargetSource
 
 from .profile import Profile, Stretches, Target, TargetChange
 

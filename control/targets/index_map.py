@@ -9,8 +9,7 @@ their level, so that the rate does not jump.
 from __future__ import annotations
 
 import numpy as np
-
-from control.geodesy import Place, TangentPlane, offset
+from topdress.control.geodesy import Place, TangentPlane, offset
 
 from .rate_map import RateMap
 

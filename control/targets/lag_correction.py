@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from typing import NamedTuple, Protocol
 
-from control.machine.change_lag import Lag
+from topdress.control.machine.change_lag import Lag
 
 from .profile import Profile, Target, TargetChange
 

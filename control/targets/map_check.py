@@ -7,9 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 import shapely
-
-from control.field.boundary import Boundary
-from control.geodesy import TangentPlane
+from topdress.control.field.boundary import Boundary
+from topdress.control.geodesy import TangentPlane
 
 from .prescription import LEAST_M2, MapData, fields_on, ground_of
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from bisect import bisect_right
 
-from control.geodesy import Place, TangentPlane, direction, offset
+from topdress.control.geodesy import Place, TangentPlane, direction, offset
 
 from .prescription import Prescription, TargetAhead
 from .profile import Target, TargetChange

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from control.orders import TargetSource
-from control.readings import Reading, is_fresh
-from control.targets.profile import Everywhere, Target
+from topdress.control.orders import TargetSource
+from topdress.control.readings import Reading, is_fresh
+from topdress.control.targets.profile import Everywhere, Target
 
 # m/s; flow begins at this speed (`SafetyLimits.start_speed_mps`): a target that is heard while
 # the machine stands is judged by it

@@ -7,11 +7,10 @@ from collections import deque
 from collections.abc import Sequence
 
 import numpy as np
-
-from control.field.cells import offset_places
-from control.field.coverage import Coverage, Covered, Raster
-from control.field.ground_trace import GroundTrace
-from control.geodesy import Place, direction
+from topdress.control.field.cells import offset_places
+from topdress.control.field.coverage import Coverage, Covered, Raster
+from topdress.control.field.ground_trace import GroundTrace
+from topdress.control.geodesy import Place, direction
 
 # changes are looked for at most this far ahead (4 s at 3.3 m/s, and a little)
 LOOK_M = 16.0

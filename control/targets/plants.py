@@ -10,8 +10,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 import shapely
-
-from control.geodesy import Place, TangentPlane, direction
+from topdress.control.geodesy import Place, TangentPlane, direction
 
 Floats = npt.NDArray[np.float64]
 

@@ -9,9 +9,8 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-
-from control.geodesy import Place, TangentPlane
-from control.readings import DoseOrder, PlantSeen
+from topdress.control.geodesy import Place, TangentPlane
+from topdress.control.readings import DoseOrder, PlantSeen
 
 from .plants import PlantList, PlantRow, SeenPlant
 from .point import Dose, PointLag, PointMode, fastest_mps

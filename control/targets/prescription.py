@@ -10,10 +10,9 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 import shapely
-
-from control.field.boundary import Boundary
-from control.geodesy import Place, TangentPlane, direction
-from control.orders import TargetSource
+from topdress.control.field.boundary import Boundary
+from topdress.control.geodesy import Place, TangentPlane, direction
+from topdress.control.orders import TargetSource
 
 from .profile import Target
 from .rate_map import Floats, GridMap, RateMap, ZoneMap, frame_deg, polygons

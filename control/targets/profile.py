@@ -6,7 +6,7 @@ from bisect import bisect_right
 from collections.abc import Iterator
 from typing import NamedTuple, Protocol
 
-from control.orders import TargetSource
+from topdress.control.orders import TargetSource
 
 
 class Target(NamedTuple):

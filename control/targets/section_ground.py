@@ -7,12 +7,11 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 import numpy.typing as npt
-
-from control.field.coverage import Coverage
-from control.geodesy import Place, direction
-from control.machine.sections import SectionStrip
-from control.targets.boundary_profile import Fence
-from control.targets.profile import Target
+from topdress.control.field.coverage import Coverage
+from topdress.control.geodesy import Place, direction
+from topdress.control.machine.sections import SectionStrip
+from topdress.control.targets.boundary_profile import Fence
+from topdress.control.targets.profile import Target
 
 # of the points at which a section's strip is judged
 APART_M = 0.05

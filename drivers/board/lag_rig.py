@@ -10,8 +10,8 @@ docs/protocol-lag-rig.md.
     plate() -> int                              the plate's reading, any scale
 """
 
-from drivers.board.framing import SEQUENCES, WORDS, Receiver, seal, whole
-from drivers.board.motion import SpeedMeter
+from .framing import SEQUENCES, WORDS, Receiver, seal, whole
+from .motion import SpeedMeter
 
 STATUS_US = 50000
 START_RPM = 2.0  # the shaft "turns" from here on (lag paper)

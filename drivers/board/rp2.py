@@ -8,7 +8,7 @@ import time
 import machine  # type: ignore[import-not-found]
 import micropython  # type: ignore[import-not-found]
 
-from drivers.board.parts import UsbLine
+from .parts import UsbLine
 
 
 def usb_line() -> UsbLine:

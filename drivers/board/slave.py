@@ -26,8 +26,8 @@
                                     word are taken
 """
 
-from drivers.board.framing import SEQUENCES, WORDS, Newest, Receiver, decimal, number, seal, whole
-from drivers.board.motion import Doser, GateMotion, ShaftControl, SpeedMeter, SteppedShaft
+from .framing import SEQUENCES, WORDS, Newest, Receiver, decimal, number, seal, whole
+from .motion import Doser, GateMotion, ShaftControl, SpeedMeter, SteppedShaft
 
 SILENT_HOST_US = 1000000
 CONTROL_US = 10000

@@ -11,9 +11,9 @@ from __future__ import annotations
 import math
 import struct
 
-from control.readings import GnssFix
-from drivers.devices.lines import Decoder, Ignored, Rejected
-from drivers.devices.nmea import FASTEST_MPS
+from topdress.control.readings import GnssFix
+from topdress.drivers.devices.lines import Decoder, Ignored, Rejected
+from topdress.drivers.devices.nmea import FASTEST_MPS
 
 HEAD = b"\x80\x81\x7f"
 POSITION, DRIVE = 0x64, 0xFE

@@ -11,8 +11,8 @@ import re
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from drivers.board.framing import REPEAT_WINDOW, SEQUENCES, WORDS, number, seal, whole
-from drivers.devices.lines import Rejected
+from topdress.drivers.board.framing import REPEAT_WINDOW, SEQUENCES, WORDS, number, seal, whole
+from topdress.drivers.devices.lines import Rejected
 
 VERSION = 1
 COMMAND, STATUS = f"T{VERSION}", f"S{VERSION}"

@@ -10,8 +10,8 @@ from __future__ import annotations
 import re
 from typing import NamedTuple
 
-from drivers.devices.lines import Ignored, LineDecoder, Rejected
-from drivers.plugins import PluginFault, plugged
+from topdress.drivers.devices.lines import Ignored, LineDecoder, Rejected
+from topdress.drivers.plugins import PluginFault, plugged
 
 LOWEST_NDVI = -1.0
 HIGHEST_NDVI = 1.0

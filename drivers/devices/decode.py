@@ -6,18 +6,18 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-from control.readings import GnssFix
-from drivers.devices.agopengps import AgOpenGpsDecoder
-from drivers.devices.canopy_heads import PROTOCOLS as HEAD_PROTOCOLS
-from drivers.devices.canopy_heads import HeadDecoder, HeadFields, head_fields
-from drivers.devices.capture import is_capture, received
-from drivers.devices.gnss import GnssDecoder
-from drivers.devices.gpsd import GpsdDecoder
-from drivers.devices.lines import Counts
-from drivers.devices.rate_line import RateLineDecoder
-from drivers.devices.slave_board import BoardReadings, SlaveBoard
-from drivers.devices.tractor_speed import TractorSpeedDecoder
-from drivers.plugins import plugged
+from topdress.control.readings import GnssFix
+from topdress.drivers.devices.agopengps import AgOpenGpsDecoder
+from topdress.drivers.devices.canopy_heads import PROTOCOLS as HEAD_PROTOCOLS
+from topdress.drivers.devices.canopy_heads import HeadDecoder, HeadFields, head_fields
+from topdress.drivers.devices.capture import is_capture, received
+from topdress.drivers.devices.gnss import GnssDecoder
+from topdress.drivers.devices.gpsd import GpsdDecoder
+from topdress.drivers.devices.lines import Counts
+from topdress.drivers.devices.rate_line import RateLineDecoder
+from topdress.drivers.devices.slave_board import BoardReadings, SlaveBoard
+from topdress.drivers.devices.tractor_speed import TractorSpeedDecoder
+from topdress.drivers.plugins import plugged
 
 Record = dict[str, float | int | str | None]
 
@@ -74,7 +74,7 @@ def _through(
 
 def _through_plugin(name: str, data: bytes) -> tuple[list[Record], Counts]:
     """Raises PluginFault."""
-    from drivers.plugin_process import PluginDecoder
+    from topdress.drivers.plugin_process import PluginDecoder
 
     decoder = PluginDecoder(name)
     try:

@@ -18,9 +18,9 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from datetime import UTC, date, datetime, timedelta
 
-from control.readings import GnssFix
-from drivers.devices.lines import Ignored, LineDecoder, Rejected
-from drivers.devices.nmea import GNSS_TALKERS, Sentence, parse
+from topdress.control.readings import GnssFix
+from topdress.drivers.devices.lines import Ignored, LineDecoder, Rejected
+from topdress.drivers.devices.nmea import GNSS_TALKERS, Sentence, parse
 
 DAY_MS = 86_400_000
 BEHIND = {"GNS": ("GGA",), "GLL": ("GGA", "GNS", "RMC")}

@@ -8,10 +8,10 @@ import re
 from datetime import datetime
 from typing import Any
 
-from control.readings import GnssFix
-from drivers.devices.gnss import NEW_CLOCK_AFTER_S
-from drivers.devices.lines import Ignored, LineDecoder, Rejected
-from drivers.devices.nmea import FASTEST_MPS, LARGEST_HDOP
+from topdress.control.readings import GnssFix
+from topdress.drivers.devices.gnss import NEW_CLOCK_AFTER_S
+from topdress.drivers.devices.lines import Ignored, LineDecoder, Rejected
+from topdress.drivers.devices.nmea import FASTEST_MPS, LARGEST_HDOP
 
 WATCH = b'?WATCH={"enable":true,"json":true};\n'
 # gpsd's status in GGA's numbers

@@ -6,11 +6,11 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from control.readings import Reading
-from drivers.board.framing import SEQUENCES, number, seal, whole
-from drivers.board.lag_rig import LANDED, PLATE_BEFORE, TURNED_BEFORE, TURNING
-from drivers.devices.board_frames import COUNTERS, is_repeat, open_frame
-from drivers.devices.lines import LineDecoder, Rejected
+from topdress.control.readings import Reading
+from topdress.drivers.board.framing import SEQUENCES, number, seal, whole
+from topdress.drivers.board.lag_rig import LANDED, PLATE_BEFORE, TURNED_BEFORE, TURNING
+from topdress.drivers.devices.board_frames import COUNTERS, is_repeat, open_frame
+from topdress.drivers.devices.lines import LineDecoder, Rejected
 
 ORDER, STATUS = "R1", "L1"
 # crystals drift by some 50 ppm: the least delay is looked for in the last two blocks

@@ -12,8 +12,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Literal, NamedTuple
 
-from drivers.board.lag_rig import ARMED, IDLE, LANDED, TURNING
-from drivers.devices.lag_rig import RigReadings
+from topdress.drivers.board.lag_rig import ARMED, IDLE, LANDED, TURNING
+from topdress.drivers.devices.lag_rig import RigReadings
 
 STANDING_RPM = 0.5
 Phase = Literal["settling", "arming", "running", "done"]

@@ -11,8 +11,7 @@ from functools import reduce
 from typing import Any, NamedTuple
 
 import pynmea2
-
-from drivers.devices.lines import Ignored, Rejected
+from topdress.drivers.devices.lines import Ignored, Rejected
 
 # Satellite receivers by constellation. Any other two letters are some program or instrument
 # that passes a place on (IN integrated navigation, EC chart display, II, ...); P begins what a

@@ -12,9 +12,9 @@ import math
 from enum import IntEnum
 from typing import NamedTuple
 
-from drivers.board.framing import SEQUENCES, number, seal, whole
-from drivers.devices.board_frames import COUNTERS, open_frame
-from drivers.devices.lines import Rejected
+from topdress.drivers.board.framing import SEQUENCES, number, seal, whole
+from topdress.drivers.devices.board_frames import COUNTERS, open_frame
+from topdress.drivers.devices.lines import Rejected
 
 DOSE, REPORT = "D1", "E1"
 # with the board's word, as `board_frames.COMMAND_WORD`

@@ -11,17 +11,23 @@ import time
 from collections.abc import Callable, Sequence
 from typing import NamedTuple, Protocol
 
-from drivers.devices.agopengps import AgOpenGpsDecoder
-from drivers.devices.canopy_heads import PROTOCOLS, HeadDecoder
-from drivers.devices.gnss import GnssDecoder
-from drivers.devices.gpsd import GpsdDecoder
-from drivers.devices.lag_rig import LagRig
-from drivers.devices.lines import Counts, Ignored, Rejected
-from drivers.devices.rate_line import RateLineDecoder
-from drivers.devices.rate_module_frames import BoardLabel, BoardStatus, Status, Trace, decode_heard
-from drivers.devices.slave_board import SlaveBoard
-from drivers.devices.tractor_speed import TractorSpeedDecoder
-from drivers.ports import Clock, Port, printable
+from topdress.drivers.devices.agopengps import AgOpenGpsDecoder
+from topdress.drivers.devices.canopy_heads import PROTOCOLS, HeadDecoder
+from topdress.drivers.devices.gnss import GnssDecoder
+from topdress.drivers.devices.gpsd import GpsdDecoder
+from topdress.drivers.devices.lag_rig import LagRig
+from topdress.drivers.devices.lines import Counts, Ignored, Rejected
+from topdress.drivers.devices.rate_line import RateLineDecoder
+from topdress.drivers.devices.rate_module_frames import (
+    BoardLabel,
+    BoardStatus,
+    Status,
+    Trace,
+    decode_heard,
+)
+from topdress.drivers.devices.slave_board import SlaveBoard
+from topdress.drivers.devices.tractor_speed import TractorSpeedDecoder
+from topdress.drivers.ports import Clock, Port, printable
 
 BAUDS = (115200, 38400, 9600, 57600, 19200, 4800)  # the most usual first
 LISTEN_S = 1.2  # a receiver or head at 1 Hz is heard once

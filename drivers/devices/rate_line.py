@@ -20,8 +20,8 @@ from __future__ import annotations
 import re
 from typing import NamedTuple
 
-from drivers.devices.lines import Ignored, LineDecoder, Rejected
-from drivers.devices.nmea import checksum, seal
+from topdress.drivers.devices.lines import Ignored, LineDecoder, Rejected
+from topdress.drivers.devices.nmea import checksum, seal
 
 MOST_KG_HA = 2000.0  # as a job's rates
 _RAVEN = re.compile(

@@ -10,10 +10,10 @@ import math
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
-from control.readings import Reading
-from drivers.devices.board_frames import valves_mask
-from drivers.devices.lines import Decoder, Ignored, Rejected
-from drivers.devices.rate_module_frames import (
+from topdress.control.readings import Reading
+from topdress.drivers.devices.board_frames import valves_mask
+from topdress.drivers.devices.lines import Decoder, Ignored, Rejected
+from topdress.drivers.devices.rate_module_frames import (
     MOST_RELAYS,
     U24,
     BoardLabel,

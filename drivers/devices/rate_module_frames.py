@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from drivers.devices.lines import Ignored, Rejected
+from topdress.drivers.devices.lines import Ignored, Rejected
 
 TARGET, RELAYS, SETTINGS = 32500, 32501, 32502  # to the module
 STATUS, BOARD, TRACE, LABEL = 32400, 32401, 32402, 32403  # from the module

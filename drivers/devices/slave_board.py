@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from control.readings import DriveCommand, Reading, ValvesSeen
-from drivers.board.framing import SEQUENCES
-from drivers.board.slave import (
+from topdress.control.readings import DriveCommand, Reading, ValvesSeen
+from topdress.drivers.board.framing import SEQUENCES
+from topdress.drivers.board.slave import (
     DRIVER_FAULT,
     ENABLED,
     HEARTBEAT_LOST,
@@ -16,7 +16,7 @@ from drivers.board.slave import (
     STEPS_LOST,
     WORD_UNUSED,
 )
-from drivers.devices.board_frames import (
+from topdress.drivers.devices.board_frames import (
     ASK,
     TURNED,
     WORD,
@@ -31,9 +31,9 @@ from drivers.devices.board_frames import (
     valves_mask,
     valves_of,
 )
-from drivers.devices.lines import LineDecoder, Rejected
-from drivers.devices.point_dose import REPORT, PointDose, decode_report
-from drivers.devices.wheel import WheelGeometry, WheelSpeed
+from topdress.drivers.devices.lines import LineDecoder, Rejected
+from topdress.drivers.devices.point_dose import REPORT, PointDose, decode_report
+from topdress.drivers.devices.wheel import WheelGeometry, WheelSpeed
 
 DOSE_REPORT = REPORT.encode() + b","
 BOARD_WORD, SHAFT_TURNED = WORD.encode() + b",", TURNED.encode() + b","

@@ -12,9 +12,9 @@ from __future__ import annotations
 
 import re
 
-from control.readings import MOST_ANNOUNCED, SpeedPlan, can_be_announced
-from drivers.devices.lines import Ignored, LineDecoder, Rejected
-from drivers.devices.nmea import checksum, seal
+from topdress.control.readings import MOST_ANNOUNCED, SpeedPlan, can_be_announced
+from topdress.drivers.devices.lines import Ignored, LineDecoder, Rejected
+from topdress.drivers.devices.nmea import checksum, seal
 
 HEAD = b"PTDSP,"
 _SENTENCE = re.compile(rb"\$([^*$]*)\*([0-9A-Fa-f]{2})")

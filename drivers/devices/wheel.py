@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections import deque
 from typing import NamedTuple
 
-from drivers.devices.board_frames import COUNTERS
+from topdress.drivers.devices.board_frames import COUNTERS
 
 # the speed is the mean over at least this long: its delay is half of it, 0.25 s
 WINDOW_S = 0.5

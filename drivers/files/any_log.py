@@ -9,13 +9,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from drivers.files.columns import Columns
-from drivers.files.imports.trouble import TableError
-from drivers.files.log_store import is_store
-from drivers.files.opened import Opened
-from drivers.files.read_log import RunLog, log_of, read_rows
-from drivers.files.run_meta import RunMeta
-from drivers.files.what_it_is import what_is
+from topdress.drivers.files.columns import Columns
+from topdress.drivers.files.imports.trouble import TableError
+from topdress.drivers.files.log_store import is_store
+from topdress.drivers.files.opened import Opened
+from topdress.drivers.files.read_log import RunLog, log_of, read_rows
+from topdress.drivers.files.run_meta import RunMeta
+from topdress.drivers.files.what_it_is import what_is
 
 OWN, OF_FOLDER = ".import.yaml", "import.yaml"
 
@@ -30,9 +30,9 @@ def import_file(log: Path) -> Path | None:
 
 
 if TYPE_CHECKING:
-    from drivers.files.imports.join import JoinedFiles
-    from drivers.files.imports.mapping import ImportFile
-    from drivers.files.imports.raw import RawTable
+    from topdress.drivers.files.imports.join import JoinedFiles
+    from topdress.drivers.files.imports.mapping import ImportFile
+    from topdress.drivers.files.imports.raw import RawTable
 
 TEXTS = frozenset({".csv", ".txt", ".tsv"})
 NO_TEXTS = ("zip", "kmz", "excel", "office", "parquet", "gzip")
@@ -52,7 +52,7 @@ def open_log(path: Path, without: Collection[str] = ()) -> RunLog:
                 # our own; of another's with names as ours the import knows more
                 raise
     raw, mapping, said_by = raw_and_mapping(path)
-    from drivers.files.imports.log_file import run_log
+    from topdress.drivers.files.imports.log_file import run_log
 
     imported = _converted(raw, mapping)
     log = run_log(path, imported, mapping, said_by)
@@ -63,14 +63,14 @@ def open_log(path: Path, without: Collection[str] = ()) -> RunLog:
 def imported_columns(path: Path, raw: RawTable, mapping: ImportFile) -> Columns:
     """The columns that `open_log` would give of lines out of a log, whose sidecar asks for all
     of it. Raises TableError."""
-    from drivers.files.imports.log_file import as_read
+    from topdress.drivers.files.imports.log_file import as_read
 
     return log_of(path, as_read(_converted(raw, mapping)), RunMeta()).columns
 
 
 def _converted(raw: RawTable, mapping: ImportFile) -> JoinedFiles:
-    from drivers.files.imports.convert import convert
-    from drivers.files.imports.join import joined
+    from topdress.drivers.files.imports.convert import convert
+    from topdress.drivers.files.imports.join import joined
 
     return joined([convert(raw, mapping)], mapping.join)
 
@@ -83,17 +83,17 @@ def raw_and_mapping(
 
     data: lines of it, in the place of all. Raises ImportTrouble, ConfigError, OSError.
     """
-    from drivers.files.imports.read import read_raw
-    from drivers.files.imports.trouble import Unsure
+    from topdress.drivers.files.imports.read import read_raw
+    from topdress.drivers.files.imports.trouble import Unsure
 
     place = import_file(path)
     if place is not None:
-        from drivers.files.config import load
-        from drivers.files.imports.mapping import IMPORT
+        from topdress.drivers.files.config import load
+        from topdress.drivers.files.imports.mapping import IMPORT
 
         mapping = load(place, IMPORT).model
         return read_raw(path, mapping.source, data), mapping, place
-    from drivers.files.imports.guess import guess
+    from topdress.drivers.files.imports.guess import guess
 
     raw = read_raw(path, None, data)
     found = guess(raw)

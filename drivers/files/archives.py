@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path, PurePosixPath
 
-from drivers.files.limits import DAMAGED_ZIP, SHAPES, held_to
-from drivers.plain_text import Refused
+from topdress.drivers.files.limits import DAMAGED_ZIP, SHAPES, held_to
+from topdress.drivers.plain_text import Refused
 
 DEEPEST = 4  # folders in one another that are looked into
 OF_MAPS = (".xml", ".bin", ".shp", ".shx", ".dbf", ".prj", ".cpg", ".cst", ".json", ".txt")

@@ -5,11 +5,17 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-
-from control.calibration.bench_table import KINDS, KNOWN, BenchTable, missing, recognise, usable
-from drivers.files.header_names import our_names
-from drivers.files.imports.trouble import TableError
-from drivers.files.table import read_table
+from topdress.control.calibration.bench_table import (
+    KINDS,
+    KNOWN,
+    BenchTable,
+    missing,
+    recognise,
+    usable,
+)
+from topdress.drivers.files.header_names import our_names
+from topdress.drivers.files.imports.trouble import TableError
+from topdress.drivers.files.table import read_table
 
 __all__ = ["BenchTable", "read_bench_table"]
 

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-
-from control.calibration.wheel_fit import WheelLog
-from control.machine.machine import Machine
-from drivers.files.read_log import RunLog
+from topdress.control.calibration.wheel_fit import WheelLog
+from topdress.control.machine.machine import Machine
+from topdress.drivers.files.read_log import RunLog
 
 HEADS = tuple(f"ndvi_{number}" for number in range(1, 7))
 TURNS_RPM = 1.0  # a shaft that turns faster gives material

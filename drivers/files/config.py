@@ -16,13 +16,12 @@ from pathlib import Path
 from typing import Any, Generic, TypeVar
 
 from pydantic import BaseModel, ValidationError
-
-from drivers.files.atomic import write_atomically
-from drivers.files.config_error import ConfigError as ConfigError
-from drivers.files.config_words import explain, nearest
-from drivers.files.limits import CONFIG
-from drivers.files.plain import plain, schema_of
-from drivers.files.yaml_text import KeyPath, YamlProblem, dump_yaml, parse_yaml
+from topdress.drivers.files.atomic import write_atomically
+from topdress.drivers.files.config_error import ConfigError as ConfigError
+from topdress.drivers.files.config_words import explain, nearest
+from topdress.drivers.files.limits import CONFIG
+from topdress.drivers.files.plain import plain, schema_of
+from topdress.drivers.files.yaml_text import KeyPath, YamlProblem, dump_yaml, parse_yaml
 
 M = TypeVar("M", bound=BaseModel)
 Model = TypeVar("Model", bound=BaseModel, covariant=True)
@@ -125,7 +124,7 @@ def sha256_of(path: Path) -> str:
 
 def shipped(folder: str) -> dict[str, Path]:
     """Name -> path of the configurations that come with topdress, e.g. of folder `machines`."""
-    place = Path(str(resources.files("configs"))) / folder
+    place = Path(str(resources.files("topdress.configs"))) / folder
     return {path.stem: path for path in sorted(place.glob("*.yaml"))}
 
 

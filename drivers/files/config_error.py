@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from drivers.plain_text import one_line
+from topdress.drivers.plain_text import one_line
 
 
 class ConfigError(Exception):

@@ -9,9 +9,8 @@ from typing import Any, cast
 
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
-
-from drivers.files.plain import schema_of
-from drivers.files.yaml_text import KeyPath
+from topdress.drivers.files.plain import schema_of
+from topdress.drivers.files.yaml_text import KeyPath
 
 _MAX_VALUE_LENGTH = 60
 _MAX_NAMES = 15

@@ -10,7 +10,7 @@ from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from drivers.plain_text import OneLine
+from topdress.drivers.plain_text import OneLine
 
 COLUMNS = (
     "date",

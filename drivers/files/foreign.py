@@ -11,17 +11,16 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-
-from control.log_row import COLUMNS, NDRE_COLUMNS, SPEEDS
-from control.recordings.finding import Finding, many
-from control.recordings.mended import mend_values, mended
-from control.recordings.speeds import KMH_PER_MPS
-from control.recordings.times import DAY_S, SPREADSHEET_DAYS, SPREADSHEET_EPOCH_DAYS
-from drivers.files.columns import Columns
-from drivers.files.header_names import Renamed
-from drivers.files.header_names import our_names as renamed
-from drivers.files.imports.trouble import TableError
-from drivers.files.imports.words import WHOLE_DATES, WHOLE_NAMES
+from topdress.control.log_row import COLUMNS, NDRE_COLUMNS, SPEEDS
+from topdress.control.recordings.finding import Finding, many
+from topdress.control.recordings.mended import mend_values, mended
+from topdress.control.recordings.speeds import KMH_PER_MPS
+from topdress.control.recordings.times import DAY_S, SPREADSHEET_DAYS, SPREADSHEET_EPOCH_DAYS
+from topdress.drivers.files.columns import Columns
+from topdress.drivers.files.header_names import Renamed
+from topdress.drivers.files.header_names import our_names as renamed
+from topdress.drivers.files.imports.trouble import TableError
+from topdress.drivers.files.imports.words import WHOLE_DATES, WHOLE_NAMES
 
 Times = NDArray[np.float64]
 # of the cells of times: where more are numbers, the others are no dates

@@ -11,11 +11,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import shapely
-
-from drivers.files.layers import Layer, in_degrees
-from drivers.files.limits import GEOPACKAGE, MB, held_to
-from drivers.files.stated_units import StatedUnit, of_markup, of_texts
-from drivers.plain_text import PlaceInFile, Refused
+from topdress.drivers.files.layers import Layer, in_degrees
+from topdress.drivers.files.limits import GEOPACKAGE, MB, held_to
+from topdress.drivers.files.stated_units import StatedUnit, of_markup, of_texts
+from topdress.drivers.plain_text import PlaceInFile, Refused
 
 # of all that SQLite does with a file: one of 256 MB takes 2 s
 LONGEST_S = 20.0

@@ -5,9 +5,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from drivers.files.columns import Columns
-from drivers.files.imports.trouble import TableError
-from drivers.files.limits import BeyondLimits
+from topdress.drivers.files.columns import Columns
+from topdress.drivers.files.imports.trouble import TableError
+from topdress.drivers.files.limits import BeyondLimits
 
 # of lines that may be damaged: with more it is no such log
 MOST_SHARE = 0.5

@@ -11,17 +11,16 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-
-from drivers.files.any_log import imported_columns, open_log, raw_and_mapping
-from drivers.files.columns import Columns
-from drivers.files.good_lines import GoodLines
-from drivers.files.imports.mapping import ImportFile
-from drivers.files.imports.trouble import TableError
-from drivers.files.log_store import is_store
-from drivers.files.opened import Opened
-from drivers.files.read_log import read_log
-from drivers.files.sheet_text import SUFFIXES
-from drivers.files.what_it_is import FOREIGN
+from topdress.drivers.files.any_log import imported_columns, open_log, raw_and_mapping
+from topdress.drivers.files.columns import Columns
+from topdress.drivers.files.good_lines import GoodLines
+from topdress.drivers.files.imports.mapping import ImportFile
+from topdress.drivers.files.imports.trouble import TableError
+from topdress.drivers.files.log_store import is_store
+from topdress.drivers.files.opened import Opened
+from topdress.drivers.files.read_log import read_log
+from topdress.drivers.files.sheet_text import SUFFIXES
+from topdress.drivers.files.what_it_is import FOREIGN
 
 # A log of another program that still grows: only its new lines are brought in, by what the
 # whole of it said.
@@ -116,7 +115,7 @@ class ForeignText:
         return good.found
 
     def _rows(self, lines: list[bytes]) -> Columns:
-        from drivers.files.imports.read import read_raw
+        from topdress.drivers.files.imports.read import read_raw
 
         assert self._mapping is not None
         raw = read_raw(self.path, self._mapping.source, self._head + b"".join(lines))

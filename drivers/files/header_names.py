@@ -6,9 +6,9 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from typing import NamedTuple
 
-from control.recordings.finding import Finding
-from drivers.files.imports.header import named
-from drivers.files.imports.units import ENDINGS, ColumnUnit, unit_named, unit_of
+from topdress.control.recordings.finding import Finding
+from topdress.drivers.files.imports.header import named
+from topdress.drivers.files.imports.units import ENDINGS, ColumnUnit, unit_named, unit_of
 
 
 class Renamed(NamedTuple):

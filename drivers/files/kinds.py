@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from control.agronomy.crop import Crop
-from control.agronomy.product import Product
-from control.field.job import Job
-from control.machine.machine import Machine
-from control.machine.terms import without_old_tables
-from drivers.cab_config import CabConfig
-from drivers.files.config import Kind, Kinds
-from drivers.files.imports.mapping import IMPORT
-from drivers.files.settings import SETTINGS
-from drivers.files.settings_theme import THEME
+from topdress.control.agronomy.crop import Crop
+from topdress.control.agronomy.product import Product
+from topdress.control.field.job import Job
+from topdress.control.machine.machine import Machine
+from topdress.control.machine.terms import without_old_tables
+from topdress.drivers.cab_config import CabConfig
+from topdress.drivers.files.config import Kind, Kinds
+from topdress.drivers.files.imports.mapping import IMPORT
+from topdress.drivers.files.settings import SETTINGS
+from topdress.drivers.files.settings_theme import THEME
 
 MACHINE = Kind("topdress-machine/1", "machines", Machine, without_old_tables)
 CROP = Kind("topdress-crop/1", "crops", Crop)

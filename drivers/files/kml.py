@@ -11,13 +11,12 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 import shapely
-
-from control.recordings.finding import Finding, many
-from drivers.files.layers import Layer, in_degrees, polygon_of, together
-from drivers.files.limits import DAMAGED_ZIP
-from drivers.files.stated_units import of_element
-from drivers.files.xml_text import XmlError, local, xml_root
-from drivers.plain_text import PlaceInFile, Refused
+from topdress.control.recordings.finding import Finding, many
+from topdress.drivers.files.layers import Layer, in_degrees, polygon_of, together
+from topdress.drivers.files.limits import DAMAGED_ZIP
+from topdress.drivers.files.stated_units import of_element
+from topdress.drivers.files.xml_text import XmlError, local, xml_root
+from topdress.drivers.plain_text import PlaceInFile, Refused
 
 CONTAINERS = ("kml", "Document", "Folder")
 

@@ -16,21 +16,20 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import shapely
-
-from control.recordings.finding import Finding
-from control.targets.rate_map import Floats
-from drivers.files.extras import install_line
-from drivers.files.limits import check_file, read_json
-from drivers.files.prescriptions.projected import (
+from topdress.control.recordings.finding import Finding
+from topdress.control.targets.rate_map import Floats
+from topdress.drivers.files.extras import install_line
+from topdress.drivers.files.limits import check_file, read_json
+from topdress.drivers.files.prescriptions.projected import (
     Projection,
     TransverseMercator,
     national_grid,
     projection_of,
 )
-from drivers.files.prescriptions.words import NotAMap
-from drivers.files.stated_units import NO_UNITS, StatedUnit, of_json
-from drivers.plain_text import PlaceInFile, Refused
-from drivers.plugins import PluginFault, has_format
+from topdress.drivers.files.prescriptions.words import NotAMap
+from topdress.drivers.files.stated_units import NO_UNITS, StatedUnit, of_json
+from topdress.drivers.plain_text import PlaceInFile, Refused
+from topdress.drivers.plugins import PluginFault, has_format
 
 KML_KINDS, GEOJSON = (".kml", ".kmz"), (".geojson", ".json")
 # WGS84, and within 2 m of it
@@ -65,14 +64,14 @@ def read_layers(path: Path) -> list[Layer]:
     if has_format(suffix):
         return [_by_plugin(path, suffix[1:])]
     if suffix in (".shp", ".zip", ""):
-        from drivers.files.shape_sets import layer_of, shape_sets
+        from topdress.drivers.files.shape_sets import layer_of, shape_sets
 
         return [layer_of(shapes) for shapes in shape_sets(path)]
     if suffix in KML_KINDS:
-        from drivers.files.kml import read_kml
+        from topdress.drivers.files.kml import read_kml
 
         return read_kml(path)
-    from drivers.files.geopackage import read_geopackage
+    from topdress.drivers.files.geopackage import read_geopackage
 
     return read_geopackage(path)
 
@@ -92,7 +91,7 @@ def read_geojson(path: Path, kinds: Collection[str] = KINDS, strict: bool = Fals
 
 def _by_plugin(path: Path, name: str) -> Layer:
     """Raises NotAMap, whatever the plug-in's code does."""
-    from drivers.plugin_process import read_format
+    from topdress.drivers.plugin_process import read_format
 
     try:
         root = read_format(name, path)

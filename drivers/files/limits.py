@@ -17,7 +17,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from drivers.plain_text import PlaceInFile, Refused
+from topdress.drivers.plain_text import PlaceInFile, Refused
 
 MB = 1 << 20
 

@@ -16,17 +16,16 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-
-from control.log_row import TEXT_COLUMNS
-from control.recordings.finding import Finding
-from drivers.files.atomic import sidecar, write_atomically
-from drivers.files.columns import Columns, csv_text, is_text, texts_array
-from drivers.files.extras import need
-from drivers.files.imports.trouble import TableError
-from drivers.files.limits import BeyondLimits, check_file
-from drivers.files.log_text import texts_of
-from drivers.files.parquet_limits import check_parquet, check_texts
-from drivers.files.run_meta import RunMeta, meta_from_yaml, meta_to_yaml
+from topdress.control.log_row import TEXT_COLUMNS
+from topdress.control.recordings.finding import Finding
+from topdress.drivers.files.atomic import sidecar, write_atomically
+from topdress.drivers.files.columns import Columns, csv_text, is_text, texts_array
+from topdress.drivers.files.extras import need
+from topdress.drivers.files.imports.trouble import TableError
+from topdress.drivers.files.limits import BeyondLimits, check_file
+from topdress.drivers.files.log_text import texts_of
+from topdress.drivers.files.parquet_limits import check_parquet, check_texts
+from topdress.drivers.files.run_meta import RunMeta, meta_from_yaml, meta_to_yaml
 
 if TYPE_CHECKING:
     import polars as pl

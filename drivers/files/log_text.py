@@ -7,7 +7,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from control.log_row import (
+from topdress.control.log_row import (
     ALL_COLUMNS,
     COLUMNS,
     DECIMALS,

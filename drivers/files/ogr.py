@@ -11,9 +11,8 @@ from typing import Any
 
 import numpy as np
 import shapely
-
-from drivers.files.extras import extra_line
-from drivers.plain_text import Refused
+from topdress.drivers.files.extras import extra_line
+from topdress.drivers.plain_text import Refused
 
 FORMATS = {".gpkg": "GPKG", ".kml": "KML", ".kmz": "KML"}
 
@@ -49,7 +48,7 @@ def write_layer(
             crs="EPSG:4326",
             append=append,
         )
-        from drivers.files.atomic import write_atomically
+        from topdress.drivers.files.atomic import write_atomically
 
         if suffix == ".kmz":
             packed = Path(folder) / "out.kmz"

@@ -6,18 +6,24 @@ from functools import cached_property
 from pathlib import Path
 from typing import Literal
 
-from control.calibration.bench_table import KNOWN, recognise
-from control.log_row import COLUMNS, SPEEDS
-from drivers.files.foreign import our_names
-from drivers.files.header_names import our_names as renamed
-from drivers.files.imports.trouble import TableError
-from drivers.files.imports.words import COMMAND, folded, places_without_time, says, tells_time
-from drivers.files.limits import check_file
-from drivers.files.log_store import SUFFIXES as PARQUET
-from drivers.files.log_store import is_store
-from drivers.files.table import NoHeader, header_of
-from drivers.files.what_it_is import FOREIGN, holds_points, what_is
-from drivers.plugins import has_format
+from topdress.control.calibration.bench_table import KNOWN, recognise
+from topdress.control.log_row import COLUMNS, SPEEDS
+from topdress.drivers.files.foreign import our_names
+from topdress.drivers.files.header_names import our_names as renamed
+from topdress.drivers.files.imports.trouble import TableError
+from topdress.drivers.files.imports.words import (
+    COMMAND,
+    folded,
+    places_without_time,
+    says,
+    tells_time,
+)
+from topdress.drivers.files.limits import check_file
+from topdress.drivers.files.log_store import SUFFIXES as PARQUET
+from topdress.drivers.files.log_store import is_store
+from topdress.drivers.files.table import NoHeader, header_of
+from topdress.drivers.files.what_it_is import FOREIGN, holds_points, what_is
+from topdress.drivers.plugins import has_format
 
 # of the columns; fewer are another program's log, which the import reads better
 KNOWN_SHARE = 0.5
@@ -91,8 +97,8 @@ class Opened:
         return "log" if holds_points(self.path) and not self._points_of_map() else "map"
 
     def _by_columns(self) -> Held:
-        from drivers.files.prescriptions.csv_zones import holds_polygons
-        from drivers.files.prescriptions.lattice import metre_columns
+        from topdress.drivers.files.prescriptions.csv_zones import holds_polygons
+        from topdress.drivers.files.prescriptions.lattice import metre_columns
 
         if holds_polygons(self.path):
             return "map"
@@ -111,7 +117,7 @@ class Opened:
         return "map" if has_places else ""
 
     def _points_of_map(self) -> bool:
-        from drivers.files.imports.read import read_raw
+        from topdress.drivers.files.imports.read import read_raw
 
         try:
             return places_without_time(read_raw(self.path).names)

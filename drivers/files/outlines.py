@@ -12,10 +12,16 @@ from pathlib import Path
 
 import numpy as np
 import shapely
-
-from control.targets.rate_map import Floats, are_self_crossing, polygons, polygons_as_drawn
-from drivers.files.limits import CROSSINGS, NEAR_EDGES, OVERLAPS, SHARED_CROSSINGS, TOUCHES, held_to
-from drivers.plain_text import PlaceInFile
+from topdress.control.targets.rate_map import Floats, are_self_crossing, polygons, polygons_as_drawn
+from topdress.drivers.files.limits import (
+    CROSSINGS,
+    NEAR_EDGES,
+    OVERLAPS,
+    SHARED_CROSSINGS,
+    TOUCHES,
+    held_to,
+)
+from topdress.drivers.plain_text import PlaceInFile
 
 # corners of an outline; the edges of a smaller one make no more pairs than are allowed
 MANY = 500

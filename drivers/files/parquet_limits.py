@@ -11,7 +11,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from drivers.files.limits import (
+from topdress.drivers.files.limits import (
     MB,
     PARQUET_BYTES,
     PARQUET_CELLS,
@@ -19,7 +19,7 @@ from drivers.files.limits import (
     BeyondLimits,
     held_to,
 )
-from drivers.plain_text import PlaceInFile
+from topdress.drivers.plain_text import PlaceInFile
 
 if TYPE_CHECKING:
     import polars as pl

@@ -11,18 +11,17 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-
-from control.log_row import ALL_COLUMNS, COLUMNS, TEXT_COLUMNS, WHOLE_COLUMNS, LogRow
-from control.recordings.finding import Finding
-from drivers.files.atomic import sidecar
-from drivers.files.columns import Columns
-from drivers.files.foreign import examined, needed, our_names
-from drivers.files.imports.trouble import TableError
-from drivers.files.log_store import is_store, read_store, stored_about
-from drivers.files.log_text import columns_of, header_of
-from drivers.files.run_meta import RunMeta, meta_from_yaml
-from drivers.files.table import columns_of as columns_of_cells
-from drivers.files.table import read_table
+from topdress.control.log_row import ALL_COLUMNS, COLUMNS, TEXT_COLUMNS, WHOLE_COLUMNS, LogRow
+from topdress.control.recordings.finding import Finding
+from topdress.drivers.files.atomic import sidecar
+from topdress.drivers.files.columns import Columns
+from topdress.drivers.files.foreign import examined, needed, our_names
+from topdress.drivers.files.imports.trouble import TableError
+from topdress.drivers.files.log_store import is_store, read_store, stored_about
+from topdress.drivers.files.log_text import columns_of, header_of
+from topdress.drivers.files.run_meta import RunMeta, meta_from_yaml
+from topdress.drivers.files.table import columns_of as columns_of_cells
+from topdress.drivers.files.table import read_table
 
 # rows farther apart may be milliseconds, which another column shows: all are read
 SLOW_STEP_S = 2.0

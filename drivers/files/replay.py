@@ -19,11 +19,10 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-
-from control.log_row import GNSS_HOLDS_S, HEAD_COLUMNS, HOLDS_S, NDRE_COLUMNS
-from control.orders import TargetSource
-from control.readings import GnssFix, Measurements, Reading, SpeedPlan, announced_of
-from drivers.files.read_log import RunLog
+from topdress.control.log_row import GNSS_HOLDS_S, HEAD_COLUMNS, HOLDS_S, NDRE_COLUMNS
+from topdress.control.orders import TargetSource
+from topdress.control.readings import GnssFix, Measurements, Reading, SpeedPlan, announced_of
+from topdress.drivers.files.read_log import RunLog
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]

@@ -16,10 +16,10 @@ from queue import Empty, SimpleQueue
 from types import TracebackType
 from typing import Self
 
-from control.log_row import LogRow
-from drivers.files.atomic import CutShort, NewFile, create, keep, sidecar, write_atomically
-from drivers.files.log_text import RowText, columns_of, header_of
-from drivers.files.run_meta import RunMeta, meta_to_yaml
+from topdress.control.log_row import LogRow
+from topdress.drivers.files.atomic import CutShort, NewFile, create, keep, sidecar, write_atomically
+from topdress.drivers.files.log_text import RowText, columns_of, header_of
+from topdress.drivers.files.run_meta import RunMeta, meta_to_yaml
 
 # rows reach the operating system at least this often: what a kill of the worker can cost
 FLUSH_S = 0.1

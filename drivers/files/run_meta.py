@@ -11,10 +11,9 @@ from typing import Any
 
 import yaml
 from pydantic import BaseModel
-
-from drivers.files.atomic import sidecar
-from drivers.files.plain import plain
-from drivers.files.yaml_text import YamlProblem, dump_yaml, parse_yaml
+from topdress.drivers.files.atomic import sidecar
+from topdress.drivers.files.plain import plain
+from topdress.drivers.files.yaml_text import YamlProblem, dump_yaml, parse_yaml
 
 FORMAT = "topdress-run-log/1"
 

@@ -8,9 +8,8 @@ from typing import Annotated, Literal, NamedTuple
 
 import platformdirs
 from pydantic import Field, model_validator
-
-from control.frozen_model import FrozenModel
-from drivers.files.config import ConfigError, Kind, load, save
+from topdress.control.frozen_model import FrozenModel
+from topdress.drivers.files.config import ConfigError, Kind, load, save
 
 MOST_RATE_KG_HA = 2000.0
 

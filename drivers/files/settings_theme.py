@@ -7,9 +7,8 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
-
-from control.frozen_model import FrozenModel
-from drivers.files.config import ConfigError, Kind, load
+from topdress.control.frozen_model import FrozenModel
+from topdress.drivers.files.config import ConfigError, Kind, load
 
 Colour = Annotated[str, Field(pattern=r"^#[0-9a-fA-F]{6}$", description="a colour such as #00518f")]
 

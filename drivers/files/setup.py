@@ -10,21 +10,20 @@ from pathlib import Path
 from typing import NamedTuple
 
 from pydantic import BaseModel
-
-from control.agronomy.crop import Crop
-from control.agronomy.growth import Growth, growth_of
-from control.agronomy.noa import Rule
-from control.agronomy.product import Product
-from control.field.job import Job, rule_of
-from control.machine.machine import Machine
-from control.machine.product_calibration import with_product
-from control.orders import BY_CANOPY
-from drivers.cab_config import BoardConfig, CabConfig
-from drivers.files.config import Loaded, load, load_any, sha256_of
-from drivers.files.config_error import ConfigError
-from drivers.files.kinds import CROP, JOB, KINDS, MACHINE, PRODUCT
-from drivers.files.prescriptions.for_job import files_of_job
-from drivers.files.weather import WeatherError, growing_days
+from topdress.control.agronomy.crop import Crop
+from topdress.control.agronomy.growth import Growth, growth_of
+from topdress.control.agronomy.noa import Rule
+from topdress.control.agronomy.product import Product
+from topdress.control.field.job import Job, rule_of
+from topdress.control.machine.machine import Machine
+from topdress.control.machine.product_calibration import with_product
+from topdress.control.orders import BY_CANOPY
+from topdress.drivers.cab_config import BoardConfig, CabConfig
+from topdress.drivers.files.config import Loaded, load, load_any, sha256_of
+from topdress.drivers.files.config_error import ConfigError
+from topdress.drivers.files.kinds import CROP, JOB, KINDS, MACHINE, PRODUCT
+from topdress.drivers.files.prescriptions.for_job import files_of_job
+from topdress.drivers.files.weather import WeatherError, growing_days
 
 # relays of a rate module along with the drive's own
 MODULE_VALVES = 15
@@ -194,7 +193,7 @@ def year_n(
         return None
     earlier_kg_ha, passes = 0.0, 0
     if wanted.record is not None:
-        from drivers.files.farm_lines import given_in_year
+        from topdress.drivers.files.farm_lines import given_in_year
 
         boundary = ground.boundary()
         if boundary is None or not ground.title:

@@ -16,15 +16,21 @@ from typing import Any
 import numpy as np
 import shapefile
 import shapely
-
-from control.targets.rate_map import Floats
-from drivers.files.archives import Files, Folder, files_at
-from drivers.files.imports.dialect import encoding_of
-from drivers.files.imports.trouble import TableError
-from drivers.files.layers import Layer, open_ring, polygon_of, projection_in, together, turned
-from drivers.files.limits import DAMAGED_ZIP
-from drivers.files.stated_units import StatedUnit, side_units
-from drivers.plain_text import OneLine, PlaceInFile, Refused
+from topdress.control.targets.rate_map import Floats
+from topdress.drivers.files.archives import Files, Folder, files_at
+from topdress.drivers.files.imports.dialect import encoding_of
+from topdress.drivers.files.imports.trouble import TableError
+from topdress.drivers.files.layers import (
+    Layer,
+    open_ring,
+    polygon_of,
+    projection_in,
+    together,
+    turned,
+)
+from topdress.drivers.files.limits import DAMAGED_ZIP
+from topdress.drivers.files.stated_units import StatedUnit, side_units
+from topdress.drivers.plain_text import OneLine, PlaceInFile, Refused
 
 # Byte 29 of a .dbf: the language driver, as dBase, FoxPro and Esri number them.
 DRIVERS = {

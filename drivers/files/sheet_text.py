@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from drivers.files.limits import CELLS, MB, BeyondLimits, held_to
+from topdress.drivers.files.limits import CELLS, MB, BeyondLimits, held_to
 
 if TYPE_CHECKING:
     from python_calamine import CalamineSheet
@@ -20,8 +20,8 @@ import csv
 import datetime as dt
 import io
 
-from drivers.files.imports.trouble import TableError, listed
-from drivers.files.limits import DAMAGED_ZIP
+from topdress.drivers.files.imports.trouble import TableError, listed
+from topdress.drivers.files.limits import DAMAGED_ZIP
 
 # What the sheets of a workbook span, found out before its reader makes all their cells, empty
 # ones too.

@@ -16,13 +16,13 @@ from pathlib import PurePosixPath
 from typing import Any, NamedTuple
 from xml.etree.ElementTree import Element
 
-from drivers.files.archives import Files
-from drivers.files.imports.header import named
-from drivers.files.imports.units import of_a_rate, unit_named
-from drivers.files.imports.words import SHAPEFILE_NAME, folded
-from drivers.files.limits import SIDE
-from drivers.files.xml_text import XmlError, local, xml_root
-from drivers.plain_text import Refused
+from topdress.drivers.files.archives import Files
+from topdress.drivers.files.imports.header import named
+from topdress.drivers.files.imports.units import of_a_rate, unit_named
+from topdress.drivers.files.imports.words import SHAPEFILE_NAME, folded
+from topdress.drivers.files.limits import SIDE
+from topdress.drivers.files.xml_text import XmlError, local, xml_root
+from topdress.drivers.plain_text import Refused
 
 ANY = ""  # of the rate, whichever column that is
 # behind the stem

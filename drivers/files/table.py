@@ -11,16 +11,21 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-
-from control.recordings.finding import Finding, many
-from drivers.files.columns import Columns, is_text, texts_array
-from drivers.files.header_names import Renamed
-from drivers.files.imports.header import NOTHING, is_unit_row, is_value
-from drivers.files.imports.numbers import number_of, numbers_of
-from drivers.files.imports.text import CellColumn, NumberCells, cells_of, utf8, without_cut_row
-from drivers.files.imports.trouble import TableError
-from drivers.files.limits import check_file
-from drivers.files.sheet_text import SUFFIXES, sheet_text
+from topdress.control.recordings.finding import Finding, many
+from topdress.drivers.files.columns import Columns, is_text, texts_array
+from topdress.drivers.files.header_names import Renamed
+from topdress.drivers.files.imports.header import NOTHING, is_unit_row, is_value
+from topdress.drivers.files.imports.numbers import number_of, numbers_of
+from topdress.drivers.files.imports.text import (
+    CellColumn,
+    NumberCells,
+    cells_of,
+    utf8,
+    without_cut_row,
+)
+from topdress.drivers.files.imports.trouble import TableError
+from topdress.drivers.files.limits import check_file
+from topdress.drivers.files.sheet_text import SUFFIXES, sheet_text
 
 Rename = Callable[[tuple[str, ...]], Renamed]
 

@@ -8,20 +8,19 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import shapely
-
-from control.agronomy.crop import Crop
-from control.geodesy import TangentPlane
-from control.log_row import HEAD_COLUMNS, NDRE_COLUMNS
-from control.machine.elements import Array
-from control.machine.machine import Machine
-from control.papers.trial import Plot, Trial
-from drivers.files.any_log import open_log
-from drivers.files.exports.as_applied import as_applied, outlet_way
-from drivers.files.fields.shapes import named_shapes
-from drivers.files.outlines import check_outlines
-from drivers.files.read_log import RunLog
-from drivers.files.table import read_table
-from drivers.plain_text import OneLine
+from topdress.control.agronomy.crop import Crop
+from topdress.control.geodesy import TangentPlane
+from topdress.control.log_row import HEAD_COLUMNS, NDRE_COLUMNS
+from topdress.control.machine.elements import Array
+from topdress.control.machine.machine import Machine
+from topdress.control.papers.trial import Plot, Trial
+from topdress.drivers.files.any_log import open_log
+from topdress.drivers.files.exports.as_applied import as_applied, outlet_way
+from topdress.drivers.files.fields.shapes import named_shapes
+from topdress.drivers.files.outlines import check_outlines
+from topdress.drivers.files.read_log import RunLog
+from topdress.drivers.files.table import read_table
+from topdress.drivers.plain_text import OneLine
 
 # of the stretches that are counted to a plot by their middle: 0.25 m at 4.5 km/h
 FINE_S = 0.2

@@ -15,11 +15,10 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-
-from control.agronomy.crop import Crop
-from control.agronomy.days import days_above_base
-from drivers.files.limits import CONFIG
-from drivers.plain_text import OneLine
+from topdress.control.agronomy.crop import Crop
+from topdress.control.agronomy.days import days_above_base
+from topdress.drivers.files.limits import CONFIG
+from topdress.drivers.plain_text import OneLine
 
 COLDEST_C, HOTTEST_C = -90.0, 60.0
 

@@ -9,10 +9,10 @@ from collections.abc import Collection
 from pathlib import Path, PurePosixPath
 from typing import NamedTuple
 
-from drivers.devices.capture import HEADER as CAPTURE
-from drivers.files.limits import DAMAGED_ZIP, read_json
-from drivers.files.sheet_text import SUFFIXES as SHEETS
-from drivers.plain_text import OneLine
+from topdress.drivers.devices.capture import HEADER as CAPTURE
+from topdress.drivers.files.limits import DAMAGED_ZIP, read_json
+from topdress.drivers.files.sheet_text import SUFFIXES as SHEETS
+from topdress.drivers.plain_text import OneLine
 
 LOOKED_BYTES = 4096
 TEXTS = 0.95  # of the bytes that text may hold
@@ -245,8 +245,8 @@ def _points_of_geojson(path: Path) -> bool:
 
 def _points_of_files(path: Path) -> bool:
     """A task that was worked and prescribes nothing; or shapefiles of which none has areas."""
-    from drivers.files.prescriptions.task_files import task_sets, task_tree
-    from drivers.files.shape_sets import shape_sets
+    from topdress.drivers.files.prescriptions.task_files import task_sets, task_tree
+    from topdress.drivers.files.shape_sets import shape_sets
 
     tasks = task_sets(path)
     if tasks:

@@ -8,8 +8,8 @@ from pathlib import Path
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
-from drivers.files.limits import TAGS, held_to
-from drivers.plain_text import OneLine, PlaceInFile
+from topdress.drivers.files.limits import TAGS, held_to
+from topdress.drivers.plain_text import OneLine, PlaceInFile
 
 
 class XmlError(OneLine):

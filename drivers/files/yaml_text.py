@@ -11,9 +11,8 @@ import re
 from typing import Any
 
 import yaml
-
-from drivers.files.limits import NODES
-from drivers.plain_text import OneLine
+from topdress.drivers.files.limits import NODES
+from topdress.drivers.plain_text import OneLine
 
 KeyPath = tuple[str | int, ...]
 

@@ -6,19 +6,19 @@ from __future__ import annotations
 import secrets
 from collections.abc import Callable
 
-from control.readings import DoseOrder, DriveCommand
-from control.simulation.plant import SensorReadings
-from drivers.board.framing import Receiver
-from drivers.board.motion import Doser
-from drivers.board.slave import DOSE_DONE, BoardSettings, Pins, Slave
-from drivers.devices.board_frames import (
+from topdress.control.readings import DoseOrder, DriveCommand
+from topdress.control.simulation.plant import SensorReadings
+from topdress.drivers.board.framing import Receiver
+from topdress.drivers.board.motion import Doser
+from topdress.drivers.board.slave import DOSE_DONE, BoardSettings, Pins, Slave
+from topdress.drivers.devices.board_frames import (
     COMMAND_OPENING_MM,
     COMMAND_SHAFT_RPM,
     MOST_VALVES,
     valves_mask,
     valves_of,
 )
-from drivers.devices.lines import Counts
+from topdress.drivers.devices.lines import Counts
 
 SENSED = (
     "hopper_kg",

@@ -5,12 +5,12 @@ from __future__ import annotations
 
 import struct
 
-from control.readings import DriveCommand, GnssFix
-from control.simulation.plant import SensorReadings
-from drivers.datagrams import Datagrams
-from drivers.devices.agopengps import DRIVE, HEAD, POSITION
-from drivers.devices.lines import Ignored, Rejected
-from drivers.devices.rate_module_frames import (
+from topdress.control.readings import DriveCommand, GnssFix
+from topdress.control.simulation.plant import SensorReadings
+from topdress.drivers.datagrams import Datagrams
+from topdress.drivers.devices.agopengps import DRIVE, HEAD, POSITION
+from topdress.drivers.devices.lines import Ignored, Rejected
+from topdress.drivers.devices.rate_module_frames import (
     FULL_PWM,
     MOST_RELAYS,
     BoardLabel,

@@ -10,9 +10,9 @@ from collections import deque
 from collections.abc import Callable, Iterable, Sequence
 from typing import NamedTuple
 
-from control.readings import DriveCommand
-from drivers.ports import Clock, Port, PortState
-from drivers.virtual.extras import Extra
+from topdress.control.readings import DriveCommand
+from topdress.drivers.ports import Clock, Port, PortState
+from topdress.drivers.virtual.extras import Extra
 
 WRONG_BAUD_RATIO = 2.0  # sent at twice the rate at which it is read
 

@@ -9,11 +9,11 @@ import socket
 from collections.abc import Sequence
 from typing import Any, Protocol
 
-from control.readings import DriveCommand, GnssFix
-from control.simulation.plant import SensorReadings
-from drivers.ports import UNPLUGGED, Clock, Port, PortState
-from drivers.virtual.extras import Extra
-from drivers.virtual.faults import PortFaults, ServedLine, Spoiler
+from topdress.control.readings import DriveCommand, GnssFix
+from topdress.control.simulation.plant import SensorReadings
+from topdress.drivers.ports import UNPLUGGED, Clock, Port, PortState
+from topdress.drivers.virtual.extras import Extra
+from topdress.drivers.virtual.faults import PortFaults, ServedLine, Spoiler
 
 RELEASE = {"class": "VERSION", "release": "3.25", "proto_major": 3, "proto_minor": 15}
 DEVICE = "/dev/virtual"

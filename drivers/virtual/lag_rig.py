@@ -6,10 +6,10 @@ from __future__ import annotations
 import heapq
 from collections.abc import Callable
 
-from control.simulation.plant import SensorReadings, Truth
-from drivers.board.lag_rig import RigPins, RigProgram, RigSettings
-from drivers.ports import Port
-from drivers.virtual.extras import Extra
+from topdress.control.simulation.plant import SensorReadings, Truth
+from topdress.drivers.board.lag_rig import RigPins, RigProgram, RigSettings
+from topdress.drivers.ports import Port
+from topdress.drivers.virtual.extras import Extra
 
 ROUNDS = 10  # of the rig's program, a step of the plant
 PLATE_AT_REST = 500

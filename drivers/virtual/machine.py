@@ -8,14 +8,14 @@ from collections.abc import Sequence
 from datetime import UTC, datetime, timedelta
 from typing import Literal
 
-from control.readings import GnssFix
-from control.simulation.plant import Plant
-from drivers.cab import BoardConfig, Cab, CabConfig, GnssConfig, HeadsConfig
-from drivers.devices.canopy_heads import PROTOCOLS, HeadFields
-from drivers.devices.nmea import MPS_PER_KNOT, seal
-from drivers.ports import Clock, MemoryPort, Port, memory_pair
-from drivers.virtual.board import VirtualBoard
-from drivers.virtual.extras import Extra
+from topdress.control.readings import GnssFix
+from topdress.control.simulation.plant import Plant
+from topdress.drivers.cab import BoardConfig, Cab, CabConfig, GnssConfig, HeadsConfig
+from topdress.drivers.devices.canopy_heads import PROTOCOLS, HeadFields
+from topdress.drivers.devices.nmea import MPS_PER_KNOT, seal
+from topdress.drivers.ports import Clock, MemoryPort, Port, memory_pair
+from topdress.drivers.virtual.board import VirtualBoard
+from topdress.drivers.virtual.extras import Extra
 
 MODE_OF_QUALITY = {1: "A", 2: "D", 3: "P", 4: "R", 5: "F", 6: "E", 7: "M", 8: "S"}
 # where a fix carries no UTC of its own

@@ -13,12 +13,19 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import NamedTuple
 
-from control.simulation.plant import Plant
-from drivers.datagrams import Datagrams, UdpPort
-from drivers.devices.canopy_heads import PROTOCOLS
-from drivers.ports import READ_TIMEOUT_S, Clock, Port, PortState, SocketStream, ThreadedPort
-from drivers.virtual.extras import Extra, VirtualAgOpenGps, VirtualRateModule
-from drivers.virtual.faults import (
+from topdress.control.simulation.plant import Plant
+from topdress.drivers.datagrams import Datagrams, UdpPort
+from topdress.drivers.devices.canopy_heads import PROTOCOLS
+from topdress.drivers.ports import (
+    READ_TIMEOUT_S,
+    Clock,
+    Port,
+    PortState,
+    SocketStream,
+    ThreadedPort,
+)
+from topdress.drivers.virtual.extras import Extra, VirtualAgOpenGps, VirtualRateModule
+from topdress.drivers.virtual.faults import (
     DRIVES,
     PortFaults,
     Runaway,
@@ -29,9 +36,9 @@ from drivers.virtual.faults import (
     faults_at,
     runaway_at,
 )
-from drivers.virtual.gpsd import GpsdServer, VirtualGpsd
-from drivers.virtual.lag_rig import VirtualLagRig
-from drivers.virtual.machine import OPENING_MM, VirtualMachine
+from topdress.drivers.virtual.gpsd import GpsdServer, VirtualGpsd
+from topdress.drivers.virtual.lag_rig import VirtualLagRig
+from topdress.drivers.virtual.machine import OPENING_MM, VirtualMachine
 
 
 # A pseudo-terminal as the virtual machine's end of a serial line, under a name that stays.

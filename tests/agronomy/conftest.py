@@ -6,8 +6,8 @@ from typing import Any
 
 import pytest
 import yaml
+from topdress.control.agronomy.crop import Crop
 
-from control.agronomy.crop import Crop
 from tests.places import PAPERS
 
 CROPS = Path(__file__).parents[2] / "configs" / "crops"

@@ -10,15 +10,15 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
+from topdress.control.agronomy.crop import Crop
+from topdress.control.agronomy.noa import make_rate_table, prepare
+from topdress.control.agronomy.strips import StripValue
+from topdress.control.agronomy.yield_potential import YIELD_SETS, YieldPotential
+from topdress.control.field.job import Job, rule_of
+from topdress.drivers.files.config_error import ConfigError
+from topdress.drivers.files.farm_lines import COLUMNS
+from topdress.drivers.files.setup import Setup, load_setup
 
-from control.agronomy.crop import Crop
-from control.agronomy.noa import make_rate_table, prepare
-from control.agronomy.strips import StripValue
-from control.agronomy.yield_potential import YIELD_SETS, YieldPotential
-from control.field.job import Job, rule_of
-from drivers.files.config_error import ConfigError
-from drivers.files.farm_lines import COLUMNS
-from drivers.files.setup import Setup, load_setup
 from tests.command import topdress
 
 CROPS = Path(__file__).parents[2] / "configs" / "crops"

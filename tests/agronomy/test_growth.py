@@ -8,19 +8,19 @@ import datetime as dt
 import numpy as np
 import pytest
 from pydantic import ValidationError
+from topdress.console.app.pages.job.checklist import LOOK, OK, checks
+from topdress.console.app.units import METRIC
+from topdress.console.reports.job_about import About, happened, named
+from topdress.control.agronomy.crop import Crop
+from topdress.control.agronomy.days import days_above_base
+from topdress.control.agronomy.growth import Growth, GrowthStage, GrowthWindow, growth_of
+from topdress.control.log_row import LogRow
+from topdress.control.orders import Do, Order
+from topdress.drivers.files.config import load, save
+from topdress.drivers.files.kinds import JOB
+from topdress.drivers.files.setup import load_setup
+from topdress.drivers.files.weather import WeatherError, growing_days, read_weather
 
-from console.app.pages.job.checklist import LOOK, OK, checks
-from console.app.units import METRIC
-from console.reports.job_about import About, happened, named
-from control.agronomy.crop import Crop
-from control.agronomy.days import days_above_base
-from control.agronomy.growth import Growth, GrowthStage, GrowthWindow, growth_of
-from control.log_row import LogRow
-from control.orders import Do, Order
-from drivers.files.config import load, save
-from drivers.files.kinds import JOB
-from drivers.files.setup import load_setup
-from drivers.files.weather import WeatherError, growing_days, read_weather
 from tests.app.made_up.job import facts_of
 from tests.command import topdress
 from tests.control_loop.closed import SETUP, Closed
@@ -138,7 +138,7 @@ def test_the_list_before_work_says_it():
 
 def test_the_jobs_dates_count_with_the_crops_weather(tmp_path):
     crop = load_setup("huanghai", "demo", dt.date(2014, 3, 7)).crop
-    from drivers.files.kinds import CROP
+    from topdress.drivers.files.kinds import CROP
 
     rows = "".join(f"{dt.date(2025, 11, 1) + dt.timedelta(days=k)},8.0\n" for k in range(150))
     (tmp_path / "w.csv").write_text("date,mean_temp_c\n" + rows)

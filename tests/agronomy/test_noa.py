@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-
-from control.agronomy.crop import Crop
-from control.agronomy.fusion import Fused, FusionLimits, FusionState, fuse_readings, start
-from control.agronomy.noa import (
+from topdress.control.agronomy.crop import Crop
+from topdress.control.agronomy.fusion import Fused, FusionLimits, FusionState, fuse_readings, start
+from topdress.control.agronomy.noa import (
     grade_ndvi,
     insey,
     list_grade_edges,
@@ -22,7 +21,7 @@ from control.agronomy.noa import (
     response_index,
     yield_without,
 )
-from control.agronomy.sampling import (
+from topdress.control.agronomy.sampling import (
     FREQUENCIES_HZ,
     Evenness,
     best_frequency,
@@ -32,8 +31,8 @@ from control.agronomy.sampling import (
     measure_evenness,
     subsample,
 )
-from control.papers.claims_decision import extra_nitrogen_kg_ha, rate_from_weighing_kg_ha
-from control.readings import Reading
+from topdress.control.papers.claims_decision import extra_nitrogen_kg_ha, rate_from_weighing_kg_ha
+from topdress.control.readings import Reading
 
 
 def smooth(crop: Crop) -> Crop:

@@ -13,14 +13,13 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import ValidationError
-
-from control.agronomy.crop import Crop
-from control.agronomy.noa import prepare, yield_without
-from control.agronomy.response import HarvestLine, field_response
-from control.agronomy.strips import Strips, StripValue, doubt, measured_index, read_strip
-from control.field.job import Job, rule_of
-from drivers.files.config import load
-from drivers.files.kinds import CROP
+from topdress.control.agronomy.crop import Crop
+from topdress.control.agronomy.noa import prepare, yield_without
+from topdress.control.agronomy.response import HarvestLine, field_response
+from topdress.control.agronomy.strips import Strips, StripValue, doubt, measured_index, read_strip
+from topdress.control.field.job import Job, rule_of
+from topdress.drivers.files.config import load
+from topdress.drivers.files.kinds import CROP
 
 
 @pytest.fixture

@@ -18,11 +18,11 @@ from textual.app import App  # noqa: E402
 from textual.css.model import RuleSet  # noqa: E402
 from textual.css.stylesheet import Stylesheet  # noqa: E402
 from textual.pilot import Pilot  # noqa: E402
+from topdress.console.app.app import TopdressApp  # noqa: E402
+from topdress.console.app.pages.replay.service import ReplayJob  # noqa: E402
+from topdress.console.app.replay_source import ReplaySource  # noqa: E402
+from topdress.console.locale import ENGLISH, use  # noqa: E402
 
-from console.app.app import TopdressApp  # noqa: E402
-from console.app.pages.replay.service import ReplayJob  # noqa: E402
-from console.app.replay_source import ReplaySource  # noqa: E402
-from console.locale import ENGLISH, use  # noqa: E402
 from tests.app import harness  # noqa: E402
 from tests.app.gallery import Picture, StillClock, StillSource, still_app  # noqa: E402
 from tests.app.made_up import run as sample  # noqa: E402

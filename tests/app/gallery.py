@@ -13,20 +13,21 @@ from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from console.app.action import CALIBRATE, DEVICES, DIAGNOSIS
-from console.app.app import TopdressApp
-from console.app.history import History
-from console.app.pages.diagnosis.page import DiagnosisScreen
-from console.app.pages.map.page import MapScreen
-from console.app.pages.replay.service import ReplayJob
-from console.app.replay_source import ReplaySource
-from console.app.services import Services
-from console.app.units import METRIC
-from console.frame import DeviceDo, Frame
-from console.locale import ENGLISH, use
-from console.worker.resume_alarms import AlarmBook
-from control.diagnosis.result import Departure
-from control.orders import Answer, Order, State
+from topdress.console.app.action import CALIBRATE, DEVICES, DIAGNOSIS
+from topdress.console.app.app import TopdressApp
+from topdress.console.app.history import History
+from topdress.console.app.pages.diagnosis.page import DiagnosisScreen
+from topdress.console.app.pages.map.page import MapScreen
+from topdress.console.app.pages.replay.service import ReplayJob
+from topdress.console.app.replay_source import ReplaySource
+from topdress.console.app.services import Services
+from topdress.console.app.units import METRIC
+from topdress.console.frame import DeviceDo, Frame
+from topdress.console.locale import ENGLISH, use
+from topdress.console.worker.resume_alarms import AlarmBook
+from topdress.control.diagnosis.result import Departure
+from topdress.control.orders import Answer, Order, State
+
 from tests.app.made_up.diagnosis import OPEN
 from tests.app.made_up.job import CUT_OFF, SampleJobService
 from tests.app.made_up.poses import pose
@@ -290,7 +291,7 @@ async def _lay_over(app: TopdressApp, picture: Picture) -> None:
         and isinstance(app.source, StillSource)
         and app.source.end is not None
     ):
-        from console.link import WorkerGone
+        from topdress.console.link import WorkerGone
 
         app.start = app.attach = _never
         app.source.end.set_exception(WorkerGone("the connection to the machine broke off"))

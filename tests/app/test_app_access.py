@@ -11,15 +11,15 @@ from rich.color import Color, ColorSystem
 from textual.command import CommandPalette
 from textual.events import Click, MouseDown, MouseUp
 from textual.widgets import OptionList
+from topdress.console.app import actions, themes, words
+from topdress.console.app.action import ANYWHERE, RUN, Action
+from topdress.console.app.app import TopdressApp
+from topdress.console.app.dialogs import TextDialog
+from topdress.console.app.screens.help import HelpScreen
+from topdress.console.app.widgets.key_bar import KeyBar, laid_out
+from topdress.console.app.widgets.status_line import StatusLine
+from topdress.control.orders import Do
 
-from console.app import actions, themes, words
-from console.app.action import ANYWHERE, RUN, Action
-from console.app.app import TopdressApp
-from console.app.dialogs import TextDialog
-from console.app.screens.help import HelpScreen
-from console.app.widgets.key_bar import KeyBar, laid_out
-from console.app.widgets.status_line import StatusLine
-from control.orders import Do
 from tests.app.gallery import StillSource
 from tests.app.harness import lab, linear, tell
 from tests.app.made_up.run import sample_alarms, sample_services
@@ -288,7 +288,7 @@ def clickable(page):
     return [
         widget
         for widget in page.query("*").results()
-        if type(widget).__module__.startswith("console.app")
+        if type(widget).__module__.startswith("topdress.console.app")
         and widget.region.area
         and any(hasattr(widget, name) for name in handlers)
     ]
@@ -337,9 +337,9 @@ async def test_locked_no_click_on_any_page_orders_or_asks(full, source, turned):
 def test_what_a_key_does_stands_beside_it():
     for action in actions.ACTIONS:
         home = (
-            "console.app.keys"
+            "topdress.console.app.keys"
             if action.where == ANYWHERE
-            else f"console.app.pages.{action.where}.keys"
+            else f"topdress.console.app.pages.{action.where}.keys"
         )
         assert action.do.__module__ == home, action.id
     with pytest.raises(TypeError, match="do"):

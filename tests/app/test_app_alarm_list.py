@@ -8,13 +8,13 @@ import time
 from dataclasses import replace
 
 import pytest
+from topdress.console.app.alarms import AGAIN_S, LEAST_APART_S, Bell, entries
+from topdress.console.app.screens.alarm_list import AlarmList
+from topdress.console.app.units import METRIC
+from topdress.console.services.sound import Player
+from topdress.console.worker.resume_alarms import AlarmBook
+from topdress.control.orders import Alarm, Do, Severity
 
-from console.app.alarms import AGAIN_S, LEAST_APART_S, Bell, entries
-from console.app.screens.alarm_list import AlarmList
-from console.app.units import METRIC
-from console.services.sound import Player
-from console.worker.resume_alarms import AlarmBook
-from control.orders import Alarm, Do, Severity
 from tests.app.harness import feed
 
 RED = Alarm("shaft_silent", Severity.RED, 0.0)

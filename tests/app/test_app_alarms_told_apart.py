@@ -8,15 +8,15 @@ from dataclasses import replace
 from math import dist
 
 import pytest
+from topdress.console.app import themes
+from topdress.console.app.alarms import entries
+from topdress.console.app.units import METRIC
+from topdress.console.app.view import alarms
+from topdress.console.app.widgets.alarm_bar import AlarmBar
+from topdress.console.frame import from_json, to_json
+from topdress.console.worker.resume_alarms import AlarmBook
+from topdress.control.orders import Severity
 
-from console.app import themes
-from console.app.alarms import entries
-from console.app.units import METRIC
-from console.app.view import alarms
-from console.app.widgets.alarm_bar import AlarmBar
-from console.frame import from_json, to_json
-from console.worker.resume_alarms import AlarmBook
-from control.orders import Severity
 from tests.app.harness import lab, later, linear, text_of, turned
 from tests.app.made_up.run import sample_alarms
 

@@ -6,18 +6,18 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
+from topdress.console.app.boundary_drive import BoundaryDrive
+from topdress.console.app.coverage_raster import Worked
+from topdress.console.app.dialogs import ChoiceDialog, Confirm
+from topdress.console.app.guide_line import GuideLine
+from topdress.console.app.layers import MapLayer, find_colour_scale
+from topdress.console.app.name_dialog import NameDialog
+from topdress.console.app.number_dialog import NumberDialog
+from topdress.console.app.pages.run.page import LIGHTS, LightBar, make_light_view
+from topdress.console.app.units import IMPERIAL, METRIC
+from topdress.control.geodesy import TangentPlane
+from topdress.control.orders import Do, Order
 
-from console.app.boundary_drive import BoundaryDrive
-from console.app.coverage_raster import Worked
-from console.app.dialogs import ChoiceDialog, Confirm
-from console.app.guide_line import GuideLine
-from console.app.layers import MapLayer, find_colour_scale
-from console.app.name_dialog import NameDialog
-from console.app.number_dialog import NumberDialog
-from console.app.pages.run.page import LIGHTS, LightBar, make_light_view
-from console.app.units import IMPERIAL, METRIC
-from control.geodesy import TangentPlane
-from control.orders import Do, Order
 from tests.app.harness import feed, settled
 
 SIZE = (120, 40)
@@ -76,7 +76,7 @@ async def test_hopper_full_is_what_is_missing_and_a_refill_can_be_taken_back(ful
 
 
 def test_what_was_taken_back_is_no_refill_anywhere():
-    from console.worker.resume import drop_last_refill
+    from topdress.console.worker.resume import drop_last_refill
 
     noted = (("a", 250.0), ("b", 100.0), ("c", 250.0))
     assert drop_last_refill(noted, 250.0) == noted[:2]
@@ -198,7 +198,7 @@ async def test_a_line_is_set_by_key_and_the_run_page_shows_how_far_off(
 
 def driven(right_m=1.5, side_m=100.0):
     """Clockwise round a square, the antenna `right_m` inside of its edge."""
-    from control.log_row import LogRow
+    from topdress.control.log_row import LogRow
 
     plane, drive = TangentPlane(34.28, 119.88), BoundaryDrive(-right_m)
     inner, time_s = side_m, 0.0
@@ -221,8 +221,8 @@ def driven(right_m=1.5, side_m=100.0):
 
 
 def test_the_edge_lies_beside_the_way_and_keeps_its_area():
-    from console.services.driven_field import driven_field
-    from control.field.job import Ground
+    from topdress.console.services.driven_field import driven_field
+    from topdress.control.field.job import Ground
 
     for right_m, side in ((0.0, 100.0), (-1.5, 97.0), (1.5, 103.0)):
         drive = driven(-right_m)  # anticlockwise: to the right is outside
@@ -233,8 +233,8 @@ def test_the_edge_lies_beside_the_way_and_keeps_its_area():
 
 
 def test_a_way_that_encloses_nothing_is_refused():
-    from console.services.driven_field import driven_field
-    from control.field.job import Ground
+    from topdress.console.services.driven_field import driven_field
+    from topdress.control.field.job import Ground
 
     with pytest.raises(ValueError, match="allowed is"):
         driven_field(Ground(), ((34.28, 119.88), (34.281, 119.88)))

@@ -6,18 +6,18 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
+from topdress.console.app.app import TopdressApp
+from topdress.console.app.dialogs import ChoiceDialog
+from topdress.console.app.name_dialog import NameDialog
+from topdress.console.app.number_dialog import NumberDialog
+from topdress.console.app.pages.calibrate.guide import Guide
+from topdress.console.app.pages.calibrate.progress_rows import Bar, Sheet
+from topdress.console.app.services import Services
+from topdress.console.app.widgets.chips import Chips, placed
+from topdress.console.link import WorkerGone
+from topdress.control.orders import Answer, Do, Order
+from topdress.control.safety import BenchRun
 
-from console.app.app import TopdressApp
-from console.app.dialogs import ChoiceDialog
-from console.app.name_dialog import NameDialog
-from console.app.number_dialog import NumberDialog
-from console.app.pages.calibrate.guide import Guide
-from console.app.pages.calibrate.progress_rows import Bar, Sheet
-from console.app.services import Services
-from console.app.widgets.chips import Chips, placed
-from console.link import WorkerGone
-from control.orders import Answer, Do, Order
-from control.safety import BenchRun
 from tests.app.harness import feed, later, looked, settled, tell
 from tests.app.made_up.calibrate import (
     POINTS,

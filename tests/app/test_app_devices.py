@@ -6,14 +6,14 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
+from topdress.console.app.dialogs import Confirm
+from topdress.console.app.pages.devices import device_view
+from topdress.console.app.pages.devices.device_table import DeviceTable
+from topdress.console.app.widgets.chips import Chips, placed
+from topdress.console.frame import DeviceDo, DeviceTest
+from topdress.control.orders import Answer
+from topdress.control.readings import EffortSays
 
-from console.app.dialogs import Confirm
-from console.app.pages.devices import device_view
-from console.app.pages.devices.device_table import DeviceTable
-from console.app.widgets.chips import Chips, placed
-from console.frame import DeviceDo, DeviceTest
-from control.orders import Answer
-from control.readings import EffortSays
 from tests.app.harness import feed, looked, tell
 from tests.app.made_up.calibrate import many_devices
 
@@ -179,7 +179,7 @@ def test_what_a_test_heard_in_words(frames):
 
 
 async def test_without_a_machine_nothing_breaks(clock, shown):
-    from console.app.app import TopdressApp
+    from topdress.console.app.app import TopdressApp
 
     app = TopdressApp(None, clock, live=False)
     async with app.run_test(size=SIZE) as pilot:

@@ -8,31 +8,36 @@ from dataclasses import replace
 
 import pytest
 from textual.geometry import Size
-
-from console.app import actions
-from console.app.action import DIAGNOSIS
-from console.app.app import TopdressApp
-from console.app.dialogs import ChoiceDialog, Confirm, TextDialog
-from console.app.name_dialog import NameDialog
-from console.app.pages.diagnosis import shown as diagnosis_shown
-from console.app.pages.diagnosis import words as diagnosis_words
-from console.app.pages.diagnosis.causes import Causes, interval_bar
-from console.app.pages.diagnosis.page import Expected, SourceList, SourcesView, estimate_duration_s
-from console.app.pages.diagnosis.residual_plot import (
+from topdress.console.app import actions
+from topdress.console.app.action import DIAGNOSIS
+from topdress.console.app.app import TopdressApp
+from topdress.console.app.dialogs import ChoiceDialog, Confirm, TextDialog
+from topdress.console.app.name_dialog import NameDialog
+from topdress.console.app.pages.diagnosis import shown as diagnosis_shown
+from topdress.console.app.pages.diagnosis import words as diagnosis_words
+from topdress.console.app.pages.diagnosis.causes import Causes, interval_bar
+from topdress.console.app.pages.diagnosis.page import (
+    Expected,
+    SourceList,
+    SourcesView,
+    estimate_duration_s,
+)
+from topdress.console.app.pages.diagnosis.residual_plot import (
     PlotView,
     ResidualPlot,
     rasterise_line,
     round_plot_ends,
 )
-from console.app.pages.diagnosis.service import DiagnosisView, ResidualCurve, WorkStopped
-from console.app.services import Services
-from console.app.units import IMPERIAL, METRIC
-from console.locale import catalogue, use
-from console.reports.diagnosis_wording import sentence, title_of
-from control.diagnosis.result import UNKNOWN, FieldCost, Unexplained
-from control.machine.machine import CATALOGUE
-from control.orders import Do
-from drivers.files.plain import plain, typed
+from topdress.console.app.pages.diagnosis.service import DiagnosisView, ResidualCurve, WorkStopped
+from topdress.console.app.services import Services
+from topdress.console.app.units import IMPERIAL, METRIC
+from topdress.console.locale import catalogue, use
+from topdress.console.reports.diagnosis_wording import sentence, title_of
+from topdress.control.diagnosis.result import UNKNOWN, FieldCost, Unexplained
+from topdress.control.machine.machine import CATALOGUE
+from topdress.control.orders import Do
+from topdress.drivers.files.plain import plain, typed
+
 from tests.app.made_up.diagnosis import SOURCES, MadeUpDiagnosis, having, sample_found
 
 
@@ -625,9 +630,9 @@ def test_every_effect_of_the_catalogue_is_known_in_chinese():
 
 
 def test_the_plans_of_all_manoeuvres_are_known():
-    from control.experiments.manoeuvres import manoeuvres
-    from drivers.files.config import load
-    from drivers.files.kinds import MACHINE
+    from topdress.control.experiments.manoeuvres import manoeuvres
+    from topdress.drivers.files.config import load
+    from topdress.drivers.files.kinds import MACHINE
 
     plans = {one.id: one.plan for one in manoeuvres(load("huanghai", MACHINE).model)}
     assert (

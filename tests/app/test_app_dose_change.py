@@ -6,10 +6,10 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
+from topdress.console.app.dialogs import ChoiceDialog, Confirm
+from topdress.console.app.dose_change import DoseChange, dose_change
+from topdress.control.orders import Do, Order, TargetSource
 
-from console.app.dialogs import ChoiceDialog, Confirm
-from console.app.dose_change import DoseChange, dose_change
-from control.orders import Do, Order, TargetSource
 from tests.app.gallery import StillSource
 from tests.app.harness import later, text_of
 

@@ -11,20 +11,20 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from rich.cells import cell_len
 from rich.style import Style
+from topdress.console.app import camera, view
+from topdress.console.app.actions import ACTIONS
+from topdress.console.app.braille import trace
+from topdress.console.app.coverage_raster import Box
+from topdress.console.app.digits import ROWS, draw, largest
+from topdress.console.app.history import History
+from topdress.console.app.pages.calibrate.curve import Curve, CurveView
+from topdress.console.app.refresh_rates import Pace
+from topdress.console.app.units import IMPERIAL, METRIC
+from topdress.console.app.widgets.panel import fit, right, spread
+from topdress.console.app.widgets.tiles import bar
+from topdress.console.scale import STEPS, colour, round_calm_ends
+from topdress.control.log_row import LogRow
 
-from console.app import camera, view
-from console.app.actions import ACTIONS
-from console.app.braille import trace
-from console.app.coverage_raster import Box
-from console.app.digits import ROWS, draw, largest
-from console.app.history import History
-from console.app.pages.calibrate.curve import Curve, CurveView
-from console.app.refresh_rates import Pace
-from console.app.units import IMPERIAL, METRIC
-from console.app.widgets.panel import fit, right, spread
-from console.app.widgets.tiles import bar
-from console.scale import STEPS, colour, round_calm_ends
-from control.log_row import LogRow
 from tests.app.harness import dots
 from tests.app.made_up.run import run_frames
 

@@ -8,20 +8,20 @@ import os
 from pathlib import Path
 
 import pytest
+from topdress.console.app.dialogs import ChoiceDialog
+from topdress.console.app.first_question import ask_first_question
+from topdress.console.app.pages.job.service import Offer
+from topdress.console.app.widgets.choice_list import ChoiceList
+from topdress.console.cli import screens
+from topdress.console.services.job import JobFiles
+from topdress.console.services.launcher import Launcher
+from topdress.console.services.recent import recent
+from topdress.control.orders import Do, Order
+from topdress.drivers.files.config import load, save, shipped
+from topdress.drivers.files.kinds import JOB
+from topdress.drivers.files.run_log import PlainLogWriter
+from topdress.drivers.files.run_meta import run_meta
 
-from console.app.dialogs import ChoiceDialog
-from console.app.first_question import ask_first_question
-from console.app.pages.job.service import Offer
-from console.app.widgets.choice_list import ChoiceList
-from console.cli import screens
-from console.services.job import JobFiles
-from console.services.launcher import Launcher
-from console.services.recent import recent
-from control.orders import Do, Order
-from drivers.files.config import load, save, shipped
-from drivers.files.kinds import JOB
-from drivers.files.run_log import PlainLogWriter
-from drivers.files.run_meta import run_meta
 from tests.app.harness import feed, in_state, settled
 from tests.command import topdress
 

@@ -9,24 +9,24 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from topdress.console.app.app import TopdressApp
+from topdress.console.app.dialogs import ChoiceDialog, Confirm
+from topdress.console.app.number_dialog import NumberDialog
+from topdress.console.app.pages.job.check_list import CheckList, with_room
+from topdress.console.app.pages.job.checklist import LOOK, OK, STOP, Check, checks, totals, worst
+from topdress.console.app.pages.job.nrich import StripRun, standard_error
+from topdress.console.app.pages.job.refill import RefillWatch
+from topdress.console.app.pages.job.service import Earlier, Offer
+from topdress.console.app.services import Services
+from topdress.console.app.units import METRIC
+from topdress.console.frame import Tally
+from topdress.console.link import WorkerGone
+from topdress.console.worker.resume_alarms import AlarmRecord
+from topdress.control.agronomy.strips import Strips, read_strip
+from topdress.control.field.job import Wanted
+from topdress.control.log_row import LogRow
+from topdress.control.orders import Do, Order, Severity
 
-from console.app.app import TopdressApp
-from console.app.dialogs import ChoiceDialog, Confirm
-from console.app.number_dialog import NumberDialog
-from console.app.pages.job.check_list import CheckList, with_room
-from console.app.pages.job.checklist import LOOK, OK, STOP, Check, checks, totals, worst
-from console.app.pages.job.nrich import StripRun, standard_error
-from console.app.pages.job.refill import RefillWatch
-from console.app.pages.job.service import Earlier, Offer
-from console.app.services import Services
-from console.app.units import METRIC
-from console.frame import Tally
-from console.link import WorkerGone
-from console.worker.resume_alarms import AlarmRecord
-from control.agronomy.strips import Strips, read_strip
-from control.field.job import Wanted
-from control.log_row import LogRow
-from control.orders import Do, Order, Severity
 from tests.app.gallery import StillSource
 from tests.app.harness import feed, looked, settled
 from tests.app.made_up.job import FACTS, SampleJobService, facts_of

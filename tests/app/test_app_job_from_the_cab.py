@@ -7,18 +7,18 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from topdress.console.app.app import TopdressApp
+from topdress.console.app.dialogs import ChoiceDialog, Confirm
+from topdress.console.app.field_picture import FieldPicture, Planned
+from topdress.console.app.map_ink import draw_small_map
+from topdress.console.app.name_dialog import NameDialog
+from topdress.console.app.number_dialog import NumberDialog
+from topdress.console.app.pages.job.map_dialog import MapDialog
+from topdress.console.app.pages.job.service import File
+from topdress.console.app.remaining_work import remaining_work
+from topdress.console.app.units import METRIC
+from topdress.console.scale import colour
 
-from console.app.app import TopdressApp
-from console.app.dialogs import ChoiceDialog, Confirm
-from console.app.field_picture import FieldPicture, Planned
-from console.app.map_ink import draw_small_map
-from console.app.name_dialog import NameDialog
-from console.app.number_dialog import NumberDialog
-from console.app.pages.job.map_dialog import MapDialog
-from console.app.pages.job.service import File
-from console.app.remaining_work import remaining_work
-from console.app.units import METRIC
-from console.scale import colour
 from tests.app.harness import settled
 from tests.app.made_up.job import FACTS, SampleJobService
 from tests.app.made_up.run import sample_services

@@ -7,14 +7,13 @@ import string
 
 import pytest
 from textual.widgets import Button, Input
-
-from console.app import actions
-from console.app.dialogs import ChoiceDialog
-from console.app.screens.help import HelpScreen
-from console.app.screens.jump import JumpScreen, find_places, labels, letters
-from console.app.widgets.key_bar import KeyBar
-from console.app.widgets.status_line import PageBar
-from control.orders import Do
+from topdress.console.app import actions
+from topdress.console.app.dialogs import ChoiceDialog
+from topdress.console.app.screens.help import HelpScreen
+from topdress.console.app.screens.jump import JumpScreen, find_places, labels, letters
+from topdress.console.app.widgets.key_bar import KeyBar
+from topdress.console.app.widgets.status_line import PageBar
+from topdress.control.orders import Do
 
 SIZE = (120, 40)
 PAGES = ("run", "map", "trends", "devices", "calibrate", "replay", "diagnosis", "job", "settings")

@@ -6,11 +6,11 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
+from topdress.console.app import actions
+from topdress.console.app.action import ANYWHERE
+from topdress.console.app.key_normaliser import meant
+from topdress.control.orders import Answer, Do, Order
 
-from console.app import actions
-from console.app.action import ANYWHERE
-from console.app.key_normaliser import meant
-from control.orders import Answer, Do, Order
 from tests.app.harness import in_state
 
 SIZE = (120, 40)

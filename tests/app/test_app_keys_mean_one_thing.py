@@ -7,14 +7,14 @@ from dataclasses import replace
 
 import pytest
 from textual.widgets import Input
+from topdress.console.app import actions
+from topdress.console.app.dialogs import ChoiceDialog, Confirm
+from topdress.console.app.name_dialog import NameDialog
+from topdress.console.app.number_dialog import NumberDialog
+from topdress.console.app.type_ahead_guard import HeldEnter, StrayTyping
+from topdress.console.app.widgets.key_bar import KeyBar, laid_out
+from topdress.control.orders import Do, Order
 
-from console.app import actions
-from console.app.dialogs import ChoiceDialog, Confirm
-from console.app.name_dialog import NameDialog
-from console.app.number_dialog import NumberDialog
-from console.app.type_ahead_guard import HeldEnter, StrayTyping
-from console.app.widgets.key_bar import KeyBar, laid_out
-from control.orders import Do, Order
 from tests.app.harness import in_state, settled
 
 SIZE = (120, 40)

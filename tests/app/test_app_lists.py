@@ -8,15 +8,15 @@ from pathlib import Path
 
 import pytest
 from textual.widgets import Button
+from topdress.console import app as console_app
+from topdress.console.app.dialogs import Choice, ChoiceDialog, Confirm
+from topdress.console.app.type_ahead_guard import PAUSE_S
+from topdress.console.app.widgets.choice_list import ChoiceList
+from topdress.console.services.job import JobFiles
+from topdress.console.services.launcher import Launcher
+from topdress.console.services.removable_media import entries
+from topdress.control.orders import Do, Order
 
-import console.app
-from console.app.dialogs import Choice, ChoiceDialog, Confirm
-from console.app.type_ahead_guard import PAUSE_S
-from console.app.widgets.choice_list import ChoiceList
-from console.services.job import JobFiles
-from console.services.launcher import Launcher
-from console.services.removable_media import entries
-from control.orders import Do, Order
 from tests.app.harness import settled
 
 SIZES = ((120, 40), (80, 24), (60, 20))
@@ -134,7 +134,7 @@ async def test_the_menu_and_enter_ask_one_question_only(full, source):
 
 def test_no_other_list_reads_digits():
     """The rule is in one place."""
-    for path in Path(console.app.__file__).parent.rglob("*.py"):
+    for path in Path(console_app.__file__).parent.rglob("*.py"):
         text = path.read_text(encoding="utf-8")
         if path.name not in (
             "dialogs.py",

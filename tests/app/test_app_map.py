@@ -7,19 +7,19 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from topdress.console.app.app import TopdressApp
+from topdress.console.app.field_picture import FieldPicture, Planned
+from topdress.console.app.layers import MapLayer
+from topdress.console.app.map_image import DONE, LAID, PASSAGE, PLAN, image
+from topdress.console.app.pages.map.map_pane import MapPane
+from topdress.console.app.pages.replay.service import ReplayJob
+from topdress.console.app.replay_source import ReplaySource
+from topdress.console.app.services import Services
+from topdress.console.app.widgets.canvas import Canvas
+from topdress.console.app.widgets.field_map import FieldMap
+from topdress.console.app.widgets.map_legend import MapLegend
+from topdress.console.app.widgets.panel import Panel
 
-from console.app.app import TopdressApp
-from console.app.field_picture import FieldPicture, Planned
-from console.app.layers import MapLayer
-from console.app.map_image import DONE, LAID, PASSAGE, PLAN, image
-from console.app.pages.map.map_pane import MapPane
-from console.app.pages.replay.service import ReplayJob
-from console.app.replay_source import ReplaySource
-from console.app.services import Services
-from console.app.widgets.canvas import Canvas
-from console.app.widgets.field_map import FieldMap
-from console.app.widgets.map_legend import MapLegend
-from console.app.widgets.panel import Panel
 from tests.app.gallery import Picture, StillSource, settle, still_app
 from tests.app.harness import later, settled
 from tests.app.made_up.run import run_frames, sample_field, sample_services

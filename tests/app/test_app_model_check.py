@@ -5,12 +5,13 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from console.app.app import TopdressApp
-from console.app.pages.run.page import ModelCheck, model_check_texts
-from console.app.services import Services
-from console.locale import use
-from console.reports.live_words import departure_line
-from control.diagnosis.result import Departure
+from topdress.console.app.app import TopdressApp
+from topdress.console.app.pages.run.page import ModelCheck, model_check_texts
+from topdress.console.app.services import Services
+from topdress.console.locale import use
+from topdress.console.reports.live_words import departure_line
+from topdress.control.diagnosis.result import Departure
+
 from tests.app.gallery import StillSource
 
 FOUND = Departure("flow", "flow.gain", -4.0, 600.0, adoptable=True)

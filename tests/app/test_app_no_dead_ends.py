@@ -8,17 +8,17 @@ from dataclasses import replace
 import pytest
 from textual import events
 from textual.widgets import Input
+from topdress.console.app.app import TopdressApp
+from topdress.console.app.attach_notice import Joined
+from topdress.console.app.dialogs import ChoiceDialog, TextDialog
+from topdress.console.app.name_dialog import NameDialog
+from topdress.console.app.pages.job.service import Offer
+from topdress.console.app.screens.alarm_list import AlarmList
+from topdress.console.app.screens.help import HelpScreen
+from topdress.console.app.screens.worker_lost_screen import GoneScreen
+from topdress.console.app.services import Services
+from topdress.console.link import WorkerGone
 
-from console.app.app import TopdressApp
-from console.app.attach_notice import Joined
-from console.app.dialogs import ChoiceDialog, TextDialog
-from console.app.name_dialog import NameDialog
-from console.app.pages.job.service import Offer
-from console.app.screens.alarm_list import AlarmList
-from console.app.screens.help import HelpScreen
-from console.app.screens.worker_lost_screen import GoneScreen
-from console.app.services import Services
-from console.link import WorkerGone
 from tests.app.gallery import StillSource
 from tests.app.harness import looked, settled
 from tests.app.made_up.job import SampleJobService

@@ -15,24 +15,24 @@ from rich.style import Style
 from textual.strip import Strip
 from textual.widget import Widget
 from textual.widgets import Button
+from topdress.console.app import words
+from topdress.console.app.app import TopdressApp
+from topdress.console.app.dialogs import Dialog
+from topdress.console.app.number_dialog import NumberDialog
+from topdress.console.app.pages.page import NoticeRows
+from topdress.console.app.units import IMPERIAL, METRIC, UNITS
+from topdress.console.app.view import AlarmsView, RatesView, Shown, StatusView, alarms
+from topdress.console.app.widgets import panel
+from topdress.console.app.widgets.alarm_bar import AlarmBar, count_rows_needed
+from topdress.console.app.widgets.canvas import Canvas
+from topdress.console.app.widgets.panel import Panel
+from topdress.console.app.widgets.rates import Rates
+from topdress.console.app.widgets.status_line import StatusLine
+from topdress.console.locale import list_languages, use
+from topdress.control.orders import Alarm, Severity
+from topdress.control.safety import ALARMS
+from topdress.control.targets.map_check import MapCheck
 
-from console.app import words
-from console.app.app import TopdressApp
-from console.app.dialogs import Dialog
-from console.app.number_dialog import NumberDialog
-from console.app.pages.page import NoticeRows
-from console.app.units import IMPERIAL, METRIC, UNITS
-from console.app.view import AlarmsView, RatesView, Shown, StatusView, alarms
-from console.app.widgets import panel
-from console.app.widgets.alarm_bar import AlarmBar, count_rows_needed
-from console.app.widgets.canvas import Canvas
-from console.app.widgets.panel import Panel
-from console.app.widgets.rates import Rates
-from console.app.widgets.status_line import StatusLine
-from console.locale import list_languages, use
-from control.orders import Alarm, Severity
-from control.safety import ALARMS
-from control.targets.map_check import MapCheck
 from tests.app.gallery import PICTURES, Picture, settle, still_app
 from tests.app.made_up.job import facts_of
 

@@ -9,20 +9,20 @@ from pathlib import Path
 
 import pytest
 from textual import events
+from topdress.console import app as console_app
+from topdress.console.app.app import TopdressApp
+from topdress.console.app.dialogs import Confirm, NudgeDialog
+from topdress.console.app.number_dialog import NumberDialog
+from topdress.console.app.pages.calibrate.catch import Turned
+from topdress.console.app.pages.calibrate.catch_calibration import CatchCalibration
+from topdress.console.app.pages.calibrate.page import CalibrateScreen
+from topdress.console.app.pages.job.refill import RefillWatch
+from topdress.console.app.services import Services
+from topdress.console.app.typed_number import format_number, inside, read, read_in_range
+from topdress.console.app.units import IMPERIAL, METRIC
+from topdress.console.locale import use
+from topdress.control.orders import Do, Order
 
-import console.app
-from console.app.app import TopdressApp
-from console.app.dialogs import Confirm, NudgeDialog
-from console.app.number_dialog import NumberDialog
-from console.app.pages.calibrate.catch import Turned
-from console.app.pages.calibrate.catch_calibration import CatchCalibration
-from console.app.pages.calibrate.page import CalibrateScreen
-from console.app.pages.job.refill import RefillWatch
-from console.app.services import Services
-from console.app.typed_number import format_number, inside, read, read_in_range
-from console.app.units import IMPERIAL, METRIC
-from console.locale import use
-from control.orders import Do, Order
 from tests.app.harness import feed
 from tests.app.made_up.calibrate import sample_calibrate_job
 
@@ -137,7 +137,7 @@ def test_a_number_is_repeated_without_a_power_of_ten():
 
 def test_numbers_are_taken_by_one_field_only():
     """No other text field is made into one for numbers."""
-    for path in Path(console.app.__file__).parent.rglob("*.py"):
+    for path in Path(console_app.__file__).parent.rglob("*.py"):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             if (
                 isinstance(node, ast.Call)

@@ -5,7 +5,9 @@ from __future__ import annotations
 
 import re
 
-from console.app import actions
+from topdress.console import app as console_app
+from topdress.console.app import actions
+
 from tests.app.harness import looked, turned
 
 # The letters that stand for one thing done to several: what they do, and the words of the pages
@@ -89,17 +91,15 @@ def test_no_question_has_a_letter_of_its_own():
     import pkgutil
 
     from textual.screen import Screen
+    from topdress.console.app.pages.page import Page
 
-    import console.app
-    from console.app.pages.page import Page
-
-    for module in pkgutil.walk_packages(console.app.__path__, "console.app."):
+    for module in pkgutil.walk_packages(console_app.__path__, "topdress.console.app."):
         importlib.import_module(module.name)
     kinds, found = [Screen], {}
     while kinds:
         kind = kinds.pop()
         kinds += kind.__subclasses__()
-        if kind.__module__.startswith("console.") and not issubclass(kind, Page):
+        if kind.__module__.startswith("topdress.console.") and not issubclass(kind, Page):
             for one in kind.__dict__.get("BINDINGS", ()):
                 keys = [key for key in one.key.split(",") if re.fullmatch("[a-z]", key)]
                 if keys:
@@ -136,7 +136,7 @@ NO_KEY = (
 def catalogue():
     from pathlib import Path
 
-    from console.locale import po
+    from topdress.console.locale import po
 
     for path in sorted((Path(po.__file__).parent / "zh").glob("*.po")):
         yield from po.read_po(path.read_text(encoding="utf-8"), path.name).items()
@@ -185,9 +185,7 @@ def test_what_a_chip_shows_is_the_key_that_does_it():
     """The rows of keys on the pages repeat the keys of the table."""
     from pathlib import Path
 
-    import console.app
-
-    for path in Path(console.app.__file__).parent.rglob("*.py"):
+    for path in Path(console_app.__file__).parent.rglob("*.py"):
         for name, shown in re.findall(
             r'Chip\("(\w+)", "([^"]+)"', path.read_text(encoding="utf-8")
         ):
@@ -197,8 +195,8 @@ def test_what_a_chip_shows_is_the_key_that_does_it():
 async def test_ready_and_start_stand_on_the_job_page_where_the_list_ends(picture, shown):
     from dataclasses import replace
 
-    from console.app.dialogs import Confirm
-    from control.orders import Do
+    from topdress.console.app.dialogs import Confirm
+    from topdress.control.orders import Do
 
     for size in ((120, 40), (80, 24)):
         app = picture(size=size, screen="job")

@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
+from topdress.console.app.dialogs import Confirm, NudgeDialog
+from topdress.console.app.number_dialog import NumberDialog
+from topdress.console.app.widgets.alarm_bar import AlarmBar
+from topdress.console.app.widgets.key_bar import KeyBar, laid_out
+from topdress.control.orders import Answer, Do, Order
 
-from console.app.dialogs import Confirm, NudgeDialog
-from console.app.number_dialog import NumberDialog
-from console.app.widgets.alarm_bar import AlarmBar
-from console.app.widgets.key_bar import KeyBar, laid_out
-from control.orders import Answer, Do, Order
 from tests.app.harness import later, tell
 
 SIZE = (120, 40)
@@ -214,7 +214,7 @@ async def test_a_click_on_the_alarms_acknowledges(app, source):
 
 
 async def test_a_keymap_moves_keys(source, clock):
-    from console.app.app import TopdressApp
+    from topdress.console.app.app import TopdressApp
 
     app = TopdressApp(source, clock, live=False, keymap={"start": "f9"})
     assert await press(app, "s", "f9") == [Order(Do.START)]

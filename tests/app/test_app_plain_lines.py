@@ -12,11 +12,10 @@ import time
 from dataclasses import replace
 
 import pytest
-
-from console.app.terminal import STALLED_S, Takes
-from console.link import Link
-from console.running import WorkerAddress
-from drivers.plain_text import plain
+from topdress.console.app.terminal import STALLED_S, Takes
+from topdress.console.link import Link
+from topdress.console.running import WorkerAddress
+from topdress.drivers.plain_text import plain
 
 STEERING = (
     "\x1b]0;taken\x07",
@@ -72,7 +71,7 @@ def test_no_command_lets_a_text_steer():
     for terminal in (True, False):
         master, slave = pty.openpty() if terminal else os.pipe()
         said = (
-            "import sys, typer; from console.cli.plain_output import take_outputs; "
+            "import sys, typer; from topdress.console.cli.plain_output import take_outputs; "
             "take_outputs();"
             "typer.echo('map \\x1b]0;taken\\x07 of \\x9b2J'); typer.echo('bad \\x1b[2J', err=True);"
             "sys.stderr.write('\\r\\x1b[K 12 %')"

@@ -20,14 +20,13 @@ from pathlib import Path
 import pytest
 import textual
 from rich.cells import cell_len
-
-from console.app.app import LATE_MODULES, WIDE, TopdressApp
-from console.app.pages.all import SCREENS
-from console.cli.screens import make_run_services
-from console.services.job import JobFiles
-from console.services.launcher import Launcher
-from console.services.settings import settings_store
-from drivers.files.setup import by_kind, setup_of
+from topdress.console.app.app import LATE_MODULES, WIDE, TopdressApp
+from topdress.console.app.pages.all import SCREENS
+from topdress.console.cli.screens import make_run_services
+from topdress.console.services.job import JobFiles
+from topdress.console.services.launcher import Launcher
+from topdress.console.services.settings import settings_store
+from topdress.drivers.files.setup import by_kind, setup_of
 
 WATCHED = {
     "open",

@@ -10,16 +10,16 @@ from dataclasses import replace
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from topdress.console.app.app import TopdressApp
+from topdress.console.app.pages.replay.service import LogFile, ReplayJob, WhatIf
+from topdress.console.app.replay_source import FASTEST, SLOWEST, ReplaySource
+from topdress.console.app.services import Services
+from topdress.console.app.units import METRIC
+from topdress.console.app.widgets.field_map import FieldMap
+from topdress.console.app.widgets.rates import Rates
+from topdress.console.app.widgets.trend import Trend
+from topdress.control.orders import Alarm, Answer, Do, Order, Severity
 
-from console.app.app import TopdressApp
-from console.app.pages.replay.service import LogFile, ReplayJob, WhatIf
-from console.app.replay_source import FASTEST, SLOWEST, ReplaySource
-from console.app.services import Services
-from console.app.units import METRIC
-from console.app.widgets.field_map import FieldMap
-from console.app.widgets.rates import Rates
-from console.app.widgets.trend import Trend
-from control.orders import Alarm, Answer, Do, Order, Severity
 from tests.app.gallery import StillClock, StillSource
 from tests.app.harness import later, until
 from tests.app.made_up.run import run_frames

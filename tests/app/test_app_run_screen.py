@@ -6,19 +6,19 @@ from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
+from topdress.console.app.app import TopdressApp
+from topdress.console.app.reasons import why_not_ready
+from topdress.console.app.screens.worker_lost_screen import GoneScreen
+from topdress.console.app.view import STALE_S, why_other_rate
+from topdress.console.app.widgets.alarm_bar import AlarmBar
+from topdress.console.app.widgets.canvas import Canvas
+from topdress.console.app.widgets.panel import Panel
+from topdress.console.app.widgets.rates import Rates
+from topdress.console.link import WorkerGone
+from topdress.console.running import WorkerFailed
+from topdress.control.orders import Alarm, Do, Order, Severity
+from topdress.control.safety import Allowances
 
-from console.app.app import TopdressApp
-from console.app.reasons import why_not_ready
-from console.app.screens.worker_lost_screen import GoneScreen
-from console.app.view import STALE_S, why_other_rate
-from console.app.widgets.alarm_bar import AlarmBar
-from console.app.widgets.canvas import Canvas
-from console.app.widgets.panel import Panel
-from console.app.widgets.rates import Rates
-from console.link import WorkerGone
-from console.running import WorkerFailed
-from control.orders import Alarm, Do, Order, Severity
-from control.safety import Allowances
 from tests.app.gallery import StillSource
 from tests.app.harness import later, turned
 
@@ -415,7 +415,7 @@ async def test_no_colour_shows_the_same_words(monkeypatch, source, clock, shown)
 
 
 async def test_the_first_frame_waits_for_no_tick(frames, monkeypatch, shown):
-    monkeypatch.setattr("console.app.app.NUMBERS_S", 3600.0)
+    monkeypatch.setattr("topdress.console.app.app.NUMBERS_S", 3600.0)
     source = StillSource(None)
     app = TopdressApp(source, utc_offset_s=0.0)
     async with app.run_test(size=(100, 30)) as pilot:

@@ -6,12 +6,12 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
+from topdress.console.app.app import TopdressApp
+from topdress.console.app.history import Point, make_point
+from topdress.console.app.view import applied_kg_ha
+from topdress.console.app.widgets.tiles import TileGraphs, graph
+from topdress.console.app.widgets.trend import Trend, TrendView
 
-from console.app.app import TopdressApp
-from console.app.history import Point, make_point
-from console.app.view import applied_kg_ha
-from console.app.widgets.tiles import TileGraphs, graph
-from console.app.widgets.trend import Trend, TrendView
 from tests.app.gallery import StillSource
 
 SIZE = (120, 40)

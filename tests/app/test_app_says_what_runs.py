@@ -6,24 +6,24 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
+from topdress.console.app import words
+from topdress.console.app.app import TopdressApp
+from topdress.console.app.attach_notice import Joined
+from topdress.console.app.dialogs import TextDialog
+from topdress.console.app.pages.job.map_words import map_words
+from topdress.console.app.pages.job.service import AtWork
+from topdress.console.app.services import Services
+from topdress.console.app.units import METRIC
+from topdress.console.app.view import why_other_rate
+from topdress.console.cli.screens import _join
+from topdress.console.link import WorkerGone
+from topdress.console.running import WorkerAddress
+from topdress.console.services.launcher import Launcher
+from topdress.control.machine.machine import Machine
+from topdress.control.orders import Alarm, Answer, Severity
+from topdress.control.safety import REFUSALS
+from topdress.control.targets.map_check import MapCheck
 
-from console.app import words
-from console.app.app import TopdressApp
-from console.app.attach_notice import Joined
-from console.app.dialogs import TextDialog
-from console.app.pages.job.map_words import map_words
-from console.app.pages.job.service import AtWork
-from console.app.services import Services
-from console.app.units import METRIC
-from console.app.view import why_other_rate
-from console.cli.screens import _join
-from console.link import WorkerGone
-from console.running import WorkerAddress
-from console.services.launcher import Launcher
-from control.machine.machine import Machine
-from control.orders import Alarm, Answer, Severity
-from control.safety import REFUSALS
-from control.targets.map_check import MapCheck
 from tests.app.harness import in_state, later, looked, settled, tell, text_of, turned
 from tests.app.made_up.job import SampleJobService
 

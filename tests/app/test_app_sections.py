@@ -7,16 +7,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from topdress.console.app.app import TopdressApp
+from topdress.console.app.coverage_raster import KINDS, Spot, Worked, find_spot
+from topdress.console.app.pages.run.keys import allow_choices
+from topdress.console.app.pages.run.section_bar import section_choices, section_parts
+from topdress.console.app.words import SECTIONS
+from topdress.console.frame import Frame, from_json, to_json
+from topdress.console.locale import use
+from topdress.control.log_row import LogRow
+from topdress.control.orders import WHY_CLOSED, Do, Order, SectionState
 
-from console.app.app import TopdressApp
-from console.app.coverage_raster import KINDS, Spot, Worked, find_spot
-from console.app.pages.run.keys import allow_choices
-from console.app.pages.run.section_bar import section_choices, section_parts
-from console.app.words import SECTIONS
-from console.frame import Frame, from_json, to_json
-from console.locale import use
-from control.log_row import LogRow
-from control.orders import WHY_CLOSED, Do, Order, SectionState
 from tests.app.gallery import StillSource
 
 OPEN = SectionState(True)

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from topdress.console.app.channels import CHANNELS, ERROR, list_values, value_of
+from topdress.console.app.pages.trends.plots import round_axis_ends
+from topdress.console.app.series import KEPT, WIDTHS_S, LogSeries, Pyramid, sums
+from topdress.console.frame import Frame
+from topdress.control.log_row import COLUMNS, NDRE_COLUMNS, TEXT_COLUMNS, LogRow
 
-from console.app.channels import CHANNELS, ERROR, list_values, value_of
-from console.app.pages.trends.plots import round_axis_ends
-from console.app.series import KEPT, WIDTHS_S, LogSeries, Pyramid, sums
-from console.frame import Frame
-from control.log_row import COLUMNS, NDRE_COLUMNS, TEXT_COLUMNS, LogRow
 from tests.app.made_up.run import run_frames
 
 
@@ -142,7 +142,7 @@ def test_nothing_is_known_before_the_first_row():
 
 
 def test_time_that_runs_back_begins_anew():
-    from console.app.history import History
+    from topdress.console.app.history import History
 
     history = History()
     for one in run_frames(seconds=10.0):

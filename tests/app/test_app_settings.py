@@ -7,20 +7,20 @@ from pathlib import Path
 from typing import get_args
 
 import pytest
+from topdress.console.app import actions
+from topdress.console.app.action import ANYWHERE
+from topdress.console.app.app import TopdressApp
+from topdress.console.app.dialogs import Choice
+from topdress.console.app.pages.all import SCREENS
+from topdress.console.app.pages.settings.page import SettingsList, ThemeDialog
+from topdress.console.app.pages.settings.service import SettingsStore
+from topdress.console.app.services import Services
+from topdress.console.app.settings import find_key_clash, keymap_problem, make_theme
+from topdress.console.locale import in_use, list_languages
+from topdress.control.orders import Do, Order
+from topdress.drivers.files.settings import Settings, read_settings, write_settings
+from topdress.drivers.files.settings_theme import ThemeData
 
-from console.app import actions
-from console.app.action import ANYWHERE
-from console.app.app import TopdressApp
-from console.app.dialogs import Choice
-from console.app.pages.all import SCREENS
-from console.app.pages.settings.page import SettingsList, ThemeDialog
-from console.app.pages.settings.service import SettingsStore
-from console.app.services import Services
-from console.app.settings import find_key_clash, keymap_problem, make_theme
-from console.locale import in_use, list_languages
-from control.orders import Do, Order
-from drivers.files.settings import Settings, read_settings, write_settings
-from drivers.files.settings_theme import ThemeData
 from tests.app.made_up.run import sample_services
 
 SIZE = (120, 40)

@@ -11,26 +11,33 @@ from textual.command import CommandPalette
 from textual.events import InputEvent
 from textual.screen import ModalScreen
 from textual.widgets import Input
+from topdress.console.app import actions, key_normaliser
+from topdress.console.app.app import TopdressApp
+from topdress.console.app.dialogs import (
+    Choice,
+    ChoiceDialog,
+    Confirm,
+    Dialog,
+    NudgeDialog,
+    TextDialog,
+)
+from topdress.console.app.name_dialog import NameDialog
+from topdress.console.app.number_dialog import NumberDialog
+from topdress.console.app.pages.job.map_dialog import MapDialog
+from topdress.console.app.pages.job.service import MapReading
+from topdress.console.app.pages.settings import page as settings_page
+from topdress.console.app.pages.trends.page import ChannelDialog
+from topdress.console.app.screens.alarm_list import AlarmList
+from topdress.console.app.screens.help import HelpScreen
+from topdress.console.app.screens.jump import JumpScreen
+from topdress.console.app.screens.worker_lost_screen import GoneScreen
+from topdress.console.app.settings import keymap_problem
+from topdress.console.app.tablet import Key, KeyDialog, TabletApp
+from topdress.console.app.units import METRIC
+from topdress.console.app.widgets.key_bar import KeyBar, laid_out
+from topdress.console.link import WorkerGone
+from topdress.control.orders import Answer, Do, Order
 
-from console.app import actions, key_normaliser
-from console.app.app import TopdressApp
-from console.app.dialogs import Choice, ChoiceDialog, Confirm, Dialog, NudgeDialog, TextDialog
-from console.app.name_dialog import NameDialog
-from console.app.number_dialog import NumberDialog
-from console.app.pages.job.map_dialog import MapDialog
-from console.app.pages.job.service import MapReading
-from console.app.pages.settings import page as settings_page
-from console.app.pages.trends.page import ChannelDialog
-from console.app.screens.alarm_list import AlarmList
-from console.app.screens.help import HelpScreen
-from console.app.screens.jump import JumpScreen
-from console.app.screens.worker_lost_screen import GoneScreen
-from console.app.settings import keymap_problem
-from console.app.tablet import Key, KeyDialog, TabletApp
-from console.app.units import METRIC
-from console.app.widgets.key_bar import KeyBar, laid_out
-from console.link import WorkerGone
-from control.orders import Answer, Do, Order
 from tests.app.gallery import StillSource
 from tests.app.harness import later, looked, tell, turned
 from tests.app.made_up.job import SampleJobService
@@ -126,7 +133,7 @@ async def click(app, pilot, x, y):
 def kinds(base=ModalScreen):
     """Every kind of dialog that the console has."""
     for kind in base.__subclasses__():
-        if kind.__module__.startswith("console.") and kind is not Dialog:
+        if kind.__module__.startswith("topdress.console.") and kind is not Dialog:
             yield kind
         yield from kinds(kind)
 

@@ -6,19 +6,19 @@ from dataclasses import replace
 
 import pytest
 from textual.widgets import Button
+from topdress.console.app import actions
+from topdress.console.app.action import ANYWHERE, CALIBRATE, DIAGNOSIS, JOB, MAP, RUN, SETTINGS
+from topdress.console.app.guide_line import GuideLine
+from topdress.console.app.guide_line_store import make_line_record
+from topdress.console.app.pages.job.service import Earlier
+from topdress.console.app.screens.worker_lost_screen import GoneScreen
+from topdress.console.app.services import Services
+from topdress.console.app.tablet import CLOSED, Key, KeyDialog, TabletApp
+from topdress.console.app.widgets.field_map import FieldMap
+from topdress.console.app.widgets.key_bar import KeyBar
+from topdress.console.services.line_files import KeptLineFiles, LinesSeen
+from topdress.control.orders import Do
 
-from console.app import actions
-from console.app.action import ANYWHERE, CALIBRATE, DIAGNOSIS, JOB, MAP, RUN, SETTINGS
-from console.app.guide_line import GuideLine
-from console.app.guide_line_store import make_line_record
-from console.app.pages.job.service import Earlier
-from console.app.screens.worker_lost_screen import GoneScreen
-from console.app.services import Services
-from console.app.tablet import CLOSED, Key, KeyDialog, TabletApp
-from console.app.widgets.field_map import FieldMap
-from console.app.widgets.key_bar import KeyBar
-from console.services.line_files import KeptLineFiles, LinesSeen
-from control.orders import Do
 from tests.app.gallery import StillClock, StillSource
 from tests.app.harness import settled, turned, until
 from tests.app.made_up.diagnosis import MadeUpDiagnosis

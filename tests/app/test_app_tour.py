@@ -6,10 +6,9 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
-
-from console.app.app import TopdressApp
-from console.app.tour import READ_S, STEPS, Tour
-from console.app.widgets.status_line import TourBar
+from topdress.console.app.app import TopdressApp
+from topdress.console.app.tour import READ_S, STEPS, Tour
+from topdress.console.app.widgets.status_line import TourBar
 
 SIZE = (120, 40)
 

@@ -7,13 +7,13 @@ from dataclasses import replace
 from datetime import datetime, timedelta
 
 import pytest
+from topdress.console.app.app import TopdressApp
+from topdress.console.app.braille import Piece, trace_cells
+from topdress.console.app.pages.replay.service import ReplayJob
+from topdress.console.app.pages.trends.page import ChannelDialog
+from topdress.console.app.pages.trends.plots import Plots
+from topdress.console.app.replay_source import ReplaySource
 
-from console.app.app import TopdressApp
-from console.app.braille import Piece, trace_cells
-from console.app.pages.replay.service import ReplayJob
-from console.app.pages.trends.page import ChannelDialog
-from console.app.pages.trends.plots import Plots
-from console.app.replay_source import ReplaySource
 from tests.app.gallery import Picture, StillClock, StillSource, settle, still_app
 from tests.app.harness import dots, looked
 from tests.app.made_up.run import run_frames

@@ -9,20 +9,20 @@ from itertools import islice
 from pathlib import Path
 
 import pytest
+from topdress.console import app as console_app
+from topdress.console.app.dialogs import Confirm
+from topdress.console.app.pages.job.page import JobScreen
+from topdress.console.app.undo import NOT_TAKEN_BACK, describe_undo, ordered_source, reverse_orders
+from topdress.console.app.units import METRIC
+from topdress.console.frame import Frame
+from topdress.console.worker.parts import FRAME_FIELDS
+from topdress.control.agronomy.strips import Strips, StripValue
+from topdress.control.log_row import LogRow
+from topdress.control.orders import Answer, Do, Order, TargetSource
+from topdress.control.safety import Allowances
+from topdress.control.simulation.closed_loop import simulated_run
+from topdress.drivers.files.setup import load_setup
 
-import console.app
-from console.app.dialogs import Confirm
-from console.app.pages.job.page import JobScreen
-from console.app.undo import NOT_TAKEN_BACK, describe_undo, ordered_source, reverse_orders
-from console.app.units import METRIC
-from console.frame import Frame
-from console.worker.parts import FRAME_FIELDS
-from control.agronomy.strips import Strips, StripValue
-from control.log_row import LogRow
-from control.orders import Answer, Do, Order, TargetSource
-from control.safety import Allowances
-from control.simulation.closed_loop import simulated_run
-from drivers.files.setup import load_setup
 from tests.app.harness import feed, settled
 from tests.control_loop.closed import Closed
 
@@ -162,7 +162,7 @@ async def test_what_was_refused_is_no_change(full, source):
 async def test_no_page_gives_an_order_past_the_one_place():
     """`source.order` is called where changes are noted, and by the calibration's runs, which
     order no change."""
-    root = Path(console.app.__file__).parent
+    root = Path(console_app.__file__).parent
     texts = {
         str(path.relative_to(root)): path.read_text(encoding="utf-8") for path in root.rglob("*.py")
     }

@@ -10,20 +10,28 @@ import unicodedata
 from pathlib import Path
 
 import pytest
+from topdress.console import app as console_app
+from topdress.console.app import words
+from topdress.console.app.pages.job.checklist import read_crop_note
+from topdress.console.locale import (
+    N_,
+    _,
+    catalogue,
+    find_preferred_language,
+    in_use,
+    list_languages,
+    use,
+)
+from topdress.console.locale.po import read_po
+from topdress.control.machine.form import FORMS
+from topdress.control.orders import Alarm, Severity, State, Strategy, TargetSource
+from topdress.control.safety import ALARMS, INTERLOCKS, REFUSALS
+from topdress.drivers.files.config import load, shipped
+from topdress.drivers.files.kinds import CROP
 
-import console.app
-from console.app import words
-from console.app.pages.job.checklist import read_crop_note
-from console.locale import N_, _, catalogue, find_preferred_language, in_use, list_languages, use
-from console.locale.po import read_po
-from control.machine.form import FORMS
-from control.orders import Alarm, Severity, State, Strategy, TargetSource
-from control.safety import ALARMS, INTERLOCKS, REFUSALS
-from drivers.files.config import load, shipped
-from drivers.files.kinds import CROP
 from tests.app.gallery import Picture, settle, still_app
 
-APP = Path(console.app.__file__).parent
+APP = Path(console_app.__file__).parent
 
 
 def marked() -> dict[str, str]:

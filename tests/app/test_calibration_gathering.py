@@ -6,11 +6,10 @@ from __future__ import annotations
 from math import cos, radians
 
 import pytest
-
-from console.app.held_key import KEY_GAP_S, SECOND_PRESS_S, HeldKey
-from console.app.pages.calibrate.catch import LEAST_REVOLUTIONS, CatchRun
-from console.app.pages.calibrate.heads_calibration import CHECK_S, HeadsCheck
-from console.app.pages.calibrate.wheel import LEAST_M, WheelRun, WheelSample
+from topdress.console.app.held_key import KEY_GAP_S, SECOND_PRESS_S, HeldKey
+from topdress.console.app.pages.calibrate.catch import LEAST_REVOLUTIONS, CatchRun
+from topdress.console.app.pages.calibrate.heads_calibration import CHECK_S, HeadsCheck
+from topdress.console.app.pages.calibrate.wheel import LEAST_M, WheelRun, WheelSample
 
 
 def test_one_press_turns_nothing_and_a_held_key_runs_until_it_is_let_go():

@@ -10,13 +10,20 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-
-from console.app.camera import MapCamera, Pixels, fit
-from console.app.coverage_raster import CELLS_M, KINDS, PLANES, Box, Spot, Worked, find_spot
-from console.app.field_picture import FieldPicture, Planned
-from console.app.history import History, LogHistory
-from console.app.layers import MapLayer, find_colour_scale
-from console.app.map_image import (
+from topdress.console.app.camera import MapCamera, Pixels, fit
+from topdress.console.app.coverage_raster import (
+    CELLS_M,
+    KINDS,
+    PLANES,
+    Box,
+    Spot,
+    Worked,
+    find_spot,
+)
+from topdress.console.app.field_picture import FieldPicture, Planned
+from topdress.console.app.history import History, LogHistory
+from topdress.console.app.layers import MapLayer, find_colour_scale
+from topdress.console.app.map_image import (
     CELL_SHARE,
     DONE,
     EMPTY,
@@ -30,8 +37,9 @@ from console.app.map_image import (
     image,
     rasterise_lines,
 )
-from console.app.units import IMPERIAL, METRIC
-from console.scale import STEPS
+from topdress.console.app.units import IMPERIAL, METRIC
+from topdress.console.scale import STEPS
+
 from tests.app.made_up.run import run_frames
 
 
@@ -408,7 +416,7 @@ def test_the_plan_s_mass_and_the_rate_at_a_place():
     st.integers(0, 16),
 )
 def test_a_place_and_its_pixel_are_inverse(east, north, columns, rows, scale):
-    from console.app.camera import SCALES_M
+    from topdress.console.app.camera import SCALES_M
 
     pixels = MapCamera(east, north, SCALES_M[scale]).pixels(columns, rows)
     column, row = pixels.at(east, north)

@@ -5,8 +5,7 @@ from __future__ import annotations
 import gc
 
 import pytest
-
-from console.gc_tuning import TIMES, Sweeps
+from topdress.console.gc_tuning import TIMES, Sweeps
 
 LIVES = 4000  # more than pytest itself makes meanwhile
 

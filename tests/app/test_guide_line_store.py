@@ -6,20 +6,20 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-
-from console.app.app import TopdressApp
-from console.app.boundary_drive import BoundaryDrive, Corner
-from console.app.guide_line import GuideLine
-from console.app.guide_line_store import (
+from topdress.console.app.app import TopdressApp
+from topdress.console.app.boundary_drive import BoundaryDrive, Corner
+from topdress.console.app.guide_line import GuideLine
+from topdress.console.app.guide_line_store import (
     corner_record,
     make_drive_record,
     make_line_record,
     read_kept_lines,
 )
-from console.services.line_files import KeptLineFiles, find_lines_path
-from control.log_row import LogRow
-from drivers.files.run_log import PlainLogWriter
-from drivers.files.run_meta import meta_to_yaml, run_meta
+from topdress.console.services.line_files import KeptLineFiles, find_lines_path
+from topdress.control.log_row import LogRow
+from topdress.drivers.files.run_log import PlainLogWriter
+from topdress.drivers.files.run_meta import meta_to_yaml, run_meta
+
 from tests.app.gallery import StillClock, StillSource
 from tests.app.harness import settled, turned
 from tests.app.made_up.run import sample_services

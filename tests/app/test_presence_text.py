@@ -5,16 +5,16 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
+from topdress.console.app.app import TopdressApp
+from topdress.console.app.attach_notice import Joined
+from topdress.console.app.dialogs import TextDialog
+from topdress.console.app.ordered_words import ORDERS
+from topdress.console.app.pages.all import SCREENS
+from topdress.console.app.presence_text import describe_leaving
+from topdress.console.app.services import Services
+from topdress.console.attached import Attached, Ordered
+from topdress.control.orders import Do
 
-from console.app.app import TopdressApp
-from console.app.attach_notice import Joined
-from console.app.dialogs import TextDialog
-from console.app.ordered_words import ORDERS
-from console.app.pages.all import SCREENS
-from console.app.presence_text import describe_leaving
-from console.app.services import Services
-from console.attached import Attached, Ordered
-from control.orders import Do
 from tests.app.harness import in_state, later, looked, text_of, turned
 from tests.app.made_up.job import SampleJobService
 

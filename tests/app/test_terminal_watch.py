@@ -14,15 +14,14 @@ import time
 import tty
 
 import pytest
-
-from console.app.terminal_watch import WRITER, TerminalWatch, ended_with_terminal
+from topdress.console.app.terminal_watch import WRITER, TerminalWatch, ended_with_terminal
 
 SOON_S = 5.0  # for a thread on a busy computer
 # A console without a machine.
 CONSOLE = """
 import sys
-from console.app.app import TopdressApp
-from console.cli.screens import run_on_terminal
+from topdress.console.app.app import TopdressApp
+from topdress.console.cli.screens import run_on_terminal
 run_on_terminal(TopdressApp(None))
 """
 

@@ -11,15 +11,15 @@ import sys
 import time
 
 import pytest
+from topdress.control.readings import DriveCommand
+from topdress.control.simulation.plant import SensorReadings
+from topdress.drivers.board.framing import seal
+from topdress.drivers.board.slave import BoardSettings, Slave
+from topdress.drivers.cab import Cab, CabConfig
+from topdress.drivers.devices.point_dose import DoseState, PointDose, decode_report, encode_dose
+from topdress.drivers.devices.slave_board import SetPointLimits, SlaveBoard
+from topdress.drivers.virtual.board import VirtualBoard
 
-from control.readings import DriveCommand
-from control.simulation.plant import SensorReadings
-from drivers.board.framing import seal
-from drivers.board.slave import BoardSettings, Slave
-from drivers.cab import Cab, CabConfig
-from drivers.devices.point_dose import DoseState, PointDose, decode_report, encode_dose
-from drivers.devices.slave_board import SetPointLimits, SlaveBoard
-from drivers.virtual.board import VirtualBoard
 from tests.board import board_scenarios as scenarios
 from tests.board.conftest import ENABLE, SHAFT_STEP
 from tests.command import topdress
@@ -27,8 +27,8 @@ from tests.waiting import wait_for
 
 HOST = """
 import sys, time
-from control.readings import DriveCommand
-from drivers.cab import Cab, CabConfig
+from topdress.control.readings import DriveCommand
+from topdress.drivers.cab import Cab, CabConfig
 cab = Cab(CabConfig.model_validate({"board": {"port": sys.argv[1]}}), time.monotonic)
 begun_s = time.monotonic()
 while True:

@@ -9,10 +9,10 @@ import subprocess
 from pathlib import Path
 
 import pytest
+from topdress.drivers.board import framing
+from topdress.drivers.board.framing import crc16, seal
+from topdress.drivers.board.motion import ShaftControl, Stepper
 
-from drivers.board import framing
-from drivers.board.framing import crc16, seal
-from drivers.board.motion import ShaftControl, Stepper
 from tests.board import board_scenarios as scenarios
 
 BOARD = Path(framing.__file__).parent

@@ -86,7 +86,13 @@ def test_a_board_with_the_pages_first_settings_says_the_pages_first_line(plugged
     shown = re.search(r"\$(S1,.*)\*CRC", PAGE)[1].split(",")
     pico = plugged(settings)
     said = subprocess.run(
-        [sys.executable, "-c", "from console.cli import main; main()", "devices", pico.name],
+        [
+            sys.executable,
+            "-c",
+            "from topdress.console.cli import main; main()",
+            "devices",
+            pico.name,
+        ],
         capture_output=True,
         text=True,
         check=True,

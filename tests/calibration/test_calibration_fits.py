@@ -10,15 +10,22 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
+from topdress.control.calibration import (
+    BenchTable,
+    WheelLog,
+    check_heads,
+    fit_flow,
+    fit_lag,
+    fit_wheel,
+)
+from topdress.control.calibration.tube_fit import settle_tube
+from topdress.control.geodesy import TangentPlane
+from topdress.control.machine.fall import drop_s, find_paper_lag_s
+from topdress.control.machine.machine import Adopted, Machine, add_effect
+from topdress.control.machine.start import find_first_fall_s, response_s
+from topdress.drivers.files.config import load
+from topdress.drivers.files.kinds import MACHINE as MACHINE_FILES
 
-from control.calibration import BenchTable, WheelLog, check_heads, fit_flow, fit_lag, fit_wheel
-from control.calibration.tube_fit import settle_tube
-from control.geodesy import TangentPlane
-from control.machine.fall import drop_s, find_paper_lag_s
-from control.machine.machine import Adopted, Machine, add_effect
-from control.machine.start import find_first_fall_s, response_s
-from drivers.files.config import load
-from drivers.files.kinds import MACHINE as MACHINE_FILES
 from tests.command import topdress
 
 MACHINE = Machine(adopted=(Adopted(id="shaft.gain", size=1.0), Adopted(id="flow.gain", size=5.0)))

@@ -9,8 +9,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from topdress.control.log_row import COLUMNS
 
-from control.log_row import COLUMNS
 from tests.command import topdress
 
 CATCH = "shaft_rpm,opening_mm,duration_s,mass_kg\n"
@@ -167,7 +167,7 @@ def test_a_broken_file_is_one_plain_line(
 ) -> None:
     monkeypatch.chdir(folder)
     before = sorted(folder.iterdir())
-    monkeypatch.setattr("console.cli.screens.show_replay", lambda _: None)
+    monkeypatch.setattr("topdress.console.cli.screens.show_replay", lambda _: None)
     wrong = []
     for name in BROKEN:
         for one in endings:

@@ -16,12 +16,12 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+from topdress.control.calibration.encoder_fit import fit_counts
+from topdress.control.readings import DriveCommand
+from topdress.control.simulation.plant import SensorReadings
+from topdress.drivers.virtual.board import TRUE_COUNTS_PER_TURN
+from topdress.drivers.virtual.served import Serve, ServedMachine
 
-from control.calibration.encoder_fit import fit_counts
-from control.readings import DriveCommand
-from control.simulation.plant import SensorReadings
-from drivers.virtual.board import TRUE_COUNTS_PER_TURN
-from drivers.virtual.served import Serve, ServedMachine
 from tests.command import TOPDRESS, serving, topdress
 from tests.drivers.conftest import FakePlant
 from tests.waiting import wait_for
@@ -222,8 +222,8 @@ def test_however_it_ends_the_shaft_is_stopped_by_a_command(standing, tmp_path, w
     assert not list(tmp_path.glob("x.*"))
 
 
-OLDER = "from drivers.board import slave; slave.FIELDS.pop(b'A2')\n"
-NO_ENCODER = """from drivers.board.slave import BoardSettings
+OLDER = "from topdress.drivers.board import slave; slave.FIELDS.pop(b'A2')\n"
+NO_ENCODER = """from topdress.drivers.board.slave import BoardSettings
 BoardSettings.shaft_drive, BoardSettings.counts_per_turn = "stepper", 0.0
 """
 

@@ -13,23 +13,23 @@ from typing import Any
 
 import numpy as np
 import pytest
+from topdress.console.app.app import TopdressApp
+from topdress.console.cli import screens
+from topdress.console.cli.plain_errors import CommandError
+from topdress.console.cli.screens import is_first_time
+from topdress.console.running import WorkerAddress
+from topdress.console.services.launcher import Launcher
+from topdress.control.log_row import COLUMNS
+from topdress.control.machine.fall import drop_s as drop_time_s
+from topdress.control.machine.history import noted
+from topdress.control.machine.machine import CATALOGUE, Machine, add_effect, list_effect_sizes
+from topdress.control.machine.terms import Term
+from topdress.control.metering.setting import PLAN_BAND_MM_SHARE
+from topdress.drivers.files import setup
+from topdress.drivers.files.config import load, save
+from topdress.drivers.files.config_error import ConfigError
+from topdress.drivers.files.kinds import JOB, MACHINE
 
-from console.app.app import TopdressApp
-from console.cli import screens
-from console.cli.plain_errors import CommandError
-from console.cli.screens import is_first_time
-from console.running import WorkerAddress
-from console.services.launcher import Launcher
-from control.log_row import COLUMNS
-from control.machine.fall import drop_s as drop_time_s
-from control.machine.history import noted
-from control.machine.machine import CATALOGUE, Machine, add_effect, list_effect_sizes
-from control.machine.terms import Term
-from control.metering.setting import PLAN_BAND_MM_SHARE
-from drivers.files import setup
-from drivers.files.config import load, save
-from drivers.files.config_error import ConfigError
-from drivers.files.kinds import JOB, MACHINE
 from tests.command import topdress
 
 ROOT = Path(__file__).parents[2]
@@ -214,7 +214,7 @@ def test_what_is_wrong_is_said_in_one_line(arguments: list[str], said: str) -> N
 
 
 def test_check_says_ok_for_everything_shipped() -> None:
-    from drivers.files.config import shipped
+    from topdress.drivers.files.config import shipped
 
     names = [
         name for folder in ("machines", "crops", "products", "jobs") for name in shipped(folder)
@@ -286,7 +286,7 @@ def test_cancelling_leaves_nothing_half_written(tmp_path: Path) -> None:
         [
             sys.executable,
             "-c",
-            "from console.cli import main; main()",
+            "from topdress.console.cli import main; main()",
             "simulate",
             "--seconds",
             "100000",
@@ -314,7 +314,7 @@ def test_cancelled_as_its_files_begin_it_leaves_none(
         assert (tmp_path / ".a.part.yaml").exists()
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("drivers.files.run_log._write_all", cancelled)
+    monkeypatch.setattr("topdress.drivers.files.run_log._write_all", cancelled)
     done = topdress("simulate", "--seconds", "2", "--out", tmp_path / "a.csv")
     assert done.exit_code == 130 and list(tmp_path.iterdir()) == []
 
@@ -450,7 +450,7 @@ def steps(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> list[str]:
     monkeypatch.setattr(screens, "need_terminal", lambda *words: None)
     monkeypatch.setattr(screens, "trouble_path", lambda: tmp_path / "worker.log")
     monkeypatch.setattr(screens, "is_first_time", lambda: False)
-    monkeypatch.setattr("console.running.find_running", lambda: None)
+    monkeypatch.setattr("topdress.console.running.find_running", lambda: None)
     monkeypatch.setattr(Launcher, "start", start)
     monkeypatch.setattr(setup, "setup_of", read)
     monkeypatch.setattr(TopdressApp, "run", lambda self: done.append("screen"))

@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from topdress.control.diagnosis.runs.compared import interval_of_difference
+from topdress.control.machine.machine import Adopted, add_effect
+from topdress.drivers.files.config import load, save, sha256_of
+from topdress.drivers.files.kinds import MACHINE
 
-from control.diagnosis.runs.compared import interval_of_difference
-from control.machine.machine import Adopted, add_effect
-from drivers.files.config import load, save, sha256_of
-from drivers.files.kinds import MACHINE
 from tests.command import topdress
 
 

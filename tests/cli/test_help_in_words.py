@@ -10,10 +10,10 @@ from pathlib import Path
 
 import pytest
 import typer
+from topdress.console.cli import EXAMPLES, app, asked, plain_output, ranges_in_words
+from topdress.console.cli.plain_errors import OUR_FAULT, guard_command
 from typer.testing import CliRunner
 
-from console.cli import EXAMPLES, app, asked, plain_output, ranges_in_words
-from console.cli.plain_errors import OUR_FAULT, guard_command
 from tests.command import topdress
 from tests.places import PAPERS
 

@@ -13,16 +13,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import Result
+from topdress.control.log_row import COLUMNS
+from topdress.control.machine.compiled import shaft_run
+from topdress.control.machine.machine import add_effect
+from topdress.control.machine.shaft import ShaftInput, ShaftOutput, make_shaft_start
+from topdress.control.machine.stage_runner import MOST_STEP_S, make_input_rows, make_no_switch
+from topdress.drivers.files import extras
+from topdress.drivers.files.config import load, shipped
+from topdress.drivers.files.kinds import MACHINE
+from topdress.drivers.files.what_it_is import what_is
 
-from control.log_row import COLUMNS
-from control.machine.compiled import shaft_run
-from control.machine.machine import add_effect
-from control.machine.shaft import ShaftInput, ShaftOutput, make_shaft_start
-from control.machine.stage_runner import MOST_STEP_S, make_input_rows, make_no_switch
-from drivers.files import extras
-from drivers.files.config import load, shipped
-from drivers.files.kinds import MACHINE
-from drivers.files.what_it_is import what_is
 from tests.command import topdress
 
 PRJ = "<kml xmlns='http://www.opengis.net/kml/2.2'><Document/></kml>"

@@ -7,9 +7,9 @@ import subprocess
 from pathlib import Path
 
 import pytest
+from topdress.console.cli import at_the_bench, drop_by_hand
+from topdress.control.machine.fall import Fall, find_start_drop_s
 
-from console.cli import at_the_bench, drop_by_hand
-from control.machine.fall import Fall, find_start_drop_s
 from tests.command import TOPDRESS, serving, topdress
 
 

@@ -9,13 +9,13 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 import pytest
+from topdress.control.calibration.first_machine import round_up, suggest_machine
+from topdress.control.diagnosis.runs.diagnose import diagnose_run
+from topdress.control.log_row import COMMANDS_HELD
+from topdress.drivers.files.config import load
+from topdress.drivers.files.kinds import MACHINE
+from topdress.drivers.files.read_log import read_rows
 
-from control.calibration.first_machine import round_up, suggest_machine
-from control.diagnosis.runs.diagnose import diagnose_run
-from control.log_row import COMMANDS_HELD
-from drivers.files.config import load
-from drivers.files.kinds import MACHINE
-from drivers.files.read_log import read_rows
 from tests.command import topdress
 
 Array = npt.NDArray[np.float64]

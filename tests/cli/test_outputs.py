@@ -14,16 +14,16 @@ from pathlib import Path
 import pytest
 import typer
 from serial.tools.list_ports_common import ListPortInfo
+from topdress.console.cli import app
+from topdress.control.machine.history import noted
+from topdress.control.machine.machine import Machine, add_effect
+from topdress.drivers.files.config import save, shipped
+from topdress.drivers.files.kinds import MACHINE
+from topdress.drivers.files.prescriptions.read import read_prescription
+from topdress.drivers.files.prescriptions.write import write_prescription
 from typer.models import OptionInfo
 from typer.testing import Result
 
-from console.cli import app
-from control.machine.history import noted
-from control.machine.machine import Machine, add_effect
-from drivers.files.config import save, shipped
-from drivers.files.kinds import MACHINE
-from drivers.files.prescriptions.read import read_prescription
-from drivers.files.prescriptions.write import write_prescription
 from tests.command import topdress
 
 SHORT = ("--seconds", "1")

@@ -9,9 +9,8 @@ import sys
 from collections.abc import Callable
 
 import pytest
-
-from console.cli.plain_output import OVER_THE_LINE, RED, PlainOutput
-from console.cli.progress import progress
+from topdress.console.cli.plain_output import OVER_THE_LINE, RED, PlainOutput
+from topdress.console.cli.progress import progress
 
 
 class Terminal(io.BytesIO):
@@ -111,7 +110,7 @@ def on_a_terminal(arguments: list[str]) -> str:
         os.environ.pop("NO_COLOR", None)
         os.execv(
             sys.executable,
-            [sys.executable, "-c", "from console.cli import main; main()", *arguments],
+            [sys.executable, "-c", "from topdress.console.cli import main; main()", *arguments],
         )
     said = b""
     while True:

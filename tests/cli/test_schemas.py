@@ -6,8 +6,8 @@ import json
 from pathlib import Path
 
 import pytest
+from topdress.console.cli.check import format_schema, kinds_by_name
 
-from console.cli.check import format_schema, kinds_by_name
 from tests.command import topdress
 
 PUBLISHED = Path(__file__).parents[2] / "schemas"

@@ -11,8 +11,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from topdress.drivers.files import extras
 
-from drivers.files import extras
 from tests.places import TASK_FILES
 
 ROOT = Path(__file__).parents[2]
@@ -27,7 +27,7 @@ KML = """<kml xmlns="http://www.opengis.net/kml/2.2"><Document><Placemark><Exten
 117,40 117.001,40 117.001,40.001 117,40.001 117,40
 </coordinates></LinearRing></outerBoundaryIs></Polygon></Placemark></Document></kml>"""
 ZONES = 'rate,wkt\n120,"POLYGON((117 40,117.001 40,117.001 40.001,117 40.001,117 40))"\n'
-PROGRAM = "from console.cli import main, simulate; simulate.LONG_S = 20.0; main()"
+PROGRAM = "from topdress.console.cli import main, simulate; simulate.LONG_S = 20.0; main()"
 
 
 @pytest.fixture(scope="module")

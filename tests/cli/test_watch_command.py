@@ -6,10 +6,10 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+from topdress.console.services import live_check
+from topdress.console.services.live_check import Look
+from topdress.control.diagnosis.result import Departure
 
-from console.services import live_check
-from console.services.live_check import Look
-from control.diagnosis.result import Departure
 from tests.command import topdress
 
 FOUND = Departure("flow", "flow.fill_falloff", -4.0, 600.0, adoptable=True)

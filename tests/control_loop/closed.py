@@ -6,14 +6,18 @@ import datetime as dt
 from collections.abc import Callable
 from typing import Any
 
-from control.field.job import Simulated
-from control.loop.tick import Tick
-from control.orders import Answer, Do, Order
-from control.readings import DriveCommand, Measurements
-from control.simulation.assembly import control_loop, simulated_machine, with_simulated_field
-from control.simulation.closed_loop import Measuring, SimulatedTick, simulated_run
-from control.simulation.plant import Truth
-from drivers.files.setup import Setup, load_setup
+from topdress.control.field.job import Simulated
+from topdress.control.loop.tick import Tick
+from topdress.control.orders import Answer, Do, Order
+from topdress.control.readings import DriveCommand, Measurements
+from topdress.control.simulation.assembly import (
+    control_loop,
+    simulated_machine,
+    with_simulated_field,
+)
+from topdress.control.simulation.closed_loop import Measuring, SimulatedTick, simulated_run
+from topdress.control.simulation.plant import Truth
+from topdress.drivers.files.setup import Setup, load_setup
 
 STEP_S = 0.05
 SETUP = load_setup("huanghai", "demo", dt.date(2014, 3, 7))

@@ -7,16 +7,19 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import pytest
-
-from control.agronomy.noa import Rule
-from control.field.job import Job, Simulated
-from control.machine.fault_injection import parse_planted
-from control.machine.parameter_uncertainty import plausible
-from control.orders import Order, Strategy
-from control.simulation.assembly import control_loop, simulated_machine, with_simulated_field
-from control.simulation.closed_loop import Record, SimulatedTick, simulated_run
-from control.simulation.error_metrics import Errors, errors
-from drivers.files.setup import load_setup
+from topdress.control.agronomy.noa import Rule
+from topdress.control.field.job import Job, Simulated
+from topdress.control.machine.fault_injection import parse_planted
+from topdress.control.machine.parameter_uncertainty import plausible
+from topdress.control.orders import Order, Strategy
+from topdress.control.simulation.assembly import (
+    control_loop,
+    simulated_machine,
+    with_simulated_field,
+)
+from topdress.control.simulation.closed_loop import Record, SimulatedTick, simulated_run
+from topdress.control.simulation.error_metrics import Errors, errors
+from topdress.drivers.files.setup import load_setup
 
 
 class Run:

@@ -9,12 +9,12 @@ from typing import Any
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from topdress.control.loop.tick import Tick
+from topdress.control.orders import Answer, Do, Order, State
+from topdress.control.readings import DriveCommand, GnssFix, Measurements, Reading
+from topdress.control.simulation.assembly import control_loop
+from topdress.drivers.files.setup import load_setup
 
-from control.loop.tick import Tick
-from control.orders import Answer, Do, Order, State
-from control.readings import DriveCommand, GnssFix, Measurements, Reading
-from control.simulation.assembly import control_loop
-from drivers.files.setup import load_setup
 from tests.control_loop.closed import SETUP, STEP_S, Change, Closed
 
 DAY = date(2014, 3, 7)

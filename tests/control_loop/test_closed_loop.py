@@ -69,7 +69,7 @@ def test_a_dead_band_cuts_low_shaft_speeds(simulated: Any) -> None:
 
 
 def _wanted(values: dict[str, Any]) -> Any:
-    from control.field.job import Wanted
+    from topdress.control.field.job import Wanted
 
     return Wanted.model_validate(values)
 
@@ -162,8 +162,8 @@ def test_one_seed_one_run(simulated: Any) -> None:
 
 
 def test_the_canopy_has_the_wanted_mean_and_cv() -> None:
-    from control.field.job import Canopy
-    from control.simulation.canopy import CanopyField
+    from topdress.control.field.job import Canopy
+    from topdress.control.simulation.canopy import CanopyField
 
     field = CanopyField(Canopy(mean_ndvi=0.5, cv_percent=10.0), (0.0, 200.0), (0.0, 200.0), 4)
     assert field.ndvi.mean() == pytest.approx(0.5, abs=0.002)

@@ -9,16 +9,19 @@ import sys
 
 import numpy as np
 import pytest
-
-from console.cli.terms import parse_terms
-from control.field.coverage import Coverage
-from control.machine.fault_injection import parse_planted
-from control.simulation.assembly import control_loop, simulated_machine, with_simulated_field
-from control.simulation.closed_loop import SimulatedTick, simulated_run
-from control.simulation.compiled_steps import STEPS
-from control.targets.overlap import Overlap
-from drivers.files.prescriptions.for_job import placed_of_job
-from drivers.files.setup import load_setup
+from topdress.console.cli.terms import parse_terms
+from topdress.control.field.coverage import Coverage
+from topdress.control.machine.fault_injection import parse_planted
+from topdress.control.simulation.assembly import (
+    control_loop,
+    simulated_machine,
+    with_simulated_field,
+)
+from topdress.control.simulation.closed_loop import SimulatedTick, simulated_run
+from topdress.control.simulation.compiled_steps import STEPS
+from topdress.control.targets.overlap import Overlap
+from topdress.drivers.files.prescriptions.for_job import placed_of_job
+from topdress.drivers.files.setup import load_setup
 
 TODAY = dt.date(2026, 4, 1)
 EFFECTS = (
@@ -130,7 +133,7 @@ def test_what_is_to_start_at_once_loads_no_compiler() -> None:
         [
             sys.executable,
             "-c",
-            "import sys, control.simulation.assembly, control.field.coverage; "
+            "import sys, topdress.control.simulation.assembly, topdress.control.field.coverage; "
             "print('numba' in sys.modules)",
         ],
         capture_output=True,

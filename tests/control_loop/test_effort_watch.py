@@ -8,13 +8,12 @@ from math import exp, pi, sqrt
 
 import numpy as np
 import pytest
-
-from control.loop import effort_watch
-from control.loop.effort_watch import MEAN_S, EffortWatch
-from control.machine.effort import Effort
-from control.machine.machine import Machine
-from control.metering.inverse import Conditions
-from control.readings import Measurements, Reading
+from topdress.control.loop import effort_watch
+from topdress.control.loop.effort_watch import MEAN_S, EffortWatch
+from topdress.control.machine.effort import Effort
+from topdress.control.machine.machine import Machine
+from topdress.control.metering.inverse import Conditions
+from topdress.control.readings import Measurements, Reading
 
 SEASON_H = 300.0
 OWN = Effort(coulomb=20.0)  # no load: noise alone decides

@@ -12,17 +12,23 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from pydantic import ValidationError
+from topdress.control.field.job import Job, Wanted
+from topdress.control.field.totals import Sums, Totals
+from topdress.control.machine.elements import Array
+from topdress.control.metering.flow_trim import FlowTrim
+from topdress.control.metering.trims import DriveTrim, TrimLimits
+from topdress.control.readings import Reading
+from topdress.control.simulation.closed_loop import Record
+from topdress.control.simulation.error_metrics import errors, landing, needs
+from topdress.control.simulation.tractor import field_path
+from topdress.control.targets.canopy import (
+    HORIZON_M,
+    LEAST_FACTOR,
+    MOST_FACTOR,
+    MOST_OWED,
+    HoldMean,
+)
 
-from control.field.job import Job, Wanted
-from control.field.totals import Sums, Totals
-from control.machine.elements import Array
-from control.metering.flow_trim import FlowTrim
-from control.metering.trims import DriveTrim, TrimLimits
-from control.readings import Reading
-from control.simulation.closed_loop import Record
-from control.simulation.error_metrics import errors, landing, needs
-from control.simulation.tractor import field_path
-from control.targets.canopy import HORIZON_M, LEAST_FACTOR, MOST_FACTOR, MOST_OWED, HoldMean
 from tests.control_loop.closed import SETUP, Closed
 
 # 5.5 g a millimetre at 22 mm: 0.14 kg/s; ordered 0.09 in the field
@@ -280,7 +286,7 @@ def test_before_work_begins_nothing_is_learned_and_by_another_source_nothing_cha
 def test_a_job_that_goes_on_knows_what_it_owes():
     loop = Closed(target=Wanted(hold_mean_kg_ha=200.0)).loop
     assert loop._ahead.hold is not None
-    from control.field.coverage import Coverage
+    from topdress.control.field.coverage import Coverage
 
     loop.go_on(Sums(area_ha=0.024, kg=0.024 * 150.0), Coverage(2.4, 0.4).raster(), None)
     assert loop._ahead.hold.owed_kg_ha * HORIZON_M == pytest.approx(50.0 * 100.0)
@@ -342,9 +348,9 @@ def test_what_lands_as_needed_has_no_error_against_the_need(simulated: Any) -> N
 
 
 def test_needs_are_the_crops_rule() -> None:
-    from control.agronomy.noa import prepare
-    from drivers.files.config import load
-    from drivers.files.kinds import CROP
+    from topdress.control.agronomy.noa import prepare
+    from topdress.drivers.files.config import load
+    from topdress.drivers.files.kinds import CROP
 
     rule = prepare(load("huanghai_wheat", CROP).model)
     found = needs(rule, np.array([0.2, 0.512, 0.55, 0.9]))

@@ -9,14 +9,14 @@ from typing import Any
 import numpy as np
 import pytest
 from pydantic import ValidationError
+from topdress.control.field.boundary import Boundary
+from topdress.control.field.job import Ground, Job, Margin, Nitrogen
+from topdress.control.geodesy import TangentPlane
+from topdress.control.orders import Do, TargetSource
+from topdress.control.targets.index_map import IndexMap
+from topdress.control.targets.rate_map import GridMap, frame_m
+from topdress.drivers.files.setup import load_setup
 
-from control.field.boundary import Boundary
-from control.field.job import Ground, Job, Margin, Nitrogen
-from control.geodesy import TangentPlane
-from control.orders import Do, TargetSource
-from control.targets.index_map import IndexMap
-from control.targets.rate_map import GridMap, frame_m
-from drivers.files.setup import load_setup
 from tests.control_loop.closed import SETUP, Closed
 
 DAY = dt.date(2014, 3, 7)

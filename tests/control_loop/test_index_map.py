@@ -13,22 +13,22 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from pydantic import ValidationError
+from topdress.control.agronomy.crop import Crop
+from topdress.control.field.job import Canopy, Job, Wanted
+from topdress.control.geodesy import TangentPlane
+from topdress.control.loop import Tick
+from topdress.control.orders import Do, TargetSource
+from topdress.control.simulation.assembly import control_loop, simulated_machine
+from topdress.control.simulation.canopy import AcrossWidth, CanopyField
+from topdress.control.simulation.closed_loop import Record, simulated_run
+from topdress.control.targets.canopy import Around, MapAndCanopy
+from topdress.control.targets.index_map import MOST_OFF, IndexMap
+from topdress.control.targets.map_profile import MapProfile
+from topdress.control.targets.prescription import Fallbacks, Prescription
+from topdress.control.targets.profile import Stretches, Target, TargetChange
+from topdress.control.targets.rate_map import GridMap, frame_m
+from topdress.drivers.files.setup import Setup, load_setup
 
-from control.agronomy.crop import Crop
-from control.field.job import Canopy, Job, Wanted
-from control.geodesy import TangentPlane
-from control.loop import Tick
-from control.orders import Do, TargetSource
-from control.simulation.assembly import control_loop, simulated_machine
-from control.simulation.canopy import AcrossWidth, CanopyField
-from control.simulation.closed_loop import Record, simulated_run
-from control.targets.canopy import Around, MapAndCanopy
-from control.targets.index_map import MOST_OFF, IndexMap
-from control.targets.map_profile import MapProfile
-from control.targets.prescription import Fallbacks, Prescription
-from control.targets.profile import Stretches, Target, TargetChange
-from control.targets.rate_map import GridMap, frame_m
-from drivers.files.setup import Setup, load_setup
 from tests.control_loop.closed import SETUP, Closed
 
 CELL_M = 3.0  # as a resampled drone's map has
@@ -199,8 +199,8 @@ def write_tif(
 def test_a_job_names_a_geotiff(tmp_path: Path, name: str | None) -> None:
     """As a satellite gives it: water below 0, a band with or without a name; what is scaled is
     refused."""
-    from drivers.files.prescriptions.for_job import placed_of_job
-    from drivers.files.prescriptions.words import PrescriptionError
+    from topdress.drivers.files.prescriptions.for_job import placed_of_job
+    from topdress.drivers.files.prescriptions.words import PrescriptionError
 
     setup = load_setup("huanghai", "demo", dt.date(2014, 3, 7))
     job: Job = setup.job.model_copy(

@@ -8,13 +8,12 @@ from itertools import pairwise
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-
-from control.machine.change_lag import Lag, Settled, change_lag
-from control.machine.machine import Machine, add_effect
-from control.orders import TargetSource
-from control.targets.canopy import CanopyDecisions
-from control.targets.lag_correction import ChangeQueue
-from control.targets.profile import Stretches, Target, TargetChange
+from topdress.control.machine.change_lag import Lag, Settled, change_lag
+from topdress.control.machine.machine import Machine, add_effect
+from topdress.control.orders import TargetSource
+from topdress.control.targets.canopy import CanopyDecisions
+from topdress.control.targets.lag_correction import ChangeQueue
+from topdress.control.targets.profile import Stretches, Target, TargetChange
 
 
 def test_an_opening_change_lags_by_gate_and_drop() -> None:
@@ -131,9 +130,9 @@ def test_the_first_stretch_begins_where_it_is_within_reach(
 
 
 def test_samples_in_a_turn_are_not_taken_for_the_next_pass() -> None:
-    from control.agronomy.noa import prepare
-    from drivers.files.config import load
-    from drivers.files.kinds import CROP
+    from topdress.control.agronomy.noa import prepare
+    from topdress.drivers.files.config import load
+    from topdress.drivers.files.kinds import CROP
 
     rule = prepare(load("huanghai_wheat", CROP).model)
     stretches = Stretches(300.0)

@@ -5,12 +5,12 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
+from topdress.control.geodesy import TangentPlane
+from topdress.control.loop.events import EVENT_CHARACTERS, MOST_WAITING, ROW_CHARACTERS, Events
+from topdress.control.orders import Do, Order
+from topdress.control.readings import GnssFix, Measurements, Reading
+from topdress.control.sensing import Sensing
 
-from control.geodesy import TangentPlane
-from control.loop.events import EVENT_CHARACTERS, MOST_WAITING, ROW_CHARACTERS, Events
-from control.orders import Do, Order
-from control.readings import GnssFix, Measurements, Reading
-from control.sensing import Sensing
 from tests.control_loop.closed import SETUP, Closed
 
 

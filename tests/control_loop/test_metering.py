@@ -9,9 +9,8 @@ from typing import Any
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-
-from control.machine.machine import Machine, add_effect
-from control.metering.inverse import (
+from topdress.control.machine.machine import Machine, add_effect
+from topdress.control.metering.inverse import (
     Conditions,
     flow_kg_s,
     lowest_flow_kg_s,
@@ -19,8 +18,8 @@ from control.metering.inverse import (
     shaft_command,
     shaft_for,
 )
-from control.metering.strategies import pair_for
-from control.orders import Do, Order, Strategy
+from topdress.control.metering.strategies import pair_for
+from topdress.control.orders import Do, Order, Strategy
 
 EXTENDED = add_effect(
     add_effect(
@@ -159,7 +158,7 @@ def test_a_command_turns_what_meters(gain_percent: float, taken: bool) -> None:
 def test_switching_the_strategy_does_not_show_in_the_flow(simulated: Any) -> None:
     """Manual rate, constant speed: the flow stays within 6.5 % while shaft and gate both move
     far."""
-    from control.field.job import Wanted
+    from topdress.control.field.job import Wanted
 
     orders = [
         (0.5, Order(Do.READY)),

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from topdress.control.field.coverage import Raster
+from topdress.control.field.job import Wanted
+from topdress.control.field.totals import NOTHING
+from topdress.control.orders import TargetSource
+from topdress.control.readings import Reading
 
-from control.field.coverage import Raster
-from control.field.job import Wanted
-from control.field.totals import NOTHING
-from control.orders import TargetSource
-from control.readings import Reading
 from tests.control_loop.closed import STEP_S, Closed
 
 SILENT_KG_HA = 120.0

@@ -9,24 +9,24 @@ from typing import Any
 
 import numpy as np
 import pytest
+from topdress.console.services.rerun import parse_events
+from topdress.control.agronomy.noa import prepare
+from topdress.control.agronomy.strips import Strips, StripValue
+from topdress.control.field.coverage import Coverage
+from topdress.control.field.job import Ground, Job, Simulated, Wanted
+from topdress.control.loop import ControlLoop
+from topdress.control.orders import Do, Order, TargetSource
+from topdress.control.simulation.assembly import control_loop
+from topdress.control.simulation.closed_loop import Record, simulated_run
+from topdress.control.simulation.error_metrics import landing
+from topdress.control.simulation.plant import Plant
+from topdress.control.simulation.tractor import Leg
+from topdress.control.simulation.tractor import Path as Way
+from topdress.control.targets.overlap import Overlap, without_short
+from topdress.drivers.files.config import load
+from topdress.drivers.files.kinds import CROP
+from topdress.drivers.files.setup import Setup, load_setup
 
-from console.services.rerun import parse_events
-from control.agronomy.noa import prepare
-from control.agronomy.strips import Strips, StripValue
-from control.field.coverage import Coverage
-from control.field.job import Ground, Job, Simulated, Wanted
-from control.loop import ControlLoop
-from control.orders import Do, Order, TargetSource
-from control.simulation.assembly import control_loop
-from control.simulation.closed_loop import Record, simulated_run
-from control.simulation.error_metrics import landing
-from control.simulation.plant import Plant
-from control.simulation.tractor import Leg
-from control.simulation.tractor import Path as Way
-from control.targets.overlap import Overlap, without_short
-from drivers.files.config import load
-from drivers.files.kinds import CROP
-from drivers.files.setup import Setup, load_setup
 from tests.control_loop.closed import Closed
 
 WIDTH_M = 2.4

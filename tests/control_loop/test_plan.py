@@ -10,20 +10,19 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-
-from control.machine.fall import drop_s
-from control.machine.landing import falls_s
-from control.machine.machine import Machine, Tolerance
-from control.machine.start import with_carried_share
-from control.metering.inverse import Conditions, flow_kg_s
-from control.metering.setting import Setting
-from control.metering.strategies import Pair, pair_for
-from control.orders import Strategy
-from control.readings import GnssFix, Measurements, Reading, SpeedPlan, possible
-from control.sensing import Forecaster, SpeedAhead
-from control.sensing.speed_ahead import QUICK_TAU_S, Moving
-from control.simulation.assembly import control_loop
-from drivers.files.setup import load_setup
+from topdress.control.machine.fall import drop_s
+from topdress.control.machine.landing import falls_s
+from topdress.control.machine.machine import Machine, Tolerance
+from topdress.control.machine.start import with_carried_share
+from topdress.control.metering.inverse import Conditions, flow_kg_s
+from topdress.control.metering.setting import Setting
+from topdress.control.metering.strategies import Pair, pair_for
+from topdress.control.orders import Strategy
+from topdress.control.readings import GnssFix, Measurements, Reading, SpeedPlan, possible
+from topdress.control.sensing import Forecaster, SpeedAhead
+from topdress.control.sensing.speed_ahead import QUICK_TAU_S, Moving
+from topdress.control.simulation.assembly import control_loop
+from topdress.drivers.files.setup import load_setup
 
 DT_S = 0.05
 # a lag test between two rates said so

@@ -14,18 +14,18 @@ from typing import Any
 
 import numpy as np
 import pytest
+from topdress.control.field.job import Wanted
+from topdress.control.geodesy import TangentPlane, apart_m
+from topdress.control.loop.tick import Tick
+from topdress.control.orders import Do, TargetSource
+from topdress.control.readings import Doubted, GnssFix, Measurements, Reading
+from topdress.control.sensing import Sensing, SensingLimits
+from topdress.control.sensing.position_gate import PositionGate
+from topdress.control.sensing.walk_watch import WINDOWS_S
+from topdress.control.simulation.assembly import with_simulated_field
+from topdress.drivers.files.prescriptions.for_job import map_of_job
+from topdress.drivers.files.setup import load_setup
 
-from control.field.job import Wanted
-from control.geodesy import TangentPlane, apart_m
-from control.loop.tick import Tick
-from control.orders import Do, TargetSource
-from control.readings import Doubted, GnssFix, Measurements, Reading
-from control.sensing import Sensing, SensingLimits
-from control.sensing.position_gate import PositionGate
-from control.sensing.walk_watch import WINDOWS_S
-from control.simulation.assembly import with_simulated_field
-from drivers.files.prescriptions.for_job import map_of_job
-from drivers.files.setup import load_setup
 from tests.control_loop.closed import Closed
 from tests.places import RECEIVERS
 

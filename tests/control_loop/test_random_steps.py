@@ -19,20 +19,19 @@ from typing import Any
 
 import pytest
 from shapely import Point, Polygon
-
-from console.frame import Frame
-from console.worker.parts import FRAME_FIELDS
-from console.worker.wire import framed
-from control.field.job import Job, Wanted
-from control.geodesy import TangentPlane
-from control.log_row import ALL_COLUMNS, COLUMNS
-from control.loop import ControlLoop
-from control.loop.tick import Tick
-from control.orders import BY_PLACE, Do, Order, State, Strategy, TargetSource
-from control.readings import GnssFix, Measurements, Reading, SpeedPlan
-from control.simulation.assembly import control_loop, with_simulated_field
-from drivers.files.log_text import RowText
-from drivers.files.setup import load_setup
+from topdress.console.frame import Frame
+from topdress.console.worker.parts import FRAME_FIELDS
+from topdress.console.worker.wire import framed
+from topdress.control.field.job import Job, Wanted
+from topdress.control.geodesy import TangentPlane
+from topdress.control.log_row import ALL_COLUMNS, COLUMNS
+from topdress.control.loop import ControlLoop
+from topdress.control.loop.tick import Tick
+from topdress.control.orders import BY_PLACE, Do, Order, State, Strategy, TargetSource
+from topdress.control.readings import GnssFix, Measurements, Reading, SpeedPlan
+from topdress.control.simulation.assembly import control_loop, with_simulated_field
+from topdress.drivers.files.log_text import RowText
+from topdress.drivers.files.setup import load_setup
 
 STEPS_A_RUN = 2000
 DT_S = 0.05

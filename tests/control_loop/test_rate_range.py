@@ -5,12 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from topdress.console.cli import app
+from topdress.control.field.job import Wanted
+from topdress.control.metering.rate_range import find_rate_range, find_speed_range
+from topdress.control.orders import TargetSource
 from typer.testing import CliRunner
 
-from console.cli import app
-from control.field.job import Wanted
-from control.metering.rate_range import find_rate_range, find_speed_range
-from control.orders import TargetSource
 from tests.control_loop.closed import SETUP, Closed
 
 MACHINE = SETUP.machine

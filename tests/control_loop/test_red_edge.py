@@ -6,21 +6,21 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from pydantic import ValidationError
+from topdress.console.app.pages.job.nrich import StripRun
+from topdress.console.services.rerun import rerun
+from topdress.console.worker.assemble import assemble
+from topdress.console.worker.options import Options
+from topdress.control.agronomy.crop import Crop
+from topdress.control.agronomy.noa import prepare
+from topdress.control.log_row import HEAD_COLUMNS, NDRE_COLUMNS, LogRow
+from topdress.control.simulation.canopy import ndre_of
+from topdress.drivers.cab_config import HeadsConfig
+from topdress.drivers.files.config import load, save
+from topdress.drivers.files.kinds import CROP, JOB
+from topdress.drivers.files.read_log import read_log
+from topdress.drivers.files.run_log import write_log
+from topdress.drivers.files.run_meta import run_meta
 
-from console.app.pages.job.nrich import StripRun
-from console.services.rerun import rerun
-from console.worker.assemble import assemble
-from console.worker.options import Options
-from control.agronomy.crop import Crop
-from control.agronomy.noa import prepare
-from control.log_row import HEAD_COLUMNS, NDRE_COLUMNS, LogRow
-from control.simulation.canopy import ndre_of
-from drivers.cab_config import HeadsConfig
-from drivers.files.config import load, save
-from drivers.files.kinds import CROP, JOB
-from drivers.files.read_log import read_log
-from drivers.files.run_log import write_log
-from drivers.files.run_meta import run_meta
 from tests.command import topdress
 from tests.control_loop.closed import SETUP, Closed
 

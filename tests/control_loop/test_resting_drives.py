@@ -7,14 +7,13 @@ import datetime as dt
 from collections.abc import Callable
 
 import pytest
-
-from control.loop.unintended_flow import Stopped, standing_limits
-from control.machine.fault_injection import parse_planted
-from control.readings import DriveCommand, Measurements, Reading
-from control.safety import SafetyLimits
-from control.simulation import plant as plants
-from control.simulation.plant import Plant, Truth
-from drivers.files.setup import load_setup
+from topdress.control.loop.unintended_flow import Stopped, standing_limits
+from topdress.control.machine.fault_injection import parse_planted
+from topdress.control.readings import DriveCommand, Measurements, Reading
+from topdress.control.safety import SafetyLimits
+from topdress.control.simulation import plant as plants
+from topdress.control.simulation.plant import Plant, Truth
+from topdress.drivers.files.setup import load_setup
 
 STANDS, WORKS, FASTER = DriveCommand(0.0, 25.0), DriveCommand(40.0, 25.0), DriveCommand(55.0, 31.0)
 TODAY = dt.date(2026, 4, 1)

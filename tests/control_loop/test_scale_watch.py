@@ -9,9 +9,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
-
-from control.metering.flow_trim import FlowTrim
-from control.readings import Reading, ScaleSays
+from topdress.control.metering.flow_trim import FlowTrim
+from topdress.control.readings import Reading, ScaleSays
 
 DT_S = 0.1
 SCALE_KG = 0.15  # correlated over 1 s, in steps of 0.05 kg

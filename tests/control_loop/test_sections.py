@@ -11,29 +11,28 @@ import numpy as np
 import pytest
 import shapely
 from shapely.geometry import Polygon
-
-from control.field.boundary import Boundary
-from control.field.coverage import Coverage
-from control.field.job import Job, Wanted
-from control.loop.sections import NO_FLOW, Leads, Sections
-from control.machine.landing import carried_s
-from control.machine.machine import Machine
-from control.machine.sections import Section, Valve, strips
-from control.orders import Do, Order, State, Strategy, TargetSource
-from control.readings import DriveCommand
-from control.safety import limited_valves
-from control.sensing import Sensed
-from control.simulation.assembly import control_loop, with_simulated_field
-from control.simulation.closed_loop import SimulatedTick, simulated_run
-from control.simulation.plant import Plant, Truth
-from control.simulation.tractor import Leg
-from control.simulation.tractor import Path as Way
-from control.targets.boundary_profile import Fence
-from control.targets.section_ground import DONE, OUTSIDE, SectionGround, SectionsGround
-from drivers.files.config import load
-from drivers.files.config_error import ConfigError
-from drivers.files.kinds import MACHINE
-from drivers.files.setup import Setup, load_setup
+from topdress.control.field.boundary import Boundary
+from topdress.control.field.coverage import Coverage
+from topdress.control.field.job import Job, Wanted
+from topdress.control.loop.sections import NO_FLOW, Leads, Sections
+from topdress.control.machine.landing import carried_s
+from topdress.control.machine.machine import Machine
+from topdress.control.machine.sections import Section, Valve, strips
+from topdress.control.orders import Do, Order, State, Strategy, TargetSource
+from topdress.control.readings import DriveCommand
+from topdress.control.safety import limited_valves
+from topdress.control.sensing import Sensed
+from topdress.control.simulation.assembly import control_loop, with_simulated_field
+from topdress.control.simulation.closed_loop import SimulatedTick, simulated_run
+from topdress.control.simulation.plant import Plant, Truth
+from topdress.control.simulation.tractor import Leg
+from topdress.control.simulation.tractor import Path as Way
+from topdress.control.targets.boundary_profile import Fence
+from topdress.control.targets.section_ground import DONE, OUTSIDE, SectionGround, SectionsGround
+from topdress.drivers.files.config import load
+from topdress.drivers.files.config_error import ConfigError
+from topdress.drivers.files.kinds import MACHINE
+from topdress.drivers.files.setup import Setup, load_setup
 
 HALF_FIELD = Boundary([(0.0, 0.0), (0.0, 200.0), (10.0, 200.0), (10.0, 0.0)])
 # its east side meets a pass askew

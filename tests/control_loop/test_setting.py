@@ -4,16 +4,15 @@ to be sent."""
 from __future__ import annotations
 
 import pytest
-
-from control.machine.machine import Machine
-from control.metering.inverse import Conditions
-from control.metering.setting import OPENING_BAND_MM, SHAFT_BAND_RPM, Setting
-from control.metering.strategies import Pair
-from control.metering.trims import DriveTrim, TrimLimits
-from control.orders import Strategy
-from control.readings import DriveCommand
-from drivers.files.config import load
-from drivers.files.kinds import MACHINE
+from topdress.control.machine.machine import Machine
+from topdress.control.metering.inverse import Conditions
+from topdress.control.metering.setting import OPENING_BAND_MM, SHAFT_BAND_RPM, Setting
+from topdress.control.metering.strategies import Pair
+from topdress.control.metering.trims import DriveTrim, TrimLimits
+from topdress.control.orders import Strategy
+from topdress.control.readings import DriveCommand
+from topdress.drivers.files.config import load
+from topdress.drivers.files.kinds import MACHINE
 
 C = Conditions()
 RPM, OPENING_MM = 50.0, 20.0

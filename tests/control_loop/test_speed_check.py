@@ -9,11 +9,10 @@ from math import cos, radians, sin
 
 import numpy as np
 import pytest
-
-from control.geodesy import TangentPlane
-from control.readings import Doubted, GnssFix, Measurements, Reading
-from control.safety import SafetyLimits
-from control.sensing import Sensed, Sensing
+from topdress.control.geodesy import TangentPlane
+from topdress.control.readings import Doubted, GnssFix, Measurements, Reading
+from topdress.control.safety import SafetyLimits
+from topdress.control.sensing import Sensed, Sensing
 
 PLANE = TangentPlane(48.0, 11.0)
 RTK, PLAIN = (4, 10.0, 0.01, 0.03), (1, 1.0, 0.6, 0.1)  # quality, Hz, m and m/s of noise

@@ -8,14 +8,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-
-from control.diagnosis import diagnose_run
-from control.log_row import COLUMNS
-from control.loop.known_terms import KnownTerms
-from control.machine.machine import Machine
-from control.machine.term_sums import TermSums, not_compensated
-from control.machine.terms import Term, parse_term
-from control.metering.inverse import (
+from topdress.control.diagnosis import diagnose_run
+from topdress.control.log_row import COLUMNS
+from topdress.control.loop.known_terms import KnownTerms
+from topdress.control.machine.machine import Machine
+from topdress.control.machine.term_sums import TermSums, not_compensated
+from topdress.control.machine.terms import Term, parse_term
+from topdress.control.metering.inverse import (
     Conditions,
     flow_kg_s,
     gate_command,
@@ -23,12 +22,16 @@ from control.metering.inverse import (
     shaft_command,
     shaft_for,
 )
-from control.orders import Strategy
-from control.readings import Measurements, Reading
-from control.simulation.assembly import control_loop, simulated_machine, with_simulated_field
-from control.simulation.closed_loop import Record, simulated_run
-from control.simulation.error_metrics import Errors, errors
-from drivers.files.setup import load_setup
+from topdress.control.orders import Strategy
+from topdress.control.readings import Measurements, Reading
+from topdress.control.simulation.assembly import (
+    control_loop,
+    simulated_machine,
+    with_simulated_field,
+)
+from topdress.control.simulation.closed_loop import Record, simulated_run
+from topdress.control.simulation.error_metrics import Errors, errors
+from topdress.drivers.files.setup import load_setup
 
 SETUP = load_setup("huanghai", "demo", dt.date(2026, 3, 1))
 

@@ -6,16 +6,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from pydantic import ValidationError
+from topdress.console.services.rerun import rerun
+from topdress.control.field.job import Ground, Job
+from topdress.control.field.planned_speed import find_pass_number, find_planned_mps
+from topdress.control.readings import SpeedPlan, announced_of, announced_text
+from topdress.drivers.files.read_log import read_log
+from topdress.drivers.files.replay import measurements
+from topdress.drivers.files.run_log import write_log
+from topdress.drivers.files.run_meta import run_meta
+from topdress.drivers.files.setup import Setup
 
-from console.services.rerun import rerun
-from control.field.job import Ground, Job
-from control.field.planned_speed import find_pass_number, find_planned_mps
-from control.readings import SpeedPlan, announced_of, announced_text
-from drivers.files.read_log import read_log
-from drivers.files.replay import measurements
-from drivers.files.run_log import write_log
-from drivers.files.run_meta import run_meta
-from drivers.files.setup import Setup
 from tests.control_loop.closed import SETUP, Closed
 
 FIELD = Ground(boundary_m=((0, 0), (24, 0), (24, 100), (0, 100)))

@@ -10,13 +10,13 @@ from math import inf, isfinite, nan
 from typing import Any
 
 import pytest
+from topdress.console.frame import Frame
+from topdress.console.worker.parts import FRAME_FIELDS
+from topdress.console.worker.wire import framed
+from topdress.control.field.job import Wanted
+from topdress.control.orders import Do, TargetSource
+from topdress.control.readings import POSSIBLE, Measurements, Reading, possible
 
-from console.frame import Frame
-from console.worker.parts import FRAME_FIELDS
-from console.worker.wire import framed
-from control.field.job import Wanted
-from control.orders import Do, TargetSource
-from control.readings import POSSIBLE, Measurements, Reading, possible
 from tests.control_loop.closed import Closed
 
 WILD = (nan, inf, -inf, 1e308, -1e308)

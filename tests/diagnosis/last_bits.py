@@ -36,8 +36,8 @@ Answer = dict[str, Any]
 def answer(case: Case, machine: Any) -> Answer:
     """What is said of a case: verdict, names with their scopes and rivals, sizes with their
     intervals."""
-    from control.diagnosis.runs.diagnose import diagnose_run
-    from control.diagnosis.tables import diagnose_tables
+    from topdress.control.diagnosis.runs.diagnose import diagnose_run
+    from topdress.control.diagnosis.tables import diagnose_tables
 
     _, data = case
     found = (
@@ -121,8 +121,8 @@ def differences(cases: Sequence[Case], one: Sequence[Answer], other: Sequence[An
 
 
 def main(given: str, said: str) -> None:
-    from drivers.files.config import load
-    from drivers.files.kinds import MACHINE
+    from topdress.drivers.files.config import load
+    from topdress.drivers.files.kinds import MACHINE
 
     machine = load("huanghai", MACHINE).model
     cases = pickle.loads(Path(given).read_bytes())

@@ -15,19 +15,18 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 from scipy.signal import lfilter
-
-from control.log_row import COMMANDS_HELD
-from control.machine.compiled import flow_run, gate_run, scale_run, shaft_run, speed_run
-from control.machine.elements import stepped
-from control.machine.flow import FlowInput, FlowOutput, make_flow_start
-from control.machine.gate import GateInput, GateOutput, make_gate_start
-from control.machine.machine import Flow, Limits, Machine, Noise, Tolerance, add_effect
-from control.machine.scale import ScaleInput
-from control.machine.shaft import Shaft, ShaftInput, ShaftOutput, make_shaft_start
-from control.machine.speed import SpeedInput, SpeedOutput, make_speed_start
-from control.machine.stage_runner import MOST_STEP_S, make_input_rows, make_no_switch
-from drivers.files.config import load
-from drivers.files.kinds import MACHINE
+from topdress.control.log_row import COMMANDS_HELD
+from topdress.control.machine.compiled import flow_run, gate_run, scale_run, shaft_run, speed_run
+from topdress.control.machine.elements import stepped
+from topdress.control.machine.flow import FlowInput, FlowOutput, make_flow_start
+from topdress.control.machine.gate import GateInput, GateOutput, make_gate_start
+from topdress.control.machine.machine import Flow, Limits, Machine, Noise, Tolerance, add_effect
+from topdress.control.machine.scale import ScaleInput
+from topdress.control.machine.shaft import Shaft, ShaftInput, ShaftOutput, make_shaft_start
+from topdress.control.machine.speed import SpeedInput, SpeedOutput, make_speed_start
+from topdress.control.machine.stage_runner import MOST_STEP_S, make_input_rows, make_no_switch
+from topdress.drivers.files.config import load
+from topdress.drivers.files.kinds import MACHINE
 
 Array = npt.NDArray[np.float64]
 Columns = dict[str, npt.NDArray[Any]]

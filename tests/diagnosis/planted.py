@@ -9,15 +9,15 @@ from typing import Any
 
 import numpy as np
 import pytest
+from topdress.control.diagnosis.result import UNKNOWN, Cause, Diagnosis
+from topdress.control.diagnosis.runs.channels import simulate_drive_rows
+from topdress.control.diagnosis.runs.diagnose import diagnose_run
+from topdress.control.diagnosis.runs.drives import read_whole_drives
+from topdress.control.diagnosis.runs.hypothesis import list_stages, schedule
+from topdress.control.diagnosis.runs.log import gate
+from topdress.control.machine.machine import Machine
+from topdress.control.machine.stage_runner import MOST_STEP_S
 
-from control.diagnosis.result import UNKNOWN, Cause, Diagnosis
-from control.diagnosis.runs.channels import simulate_drive_rows
-from control.diagnosis.runs.diagnose import diagnose_run
-from control.diagnosis.runs.drives import read_whole_drives
-from control.diagnosis.runs.hypothesis import list_stages, schedule
-from control.diagnosis.runs.log import gate
-from control.machine.machine import Machine
-from control.machine.stage_runner import MOST_STEP_S
 from tests.diagnosis.logs import Columns
 
 Question = Callable[[Diagnosis, Any], bool]

@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from topdress.control.calibration.bench_table import BenchTable
+from topdress.control.diagnosis.result import Diagnosis
+from topdress.control.diagnosis.tables import diagnose_tables
+from topdress.control.machine.machine import Machine
+from topdress.drivers.files.bench_table import read_bench_table
 
-from control.calibration.bench_table import BenchTable
-from control.diagnosis.result import Diagnosis
-from control.diagnosis.tables import diagnose_tables
-from control.machine.machine import Machine
-from drivers.files.bench_table import read_bench_table
 from tests.places import PAPERS
 
 Array = npt.NDArray[Any]

@@ -6,18 +6,18 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from topdress.control.diagnosis.runs.channels import hopper_channel
+from topdress.control.diagnosis.runs.compared import compared
+from topdress.control.diagnosis.runs.diagnose import diagnose_run
+from topdress.control.diagnosis.runs.drives import repeated_in_motion
+from topdress.control.diagnosis.runs.findings import note_faults_between_rows
+from topdress.control.diagnosis.runs.hypothesis import list_stages, schedule
+from topdress.control.diagnosis.runs.log import Clean, gate
+from topdress.control.diagnosis.runs.row_order import COMMANDS, in_order
+from topdress.control.diagnosis.runs.stages import run_data
+from topdress.control.machine.machine import Limits, Machine, Noise, Shaft, Tolerance
+from topdress.control.machine.stage_runner import MOST_STEP_S
 
-from control.diagnosis.runs.channels import hopper_channel
-from control.diagnosis.runs.compared import compared
-from control.diagnosis.runs.diagnose import diagnose_run
-from control.diagnosis.runs.drives import repeated_in_motion
-from control.diagnosis.runs.findings import note_faults_between_rows
-from control.diagnosis.runs.hypothesis import list_stages, schedule
-from control.diagnosis.runs.log import Clean, gate
-from control.diagnosis.runs.row_order import COMMANDS, in_order
-from control.diagnosis.runs.stages import run_data
-from control.machine.machine import Limits, Machine, Noise, Shaft, Tolerance
-from control.machine.stage_runner import MOST_STEP_S
 from tests.diagnosis.logs import HUANGHAI, Columns, settled, stairs_work, taken
 
 ROWS = 400

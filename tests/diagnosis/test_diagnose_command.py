@@ -10,17 +10,16 @@ from typing import Any
 import numpy as np
 import pytest
 from click.testing import Result
+from topdress.console.cli import app
+from topdress.console.cli.diagnose import adopt
+from topdress.console.reports.diagnosis_wording import sort_adoptable
+from topdress.control.diagnosis.result import UNKNOWN, Rival
+from topdress.control.diagnosis.tables import diagnose_tables
+from topdress.control.machine.machine import Machine
+from topdress.drivers.files.bench_table import read_bench_table
+from topdress.drivers.files.config import load
+from topdress.drivers.files.kinds import MACHINE
 from typer.testing import CliRunner
-
-from console.cli import app
-from console.cli.diagnose import adopt
-from console.reports.diagnosis_wording import sort_adoptable
-from control.diagnosis.result import UNKNOWN, Rival
-from control.diagnosis.tables import diagnose_tables
-from control.machine.machine import Machine
-from drivers.files.bench_table import read_bench_table
-from drivers.files.config import load
-from drivers.files.kinds import MACHINE
 
 
 def lag_table(path: Path, later_s: float, label: str = "", more_s: float = 0.0) -> Path:

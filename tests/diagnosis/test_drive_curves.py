@@ -12,25 +12,25 @@ from pathlib import Path
 import numpy as np
 import pytest
 import typer
+from topdress.console.app.pages.diagnosis import shown
+from topdress.console.app.pages.diagnosis.adoption import find_offer, sure
+from topdress.console.app.pages.diagnosis.service import DiagnosisView
+from topdress.console.app.pages.diagnosis.words import adopted_title
+from topdress.console.cli.diagnose import adopt
+from topdress.console.services.diagnosis_job import DiagnosisOrder, work
+from topdress.control.diagnosis.extend import extend, not_adoptable
+from topdress.control.diagnosis.result import Cause, Diagnosis, Rival
+from topdress.control.diagnosis.runs.adoption import select_adoptable
+from topdress.control.diagnosis.runs.channels import channels
+from topdress.control.diagnosis.runs.diagnose import diagnose_run, series_of_log
+from topdress.control.diagnosis.runs.hypothesis import EffectInstance
+from topdress.control.diagnosis.runs.search import Search
+from topdress.control.machine.machine import Limits
+from topdress.control.machine.shaft import lag_s
+from topdress.drivers.files.config import load, save
+from topdress.drivers.files.kinds import MACHINE
+from topdress.drivers.files.plain import typed
 
-from console.app.pages.diagnosis import shown
-from console.app.pages.diagnosis.adoption import find_offer, sure
-from console.app.pages.diagnosis.service import DiagnosisView
-from console.app.pages.diagnosis.words import adopted_title
-from console.cli.diagnose import adopt
-from console.services.diagnosis_job import DiagnosisOrder, work
-from control.diagnosis.extend import extend, not_adoptable
-from control.diagnosis.result import Cause, Diagnosis, Rival
-from control.diagnosis.runs.adoption import select_adoptable
-from control.diagnosis.runs.channels import channels
-from control.diagnosis.runs.diagnose import diagnose_run, series_of_log
-from control.diagnosis.runs.hypothesis import EffectInstance
-from control.diagnosis.runs.search import Search
-from control.machine.machine import Limits
-from control.machine.shaft import lag_s
-from drivers.files.config import load, save
-from drivers.files.kinds import MACHINE
-from drivers.files.plain import typed
 from tests.diagnosis.logs import DRIVE, Columns, staircase, steps
 from tests.diagnosis.planted import error_on
 

@@ -12,16 +12,16 @@ from typing import Any
 import numpy as np
 import pytest
 from click.testing import Result
+from topdress.console.reports.diagnosis_wording import sentence
+from topdress.control.diagnosis import diagnose_run, extend
+from topdress.control.diagnosis.result import Diagnosis
+from topdress.control.diagnosis.runs.effort_reference import fit_effort
+from topdress.control.machine.flow import bridged
+from topdress.control.machine.machine import Machine
+from topdress.drivers.files.config import load
+from topdress.drivers.files.kinds import MACHINE
+from topdress.drivers.files.read_log import read_log
 
-from console.reports.diagnosis_wording import sentence
-from control.diagnosis import diagnose_run, extend
-from control.diagnosis.result import Diagnosis
-from control.diagnosis.runs.effort_reference import fit_effort
-from control.machine.flow import bridged
-from control.machine.machine import Machine
-from drivers.files.config import load
-from drivers.files.kinds import MACHINE
-from drivers.files.read_log import read_log
 from tests.diagnosis.known_causes import EXPECTED, Expected
 
 # not to be handed on from here

@@ -7,14 +7,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from topdress.console.cli import diagnose
+from topdress.control.diagnosis.dataframe_input import columns_of
+from topdress.control.diagnosis.runs.diagnose import diagnose_run
+from topdress.control.diagnosis.runs.log import UNREAD, gate
+from topdress.control.log_row import COLUMNS, TEXT_COLUMNS
+from topdress.control.machine.machine import Machine
+from topdress.drivers.files.read_log import read_log
 
-from console.cli import diagnose
-from control.diagnosis.dataframe_input import columns_of
-from control.diagnosis.runs.diagnose import diagnose_run
-from control.diagnosis.runs.log import UNREAD, gate
-from control.log_row import COLUMNS, TEXT_COLUMNS
-from control.machine.machine import Machine
-from drivers.files.read_log import read_log
 from tests.diagnosis.logs import speeds
 
 ROWS = 2400

@@ -9,9 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
-
-from control.diagnosis.judgement.gaussian import Gaussian, gain
-from control.diagnosis.runs import whitened
+from topdress.control.diagnosis.judgement.gaussian import Gaussian, gain
+from topdress.control.diagnosis.runs import whitened
 
 approx = pytest.approx
 RNG = np.random.default_rng(1)

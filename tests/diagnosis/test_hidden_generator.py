@@ -37,9 +37,7 @@ def test_generator_imports_nothing_of_the_program() -> None:
                 else []
             )
             for name in names:
-                assert name.split(".")[0] not in ("control", "drivers", "console"), (
-                    f"{path.name} imports {name}"
-                )
+                assert name.split(".")[0] != "topdress", f"{path.name} imports {name}"
         text = path.read_text(encoding="utf-8")
         assert "import_module(" not in text and "__import__(" not in text, path.name
 
@@ -82,7 +80,7 @@ def test_a_run_is_the_same_twice_and_keeps_the_contract(hidden: Any, short_eye: 
 def test_written_log_is_read_back_by_the_programs_own_reader(
     hidden: Any, short_eye: Any, tmp_path: Path
 ) -> None:
-    reader = pytest.importorskip("drivers.files.read_log")
+    reader = pytest.importorskip("topdress.drivers.files.read_log")
     noises = hidden.noise.noises("tails", 0.05, np.random.default_rng(1))
     columns = hidden.runlog.columns(short_eye.plant, hidden.nominal.Physics(), (), noises, 9)
     case = hidden.cases.Case("case-0", "run", columns, {"category": "none"}, lambda causes: None)
@@ -202,7 +200,7 @@ def test_every_id_can_be_shown_by_both_halves(hidden: Any) -> None:
 def test_catalogue_and_examination_hold_the_same_ids(hidden: Any) -> None:
     """The examiner's list is its own; where it and the program differ, one of them forgot
     something."""
-    machine = pytest.importorskip("control.machine.machine")
+    machine = pytest.importorskip("topdress.control.machine.machine")
     assert set(machine.CATALOGUE) == set(hidden.nominal.IDS)
 
 
@@ -349,8 +347,8 @@ def test_a_coarse_clock_makes_what_is_beside_it_harder_to_see(hidden: Any) -> No
 
 def test_what_the_program_proposes_is_known_to_the_examiner(hidden: Any) -> None:
     """Every run that the program may propose can be driven here."""
-    plans = pytest.importorskip("control.experiments.manoeuvres").manoeuvres(
-        importlib.import_module("control.machine.machine").Machine()
+    plans = pytest.importorskip("topdress.control.experiments.manoeuvres").manoeuvres(
+        importlib.import_module("topdress.control.machine.machine").Machine()
     )
     driven = {hidden.manoeuvres.asked_for(one.plan) for one in plans}
     assert len(driven) == len(plans) and None not in driven

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import pytest
+from topdress.control.diagnosis.runs.diagnose import diagnose_run
 
-from control.diagnosis.runs.diagnose import diagnose_run
 from tests.diagnosis.hidden import cases, score
 from tests.diagnosis.logs import HUANGHAI
 

@@ -146,9 +146,9 @@ def exam() -> Any:
             importlib.import_module("hidden.cases"),
             importlib.import_module("hidden.score"),
         )
-        config = importlib.import_module("drivers.files.config")
+        config = importlib.import_module("topdress.drivers.files.config")
         machine = config.load(
-            "huanghai", importlib.import_module("drivers.files.kinds").MACHINE
+            "huanghai", importlib.import_module("topdress.drivers.files.kinds").MACHINE
         ).model
 
         def marked(case: Any) -> Any:

@@ -9,14 +9,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+from topdress.control.diagnosis.runs import diagnose
+from topdress.control.diagnosis.runs.diagnose import diagnose_run, is_finite
+from topdress.control.diagnosis.runs.log import LONGEST_NAME, MOST_KEPT, gate, select_variables
+from topdress.control.diagnosis.runs.terms import _id
+from topdress.control.machine.machine import Machine
+from topdress.control.machine.terms import Term
+from topdress.drivers.files.any_log import open_log
 
-from control.diagnosis.runs import diagnose
-from control.diagnosis.runs.diagnose import diagnose_run, is_finite
-from control.diagnosis.runs.log import LONGEST_NAME, MOST_KEPT, gate, select_variables
-from control.diagnosis.runs.terms import _id
-from control.machine.machine import Machine
-from control.machine.terms import Term
-from drivers.files.any_log import open_log
 from tests.diagnosis.hostile.logs import hostile_log
 
 # numbers of seed 1, seconds in all

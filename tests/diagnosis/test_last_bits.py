@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from topdress.control.calibration.bench_table import BenchTable
+from topdress.control.diagnosis.tables.table_series import find_first_best, sort_best_first
 
-from control.calibration.bench_table import BenchTable
-from control.diagnosis.tables.table_series import find_first_best, sort_best_first
 from tests.diagnosis import last_bits as bits
 from tests.diagnosis.hidden.cases import one as hidden_case
 from tests.diagnosis.logs import HUANGHAI

@@ -6,10 +6,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-
-from control.diagnosis.judgement.noise import Noise
-from control.diagnosis.live.rolling import BAR, ChangePoint, Rolling
-from control.diagnosis.live.watch import (
+from topdress.control.diagnosis.judgement.noise import Noise
+from topdress.control.diagnosis.live.rolling import BAR, ChangePoint, Rolling
+from topdress.control.diagnosis.live.watch import (
     AGAIN_S,
     LOOK_S,
     MOST_S,
@@ -17,7 +16,7 @@ from control.diagnosis.live.watch import (
     LiveCheck,
     find_departure,
 )
-from control.diagnosis.result import (
+from topdress.control.diagnosis.result import (
     Cause,
     Data,
     Departure,
@@ -27,8 +26,9 @@ from control.diagnosis.result import (
     Size,
     Unexplained,
 )
-from control.diagnosis.runs.hypothesis import EffectInstance
-from control.machine.machine import Machine
+from topdress.control.diagnosis.runs.hypothesis import EffectInstance
+from topdress.control.machine.machine import Machine
+
 from tests.diagnosis.logs import speeds
 
 WHEEL, GATE = (

@@ -8,17 +8,21 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 from scipy.signal import lfilter
-
-from control.diagnosis.judgement.noise import coefficients, leave_out_bands, segments, series_of
-from control.diagnosis.judgement.noise_fit import solved
-from control.diagnosis.runs.held_out import BLOCKS, GAP_S, HELD_OUT, held_out
-from control.diagnosis.runs.quantised import (
+from topdress.control.diagnosis.judgement.noise import (
+    coefficients,
+    leave_out_bands,
+    segments,
+    series_of,
+)
+from topdress.control.diagnosis.judgement.noise_fit import solved
+from topdress.control.diagnosis.runs.held_out import BLOCKS, GAP_S, HELD_OUT, held_out
+from topdress.control.diagnosis.runs.quantised import (
     find_reading_step,
     noise_before_rounding,
     rounding_error,
     steps_to_the_end,
 )
-from control.diagnosis.runs.robust import find_tail_excess
+from topdress.control.diagnosis.runs.robust import find_tail_excess
 
 
 @pytest.mark.parametrize(

@@ -12,11 +12,10 @@ import numpy as np
 import pandas as pd
 import polars as pl
 import pytest
-
-from control.diagnosis import compared, diagnose_run
-from control.diagnosis.dataframe_input import columns_of
-from control.diagnosis.result import Diagnosis
-from control.machine.machine import Machine
+from topdress.control.diagnosis import compared, diagnose_run
+from topdress.control.diagnosis.dataframe_input import columns_of
+from topdress.control.diagnosis.result import Diagnosis
+from topdress.control.machine.machine import Machine
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = ROOT / "docs" / "notebook.md"

@@ -9,16 +9,16 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.signal import lfilter
+from topdress.console.reports.diagnosis_text import summary
+from topdress.console.reports.diagnosis_wording import sentence
+from topdress.control.diagnosis import diagnose_run, extend
+from topdress.control.diagnosis.judgement.checks import by_chance_together
+from topdress.control.diagnosis.runs.quantised import find_reading_step
+from topdress.control.machine.machine import Machine, Noise, Tolerance
+from topdress.control.recordings.values import without_lone
+from topdress.drivers.files.config import load
+from topdress.drivers.files.kinds import MACHINE
 
-from console.reports.diagnosis_text import summary
-from console.reports.diagnosis_wording import sentence
-from control.diagnosis import diagnose_run, extend
-from control.diagnosis.judgement.checks import by_chance_together
-from control.diagnosis.runs.quantised import find_reading_step
-from control.machine.machine import Machine, Noise, Tolerance
-from control.recordings.values import without_lone
-from drivers.files.config import load
-from drivers.files.kinds import MACHINE
 from tests.diagnosis.logs import DRIVE, Columns, Rng, drive, followed, lagged, settled
 from tests.diagnosis.planted import Between, error_on, found_as_planted, planted
 

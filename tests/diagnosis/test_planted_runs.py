@@ -10,20 +10,20 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.signal import lfilter
+from topdress.control.diagnosis.extend import extend
+from topdress.control.diagnosis.result import Diagnosis
+from topdress.control.diagnosis.runs import grid
+from topdress.control.diagnosis.runs.diagnose import Cancelled, diagnose_run
+from topdress.control.diagnosis.runs.hypothesis import EffectInstance
+from topdress.control.diagnosis.runs.log import gate
+from topdress.control.diagnosis.runs.model import nuisances
+from topdress.control.diagnosis.runs.report import find_separation
+from topdress.control.diagnosis.runs.stages import run_data
+from topdress.control.experiments.manoeuvres import manoeuvres
+from topdress.control.machine.machine import CATALOGUE, Machine, list_effect_sizes
+from topdress.drivers.files.config import load
+from topdress.drivers.files.kinds import MACHINE
 
-from control.diagnosis.extend import extend
-from control.diagnosis.result import Diagnosis
-from control.diagnosis.runs import grid
-from control.diagnosis.runs.diagnose import Cancelled, diagnose_run
-from control.diagnosis.runs.hypothesis import EffectInstance
-from control.diagnosis.runs.log import gate
-from control.diagnosis.runs.model import nuisances
-from control.diagnosis.runs.report import find_separation
-from control.diagnosis.runs.stages import run_data
-from control.experiments.manoeuvres import manoeuvres
-from control.machine.machine import CATALOGUE, Machine, list_effect_sizes
-from drivers.files.config import load
-from drivers.files.kinds import MACHINE
 from tests.diagnosis.logs import (
     HUANGHAI,
     Columns,

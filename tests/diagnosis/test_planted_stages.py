@@ -10,24 +10,24 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.signal import lfilter
+from topdress.control.diagnosis.extend import extend
+from topdress.control.diagnosis.judgement.evidence import Role
+from topdress.control.diagnosis.judgement.noise import coefficients, series_of, strengths
+from topdress.control.diagnosis.result import UNKNOWN
+from topdress.control.diagnosis.runs import intermittent, onset
+from topdress.control.diagnosis.runs.changepoint import END_S, find_best_onsets
+from topdress.control.diagnosis.runs.channels import channels, hopper_channel
+from topdress.control.diagnosis.runs.diagnose import diagnose_run, series_of_log
+from topdress.control.diagnosis.runs.hypothesis import EffectInstance, list_stages, schedule
+from topdress.control.diagnosis.runs.log import gate
+from topdress.control.diagnosis.runs.model import GROUPS, apply_course, course
+from topdress.control.diagnosis.runs.nominal_values import settle
+from topdress.control.diagnosis.runs.search import Search
+from topdress.control.diagnosis.runs.stages import run_data
+from topdress.control.diagnosis.runs.whitened import find_even_gain
+from topdress.control.machine.machine import Machine
+from topdress.control.machine.stage_runner import MOST_STEP_S
 
-from control.diagnosis.extend import extend
-from control.diagnosis.judgement.evidence import Role
-from control.diagnosis.judgement.noise import coefficients, series_of, strengths
-from control.diagnosis.result import UNKNOWN
-from control.diagnosis.runs import intermittent, onset
-from control.diagnosis.runs.changepoint import END_S, find_best_onsets
-from control.diagnosis.runs.channels import channels, hopper_channel
-from control.diagnosis.runs.diagnose import diagnose_run, series_of_log
-from control.diagnosis.runs.hypothesis import EffectInstance, list_stages, schedule
-from control.diagnosis.runs.log import gate
-from control.diagnosis.runs.model import GROUPS, apply_course, course
-from control.diagnosis.runs.nominal_values import settle
-from control.diagnosis.runs.search import Search
-from control.diagnosis.runs.stages import run_data
-from control.diagnosis.runs.whitened import find_even_gain
-from control.machine.machine import Machine
-from control.machine.stage_runner import MOST_STEP_S
 from tests.diagnosis.logs import (
     HUANGHAI,
     Columns,

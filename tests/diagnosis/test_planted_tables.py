@@ -9,20 +9,20 @@ from typing import Any
 
 import numpy as np
 import pytest
+from topdress.control.calibration.bench_table import BenchTable
+from topdress.control.calibration.lag_fit import fit_lag
+from topdress.control.diagnosis.result import Diagnosis
+from topdress.control.diagnosis.tables import diagnose_tables
+from topdress.control.diagnosis.tables.cross_calibration import across
+from topdress.control.diagnosis.tables.problem import make_problem
+from topdress.control.diagnosis.tables.rows import make_pieces
+from topdress.control.diagnosis.tables.search import search
+from topdress.control.diagnosis.tables.verdict import judged
+from topdress.control.machine.fall import drop_s, find_start_drop_s
+from topdress.control.machine.machine import CATALOGUE
+from topdress.control.machine.start import response_s
+from topdress.drivers.files.bench_table import read_bench_table
 
-from control.calibration.bench_table import BenchTable
-from control.calibration.lag_fit import fit_lag
-from control.diagnosis.result import Diagnosis
-from control.diagnosis.tables import diagnose_tables
-from control.diagnosis.tables.cross_calibration import across
-from control.diagnosis.tables.problem import make_problem
-from control.diagnosis.tables.rows import make_pieces
-from control.diagnosis.tables.search import search
-from control.diagnosis.tables.verdict import judged
-from control.machine.fall import drop_s, find_start_drop_s
-from control.machine.machine import CATALOGUE
-from control.machine.start import response_s
-from drivers.files.bench_table import read_bench_table
 from tests.diagnosis.planted import Between, answered_wrongly, check, members
 from tests.diagnosis.tables import (
     MACHINE,

@@ -9,11 +9,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import pytest
-
-from console.reports.diagnosis_text import describe_adoption, summary
-from console.reports.notebook import format_html
-from control.diagnosis.extend import extend, not_adoptable
-from control.diagnosis.prediction.blocks import (
+from topdress.console.reports.diagnosis_text import describe_adoption, summary
+from topdress.console.reports.notebook import format_html
+from topdress.control.diagnosis.extend import extend, not_adoptable
+from topdress.control.diagnosis.prediction.blocks import (
     BLOCKS,
     cut_into_blocks,
     errors,
@@ -21,12 +20,16 @@ from control.diagnosis.prediction.blocks import (
     is_surely_positive,
     numbers_of,
 )
-from control.diagnosis.prediction.on_log import OnLog
-from control.diagnosis.prediction.predictive_validation import adoptable, validate_prediction
-from control.diagnosis.prediction.rival import find_rival
-from control.diagnosis.result import Cause, Diagnosis, FieldCost, Size
-from control.diagnosis.runs.diagnose import diagnose_run, series_of_log
-from control.machine.machine import Machine, add_effect
+from topdress.control.diagnosis.prediction.on_log import OnLog
+from topdress.control.diagnosis.prediction.predictive_validation import (
+    adoptable,
+    validate_prediction,
+)
+from topdress.control.diagnosis.prediction.rival import find_rival
+from topdress.control.diagnosis.result import Cause, Diagnosis, FieldCost, Size
+from topdress.control.diagnosis.runs.diagnose import diagnose_run, series_of_log
+from topdress.control.machine.machine import Machine, add_effect
+
 from tests.diagnosis.logs import DRIVE, lagged, steps
 from tests.diagnosis.planted import error_on, shaft_predicted
 

@@ -10,25 +10,24 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import pytest
-
-from control.diagnosis.effects import ROWS
-from control.diagnosis.extend import extend
-from control.diagnosis.result import Cause, Data, Diagnosis, FieldCost, Size, TermFound
-from control.diagnosis.runs.channels import channels
-from control.diagnosis.runs.diagnose import series_of_log
-from control.diagnosis.runs.hypothesis import EffectInstance, list_stages, schedule
-from control.diagnosis.runs.model import GROUPS, GroupModel
-from control.diagnosis.runs.stages import run_data
-from control.machine.compiled import term_run
-from control.machine.form import ANGLES, FORMS, Scaled, TriedForm, scaled
-from control.machine.forms import Lost, ProductForm
-from control.machine.machine import CATALOGUE, Machine, bounds, unit_of
-from control.machine.shaft import LEAST_LAG_S
-from control.machine.stage_runner import MOST_STEP_S
-from control.machine.term_sums import over_log
-from control.machine.terms import Term
-from drivers.files.config import load, save
-from drivers.files.kinds import MACHINE
+from topdress.control.diagnosis.effects import ROWS
+from topdress.control.diagnosis.extend import extend
+from topdress.control.diagnosis.result import Cause, Data, Diagnosis, FieldCost, Size, TermFound
+from topdress.control.diagnosis.runs.channels import channels
+from topdress.control.diagnosis.runs.diagnose import series_of_log
+from topdress.control.diagnosis.runs.hypothesis import EffectInstance, list_stages, schedule
+from topdress.control.diagnosis.runs.model import GROUPS, GroupModel
+from topdress.control.diagnosis.runs.stages import run_data
+from topdress.control.machine.compiled import term_run
+from topdress.control.machine.form import ANGLES, FORMS, Scaled, TriedForm, scaled
+from topdress.control.machine.forms import Lost, ProductForm
+from topdress.control.machine.machine import CATALOGUE, Machine, bounds, unit_of
+from topdress.control.machine.shaft import LEAST_LAG_S
+from topdress.control.machine.stage_runner import MOST_STEP_S
+from topdress.control.machine.term_sums import over_log
+from topdress.control.machine.terms import Term
+from topdress.drivers.files.config import load, save
+from topdress.drivers.files.kinds import MACHINE
 
 Array = npt.NDArray[np.float64]
 ROWS_OF_LOG, STEP_S = 3000, 0.1

@@ -9,18 +9,21 @@ from typing import Any
 
 import numpy as np
 import pytest
+from topdress.console.cli import app
+from topdress.control.diagnosis.runs.closed_loop import closed_loop_gain
+from topdress.control.diagnosis.runs.diagnose import diagnose_run
+from topdress.control.log_row import COLUMNS, TEXT_COLUMNS
+from topdress.control.machine.fault_injection import Planted
+from topdress.control.machine.machine import Machine, add_effect
+from topdress.control.orders import Strategy
+from topdress.control.simulation.assembly import (
+    control_loop,
+    simulated_machine,
+    with_simulated_field,
+)
+from topdress.control.simulation.closed_loop import simulated_run
+from topdress.drivers.files.setup import Setup, load_setup
 from typer.testing import CliRunner
-
-from console.cli import app
-from control.diagnosis.runs.closed_loop import closed_loop_gain
-from control.diagnosis.runs.diagnose import diagnose_run
-from control.log_row import COLUMNS, TEXT_COLUMNS
-from control.machine.fault_injection import Planted
-from control.machine.machine import Machine, add_effect
-from control.orders import Strategy
-from control.simulation.assembly import control_loop, simulated_machine, with_simulated_field
-from control.simulation.closed_loop import simulated_run
-from drivers.files.setup import Setup, load_setup
 
 # four times the shipped machine's: its noise is plain in every command
 NOISY_WHEEL_MPS = 0.08

@@ -5,14 +5,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-
-from control.diagnosis import effects
-from control.diagnosis.runs import log, stages
-from control.diagnosis.runs.cost import field_cost
-from control.diagnosis.runs.hypothesis import EffectInstance
-from control.diagnosis.tables import report as tables
-from control.diagnosis.tables.table_series import SizedEffect, TableCandidate
-from control.machine.machine import Machine
+from topdress.control.diagnosis import effects
+from topdress.control.diagnosis.runs import log, stages
+from topdress.control.diagnosis.runs.cost import field_cost
+from topdress.control.diagnosis.runs.hypothesis import EffectInstance
+from topdress.control.diagnosis.tables import report as tables
+from topdress.control.diagnosis.tables.table_series import SizedEffect, TableCandidate
+from topdress.control.machine.machine import Machine
 
 SPEED_MPS = 1.25
 

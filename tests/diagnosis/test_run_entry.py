@@ -1,4 +1,4 @@
-"""The entry of a notebook: `from control.diagnosis import diagnose_run, diagnose_tables,
+"""The entry of a notebook: `from topdress.control.diagnosis import diagnose_run, diagnose_tables,
 extend`."""
 
 from __future__ import annotations
@@ -13,23 +13,27 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import topdress.control.diagnosis as entry
+from topdress.control.diagnosis import effects
+from topdress.control.diagnosis.runs import report
+from topdress.control.diagnosis.runs.diagnose import diagnose_run
+from topdress.control.diagnosis.runs.hypothesis import EffectInstance
+from topdress.control.diagnosis.runs.model import nuisances
+from topdress.control.diagnosis.runs.residual_analysis import Remains
+from topdress.control.diagnosis.runs.search import Search
+from topdress.control.diagnosis.runs.selection import InPlace, RivalOf
+from topdress.control.diagnosis.runs.smooth import MIN_RANGE
+from topdress.control.machine.machine import CATALOGUE, Machine
+from topdress.drivers.files.config import load
+from topdress.drivers.files.kinds import MACHINE
 
-import control
-import control.diagnosis as entry
-from control.diagnosis import effects
-from control.diagnosis.runs import report
-from control.diagnosis.runs.diagnose import diagnose_run
-from control.diagnosis.runs.hypothesis import EffectInstance
-from control.diagnosis.runs.model import nuisances
-from control.diagnosis.runs.residual_analysis import Remains
-from control.diagnosis.runs.search import Search
-from control.diagnosis.runs.selection import InPlace, RivalOf
-from control.diagnosis.runs.smooth import MIN_RANGE
-from control.machine.machine import CATALOGUE, Machine
+import topdress
 from tests.diagnosis.logs import HUANGHAI, Columns, stairs_work, taken
 
 
-@pytest.mark.parametrize("module", ["control.diagnosis.runs.diagnose", "control.diagnosis.extend"])
+@pytest.mark.parametrize(
+    "module", ["topdress.control.diagnosis.runs.diagnose", "topdress.control.diagnosis.extend"]
+)
 def test_the_examples_in_the_docstrings_do_what_they_say(module: str) -> None:
     tried = doctest.testmod(import_module(module))
     assert tried.attempted >= 4 and tried.failed == 0
@@ -38,7 +42,7 @@ def test_the_examples_in_the_docstrings_do_what_they_say(module: str) -> None:
 def test_the_entry_has_what_a_notebook_needs() -> None:
     for name in entry.__all__:
         assert callable(getattr(entry, name)), name
-    from control.diagnosis.runs.diagnose import diagnose_run
+    from topdress.control.diagnosis.runs.diagnose import diagnose_run
 
     assert entry.diagnose_run is diagnose_run
     with pytest.raises(AttributeError, match="nothing_of_the_kind"):
@@ -47,14 +51,28 @@ def test_the_entry_has_what_a_notebook_needs() -> None:
 
 def test_a_page_that_only_shows_a_diagnosis_starts_without_the_search() -> None:
     asked = (
-        "import sys, control.diagnosis.result; print(sorted({'scipy', 'numba'} & set(sys.modules)))"
+        "import sys, topdress.control.diagnosis.result; "
+        "print(sorted({'scipy', 'numba'} & set(sys.modules)))"
     )
     told = subprocess.run([sys.executable, "-c", asked], capture_output=True, text=True, check=True)
     assert told.stdout.strip() == "[]"
 
 
+def test_the_package_gives_what_a_notebook_needs() -> None:
+    for name in topdress.__all__:
+        assert callable(getattr(topdress, name)), name
+    assert topdress.diagnose_run is entry.diagnose_run
+    with pytest.raises(AttributeError, match="nothing_of_the_kind"):
+        _ = topdress.nothing_of_the_kind
+
+
+def test_a_machine_file_is_saved_and_read_again(tmp_path: Path) -> None:
+    topdress.save(tmp_path / "fan.yaml", Machine(id="fan"), "of a test")
+    assert load(tmp_path / "fan.yaml", MACHINE).model.id == "fan"
+
+
 def test_the_package_says_that_it_has_types() -> None:
-    assert (Path(control.__file__).parent / "py.typed").exists()
+    assert (Path(topdress.__file__).parent / "py.typed").exists()
 
 
 @pytest.mark.parametrize("worth", [-1e6, -0.4, 0.0, 3.0, 1e6])

@@ -9,12 +9,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from topdress.console.cli import app
+from topdress.control.diagnosis.runs.diagnose import diagnose_run
+from topdress.control.diagnosis.runs.rates import rates
+from topdress.control.machine.machine import Machine
 from typer.testing import CliRunner
-
-from console.cli import app
-from control.diagnosis.runs.diagnose import diagnose_run
-from control.diagnosis.runs.rates import rates
-from control.machine.machine import Machine
 
 LAG_S, GAIN = 1.4, 0.93
 

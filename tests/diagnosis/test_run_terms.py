@@ -11,16 +11,16 @@ from typing import Any
 
 import numpy as np
 import pytest
+from topdress.console.reports.diagnosis_text import summary
+from topdress.console.reports.term_words import describe_compensation, sentence
+from topdress.control.diagnosis import diagnose_run, extend
+from topdress.control.diagnosis.extend import adoptable_terms, term_not_adoptable
+from topdress.control.diagnosis.result import Diagnosis, TermFound
+from topdress.control.machine.compiled import term_run
+from topdress.control.machine.machine import Machine
+from topdress.control.machine.term_sums import commanded_over_log, over_log
+from topdress.control.machine.terms import Term, parse_term
 
-from console.reports.diagnosis_text import summary
-from console.reports.term_words import describe_compensation, sentence
-from control.diagnosis import diagnose_run, extend
-from control.diagnosis.extend import adoptable_terms, term_not_adoptable
-from control.diagnosis.result import Diagnosis, TermFound
-from control.machine.compiled import term_run
-from control.machine.machine import Machine
-from control.machine.term_sums import commanded_over_log, over_log
-from control.machine.terms import Term, parse_term
 from tests.diagnosis.logs import Columns, shaft_answers, wandering
 from tests.diagnosis.planted import forms, found_as_planted, planted
 

@@ -3,10 +3,9 @@ through, nothing is made up."""
 
 import numpy as np
 import pytest
-
-from control.diagnosis.season.effect_timelines import Cause, fitted
-from control.diagnosis.season.evidence import OneLog, QuadraticForm, stacked
-from control.diagnosis.season.mixed import found as causes_found
+from topdress.control.diagnosis.season.effect_timelines import Cause, fitted
+from topdress.control.diagnosis.season.evidence import OneLog, QuadraticForm, stacked
+from topdress.control.diagnosis.season.mixed import found as causes_found
 
 NAMES = ("flow.gain", "flow.fill_falloff", "flow.slope", "gate.offset")
 GRAM = np.array(

@@ -6,8 +6,7 @@ from __future__ import annotations
 import math
 
 import pytest
-
-from control.diagnosis.season.effect_timelines import (
+from topdress.control.diagnosis.season.effect_timelines import (
     REPAIR_SHARE,
     WEAR_P,
     Cause,
@@ -16,9 +15,9 @@ from control.diagnosis.season.effect_timelines import (
     _nearer_zero,
     wears,
 )
-from control.diagnosis.season.evidence import LogWork
-from control.diagnosis.season.mixed import Alternative
-from control.diagnosis.season.season_cost import (
+from topdress.control.diagnosis.season.evidence import LogWork
+from topdress.control.diagnosis.season.mixed import Alternative
+from topdress.control.diagnosis.season.season_cost import (
     OwnersLog,
     at,
     find_low_hoppers,

@@ -15,14 +15,14 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import pytest
+from topdress.control.diagnosis.extend import extend
+from topdress.control.diagnosis.runs.compared import compared
+from topdress.control.diagnosis.runs.diagnose import diagnose_run, judge_run
+from topdress.control.diagnosis.runs.hypothesis import EffectInstance
+from topdress.control.machine.machine import list_effect_sizes
+from topdress.drivers.files.config import load, save
+from topdress.drivers.files.kinds import MACHINE
 
-from control.diagnosis.extend import extend
-from control.diagnosis.runs.compared import compared
-from control.diagnosis.runs.diagnose import diagnose_run, judge_run
-from control.diagnosis.runs.hypothesis import EffectInstance
-from control.machine.machine import list_effect_sizes
-from drivers.files.config import load, save
-from drivers.files.kinds import MACHINE
 from tests.diagnosis.logs import DRIVE, Columns
 
 Array = npt.NDArray[np.float64]

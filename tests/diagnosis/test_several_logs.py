@@ -8,14 +8,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from topdress.console.cli import app
+from topdress.control.diagnosis.runs.several import Several, diagnose_runs, joined
+from topdress.control.log_row import COMMANDS_HELD
+from topdress.control.machine.machine import Machine
+from topdress.drivers.files.config import load
+from topdress.drivers.files.kinds import MACHINE
 from typer.testing import CliRunner
 
-from console.cli import app
-from control.diagnosis.runs.several import Several, diagnose_runs, joined
-from control.log_row import COMMANDS_HELD
-from control.machine.machine import Machine
-from drivers.files.config import load
-from drivers.files.kinds import MACHINE
 from tests.diagnosis.logs import Columns, drive, followed, planted_in, speeds, taken
 
 WHEEL = drive(1500.0, 4.0, dead_time_s=0.0, time_constant_s=0.25)

@@ -7,15 +7,14 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-
-from control.diagnosis.effects import SPEED_GNSS_LATENCY
-from control.diagnosis.runs.channels import channels
-from control.diagnosis.runs.hypothesis import EffectInstance, list_stages, schedule
-from control.diagnosis.runs.log import gate
-from control.diagnosis.runs.stages import run_data
-from control.machine.stage_runner import MOST_STEP_S
-from drivers.files.config import load
-from drivers.files.kinds import MACHINE
+from topdress.control.diagnosis.effects import SPEED_GNSS_LATENCY
+from topdress.control.diagnosis.runs.channels import channels
+from topdress.control.diagnosis.runs.hypothesis import EffectInstance, list_stages, schedule
+from topdress.control.diagnosis.runs.log import gate
+from topdress.control.diagnosis.runs.stages import run_data
+from topdress.control.machine.stage_runner import MOST_STEP_S
+from topdress.drivers.files.config import load
+from topdress.drivers.files.kinds import MACHINE
 
 # of the delay: from gentle driving it is known to some 10 %
 SHARE = 0.2

@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from topdress.control.calibration import fit_lag
+from topdress.control.diagnosis.result import Cause, Diagnosis
+from topdress.control.machine.machine import Machine
 
-from control.calibration import fit_lag
-from control.diagnosis.result import Cause, Diagnosis
-from control.machine.machine import Machine
 from tests.diagnosis import tables
 from tests.diagnosis.planted import Between, check
 from tests.diagnosis.tables import paper

@@ -6,12 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from topdress.control.diagnosis.tables import diagnose_tables
+from topdress.control.machine.fall import drop_s
+from topdress.control.machine.machine import Machine
+from topdress.drivers.files.bench_table import read_bench_table
+from topdress.drivers.files.imports.trouble import TableError
 
-from control.diagnosis.tables import diagnose_tables
-from control.machine.fall import drop_s
-from control.machine.machine import Machine
-from drivers.files.bench_table import read_bench_table
-from drivers.files.imports.trouble import TableError
 from tests.diagnosis.planted import check
 
 HEADERS = {

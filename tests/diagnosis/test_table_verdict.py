@@ -6,13 +6,13 @@ from __future__ import annotations
 import doctest
 
 import pytest
+from topdress.control.diagnosis import effects
+from topdress.control.diagnosis.tables import diagnose
+from topdress.control.diagnosis.tables.report import field_cost
+from topdress.control.diagnosis.tables.table_series import SizedEffect, TableCandidate
+from topdress.control.experiments.bench_tests import bench_tests
+from topdress.control.machine.machine import Machine
 
-from control.diagnosis import effects
-from control.diagnosis.tables import diagnose
-from control.diagnosis.tables.report import field_cost
-from control.diagnosis.tables.table_series import SizedEffect, TableCandidate
-from control.experiments.bench_tests import bench_tests
-from control.machine.machine import Machine
 from tests.diagnosis.tables import MACHINE, diagnosed, labelled_lags
 
 

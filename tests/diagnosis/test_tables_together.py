@@ -5,12 +5,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from topdress.console.reports.table_views import table_views
+from topdress.control.calibration.bench_table import BenchTable
+from topdress.control.diagnosis.result import Diagnosis
+from topdress.control.diagnosis.tables.cross_calibration import across, sentence
+from topdress.control.diagnosis.tables.duplicate_rows import without_duplicates
 
-from console.reports.table_views import table_views
-from control.calibration.bench_table import BenchTable
-from control.diagnosis.result import Diagnosis
-from control.diagnosis.tables.cross_calibration import across, sentence
-from control.diagnosis.tables.duplicate_rows import without_duplicates
 from tests.diagnosis.planted import check
 from tests.diagnosis.tables import MACHINE, diagnosed, paper
 

@@ -12,15 +12,14 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-
-from console.reports.diagnosis_wording import undecided
-from control.diagnosis.extend import extend
-from control.diagnosis.judgement.prior import NAMED
-from control.diagnosis.runs.adoption import select_adoptable
-from control.diagnosis.runs.compared import compared
-from control.diagnosis.runs.diagnose import diagnose_run
-from drivers.files.config import load
-from drivers.files.kinds import MACHINE
+from topdress.console.reports.diagnosis_wording import undecided
+from topdress.control.diagnosis.extend import extend
+from topdress.control.diagnosis.judgement.prior import NAMED
+from topdress.control.diagnosis.runs.adoption import select_adoptable
+from topdress.control.diagnosis.runs.compared import compared
+from topdress.control.diagnosis.runs.diagnose import diagnose_run
+from topdress.drivers.files.config import load
+from topdress.drivers.files.kinds import MACHINE
 
 FIRST, SECOND = "grid_long", "scatter_long"  # both move shaft and gate over their ranges
 MINUTES = (14.0, 15.0)

@@ -9,8 +9,7 @@ import tokenize
 from pathlib import Path
 
 import pytest
-
-from console.locale.po import read_po
+from topdress.console.locale.po import read_po
 
 ROOT = Path(__file__).parents[2]
 GLOSSARY = ROOT / "docs" / "glossary.md"

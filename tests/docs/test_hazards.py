@@ -7,9 +7,8 @@ import re
 from pathlib import Path
 
 import pytest
-
-from control.orders import Severity
-from control.safety import ALARMS, INTERLOCKS, drive_gate
+from topdress.control.orders import Severity
+from topdress.control.safety import ALARMS, INTERLOCKS, drive_gate
 
 ROOT = Path(__file__).parents[2]
 ROW = re.compile(

@@ -18,9 +18,9 @@ from typing import Any
 
 import pytest
 from click.testing import Result
+from topdress.console.app import actions
+from topdress.console.cli import app
 
-from console.app import actions
-from console.cli import app
 from tests.command import topdress
 
 ROOT = Path(__file__).parents[2]

@@ -7,9 +7,9 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from topdress.control.readings import DriveCommand, GnssFix
+from topdress.control.simulation.plant import SensorReadings
 
-from control.readings import DriveCommand, GnssFix
-from control.simulation.plant import SensorReadings
 from tests.places import RECEIVERS
 
 

@@ -9,17 +9,21 @@ import time
 
 import pytest
 from pydantic import ValidationError
+from topdress.control.orders import Do, Order, Strategy
+from topdress.control.readings import DriveCommand, Measurements, Reading
+from topdress.control.simulation.assembly import (
+    control_loop,
+    simulated_machine,
+    with_simulated_field,
+)
+from topdress.control.simulation.closed_loop import Record, simulated_run
+from topdress.drivers.cab import Cab, CabConfig
+from topdress.drivers.files.config import ConfigError, load, load_any, schema, shipped
+from topdress.drivers.files.kinds import CAB, KINDS
+from topdress.drivers.files.setup import load_setup
+from topdress.drivers.ports import memory_pair
+from topdress.drivers.virtual.machine import virtual_cab
 
-from control.orders import Do, Order, Strategy
-from control.readings import DriveCommand, Measurements, Reading
-from control.simulation.assembly import control_loop, simulated_machine, with_simulated_field
-from control.simulation.closed_loop import Record, simulated_run
-from drivers.cab import Cab, CabConfig
-from drivers.files.config import ConfigError, load, load_any, schema, shipped
-from drivers.files.kinds import CAB, KINDS
-from drivers.files.setup import load_setup
-from drivers.ports import memory_pair
-from drivers.virtual.machine import virtual_cab
 from tests.command import topdress
 
 
@@ -102,8 +106,8 @@ def test_without_one_silence_means_nothing(switched, board_line):
 @pytest.mark.parametrize("fitted", [True, False])
 def test_the_worker_tells_its_loop_of_the_switch(tmp_path, fitted):
     """Only a switch that is fitted counts as up where nothing is heard of it."""
-    from console.worker import assemble as assembling
-    from console.worker.options import Options
+    from topdress.console.worker import assemble as assembling
+    from topdress.console.worker.options import Options
 
     path = tmp_path / f"{fitted}.yaml"
     path.write_text(
@@ -124,7 +128,7 @@ def test_the_worker_tells_its_loop_of_the_switch(tmp_path, fitted):
 
 @pytest.mark.parametrize("strategy", list(Strategy))
 def test_a_gate_set_by_hand_is_never_told_to_move_and_the_rate_still_holds(strategy):
-    from console.worker.assemble import with_fixed_gate
+    from topdress.console.worker.assemble import with_fixed_gate
 
     setup = load_setup("huanghai", "demo", dt.date(2026, 4, 1))
     job = with_simulated_field(setup.job.model_copy(update={"strategy": strategy}), setup.machine)
@@ -147,10 +151,10 @@ def test_a_gate_set_by_hand_is_never_told_to_move_and_the_rate_still_holds(strat
 
 def test_two_figures_for_one_wheel_are_said_by_check_and_refused_by_a_run(tmp_path):
 
-    from console.worker.assemble import assemble
-    from console.worker.options import Options
-    from drivers.files.config import save
-    from drivers.files.kinds import MACHINE
+    from topdress.console.worker.assemble import assemble
+    from topdress.console.worker.options import Options
+    from topdress.drivers.files.config import save
+    from topdress.drivers.files.kinds import MACHINE
 
     cab, machine = tmp_path / "cab.yaml", tmp_path / "machine.yaml"
     cab.write_text(
@@ -185,8 +189,8 @@ def test_two_figures_for_one_wheel_are_said_by_check_and_refused_by_a_run(tmp_pa
 def test_valves_are_reached_through_the_bytes_of_the_virtual_machine():
     """A pass of a machine with sections, the middle one closed by hand from 25 s on; then the
     host falls silent."""
-    from control.field.job import Wanted
-    from control.orders import Do, Order, TargetSource
+    from topdress.control.field.job import Wanted
+    from topdress.control.orders import Do, Order, TargetSource
 
     setup = load_setup("huanghai_sections", "demo", dt.date(2026, 4, 1))
     target = Wanted(source=TargetSource.MANUAL, manual_rate_kg_ha=300.0)
@@ -412,7 +416,7 @@ def test_a_device_whose_driver_raises_is_put_aside_until_it_is_plugged_again(
     stop."""
     cab, lines = plugged
     good = board_line("S1,0,0,1000000,0,0,60.0,25.0,250.0,13.5,,,1,1")
-    monkeypatch.setattr("drivers.devices.slave_board.decode_status", lambda frame: 1 / 0)
+    monkeypatch.setattr("topdress.drivers.devices.slave_board.decode_status", lambda frame: 1 / 0)
     lines["board"].write(good)
     lines["h2"].write(b"0.2,0.65,1,2,3\r\n")
     m = cab.measure(100.0)

@@ -9,8 +9,7 @@ import sys
 from pathlib import Path
 
 import pytest
-
-from drivers import day_clock
+from topdress.drivers import day_clock
 
 ROOT = Path(__file__).parents[2]
 ROOMS = ("console", "control", "drivers")
@@ -67,7 +66,7 @@ def test_nobody_else_asks_the_clock():
     [
         [
             "-c",
-            "from console.cli import main; main()",
+            "from topdress.console.cli import main; main()",
             "simulate",
             "--seconds",
             "5",
@@ -76,7 +75,8 @@ def test_nobody_else_asks_the_clock():
         ],
         [
             "-c",
-            "import console.app.app, console.serve.server, console.worker.assemble; from "
+            "import topdress.console.app.app, topdress.console.serve.server; "
+            "import topdress.console.worker.assemble; from "
             "drivers import day_clock; "
             "print(day_clock.utc_now())",
         ],

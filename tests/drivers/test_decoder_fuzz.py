@@ -10,26 +10,26 @@ import random
 import pytest
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
+from topdress.control.readings import FASTEST_ANNOUNCED_MPS, GnssFix, SpeedPlan
+from topdress.drivers.board.framing import seal
+from topdress.drivers.devices.board_frames import STATUS_RANGES, CommandFrame, encode_command
+from topdress.drivers.devices.canopy_heads import PROTOCOLS as HEAD_PROTOCOLS
+from topdress.drivers.devices.canopy_heads import HeadDecoder
+from topdress.drivers.devices.capture import captured, header, is_capture, received
+from topdress.drivers.devices.decode import PROTOCOLS, decode
+from topdress.drivers.devices.gnss import GnssDecoder
+from topdress.drivers.devices.probe import probe, recognise, recognise_either, recognise_modules
+from topdress.drivers.devices.rate_line import MOST_KG_HA, target_sentence
+from topdress.drivers.devices.rate_module_frames import Status
+from topdress.drivers.devices.rate_module_frames import encode_status as encode_module
+from topdress.drivers.devices.slave_board import SlaveBoard
+from topdress.drivers.devices.tractor_speed import sentence
+from topdress.drivers.ports import memory_pair
+from topdress.drivers.virtual.board import VirtualBoard
+from topdress.drivers.virtual.extras import agopengps_frames
+from topdress.drivers.virtual.faults import at_wrong_baud
+from topdress.drivers.virtual.machine import gnss_sentences, head_line
 
-from control.readings import FASTEST_ANNOUNCED_MPS, GnssFix, SpeedPlan
-from drivers.board.framing import seal
-from drivers.devices.board_frames import STATUS_RANGES, CommandFrame, encode_command
-from drivers.devices.canopy_heads import PROTOCOLS as HEAD_PROTOCOLS
-from drivers.devices.canopy_heads import HeadDecoder
-from drivers.devices.capture import captured, header, is_capture, received
-from drivers.devices.decode import PROTOCOLS, decode
-from drivers.devices.gnss import GnssDecoder
-from drivers.devices.probe import probe, recognise, recognise_either, recognise_modules
-from drivers.devices.rate_line import MOST_KG_HA, target_sentence
-from drivers.devices.rate_module_frames import Status
-from drivers.devices.rate_module_frames import encode_status as encode_module
-from drivers.devices.slave_board import SlaveBoard
-from drivers.devices.tractor_speed import sentence
-from drivers.ports import memory_pair
-from drivers.virtual.board import VirtualBoard
-from drivers.virtual.extras import agopengps_frames
-from drivers.virtual.faults import at_wrong_baud
-from drivers.virtual.machine import gnss_sentences, head_line
 from tests.command import topdress
 
 SHORT = settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck))

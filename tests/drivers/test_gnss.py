@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import pytest
-
-from control.readings import GnssFix
-from drivers.devices.gnss import GnssDecoder
+from topdress.control.readings import GnssFix
+from topdress.drivers.devices.gnss import GnssDecoder
 
 
 def gga(

@@ -12,18 +12,17 @@ from itertools import pairwise
 from math import atan2, cos, degrees, hypot, radians
 
 import pytest
-
-from control.readings import DriveCommand, GnssFix
-from drivers.cab import Cab, CabConfig
-from drivers.datagrams import datagram_pair
-from drivers.devices.agopengps import AgOpenGpsDecoder
-from drivers.devices.decode import decode
-from drivers.devices.gnss import GnssDecoder
-from drivers.devices.gpsd import WATCH, GpsdDecoder
-from drivers.ports import memory_pair
-from drivers.virtual.extras import agopengps_frames
-from drivers.virtual.faults import PortFaults
-from drivers.virtual.gpsd import GpsdServer, VirtualGpsd
+from topdress.control.readings import DriveCommand, GnssFix
+from topdress.drivers.cab import Cab, CabConfig
+from topdress.drivers.datagrams import datagram_pair
+from topdress.drivers.devices.agopengps import AgOpenGpsDecoder
+from topdress.drivers.devices.decode import decode
+from topdress.drivers.devices.gnss import GnssDecoder
+from topdress.drivers.devices.gpsd import WATCH, GpsdDecoder
+from topdress.drivers.ports import memory_pair
+from topdress.drivers.virtual.extras import agopengps_frames
+from topdress.drivers.virtual.faults import PortFaults
+from topdress.drivers.virtual.gpsd import GpsdServer, VirtualGpsd
 
 TPV = {
     "class": "TPV",

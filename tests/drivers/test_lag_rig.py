@@ -7,15 +7,14 @@ import random
 import statistics
 
 import pytest
-
-from control.field.job import Job
-from control.machine.machine import Machine
-from control.readings import DriveCommand, Reading
-from control.simulation.plant import Plant
-from drivers.board.lag_rig import ARMED, LANDED
-from drivers.cab import Cab, CabConfig
-from drivers.devices.lag_rig import LagRig, RigReadings
-from drivers.devices.lag_run import (
+from topdress.control.field.job import Job
+from topdress.control.machine.machine import Machine
+from topdress.control.readings import DriveCommand, Reading
+from topdress.control.simulation.plant import Plant
+from topdress.drivers.board.lag_rig import ARMED, LANDED
+from topdress.drivers.cab import Cab, CabConfig
+from topdress.drivers.devices.lag_rig import LagRig, RigReadings
+from topdress.drivers.devices.lag_run import (
     DropRun,
     DropTest,
     LagRun,
@@ -24,9 +23,9 @@ from drivers.devices.lag_run import (
     bench_table,
     drop_table,
 )
-from drivers.ports import memory_pair
-from drivers.virtual.lag_rig import VirtualLagRig
-from drivers.virtual.machine import VirtualMachine
+from topdress.drivers.ports import memory_pair
+from topdress.drivers.virtual.lag_rig import VirtualLagRig
+from topdress.drivers.virtual.machine import VirtualMachine
 
 
 def test_a_line_of_the_rig(board_line):

@@ -8,24 +8,24 @@ import time
 from pathlib import Path
 
 import pytest
+from topdress.control.readings import DriveCommand, GnssFix
+from topdress.drivers import plugin_process, plugins
+from topdress.drivers.cab import Cab, CabConfig
+from topdress.drivers.cab_config import GnssConfig
+from topdress.drivers.devices.canopy_heads import head_fields
+from topdress.drivers.devices.decode import decode
+from topdress.drivers.files.layers import read_layers
+from topdress.drivers.plugins import PluginFault
+from topdress.drivers.ports import PortState
 
-from control.readings import DriveCommand, GnssFix
-from drivers import plugin_process, plugins
-from drivers.cab import Cab, CabConfig
-from drivers.cab_config import GnssConfig
-from drivers.devices.canopy_heads import head_fields
-from drivers.devices.decode import decode
-from drivers.files.layers import read_layers
-from drivers.plugins import PluginFault
-from drivers.ports import PortState
 from tests.command import topdress
 from tests.waiting import wait_for
 
 PACKAGE = '''
 import os, re, time
-from control.readings import GnssFix
-from drivers.devices.canopy_heads import HeadFields
-from drivers.devices.lines import Counts
+from topdress.control.readings import GnssFix
+from topdress.drivers.devices.canopy_heads import HeadFields
+from topdress.drivers.devices.lines import Counts
 
 class Receiver:
     def __init__(self):

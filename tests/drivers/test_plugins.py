@@ -39,7 +39,7 @@ def installed(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Ran]:
     )
     environment = os.environ | {"PYTHONPATH": os.pathsep.join((str(folder), str(ROOT)))}
 
-    def run(*words: object, code: str = "from console.cli import main; main()") -> Ran:
+    def run(*words: object, code: str = "from topdress.console.cli import main; main()") -> Ran:
         return subprocess.run(
             [sys.executable, "-P", "-c", code, *map(str, words)],
             cwd=folder,
@@ -52,8 +52,8 @@ def installed(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Ran]:
     return run
 
 
-SAID = """import sys; from console.cli.terms import parse_terms
-from console.reports.term_words import sentence
+SAID = """import sys; from topdress.console.cli.terms import parse_terms
+from topdress.console.reports.term_words import sentence
 print(sentence(parse_terms(sys.argv[1:])[0].model_dump(mode="json")))"""
 
 

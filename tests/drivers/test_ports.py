@@ -12,11 +12,10 @@ import time
 import pytest
 import serial
 from serial.rfc2217 import PortManager
-
-from control.readings import DriveCommand
-from drivers.cab import Cab, CabConfig
-from drivers.datagrams import UdpPort
-from drivers.ports import (
+from topdress.control.readings import DriveCommand
+from topdress.drivers.cab import Cab, CabConfig
+from topdress.drivers.datagrams import UdpPort
+from topdress.drivers.ports import (
     MAX_BUFFERED_BYTES,
     MAX_QUEUED_WRITES,
     SerialStream,
@@ -24,9 +23,10 @@ from drivers.ports import (
     memory_pair,
     open_port,
 )
-from drivers.virtual.faults import PortFaults, ServedLine
-from drivers.virtual.machine import VirtualMachine
-from drivers.virtual.served import ListeningPort
+from topdress.drivers.virtual.faults import PortFaults, ServedLine
+from topdress.drivers.virtual.machine import VirtualMachine
+from topdress.drivers.virtual.served import ListeningPort
+
 from tests.waiting import wait_for
 
 

@@ -9,15 +9,19 @@ import socket
 import struct
 
 import pytest
-
-from control.readings import DriveCommand
-from drivers.cab import Cab, CabConfig
-from drivers.datagrams import MOST_WAITING, UdpPort, datagram_pair, udp_address
-from drivers.devices.probe import recognise_modules
-from drivers.devices.rate_module import ModuleAddress, RateModule
-from drivers.devices.rate_module_frames import FlowTarget, Relays, decode_command, encode_target
-from drivers.ports import memory_pair
-from drivers.virtual.extras import VirtualRateModule
+from topdress.control.readings import DriveCommand
+from topdress.drivers.cab import Cab, CabConfig
+from topdress.drivers.datagrams import MOST_WAITING, UdpPort, datagram_pair, udp_address
+from topdress.drivers.devices.probe import recognise_modules
+from topdress.drivers.devices.rate_module import ModuleAddress, RateModule
+from topdress.drivers.devices.rate_module_frames import (
+    FlowTarget,
+    Relays,
+    decode_command,
+    encode_target,
+)
+from topdress.drivers.ports import memory_pair
+from topdress.drivers.virtual.extras import VirtualRateModule
 
 WITH_BOARD = {"pulses_per_turn": 360.0, "listen": "0.0.0.0"}
 MODULE = WITH_BOARD | {"fixed_opening_mm": 25.0}

@@ -12,12 +12,12 @@ from pathlib import Path
 
 import pytest
 import yaml
+from topdress.console.link import Link, WorkerGone
+from topdress.console.running import start_worker
+from topdress.control.orders import Do, Order
+from topdress.drivers.files.config import shipped
+from topdress.drivers.files.read_log import read_log
 
-from console.link import Link, WorkerGone
-from console.running import start_worker
-from control.orders import Do, Order
-from drivers.files.config import shipped
-from drivers.files.read_log import read_log
 from tests.command import serving
 
 

@@ -9,15 +9,14 @@ import sys
 import time
 
 import pytest
-
-from control.field.job import Job
-from control.machine.machine import Machine
-from control.readings import DriveCommand, GnssFix
-from control.simulation.plant import Plant
-from drivers.cab import Cab, CabConfig
-from drivers.devices.gnss import GnssDecoder
-from drivers.ports import open_port, socket_address
-from drivers.virtual.faults import (
+from topdress.control.field.job import Job
+from topdress.control.machine.machine import Machine
+from topdress.control.readings import DriveCommand, GnssFix
+from topdress.control.simulation.plant import Plant
+from topdress.drivers.cab import Cab, CabConfig
+from topdress.drivers.devices.gnss import GnssDecoder
+from topdress.drivers.ports import open_port, socket_address
+from topdress.drivers.virtual.faults import (
     PortFaults,
     ServedLine,
     TimedFault,
@@ -25,8 +24,9 @@ from drivers.virtual.faults import (
     faults_at,
     parse_fault,
 )
-from drivers.virtual.machine import VirtualMachine, gnss_sentences, virtual_cab
-from drivers.virtual.served import ListeningPort, Serve, ServedMachine
+from topdress.drivers.virtual.machine import VirtualMachine, gnss_sentences, virtual_cab
+from topdress.drivers.virtual.served import ListeningPort, Serve, ServedMachine
+
 from tests.waiting import wait_for
 
 DEVICES = ("gnss", "head_1", "head_2", "board")
@@ -100,7 +100,7 @@ def test_the_wrong_baud_gives_other_bytes_but_no_more_than_were_sent():
     ],
 )
 def test_each_fault_shows_in_the_counts_and_never_in_the_readings(clock, fake_plant, fault, kind):
-    from drivers.virtual.faults import KINDS
+    from topdress.drivers.virtual.faults import KINDS
 
     cab, machine = virtual_cab(fake_plant, clock)
     board, line = cab._drives[1], ServedLine((machine._board_port,), clock, seed=0)
@@ -169,7 +169,7 @@ def test_a_pseudo_terminal_is_a_serial_port_that_can_be_pulled(machine_at, tmp_p
 
 
 def test_gpsd_rate_module_and_agopengps_are_served_too(machine_at, fake_plant):
-    from drivers.datagrams import UdpPort
+    from topdress.drivers.datagrams import UdpPort
 
     module, pilot = (UdpPort("udp://127.0.0.1:0", time.monotonic) for _ in range(2))
     number = module.number

@@ -7,16 +7,21 @@ import re
 from pathlib import Path
 
 import pytest
-
-from control.readings import DoseOrder, DriveCommand
-from control.simulation.plant import SensorReadings
-from drivers.board.framing import seal
-from drivers.cab import Cab, CabConfig
-from drivers.devices.board_frames import ASK, CommandFrame, crc16, decode_status, encode_command
-from drivers.devices.point_dose import DoseState
-from drivers.devices.slave_board import ASKED, SetPointLimits, SlaveBoard
-from drivers.ports import memory_pair
-from drivers.virtual.board import VirtualBoard
+from topdress.control.readings import DoseOrder, DriveCommand
+from topdress.control.simulation.plant import SensorReadings
+from topdress.drivers.board.framing import seal
+from topdress.drivers.cab import Cab, CabConfig
+from topdress.drivers.devices.board_frames import (
+    ASK,
+    CommandFrame,
+    crc16,
+    decode_status,
+    encode_command,
+)
+from topdress.drivers.devices.point_dose import DoseState
+from topdress.drivers.devices.slave_board import ASKED, SetPointLimits, SlaveBoard
+from topdress.drivers.ports import memory_pair
+from topdress.drivers.virtual.board import VirtualBoard
 
 STATUS = "S1,{seq},41,1000000,8,990000,69.900,24.980,250.050,13.480,1.500,-0.250,1,1"
 

@@ -7,15 +7,14 @@ from typing import Any
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-
-from control.readings import SpeedPlan
-from drivers.cab import Cab
-from drivers.cab_config import CabConfig
-from drivers.devices.canopy_heads import PROTOCOLS, HeadDecoder, HeadFields
-from drivers.devices.decode import decode
-from drivers.devices.nmea import checksum
-from drivers.devices.tractor_speed import TractorSpeedDecoder, sentence
-from drivers.devices.wheel import WheelGeometry, WheelSpeed
+from topdress.control.readings import SpeedPlan
+from topdress.drivers.cab import Cab
+from topdress.drivers.cab_config import CabConfig
+from topdress.drivers.devices.canopy_heads import PROTOCOLS, HeadDecoder, HeadFields
+from topdress.drivers.devices.decode import decode
+from topdress.drivers.devices.nmea import checksum
+from topdress.drivers.devices.tractor_speed import TractorSpeedDecoder, sentence
+from topdress.drivers.devices.wheel import WheelGeometry, WheelSpeed
 
 WAY_M = 0.15625
 

@@ -7,15 +7,14 @@ import csv
 import datetime as dt
 
 import pytest
-
-from control.orders import Do, Strategy
-from control.sensing import speed_ahead_mps, travelled_ahead_m
-from drivers.files.exports.as_applied import as_applied
-from drivers.files.read_log import read_log
-from drivers.files.run_log import RunLogWriter
-from drivers.files.run_meta import run_meta
-from drivers.files.setup import load_setup
-from drivers.virtual.faults import RUNAWAY_MM, RUNAWAY_RPM, Runaway
+from topdress.control.orders import Do, Strategy
+from topdress.control.sensing import speed_ahead_mps, travelled_ahead_m
+from topdress.drivers.files.exports.as_applied import as_applied
+from topdress.drivers.files.read_log import read_log
+from topdress.drivers.files.run_log import RunLogWriter
+from topdress.drivers.files.run_meta import run_meta
+from topdress.drivers.files.setup import load_setup
+from topdress.drivers.virtual.faults import RUNAWAY_MM, RUNAWAY_RPM, Runaway
 
 SHAFT, GATE = Runaway(shaft_rpm=RUNAWAY_RPM), Runaway(opening_mm=RUNAWAY_MM)
 
@@ -220,7 +219,7 @@ def test_what_a_speed_that_is_announced_reaches(benchmark_module, strategy, rate
 @pytest.mark.exam
 def test_strategies_in_the_same_units(benchmark_module):
     m = benchmark_module("manoeuvres")
-    from control.simulation.figures import moves
+    from topdress.control.simulation.figures import moves
 
     setup = m.the_setup()
     found = {}

@@ -9,9 +9,8 @@ import time
 from pathlib import Path
 
 import pytest
-
-from console.worker import resume
-from drivers.files.run_meta import meta_from_yaml
+from topdress.console.worker import resume
+from topdress.drivers.files.run_meta import meta_from_yaml
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="pseudo-terminals")
 WORKED_S = 7.0  # longer than a snapshot is old

@@ -9,8 +9,7 @@ import sys
 from pathlib import Path
 
 import pytest
-
-from console import prepare
+from topdress.console import prepare
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -21,7 +20,7 @@ def test_the_tests_compile_the_model_first_and_the_console_needs_it_not() -> Non
         goal: words.split() for goal, words in re.findall(r"^(run|test): (.*)$", text, re.MULTILINE)
     }
     assert "$(VENV)/.compiled" in needs["test"] and needs["run"] == ["$(VENV)/.program"]
-    assert "-m console.prepare" in text
+    assert "-m topdress.console.prepare" in text
     [behind, console] = re.search(r"^run: .*\n\t(.*)\n\t(.*)", text, re.MULTILINE).groups()  # type: ignore[union-attr]
     assert "$(VENV)/.compiled" in behind and behind.startswith("@nohup nice") and behind[-1] == "&"
     assert console == "$(BIN)/topdress"
@@ -50,7 +49,7 @@ def test_a_first_diagnosis_then_compiles_nothing(tmp_path: Path) -> None:
 
     log = str(tmp_path / "log.csv")
     for words in (
-        ("-m", "console.prepare"),
+        ("-m", "topdress.console.prepare"),
         (*prepare.PROGRAM[1:], "simulate", "--seconds", "600", "--out", log),
     ):
         subprocess.run([sys.executable, *words], env=env, check=True, timeout=600)

@@ -8,14 +8,14 @@ import tty
 from pathlib import Path
 
 import pytest
+from topdress.control.field.job import Wanted
+from topdress.control.orders import Do, Order, TargetSource
+from topdress.control.readings import Measurements
+from topdress.control.simulation.assembly import control_loop
+from topdress.drivers.cab import Cab, CabConfig
+from topdress.drivers.devices.rate_line import RateLineDecoder, target_sentence
+from topdress.drivers.ports import PortState
 
-from control.field.job import Wanted
-from control.orders import Do, Order, TargetSource
-from control.readings import Measurements
-from control.simulation.assembly import control_loop
-from drivers.cab import Cab, CabConfig
-from drivers.devices.rate_line import RateLineDecoder, target_sentence
-from drivers.ports import PortState
 from tests.control_loop.closed import SETUP, STEP_S, Closed
 from tests.waiting import wait_for
 

@@ -7,9 +7,8 @@ import time
 from pathlib import Path
 
 import pytest
-
-from drivers.files.extras import EXTRAS
-from drivers.files.read_log import read_log
+from topdress.drivers.files.extras import EXTRAS
+from topdress.drivers.files.read_log import read_log
 
 ROOT = Path(__file__).parents[2]
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="pseudo-terminals")

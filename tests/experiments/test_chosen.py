@@ -4,12 +4,11 @@ the clearest."""
 from __future__ import annotations
 
 import numpy as np
-
-from control.diagnosis.judgement.prior import APART_SD, SAID
-from control.experiments.bench_tests import bench_tests
-from control.experiments.experiment import chosen
-from control.experiments.manoeuvres import manoeuvres
-from control.machine.machine import Machine
+from topdress.control.diagnosis.judgement.prior import APART_SD, SAID
+from topdress.control.experiments.bench_tests import bench_tests
+from topdress.control.experiments.experiment import chosen
+from topdress.control.experiments.manoeuvres import manoeuvres
+from topdress.control.machine.machine import Machine
 
 
 def test_of_equal_experiments_the_one_that_sets_rivals_furthest_apart() -> None:

@@ -8,14 +8,13 @@ from math import radians, sin
 from pathlib import Path
 
 import pytest
-
-from control.geodesy import TangentPlane
-from control.log_row import LogRow
-from control.machine.machine import Machine
-from drivers.files.exports.as_applied import AsApplied, as_applied
-from drivers.files.read_log import RunLog, read_log
-from drivers.files.run_log import write_log
-from drivers.files.run_meta import run_meta
+from topdress.control.geodesy import TangentPlane
+from topdress.control.log_row import LogRow
+from topdress.control.machine.machine import Machine
+from topdress.drivers.files.exports.as_applied import AsApplied, as_applied
+from topdress.drivers.files.read_log import RunLog, read_log
+from topdress.drivers.files.run_log import write_log
+from topdress.drivers.files.run_meta import run_meta
 
 STEP_S, SPEED_MPS, TRIM = 0.05, 1.25, 1.02
 BEGIN = dt.datetime(2026, 3, 7, 23, 59, 50, tzinfo=dt.UTC)

@@ -19,18 +19,23 @@ import pytest
 import shapefile
 from click.testing import Result
 from shapely.geometry import Polygon, shape
+from topdress.control.field.job import Wanted
+from topdress.control.geodesy import TangentPlane
+from topdress.control.machine.machine import Machine
+from topdress.control.orders import Do, Order, TargetSource
+from topdress.drivers.files.exports.as_applied import (
+    AsApplied,
+    ExportError,
+    SpreadProduct,
+    as_applied,
+)
+from topdress.drivers.files.exports.columns import COLUMNS
+from topdress.drivers.files.exports.write import write_as_applied
+from topdress.drivers.files.read_log import RunLog, read_log
+from topdress.drivers.files.run_log import write_log
+from topdress.drivers.files.run_meta import run_meta
+from topdress.drivers.files.setup import load_setup
 
-from control.field.job import Wanted
-from control.geodesy import TangentPlane
-from control.machine.machine import Machine
-from control.orders import Do, Order, TargetSource
-from drivers.files.exports.as_applied import AsApplied, ExportError, SpreadProduct, as_applied
-from drivers.files.exports.columns import COLUMNS
-from drivers.files.exports.write import write_as_applied
-from drivers.files.read_log import RunLog, read_log
-from drivers.files.run_log import write_log
-from drivers.files.run_meta import run_meta
-from drivers.files.setup import load_setup
 from tests.control_loop.closed import Closed
 
 PLANE = TangentPlane(34.28, 119.88)
@@ -545,7 +550,7 @@ def test_a_pause_of_half_a_second_ends_the_work_for_the_record(
 ) -> None:
     """The log's own pause and its end are two; a stop is a record more, a millisecond later, of
     no rate."""
-    from drivers.files.exports.isoxml import _moments
+    from topdress.drivers.files.exports.isoxml import _moments
 
     s = applied.stretches
     later = s._replace(time_s=s.time_s + np.where(np.arange(s.time_s.size) < 10, 0.0, pause_s))

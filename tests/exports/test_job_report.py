@@ -10,19 +10,19 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from topdress.control.log_row import LogRow
+from topdress.drivers.files.config import load
+from topdress.drivers.files.exports.as_applied import AsApplied, SpreadProduct, as_applied
+from topdress.drivers.files.kinds import MACHINE
+from topdress.drivers.files.read_log import RunLog, read_log
+from topdress.drivers.files.run_log import write_log
+from topdress.drivers.files.run_meta import run_meta
 
-from control.log_row import LogRow
-from drivers.files.config import load
-from drivers.files.exports.as_applied import AsApplied, SpreadProduct, as_applied
-from drivers.files.kinds import MACHINE
-from drivers.files.read_log import RunLog, read_log
-from drivers.files.run_log import write_log
-from drivers.files.run_meta import run_meta
 from tests.command import topdress
 
 
 def test_the_page_tells_the_logs_sums(applied: AsApplied) -> None:
-    from console.reports.job_page import job_page
+    from topdress.console.reports.job_page import job_page
 
     page = job_page(applied, "topdress test")
     t = applied.totals
@@ -38,7 +38,7 @@ def test_the_page_tells_the_logs_sums(applied: AsApplied) -> None:
 
 def test_a_map_says_where_the_drives_effort_rose(known_log: RunLog, tmp_path: Path) -> None:
     """A machine file 20 % off all along says nothing; 3 m of clods at 20 s do."""
-    from console.reports.job_page import find_effort_rise, job_page
+    from topdress.console.reports.job_page import find_effort_rise, job_page
 
     machine = load("huanghai", MACHINE).model
     own = 8.0 + 0.6 * 70.0 + 0.06 * 5.5 * 20.0
@@ -67,14 +67,14 @@ def test_a_map_says_where_the_drives_effort_rose(known_log: RunLog, tmp_path: Pa
 
 
 def test_doses_have_a_line_of_their_own(applied: AsApplied) -> None:
-    from console.reports.job_page import job_page
+    from topdress.console.reports.job_page import job_page
 
     point = dataclasses.replace(applied, totals=applied.totals._replace(doses=286, doses_missed=3))
     assert "286, plants missed: 3" in job_page(point, "topdress test")
 
 
 def test_the_error_is_applied_against_target_by_area(applied: AsApplied) -> None:
-    from console.reports.job_page import error_percent
+    from topdress.console.reports.job_page import error_percent
 
     error, area = error_percent(applied)
     assert area.sum() == pytest.approx(10_000 * applied.totals.area_ha)
@@ -89,7 +89,7 @@ def test_the_error_is_applied_against_target_by_area(applied: AsApplied) -> None
 def test_shares_of_the_area_by_how_far_it_is_off(applied: AsApplied) -> None:
     """A quarter of the area 1 % off, a quarter 4 %, a quarter 15 % too little, the rest twice
     what was wanted."""
-    from console.reports.job_page import describe_errors
+    from topdress.console.reports.job_page import describe_errors
 
     s = applied.stretches
     known = np.flatnonzero(np.isfinite(s.target_kg_ha) & (s.target_kg_ha > 0.0))
@@ -109,8 +109,8 @@ def test_shares_of_the_area_by_how_far_it_is_off(applied: AsApplied) -> None:
 
 
 def test_it_is_a_sheet_to_hand_over(applied: AsApplied, tmp_path: Path) -> None:
-    from console.reports.job_about import happened, read_about
-    from console.reports.job_page import job_page
+    from topdress.console.reports.job_about import happened, read_about
+    from topdress.console.reports.job_page import job_page
 
     states = {0: "off", 2: "working", 6: "held", 8: "working"}
     rows, state = [], "off"
@@ -192,7 +192,7 @@ def test_costs_where_the_job_has_a_price(known_log: RunLog, tmp_path: Path) -> N
 
 
 def test_a_log_without_a_target_has_a_page_too(applied: AsApplied) -> None:
-    from console.reports.job_page import job_page
+    from topdress.console.reports.job_page import job_page
 
     unknown = applied.stretches._replace(
         target_kg_ha=np.full_like(applied.stretches.time_s, np.nan)
@@ -212,7 +212,7 @@ def test_topdress_map_writes_it_and_every_export(known_log: RunLog, tmp_path: Pa
 
 
 def test_a_name_from_a_file_cannot_write_html(applied: AsApplied) -> None:
-    from console.reports.job_page import job_page
+    from topdress.console.reports.job_page import job_page
 
     page = job_page(dataclasses.replace(applied, title="<script>x</script>"), "topdress test")
     assert "<script>" not in page
@@ -221,7 +221,13 @@ def test_a_name_from_a_file_cannot_write_html(applied: AsApplied) -> None:
 def test_the_time_line_is_in_minutes_and_the_longest_alarms_come_first() -> None:
     """What a reader measures on the picture: when work, refills and alarms were, and for how
     long."""
-    from console.reports.job_about import MOST_ALARMS, About, AlarmSpan, Happened, draw_time_line
+    from topdress.console.reports.job_about import (
+        MOST_ALARMS,
+        About,
+        AlarmSpan,
+        Happened,
+        draw_time_line,
+    )
 
     alarms = [AlarmSpan(f"alarm_{k}", 600.0, 660.0 + 60.0 * k) for k in range(MOST_ALARMS + 2)]
     alarms.append(AlarmSpan("shaft_silent", 1200.0, 2400.0))

@@ -12,13 +12,13 @@ import pytest
 import shapely
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from topdress.control.targets.prescription import Fallbacks, GridDeg, MapData, Zone, statistics
+from topdress.drivers.files.exports.as_applied import AsApplied, SpreadProduct
+from topdress.drivers.files.exports.isoxml import write_isoxml
+from topdress.drivers.files.prescriptions.read import read_prescription
+from topdress.drivers.files.prescriptions.words import PrescriptionError, RateChoice
+from topdress.drivers.files.prescriptions.write import MOST_LEVELS, write_prescription, zones_of
 
-from control.targets.prescription import Fallbacks, GridDeg, MapData, Zone, statistics
-from drivers.files.exports.as_applied import AsApplied, SpreadProduct
-from drivers.files.exports.isoxml import write_isoxml
-from drivers.files.prescriptions.read import read_prescription
-from drivers.files.prescriptions.words import PrescriptionError, RateChoice
-from drivers.files.prescriptions.write import MOST_LEVELS, write_prescription, zones_of
 from tests.places import TASK_FILES
 
 xmlschema = pytest.importorskip("xmlschema", reason="xmlschema is not installed")

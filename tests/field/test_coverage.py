@@ -12,13 +12,12 @@ import pytest
 from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 from shapely.geometry import Point
-
-from control.field.across import across, describe_across
-from control.field.boundary import Boundary
-from control.field.coverage import Coverage
-from control.field.totals import Totaliser
-from control.geodesy import direction, offset
-from drivers.files.setup import load_setup
+from topdress.control.field.across import across, describe_across
+from topdress.control.field.boundary import Boundary
+from topdress.control.field.coverage import Coverage
+from topdress.control.field.totals import Totaliser
+from topdress.control.geodesy import direction, offset
+from topdress.drivers.files.setup import load_setup
 
 
 def straight(coverage, start, heading, metres, step_m=0.0625, flowing=True):

@@ -6,9 +6,8 @@ from math import cos, radians, sin
 
 import numpy as np
 import pytest
-
-from control.field.coverage import Coverage
-from control.field.ground_trace import MOST_WAY_M, GroundTrace
+from topdress.control.field.coverage import Coverage
+from topdress.control.field.ground_trace import MOST_WAY_M, GroundTrace
 
 WIDTH_M = 2.4
 STEP_M = 0.1

@@ -3,8 +3,7 @@
 from collections.abc import Callable
 
 import pytest
-
-from control.log_row import COLUMNS, LogRow
+from topdress.control.log_row import COLUMNS, LogRow
 
 
 @pytest.fixture

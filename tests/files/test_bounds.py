@@ -9,17 +9,21 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from topdress.control.field.job import Canopy, Job, Simulated, rule_of
+from topdress.control.machine.machine import Machine
+from topdress.control.metering.inverse import opening_for
+from topdress.control.orders import Do, Order
+from topdress.control.simulation.assembly import (
+    control_loop,
+    simulated_machine,
+    with_simulated_field,
+)
+from topdress.control.simulation.canopy import CELL_M, MOST_CELLS, CanopyField
+from topdress.control.simulation.closed_loop import simulated_run
+from topdress.drivers.files.config import ConfigError, validated
+from topdress.drivers.files.kinds import CAB, CROP, JOB, MACHINE, PRODUCT
+from topdress.drivers.files.setup import load_setup
 
-from control.field.job import Canopy, Job, Simulated, rule_of
-from control.machine.machine import Machine
-from control.metering.inverse import opening_for
-from control.orders import Do, Order
-from control.simulation.assembly import control_loop, simulated_machine, with_simulated_field
-from control.simulation.canopy import CELL_M, MOST_CELLS, CanopyField
-from control.simulation.closed_loop import simulated_run
-from drivers.files.config import ConfigError, validated
-from drivers.files.kinds import CAB, CROP, JOB, MACHINE, PRODUCT
-from drivers.files.setup import load_setup
 from tests.command import topdress
 
 KINDS = {kind.format: kind for kind in (MACHINE, JOB, CROP, CAB, PRODUCT)}

@@ -12,19 +12,23 @@ import numpy as np
 import pytest
 import shapely
 from click.testing import Result
+from topdress.control.field.coverage import Coverage
+from topdress.control.field.done_ground import done_ground
+from topdress.control.field.job import Job
+from topdress.control.geodesy import TangentPlane
+from topdress.control.orders import TargetSource
+from topdress.drivers.files.config import load
+from topdress.drivers.files.fields.agopengps import (
+    covered_triangles,
+    read_agopengps,
+    write_agopengps,
+)
+from topdress.drivers.files.fields.done import read_done
+from topdress.drivers.files.fields.field_data import FieldData, FieldError, Line, data_of, ground_of
+from topdress.drivers.files.fields.shapes import read_shapes, write_shapes
+from topdress.drivers.files.kinds import JOB
+from topdress.drivers.files.read_log import read_log
 
-from control.field.coverage import Coverage
-from control.field.done_ground import done_ground
-from control.field.job import Job
-from control.geodesy import TangentPlane
-from control.orders import TargetSource
-from drivers.files.config import load
-from drivers.files.fields.agopengps import covered_triangles, read_agopengps, write_agopengps
-from drivers.files.fields.done import read_done
-from drivers.files.fields.field_data import FieldData, FieldError, Line, data_of, ground_of
-from drivers.files.fields.shapes import read_shapes, write_shapes
-from drivers.files.kinds import JOB
-from drivers.files.read_log import read_log
 from tests.geojson import feature, geojson
 
 HERE = np.array([52.1234567, 9.7654321])

@@ -5,10 +5,9 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
-
-from drivers.files import lock as lock_module
-from drivers.files.atomic import create, sidecar, write_atomically
-from drivers.files.lock import stands, take_lock
+from topdress.drivers.files import lock as lock_module
+from topdress.drivers.files.atomic import create, sidecar, write_atomically
+from topdress.drivers.files.lock import stands, take_lock
 
 
 def test_a_file_is_replaced_whole(tmp_path: Path) -> None:
@@ -92,7 +91,7 @@ def test_a_deleted_log_is_noticed(tmp_path: Path) -> None:
 
 HOLDER = """
 import sys, pathlib
-from drivers.files.lock import take_lock
+from topdress.drivers.files.lock import take_lock
 lock = take_lock(pathlib.Path(sys.argv[1]))
 print("held" if lock else "refused", flush=True)
 sys.stdin.read()

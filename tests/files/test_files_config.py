@@ -10,9 +10,8 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import BaseModel, ConfigDict, Field, model_validator
-
-from control.machine.machine import Machine
-from drivers.files.config import (
+from topdress.control.machine.machine import Machine
+from topdress.drivers.files.config import (
     ConfigError,
     Kind,
     load,
@@ -24,9 +23,9 @@ from drivers.files.config import (
     shipped,
     validated,
 )
-from drivers.files.kinds import KINDS as OURS
-from drivers.files.kinds import MACHINE
-from drivers.files.yaml_text import YamlProblem, dump_yaml, parse_yaml
+from topdress.drivers.files.kinds import KINDS as OURS
+from topdress.drivers.files.kinds import MACHINE
+from topdress.drivers.files.yaml_text import YamlProblem, dump_yaml, parse_yaml
 
 Written = Callable[..., Path]
 

@@ -14,16 +14,16 @@ import numpy as np
 import openpyxl
 import polars as pl
 import pytest
+from topdress.control.log_row import COLUMNS, LogRow
+from topdress.drivers.files.any_log import open_log
+from topdress.drivers.files.bench_table import read_bench_table
+from topdress.drivers.files.imports.trouble import TableError
+from topdress.drivers.files.log_store import is_store, write_store
+from topdress.drivers.files.opened import Opened
+from topdress.drivers.files.read_log import RunLog, meta_of, read_log, read_rows
+from topdress.drivers.files.run_log import write_log
+from topdress.drivers.files.run_meta import run_meta
 
-from control.log_row import COLUMNS, LogRow
-from drivers.files.any_log import open_log
-from drivers.files.bench_table import read_bench_table
-from drivers.files.imports.trouble import TableError
-from drivers.files.log_store import is_store, write_store
-from drivers.files.opened import Opened
-from drivers.files.read_log import RunLog, meta_of, read_log, read_rows
-from drivers.files.run_log import write_log
-from drivers.files.run_meta import run_meta
 from tests.command import topdress
 
 T = np.arange(50) * 0.1

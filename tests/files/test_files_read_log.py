@@ -6,15 +6,21 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-
-from control.log_row import COLUMNS, DECIMALS, EXACT_COLUMNS, TEXT_COLUMNS, WHOLE_COLUMNS, LogRow
-from control.loop.events import Events
-from drivers.files.imports.trouble import TableError
-from drivers.files.limits import BeyondLimits
-from drivers.files.log_text import HEADER, RowText
-from drivers.files.read_log import read_log
-from drivers.files.run_log import write_log
-from drivers.files.run_meta import RunMeta
+from topdress.control.log_row import (
+    COLUMNS,
+    DECIMALS,
+    EXACT_COLUMNS,
+    TEXT_COLUMNS,
+    WHOLE_COLUMNS,
+    LogRow,
+)
+from topdress.control.loop.events import Events
+from topdress.drivers.files.imports.trouble import TableError
+from topdress.drivers.files.limits import BeyondLimits
+from topdress.drivers.files.log_text import HEADER, RowText
+from topdress.drivers.files.read_log import read_log
+from topdress.drivers.files.run_log import write_log
+from topdress.drivers.files.run_meta import RunMeta
 
 MakeRow = Callable[[float], LogRow]
 Written = Callable[..., Path]

@@ -12,15 +12,15 @@ import numpy as np
 import pytest
 import yaml
 from pydantic import BaseModel
+from topdress.control.log_row import COLUMNS, HOLDS_S, TEXT_COLUMNS, LogRow
+from topdress.control.readings import Measurements, Reading
+from topdress.drivers.files.atomic import NewFile, create
+from topdress.drivers.files.log_text import HEADER, LONGEST_CELL, LONGEST_ROW, RowText
+from topdress.drivers.files.read_log import RunLog, read_log
+from topdress.drivers.files.replay import measurements
+from topdress.drivers.files.run_log import PlainLogWriter, RunLogWriter, write_log
+from topdress.drivers.files.run_meta import RunMeta, meta_from_yaml, run_meta
 
-from control.log_row import COLUMNS, HOLDS_S, TEXT_COLUMNS, LogRow
-from control.readings import Measurements, Reading
-from drivers.files.atomic import NewFile, create
-from drivers.files.log_text import HEADER, LONGEST_CELL, LONGEST_ROW, RowText
-from drivers.files.read_log import RunLog, read_log
-from drivers.files.replay import measurements
-from drivers.files.run_log import PlainLogWriter, RunLogWriter, write_log
-from drivers.files.run_meta import RunMeta, meta_from_yaml, run_meta
 from tests.waiting import wait_for
 
 MakeRow = Callable[[float], LogRow]
@@ -264,7 +264,7 @@ def test_failing_to_open_leaves_no_litter(tmp_path: Path, monkeypatch: pytest.Mo
     def full(*_: object) -> None:
         raise full_disk()
 
-    monkeypatch.setattr("drivers.files.run_log.write_atomically", full)
+    monkeypatch.setattr("topdress.drivers.files.run_log.write_atomically", full)
     log = RunLogWriter(tmp_path / "run.csv", META, flush_s=0.002)
     time.sleep(0.05)
     assert not log.close()
@@ -386,7 +386,7 @@ def test_an_hour_is_written_in_two_seconds(tmp_path: Path, full_row: MakeRow) ->
 
 def test_writing_needs_no_heavy_library() -> None:
     code = (
-        "import sys; import drivers.files.run_log, drivers.files.config; "
+        "import sys; import topdress.drivers.files.run_log, drivers.files.config; "
         "heavy = {'polars', 'numba', 'scipy', 'textual', 'rich', 'numpy'} & "
         "set(sys.modules); "
         "sys.exit(' '.join(sorted(heavy)) or None)"

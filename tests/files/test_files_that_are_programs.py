@@ -15,12 +15,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 import shapely
-
-from drivers.files import geopackage
-from drivers.files.fields.shapes import read_shapes
-from drivers.files.imports.read import read_raw
-from drivers.files.prescriptions.read import read_prescription
-from drivers.plain_text import Refused
+from topdress.drivers.files import geopackage
+from topdress.drivers.files.fields.shapes import read_shapes
+from topdress.drivers.files.imports.read import read_raw
+from topdress.drivers.files.prescriptions.read import read_prescription
+from topdress.drivers.plain_text import Refused
 
 ENDINGS = (
     "gpkg",
@@ -337,7 +336,7 @@ def test_what_gdal_reads_we_read(tmp_path: Path, name: str) -> None:
         )
         if name == "a.kml":
             break
-    from drivers.files.layers import read_layers
+    from topdress.drivers.files.layers import read_layers
 
     for layer in read_layers(tmp_path / name):
         theirs = geopandas.read_file(tmp_path / name, layer=layer.name).to_crs(4326)

@@ -21,25 +21,25 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 import pytest
+from topdress.console.worker import resume
+from topdress.console.worker.resume_ground import unpacked
+from topdress.control.recordings.places import pieces
+from topdress.control.targets.prescription import statistics
+from topdress.drivers.files import limits
+from topdress.drivers.files.bench_table import read_bench_table
+from topdress.drivers.files.columns import count_rows
+from topdress.drivers.files.config import ConfigError
+from topdress.drivers.files.imports.read import read_raw
+from topdress.drivers.files.imports.trouble import TableError
+from topdress.drivers.files.limits import LIMITS, BeyondLimits, check_file, check_text, read_json
+from topdress.drivers.files.log_store import read_store
+from topdress.drivers.files.prescriptions.for_job import read_plants
+from topdress.drivers.files.prescriptions.read import read_prescription
+from topdress.drivers.files.read_log import read_log
+from topdress.drivers.files.setup import by_kind
+from topdress.drivers.files.sheet_text import check_sheets
+from topdress.drivers.plain_text import one_line
 
-from console.worker import resume
-from console.worker.resume_ground import unpacked
-from control.recordings.places import pieces
-from control.targets.prescription import statistics
-from drivers.files import limits
-from drivers.files.bench_table import read_bench_table
-from drivers.files.columns import count_rows
-from drivers.files.config import ConfigError
-from drivers.files.imports.read import read_raw
-from drivers.files.imports.trouble import TableError
-from drivers.files.limits import LIMITS, BeyondLimits, check_file, check_text, read_json
-from drivers.files.log_store import read_store
-from drivers.files.prescriptions.for_job import read_plants
-from drivers.files.prescriptions.read import read_prescription
-from drivers.files.read_log import read_log
-from drivers.files.setup import by_kind
-from drivers.files.sheet_text import check_sheets
-from drivers.plain_text import one_line
 from tests.geojson import feature, geojson
 
 PAGE = Path(__file__).parents[2] / "docs" / "limits.md"
@@ -458,8 +458,8 @@ def grown(read: str, path: Path, seconds: float = 60.0, most_mb: int = 600) -> s
     return "\n".join(said)
 
 
-MAP = "from drivers.files.prescriptions.read import read_prescription as read"
-RAW = "from drivers.files.imports.read import read_raw as read"
+MAP = "from topdress.drivers.files.prescriptions.read import read_prescription as read"
+RAW = "from topdress.drivers.files.imports.read import read_raw as read"
 
 
 @pytest.mark.parametrize(
@@ -618,7 +618,9 @@ def test_task_files_are_counted_together(
 def test_yaml_is_counted_as_it_is_read(tmp_path: Path, text: str) -> None:
     path = tmp_path / "job.yaml"
     path.write_text(f"format: topdress-job/1\n{text}\n")
-    read = "from drivers.files.setup import by_kind\nread = lambda path: by_kind([str(path)])"
+    read = (
+        "from topdress.drivers.files.setup import by_kind\nread = lambda path: by_kind([str(path)])"
+    )
     assert "nested too deeply or too large" in grown(read, path)
 
 

@@ -8,17 +8,17 @@ from pathlib import Path
 
 import pytest
 from pydantic import ValidationError
+from topdress.console.app.pages.job.checklist import LOOK, OK, checks
+from topdress.console.app.units import METRIC
+from topdress.console.services.job import JobFiles, Launcher
+from topdress.control.agronomy.product import CatchTest, Product
+from topdress.control.field.job_names import JobNames
+from topdress.control.machine.product_calibration import with_product
+from topdress.drivers.files.config import load, save, shipped
+from topdress.drivers.files.config_error import ConfigError
+from topdress.drivers.files.kinds import JOB, MACHINE, PRODUCT
+from topdress.drivers.files.setup import load_setup, product_note
 
-from console.app.pages.job.checklist import LOOK, OK, checks
-from console.app.units import METRIC
-from console.services.job import JobFiles, Launcher
-from control.agronomy.product import CatchTest, Product
-from control.field.job_names import JobNames
-from control.machine.product_calibration import with_product
-from drivers.files.config import load, save, shipped
-from drivers.files.config_error import ConfigError
-from drivers.files.kinds import JOB, MACHINE, PRODUCT
-from drivers.files.setup import load_setup, product_note
 from tests.command import topdress
 
 TODAY = dt.date(2026, 3, 18)
@@ -138,7 +138,7 @@ def test_check_tells_of_the_product(job, tmp_path):
     said = topdress("check", job)
     assert said.exit_code != 0 and "none.yaml" in said.output
     with pytest.raises(ConfigError, match="name it in the job file"):
-        from drivers.files.setup import by_kind
+        from topdress.drivers.files.setup import by_kind
 
         by_kind([str(shipped("products")["can_27"])])
 

@@ -17,9 +17,9 @@ from zoneinfo import ZoneInfo
 import numpy as np
 import numpy.typing as npt
 import yaml
+from topdress.control.log_row import DECIMALS
+from topdress.drivers.files.read_log import read_log
 
-from control.log_row import DECIMALS
-from drivers.files.read_log import read_log
 from tests.command import topdress
 from tests.geojson import feature, geojson
 

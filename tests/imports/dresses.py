@@ -18,8 +18,8 @@ from zoneinfo import ZoneInfo
 
 import numpy as np
 import numpy.typing as npt
+from topdress.drivers.files.read_log import read_log
 
-from drivers.files.read_log import read_log
 from tests.command import topdress
 from tests.imports import dialects as D
 

@@ -10,11 +10,10 @@ import numpy as np
 import pytest
 import yaml
 from click.testing import Result
-
-from drivers.files.imports.mapping import Source
-from drivers.files.imports.read import read_raw
-from drivers.files.imports.trouble import ImportTrouble
-from drivers.files.read_log import read_log
+from topdress.drivers.files.imports.mapping import Source
+from topdress.drivers.files.imports.read import read_raw
+from topdress.drivers.files.imports.trouble import ImportTrouble
+from topdress.drivers.files.read_log import read_log
 
 GOOD = "Time [s];Shaft command [rpm];Shaft speed [rpm]\n" + "".join(
     f"{k / 10:.1f};{20 + 10 * (k // 9 % 4)};{20 + 10 * ((k - 1) // 9 % 4)}\n" for k in range(1, 80)
@@ -203,7 +202,7 @@ def test_a_full_disk_leaves_nothing(
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    from drivers.files.imports import log_file
+    from topdress.drivers.files.imports import log_file
 
     source, whole, calls = written(GOOD), log_file.write_atomically, []
 

@@ -15,14 +15,14 @@ import openpyxl
 import pytest
 import yaml
 from click.testing import Result
+from topdress.control.log_row import COMMANDS_HELD
+from topdress.drivers.files.any_log import open_log, raw_and_mapping
+from topdress.drivers.files.imports.convert import convert
+from topdress.drivers.files.imports.join import joined
+from topdress.drivers.files.imports.log_file import write_imported
+from topdress.drivers.files.imports.units import UNITS
+from topdress.drivers.files.read_log import RunLog, read_log
 
-from control.log_row import COMMANDS_HELD
-from drivers.files.any_log import open_log, raw_and_mapping
-from drivers.files.imports.convert import convert
-from drivers.files.imports.join import joined
-from drivers.files.imports.log_file import write_imported
-from drivers.files.imports.units import UNITS
-from drivers.files.read_log import RunLog, read_log
 from tests.imports import dialects, dresses
 
 TIME: dict[str, Any] = {"column": "t", "counts": "s"}

@@ -10,21 +10,21 @@ import numpy as np
 import pytest
 import yaml
 from click.testing import Result
+from topdress.drivers.files.columns import text_column
+from topdress.drivers.files.config import load
+from topdress.drivers.files.foreign import our_names
+from topdress.drivers.files.imports.convert import convert
+from topdress.drivers.files.imports.guess import guess
+from topdress.drivers.files.imports.guess_columns import _values
+from topdress.drivers.files.imports.header import named
+from topdress.drivers.files.imports.mapping import IMPORT, Source
+from topdress.drivers.files.imports.physics import answer
+from topdress.drivers.files.imports.raw import RawTable
+from topdress.drivers.files.imports.read import read_raw
+from topdress.drivers.files.imports.units import unit_named
+from topdress.drivers.files.imports.words import folded, subject_of, wanted_or_done
+from topdress.drivers.files.read_log import read_log
 
-from drivers.files.columns import text_column
-from drivers.files.config import load
-from drivers.files.foreign import our_names
-from drivers.files.imports.convert import convert
-from drivers.files.imports.guess import guess
-from drivers.files.imports.guess_columns import _values
-from drivers.files.imports.header import named
-from drivers.files.imports.mapping import IMPORT, Source
-from drivers.files.imports.physics import answer
-from drivers.files.imports.raw import RawTable
-from drivers.files.imports.read import read_raw
-from drivers.files.imports.units import unit_named
-from drivers.files.imports.words import folded, subject_of, wanted_or_done
-from drivers.files.read_log import read_log
 from tests.geojson import feature, geojson
 from tests.places import DRIVES
 

@@ -15,21 +15,20 @@ import openpyxl
 import polars as pl
 import pytest
 from click.testing import Result
-
-from console.services.logs import RunLogs
-from drivers.files.any_log import open_log
-from drivers.files.columns import count_rows
-from drivers.files.config import load
-from drivers.files.exports.as_applied import as_applied
-from drivers.files.exports.time_log import Logged, TimeRecord, layout, records
-from drivers.files.imports.convert import convert
-from drivers.files.imports.devices import Meaning
-from drivers.files.imports.guess import guess
-from drivers.files.imports.join import joined
-from drivers.files.imports.log_file import log_columns
-from drivers.files.imports.mapping import IMPORT, Source
-from drivers.files.imports.read import read_raw
-from drivers.files.imports.time_logs import (
+from topdress.console.services.logs import RunLogs
+from topdress.drivers.files.any_log import open_log
+from topdress.drivers.files.columns import count_rows
+from topdress.drivers.files.config import load
+from topdress.drivers.files.exports.as_applied import as_applied
+from topdress.drivers.files.exports.time_log import Logged, TimeRecord, layout, records
+from topdress.drivers.files.imports.convert import convert
+from topdress.drivers.files.imports.devices import Meaning
+from topdress.drivers.files.imports.guess import guess
+from topdress.drivers.files.imports.join import joined
+from topdress.drivers.files.imports.log_file import log_columns
+from topdress.drivers.files.imports.mapping import IMPORT, Source
+from topdress.drivers.files.imports.read import read_raw
+from topdress.drivers.files.imports.time_logs import (
     TOTAL_AREA,
     WIDTH,
     WORK,
@@ -38,9 +37,10 @@ from drivers.files.imports.time_logs import (
     hectares,
     width_of,
 )
-from drivers.files.imports.trouble import ImportTrouble
-from drivers.files.read_log import read_log
-from drivers.files.what_it_is import holds_points
+from topdress.drivers.files.imports.trouble import ImportTrouble
+from topdress.drivers.files.read_log import read_log
+from topdress.drivers.files.what_it_is import holds_points
+
 from tests.command import topdress
 from tests.geojson import feature, geojson
 from tests.imports import task_sets
@@ -404,10 +404,9 @@ def test_as_isoxml_sees_it(tmp_path: Path) -> None:
     pytest.importorskip("isoxml", reason="isoxml is not installed")
     from isoxml.models.ddi_entities import DDEntity
     from isoxml.util.isoxml_io import isoxml_from_path
-
-    from drivers.files.imports.devices import DICTIONARY
-    from drivers.files.imports.task_log import task_logs
-    from drivers.files.imports.units import unit_named
+    from topdress.drivers.files.imports.devices import DICTIONARY
+    from topdress.drivers.files.imports.task_log import task_logs
+    from topdress.drivers.files.imports.units import unit_named
 
     made = task_sets.task_set(20, tmp_path)
     theirs, files = isoxml_from_path(made.path / "TASKDATA.XML")

@@ -9,21 +9,20 @@ from typing import Any
 
 import numpy as np
 import pytest
-
-from control.diagnosis.effects import ROWS
-from control.diagnosis.extend import extend
-from control.diagnosis.result import Cause, Data, Diagnosis, FieldCost, Size, TermFound
-from control.experiments.levels import list_shaft_levels, opening_levels
-from control.machine import compiled, stage_runner
-from control.machine.effect import FULL_FLOW, SHAFT_RANGE
-from control.machine.effort import EffortInput, gate_effort, shaft_effort
-from control.machine.fall import FallInput, drop_s, fall_start, step_fall
-from control.machine.fault_injection import Planted, schedule
-from control.machine.flow import FlowInput, FlowOutput, grams_per_rev, make_flow_start
-from control.machine.gate import GateInput, GateOutput, make_gate_start
-from control.machine.heads import HeadInput, read_head
-from control.machine.history import last_change, undone
-from control.machine.machine import (
+from topdress.control.diagnosis.effects import ROWS
+from topdress.control.diagnosis.extend import extend
+from topdress.control.diagnosis.result import Cause, Data, Diagnosis, FieldCost, Size, TermFound
+from topdress.control.experiments.levels import list_shaft_levels, opening_levels
+from topdress.control.machine import compiled, stage_runner
+from topdress.control.machine.effect import FULL_FLOW, SHAFT_RANGE
+from topdress.control.machine.effort import EffortInput, gate_effort, shaft_effort
+from topdress.control.machine.fall import FallInput, drop_s, fall_start, step_fall
+from topdress.control.machine.fault_injection import Planted, schedule
+from topdress.control.machine.flow import FlowInput, FlowOutput, grams_per_rev, make_flow_start
+from topdress.control.machine.gate import GateInput, GateOutput, make_gate_start
+from topdress.control.machine.heads import HeadInput, read_head
+from topdress.control.machine.history import last_change, undone
+from topdress.control.machine.machine import (
     CATALOGUE,
     NOMINAL,
     Machine,
@@ -33,12 +32,12 @@ from control.machine.machine import (
     scale_nominal,
     unit_of,
 )
-from control.machine.scale import ScaleInput, scale_reads
-from control.machine.shaft import ShaftInput, ShaftOutput, make_shaft_start
-from control.machine.speed import SpeedInput, SpeedOutput, make_speed_start
-from control.machine.terms import Term
-from drivers.files.config import ConfigError, load, save, shipped
-from drivers.files.kinds import MACHINE
+from topdress.control.machine.scale import ScaleInput, scale_reads
+from topdress.control.machine.shaft import ShaftInput, ShaftOutput, make_shaft_start
+from topdress.control.machine.speed import SpeedInput, SpeedOutput, make_speed_start
+from topdress.control.machine.terms import Term
+from topdress.drivers.files.config import ConfigError, load, save, shipped
+from topdress.drivers.files.kinds import MACHINE
 
 PUBLISHED = """shaft.dead_zone shaft.saturation shaft.neutral shaft.back_gain shaft.back_zone
 shaft.gain shaft.slow shaft.second_order shaft.ramp shaft.dead_time shaft.dead_band

@@ -8,18 +8,17 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
-
-from control.diagnosis.runs.compared import compared
-from control.diagnosis.runs.diagnose import diagnose_run
-from control.machine.compiled import shaft_run
-from control.machine.compiled_tick import CompiledDrives
-from control.machine.elements import convert_to_lists
-from control.machine.fall import Fall, find_paper_lag_s, find_start_drop_s
-from control.machine.flow import Flow, FlowInput, make_flow_start, step_flow
-from control.machine.gate import Gate, GateInput, gate_step, make_gate_start
-from control.machine.landing import landed
-from control.machine.machine import Machine, add_effect
-from control.machine.shaft import (
+from topdress.control.diagnosis.runs.compared import compared
+from topdress.control.diagnosis.runs.diagnose import diagnose_run
+from topdress.control.machine.compiled import shaft_run
+from topdress.control.machine.compiled_tick import CompiledDrives
+from topdress.control.machine.elements import convert_to_lists
+from topdress.control.machine.fall import Fall, find_paper_lag_s, find_start_drop_s
+from topdress.control.machine.flow import Flow, FlowInput, make_flow_start, step_flow
+from topdress.control.machine.gate import Gate, GateInput, gate_step, make_gate_start
+from topdress.control.machine.landing import landed
+from topdress.control.machine.machine import Machine, add_effect
+from topdress.control.machine.shaft import (
     Shaft,
     ShaftInput,
     ShaftOutput,
@@ -29,13 +28,13 @@ from control.machine.shaft import (
     swing,
     swung,
 )
-from control.machine.stage_runner import MOST_STEP_S, make_input_rows, make_no_switch
-from control.machine.start import response_s
-from control.machine.term_step import TermState, term_step
-from control.machine.terms import Term, params_of
-from control.metering.inverse import shaft_command
-from drivers.files.config import load
-from drivers.files.kinds import MACHINE
+from topdress.control.machine.stage_runner import MOST_STEP_S, make_input_rows, make_no_switch
+from topdress.control.machine.start import response_s
+from topdress.control.machine.term_step import TermState, term_step
+from topdress.control.machine.terms import Term, params_of
+from topdress.control.metering.inverse import shaft_command
+from topdress.drivers.files.config import load
+from topdress.drivers.files.kinds import MACHINE
 
 STEP_S = 0.001
 

@@ -12,25 +12,36 @@ from typing import Any
 
 import numpy as np
 import pytest
-
-from control.machine import compiled
-from control.machine.fall import drop_s, find_start_drop_s
-from control.machine.flow import Flow, FlowInput, FlowOutput, make_flow_start, step_flow
-from control.machine.gate import Gate, GateInput, GateOutput, gate_step, make_gate_start
-from control.machine.jit_cache import KeptCode, named_apart
-from control.machine.landing import carried_s, falls_s
-from control.machine.machine import Machine, list_effect_sizes
-from control.machine.parameter_uncertainty import PLAUSIBLE, plausible
-from control.machine.shaft import Shaft, ShaftInput, ShaftOutput, make_shaft_start, shaft_step
-from control.machine.speed import Speed, SpeedInput, SpeedOutput, make_speed_start, step_speed
-from control.machine.stage_runner import (
+from topdress.control.machine import compiled
+from topdress.control.machine.fall import drop_s, find_start_drop_s
+from topdress.control.machine.flow import Flow, FlowInput, FlowOutput, make_flow_start, step_flow
+from topdress.control.machine.gate import Gate, GateInput, GateOutput, gate_step, make_gate_start
+from topdress.control.machine.jit_cache import KeptCode, named_apart
+from topdress.control.machine.landing import carried_s, falls_s
+from topdress.control.machine.machine import Machine, list_effect_sizes
+from topdress.control.machine.parameter_uncertainty import PLAUSIBLE, plausible
+from topdress.control.machine.shaft import (
+    Shaft,
+    ShaftInput,
+    ShaftOutput,
+    make_shaft_start,
+    shaft_step,
+)
+from topdress.control.machine.speed import (
+    Speed,
+    SpeedInput,
+    SpeedOutput,
+    make_speed_start,
+    step_speed,
+)
+from topdress.control.machine.stage_runner import (
     MOST_STEP_S,
     filling,
     make_input_rows,
     make_no_switch,
     over_log,
 )
-from control.machine.start import find_first_fall_s, with_carried_share
+from topdress.control.machine.start import find_first_fall_s, with_carried_share
 
 N = 3000
 
@@ -287,7 +298,7 @@ PROGRAM = """
 import json
 import sys
 import numpy as np
-from control.machine import compiled
+from topdress.control.machine import compiled
 def made(factor):
     def run(values):
         out = np.empty(len(values))

@@ -9,13 +9,20 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-
-from control.machine.compiled import term_run
-from control.machine.form import ANGLES, FORMS, FormSeries, Scaled, TermParams, TriedForm, scaled
-from control.machine.forms import Form, Lost, ProductForm
-from control.machine.machine import Machine
-from control.machine.term_step import TermState, over_rows, term_step
-from control.machine.term_sums import (
+from topdress.control.machine.compiled import term_run
+from topdress.control.machine.form import (
+    ANGLES,
+    FORMS,
+    FormSeries,
+    Scaled,
+    TermParams,
+    TriedForm,
+    scaled,
+)
+from topdress.control.machine.forms import Form, Lost, ProductForm
+from topdress.control.machine.machine import Machine
+from topdress.control.machine.term_step import TermState, over_rows, term_step
+from topdress.control.machine.term_sums import (
     NOTHING,
     HeldCommands,
     TermSums,
@@ -23,9 +30,9 @@ from control.machine.term_sums import (
     commanded_over_log,
     over_log,
 )
-from control.machine.terms import Term, needed, params_of, parse_term
-from drivers.files.config import ConfigError, load, save, shipped
-from drivers.files.kinds import MACHINE
+from topdress.control.machine.terms import Term, needed, params_of, parse_term
+from topdress.drivers.files.config import ConfigError, load, save, shipped
+from topdress.drivers.files.kinds import MACHINE
 
 TEXTS = {
     Form.SLOPE: "flow_percent slope roll_deg slope=2.5 at=0.3 valid=-2:2",

@@ -9,17 +9,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-
-from console.cli import app
-from control.agronomy.crop import Crop
-from control.machine.fall import drop_s
-from control.machine.landing import carried_s
-from control.machine.machine import Machine
-from control.machine.start import find_first_fall_s, find_start_lag_s, response_s
-from control.papers import published
-from control.papers.claims_decision import decision_claims, grain_n, yields
-from control.papers.claims_lag import lag_claims
-from control.papers.correction import (
+from topdress.console.cli import app
+from topdress.control.agronomy.crop import Crop
+from topdress.control.machine.fall import drop_s
+from topdress.control.machine.landing import carried_s
+from topdress.control.machine.machine import Machine
+from topdress.control.machine.start import find_first_fall_s, find_start_lag_s, response_s
+from topdress.control.papers import published
+from topdress.control.papers.claims_decision import decision_claims, grain_n, yields
+from topdress.control.papers.claims_lag import lag_claims
+from topdress.control.papers.correction import (
     IN_PHASE,
     ONCE_A_SECOND,
     READINGS,
@@ -28,16 +27,17 @@ from control.papers.correction import (
     misses_m,
     wider_apart,
 )
-from control.papers.decision import forward_targets, nitrogen, sampling
-from control.papers.elements import DECISION, ELEMENTS, LAG, NO, PARTLY, POINT, YES
-from control.papers.experiments import experiment_tables, speed_or_delay
-from control.papers.lag import eq3, lag_line
-from control.papers.map_geometry import boundary_table, cells_that_agree, paper_cell
-from control.papers.page import Claim, How, Table, ledger
-from control.papers.points import delays, microsteps, points_claims
-from control.targets.point import point_lag
-from drivers.files.config import load
-from drivers.files.kinds import CROP
+from topdress.control.papers.decision import forward_targets, nitrogen, sampling
+from topdress.control.papers.elements import DECISION, ELEMENTS, LAG, NO, PARTLY, POINT, YES
+from topdress.control.papers.experiments import experiment_tables, speed_or_delay
+from topdress.control.papers.lag import eq3, lag_line
+from topdress.control.papers.map_geometry import boundary_table, cells_that_agree, paper_cell
+from topdress.control.papers.page import Claim, How, Table, ledger
+from topdress.control.papers.points import delays, microsteps, points_claims
+from topdress.control.targets.point import point_lag
+from topdress.drivers.files.config import load
+from topdress.drivers.files.kinds import CROP
+
 from tests.command import topdress
 from tests.places import PAPERS
 
@@ -306,8 +306,8 @@ def test_the_point_papers_delays_and_shaft_speeds() -> None:
 
 
 def test_the_page_is_written_whole(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from console.cli import reproduce
-    from control.papers.lag import lag_section
+    from topdress.console.cli import reproduce
+    from topdress.control.papers.lag import lag_section
 
     monkeypatch.setattr(reproduce, "run_papers", lambda seed: [lag_section(Machine())])
     told = topdress("reproduce", "--out", tmp_path / "r")

@@ -12,11 +12,11 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 from scipy.stats import ttest_ind
+from topdress.control.geodesy import TangentPlane
+from topdress.control.papers import published
+from topdress.control.papers.trial import Plot, Trial, choice_of, trial_section
+from topdress.drivers.files.trial import TrialError, read_plots, read_trial, read_weights
 
-from control.geodesy import TangentPlane
-from control.papers import published
-from control.papers.trial import Plot, Trial, choice_of, trial_section
-from drivers.files.trial import TrialError, read_plots, read_trial, read_weights
 from tests.command import topdress
 from tests.geojson import feature, geojson
 

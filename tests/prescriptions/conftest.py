@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-
-from control.field.boundary import Boundary
-from control.targets.prescription import Fallbacks, Prescription
-from control.targets.rate_map import GridMap, frame_m
+from topdress.control.field.boundary import Boundary
+from topdress.control.targets.prescription import Fallbacks, Prescription
+from topdress.control.targets.rate_map import GridMap, frame_m
 
 
 @pytest.fixture

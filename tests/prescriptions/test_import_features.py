@@ -11,13 +11,13 @@ from typing import Any
 import numpy as np
 import pytest
 import shapefile
+from topdress.control.targets.prescription import Fallbacks, GridDeg, MapData, Zone, statistics
+from topdress.drivers.files.prescriptions.projected import TransverseMercator, projection_of
+from topdress.drivers.files.prescriptions.read import read_prescription
+from topdress.drivers.files.prescriptions.words import GAL_AC_L_HA, LB_AC_KG_HA, RateChoice
+from topdress.drivers.files.prescriptions.write import write_prescription
+from topdress.drivers.plain_text import Refused
 
-from control.targets.prescription import Fallbacks, GridDeg, MapData, Zone, statistics
-from drivers.files.prescriptions.projected import TransverseMercator, projection_of
-from drivers.files.prescriptions.read import read_prescription
-from drivers.files.prescriptions.words import GAL_AC_L_HA, LB_AC_KG_HA, RateChoice
-from drivers.files.prescriptions.write import write_prescription
-from drivers.plain_text import Refused
 from tests.geojson import collection, feature
 
 SQUARE = [[116.0, 40.0], [116.001, 40.0], [116.001, 40.001], [116.0, 40.001], [116.0, 40.0]]

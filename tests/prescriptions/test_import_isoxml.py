@@ -10,14 +10,14 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 import pytest
+from topdress.control.geodesy import TangentPlane
+from topdress.control.targets.prescription import Fallbacks, MapData, Zone, statistics
+from topdress.drivers.files.imports.task_log import task_words
+from topdress.drivers.files.prescriptions.read import read_prescription
+from topdress.drivers.files.prescriptions.words import Imported, PrescriptionError, RateChoice
+from topdress.drivers.files.prescriptions.write import write_prescription
+from topdress.drivers.plain_text import Refused
 
-from control.geodesy import TangentPlane
-from control.targets.prescription import Fallbacks, MapData, Zone, statistics
-from drivers.files.imports.task_log import task_words
-from drivers.files.prescriptions.read import read_prescription
-from drivers.files.prescriptions.words import Imported, PrescriptionError, RateChoice
-from drivers.files.prescriptions.write import write_prescription
-from drivers.plain_text import Refused
 from tests.places import TASK_FILES
 
 Make = Callable[..., Path]

@@ -11,14 +11,14 @@ import polars as pl
 import pytest
 import shapefile
 import shapely
+from topdress.control.geodesy import TangentPlane
+from topdress.control.targets.prescription import statistics
+from topdress.drivers.files.opened import Opened
+from topdress.drivers.files.prescriptions.lattice import NoLattice, lattice_of
+from topdress.drivers.files.prescriptions.read import read_prescription
+from topdress.drivers.files.prescriptions.words import RateChoice, RateQuestion
+from topdress.drivers.plain_text import Refused
 
-from control.geodesy import TangentPlane
-from control.targets.prescription import statistics
-from drivers.files.opened import Opened
-from drivers.files.prescriptions.lattice import NoLattice, lattice_of
-from drivers.files.prescriptions.read import read_prescription
-from drivers.files.prescriptions.words import RateChoice, RateQuestion
-from drivers.plain_text import Refused
 from tests.command import topdress
 from tests.geojson import feature, geojson
 

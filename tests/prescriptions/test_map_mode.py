@@ -13,30 +13,30 @@ from typing import Any
 
 import numpy as np
 import pytest
+from topdress.console.worker.assemble import assemble
+from topdress.console.worker.options import Options
+from topdress.control.field.job import Ground, Job, Simulated, SpeedChange, Wanted
+from topdress.control.geodesy import TangentPlane
+from topdress.control.loop import ControlLoop
+from topdress.control.loop.map_near import NEAR_M
+from topdress.control.loop.tick import Tick
+from topdress.control.orders import Do, Order, TargetSource
+from topdress.control.safety import read_refusal
+from topdress.control.simulation.assembly import control_loop, with_simulated_field
+from topdress.control.simulation.closed_loop import Record, simulated_run
+from topdress.control.simulation.error_metrics import landing, place_errors
+from topdress.control.simulation.plant import Plant
+from topdress.control.simulation.tractor import Leg
+from topdress.control.simulation.tractor import Path as Way
+from topdress.control.targets.map_profile import MapProfile
+from topdress.control.targets.prescription import Fallbacks, MapData, Prescription, Zone, on_plane
+from topdress.control.targets.rate_map import GridMap, ZoneMap, frame_deg, frame_m
+from topdress.drivers.files.config import shipped
+from topdress.drivers.files.prescriptions.for_job import map_of_job, plants_of_job
+from topdress.drivers.files.read_log import read_log
+from topdress.drivers.files.setup import Setup, load_setup
+from topdress.drivers.plain_text import Refused
 
-from console.worker.assemble import assemble
-from console.worker.options import Options
-from control.field.job import Ground, Job, Simulated, SpeedChange, Wanted
-from control.geodesy import TangentPlane
-from control.loop import ControlLoop
-from control.loop.map_near import NEAR_M
-from control.loop.tick import Tick
-from control.orders import Do, Order, TargetSource
-from control.safety import read_refusal
-from control.simulation.assembly import control_loop, with_simulated_field
-from control.simulation.closed_loop import Record, simulated_run
-from control.simulation.error_metrics import landing, place_errors
-from control.simulation.plant import Plant
-from control.simulation.tractor import Leg
-from control.simulation.tractor import Path as Way
-from control.targets.map_profile import MapProfile
-from control.targets.prescription import Fallbacks, MapData, Prescription, Zone, on_plane
-from control.targets.rate_map import GridMap, ZoneMap, frame_deg, frame_m
-from drivers.files.config import shipped
-from drivers.files.prescriptions.for_job import map_of_job, plants_of_job
-from drivers.files.read_log import read_log
-from drivers.files.setup import Setup, load_setup
-from drivers.plain_text import Refused
 from tests.command import topdress
 from tests.control_loop.closed import Change, Closed
 from tests.geojson import feature, geojson

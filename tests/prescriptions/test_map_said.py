@@ -13,23 +13,23 @@ from typing import Any
 import numpy as np
 import pytest
 import shapely
+from topdress.console.app.pages.job.checklist import LOOK, STOP, checks
+from topdress.console.app.pages.job.map_words import map_words
+from topdress.console.app.units import METRIC
+from topdress.console.app.words import describe_alarm
+from topdress.console.locale import use
+from topdress.console.services.job import JobFiles
+from topdress.console.services.launcher import Launcher
+from topdress.control.field.boundary import Boundary
+from topdress.control.geodesy import TangentPlane
+from topdress.control.orders import Alarm, Severity
+from topdress.control.targets.map_check import map_check
+from topdress.control.targets.prescription import GridDeg, MapData, Zone, statistics
+from topdress.control.targets.rate_map import Floats
+from topdress.drivers.files.config import shipped
+from topdress.drivers.files.prescriptions.read import read_prescription
+from topdress.drivers.files.prescriptions.words import RateChoice, RateQuestion
 
-from console.app.pages.job.checklist import LOOK, STOP, checks
-from console.app.pages.job.map_words import map_words
-from console.app.units import METRIC
-from console.app.words import describe_alarm
-from console.locale import use
-from console.services.job import JobFiles
-from console.services.launcher import Launcher
-from control.field.boundary import Boundary
-from control.geodesy import TangentPlane
-from control.orders import Alarm, Severity
-from control.targets.map_check import map_check
-from control.targets.prescription import GridDeg, MapData, Zone, statistics
-from control.targets.rate_map import Floats
-from drivers.files.config import shipped
-from drivers.files.prescriptions.read import read_prescription
-from drivers.files.prescriptions.words import RateChoice, RateQuestion
 from tests.app.made_up.job import FACTS
 from tests.command import topdress
 from tests.geojson import feature, geojson

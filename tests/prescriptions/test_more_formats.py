@@ -12,16 +12,16 @@ import numpy as np
 import pytest
 import shapefile
 import shapely
+from topdress.control.targets.prescription import MapData, Zone, statistics
+from topdress.drivers.files.imports.mapping import Source
+from topdress.drivers.files.imports.read import read_raw
+from topdress.drivers.files.imports.trouble import ImportTrouble
+from topdress.drivers.files.prescriptions import raster
+from topdress.drivers.files.prescriptions.read import read_prescription
+from topdress.drivers.files.prescriptions.words import LB_AC_KG_HA, RateChoice, RateQuestion
+from topdress.drivers.files.prescriptions.write import write_prescription
+from topdress.drivers.plain_text import Refused
 
-from control.targets.prescription import MapData, Zone, statistics
-from drivers.files.imports.mapping import Source
-from drivers.files.imports.read import read_raw
-from drivers.files.imports.trouble import ImportTrouble
-from drivers.files.prescriptions import raster
-from drivers.files.prescriptions.read import read_prescription
-from drivers.files.prescriptions.words import LB_AC_KG_HA, RateChoice, RateQuestion
-from drivers.files.prescriptions.write import write_prescription
-from drivers.plain_text import Refused
 from tests.command import topdress
 
 
@@ -229,9 +229,9 @@ def test_without_rasterio_one_line_says_so(tmp_path: Path, monkeypatch: pytest.M
 
 def test_an_index_becomes_rates_by_the_crops_rule(tmp_path: Path) -> None:
 
-    from control.agronomy.noa import rate_kg_ha
-    from drivers.files.config import load
-    from drivers.files.kinds import CROP
+    from topdress.control.agronomy.noa import rate_kg_ha
+    from topdress.drivers.files.config import load
+    from topdress.drivers.files.kinds import CROP
 
     zones = tuple(zone._replace(rate_kg_ha=0.30 + 0.04 * k) for k, zone in enumerate(plan().zones))
     write_prescription(MapData(zones, None), tmp_path / "a.geojson")

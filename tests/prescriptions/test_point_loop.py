@@ -12,30 +12,30 @@ from typing import Any
 
 import numpy as np
 import pytest
-
-from console.worker.assemble import assemble
-from console.worker.options import Options
-from control.field.coverage import Raster
-from control.field.job import Camera, Job, Plants, Wanted
-from control.field.totals import NOTHING
-from control.geodesy import TangentPlane, direction
-from control.orders import Do, Order, TargetSource
-from control.readings import DoseOrder, PlantSeen
-from control.simulation.assembly import (
+from topdress.console.worker.assemble import assemble
+from topdress.console.worker.options import Options
+from topdress.control.field.coverage import Raster
+from topdress.control.field.job import Camera, Job, Plants, Wanted
+from topdress.control.field.totals import NOTHING
+from topdress.control.geodesy import TangentPlane, direction
+from topdress.control.orders import Do, Order, TargetSource
+from topdress.control.readings import DoseOrder, PlantSeen
+from topdress.control.simulation.assembly import (
     control_loop,
     point_source,
     simulated_machine,
     with_simulated_field,
 )
-from control.simulation.closed_loop import simulated_run
-from control.simulation.dose_watch import DoseErrors, DoseWatch
-from control.simulation.point_run import PointTruth, point_run
-from control.targets.plants import PlantList, PlantRow, SeenPlant
-from control.targets.point import Learning, PointMode, Threshold, fastest_mps, point_lag
-from control.targets.point_source import CommandedDose, Due, PointSource
-from drivers.files.prescriptions.for_job import placed_of_job
-from drivers.files.prescriptions.words import PrescriptionError
-from drivers.files.setup import Setup, load_setup
+from topdress.control.simulation.closed_loop import simulated_run
+from topdress.control.simulation.dose_watch import DoseErrors, DoseWatch
+from topdress.control.simulation.point_run import PointTruth, point_run
+from topdress.control.targets.plants import PlantList, PlantRow, SeenPlant
+from topdress.control.targets.point import Learning, PointMode, Threshold, fastest_mps, point_lag
+from topdress.control.targets.point_source import CommandedDose, Due, PointSource
+from topdress.drivers.files.prescriptions.for_job import placed_of_job
+from topdress.drivers.files.prescriptions.words import PrescriptionError
+from topdress.drivers.files.setup import Setup, load_setup
+
 from tests.command import topdress
 
 TICK_S = 0.05

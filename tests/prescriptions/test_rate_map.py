@@ -9,14 +9,13 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
-
-from control.field.boundary import Boundary
-from control.geodesy import TangentPlane, direction, offset
-from control.machine.change_lag import Lag
-from control.orders import TargetSource
-from control.targets.lag_correction import ChangeQueue, Fired
-from control.targets.map_profile import MapProfile
-from control.targets.prescription import (
+from topdress.control.field.boundary import Boundary
+from topdress.control.geodesy import TangentPlane, direction, offset
+from topdress.control.machine.change_lag import Lag
+from topdress.control.orders import TargetSource
+from topdress.control.targets.lag_correction import ChangeQueue, Fired
+from topdress.control.targets.map_profile import MapProfile
+from topdress.control.targets.prescription import (
     GAP_M,
     SHORTEST_M,
     Fallbacks,
@@ -27,8 +26,8 @@ from control.targets.prescription import (
     on_plane,
     statistics,
 )
-from control.targets.profile import Target, TargetChange
-from control.targets.rate_map import GridMap, ZoneMap, frame_deg, frame_m
+from topdress.control.targets.profile import Target, TargetChange
+from topdress.control.targets.rate_map import GridMap, ZoneMap, frame_deg, frame_m
 
 STEP_M = 0.02
 

@@ -14,19 +14,19 @@ import openpyxl
 import pytest
 import shapefile
 import shapely
-
-from drivers.files.imports.guess import guess
-from drivers.files.imports.read import read_raw
-from drivers.files.imports.units import unit_named
-from drivers.files.prescriptions.read import read_prescription
-from drivers.files.prescriptions.words import (
+from topdress.drivers.files.imports.guess import guess
+from topdress.drivers.files.imports.read import read_raw
+from topdress.drivers.files.imports.units import unit_named
+from topdress.drivers.files.prescriptions.read import read_prescription
+from topdress.drivers.files.prescriptions.words import (
     ACRE_HA,
     LB_AC_KG_HA,
     UNIT_NOT_NAMED,
     RateChoice,
     RateQuestion,
 )
-from drivers.plain_text import Refused
+from topdress.drivers.plain_text import Refused
+
 from tests.command import topdress
 from tests.geojson import feature, geojson
 

@@ -7,9 +7,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-
-from control.calibration.bench_table import BenchTable
-from control.diagnosis.result import (
+from topdress.control.calibration.bench_table import BenchTable
+from topdress.control.diagnosis.result import (
     RUN_CHANNELS,
     Cause,
     Channel,
@@ -23,7 +22,7 @@ from control.diagnosis.result import (
     Rival,
     Size,
 )
-from control.machine.machine import CATALOGUE, Machine
+from topdress.control.machine.machine import CATALOGUE, Machine
 
 SECONDS, STEP_S = 240.0, 0.1
 SAG_PERCENT_PER_V = 5.0

@@ -6,8 +6,7 @@ import re
 
 import numpy as np
 import pytest
-
-from console.reports.chart import AFTER, ChartSheet, Panel, find_ticks
+from topdress.console.reports.chart import AFTER, ChartSheet, Panel, find_ticks
 
 TEXT = re.compile(r'<text x="([-\d.]+)" y="([-\d.]+)"[^>]*>([^<]*)</text>')
 

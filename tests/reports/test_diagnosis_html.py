@@ -13,22 +13,20 @@ from typing import Any
 
 import numpy as np
 import pytest
-
-import console
-from console.app.pages.diagnosis import shown
-from console.app.units import METRIC
-from console.locale import ENGLISH, use
-from console.reports import html
-from console.reports.diagnosis_html import diagnosis_page
-from console.reports.diagnosis_text import summary
-from console.reports.diagnosis_wording import cost, is_headline, sentence, when
-from console.reports.fleet_page import fleet_page
-from console.reports.paper_page import paper_page
-from console.reports.run_pictures import cause_pictures
-from console.reports.run_views import View, parts_of, run_views
-from console.services.diagnosis_view import found_of
-from control.calibration.bench_table import BenchTable
-from control.diagnosis.result import (
+from topdress.console.app.pages.diagnosis import shown
+from topdress.console.app.units import METRIC
+from topdress.console.locale import ENGLISH, use
+from topdress.console.reports import html
+from topdress.console.reports.diagnosis_html import diagnosis_page
+from topdress.console.reports.diagnosis_text import summary
+from topdress.console.reports.diagnosis_wording import cost, is_headline, sentence, when
+from topdress.console.reports.fleet_page import fleet_page
+from topdress.console.reports.paper_page import paper_page
+from topdress.console.reports.run_pictures import cause_pictures
+from topdress.console.reports.run_views import View, parts_of, run_views
+from topdress.console.services.diagnosis_view import found_of
+from topdress.control.calibration.bench_table import BenchTable
+from topdress.control.diagnosis.result import (
     UNKNOWN,
     Cause,
     Channel,
@@ -40,9 +38,11 @@ from control.diagnosis.result import (
     TableFit,
     Unexplained,
 )
-from control.diagnosis.season.effect_timelines import SeasonFit
-from control.machine.machine import CATALOGUE, Machine
+from topdress.control.diagnosis.season.effect_timelines import SeasonFit
+from topdress.control.machine.machine import CATALOGUE, Machine
+
 from tests.command import topdress
+from topdress import console
 
 OF_RUNS = [i for i, e in CATALOGUE.items() if "run" in " ".join(e.effect.seen_in)]
 EMPTY = frozenset({"meta", "line", "circle", "rect", "br", "path", "use"})

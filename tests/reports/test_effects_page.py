@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from console.reports.effects_page import markdown
-from control.machine.machine import CATALOGUE
+from topdress.console.reports.effects_page import markdown
+from topdress.control.machine.machine import CATALOGUE
+
 from tests.command import topdress
 
 PAGE = Path(__file__).parents[2] / "docs" / "effects.md"

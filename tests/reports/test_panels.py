@@ -9,20 +9,26 @@ from typing import Any
 
 import numpy as np
 import pytest
-
-from console.reports.binned import Axis, bin_rates, binned, find_shown_share, telling
-from console.reports.chart import ChartSheet, Panel
-from console.reports.diagnosis_wording import left
-from console.reports.numbers import MINUS, format_p_value, number, percent, span_of, with_interval
-from console.reports.panels import EXTENDED, NOMINAL, residual_panel, smooth_line
-from console.reports.run_pictures import LEAST_SHARE, _most_telling
-from console.reports.run_views import parts_of, run_views
-from console.reports.table_pictures import table_picture
-from console.reports.table_views import table_views
-from control.calibration.bench_table import BenchTable
-from control.diagnosis import diagnose_tables
-from control.diagnosis.result import Cause, Unexplained
-from control.machine.machine import Machine
+from topdress.console.reports.binned import Axis, bin_rates, binned, find_shown_share, telling
+from topdress.console.reports.chart import ChartSheet, Panel
+from topdress.console.reports.diagnosis_wording import left
+from topdress.console.reports.numbers import (
+    MINUS,
+    format_p_value,
+    number,
+    percent,
+    span_of,
+    with_interval,
+)
+from topdress.console.reports.panels import EXTENDED, NOMINAL, residual_panel, smooth_line
+from topdress.console.reports.run_pictures import LEAST_SHARE, _most_telling
+from topdress.console.reports.run_views import parts_of, run_views
+from topdress.console.reports.table_pictures import table_picture
+from topdress.console.reports.table_views import table_views
+from topdress.control.calibration.bench_table import BenchTable
+from topdress.control.diagnosis import diagnose_tables
+from topdress.control.diagnosis.result import Cause, Unexplained
+from topdress.control.machine.machine import Machine
 
 X = np.linspace(0.0, 4.0, 400)
 AXIS = Axis("x", X)

@@ -9,16 +9,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from topdress.console.app.coverage_raster import CELLS_M, MOST_TILES
+from topdress.console.app.history import TREND_POINTS, History
+from topdress.console.worker.resume import Snapshot
+from topdress.console.worker.resume_ground import TRACK_PLACES, Done
+from topdress.console.worker.resume_keeper import Keeper
+from topdress.control.diagnosis.live.watch import MOST_ROWS, MOST_S, QUARTER_S, LiveCheck
+from topdress.control.field.coverage import Coverage
+from topdress.control.log_row import LogRow
+from topdress.control.machine.machine import Machine
 
-from console.app.coverage_raster import CELLS_M, MOST_TILES
-from console.app.history import TREND_POINTS, History
-from console.worker.resume import Snapshot
-from console.worker.resume_ground import TRACK_PLACES, Done
-from console.worker.resume_keeper import Keeper
-from control.diagnosis.live.watch import MOST_ROWS, MOST_S, QUARTER_S, LiveCheck
-from control.field.coverage import Coverage
-from control.log_row import LogRow
-from control.machine.machine import Machine
 from tests.app.made_up.run import run_frames
 
 DAY_S = 12 * 3600.0

@@ -7,18 +7,17 @@ import datetime as dt
 
 import numpy as np
 import pytest
-
-from console.worker import resume
-from console.worker.assemble import assemble
-from console.worker.options import Options
-from console.worker.resume import Snapshot
-from console.worker.resume_field import find_jobs_here, on_plane
-from control.field.coverage import Raster
-from control.field.job import Ground, Job
-from control.field.totals import Sums, Totaliser
-from control.geodesy import TangentPlane
-from drivers.files.config import load, save, shipped
-from drivers.files.kinds import JOB
+from topdress.console.worker import resume
+from topdress.console.worker.assemble import assemble
+from topdress.console.worker.options import Options
+from topdress.console.worker.resume import Snapshot
+from topdress.console.worker.resume_field import find_jobs_here, on_plane
+from topdress.control.field.coverage import Raster
+from topdress.control.field.job import Ground, Job
+from topdress.control.field.totals import Sums, Totaliser
+from topdress.control.geodesy import TangentPlane
+from topdress.drivers.files.config import load, save, shipped
+from topdress.drivers.files.kinds import JOB
 
 NOW = dt.datetime.now(dt.UTC)
 HOME = 34.28, 119.88

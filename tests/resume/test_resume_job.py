@@ -11,30 +11,36 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-
-from console.worker import resume
-from console.worker.assemble import assemble
-from console.worker.host import Host
-from console.worker.options import Options, parse_options
-from console.worker.requests import Ask
-from console.worker.resume import Snapshot
-from console.worker.resume_alarms import AlarmBook, AlarmRecord
-from console.worker.resume_assemble import find_job_to_continue
-from console.worker.resume_ground import NOTHING_DONE, TRACK_PLACES, Done, joined, packed, unpacked
-from console.worker.resume_keeper import Keeper
-from console.worker.resume_tail import add_log_tail
-from control.agronomy.strips import Strips
-from control.field.coverage import Coverage, Raster
-from control.field.job import rule_of
-from control.field.totals import Sums, Totaliser
-from control.log_row import LogRow
-from control.machine.fall import drop_s
-from control.machine.machine import Machine
-from control.orders import Alarm, Do, Order, Severity
-from drivers.files.plain import plain, typed
-from drivers.files.read_log import read_log
-from drivers.files.run_meta import meta_from_yaml
-from drivers.files.setup import load_setup
+from topdress.console.worker import resume
+from topdress.console.worker.assemble import assemble
+from topdress.console.worker.host import Host
+from topdress.console.worker.options import Options, parse_options
+from topdress.console.worker.requests import Ask
+from topdress.console.worker.resume import Snapshot
+from topdress.console.worker.resume_alarms import AlarmBook, AlarmRecord
+from topdress.console.worker.resume_assemble import find_job_to_continue
+from topdress.console.worker.resume_ground import (
+    NOTHING_DONE,
+    TRACK_PLACES,
+    Done,
+    joined,
+    packed,
+    unpacked,
+)
+from topdress.console.worker.resume_keeper import Keeper
+from topdress.console.worker.resume_tail import add_log_tail
+from topdress.control.agronomy.strips import Strips
+from topdress.control.field.coverage import Coverage, Raster
+from topdress.control.field.job import rule_of
+from topdress.control.field.totals import Sums, Totaliser
+from topdress.control.log_row import LogRow
+from topdress.control.machine.fall import drop_s
+from topdress.control.machine.machine import Machine
+from topdress.control.orders import Alarm, Do, Order, Severity
+from topdress.drivers.files.plain import plain, typed
+from topdress.drivers.files.read_log import read_log
+from topdress.drivers.files.run_meta import meta_from_yaml
+from topdress.drivers.files.setup import load_setup
 
 
 class PowerCut(BaseException):

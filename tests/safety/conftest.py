@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
+from topdress.control.orders import Do
 
-from control.orders import Do
 from tests.safety.steps import Run
 
 

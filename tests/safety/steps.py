@@ -7,9 +7,9 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
-from control.orders import Answer, Do, Order, State, TargetSource
-from control.readings import GnssFix, Measurements, Reading, ValvesSeen
-from control.safety import Safety, SafetyLimits, Situation, Verdict
+from topdress.control.orders import Answer, Do, Order, State, TargetSource
+from topdress.control.readings import GnssFix, Measurements, Reading, ValvesSeen
+from topdress.control.safety import Safety, SafetyLimits, Situation, Verdict
 
 Step = Callable[[Any], None]
 NEVER = object()  # in place of an age: never received

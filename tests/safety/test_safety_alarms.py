@@ -8,10 +8,10 @@ from string import Formatter
 
 import numpy as np
 import pytest
+from topdress.control.orders import Do, Severity, State, TargetSource
+from topdress.control.readings import Doubted, EffortSays, RangeBreach, ScaleSays, SpeedDoubt
+from topdress.control.safety import ALARMS, INTERLOCKS, REFUSALS, STATE_REASONS, Commanded
 
-from control.orders import Do, Severity, State, TargetSource
-from control.readings import Doubted, EffortSays, RangeBreach, ScaleSays, SpeedDoubt
-from control.safety import ALARMS, INTERLOCKS, REFUSALS, STATE_REASONS, Commanded
 from tests.safety.steps import NEVER, order, play, tick
 
 MAP, POINT, MANUAL = TargetSource.MAP, TargetSource.POINT, TargetSource.MANUAL

@@ -7,10 +7,9 @@ from math import exp, inf, isfinite, nan
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-
-from control.orders import Do, State
-from control.readings import DoseOrder, DriveCommand
-from control.safety import Commanded, DriveLimits, limited, limited_dose
+from topdress.control.orders import Do, State
+from topdress.control.readings import DoseOrder, DriveCommand
+from topdress.control.safety import Commanded, DriveLimits, limited, limited_dose
 
 LIMITS = DriveLimits(
     shaft_min_rpm=10.0, shaft_max_rpm=90.0, opening_min_mm=5.0, opening_max_mm=50.0

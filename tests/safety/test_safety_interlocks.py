@@ -5,10 +5,10 @@ from __future__ import annotations
 from math import inf, nan
 
 import pytest
+from topdress.control.orders import Do, State, TargetSource
+from topdress.control.readings import Doubted, RangeBreach, SpeedDoubt
+from topdress.control.safety import INTERLOCKS
 
-from control.orders import Do, State, TargetSource
-from control.readings import Doubted, RangeBreach, SpeedDoubt
-from control.safety import INTERLOCKS
 from tests.safety.steps import NEVER, creep, order, play, stop_and_go, tick
 
 FORBIDDEN = [

@@ -5,10 +5,9 @@ from __future__ import annotations
 from dataclasses import fields, replace
 
 import pytest
-
-from control.orders import Do
-from control.readings import Doubted, DriveCommand, RangeBreach, ScaleSays, SpeedDoubt
-from control.safety import Commanded, DriveLimits, SafetyLimits, limited
+from topdress.control.orders import Do
+from topdress.control.readings import Doubted, DriveCommand, RangeBreach, ScaleSays, SpeedDoubt
+from topdress.control.safety import Commanded, DriveLimits, SafetyLimits, limited
 
 STANDS = Commanded(turn=False, flow=False, opening_mm=15.0)
 TURNS = Commanded(shaft_rpm=70.0, expected_rpm=70.0, opening_mm=15.0, expected_mm=15.0)

@@ -14,10 +14,9 @@ import pytest
 from hypothesis import HealthCheck, assume, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, rule, run_state_machine_as_test
-
-from control.orders import BY_PLACE, Do, Order, Severity, State, TargetSource
-from control.readings import NOTHING_SAID, DriveCommand, ScaleSays
-from control.safety import (
+from topdress.control.orders import BY_PLACE, Do, Order, Severity, State, TargetSource
+from topdress.control.readings import NOTHING_SAID, DriveCommand, ScaleSays
+from topdress.control.safety import (
     ALARMS,
     INTERLOCKS,
     REFUSALS,
@@ -28,6 +27,7 @@ from control.safety import (
     limited_valves,
     read_refusal,
 )
+
 from tests.safety.steps import NEVER, good_situation
 
 ODD = (nan, inf, -inf, -1.0, 1e300)

@@ -5,9 +5,9 @@ from __future__ import annotations
 from math import nan
 
 import pytest
+from topdress.control.orders import Do, State
+from topdress.control.safety import REFUSALS, read_refusal
 
-from control.orders import Do, State
-from control.safety import REFUSALS, read_refusal
 from tests.safety.steps import NEVER, order, play, tick
 
 DRIVES = ("shaft", "gate")

@@ -17,12 +17,11 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
-
-from console.app.tablet import MOST_WAIT_S, Key
-from console.cli import serve as serve_command
-from console.cli import tablet
-from console.cli.plain_errors import CommandError
-from console.cli.tablet import (
+from topdress.console.app.tablet import MOST_WAIT_S, Key
+from topdress.console.cli import serve as serve_command
+from topdress.console.cli import tablet
+from topdress.console.cli.plain_errors import CommandError
+from topdress.console.cli.tablet import (
     MOST_ADDRESSES,
     MOST_BYTES,
     TAB_BYTES,
@@ -32,16 +31,16 @@ from console.cli.tablet import (
     read_options,
     read_token,
 )
-from console.link import Link
-from console.running import WorkerAddress, WorkerFailed, start_worker
-from control.orders import Answer, Do, Order
-from drivers.files.lock import take_lock
-from drivers.files.run_meta import meta_to_yaml, run_meta
+from topdress.console.link import Link
+from topdress.console.running import WorkerAddress, WorkerFailed, start_worker
+from topdress.control.orders import Answer, Do, Order
+from topdress.drivers.files.lock import take_lock
+from topdress.drivers.files.run_meta import meta_to_yaml, run_meta
 
 aiohttp = pytest.importorskip("aiohttp", reason="textual-serve is not installed")
-from console.serve import server as server_module  # noqa: E402
-from console.serve import tab as tab_module  # noqa: E402
-from console.serve.server import (  # noqa: E402
+from topdress.console.serve import server as server_module  # noqa: E402
+from topdress.console.serve import tab as tab_module  # noqa: E402
+from topdress.console.serve.server import (  # noqa: E402
     MESSAGE_BYTES,
     MOST_COLUMNS,
     MOST_ROWS,
@@ -76,7 +75,7 @@ def served(tmp_path, free_port, monkeypatch):
         [
             sys.executable,
             "-c",
-            "from console.cli import main; main()",
+            "from topdress.console.cli import main; main()",
             "serve",
             "--port",
             str(free_port),
@@ -461,7 +460,7 @@ async def test_ctrl_c_leaves_no_socket_for_which_the_web_server_waits(asleep):
 @posix
 def test_a_tab_ends_with_its_server_however_that_ended():
     program = (
-        "import os, threading, time; from console.cli.tablet import end_with; os.setsid();"
+        "import os, threading, time; from topdress.console.cli.tablet import end_with; os.setsid();"
         "threading.Thread(target=end_with, args=(int(os.environ['SERVER']),), daemon=True).start();"
         "print(os.getpid(), flush=True); time.sleep(60)"
     )
@@ -689,7 +688,8 @@ def test_what_the_server_says_fills_no_disk():
 @posix
 def test_a_tab_has_little_memory_and_no_first_claim_on_the_processor():
     program = (
-        "import os, resource; from console.cli.tablet import bounded; before = os.nice(0); "
+        "import os, resource; from topdress.console.cli.tablet import bounded; "
+        "before = os.nice(0); "
         "bounded();"
         "print(os.nice(0) - before, resource.getrlimit(resource.RLIMIT_AS)[0])"
     )

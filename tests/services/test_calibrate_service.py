@@ -7,13 +7,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from topdress.console.app.pages.calibrate.catch import CatchPoint
+from topdress.console.app.pages.calibrate.wheel import WheelSample
+from topdress.console.services.calibrate import calibrate_job
+from topdress.drivers.files.bench_table import read_bench_table
+from topdress.drivers.files.config import load
+from topdress.drivers.files.kinds import MACHINE
 
-from console.app.pages.calibrate.catch import CatchPoint
-from console.app.pages.calibrate.wheel import WheelSample
-from console.services.calibrate import calibrate_job
-from drivers.files.bench_table import read_bench_table
-from drivers.files.config import load
-from drivers.files.kinds import MACHINE
 from tests.places import PAPERS
 
 SETTINGS = ((30.0, 15.0), (50.0, 25.0), (70.0, 35.0), (90.0, 45.0), (90.0, 15.0), (60.0, 55.0))

@@ -12,22 +12,26 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from topdress.console.app.pages.diagnosis.adoption import list_selections, undecided
+from topdress.console.app.pages.diagnosis.service import Adoption, Stop, WorkStopped
+from topdress.console.reports.diagnosis_wording import sort_adoptable
+from topdress.console.services import diagnosis
+from topdress.console.services.diagnosis import DiagnosisFiles
+from topdress.console.services.separating_run import _DRIVES, is_drivable, make_drive
+from topdress.control.diagnosis.extend import adoptable
+from topdress.control.diagnosis.result import Cause, Data, Diagnosis, FieldCost, Rival, Size
+from topdress.control.experiments.manoeuvres import manoeuvres
+from topdress.control.orders import State
+from topdress.control.simulation.assembly import (
+    control_loop,
+    simulated_machine,
+    with_simulated_field,
+)
+from topdress.control.simulation.closed_loop import simulated_run
+from topdress.drivers.files.config import load
+from topdress.drivers.files.kinds import JOB, MACHINE
+from topdress.drivers.files.setup import load_setup
 
-from console.app.pages.diagnosis.adoption import list_selections, undecided
-from console.app.pages.diagnosis.service import Adoption, Stop, WorkStopped
-from console.reports.diagnosis_wording import sort_adoptable
-from console.services import diagnosis
-from console.services.diagnosis import DiagnosisFiles
-from console.services.separating_run import _DRIVES, is_drivable, make_drive
-from control.diagnosis.extend import adoptable
-from control.diagnosis.result import Cause, Data, Diagnosis, FieldCost, Rival, Size
-from control.experiments.manoeuvres import manoeuvres
-from control.orders import State
-from control.simulation.assembly import control_loop, simulated_machine, with_simulated_field
-from control.simulation.closed_loop import simulated_run
-from drivers.files.config import load
-from drivers.files.kinds import JOB, MACHINE
-from drivers.files.setup import load_setup
 from tests.app.made_up.diagnosis import having, sample_found
 
 CATCH = "shaft_rpm,opening_mm,duration_s,mass_kg\n" + "".join(
@@ -321,9 +325,9 @@ def test_the_job_file_of_a_separating_run_reads_back(files, tmp_path, huanghai):
 
 def test_an_adopted_file_is_compared_before_and_after_on_another_log(tmp_path):
     """By the real process: a drive that turns 5 % faster, and a file that took that up."""
-    from control.machine.history import noted
-    from control.machine.machine import add_effect
-    from drivers.files.config import save
+    from topdress.control.machine.history import noted
+    from topdress.control.machine.machine import add_effect
+    from topdress.drivers.files.config import save
 
     rng, time_s = np.random.default_rng(1), np.arange(0.0, 120.0, 0.02)
     command = np.repeat(rng.uniform(100.0, 600.0, 60).round(), 100)

@@ -10,17 +10,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-
-from console.app.pages.replay.service import WhatIf
-from console.frame import Frame
-from console.services.field import MOST_CELLS, field_picture
-from console.services.replay_frames import make_frames, open_replay
-from control.log_row import LogRow
-from control.simulation.assembly import with_simulated_field
-from drivers.files.read_log import read_log
-from drivers.files.run_log import PlainLogWriter
-from drivers.files.run_meta import run_meta
-from drivers.files.setup import Setup, load_setup
+from topdress.console.app.pages.replay.service import WhatIf
+from topdress.console.frame import Frame
+from topdress.console.services.field import MOST_CELLS, field_picture
+from topdress.console.services.replay_frames import make_frames, open_replay
+from topdress.control.log_row import LogRow
+from topdress.control.simulation.assembly import with_simulated_field
+from topdress.drivers.files.read_log import read_log
+from topdress.drivers.files.run_log import PlainLogWriter
+from topdress.drivers.files.run_meta import run_meta
+from topdress.drivers.files.setup import Setup, load_setup
 
 
 def write(path: Path, setup: Setup, rows: int = 300, boundary: bool = True) -> Path:
@@ -70,7 +69,7 @@ def test_outline_and_plan_of_the_job_in_the_log(tmp_path, setup):
 
 
 def test_the_plan_is_what_the_loop_works_on(tmp_path, setup):
-    from drivers.files.prescriptions.for_job import map_of_job
+    from topdress.drivers.files.prescriptions.for_job import map_of_job
 
     job = with_simulated_field(setup.job, setup.machine)
     picture = field_picture(frame_of(write(tmp_path / "a.csv", setup)))

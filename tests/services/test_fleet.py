@@ -20,21 +20,27 @@ from typing import Any
 import numpy as np
 import polars as pl
 import pytest
+from topdress.console.reports.fleet_page import describe_costliest, fleet_page, service
+from topdress.console.reports.numbers import fixed
+from topdress.console.services import fleet
+from topdress.console.services.fleet_job import (
+    FORMAT,
+    checksum,
+    list_side_urls,
+    read_record,
+    record,
+)
+from topdress.console.services.fleet_metadata import listed, with_words
+from topdress.console.services.fleet_season import season
+from topdress.console.services.fleet_tables import TABLES, write_tables
+from topdress.control.diagnosis.season.effect_timelines import Cause, SeasonFit
+from topdress.control.diagnosis.season.evidence import evidence
+from topdress.control.diagnosis.season.season_cost import machines
+from topdress.control.machine.machine import Machine
+from topdress.drivers import day_clock
+from topdress.drivers.files.log_store import write_store
+from topdress.drivers.files.read_log import read_rows
 
-from console.reports.fleet_page import describe_costliest, fleet_page, service
-from console.reports.numbers import fixed
-from console.services import fleet
-from console.services.fleet_job import FORMAT, checksum, list_side_urls, read_record, record
-from console.services.fleet_metadata import listed, with_words
-from console.services.fleet_season import season
-from console.services.fleet_tables import TABLES, write_tables
-from control.diagnosis.season.effect_timelines import Cause, SeasonFit
-from control.diagnosis.season.evidence import evidence
-from control.diagnosis.season.season_cost import machines
-from control.machine.machine import Machine
-from drivers import day_clock
-from drivers.files.log_store import write_store
-from drivers.files.read_log import read_rows
 from tests.command import topdress
 from tests.waiting import wait_for
 
@@ -449,7 +455,7 @@ def test_a_cluster_of_other_versions_is_said() -> None:
 
 def test_a_worker_without_topdress_is_said() -> None:
     told = {
-        "the scheduler": ModuleNotFoundError("console"),
+        "the scheduler": ModuleNotFoundError("topdress"),
         "worker a": FORMAT,
         "worker b": "topdress-fleet-log/1",
     }
@@ -1017,7 +1023,7 @@ def test_a_log_of_six_seconds_is_no_log(tmp_path: Path) -> None:
 def test_progress_without_a_terminal_is_a_line_now_and_then(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    from console.cli.fleet import _progress
+    from topdress.console.cli.fleet import _progress
 
     now = [0.0]
     tell = _progress(lambda: now[0])
@@ -1052,8 +1058,8 @@ def test_progress_without_a_terminal_is_a_line_now_and_then(
     ],
 )
 def test_the_owner_reads_what_the_machine_does_and_what_to_do(effect, size, language, said):
-    from console.locale import use
-    from console.reports.fleet_page import describe_for_owner
+    from topdress.console.locale import use
+    from topdress.console.reports.fleet_page import describe_for_owner
 
     use(language)
     try:

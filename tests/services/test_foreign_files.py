@@ -8,11 +8,10 @@ from pathlib import Path
 
 import polars as pl
 import pytest
-
-from console.app.pages.diagnosis.service import IMPORT, OpenQuestions, Stop
-from console.services.diagnosis import DiagnosisFiles
-from console.services.foreign_files import brought_in, is_listed
-from drivers.plain_text import Refused
+from topdress.console.app.pages.diagnosis.service import IMPORT, OpenQuestions, Stop
+from topdress.console.services.diagnosis import DiagnosisFiles
+from topdress.console.services.foreign_files import brought_in, is_listed
+from topdress.drivers.plain_text import Refused
 
 EXAMPLES = Path(__file__).parents[2] / "docs" / "examples" / "import"
 

@@ -12,30 +12,29 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-
-from console.app.pages.job.map_words import is_doubtful, map_words
-from console.app.pages.job.service import MapReading
-from console.app.units import METRIC
-from console.running import WorkerFailed
-from console.services.job import JobFiles, find_implausible_rates
-from console.services.launcher import Launcher, list_others
-from console.services.removable_media import entries, find_maps, is_map_likely
-from console.services.running_limits import at_work, earlier
-from console.worker import resume
-from console.worker.resume import Snapshot
-from control.agronomy.strips import StripValue
-from control.field.boundary import Boundary
-from control.field.coverage import Raster
-from control.field.job import Job
-from control.field.job_names import JobNames
-from control.field.totals import Sums
-from control.geodesy import TangentPlane
-from control.targets.map_check import map_check
-from control.targets.prescription import MapData, Zone
-from drivers.files.config import load, save, shipped
-from drivers.files.kinds import JOB
-from drivers.files.run_log import PlainLogWriter
-from drivers.files.run_meta import run_meta
+from topdress.console.app.pages.job.map_words import is_doubtful, map_words
+from topdress.console.app.pages.job.service import MapReading
+from topdress.console.app.units import METRIC
+from topdress.console.running import WorkerFailed
+from topdress.console.services.job import JobFiles, find_implausible_rates
+from topdress.console.services.launcher import Launcher, list_others
+from topdress.console.services.removable_media import entries, find_maps, is_map_likely
+from topdress.console.services.running_limits import at_work, earlier
+from topdress.console.worker import resume
+from topdress.console.worker.resume import Snapshot
+from topdress.control.agronomy.strips import StripValue
+from topdress.control.field.boundary import Boundary
+from topdress.control.field.coverage import Raster
+from topdress.control.field.job import Job
+from topdress.control.field.job_names import JobNames
+from topdress.control.field.totals import Sums
+from topdress.control.geodesy import TangentPlane
+from topdress.control.targets.map_check import map_check
+from topdress.control.targets.prescription import MapData, Zone
+from topdress.drivers.files.config import load, save, shipped
+from topdress.drivers.files.kinds import JOB
+from topdress.drivers.files.run_log import PlainLogWriter
+from topdress.drivers.files.run_meta import run_meta
 
 
 class NoWorker(Launcher):
@@ -541,7 +540,7 @@ def test_a_refused_map_is_refused_in_chinese_on_a_chinese_screen(desk, tmp_path)
     """Words of English that are left: names of files, columns, formats and units."""
     import re
 
-    from console.locale import use
+    from topdress.console.locale import use
 
     kept = {
         "pdf",

@@ -15,15 +15,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-
-from console.services import live_check
-from console.services.live_check import followed
-from console.services.live_checker import LiveChecker
-from control.diagnosis.live import watch
-from control.diagnosis.result import Departure
-from drivers.files.growing_log import GrowingLog
-from drivers.files.imports import text
-from drivers.files.log_store import write_store
+from topdress.console.services import live_check
+from topdress.console.services.live_check import followed
+from topdress.console.services.live_checker import LiveChecker
+from topdress.control.diagnosis.live import watch
+from topdress.control.diagnosis.result import Departure
+from topdress.drivers.files.growing_log import GrowingLog
+from topdress.drivers.files.imports import text
+from topdress.drivers.files.log_store import write_store
 
 FOUND = Departure("flow", "flow.gain", -4.0, 600.0)
 
@@ -86,7 +85,12 @@ def test_a_program_that_is_not_there_says_nothing() -> None:
 
 def test_the_real_one_ends_with_its_stdin(tmp_path: Path) -> None:
     child = subprocess.Popen(
-        [sys.executable, "-m", "console.services.live_check", str(tmp_path / "not-there.csv")],
+        [
+            sys.executable,
+            "-m",
+            "topdress.console.services.live_check",
+            str(tmp_path / "not-there.csv"),
+        ],
         stdin=subprocess.PIPE,
         cwd=Path(__file__).parents[2],
     )

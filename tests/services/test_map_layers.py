@@ -8,17 +8,17 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from topdress.console.app.camera import Pixels
+from topdress.console.app.layers import MapLayer, find_colour_scale
+from topdress.console.app.map_image import Ground
+from topdress.console.app.units import METRIC
+from topdress.console.frame import Frame
+from topdress.console.services.layers import MapLayers, find_frame_plane
+from topdress.console.services.replay_frames import make_frames
+from topdress.control.geodesy import TangentPlane, offset
+from topdress.control.log_row import LogRow
+from topdress.drivers.files.read_log import RunLog, read_rows
 
-from console.app.camera import Pixels
-from console.app.layers import MapLayer, find_colour_scale
-from console.app.map_image import Ground
-from console.app.units import METRIC
-from console.frame import Frame
-from console.services.layers import MapLayers, find_frame_plane
-from console.services.replay_frames import make_frames
-from control.geodesy import TangentPlane, offset
-from control.log_row import LogRow
-from drivers.files.read_log import RunLog, read_rows
 from tests.command import topdress
 
 SECONDS = 60
@@ -141,7 +141,7 @@ def test_what_is_no_such_file_is_one_line(frame, tmp_path, name, text, said):
 
 
 def test_files_are_listed_without_the_log_that_is_written(run, tmp_path):
-    from console.services.diagnosis import DiagnosisFiles
+    from topdress.console.services.diagnosis import DiagnosisFiles
 
     layers = MapLayers(DiagnosisFiles([run.path.parent], own=tmp_path))
     exported(run, "applied.geojson"), exported(run, "applied.zip")

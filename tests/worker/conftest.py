@@ -13,11 +13,10 @@ from types import ModuleType, SimpleNamespace
 from typing import Any
 
 import pytest
-
-from console.link import Link, WorkerGone
-from console.running import WorkerAddress, start_worker
-from console.worker.host import Host
-from console.worker.parts import Assembly, Names
+from topdress.console.link import Link, WorkerGone
+from topdress.console.running import WorkerAddress, start_worker
+from topdress.console.worker.host import Host
+from topdress.console.worker.parts import Assembly, Names
 
 FAKE = Path(__file__).with_name("fake_worker.py")
 

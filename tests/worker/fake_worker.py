@@ -15,18 +15,18 @@ import time
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from console.worker.options import Options
-from console.worker.parts import Assembly, Names
-from console.worker.program import Clock, main
-from control.agronomy.strips import Strips
-from control.field.totals import Totaliser, Totals
-from control.log_row import LogRow
-from control.orders import Alarm, Answer, Do, Order, SectionState, Severity
-from control.readings import NO_EFFORT, DriveCommand, EffortSays, Measurements, Reading
-from control.safety import Allowances, BenchRun
-from drivers.cab_line import DeviceLine
-from drivers.device_status import DeviceStatus
-from drivers.devices.lag_rig import RigReadings
+from topdress.console.worker.options import Options
+from topdress.console.worker.parts import Assembly, Names
+from topdress.console.worker.program import Clock, main
+from topdress.control.agronomy.strips import Strips
+from topdress.control.field.totals import Totaliser, Totals
+from topdress.control.log_row import LogRow
+from topdress.control.orders import Alarm, Answer, Do, Order, SectionState, Severity
+from topdress.control.readings import NO_EFFORT, DriveCommand, EffortSays, Measurements, Reading
+from topdress.control.safety import Allowances, BenchRun
+from topdress.drivers.cab_line import DeviceLine
+from topdress.drivers.device_status import DeviceStatus
+from topdress.drivers.devices.lag_rig import RigReadings
 
 HELD_AFTER_S = 2.0
 

@@ -8,13 +8,12 @@ import sys
 from pathlib import Path
 
 import pytest
-
-from console.running import WorkerFailed, start_worker
-from console.worker.assemble import assemble
-from console.worker.host import Host
-from console.worker.options import Options
-from control.orders import Do, Order
-from drivers.files.read_log import read_log
+from topdress.console.running import WorkerFailed, start_worker
+from topdress.console.worker.assemble import assemble
+from topdress.console.worker.host import Host
+from topdress.console.worker.options import Options
+from topdress.control.orders import Do, Order
+from topdress.drivers.files.read_log import read_log
 
 HEAVY = ("textual", "rich", "numba", "scipy", "polars")
 
@@ -87,10 +86,10 @@ def test_what_a_running_worker_has_loaded(tmp_path):
     code = f"""
 import sys
 from pathlib import Path
-from console.worker.assemble import assemble
-from console.worker.host import Host
-from console.worker.options import Options
-import console.worker.__main__
+from topdress.console.worker.assemble import assemble
+from topdress.console.worker.host import Host
+from topdress.console.worker.options import Options
+import topdress.console.worker.__main__
 now = [0.0]
 parts = assemble(Options((), Path('w.json'), log={str(tmp_path / "run.csv")!r}), lambda: now[0])
 host = Host(parts, lambda: now[0], lambda s: None)

@@ -13,8 +13,7 @@ import sys
 import textwrap
 
 import pytest
-
-from console.attached import (
+from topdress.console.attached import (
     NAME_CHARACTERS,
     Attached,
     Ordered,
@@ -23,10 +22,11 @@ from console.attached import (
     read_orders,
     unlike,
 )
-from console.cli.tablet import TabLink
-from console.frame import from_json
-from console.link import Link
-from control.orders import Answer, Do, Order
+from topdress.console.cli.tablet import TabLink
+from topdress.console.frame import from_json
+from topdress.console.link import Link
+from topdress.control.orders import Answer, Do, Order
+
 from tests.waiting import until
 
 posix = pytest.mark.skipif(os.name != "posix", reason="sends signals")
@@ -105,8 +105,8 @@ async def test_two_consoles_and_two_tablets_see_each_other_and_who_ordered(runni
 
 CONSOLE = textwrap.dedent("""
     import asyncio, json, sys
-    from console.link import Link
-    from console.running import WorkerAddress
+    from topdress.console.link import Link
+    from topdress.console.running import WorkerAddress
     async def main():
         link = Link(WorkerAddress(**json.loads(sys.argv[1])), sys.argv[2])
         task = asyncio.create_task(link.run())

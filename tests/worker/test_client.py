@@ -8,12 +8,11 @@ from collections.abc import Callable
 from concurrent.futures import Future
 
 import pytest
-
-from console.link import ComingLink
-from console.running import WorkerAddress, WorkerFailed
-from console.worker.client import Client, Patience
-from console.worker.limits import LINE_BYTES, REFUSAL_AGAIN_S, REFUSALS
-from control.orders import Do, Order
+from topdress.console.link import ComingLink
+from topdress.console.running import WorkerAddress, WorkerFailed
+from topdress.console.worker.client import Client, Patience
+from topdress.console.worker.limits import LINE_BYTES, REFUSAL_AGAIN_S, REFUSALS
+from topdress.control.orders import Do, Order
 
 
 @pytest.fixture

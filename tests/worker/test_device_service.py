@@ -6,16 +6,15 @@ import time
 from types import SimpleNamespace
 
 import pytest
-
-from console.frame import DeviceDo, DeviceTest
-from console.worker import device_service
-from console.worker.device_service import DeviceService
-from console.worker.requests import DeviceOrder
-from console.worker.side_files import SideFiles
-from drivers.cab_line import DeviceLine
-from drivers.devices.capture import received
-from drivers.devices.lines import Counts
-from drivers.ports import memory_pair
+from topdress.console.frame import DeviceDo, DeviceTest
+from topdress.console.worker import device_service
+from topdress.console.worker.device_service import DeviceService
+from topdress.console.worker.requests import DeviceOrder
+from topdress.console.worker.side_files import SideFiles
+from topdress.drivers.cab_line import DeviceLine
+from topdress.drivers.devices.capture import received
+from topdress.drivers.devices.lines import Counts
+from topdress.drivers.ports import memory_pair
 
 HEAD = b"0,0.5,0.512,0.61,0\r\n"
 

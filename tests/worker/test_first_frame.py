@@ -8,9 +8,9 @@ import os
 import subprocess
 import sys
 
-from console.link import Link
-from console.running import WorkerAddress
-from console.worker.link_server import LinkServer
+from topdress.console.link import Link
+from topdress.console.running import WorkerAddress
+from topdress.console.worker.link_server import LinkServer
 
 
 async def test_who_comes_gets_the_newest_frame_at_once(rig):
@@ -82,7 +82,12 @@ def test_the_right_to_be_the_worker_is_taken_before_the_modules_are_read():
     """A new lock settles for 0.4 s: they come up meanwhile."""
     assert (
         loaded_with(
-            "console.worker.__main__", "numpy", "pydantic", "yaml", "control.loop", "drivers.cab"
+            "topdress.console.worker.__main__",
+            "numpy",
+            "pydantic",
+            "yaml",
+            "topdress.control.loop",
+            "topdress.drivers.cab",
         )
         == "[]"
     )
@@ -91,12 +96,13 @@ def test_the_right_to_be_the_worker_is_taken_before_the_modules_are_read():
 def test_the_worker_is_started_before_the_console_reads_what_it_draws_with():
     assert (
         loaded_with(
-            "console.cli.run, console.cli.screens, console.running, console.services.launcher",
+            "topdress.console.cli.run, topdress.console.cli.screens, topdress.console.running, "
+            "topdress.console.services.launcher",
             "asyncio",
             "textual",
             "numpy",
             "yaml",
-            "console.app",
+            "topdress.console.app",
         )
         == "[]"
     )

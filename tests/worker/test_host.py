@@ -6,13 +6,12 @@ from itertools import pairwise
 from pathlib import Path
 
 import pytest
-
-from console.frame import DeviceDo
-from console.worker import limits
-from console.worker.host import Steady
-from console.worker.requests import Ask, DeviceOrder
-from control.orders import Answer, Do, Order, SectionState
-from control.safety import Allowances
+from topdress.console.frame import DeviceDo
+from topdress.console.worker import limits
+from topdress.console.worker.host import Steady
+from topdress.console.worker.requests import Ask, DeviceOrder
+from topdress.control.orders import Answer, Do, Order, SectionState
+from topdress.control.safety import Allowances
 
 
 def ask(rig, what):

@@ -7,23 +7,26 @@ import datetime as dt
 import statistics
 
 import pytest
-
-from console.cli.lag_rig import Attended
-from console.worker.host import Host
-from console.worker.parts import Assembly, Names
-from console.worker.requests import Ask
-from console.worker.side_files import SideFiles
-from control.calibration.lag_fit import fit_lag
-from control.field.job import Simulated
-from control.orders import Answer, Do, Order
-from control.simulation.assembly import control_loop, simulated_machine, with_simulated_field
-from drivers.cab import Cab, CabConfig
-from drivers.devices.lag_run import Plan
-from drivers.files.bench_table import read_bench_table
-from drivers.files.setup import load_setup
-from drivers.ports import memory_pair
-from drivers.virtual.lag_rig import VirtualLagRig
-from drivers.virtual.machine import VirtualMachine
+from topdress.console.cli.lag_rig import Attended
+from topdress.console.worker.host import Host
+from topdress.console.worker.parts import Assembly, Names
+from topdress.console.worker.requests import Ask
+from topdress.console.worker.side_files import SideFiles
+from topdress.control.calibration.lag_fit import fit_lag
+from topdress.control.field.job import Simulated
+from topdress.control.orders import Answer, Do, Order
+from topdress.control.simulation.assembly import (
+    control_loop,
+    simulated_machine,
+    with_simulated_field,
+)
+from topdress.drivers.cab import Cab, CabConfig
+from topdress.drivers.devices.lag_run import Plan
+from topdress.drivers.files.bench_table import read_bench_table
+from topdress.drivers.files.setup import load_setup
+from topdress.drivers.ports import memory_pair
+from topdress.drivers.virtual.lag_rig import VirtualLagRig
+from topdress.drivers.virtual.machine import VirtualMachine
 
 STEP_S = 0.02
 

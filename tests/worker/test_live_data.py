@@ -22,12 +22,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-
-from console.cli.live import FIELDS, _served, _split, most_readers
-from console.cli.plain_errors import CommandError
-from console.running import WorkerAddress
-from control.log_row import LogRow
-from control.orders import Do, Order
+from topdress.console.cli.live import FIELDS, _served, _split, most_readers
+from topdress.console.cli.plain_errors import CommandError
+from topdress.console.running import WorkerAddress
+from topdress.control.log_row import LogRow
+from topdress.control.orders import Do, Order
 
 PAGE = Path(__file__).parents[2] / "docs" / "live-data.md"
 MOSQUITTO = shutil.which("mosquitto", path=f"{os.environ.get('PATH')}:/usr/sbin")
@@ -44,7 +43,7 @@ def live(tmp_path: Path) -> Iterator[Callable[..., subprocess.Popen[str]]]:
             sys.executable,
             "-P",
             "-c",
-            "from console.cli import main; main()",
+            "from topdress.console.cli import main; main()",
             "live",
             *words,
         )
@@ -138,7 +137,7 @@ def test_without_its_broker_it_ends_as_it_does_with_one(live: Callable[..., Any]
 async def test_more_readers_than_there_is_room_for_are_turned_away_with_one_line(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("console.cli.live.most_readers", lambda: 2)
+    monkeypatch.setattr("topdress.console.cli.live.most_readers", lambda: 2)
     tell = await _served(0)
     port = int(capsys.readouterr().err.rpartition(":")[2])
     ends = [await asyncio.open_connection("127.0.0.1", port) for _ in range(5)]

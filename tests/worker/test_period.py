@@ -2,8 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-
-from console.worker.host import BINS, Durations, Punctuality
+from topdress.console.worker.host import BINS, Durations, Punctuality
 
 
 @pytest.mark.parametrize("share", [0.5, 0.99, 0.999])

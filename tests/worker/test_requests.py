@@ -5,11 +5,10 @@ import json
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-
-from console.frame import DeviceDo
-from console.worker.limits import TEXT_CHARACTERS
-from console.worker.requests import Ask, DeviceOrder, Refusal, Request, parse
-from control.orders import Do, Order
+from topdress.console.frame import DeviceDo
+from topdress.console.worker.limits import TEXT_CHARACTERS
+from topdress.console.worker.requests import Ask, DeviceOrder, Refusal, Request, parse
+from topdress.control.orders import Do, Order
 
 TOKEN = "0123456789abcdef"
 # shared machines

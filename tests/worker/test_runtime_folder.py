@@ -7,9 +7,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-
-from console import running
-from console.running import WorkerFailed, default_run_file, find_running
+from topdress.console import running
+from topdress.console.running import WorkerFailed, default_run_file, find_running
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="owners and modes of folders")
 

@@ -7,17 +7,16 @@ import time
 from dataclasses import replace
 
 import pytest
-
-from console.frame import DeviceTest, DeviceView, Frame, LagTestView, Tally, from_json
-from console.worker import run_file, wire
-from console.worker.limits import MOVES_S, STANDS_S
-from console.worker.link_server import Telling
-from control.agronomy.strips import Strips
-from control.field.totals import Totals
-from control.log_row import LogRow
-from control.orders import Alarm, Answer, Severity
-from control.safety import Allowances, BenchRun
-from drivers.files.lock import take_lock
+from topdress.console.frame import DeviceTest, DeviceView, Frame, LagTestView, Tally, from_json
+from topdress.console.worker import run_file, wire
+from topdress.console.worker.limits import MOVES_S, STANDS_S
+from topdress.console.worker.link_server import Telling
+from topdress.control.agronomy.strips import Strips
+from topdress.control.field.totals import Totals
+from topdress.control.log_row import LogRow
+from topdress.control.orders import Alarm, Answer, Severity
+from topdress.control.safety import Allowances, BenchRun
+from topdress.drivers.files.lock import take_lock
 
 
 def test_a_frame_comes_back_as_it_was():

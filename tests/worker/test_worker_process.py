@@ -18,20 +18,20 @@ from itertools import pairwise
 from pathlib import Path
 
 import pytest
-
-from console.cli.tablet import TabLink
-from console.link import Link, WorkerGone
-from console.locale import use
-from console.running import WorkerAddress, WorkerFailed, find_running, start_worker
-from console.worker.limits import (
+from topdress.console.cli.tablet import TabLink
+from topdress.console.link import Link, WorkerGone
+from topdress.console.locale import use
+from topdress.console.running import WorkerAddress, WorkerFailed, find_running, start_worker
+from topdress.console.worker.limits import (
     CLIENTS_LOOKING,
     CLIENTS_NEW,
     CLIENTS_WITH_KEY,
     LINE_BYTES,
     REFUSALS,
 )
-from control.orders import Answer, Do, Order
-from drivers.files.lock import take_lock
+from topdress.control.orders import Answer, Do, Order
+from topdress.drivers.files.lock import take_lock
+
 from tests.waiting import until
 
 posix = pytest.mark.skipif(os.name != "posix", reason="sends signals")
@@ -130,9 +130,9 @@ async def test_without_the_token_a_client_only_looks(running, attach):
 
 CONSOLE = textwrap.dedent("""
     import asyncio, json, signal, sys
-    from console.link import Link
-    from console.running import WorkerAddress
-    from control.orders import Do, Order
+    from topdress.console.link import Link
+    from topdress.console.running import WorkerAddress
+    from topdress.control.orders import Do, Order
     signal.signal(signal.SIGHUP, signal.SIG_DFL)        # a suite under nohup hands its ignoring on
     async def main():
         link = Link(WorkerAddress(**json.loads(sys.argv[1])))

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Mapping
 from importlib import import_module
 from types import ModuleType
 
-from console.app.action import (
+from topdress.console.app.action import (
     CALIBRATE,
     DEVICES,
     DIAGNOSIS,
@@ -18,9 +18,9 @@ from console.app.action import (
     SETTINGS,
     TRENDS,
 )
-from console.app.pages.page import Page
-from console.app.pages.replay.service import ReplayJob
-from console.app.services import Services
+from topdress.console.app.pages.page import Page
+from topdress.console.app.pages.replay.service import ReplayJob
+from topdress.console.app.services import Services
 
 SCREENS = {
     RUN: "RunScreen",
@@ -68,4 +68,4 @@ class Pages(Mapping[str, Page]):
     @staticmethod
     def read(where: str) -> ModuleType:
         """Its modules, without making it: in a thread, for a disk may take its time."""
-        return import_module(f"console.app.pages.{where}.page")
+        return import_module(f"topdress.console.app.pages.{where}.page")

@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-from console.app import words
-from console.app.camera import MapCamera, around
-from console.app.coverage_raster import Box, Worked
-from console.app.field_picture import FieldPicture
-from console.app.history import TREND_SPAN_S, LogHistory, Point, sample_points
-from console.app.layers import LayerScale, MapLayer, find_colour_scale
-from console.app.map_ink import MapView
-from console.app.overlay_file import LaidFile, LaidView
-from console.app.pages.page import Page
-from console.app.pages.replay.service import ReplayJob
-from console.app.series import TrendSeries
-from console.app.view import STALE_S, RunView, alarms
-from console.frame import Frame
-from console.locale import _
+from topdress.console.app import words
+from topdress.console.app.camera import MapCamera, around
+from topdress.console.app.coverage_raster import Box, Worked
+from topdress.console.app.field_picture import FieldPicture
+from topdress.console.app.history import TREND_SPAN_S, LogHistory, Point, sample_points
+from topdress.console.app.layers import LayerScale, MapLayer, find_colour_scale
+from topdress.console.app.map_ink import MapView
+from topdress.console.app.overlay_file import LaidFile, LaidView
+from topdress.console.app.pages.page import Page
+from topdress.console.app.pages.replay.service import ReplayJob
+from topdress.console.app.series import TrendSeries
+from topdress.console.app.view import STALE_S, RunView, alarms
+from topdress.console.frame import Frame
+from topdress.console.locale import _
 
 EMPTY_GROUND = Worked()
 EMPTY_SCALE = LayerScale(MapLayer.APPLIED, 0.0, 100.0, 1.0, 0, "")

@@ -13,16 +13,15 @@ from textual.containers import Horizontal
 from textual.content import Content
 from textual.css.scalar import Scalar
 from textual.screen import Screen
-
-from console.app.action import ANYWHERE, DIAGNOSIS, JOB, MAP, REPLAY, RUN, Action
-from console.app.presence_text import CompanyView
-from console.app.refresh_rates import MAPS_S, NUMBERS_S, PLOTS_S, Pace
-from console.app.view import AlarmsView, RunView, look, without_machine, without_worker
-from console.app.widgets.alarm_bar import AlarmBar, count_rows_needed
-from console.app.widgets.key_bar import KeyBar, KeysView
-from console.app.widgets.panel import Drawn, Panel, fit, line, wrapped
-from console.app.widgets.rates import Small, SmallView
-from console.app.widgets.status_line import (
+from topdress.console.app.action import ANYWHERE, DIAGNOSIS, JOB, MAP, REPLAY, RUN, Action
+from topdress.console.app.presence_text import CompanyView
+from topdress.console.app.refresh_rates import MAPS_S, NUMBERS_S, PLOTS_S, Pace
+from topdress.console.app.view import AlarmsView, RunView, look, without_machine, without_worker
+from topdress.console.app.widgets.alarm_bar import AlarmBar, count_rows_needed
+from topdress.console.app.widgets.key_bar import KeyBar, KeysView
+from topdress.console.app.widgets.panel import Drawn, Panel, fit, line, wrapped
+from topdress.console.app.widgets.rates import Small, SmallView
+from topdress.console.app.widgets.status_line import (
     PageBar,
     PagesView,
     StatusLine,
@@ -30,8 +29,8 @@ from console.app.widgets.status_line import (
     TourView,
     rows_of,
 )
-from console.frame import Frame
-from console.locale import _
+from topdress.console.frame import Frame
+from topdress.console.locale import _
 
 
 class NoticeRows(Panel[str]):
@@ -66,7 +65,7 @@ class CompanyBar(Panel[CompanyView | None]):
 
 
 if TYPE_CHECKING:
-    from console.app.app import TopdressApp
+    from topdress.console.app.app import TopdressApp
 
 LEAST_COLUMNS, LEAST_ROWS = 80, 24
 # on a narrow and high screen these stand under the numbers

@@ -6,21 +6,27 @@ from textual import events
 from textual.app import ComposeResult
 from textual.containers import Vertical
 from textual.content import Content
-
-from console.app.camera import MapCamera, fit
-from console.app.history import TREND_SPAN_S, Point
-from console.app.layers import MapLayer
-from console.app.pages.log_page import EMPTY_MAP, LogPage
-from console.app.view import STALE_S, RunView, duration, format_local_time, look
-from console.app.widgets.field_map import FieldMap
-from console.app.widgets.items import Items
-from console.app.widgets.map_legend import LegendView, MapLegend
-from console.app.widgets.panel import Panel, line
-from console.app.widgets.rates import Rates
-from console.app.widgets.tiles import CHANNELS, GraphsView, HeadsPanel, TileGraphs, Tiles, graph
-from console.app.widgets.trend import CursorReading, Trend, TrendView, columns_of
-from console.frame import Frame
-from console.locale import _
+from topdress.console.app.camera import MapCamera, fit
+from topdress.console.app.history import TREND_SPAN_S, Point
+from topdress.console.app.layers import MapLayer
+from topdress.console.app.pages.log_page import EMPTY_MAP, LogPage
+from topdress.console.app.view import STALE_S, RunView, duration, format_local_time, look
+from topdress.console.app.widgets.field_map import FieldMap
+from topdress.console.app.widgets.items import Items
+from topdress.console.app.widgets.map_legend import LegendView, MapLegend
+from topdress.console.app.widgets.panel import Panel, line
+from topdress.console.app.widgets.rates import Rates
+from topdress.console.app.widgets.tiles import (
+    CHANNELS,
+    GraphsView,
+    HeadsPanel,
+    TileGraphs,
+    Tiles,
+    graph,
+)
+from topdress.console.app.widgets.trend import CursorReading, Trend, TrendView, columns_of
+from topdress.console.frame import Frame
+from topdress.console.locale import _
 
 
 class MapTitle(Panel[str]):

@@ -10,11 +10,10 @@ from textual.containers import VerticalScroll
 from textual.content import Content
 from textual.screen import ModalScreen
 from textual.widgets import Static
-
-from console.app.alarms import AlarmEntry
-from console.app.widgets.panel import Part
-from console.locale import _
-from control.orders import Severity
+from topdress.console.app.alarms import AlarmEntry
+from topdress.console.app.widgets.panel import Part
+from topdress.console.locale import _
+from topdress.control.orders import Severity
 
 
 class AlarmList(ModalScreen[None]):

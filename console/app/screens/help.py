@@ -12,10 +12,9 @@ from textual.containers import VerticalScroll
 from textual.content import Content
 from textual.screen import ModalScreen
 from textual.widgets import Input, Static
-
-from console.app.action import Action
-from console.app.widgets.panel import Part, fit
-from console.locale import N_, _
+from topdress.console.app.action import Action
+from topdress.console.app.widgets.panel import Part, fit
+from topdress.console.locale import N_, _
 
 # Words of the pages that no bag and no tractor has; a line each.
 WORDS = (

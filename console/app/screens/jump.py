@@ -14,10 +14,9 @@ from textual.geometry import Offset
 from textual.screen import ModalScreen, Screen
 from textual.widget import Widget
 from textual.widgets import Button, Input, Static
-
-from console.app.action import ANYWHERE, CALIBRATE, DEVICES, RUN
-from console.app.widgets.canvas import Canvas
-from console.app.widgets.panel import Panel
+from topdress.console.app.action import ANYWHERE, CALIBRATE, DEVICES, RUN
+from topdress.console.app.widgets.canvas import Canvas
+from topdress.console.app.widgets.panel import Panel
 
 # their letters begin, stop or change something out there
 ACT_ON_THE_MACHINE = (ANYWHERE, RUN, DEVICES, CALIBRATE)

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from textual.app import ComposeResult
 from textual.widgets import Button, Static
-
-from console.app.dialogs import Choice, ChoiceDialog
-from console.locale import _
+from topdress.console.app.dialogs import Choice, ChoiceDialog
+from topdress.console.locale import _
 
 
 class GoneScreen(ChoiceDialog):

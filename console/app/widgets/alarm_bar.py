@@ -5,11 +5,10 @@ from __future__ import annotations
 from rich.cells import cell_len
 from textual import events
 from textual.content import Content
-
-from console.app.view import AlarmLine, AlarmsView
-from console.app.widgets.panel import Panel, Part, choose_fullest, fit, line, wrapped
-from console.locale import _
-from control.orders import Severity
+from topdress.console.app.view import AlarmLine, AlarmsView
+from topdress.console.app.widgets.panel import Panel, Part, choose_fullest, fit, line, wrapped
+from topdress.console.locale import _
+from topdress.control.orders import Severity
 
 LEAST_BIG = 7  # rows: from here on a fault is written out
 

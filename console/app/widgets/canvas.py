@@ -8,8 +8,7 @@ from typing import TypeVar
 from rich.segment import Segment
 from rich.style import Style
 from textual.strip import Strip
-
-from console.app.widgets.panel import Drawn
+from topdress.console.app.widgets.panel import Drawn
 
 V = TypeVar("V")
 

@@ -9,8 +9,7 @@ from rich.cells import cell_len
 from textual import events
 from textual.content import Content
 from textual.message import Message
-
-from console.app.widgets.panel import Panel, Part, line
+from topdress.console.app.widgets.panel import Panel, Part, line
 
 
 class Chip(NamedTuple):

@@ -12,11 +12,10 @@ from textual import events
 from textual.content import Content
 from textual.geometry import Size
 from textual.message import Message
-
-from console.app.field_picture import FieldPicture
-from console.app.map_ink import draw_small_map
-from console.app.widgets.panel import PickList, fit, line, right, wrapped
-from console.locale import _
+from topdress.console.app.field_picture import FieldPicture
+from topdress.console.app.map_ink import draw_small_map
+from topdress.console.app.widgets.panel import PickList, fit, line, right, wrapped
+from topdress.console.locale import _
 
 # columns and rows of a field's picture, and blanks between it and a label
 THUMB, THUMB_GAP = (9, 4), 2

@@ -10,13 +10,12 @@ from rich.color import Color
 from rich.segment import Segment
 from rich.style import Style
 from textual.strip import Strip
-
-from console.app.camera import Pixels
-from console.app.map_image import Codes
-from console.app.map_ink import MapInk, MapView, codes
-from console.app.terminal import has_few_colours
-from console.app.widgets.canvas import Canvas
-from console.locale import _
+from topdress.console.app.camera import Pixels
+from topdress.console.app.map_image import Codes
+from topdress.console.app.map_ink import MapInk, MapView, codes
+from topdress.console.app.terminal import has_few_colours
+from topdress.console.app.widgets.canvas import Canvas
+from topdress.console.locale import _
 
 
 class FieldMap(Canvas[MapView]):

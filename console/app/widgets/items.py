@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from rich.cells import cell_len
 from textual.content import Content
-
-from console.app.view import Item
-from console.app.widgets.panel import Panel, Part, choose_fullest, fit, line
+from topdress.console.app.view import Item
+from topdress.console.app.widgets.panel import Panel, Part, choose_fullest, fit, line
 
 APART = "  "  # between the parts of a value
 

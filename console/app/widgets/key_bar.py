@@ -8,10 +8,9 @@ from typing import NamedTuple
 from rich.cells import cell_len
 from textual import events
 from textual.content import Content
-
-from console.app.action import Action
-from console.app.widgets.panel import Panel, fit, line
-from console.locale import _
+from topdress.console.app.action import Action
+from topdress.console.app.widgets.panel import Panel, fit, line
+from topdress.console.locale import _
 
 
 class KeysView(NamedTuple):

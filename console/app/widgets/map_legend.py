@@ -9,13 +9,12 @@ from rich.color import Color
 from rich.style import Style
 from textual.strip import Strip
 from textual.widget import Widget
-
-from console.app.layers import RATES, LayerScale, MapLayer
-from console.app.map_ink import LEVELS_DONE, LEVELS_ERROR, LEVELS_PLAN, find_rgb, mixed
-from console.app.terminal import has_few_colours
-from console.app.units import Unit
-from console.app.widgets.canvas import Canvas
-from console.locale import _
+from topdress.console.app.layers import RATES, LayerScale, MapLayer
+from topdress.console.app.map_ink import LEVELS_DONE, LEVELS_ERROR, LEVELS_PLAN, find_rgb, mixed
+from topdress.console.app.terminal import has_few_colours
+from topdress.console.app.units import Unit
+from topdress.console.app.widgets.canvas import Canvas
+from topdress.console.locale import _
 
 _BAR_CELLS = 6
 _LEAST_CELLS, _MOST_CELLS = 6, 32

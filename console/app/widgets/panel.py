@@ -16,8 +16,7 @@ from textual.message import Message
 from textual.strip import Strip
 from textual.visual import Visual
 from textual.widget import Widget
-
-from console.locale import in_use
+from topdress.console.locale import in_use
 
 V = TypeVar("V")
 R = TypeVar("R")

@@ -7,11 +7,18 @@ from typing import NamedTuple
 
 from rich.cells import cell_len
 from textual.content import Content
-
-from console.app.digits import ROWS, draw, largest
-from console.app.view import ERROR_SPAN, RatesView, Tile
-from console.app.widgets.panel import Panel, Part, choose_fullest, fit, line, solid, wrapped
-from console.locale import _
+from topdress.console.app.digits import ROWS, draw, largest
+from topdress.console.app.view import ERROR_SPAN, RatesView, Tile
+from topdress.console.app.widgets.panel import (
+    Panel,
+    Part,
+    choose_fullest,
+    fit,
+    line,
+    solid,
+    wrapped,
+)
+from topdress.console.locale import _
 
 
 # The machine's numbers where the terminal is too small for a page: rates first, the rest as far

@@ -8,11 +8,19 @@ from typing import NamedTuple
 from rich.cells import cell_len
 from textual import events
 from textual.content import Content
-
-from console.app.action import Action
-from console.app.view import StatusView
-from console.app.widgets.panel import Panel, Part, at_cell, fit, in_row, line, spread, wrapped
-from console.locale import _
+from topdress.console.app.action import Action
+from topdress.console.app.view import StatusView
+from topdress.console.app.widgets.panel import (
+    Panel,
+    Part,
+    at_cell,
+    fit,
+    in_row,
+    line,
+    spread,
+    wrapped,
+)
+from topdress.console.locale import _
 
 
 # Rows under the alarms: what the guided tour asks for, and how to skip or end it. The last row

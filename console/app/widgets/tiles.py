@@ -9,13 +9,12 @@ from rich.cells import cell_len
 from rich.segment import Segment
 from textual.content import Content
 from textual.strip import Strip
-
-from console.app.braille import BLANK, trace
-from console.app.digits import ROWS, draw, largest
-from console.app.view import Head, HeadsView, Tile
-from console.app.widgets.canvas import Canvas
-from console.app.widgets.panel import Panel, Part, choose_fullest, fit, line, solid, spread
-from console.locale import _
+from topdress.console.app.braille import BLANK, trace
+from topdress.console.app.digits import ROWS, draw, largest
+from topdress.console.app.view import Head, HeadsView, Tile
+from topdress.console.app.widgets.canvas import Canvas
+from topdress.console.app.widgets.panel import Panel, Part, choose_fullest, fit, line, solid, spread
+from topdress.console.locale import _
 
 
 # The NDVI heads as small bars, the dropped ones marked, with the fused value that the decision

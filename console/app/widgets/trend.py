@@ -11,15 +11,14 @@ from rich.style import Style
 from textual import events
 from textual.message import Message
 from textual.strip import Strip
-
-from console.app.braille import BITS, BLANK, Dots, trace
-from console.app.history import TREND_SPAN_S, Point
-from console.app.units import Unit
-from console.app.view import duration
-from console.app.widgets.canvas import Canvas
-from console.app.widgets.panel import right
-from console.locale import _
-from console.scale import round_calm_ends
+from topdress.console.app.braille import BITS, BLANK, Dots, trace
+from topdress.console.app.history import TREND_SPAN_S, Point
+from topdress.console.app.units import Unit
+from topdress.console.app.view import duration
+from topdress.console.app.widgets.canvas import Canvas
+from topdress.console.app.widgets.panel import right
+from topdress.console.locale import _
+from topdress.console.scale import round_calm_ends
 
 _AXIS = 6
 

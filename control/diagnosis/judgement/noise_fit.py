@@ -16,8 +16,7 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-
-from control.machine.compiled import compiled
+from topdress.control.machine.compiled import compiled
 
 Array = npt.NDArray[np.float64]
 

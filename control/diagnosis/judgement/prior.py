@@ -14,8 +14,8 @@ from __future__ import annotations
 
 from math import exp, inf, log, log1p, pi, sqrt
 
-from control.machine.forms import Form
-from control.machine.terms import Acts
+from topdress.control.machine.forms import Form
+from topdress.control.machine.terms import Acts
 
 # a group of a machine that is looked at has something wrong: about one in three
 FAULTY = 0.3

@@ -26,10 +26,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-
-from control.diagnosis.effects import ROWS, FoundBy
-from control.diagnosis.judgement.evidence import Column, Role, choose_better_fit, problem
-from control.diagnosis.judgement.noise import (
+from topdress.control.diagnosis.effects import ROWS, FoundBy
+from topdress.control.diagnosis.judgement.evidence import Column, Role, choose_better_fit, problem
+from topdress.control.diagnosis.judgement.noise import (
     Noise,
     NoisePrior,
     coefficients,
@@ -37,18 +36,18 @@ from control.diagnosis.judgement.noise import (
     series_of,
     start,
 )
-from control.diagnosis.judgement.prior import COURSE, name_course
-from control.diagnosis.runs.changepoint import find_best_onsets, that_may_begin
-from control.diagnosis.runs.channels import ChannelSeries, channels
-from control.diagnosis.runs.columns import nuisance_columns
-from control.diagnosis.runs.diagnose import series_of_log
-from control.diagnosis.runs.grid import Grid
-from control.diagnosis.runs.hypothesis import EffectInstance
-from control.diagnosis.runs.log import HEADS, MIN_ROWS, Clean, gate
-from control.diagnosis.runs.model import GROUPS, GroupModel, is_cumulative
-from control.diagnosis.runs.row_order import Move, find_row_order, moved
-from control.diagnosis.runs.search import Candidate, candidates
-from control.machine.machine import Machine
+from topdress.control.diagnosis.judgement.prior import COURSE, name_course
+from topdress.control.diagnosis.runs.changepoint import find_best_onsets, that_may_begin
+from topdress.control.diagnosis.runs.channels import ChannelSeries, channels
+from topdress.control.diagnosis.runs.columns import nuisance_columns
+from topdress.control.diagnosis.runs.diagnose import series_of_log
+from topdress.control.diagnosis.runs.grid import Grid
+from topdress.control.diagnosis.runs.hypothesis import EffectInstance
+from topdress.control.diagnosis.runs.log import HEADS, MIN_ROWS, Clean, gate
+from topdress.control.diagnosis.runs.model import GROUPS, GroupModel, is_cumulative
+from topdress.control.diagnosis.runs.row_order import Move, find_row_order, moved
+from topdress.control.diagnosis.runs.search import Candidate, candidates
+from topdress.control.machine.machine import Machine
 
 Array = npt.NDArray[np.float64]
 # since a time: columns of a run log

@@ -17,13 +17,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-
-from control.diagnosis.effects import ROWS
-from control.diagnosis.extend import not_adoptable
-from control.diagnosis.result import UNKNOWN, Cause, Departure, Diagnosis
-from control.diagnosis.runs.diagnose import diagnose_run
-from control.diagnosis.runs.model import GROUPS
-from control.machine.machine import Machine
+from topdress.control.diagnosis.effects import ROWS
+from topdress.control.diagnosis.extend import not_adoptable
+from topdress.control.diagnosis.result import UNKNOWN, Cause, Departure, Diagnosis
+from topdress.control.diagnosis.runs.diagnose import diagnose_run
+from topdress.control.diagnosis.runs.model import GROUPS
+from topdress.control.machine.machine import Machine
 
 from .rolling import BAR, ChangePoint, Rolling, Rows
 

@@ -14,11 +14,10 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-
-from control.diagnosis.effects import reach
-from control.machine.forms import Form
-from control.machine.machine import CATALOGUE, Machine, add_effect, list_effect_sizes
-from control.machine.terms import Term
+from topdress.control.diagnosis.effects import reach
+from topdress.control.machine.forms import Form
+from topdress.control.machine.machine import CATALOGUE, Machine, add_effect, list_effect_sizes
+from topdress.control.machine.terms import Term
 
 from .on_log import OnLog
 

@@ -6,27 +6,26 @@ from collections.abc import Callable, Collection
 
 import numpy as np
 import numpy.typing as npt
-
-from control.diagnosis.effects import ROWS
-from control.diagnosis.runs.channels import (
+from topdress.control.diagnosis.effects import ROWS
+from topdress.control.diagnosis.runs.channels import (
     channels,
     hopper_channel,
     simulate_drive_rows,
     speed_channel,
 )
-from control.diagnosis.runs.drives import Drive
-from control.diagnosis.runs.held_out import FLOW_S, HeldOut, errors_of
-from control.diagnosis.runs.hopper import sum_terms
-from control.diagnosis.runs.hypothesis import Hypothesis, Schedule, list_stages, schedule
-from control.diagnosis.runs.inputs import make_term_inputs, rows_of
-from control.diagnosis.runs.log import Clean
-from control.diagnosis.runs.model import shape_over_time
-from control.diagnosis.runs.stages import RunData
-from control.machine.compiled import term_run
-from control.machine.machine import Machine
-from control.machine.stage_runner import MOST_STEP_S
-from control.machine.term_sums import commanded_over_log, dead_times_s, over_log
-from control.machine.terms import COMMANDED_MM, COMMANDED_RPM
+from topdress.control.diagnosis.runs.drives import Drive
+from topdress.control.diagnosis.runs.held_out import FLOW_S, HeldOut, errors_of
+from topdress.control.diagnosis.runs.hopper import sum_terms
+from topdress.control.diagnosis.runs.hypothesis import Hypothesis, Schedule, list_stages, schedule
+from topdress.control.diagnosis.runs.inputs import make_term_inputs, rows_of
+from topdress.control.diagnosis.runs.log import Clean
+from topdress.control.diagnosis.runs.model import shape_over_time
+from topdress.control.diagnosis.runs.stages import RunData
+from topdress.control.machine.compiled import term_run
+from topdress.control.machine.machine import Machine
+from topdress.control.machine.stage_runner import MOST_STEP_S
+from topdress.control.machine.term_sums import commanded_over_log, dead_times_s, over_log
+from topdress.control.machine.terms import COMMANDED_MM, COMMANDED_RPM
 
 Array = npt.NDArray[np.float64]
 Predict = Callable[[Schedule, float], Array]  # schedule, model step s -> (m,)

@@ -14,12 +14,16 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-
-from control.diagnosis.effects import ROWS
-from control.diagnosis.extend import extend, is_taken_whole, not_adoptable, term_not_adoptable
-from control.diagnosis.judgement.evidence import Z90
-from control.diagnosis.judgement.prior import NAMED
-from control.diagnosis.result import (
+from topdress.control.diagnosis.effects import ROWS
+from topdress.control.diagnosis.extend import (
+    extend,
+    is_taken_whole,
+    not_adoptable,
+    term_not_adoptable,
+)
+from topdress.control.diagnosis.judgement.evidence import Z90
+from topdress.control.diagnosis.judgement.prior import NAMED
+from topdress.control.diagnosis.result import (
     UNKNOWN,
     Cause,
     Diagnosis,
@@ -30,11 +34,11 @@ from control.diagnosis.result import (
     TermFound,
     Unexplained,
 )
-from control.diagnosis.runs.hypothesis import EffectInstance
-from control.diagnosis.runs.model import GROUPS, hidden_within
-from control.diagnosis.runs.nominal_values import MAX_OFFSET_SD
-from control.machine.machine import CATALOGUE, Machine, list_effect_sizes, unit_of
-from control.machine.terms import Term
+from topdress.control.diagnosis.runs.hypothesis import EffectInstance
+from topdress.control.diagnosis.runs.model import GROUPS, hidden_within
+from topdress.control.diagnosis.runs.nominal_values import MAX_OFFSET_SD
+from topdress.control.machine.machine import CATALOGUE, Machine, list_effect_sizes, unit_of
+from topdress.control.machine.terms import Term
 
 from .blocks import (
     BlockErrors,

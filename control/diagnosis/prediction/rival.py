@@ -17,8 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-
-from control.diagnosis.effects import (
+from topdress.control.diagnosis.effects import (
     ROWS,
     SHAFT_BACK_GAIN,
     SHAFT_BACK_ZONE,
@@ -30,14 +29,20 @@ from control.diagnosis.effects import (
     SHAFT_SLOW,
     reach,
 )
-from control.diagnosis.extend import find_free_id
-from control.diagnosis.runs.drives import Drive, off_zero
-from control.diagnosis.runs.hypothesis import EffectInstance, Hypothesis
-from control.diagnosis.runs.smooth import DOWNSTREAM, MIN_RANGE, RANGES
-from control.machine.form import ANGLES
-from control.machine.forms import Form
-from control.machine.machine import CATALOGUE, Machine, add_effect, list_effect_sizes, scale_nominal
-from control.machine.terms import COMMANDED_MM, COMMANDED_RPM, Acts, Term, name_own_command
+from topdress.control.diagnosis.extend import find_free_id
+from topdress.control.diagnosis.runs.drives import Drive, off_zero
+from topdress.control.diagnosis.runs.hypothesis import EffectInstance, Hypothesis
+from topdress.control.diagnosis.runs.smooth import DOWNSTREAM, MIN_RANGE, RANGES
+from topdress.control.machine.form import ANGLES
+from topdress.control.machine.forms import Form
+from topdress.control.machine.machine import (
+    CATALOGUE,
+    Machine,
+    add_effect,
+    list_effect_sizes,
+    scale_nominal,
+)
+from topdress.control.machine.terms import COMMANDED_MM, COMMANDED_RPM, Acts, Term, name_own_command
 
 from .blocks import (
     KNEE,

@@ -7,13 +7,12 @@ from collections.abc import Collection
 from dataclasses import replace
 
 import numpy as np
-
-from control.diagnosis.effects import ROWS, FoundBy
-from control.diagnosis.extend import extend, not_adoptable
-from control.diagnosis.prediction.on_log import OnLog
-from control.diagnosis.prediction.predictive_validation import WORSE, Adoptable, adoptable
-from control.diagnosis.result import Cause, Diagnosis
-from control.machine.machine import CATALOGUE
+from topdress.control.diagnosis.effects import ROWS, FoundBy
+from topdress.control.diagnosis.extend import extend, not_adoptable
+from topdress.control.diagnosis.prediction.on_log import OnLog
+from topdress.control.diagnosis.prediction.predictive_validation import WORSE, Adoptable, adoptable
+from topdress.control.diagnosis.result import Cause, Diagnosis
+from topdress.control.machine.machine import CATALOGUE
 
 from .compared import compared
 from .diagnose import series_of_log

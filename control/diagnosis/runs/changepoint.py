@@ -19,9 +19,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-
-from control.diagnosis.effects import ROWS
-from control.diagnosis.judgement.evidence import (
+from topdress.control.diagnosis.effects import ROWS
+from topdress.control.diagnosis.judgement.evidence import (
     Column,
     adapt_noise,
     calm,
@@ -29,8 +28,8 @@ from control.diagnosis.judgement.evidence import (
     fitted,
     problem,
 )
-from control.diagnosis.judgement.noise import Noise, coefficients
-from control.machine.machine import CATALOGUE
+from topdress.control.diagnosis.judgement.noise import Noise, coefficients
+from topdress.control.machine.machine import CATALOGUE
 
 from .channels import ChannelSeries
 from .columns import Columns

@@ -9,12 +9,11 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 from scipy.special import fdtrc
-
-from control.diagnosis.judgement import noise as noises
-from control.diagnosis.judgement.checks import LEVEL
-from control.diagnosis.judgement.noise import NoisePrior, Segments, merge_bands, segments
-from control.diagnosis.judgement.noise_fit import BAND_DOF
-from control.machine.compiled import (
+from topdress.control.diagnosis.judgement import noise as noises
+from topdress.control.diagnosis.judgement.checks import LEVEL
+from topdress.control.diagnosis.judgement.noise import NoisePrior, Segments, merge_bands, segments
+from topdress.control.diagnosis.judgement.noise_fit import BAND_DOF
+from topdress.control.machine.compiled import (
     flow_run,
     flutes_run,
     gate_effort_run,
@@ -25,16 +24,16 @@ from control.machine.compiled import (
     shaft_run,
     speed_run,
 )
-from control.machine.effect import HOPPER
-from control.machine.effort import EffortInput
-from control.machine.flow import FlowInput, FlowOutput, make_flow_start
-from control.machine.gate import GateInput, GateOutput, make_gate_start
-from control.machine.heads import HeadInput
-from control.machine.machine import Machine, scale_nominal
-from control.machine.scale import ScaleInput
-from control.machine.shaft import ShaftInput, ShaftOutput, make_shaft_start
-from control.machine.speed import SpeedInput, SpeedOutput, make_speed_start
-from control.machine.stage_runner import LEAST_STEPS, MOST_STEP_S, make_input_rows
+from topdress.control.machine.effect import HOPPER
+from topdress.control.machine.effort import EffortInput
+from topdress.control.machine.flow import FlowInput, FlowOutput, make_flow_start
+from topdress.control.machine.gate import GateInput, GateOutput, make_gate_start
+from topdress.control.machine.heads import HeadInput
+from topdress.control.machine.machine import Machine, scale_nominal
+from topdress.control.machine.scale import ScaleInput
+from topdress.control.machine.shaft import ShaftInput, ShaftOutput, make_shaft_start
+from topdress.control.machine.speed import SpeedInput, SpeedOutput, make_speed_start
+from topdress.control.machine.stage_runner import LEAST_STEPS, MOST_STEP_S, make_input_rows
 
 from .drives import Drive
 from .effort import DriveEffort

@@ -6,14 +6,18 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from control.agronomy.crop import Crop
-from control.agronomy.noa import Rule
-from control.field.job import Job
-from control.machine.fault_injection import Planted
-from control.machine.machine import Machine
-from control.simulation.assembly import control_loop, simulated_machine, with_simulated_field
-from control.simulation.closed_loop import Record, simulated_run
-from control.simulation.error_metrics import Errors, errors
+from topdress.control.agronomy.crop import Crop
+from topdress.control.agronomy.noa import Rule
+from topdress.control.field.job import Job
+from topdress.control.machine.fault_injection import Planted
+from topdress.control.machine.machine import Machine
+from topdress.control.simulation.assembly import (
+    control_loop,
+    simulated_machine,
+    with_simulated_field,
+)
+from topdress.control.simulation.closed_loop import Record, simulated_run
+from topdress.control.simulation.error_metrics import Errors, errors
 
 
 class LoopGain(NamedTuple):

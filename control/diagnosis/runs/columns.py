@@ -7,16 +7,22 @@ from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
-
-from control.diagnosis import effects
-from control.diagnosis.effects import ROWS
-from control.diagnosis.judgement.evidence import Column, Label, Problem, Role, problem, projected
-from control.diagnosis.judgement.noise import coefficients, series_of
-from control.diagnosis.judgement.prior import FORM_SHARE, find_size_sd
-from control.machine.effect import HOPPER
-from control.machine.machine import Machine, bounds, scale_nominal
-from control.machine.stage_runner import MOST_STEP_S
-from control.machine.terms import name_own_command
+from topdress.control.diagnosis import effects
+from topdress.control.diagnosis.effects import ROWS
+from topdress.control.diagnosis.judgement.evidence import (
+    Column,
+    Label,
+    Problem,
+    Role,
+    problem,
+    projected,
+)
+from topdress.control.diagnosis.judgement.noise import coefficients, series_of
+from topdress.control.diagnosis.judgement.prior import FORM_SHARE, find_size_sd
+from topdress.control.machine.effect import HOPPER
+from topdress.control.machine.machine import Machine, bounds, scale_nominal
+from topdress.control.machine.stage_runner import MOST_STEP_S
+from topdress.control.machine.terms import name_own_command
 
 from .channels import ChannelSeries
 from .hypothesis import EffectInstance, Hypothesis, schedule

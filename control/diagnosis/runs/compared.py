@@ -9,11 +9,10 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 from scipy.special import stdtrit
-
-from control.diagnosis.dataframe_input import LogTable, columns_of, machine_of
-from control.diagnosis.result import notebook
-from control.machine.machine import Machine
-from control.machine.stage_runner import MOST_STEP_S
+from topdress.control.diagnosis.dataframe_input import LogTable, columns_of, machine_of
+from topdress.control.diagnosis.result import notebook
+from topdress.control.machine.machine import Machine
+from topdress.control.machine.stage_runner import MOST_STEP_S
 
 from .channels import ChannelSeries, channels
 from .findings import note_reverse_turning
@@ -118,7 +117,7 @@ def compared(
     A shaft that turns 4 % faster than its command, and a machine file that knows of it:
 
     >>> import numpy as np
-    >>> from control.machine.machine import Machine, add_effect
+    >>> from topdress.control.machine.machine import Machine, add_effect
     >>> rng, time_s = np.random.default_rng(1), np.arange(0.0, 240.0, 0.1)
     >>> command = np.where(time_s % 20.0 < 10.0, 40.0, 60.0)
     >>> columns = {"time_s": time_s, "shaft_rpm_cmd": command, "supply_v": np.full(2400, 13.5),

@@ -5,14 +5,13 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-
-from control.diagnosis.cost import WITHOUT_MODEL, OperatingPoint, rate_error_percent
-from control.diagnosis.effects import ROWS, Costs, Needs
-from control.diagnosis.result import FieldCost
-from control.experiments.levels import USUAL_MPS
-from control.machine.machine import Machine
-from control.machine.stage_runner import MOST_STEP_S
-from control.recordings.speeds import MOVING_MPS
+from topdress.control.diagnosis.cost import WITHOUT_MODEL, OperatingPoint, rate_error_percent
+from topdress.control.diagnosis.effects import ROWS, Costs, Needs
+from topdress.control.diagnosis.result import FieldCost
+from topdress.control.experiments.levels import USUAL_MPS
+from topdress.control.machine.machine import Machine
+from topdress.control.machine.stage_runner import MOST_STEP_S
+from topdress.control.recordings.speeds import MOVING_MPS
 
 from .channels import SEAM_S, select_speed_rows, simulate_drive_rows
 from .drives import Drive

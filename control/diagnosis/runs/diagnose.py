@@ -16,20 +16,19 @@ from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 import numpy.typing as npt
-
-from control.diagnosis.dataframe_input import (
+from topdress.control.diagnosis.dataframe_input import (
     LogTable,
     columns_of,
     find_misspelt_columns,
     machine_of,
     name_frame_library,
 )
-from control.diagnosis.prediction.on_log import OnLog
-from control.diagnosis.prediction.predictive_validation import validate_prediction
-from control.diagnosis.prediction.rival import find_curves
-from control.diagnosis.result import Diagnosis
-from control.machine.machine import Machine
-from control.recordings.values import readable
+from topdress.control.diagnosis.prediction.on_log import OnLog
+from topdress.control.diagnosis.prediction.predictive_validation import validate_prediction
+from topdress.control.diagnosis.prediction.rival import find_curves
+from topdress.control.diagnosis.result import Diagnosis
+from topdress.control.machine.machine import Machine
+from topdress.control.recordings.values import readable
 
 from .channels import ChannelSeries, channels, without_narrowband
 from .findings import (
@@ -194,7 +193,7 @@ def diagnose_run(
     Four minutes in which the wheel reads 2 % more than the ground speed, ten rows a second:
 
     >>> import numpy as np
-    >>> from control.machine.machine import Machine
+    >>> from topdress.control.machine.machine import Machine
     >>> rng, time_s = np.random.default_rng(1), np.arange(0.0, 240.0, 0.1)
     >>> speed_mps = 1.3 + 0.2 * np.sin(time_s / 7.0)
     >>> columns = {"time_s": time_s, "speed_mps": speed_mps + 0.03 * rng.standard_normal(2400),

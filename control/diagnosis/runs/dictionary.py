@@ -14,15 +14,14 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-
-from control.diagnosis import effects
-from control.diagnosis.judgement.noise import coefficients
-from control.machine.compiled import term_run
-from control.machine.form import FORMS, SHAFT_ANGLE, FormSeries, Scaled, TriedForm, scaled
-from control.machine.forms import Lost, ProductForm
-from control.machine.machine import Machine, scale_nominal
-from control.machine.stage_runner import MOST_STEP_S
-from control.machine.terms import COMMANDED_RPM, STAGE_OF, Acts, name_own_command
+from topdress.control.diagnosis import effects
+from topdress.control.diagnosis.judgement.noise import coefficients
+from topdress.control.machine.compiled import term_run
+from topdress.control.machine.form import FORMS, SHAFT_ANGLE, FormSeries, Scaled, TriedForm, scaled
+from topdress.control.machine.forms import Lost, ProductForm
+from topdress.control.machine.machine import Machine, scale_nominal
+from topdress.control.machine.stage_runner import MOST_STEP_S
+from topdress.control.machine.terms import COMMANDED_RPM, STAGE_OF, Acts, name_own_command
 
 from .channels import simulate_drive_rows
 from .drives import Drive

@@ -14,8 +14,7 @@ from collections.abc import Iterator, Sequence
 from itertools import product
 
 import numpy as np
-
-from control.diagnosis.effects import (
+from topdress.control.diagnosis.effects import (
     SHAFT_BACK_GAIN,
     SHAFT_BACK_ZONE,
     SHAFT_DEAD_TIME,
@@ -27,7 +26,7 @@ from control.diagnosis.effects import (
     SHAFT_SLOW,
     reach,
 )
-from control.machine.shaft import lag_s
+from topdress.control.machine.shaft import lag_s
 
 from .hypothesis import EffectInstance, Hypothesis
 from .search import Search

@@ -7,19 +7,18 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import maximum_filter1d
-
-from control.calibration.first_machine import (
+from topdress.control.calibration.first_machine import (
     ANSWERED,
     NOT_OFF,
     OffZero,
     find_rows_at_rest,
     find_zero_offset,
 )
-from control.machine.compiled import term_run
-from control.machine.effect import OPENING_RANGE, SHAFT_RANGE
-from control.machine.machine import Machine, scale_nominal
-from control.machine.shaft import fastest_rpm_s
-from control.machine.term_sums import over_log
+from topdress.control.machine.compiled import term_run
+from topdress.control.machine.effect import OPENING_RANGE, SHAFT_RANGE
+from topdress.control.machine.machine import Machine, scale_nominal
+from topdress.control.machine.shaft import fastest_rpm_s
+from topdress.control.machine.term_sums import over_log
 
 from .grid import SMOOTH_S, Grid, bridged, make_grid, smoothed, windows
 from .inputs import FINE_LOG_S, STOPPED_RPM, LogRows, make_term_inputs, rows_of

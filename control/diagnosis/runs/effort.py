@@ -8,9 +8,8 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import minimum_filter1d
-
-from control.machine.effect import HOPPER, SHAFT_RANGE
-from control.machine.machine import Machine, scale_nominal
+from topdress.control.machine.effect import HOPPER, SHAFT_RANGE
+from topdress.control.machine.machine import Machine, scale_nominal
 
 from .grid import Grid, bridged, make_grid
 from .inputs import WORKING_RPM, LogRows

@@ -9,12 +9,11 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 from scipy.special import stdtrit
-
-from control.calibration.adopt import make_title, merge_records, record
-from control.calibration.least_squares import FittedInterval, fitted
-from control.diagnosis.effects import ROWS
-from control.machine.compiled import flutes_run
-from control.machine.machine import Machine
+from topdress.control.calibration.adopt import make_title, merge_records, record
+from topdress.control.calibration.least_squares import FittedInterval, fitted
+from topdress.control.diagnosis.effects import ROWS
+from topdress.control.machine.compiled import flutes_run
+from topdress.control.machine.machine import Machine
 
 from .effort import EFFORT, DriveEffort, read_drive_effort
 from .inputs import rows_of

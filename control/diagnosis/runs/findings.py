@@ -7,12 +7,16 @@ from collections.abc import Sequence
 
 import numpy as np
 from scipy.special import expit
-
-from control.diagnosis.effects import ROWS, SHAFT_DEAD_TIME, SHAFT_SATURATION
-from control.diagnosis.judgement.prior import LISTED, NAMED, log_odds_of_row, log_odds_of_unit
-from control.machine.effect import OPENING_RANGE
-from control.machine.machine import Machine, scale_nominal
-from control.machine.stage_runner import MOST_STEP_S
+from topdress.control.diagnosis.effects import ROWS, SHAFT_DEAD_TIME, SHAFT_SATURATION
+from topdress.control.diagnosis.judgement.prior import (
+    LISTED,
+    NAMED,
+    log_odds_of_row,
+    log_odds_of_unit,
+)
+from topdress.control.machine.effect import OPENING_RANGE
+from topdress.control.machine.machine import Machine, scale_nominal
+from topdress.control.machine.stage_runner import MOST_STEP_S
 
 from .channels import drive_channel
 from .drives import SAME_MM, Drive, against_the_way, off_zero, read_whole_drives, turns_at_zero

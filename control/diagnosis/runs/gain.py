@@ -8,12 +8,18 @@ from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
-
-from control.diagnosis.effects import ROWS
-from control.diagnosis.judgement.evidence import Z90, Column, Role, fitted, problem, projected
-from control.diagnosis.judgement.noise import Noise, series_of
-from control.diagnosis.judgement.prior import FORM_SHARE
-from control.diagnosis.result import Gain
+from topdress.control.diagnosis.effects import ROWS
+from topdress.control.diagnosis.judgement.evidence import (
+    Z90,
+    Column,
+    Role,
+    fitted,
+    problem,
+    projected,
+)
+from topdress.control.diagnosis.judgement.noise import Noise, series_of
+from topdress.control.diagnosis.judgement.prior import FORM_SHARE
+from topdress.control.diagnosis.result import Gain
 
 from .columns import WAVES
 from .held_out import BLOCKS, HELD_OUT, HeldOut, errors_of, fit_amplitudes, held_out

@@ -6,10 +6,9 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-
-from control.diagnosis.judgement.evidence import Column, problem
-from control.diagnosis.judgement.gaussian import Array
-from control.diagnosis.judgement.noise import Noise, coefficients, segments
+from topdress.control.diagnosis.judgement.evidence import Column, problem
+from topdress.control.diagnosis.judgement.gaussian import Array
+from topdress.control.diagnosis.judgement.noise import Noise, coefficients, segments
 
 from .channels import ChannelSeries
 

@@ -7,9 +7,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-
-from control.machine.effect import HOPPER, SHAFT_RANGE
-from control.machine.machine import Machine, scale_nominal
+from topdress.control.machine.effect import HOPPER, SHAFT_RANGE
+from topdress.control.machine.machine import Machine, scale_nominal
 
 from .grid import MAX_BRIDGED_STEPS, Grid, held, make_grid
 from .inputs import STOPPED_RPM, LogRows

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from control.machine.machine import CATALOGUE, STAGES, Machine
+from topdress.control.machine.machine import CATALOGUE, STAGES, Machine
 
 # parameter sets of one run are compiled for this many beginnings and ends
 MAX_SWITCHES = 5

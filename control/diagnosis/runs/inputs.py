@@ -7,13 +7,12 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-
-from control.machine.effect import SHAFT_RANGE
-from control.machine.form import SHAFT_ANGLE
-from control.machine.machine import Machine, scale_nominal
-from control.machine.term_sums import angle_over_log, commanded_over_log, dead_times_s
-from control.machine.terms import COMMANDED_MM, COMMANDED_RPM
-from control.recordings.times import GAP_STEPS
+from topdress.control.machine.effect import SHAFT_RANGE
+from topdress.control.machine.form import SHAFT_ANGLE
+from topdress.control.machine.machine import Machine, scale_nominal
+from topdress.control.machine.term_sums import angle_over_log, commanded_over_log, dead_times_s
+from topdress.control.machine.terms import COMMANDED_MM, COMMANDED_RPM
+from topdress.control.recordings.times import GAP_STEPS
 
 from .grid import bridged, held, smoothed
 from .log import Clean

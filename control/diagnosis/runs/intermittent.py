@@ -15,12 +15,11 @@ import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import binary_dilation, binary_opening, median_filter
 from scipy.special import betainc, betaln, expit, gammaln
-
-from control.diagnosis import effects
-from control.diagnosis.effects import ROWS
-from control.diagnosis.judgement.prior import COURSE, ROBUST_SD, SAID, UNKNOWN, log_odds
-from control.machine.machine import Machine
-from control.machine.stage_runner import MOST_STEP_S
+from topdress.control.diagnosis import effects
+from topdress.control.diagnosis.effects import ROWS
+from topdress.control.diagnosis.judgement.prior import COURSE, ROBUST_SD, SAID, UNKNOWN, log_odds
+from topdress.control.machine.machine import Machine
+from topdress.control.machine.stage_runner import MOST_STEP_S
 
 from .channels import bin_effort, hopper_channel
 from .effort import EFFORT, DriveEffort

@@ -7,14 +7,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-
-from control.log_row import COLUMNS, COMMANDS_HELD, EFFORTS
-from control.orders import State
-from control.recordings.finding import Finding
-from control.recordings.mended import mended
-from control.recordings.speeds import MOVING_MPS
-from control.recordings.times import SELDOM_STEP_S
-from control.recordings.values import (
+from topdress.control.log_row import COLUMNS, COMMANDS_HELD, EFFORTS
+from topdress.control.orders import State
+from topdress.control.recordings.finding import Finding
+from topdress.control.recordings.mended import mended
+from topdress.control.recordings.speeds import MOVING_MPS
+from topdress.control.recordings.times import SELDOM_STEP_S
+from topdress.control.recordings.values import (
     ANYTHING,
     as_printed,
     known,

@@ -8,14 +8,13 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-
-from control.diagnosis.effects import ROWS, SHAFT_SECOND_ORDER, SHAFT_SLOW
-from control.diagnosis.judgement import noise as noises
-from control.diagnosis.judgement.noise import coefficients
-from control.machine.effect import FULL_REVOLUTION, SLEW
-from control.machine.effort import OF_GATE, OF_SHAFT
-from control.machine.machine import CATALOGUE, Machine, scale_nominal
-from control.machine.stage_runner import MOST_STEP_S
+from topdress.control.diagnosis.effects import ROWS, SHAFT_SECOND_ORDER, SHAFT_SLOW
+from topdress.control.diagnosis.judgement import noise as noises
+from topdress.control.diagnosis.judgement.noise import coefficients
+from topdress.control.machine.effect import FULL_REVOLUTION, SLEW
+from topdress.control.machine.effort import OF_GATE, OF_SHAFT
+from topdress.control.machine.machine import CATALOGUE, Machine, scale_nominal
+from topdress.control.machine.stage_runner import MOST_STEP_S
 
 from .channels import ChannelSeries
 from .effort import EFFORT

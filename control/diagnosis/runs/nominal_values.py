@@ -6,12 +6,11 @@ from __future__ import annotations
 from functools import cache
 
 import numpy as np
-
-from control.diagnosis.effects import ROWS, reach
-from control.diagnosis.judgement.evidence import Role, fitted, problem
-from control.diagnosis.judgement.line_search import climb_to_best
-from control.diagnosis.judgement.noise import coefficients
-from control.machine.machine import Machine
+from topdress.control.diagnosis.effects import ROWS, reach
+from topdress.control.diagnosis.judgement.evidence import Role, fitted, problem
+from topdress.control.diagnosis.judgement.line_search import climb_to_best
+from topdress.control.diagnosis.judgement.noise import coefficients
+from topdress.control.machine.machine import Machine
 
 from .channels import ChannelSeries
 from .columns import Columns

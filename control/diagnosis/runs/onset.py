@@ -8,13 +8,12 @@ from collections.abc import Iterator
 import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import binary_opening, median_filter, uniform_filter1d
-
-from control.diagnosis import effects
-from control.diagnosis.effects import ROWS
-from control.diagnosis.judgement.line_search import climb_to_best
-from control.diagnosis.judgement.prior import SAID
-from control.machine.effect import OPENING_RANGE, SHAFT_RANGE
-from control.machine.machine import CATALOGUE, scale_nominal
+from topdress.control.diagnosis import effects
+from topdress.control.diagnosis.effects import ROWS
+from topdress.control.diagnosis.judgement.line_search import climb_to_best
+from topdress.control.diagnosis.judgement.prior import SAID
+from topdress.control.machine.effect import OPENING_RANGE, SHAFT_RANGE
+from topdress.control.machine.machine import CATALOGUE, scale_nominal
 
 from .changepoint import END_S
 from .hypothesis import EffectInstance, Hypothesis, replaced

@@ -14,12 +14,11 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 from scipy.special import ndtr
-
-from control.diagnosis import effects
-from control.diagnosis.judgement.prior import SAID
-from control.machine.effect import SHAFT_RANGE
-from control.machine.machine import Machine, scale_nominal
-from control.machine.stage_runner import MOST_STEP_S
+from topdress.control.diagnosis import effects
+from topdress.control.diagnosis.judgement.prior import SAID
+from topdress.control.machine.effect import SHAFT_RANGE
+from topdress.control.machine.machine import Machine, scale_nominal
+from topdress.control.machine.stage_runner import MOST_STEP_S
 
 from .channels import drive_channel
 from .drives import read_whole_drives

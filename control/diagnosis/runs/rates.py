@@ -24,12 +24,11 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 from scipy.special import chdtrc, chdtri, stdtrit
-
-from control.diagnosis.judgement.evidence import Z90
-from control.diagnosis.result import RateFit, Size
-from control.geodesy import TangentPlane
-from control.orders import State
-from control.recordings.speeds import MOVING_MPS
+from topdress.control.diagnosis.judgement.evidence import Z90
+from topdress.control.diagnosis.result import RateFit, Size
+from topdress.control.geodesy import TangentPlane
+from topdress.control.orders import State
+from topdress.control.recordings.speeds import MOVING_MPS
 
 Array = npt.NDArray[np.float64]
 

@@ -10,9 +10,8 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 from scipy.special import expit
-
-from control.diagnosis.cost import find_consequence
-from control.diagnosis.effects import (
+from topdress.control.diagnosis.cost import find_consequence
+from topdress.control.diagnosis.effects import (
     CANOPY_HEAD_FOULED,
     FLOW_GAIN,
     GATE_OFFSET,
@@ -21,10 +20,16 @@ from control.diagnosis.effects import (
     SHAFT_SECOND_ORDER,
     SPEED_WHEEL_RADIUS,
 )
-from control.diagnosis.extend import find_free_id
-from control.diagnosis.judgement.evidence import Z90, projected
-from control.diagnosis.judgement.prior import APART_SD, LISTED, NAMED, log_odds, smallest_said
-from control.diagnosis.result import (
+from topdress.control.diagnosis.extend import find_free_id
+from topdress.control.diagnosis.judgement.evidence import Z90, projected
+from topdress.control.diagnosis.judgement.prior import (
+    APART_SD,
+    LISTED,
+    NAMED,
+    log_odds,
+    smallest_said,
+)
+from topdress.control.diagnosis.result import (
     UNKNOWN,
     Cause,
     Channel,
@@ -41,11 +46,11 @@ from control.diagnosis.result import (
     Unexplained,
     Verdict,
 )
-from control.experiments.experiment import Experiment, chosen
-from control.experiments.manoeuvres import Columns, manoeuvres
-from control.machine.effect import HOPPER
-from control.machine.machine import CATALOGUE, Machine, bounds, scale_nominal, unit_of
-from control.machine.shaft import swing
+from topdress.control.experiments.experiment import Experiment, chosen
+from topdress.control.experiments.manoeuvres import Columns, manoeuvres
+from topdress.control.machine.effect import HOPPER
+from topdress.control.machine.machine import CATALOGUE, Machine, bounds, scale_nominal, unit_of
+from topdress.control.machine.shaft import swing
 
 from .channels import channels
 from .cost import field_cost

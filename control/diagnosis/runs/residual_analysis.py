@@ -12,9 +12,8 @@ from collections.abc import Collection
 from typing import Literal, NamedTuple
 
 import numpy as np
-
-from control.diagnosis.effects import ROWS
-from control.diagnosis.judgement.checks import (
+from topdress.control.diagnosis.effects import ROWS
+from topdress.control.diagnosis.judgement.checks import (
     LEVEL,
     by_chance_taken,
     by_chance_together,
@@ -23,9 +22,9 @@ from control.diagnosis.judgement.checks import (
     find_line_period_s,
     is_noise_loud,
 )
-from control.diagnosis.judgement.evidence import problem, subtract_columns
-from control.diagnosis.judgement.gaussian import Array
-from control.diagnosis.judgement.noise import Noise, coefficients, series_of, strengths
+from topdress.control.diagnosis.judgement.evidence import problem, subtract_columns
+from topdress.control.diagnosis.judgement.gaussian import Array
+from topdress.control.diagnosis.judgement.noise import Noise, coefficients, series_of, strengths
 
 from .channels import QUICK_S, ChannelSeries
 from .selection import GroupResult

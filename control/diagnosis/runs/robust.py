@@ -13,10 +13,9 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import median_filter, uniform_filter1d
-
-from control.diagnosis.judgement.evidence import Column, problem, subtract_columns
-from control.diagnosis.judgement.noise import coefficients, series_of
-from control.machine.compiled import remembered_run
+from topdress.control.diagnosis.judgement.evidence import Column, problem, subtract_columns
+from topdress.control.diagnosis.judgement.noise import coefficients, series_of
+from topdress.control.machine.compiled import remembered_run
 
 from .channels import ChannelSeries
 from .columns import Columns

@@ -19,12 +19,11 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-
-from control.diagnosis.effects import GATE_SLOW
-from control.diagnosis.judgement.line_search import climb_to_best
-from control.machine.machine import Machine
-from control.machine.shaft import LEAST_LAG_S
-from control.machine.stage_runner import MOST_STEP_S
+from topdress.control.diagnosis.effects import GATE_SLOW
+from topdress.control.diagnosis.judgement.line_search import climb_to_best
+from topdress.control.machine.machine import Machine
+from topdress.control.machine.shaft import LEAST_LAG_S
+from topdress.control.machine.stage_runner import MOST_STEP_S
 
 from .channels import ChannelSeries, channels
 from .hypothesis import EffectInstance, Schedule, list_stages, schedule

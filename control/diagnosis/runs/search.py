@@ -8,9 +8,15 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-
-from control.diagnosis.effects import FLOW_BLOCKED_OUTLET, FLOW_GAIN, ROWS, FoundBy, Needs, reach
-from control.diagnosis.judgement.evidence import (
+from topdress.control.diagnosis.effects import (
+    FLOW_BLOCKED_OUTLET,
+    FLOW_GAIN,
+    ROWS,
+    FoundBy,
+    Needs,
+    reach,
+)
+from topdress.control.diagnosis.judgement.evidence import (
     Z90,
     Fit,
     Problem,
@@ -22,12 +28,12 @@ from control.diagnosis.judgement.evidence import (
     fitted,
     projected,
 )
-from control.diagnosis.judgement.gaussian import Gaussian
-from control.diagnosis.judgement.line_search import climb_to_best
-from control.diagnosis.judgement.noise import Noise
-from control.diagnosis.judgement.prior import find_size_log_weight, find_size_sd
-from control.machine.effect import OPENING_RANGE
-from control.machine.machine import CATALOGUE, Machine, scale_nominal, size_scale
+from topdress.control.diagnosis.judgement.gaussian import Gaussian
+from topdress.control.diagnosis.judgement.line_search import climb_to_best
+from topdress.control.diagnosis.judgement.noise import Noise
+from topdress.control.diagnosis.judgement.prior import find_size_log_weight, find_size_sd
+from topdress.control.machine.effect import OPENING_RANGE
+from topdress.control.machine.machine import CATALOGUE, Machine, scale_nominal, size_scale
 
 from .channels import ChannelSeries
 from .columns import WRITTEN, Columns

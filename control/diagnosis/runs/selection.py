@@ -33,17 +33,16 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 from scipy.special import expit, softmax
-
-from control.diagnosis.effects import CANOPY_HEAD_FOULED, ROWS, SHAFT_NEUTRAL, FoundBy
-from control.diagnosis.judgement.checks import is_noise_loud
-from control.diagnosis.judgement.prior import (
+from topdress.control.diagnosis.effects import CANOPY_HEAD_FOULED, ROWS, SHAFT_NEUTRAL, FoundBy
+from topdress.control.diagnosis.judgement.checks import is_noise_loud
+from topdress.control.diagnosis.judgement.prior import (
     SAID,
     find_size_log_weight,
     log_odds,
     log_of_sign,
     name_course,
 )
-from control.machine.machine import CATALOGUE
+from topdress.control.machine.machine import CATALOGUE
 
 from .changepoint import changes
 from .dictionary import Dictionary

@@ -15,14 +15,13 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 from scipy.special import chdtrc
-
-from control.diagnosis.dataframe_input import columns_of, machine_of
-from control.diagnosis.extend import extend
-from control.diagnosis.judgement.checks import LEVEL
-from control.diagnosis.judgement.evidence import Z90
-from control.diagnosis.result import Diagnosis, Size
-from control.log_row import COMMANDS_HELD, FILE_BEGINS
-from control.machine.machine import Machine
+from topdress.control.diagnosis.dataframe_input import columns_of, machine_of
+from topdress.control.diagnosis.extend import extend
+from topdress.control.diagnosis.judgement.checks import LEVEL
+from topdress.control.diagnosis.judgement.evidence import Z90
+from topdress.control.diagnosis.result import Diagnosis, Size
+from topdress.control.log_row import COMMANDS_HELD, FILE_BEGINS
+from topdress.control.machine.machine import Machine
 
 from .adoption import select_adoptable
 from .diagnose import Each, diagnose_run
@@ -108,7 +107,7 @@ def diagnose_runs(
     Examples
     --------
     >>> import numpy as np
-    >>> from control.machine.machine import Machine
+    >>> from topdress.control.machine.machine import Machine
     >>> def log(seed):
     ...     rng, time_s = np.random.default_rng(seed), np.arange(0.0, 120.0, 0.1)
     ...     speed_mps = 1.3 + 0.2 * np.sin(time_s / (5.0 + seed))

@@ -7,13 +7,12 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-
-from control.diagnosis import effects
-from control.machine.compiled import table_run
-from control.machine.effect import HOPPER, OPENING_RANGE, SHAFT_RANGE
-from control.machine.elements import Table
-from control.machine.machine import Machine, scale_nominal
-from control.machine.stage_runner import MOST_STEP_S
+from topdress.control.diagnosis import effects
+from topdress.control.machine.compiled import table_run
+from topdress.control.machine.effect import HOPPER, OPENING_RANGE, SHAFT_RANGE
+from topdress.control.machine.elements import Table
+from topdress.control.machine.machine import Machine, scale_nominal
+from topdress.control.machine.stage_runner import MOST_STEP_S
 
 from .channels import ChannelSeries, hopper_channel
 from .hopper import Hopper

@@ -8,9 +8,8 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import convolve1d
-
-from control.machine.machine import Machine
-from control.recordings.speeds import MOVING_MPS
+from topdress.control.machine.machine import Machine
+from topdress.control.recordings.speeds import MOVING_MPS
 
 from .grid import SMOOTH_S, Grid, looked_at, make_grid
 from .inputs import LogRows

@@ -7,10 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-
-from control.machine.compiled import term_run
-from control.machine.machine import Machine
-from control.machine.term_sums import over_log
+from topdress.control.machine.compiled import term_run
+from topdress.control.machine.machine import Machine
+from topdress.control.machine.term_sums import over_log
 
 from .drives import Drive, read_drives
 from .effort import DriveEffort, read_efforts

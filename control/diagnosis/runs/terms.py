@@ -17,9 +17,8 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-
-from control.diagnosis.judgement import prior
-from control.diagnosis.judgement.evidence import (
+from topdress.control.diagnosis.judgement import prior
+from topdress.control.diagnosis.judgement.evidence import (
     Z90,
     Column,
     Fit,
@@ -32,13 +31,13 @@ from control.diagnosis.judgement.evidence import (
     fitted,
     problem,
 )
-from control.diagnosis.judgement.line_search import climb_to_best
-from control.diagnosis.judgement.noise import Noise, coefficients, series_of
-from control.machine.compiled import term_run
-from control.machine.form import TriedForm
-from control.machine.forms import SPAN_PLACES, Lost, Periodic, SpanForm
-from control.machine.term_sums import over_log
-from control.machine.terms import STAGE_OF, UNIT_OF, Acts, Interval, Term, name_own_command
+from topdress.control.diagnosis.judgement.line_search import climb_to_best
+from topdress.control.diagnosis.judgement.noise import Noise, coefficients, series_of
+from topdress.control.machine.compiled import term_run
+from topdress.control.machine.form import TriedForm
+from topdress.control.machine.forms import SPAN_PLACES, Lost, Periodic, SpanForm
+from topdress.control.machine.term_sums import over_log
+from topdress.control.machine.terms import STAGE_OF, UNIT_OF, Acts, Interval, Term, name_own_command
 
 from .dictionary import CHANNEL_OF, ActedOn, Dictionary, FormCandidate, Variables, scan
 from .held_out import errors_of, fit_amplitudes, held_out

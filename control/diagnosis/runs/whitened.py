@@ -29,10 +29,9 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-
-from control.diagnosis.judgement.evidence import Column
-from control.diagnosis.judgement.gaussian import Array, Gaussian
-from control.diagnosis.judgement.noise import Noise, series_of, strengths
+from topdress.control.diagnosis.judgement.evidence import Column
+from topdress.control.diagnosis.judgement.gaussian import Array, Gaussian
+from topdress.control.diagnosis.judgement.noise import Noise, series_of, strengths
 
 from .channels import ChannelSeries
 from .hypothesis import Hypothesis

@@ -17,8 +17,7 @@ from itertools import product
 from typing import NamedTuple
 
 import numpy as np
-
-from control.diagnosis.judgement.gaussian import Array, gain
+from topdress.control.diagnosis.judgement.gaussian import Array, gain
 
 # logs between two changes of one effect: a season has some 50, a repair or none
 USUAL = 50.0

@@ -13,9 +13,8 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.special import expit, ndtr
-
-from control.diagnosis.judgement.evidence import Z90
-from control.diagnosis.judgement.gaussian import Array
+from topdress.control.diagnosis.judgement.evidence import Z90
+from topdress.control.diagnosis.judgement.gaussian import Array
 
 from .changes import NEAR, Partition, Stretch
 from .evidence import OneLog, stacked

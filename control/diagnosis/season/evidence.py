@@ -15,16 +15,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-
-from control.diagnosis.effects import ROWS
-from control.diagnosis.judgement.evidence import Column, Role, calm, fitted
-from control.diagnosis.judgement.gaussian import Array, Gaussian, Indices
-from control.diagnosis.result import Diagnosis
-from control.diagnosis.runs.cost import field_cost
-from control.diagnosis.runs.diagnose import judge_run
-from control.diagnosis.runs.selection import GroupResult
-from control.diagnosis.runs.stages import RunData
-from control.machine.machine import Machine, unit_of
+from topdress.control.diagnosis.effects import ROWS
+from topdress.control.diagnosis.judgement.evidence import Column, Role, calm, fitted
+from topdress.control.diagnosis.judgement.gaussian import Array, Gaussian, Indices
+from topdress.control.diagnosis.result import Diagnosis
+from topdress.control.diagnosis.runs.cost import field_cost
+from topdress.control.diagnosis.runs.diagnose import judge_run
+from topdress.control.diagnosis.runs.selection import GroupResult
+from topdress.control.diagnosis.runs.stages import RunData
+from topdress.control.machine.machine import Machine, unit_of
 
 Columns = Mapping[str, npt.NDArray[Any]]
 # of a full hopper: below it an operator should have filled up
@@ -150,7 +149,7 @@ def _rows(of: Array) -> tuple[tuple[float, ...], ...]:
 
 
 def _percent(effect_id: str, machine: Machine, data: RunData) -> float | None:
-    from control.diagnosis.runs.hypothesis import EffectInstance
+    from topdress.control.diagnosis.runs.hypothesis import EffectInstance
 
     probe = ROWS[effect_id].on(machine).probe
     assert probe is not None

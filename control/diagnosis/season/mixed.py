@@ -45,11 +45,10 @@ from typing import NamedTuple
 import numpy as np
 from scipy.sparse import csr_array
 from scipy.special import expit
-
-from control.diagnosis.effects import ROWS, EffectRow
-from control.diagnosis.judgement.gaussian import Array, Gaussian, Indices, Sizes, gain
-from control.diagnosis.judgement.prior import FORM_SHARE
-from control.machine.machine import CATALOGUE
+from topdress.control.diagnosis.effects import ROWS, EffectRow
+from topdress.control.diagnosis.judgement.gaussian import Array, Gaussian, Indices, Sizes, gain
+from topdress.control.diagnosis.judgement.prior import FORM_SHARE
+from topdress.control.machine.machine import CATALOGUE
 
 from .changes import SLOPES, Partition, gain_of_course, partition, share_of
 from .evidence import Logs, add_scatter

@@ -7,8 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
-
-from control.diagnosis.judgement.gaussian import Array
+from topdress.control.diagnosis.judgement.gaussian import Array
 
 from .effect_timelines import Cause, SeasonFit
 from .evidence import LogWork

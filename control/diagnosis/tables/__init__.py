@@ -1,7 +1,7 @@
 """Diagnosis of bench tables: lag, catch, weigh, heads, place. Small numbers of rows, exact
 statistics."""
 
-from control.calibration.bench_table import BenchTable as Table
+from topdress.control.calibration.bench_table import BenchTable as Table
 
 from .diagnose import diagnose_tables
 

@@ -8,10 +8,16 @@ from math import log
 from typing import NamedTuple
 
 import numpy as np
-
-from control.diagnosis.effects import LAG_ASYMMETRY, ROWS
-from control.diagnosis.judgement.prior import FAULTY, LOCAL, MISREAD, MISTAKEN, UNKNOWN, log_of_sign
-from control.machine.machine import CATALOGUE, bounds
+from topdress.control.diagnosis.effects import LAG_ASYMMETRY, ROWS
+from topdress.control.diagnosis.judgement.prior import (
+    FAULTY,
+    LOCAL,
+    MISREAD,
+    MISTAKEN,
+    UNKNOWN,
+    log_of_sign,
+)
+from topdress.control.machine.machine import CATALOGUE, bounds
 
 from .problem import TableProblem
 from .table_series import Array, BoolArray, TableCandidate, TablePiece

@@ -12,9 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.special import ndtr, stdtrit
-
-from control.diagnosis.judgement.checks import LEVEL
-from control.diagnosis.judgement.prior import ROBUST_SD
+from topdress.control.diagnosis.judgement.checks import LEVEL
+from topdress.control.diagnosis.judgement.prior import ROBUST_SD
 
 from .table_series import Array, find_first_best
 

@@ -14,12 +14,11 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.special import fdtrc, stdtrit
-
-from control.calibration.bench_table import BenchTable
-from control.machine.fall import find_start_drop_s
-from control.machine.machine import Machine
-from control.machine.start import response_s
-from control.recordings.speeds import KMH_PER_MPS
+from topdress.control.calibration.bench_table import BenchTable
+from topdress.control.machine.fall import find_start_drop_s
+from topdress.control.machine.machine import Machine
+from topdress.control.machine.start import response_s
+from topdress.control.recordings.speeds import KMH_PER_MPS
 
 from .rows import UNCORRECTED, list_labels
 from .table_series import Array, BoolArray, sort_best_first

@@ -5,9 +5,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from control.calibration.bench_table import BenchTable, usable
-from control.diagnosis.result import Data, Diagnosis
-from control.machine.machine import Machine
+from topdress.control.calibration.bench_table import BenchTable, usable
+from topdress.control.diagnosis.result import Data, Diagnosis
+from topdress.control.machine.machine import Machine
 
 from .duplicate_rows import without_duplicates
 from .gain import held_out_gain, not_shown, smallest_shown
@@ -85,8 +85,8 @@ def diagnose_tables(
     openings:
 
     >>> import numpy as np
-    >>> from control.calibration.bench_table import BenchTable
-    >>> from control.machine.machine import Machine
+    >>> from topdress.control.calibration.bench_table import BenchTable
+    >>> from topdress.control.machine.machine import Machine
     >>> shaft_rpm = np.repeat([20.0, 50.0, 80.0], 4)
     >>> opening_mm = np.tile([10.0, 10.0, 30.0, 30.0], 3)
     >>> scatter = 0.004 * np.random.default_rng(1).standard_normal(12)

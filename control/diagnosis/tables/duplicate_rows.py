@@ -15,10 +15,9 @@ from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
-
-from control.calibration.bench_table import LAGS, SPEEDS, BenchTable, where
-from control.machine.machine import Machine
-from control.recordings.speeds import KMH_PER_MPS
+from topdress.control.calibration.bench_table import LAGS, SPEEDS, BenchTable, where
+from topdress.control.machine.machine import Machine
+from topdress.control.recordings.speeds import KMH_PER_MPS
 
 from .cross_calibration import MIN_SHARED, AcrossTables, LagSeries, sentence, series_of
 from .noise import find_quantum

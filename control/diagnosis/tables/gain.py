@@ -8,11 +8,10 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.special import stdtr, stdtrit
-
-from control.diagnosis.effects import LAG_COARSE_CLOCK
-from control.diagnosis.judgement.prior import smallest_said
-from control.diagnosis.result import Detectable, Gain, NotShown
-from control.machine.machine import CATALOGUE, Machine, unit_of
+from topdress.control.diagnosis.effects import LAG_COARSE_CLOCK
+from topdress.control.diagnosis.judgement.prior import smallest_said
+from topdress.control.diagnosis.result import Detectable, Gain, NotShown
+from topdress.control.machine.machine import CATALOGUE, Machine, unit_of
 
 from .problem import TableProblem
 from .search import Model, TableSearch, refined

@@ -7,8 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.special import fdtrc
-
-from control.diagnosis.judgement.prior import ROBUST_SD
+from topdress.control.diagnosis.judgement.prior import ROBUST_SD
 
 from .table_series import Array, BoolArray, IntArray, TablePiece, find_first_best
 

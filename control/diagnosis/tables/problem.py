@@ -7,8 +7,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-
-from control.machine.machine import CATALOGUE, Machine, size_scale
+from topdress.control.machine.machine import CATALOGUE, Machine, size_scale
 
 from .clock import DITHERED, CoarseClock, find_clock_step, find_rounding_sd
 from .noise import TableNoise, find_quantum, noise_of, resolution_of, smoothed

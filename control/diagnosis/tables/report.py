@@ -7,15 +7,14 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-
-from control.calibration.bench_table import LAGS, BenchTable
-from control.diagnosis.cost import (
+from topdress.control.calibration.bench_table import LAGS, BenchTable
+from topdress.control.diagnosis.cost import (
     WITHOUT_MODEL,
     OperatingPoint,
     find_consequence,
     rate_error_percent,
 )
-from control.diagnosis.effects import (
+from topdress.control.diagnosis.effects import (
     LAG_COARSE_CLOCK,
     LAG_OFFSET,
     PLACE_LATENCY,
@@ -23,15 +22,23 @@ from control.diagnosis.effects import (
     ROWS,
     SHAFT_DEAD_TIME,
 )
-from control.diagnosis.judgement.evidence import Z90
-from control.diagnosis.judgement.prior import APART_SD, LISTED, NAMED
-from control.diagnosis.result import Cause, Channel, FieldCost, NextRun, Rival, Size, Verdict
-from control.experiments.bench_tests import bench_tests, make_two_rates_test
-from control.experiments.experiment import Experiment, chosen
-from control.experiments.levels import USUAL_MPS
-from control.machine.fall import find_start_drop_s
-from control.machine.machine import CATALOGUE, Machine, bounds, unit_of
-from control.machine.start import response_s
+from topdress.control.diagnosis.judgement.evidence import Z90
+from topdress.control.diagnosis.judgement.prior import APART_SD, LISTED, NAMED
+from topdress.control.diagnosis.result import (
+    Cause,
+    Channel,
+    FieldCost,
+    NextRun,
+    Rival,
+    Size,
+    Verdict,
+)
+from topdress.control.experiments.bench_tests import bench_tests, make_two_rates_test
+from topdress.control.experiments.experiment import Experiment, chosen
+from topdress.control.experiments.levels import USUAL_MPS
+from topdress.control.machine.fall import find_start_drop_s
+from topdress.control.machine.machine import CATALOGUE, Machine, bounds, unit_of
+from topdress.control.machine.start import response_s
 
 from .clock import CoarseClock
 from .cross_calibration import across

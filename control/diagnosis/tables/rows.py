@@ -9,9 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-
-from control.calibration.bench_table import LAGS, BenchTable, where
-from control.diagnosis.effects import (
+from topdress.control.calibration.bench_table import LAGS, BenchTable, where
+from topdress.control.diagnosis.effects import (
     CANOPY_HEAD_FOULED,
     CANOPY_SATURATION,
     CANOPY_WARM_UP,
@@ -32,14 +31,14 @@ from control.diagnosis.effects import (
     SPEED_WHEEL_RADIUS,
     SPEED_WHEEL_SLIP,
 )
-from control.experiments.bench_tests import read_wheel
-from control.experiments.levels import USUAL_MPS
-from control.machine.fall import drop_s, find_start_drop_s
-from control.machine.flow import Flow, grams_per_rev
-from control.machine.heads import WARM_UP_S, HeadInput, read_head
-from control.machine.machine import Machine
-from control.machine.scale import ScaleInput, scale_reads
-from control.machine.start import change_response_s, response_s
+from topdress.control.experiments.bench_tests import read_wheel
+from topdress.control.experiments.levels import USUAL_MPS
+from topdress.control.machine.fall import drop_s, find_start_drop_s
+from topdress.control.machine.flow import Flow, grams_per_rev
+from topdress.control.machine.heads import WARM_UP_S, HeadInput, read_head
+from topdress.control.machine.machine import Machine
+from topdress.control.machine.scale import ScaleInput, scale_reads
+from topdress.control.machine.start import change_response_s, response_s
 
 from .table_series import Array, BoolArray, TableCandidate, TablePiece, list_varying
 

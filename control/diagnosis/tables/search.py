@@ -14,10 +14,15 @@ from math import log
 from typing import NamedTuple
 
 import numpy as np
-
-from control.diagnosis.judgement.gaussian import Gaussian
-from control.diagnosis.judgement.prior import UNKNOWN, find_size_log_weight, find_size_sd
-from control.diagnosis.judgement.rows import Posterior, TableRows, mixed, posterior, rows_of
+from topdress.control.diagnosis.judgement.gaussian import Gaussian
+from topdress.control.diagnosis.judgement.prior import UNKNOWN, find_size_log_weight, find_size_sd
+from topdress.control.diagnosis.judgement.rows import (
+    Posterior,
+    TableRows,
+    mixed,
+    posterior,
+    rows_of,
+)
 
 from .candidates import TableEffect, Unknown, find_effects, list_unknowns
 from .problem import TableProblem

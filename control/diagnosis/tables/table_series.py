@@ -7,8 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-
-from control.machine.machine import CATALOGUE, Machine
+from topdress.control.machine.machine import CATALOGUE, Machine
 
 Array = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]

@@ -14,9 +14,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-
-from control.diagnosis.judgement.prior import LISTED, NAMED
-from control.diagnosis.result import UNKNOWN, Unexplained, Verdict
+from topdress.control.diagnosis.judgement.prior import LISTED, NAMED
+from topdress.control.diagnosis.result import UNKNOWN, Unexplained, Verdict
 
 from .gain import MIN_ROWS
 from .search import FittedModel, TableSearch

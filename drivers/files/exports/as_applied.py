@@ -11,30 +11,29 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 from pydantic import ValidationError
-
-from control.agronomy.crop import Crop
-from control.agronomy.noa import prepare
-from control.field.across import Across, across
-from control.field.coverage import Coverage, Covered
-from control.field.totals import Arrival, Totaliser, Totals
-from control.geodesy import Place, TangentPlane
-from control.log_row import HEAD_COLUMNS
-from control.loop.effort_watch import effort_input
-from control.machine.effort import shaft_effort
-from control.machine.fall import drop_s
-from control.machine.landing import falls_s
-from control.machine.machine import Machine
-from control.machine.sections import LoggedValves, SectionStrip
-from control.metering.inverse import Conditions
-from control.orders import State, TargetSource
-from drivers.files.exports.stopped import (
+from topdress.control.agronomy.crop import Crop
+from topdress.control.agronomy.noa import prepare
+from topdress.control.field.across import Across, across
+from topdress.control.field.coverage import Coverage, Covered
+from topdress.control.field.totals import Arrival, Totaliser, Totals
+from topdress.control.geodesy import Place, TangentPlane
+from topdress.control.log_row import HEAD_COLUMNS
+from topdress.control.loop.effort_watch import effort_input
+from topdress.control.machine.effort import shaft_effort
+from topdress.control.machine.fall import drop_s
+from topdress.control.machine.landing import falls_s
+from topdress.control.machine.machine import Machine
+from topdress.control.machine.sections import LoggedValves, SectionStrip
+from topdress.control.metering.inverse import Conditions
+from topdress.control.orders import State, TargetSource
+from topdress.drivers.files.exports.stopped import (
     TURNING_RPM,
     StoppedRelease,
     is_released_stopped,
     released_stopped,
 )
-from drivers.files.read_log import RunLog
-from drivers.plain_text import OneLine
+from topdress.drivers.files.read_log import RunLog
+from topdress.drivers.plain_text import OneLine
 
 Floats = npt.NDArray[np.float64]
 

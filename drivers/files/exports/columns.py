@@ -6,9 +6,8 @@ from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
 import numpy as np
-
-from control.machine.elements import Array
-from drivers.files.exports.as_applied import AsApplied
+from topdress.control.machine.elements import Array
+from topdress.drivers.files.exports.as_applied import AsApplied
 
 
 class ExportColumn(NamedTuple):

@@ -8,9 +8,9 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from drivers.files.atomic import write_atomically
-from drivers.files.exports.as_applied import AsApplied
-from drivers.files.farm_lines import COLUMNS, record_rows
+from topdress.drivers.files.atomic import write_atomically
+from topdress.drivers.files.exports.as_applied import AsApplied
+from topdress.drivers.files.farm_lines import COLUMNS, record_rows
 
 
 class Pass(NamedTuple):

@@ -9,10 +9,9 @@ from pathlib import Path
 from xml.etree.ElementTree import Element, SubElement
 
 import numpy as np
-
-from drivers.files.exports.as_applied import AsApplied, ExportError, Floats
-from drivers.files.exports.time_log import NO_STATUS, Logged, TimeRecord, layout, records
-from drivers.files.prescriptions.task_files import name_of, outline, task_root, write_task
+from topdress.drivers.files.exports.as_applied import AsApplied, ExportError, Floats
+from topdress.drivers.files.exports.time_log import NO_STATUS, Logged, TimeRecord, layout, records
+from topdress.drivers.files.prescriptions.task_files import name_of, outline, task_root, write_task
 
 # ISO 11783-11: what is logged, with the steps of its numbers
 SETPOINT_RATE, ACTUAL_RATE = 6, 7  # mg/m2

@@ -7,9 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-
-from control.orders import State
-from drivers.files.read_log import RunLog
+from topdress.control.orders import State
+from topdress.drivers.files.read_log import RunLog
 
 WORD = "released_stopped"
 TURNING_RPM = 2.0  # the lag paper's threshold of a shaft that turns

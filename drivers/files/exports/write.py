@@ -12,11 +12,10 @@ from typing import Any
 
 import shapefile
 import shapely
-
-from drivers.files.atomic import write_atomically
-from drivers.files.exports.as_applied import AsApplied, ExportError
-from drivers.files.exports.columns import COLUMNS, TIME_SHORT, records, summary
-from drivers.files.prescriptions.task_files import WGS84_PRJ
+from topdress.drivers.files.atomic import write_atomically
+from topdress.drivers.files.exports.as_applied import AsApplied, ExportError
+from topdress.drivers.files.exports.columns import COLUMNS, TIME_SHORT, records, summary
+from topdress.drivers.files.prescriptions.task_files import WGS84_PRJ
 
 KNOWN = (
     ".csv, .geojson or .json, .shp, .gpkg, .zip (ISO 11783-10 task), a folder (task), or "
@@ -36,7 +35,7 @@ def write_as_applied(applied: AsApplied, path: str | Path, polygons: bool = Fals
         raise ExportError(f"{path}: ending {suffix}: allowed {KNOWN}")
     path.parent.mkdir(parents=True, exist_ok=True)
     if suffix in (".zip", ""):
-        from drivers.files.exports.isoxml import write_isoxml
+        from topdress.drivers.files.exports.isoxml import write_isoxml
 
         write_isoxml(applied, path)
         return
@@ -105,7 +104,7 @@ def write_geojson(applied: AsApplied, path: Path, polygons: bool = False) -> Non
 def write_gpkg(applied: AsApplied, path: Path, polygons: bool = False) -> None:
     """A GeoPackage with one layer, `as_applied`, by pyogrio (extra gis). Raises Refused,
     OSError."""
-    from drivers.files.ogr import write_layer
+    from topdress.drivers.files.ogr import write_layer
 
     s = applied.stretches
     shapes = (

@@ -15,12 +15,17 @@ from typing import NamedTuple
 
 import numpy as np
 import shapely
-
-from control.recordings.finding import Finding
-from control.targets.rate_map import Floats
-from drivers import day_clock
-from drivers.files.atomic import write_atomically
-from drivers.files.fields.field_data import EVEN_M, FieldData, FieldError, Line, headland_width_m
+from topdress.control.recordings.finding import Finding
+from topdress.control.targets.rate_map import Floats
+from topdress.drivers import day_clock
+from topdress.drivers.files.atomic import write_atomically
+from topdress.drivers.files.fields.field_data import (
+    EVEN_M,
+    FieldData,
+    FieldError,
+    Line,
+    headland_width_m,
+)
 
 AB, CURVE = 2, 4  # modes of a track in TrackLines.txt
 MOST_POINTS = 200_000

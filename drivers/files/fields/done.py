@@ -7,14 +7,13 @@ from pathlib import Path
 
 import numpy as np
 import shapely
-
-from control.field.done_ground import DoneGround, done_ground
-from control.geodesy import TangentPlane
-from drivers.files.fields.agopengps import covered_triangles
-from drivers.files.fields.field_data import FieldError
-from drivers.files.fields.shapes import named_shapes
-from drivers.files.outlines import check_outlines
-from drivers.files.what_it_is import what_is
+from topdress.control.field.done_ground import DoneGround, done_ground
+from topdress.control.geodesy import TangentPlane
+from topdress.drivers.files.fields.agopengps import covered_triangles
+from topdress.drivers.files.fields.field_data import FieldError
+from topdress.drivers.files.fields.shapes import named_shapes
+from topdress.drivers.files.outlines import check_outlines
+from topdress.drivers.files.what_it_is import what_is
 
 SECTIONS = "sections.txt"
 

@@ -10,13 +10,12 @@ from typing import NamedTuple
 
 import numpy as np
 import shapely
-
-from control.field.boundary import Boundary, largest_part
-from control.field.job import Ground, GuidanceLine
-from control.geodesy import TangentPlane
-from control.recordings.finding import Finding
-from control.targets.rate_map import Floats
-from drivers.plain_text import OneLine
+from topdress.control.field.boundary import Boundary, largest_part
+from topdress.control.field.job import Ground, GuidanceLine
+from topdress.control.geodesy import TangentPlane
+from topdress.control.recordings.finding import Finding
+from topdress.control.targets.rate_map import Floats
+from topdress.drivers.plain_text import OneLine
 
 # a headland whose width differs by less is of one width
 EVEN_M = 0.5

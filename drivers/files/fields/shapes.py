@@ -11,15 +11,14 @@ from typing import Any
 
 import numpy as np
 import shapely
-
-from control.recordings.finding import Finding
-from control.targets.rate_map import Floats
-from drivers.files.atomic import write_atomically
-from drivers.files.fields.field_data import FieldData, FieldError, Line
-from drivers.files.fields.task_fields import find_task_set, read_task_shapes
-from drivers.files.layers import GEOJSON, Layer, name_of, read_layers
-from drivers.files.limits import check_file
-from drivers.files.ogr import FORMATS, write_layer
+from topdress.control.recordings.finding import Finding
+from topdress.control.targets.rate_map import Floats
+from topdress.drivers.files.atomic import write_atomically
+from topdress.drivers.files.fields.field_data import FieldData, FieldError, Line
+from topdress.drivers.files.fields.task_fields import find_task_set, read_task_shapes
+from topdress.drivers.files.layers import GEOJSON, Layer, name_of, read_layers
+from topdress.drivers.files.limits import check_file
+from topdress.drivers.files.ogr import FORMATS, write_layer
 
 INSIDE = 0.999  # of its area, that a polygon lies in another one
 

@@ -8,11 +8,10 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 import shapely
-
-from control.recordings.finding import Finding, many
-from drivers.files.fields.field_data import FieldError
-from drivers.files.prescriptions.data_dictionary import ddi_in_words
-from drivers.files.prescriptions.task_files import TaskSet, task_sets, task_tree
+from topdress.control.recordings.finding import Finding, many
+from topdress.drivers.files.fields.field_data import FieldError
+from topdress.drivers.files.prescriptions.data_dictionary import ddi_in_words
+from topdress.drivers.files.prescriptions.task_files import TaskSet, task_sets, task_tree
 
 # types of polygons (PLN) of a field (PFD)
 OUTLINE, OBSTACLES, HEADLAND = "1", ("3", "4", "5", "6"), "10"

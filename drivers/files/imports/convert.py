@@ -8,12 +8,11 @@ from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-
-from control.log_row import COMMANDS_HELD, TEXT_COLUMNS
-from control.orders import State
-from control.recordings.finding import Finding, many
-from control.recordings.times import mended_times
-from drivers.files.columns import (
+from topdress.control.log_row import COMMANDS_HELD, TEXT_COLUMNS
+from topdress.control.orders import State
+from topdress.control.recordings.finding import Finding, many
+from topdress.control.recordings.times import mended_times
+from topdress.drivers.files.columns import (
     Columns,
     count_microseconds,
     count_rows,
@@ -25,9 +24,9 @@ from drivers.files.columns import (
     text_column,
     unknown_like,
 )
-from drivers.files.config_words import nearest
-from drivers.files.imports.header import named
-from drivers.files.imports.mapping import (
+from topdress.drivers.files.config_words import nearest
+from topdress.drivers.files.imports.header import named
+from topdress.drivers.files.imports.mapping import (
     EVENTS,
     EXTRA_START,
     MADE_BY_WORKING,
@@ -35,11 +34,11 @@ from drivers.files.imports.mapping import (
     ImportFile,
     Working,
 )
-from drivers.files.imports.numbers import Numbers, numbers
-from drivers.files.imports.raw import RawTable
-from drivers.files.imports.times import as_texts, clock, read_texts
-from drivers.files.imports.trouble import ImportTrouble, listed
-from drivers.files.imports.units import in_log_unit, quantity_of, slug, unit_named
+from topdress.drivers.files.imports.numbers import Numbers, numbers
+from topdress.drivers.files.imports.raw import RawTable
+from topdress.drivers.files.imports.times import as_texts, clock, read_texts
+from topdress.drivers.files.imports.trouble import ImportTrouble, listed
+from topdress.drivers.files.imports.units import in_log_unit, quantity_of, slug, unit_named
 
 US = "us"  # the time of a row, whole microseconds
 # the log's column, and here as microseconds since 1970

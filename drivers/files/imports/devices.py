@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 from xml.etree.ElementTree import Element
 
-from drivers.files.imports.units import unit_named
+from topdress.drivers.files.imports.units import unit_named
 
 
 class Meaning(NamedTuple):

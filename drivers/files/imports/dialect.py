@@ -7,9 +7,9 @@ import csv
 import re
 from typing import NamedTuple
 
-from drivers.files.imports.header import Layout, is_value, layout_of
-from drivers.files.imports.mapping import Delimiter, Source
-from drivers.files.imports.trouble import ImportTrouble
+from topdress.drivers.files.imports.header import Layout, is_value, layout_of
+from topdress.drivers.files.imports.mapping import Delimiter, Source
+from topdress.drivers.files.imports.trouble import ImportTrouble
 
 SAMPLE_LINES = 300
 SAMPLE_BYTES = 400_000

@@ -9,15 +9,14 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-
-from control.recordings.finding import Finding, many
-from drivers.files.columns import TIME, text_column
-from drivers.files.imports.dialect import SAMPLE_LINES
-from drivers.files.imports.header import Layout, layout_of
-from drivers.files.imports.mapping import Source
-from drivers.files.imports.raw import RawTable, header_of
-from drivers.files.imports.trouble import ImportTrouble, listed
-from drivers.files.sheet_text import cell_text, sheets_of
+from topdress.control.recordings.finding import Finding, many
+from topdress.drivers.files.columns import TIME, text_column
+from topdress.drivers.files.imports.dialect import SAMPLE_LINES
+from topdress.drivers.files.imports.header import Layout, layout_of
+from topdress.drivers.files.imports.mapping import Source
+from topdress.drivers.files.imports.raw import RawTable, header_of
+from topdress.drivers.files.imports.trouble import ImportTrouble, listed
+from topdress.drivers.files.sheet_text import cell_text, sheets_of
 
 # of a log: what is shorter next to a longer one are notes
 LEAST_ROWS = 20

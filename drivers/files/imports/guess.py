@@ -8,10 +8,9 @@ from itertools import islice
 
 import numpy as np
 from numpy.typing import NDArray
-
-from control.log_row import COLUMNS, PLAUSIBLE
-from control.recordings.speeds import unit_of
-from drivers.files.columns import (
+from topdress.control.log_row import COLUMNS, PLAUSIBLE
+from topdress.control.recordings.speeds import unit_of
+from topdress.drivers.files.columns import (
     count_differences,
     is_number,
     is_text,
@@ -19,9 +18,9 @@ from drivers.files.columns import (
     number_texts,
     select_rows,
 )
-from drivers.files.imports import physics
-from drivers.files.imports.convert import US, UTC_US, convert
-from drivers.files.imports.guess_columns import (
+from topdress.drivers.files.imports import physics
+from topdress.drivers.files.imports.convert import US, UTC_US, convert
+from topdress.drivers.files.imports.guess_columns import (
     candidates_of,
     chosen_of,
     column_of,
@@ -30,16 +29,23 @@ from drivers.files.imports.guess_columns import (
     per_count,
     unnamed_drive,
 )
-from drivers.files.imports.guess_time import guess_times
-from drivers.files.imports.guessed import PAIRS, ColumnCandidate, Doubt, Guess
-from drivers.files.imports.header import named
-from drivers.files.imports.mapping import Column, ImportFile, Working
-from drivers.files.imports.numbers import numbers
-from drivers.files.imports.raw import RawTable
-from drivers.files.imports.text import NO_HEADER
-from drivers.files.imports.trouble import TableError, listed
-from drivers.files.imports.units import quantity_of, unit_named
-from drivers.files.imports.words import EITHER_WAY, ON, QUANTITIES, folded, says, subject_of
+from topdress.drivers.files.imports.guess_time import guess_times
+from topdress.drivers.files.imports.guessed import PAIRS, ColumnCandidate, Doubt, Guess
+from topdress.drivers.files.imports.header import named
+from topdress.drivers.files.imports.mapping import Column, ImportFile, Working
+from topdress.drivers.files.imports.numbers import numbers
+from topdress.drivers.files.imports.raw import RawTable
+from topdress.drivers.files.imports.text import NO_HEADER
+from topdress.drivers.files.imports.trouble import TableError, listed
+from topdress.drivers.files.imports.units import quantity_of, unit_named
+from topdress.drivers.files.imports.words import (
+    EITHER_WAY,
+    ON,
+    QUANTITIES,
+    folded,
+    says,
+    subject_of,
+)
 
 # What the converted numbers say against a guess, or for it.
 LOOKED_AT = 50_000  # rows, for what the converted numbers say

@@ -6,19 +6,18 @@ from collections.abc import Iterable
 
 import numpy as np
 from numpy.typing import NDArray
-
-from control.log_row import COLUMNS, EFFORTS, PLAUSIBLE, TEXT_COLUMNS
-from control.recordings.speeds import FAST_MPS, MOVING_MPS
-from drivers.files.columns import is_time
-from drivers.files.imports import physics
-from drivers.files.imports.convert import extra_name
-from drivers.files.imports.guessed import PAIRS, ColumnCandidate, Doubt, Guess, Key
-from drivers.files.imports.header import named
-from drivers.files.imports.mapping import NOT_MAPPED, Column
-from drivers.files.imports.numbers import numbers
-from drivers.files.imports.raw import RawTable
-from drivers.files.imports.units import ColumnUnit, quantity_of, unit_named, unit_of
-from drivers.files.imports.words import (
+from topdress.control.log_row import COLUMNS, EFFORTS, PLAUSIBLE, TEXT_COLUMNS
+from topdress.control.recordings.speeds import FAST_MPS, MOVING_MPS
+from topdress.drivers.files.columns import is_time
+from topdress.drivers.files.imports import physics
+from topdress.drivers.files.imports.convert import extra_name
+from topdress.drivers.files.imports.guessed import PAIRS, ColumnCandidate, Doubt, Guess, Key
+from topdress.drivers.files.imports.header import named
+from topdress.drivers.files.imports.mapping import NOT_MAPPED, Column
+from topdress.drivers.files.imports.numbers import numbers
+from topdress.drivers.files.imports.raw import RawTable
+from topdress.drivers.files.imports.units import ColumnUnit, quantity_of, unit_named, unit_of
+from topdress.drivers.files.imports.words import (
     COMMAND,
     PLAINLY_READING,
     RAW_COMMAND,

@@ -9,22 +9,21 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-
-from drivers.files.columns import (
+from topdress.drivers.files.columns import (
     count_differences,
     is_text,
     is_time,
     known_values,
     median_of,
 )
-from drivers.files.imports.header import named
-from drivers.files.imports.mapping import Counts, Times
-from drivers.files.imports.numbers import numbers
-from drivers.files.imports.raw import RawTable
-from drivers.files.imports.times import read_texts, texts_for, with_day
-from drivers.files.imports.trouble import TableError
-from drivers.files.imports.units import unit_named
-from drivers.files.imports.words import (
+from topdress.drivers.files.imports.header import named
+from topdress.drivers.files.imports.mapping import Counts, Times
+from topdress.drivers.files.imports.numbers import numbers
+from topdress.drivers.files.imports.raw import RawTable
+from topdress.drivers.files.imports.times import read_texts, texts_for, with_day
+from topdress.drivers.files.imports.trouble import TableError
+from topdress.drivers.files.imports.units import unit_named
+from topdress.drivers.files.imports.words import (
     COMMAND,
     DATE,
     NO_TIME,

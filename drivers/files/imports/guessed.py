@@ -11,11 +11,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-
-from drivers.files.imports.mapping import IMPORT, Column, ImportFile
-from drivers.files.imports.units import ColumnUnit
-from drivers.files.plain import plain
-from drivers.files.yaml_text import dump_yaml
+from topdress.drivers.files.imports.mapping import IMPORT, Column, ImportFile
+from topdress.drivers.files.imports.units import ColumnUnit
+from topdress.drivers.files.plain import plain
+from topdress.drivers.files.yaml_text import dump_yaml
 
 Key = tuple[str, ...]
 

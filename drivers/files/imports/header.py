@@ -8,7 +8,7 @@ import unicodedata
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from drivers.files.imports.units import unit_named
+from topdress.drivers.files.imports.units import unit_named
 
 # in lower case
 NOTHING = frozenset(

@@ -6,12 +6,12 @@ from collections.abc import Sequence
 from itertools import pairwise
 from typing import NamedTuple
 
-from control.log_row import FILE_BEGINS
-from control.recordings.finding import Finding
-from drivers.files.columns import Columns, count_rows, stack_tables, text_column
-from drivers.files.imports.convert import US, UTC_US, Converted
-from drivers.files.imports.mapping import EVENTS, Join
-from drivers.files.imports.trouble import ImportTrouble
+from topdress.control.log_row import FILE_BEGINS
+from topdress.control.recordings.finding import Finding
+from topdress.drivers.files.columns import Columns, count_rows, stack_tables, text_column
+from topdress.drivers.files.imports.convert import US, UTC_US, Converted
+from topdress.drivers.files.imports.mapping import EVENTS, Join
+from topdress.drivers.files.imports.trouble import ImportTrouble
 
 
 class JoinedFiles(NamedTuple):

@@ -9,10 +9,9 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-
-from control.log_row import COLUMNS, DECIMALS, TEXT_COLUMNS, WHOLE_COLUMNS
-from drivers.files.atomic import sidecar, write_atomically
-from drivers.files.columns import (
+from topdress.control.log_row import COLUMNS, DECIMALS, TEXT_COLUMNS, WHOLE_COLUMNS
+from topdress.drivers.files.atomic import sidecar, write_atomically
+from topdress.drivers.files.columns import (
     TIME,
     Columns,
     count_rows,
@@ -22,14 +21,14 @@ from drivers.files.columns import (
     text_column,
     texts_array,
 )
-from drivers.files.config import sha256_of
-from drivers.files.imports.convert import US, UTC_US
-from drivers.files.imports.join import JoinedFiles
-from drivers.files.imports.mapping import ImportFile
-from drivers.files.log_store import SUFFIXES, write_store
-from drivers.files.plain import plain
-from drivers.files.read_log import RunLog, log_of, meta_of
-from drivers.files.run_meta import meta_from_yaml, meta_to_yaml, run_meta
+from topdress.drivers.files.config import sha256_of
+from topdress.drivers.files.imports.convert import US, UTC_US
+from topdress.drivers.files.imports.join import JoinedFiles
+from topdress.drivers.files.imports.mapping import ImportFile
+from topdress.drivers.files.log_store import SUFFIXES, write_store
+from topdress.drivers.files.plain import plain
+from topdress.drivers.files.read_log import RunLog, log_of, meta_of
+from topdress.drivers.files.run_meta import meta_from_yaml, meta_to_yaml, run_meta
 
 
 def log_columns(log: JoinedFiles) -> Columns:

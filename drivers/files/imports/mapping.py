@@ -8,12 +8,11 @@ from typing import Annotated, Literal
 from zoneinfo import ZoneInfo, available_timezones
 
 from pydantic import Field, model_validator
-
-from control.frozen_model import FrozenModel
-from control.log_row import COLUMNS, TEXT_COLUMNS, WHOLE_COLUMNS
-from drivers.files.config import Kind
-from drivers.files.config_words import nearest
-from drivers.files.imports.units import UNITS, quantity_of, unit_named
+from topdress.control.frozen_model import FrozenModel
+from topdress.control.log_row import COLUMNS, TEXT_COLUMNS, WHOLE_COLUMNS
+from topdress.drivers.files.config import Kind
+from topdress.drivers.files.config_words import nearest
+from topdress.drivers.files.imports.units import UNITS, quantity_of, unit_named
 
 EVENTS = "events"  # column of a run log
 EXTRA_START = "x_"

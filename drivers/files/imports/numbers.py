@@ -9,9 +9,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-
-from drivers.files.columns import is_text
-from drivers.files.imports.header import NOTHING
+from topdress.drivers.files.columns import is_text
+from topdress.drivers.files.imports.header import NOTHING
 
 _GROUPING = re.compile("[\\s'\u2019\u00a0\u202f]")
 _PLAIN = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?", re.ASCII)

@@ -7,11 +7,10 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-
-from control.calibration.first_machine import settings_a_row
-from control.recordings.speeds import over_track, unit_of
-from control.recordings.values import stand_for_nothing
-from drivers.files.imports.units import UNITS
+from topdress.control.calibration.first_machine import settings_a_row
+from topdress.control.recordings.speeds import over_track, unit_of
+from topdress.control.recordings.values import stand_for_nothing
+from topdress.drivers.files.imports.units import UNITS
 
 Floats = NDArray[np.float64]
 

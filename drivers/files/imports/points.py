@@ -9,16 +9,15 @@ import numpy as np
 import shapefile
 import shapely
 from numpy.typing import NDArray
-
-from control.recordings.finding import Finding, many
-from drivers.files.archives import chosen
-from drivers.files.columns import text_column
-from drivers.files.imports.mapping import Source
-from drivers.files.imports.raw import RawTable, units_in
-from drivers.files.imports.trouble import ImportTrouble, listed
-from drivers.files.layers import Layer, read_geojson
-from drivers.files.shape_sets import ShapeSet, layer_of, shape_sets
-from drivers.files.what_it_is import POINTS
+from topdress.control.recordings.finding import Finding, many
+from topdress.drivers.files.archives import chosen
+from topdress.drivers.files.columns import text_column
+from topdress.drivers.files.imports.mapping import Source
+from topdress.drivers.files.imports.raw import RawTable, units_in
+from topdress.drivers.files.imports.trouble import ImportTrouble, listed
+from topdress.drivers.files.layers import Layer, read_geojson
+from topdress.drivers.files.shape_sets import ShapeSet, layer_of, shape_sets
+from topdress.drivers.files.what_it_is import POINTS
 
 LAT, LON = "lat_deg", "lon_deg"  # what places are called here
 
@@ -106,7 +105,7 @@ def _of_layer(path: Path, layer: Layer, source: Source) -> RawTable:
 def _own_names(names: list[str]) -> list[str]:
     """Of our own as-applied shapefiles the names that ten letters have cut, with their units;
     else as they stand."""
-    from drivers.files.exports.columns import COLUMNS, TIME_SHORT
+    from topdress.drivers.files.exports.columns import COLUMNS, TIME_SHORT
 
     long = {column.short: column.name for column in COLUMNS} | {TIME_SHORT: "utc"}
     return [long.get(name, name) for name in names] if set(long) <= set(names) else names

@@ -6,10 +6,10 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from control.recordings.finding import Finding
-from drivers.files.columns import Columns
-from drivers.files.imports.header import named
-from drivers.files.imports.mapping import Source
+from topdress.control.recordings.finding import Finding
+from topdress.drivers.files.columns import Columns
+from topdress.drivers.files.imports.header import named
+from topdress.drivers.files.imports.mapping import Source
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,20 +9,19 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
-
-from drivers.files.archives import files_at, holds_time_log
-from drivers.files.columns import TIME, is_text, text_column
-from drivers.files.extras import need
-from drivers.files.imports.mapping import Source, SourceKind
-from drivers.files.imports.raw import RawTable, units_in
-from drivers.files.imports.text import read_text
-from drivers.files.imports.trouble import ImportTrouble
-from drivers.files.imports.words import folded, subject_of
-from drivers.files.limits import check_file
-from drivers.files.parquet_limits import check_parquet, check_texts
-from drivers.files.prescriptions.column_words import MOST_UNITS, cell_of, unit_columns
-from drivers.files.sheet_text import SUFFIXES
-from drivers.files.stated_units import ANY, of_texts, together
+from topdress.drivers.files.archives import files_at, holds_time_log
+from topdress.drivers.files.columns import TIME, is_text, text_column
+from topdress.drivers.files.extras import need
+from topdress.drivers.files.imports.mapping import Source, SourceKind
+from topdress.drivers.files.imports.raw import RawTable, units_in
+from topdress.drivers.files.imports.text import read_text
+from topdress.drivers.files.imports.trouble import ImportTrouble
+from topdress.drivers.files.imports.words import folded, subject_of
+from topdress.drivers.files.limits import check_file
+from topdress.drivers.files.parquet_limits import check_parquet, check_texts
+from topdress.drivers.files.prescriptions.column_words import MOST_UNITS, cell_of, unit_columns
+from topdress.drivers.files.sheet_text import SUFFIXES
+from topdress.drivers.files.stated_units import ANY, of_texts, together
 
 if TYPE_CHECKING:
     import polars as pl
@@ -62,19 +61,19 @@ def _read(path: Path, said: Source) -> RawTable:
             path, "a folder: allowed is a file, or the folder of a task (TASKDATA.XML)"
         )
     if kind == "excel":
-        from drivers.files.imports.excel import read_excel
+        from topdress.drivers.files.imports.excel import read_excel
 
         return read_excel(path, said)
     if kind == "geojson":
-        from drivers.files.imports.points import read_points
+        from topdress.drivers.files.imports.points import read_points
 
         return read_points(path, said)
     if kind == "shapefile":
-        from drivers.files.imports.points import read_shapefile
+        from topdress.drivers.files.imports.points import read_shapefile
 
         return read_shapefile(path, said)
     if kind == "isoxml":
-        from drivers.files.imports.task_log import read_task_log
+        from topdress.drivers.files.imports.task_log import read_task_log
 
         return read_task_log(path, said)
     if kind == "parquet":

@@ -10,15 +10,14 @@ from typing import NamedTuple
 from xml.etree.ElementTree import Element
 
 import numpy as np
-
-from control.log_row import LOG_BEGINS
-from control.recordings.finding import Finding, many
-from drivers import day_clock
-from drivers.files.columns import Columns, count_rows, stack_tables, text_column
-from drivers.files.imports.devices import DeviceElement, Meaning, parts_of, width_m
-from drivers.files.imports.mapping import EVENTS, Source
-from drivers.files.imports.raw import RawTable, unique
-from drivers.files.imports.time_logs import (
+from topdress.control.log_row import LOG_BEGINS
+from topdress.control.recordings.finding import Finding, many
+from topdress.drivers import day_clock
+from topdress.drivers.files.columns import Columns, count_rows, stack_tables, text_column
+from topdress.drivers.files.imports.devices import DeviceElement, Meaning, parts_of, width_m
+from topdress.drivers.files.imports.mapping import EVENTS, Source
+from topdress.drivers.files.imports.raw import RawTable, unique
+from topdress.drivers.files.imports.time_logs import (
     UTC,
     LoggedValue,
     TimeLog,
@@ -27,9 +26,9 @@ from drivers.files.imports.time_logs import (
     time_logs,
     width_of,
 )
-from drivers.files.imports.trouble import ImportTrouble, listed
-from drivers.files.imports.units import unit_named
-from drivers.files.prescriptions.task_files import find_task_files, task_tree
+from topdress.drivers.files.imports.trouble import ImportTrouble, listed
+from topdress.drivers.files.imports.units import unit_named
+from topdress.drivers.files.prescriptions.task_files import find_task_files, task_tree
 
 CHOICES = "--task, --device and --log (source.task, .device and .task_log of the import file)"
 MOST_LISTED = 60  # logs, a line each

@@ -17,15 +17,20 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-
-from control.recordings.finding import Finding, many
-from drivers.files.columns import BLOCK_ROWS, Columns, count_rows, select_rows, text_column
-from drivers.files.imports.dialect import DELIMITERS, SAMPLE_BYTES, Dialect, dialect_of, encoding_of
-from drivers.files.imports.mapping import Source
-from drivers.files.imports.numbers import numbers_of
-from drivers.files.imports.raw import RawTable, header_of, unique
-from drivers.files.imports.trouble import ImportTrouble, TableError, listed
-from drivers.files.limits import LINE, check_text
+from topdress.control.recordings.finding import Finding, many
+from topdress.drivers.files.columns import BLOCK_ROWS, Columns, count_rows, select_rows, text_column
+from topdress.drivers.files.imports.dialect import (
+    DELIMITERS,
+    SAMPLE_BYTES,
+    Dialect,
+    dialect_of,
+    encoding_of,
+)
+from topdress.drivers.files.imports.mapping import Source
+from topdress.drivers.files.imports.numbers import numbers_of
+from topdress.drivers.files.imports.raw import RawTable, header_of, unique
+from topdress.drivers.files.imports.trouble import ImportTrouble, TableError, listed
+from topdress.drivers.files.limits import LINE, check_text
 
 # Rows that are longer than any row may be: they are left out and said, the others are read.
 _UTF16 = (b"\xff\xfe", b"\xfe\xff")

@@ -9,8 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-
-from drivers.files.imports.trouble import ImportTrouble
+from topdress.drivers.files.imports.trouble import ImportTrouble
 
 Floats = NDArray[np.float64]
 Whole = NDArray[np.int64]

@@ -11,11 +11,10 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 from numpy.typing import NDArray
-
-from control.geodesy import TangentPlane
-from drivers.files.columns import TIME, Columns, count_rows
-from drivers.files.exports.time_log import FIRST_DAY
-from drivers.files.imports.devices import (
+from topdress.control.geodesy import TangentPlane
+from topdress.drivers.files.columns import TIME, Columns, count_rows
+from topdress.drivers.files.exports.time_log import FIRST_DAY
+from topdress.drivers.files.imports.devices import (
     DeviceElement,
     Meaning,
     contradiction,
@@ -23,8 +22,8 @@ from drivers.files.imports.devices import (
     meaning_of,
     width_m,
 )
-from drivers.files.imports.trouble import ImportTrouble
-from drivers.files.prescriptions.task_files import TaskSet
+from topdress.drivers.files.imports.trouble import ImportTrouble
+from topdress.drivers.files.prescriptions.task_files import TaskSet
 
 # The fields of TIM and its PTN that every record tells, in their order in a record: attribute,
 # type as numpy writes it, step, name here, the number that means not known.

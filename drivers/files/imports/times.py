@@ -10,9 +10,8 @@ from zoneinfo import ZoneInfo
 
 import numpy as np
 from numpy.typing import NDArray
-
-from control.recordings.times import SPREADSHEET_DAYS, SPREADSHEET_EPOCH_DAYS
-from drivers.files.columns import (
+from topdress.control.recordings.times import SPREADSHEET_DAYS, SPREADSHEET_EPOCH_DAYS
+from topdress.drivers.files.columns import (
     BLOCK_ROWS,
     count_microseconds,
     count_rows,
@@ -23,11 +22,11 @@ from drivers.files.columns import (
     number_texts,
     text_column,
 )
-from drivers.files.imports.mapping import Times
-from drivers.files.imports.numbers import numbers, plain_numbers
-from drivers.files.imports.raw import RawTable
-from drivers.files.imports.time_format import DAY_PARTS, parse_times
-from drivers.files.imports.trouble import ImportTrouble
+from topdress.drivers.files.imports.mapping import Times
+from topdress.drivers.files.imports.numbers import numbers, plain_numbers
+from topdress.drivers.files.imports.raw import RawTable
+from topdress.drivers.files.imports.time_format import DAY_PARTS, parse_times
+from topdress.drivers.files.imports.trouble import ImportTrouble
 
 ISO = "%Y-%m-%d %H:%M:%S%.f"
 _OFFSET = re.compile(r"(:\d{2}(?:\.\d+)?)?\s*(Z|z|[+-]\d{2}:?\d{2})$")

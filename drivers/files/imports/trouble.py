@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Self
 
-from drivers.plain_text import Refused, one_line
+from topdress.drivers.plain_text import Refused, one_line
 
 
 class TableError(ValueError):

@@ -9,10 +9,9 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-
-from control.log_row import COLUMNS, TEXT_COLUMNS, WHOLE_COLUMNS
-from control.recordings.speeds import KMH_PER_MPS, MILE_M, NAUTICAL_MILE_M
-from drivers.files.prescriptions.words import MASS_UNITS, NITROGEN_UNITS, VOLUME_UNITS
+from topdress.control.log_row import COLUMNS, TEXT_COLUMNS, WHOLE_COLUMNS
+from topdress.control.recordings.speeds import KMH_PER_MPS, MILE_M, NAUTICAL_MILE_M
+from topdress.drivers.files.prescriptions.words import MASS_UNITS, NITROGEN_UNITS, VOLUME_UNITS
 
 # 100 m up in 100 m along: no factor, an arc tangent
 SLOPE = "slope %"

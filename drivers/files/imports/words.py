@@ -14,7 +14,7 @@ from collections.abc import Collection, Iterable
 from functools import cache
 from typing import NamedTuple
 
-from drivers.files.imports.units import quantity_of
+from topdress.drivers.files.imports.units import quantity_of
 
 SHAPEFILE_NAME = 10  # letters that a shapefile leaves of a name
 Words = tuple[str, ...]

@@ -9,10 +9,10 @@ import unicodedata
 from collections.abc import Collection, Mapping
 from typing import Any, NamedTuple
 
-from drivers.files.imports.header import NOTHING, named
-from drivers.files.imports.units import of_a_rate, unit_named
-from drivers.files.imports.words import KINDS_IN_MAPS, SHAPEFILE_NAME, folded, says
-from drivers.files.stated_units import ANY, Stated, StatedUnit, names_unit
+from topdress.drivers.files.imports.header import NOTHING, named
+from topdress.drivers.files.imports.units import of_a_rate, unit_named
+from topdress.drivers.files.imports.words import KINDS_IN_MAPS, SHAPEFILE_NAME, folded, says
+from topdress.drivers.files.stated_units import ANY, Stated, StatedUnit, names_unit
 
 _NUMBER = re.compile(
     r"^(?P<number>[-+]?[\d.,'’\s]*\d[.,]?(?:[eE][-+]?\d+)?)\s*(?P<unit>[^\d\s].*)?$"

@@ -8,16 +8,15 @@ import re
 from pathlib import Path
 
 import shapely
-
-from control.recordings.finding import Finding, many
-from control.targets.rate_map import Floats
-from drivers.files.imports.dialect import encoding_of
-from drivers.files.imports.header import is_unit_row
-from drivers.files.limits import check_file
-from drivers.files.prescriptions.features import Feature, imported, ring
-from drivers.files.prescriptions.words import Imported, PrescriptionError, RateChoice
-from drivers.files.stated_units import StatedUnit
-from drivers.plain_text import PlaceInFile
+from topdress.control.recordings.finding import Finding, many
+from topdress.control.targets.rate_map import Floats
+from topdress.drivers.files.imports.dialect import encoding_of
+from topdress.drivers.files.imports.header import is_unit_row
+from topdress.drivers.files.limits import check_file
+from topdress.drivers.files.prescriptions.features import Feature, imported, ring
+from topdress.drivers.files.prescriptions.words import Imported, PrescriptionError, RateChoice
+from topdress.drivers.files.stated_units import StatedUnit
+from topdress.drivers.plain_text import PlaceInFile
 
 LOOKED_BYTES = 65_536
 LONGEST_CELL = 1 << 24  # letters; a field's outline of 400 000 corners

@@ -9,15 +9,14 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-
-from control.recordings.finding import Finding, many
-from control.targets.prescription import NO_FALLBACKS, Fallbacks, MapData, Zone
-from control.targets.rate_map import Floats
-from drivers.files.archives import Folder
-from drivers.files.imports.trouble import listed
-from drivers.files.imports.units import unit_named
-from drivers.files.imports.words import wanted_or_done
-from drivers.files.prescriptions.column_words import (
+from topdress.control.recordings.finding import Finding, many
+from topdress.control.targets.prescription import NO_FALLBACKS, Fallbacks, MapData, Zone
+from topdress.control.targets.rate_map import Floats
+from topdress.drivers.files.archives import Folder
+from topdress.drivers.files.imports.trouble import listed
+from topdress.drivers.files.imports.units import unit_named
+from topdress.drivers.files.imports.words import wanted_or_done
+from topdress.drivers.files.prescriptions.column_words import (
     BOUNDS,
     NUTRIENTS,
     Cell,
@@ -27,7 +26,7 @@ from drivers.files.prescriptions.column_words import (
     unit_columns,
     words_of,
 )
-from drivers.files.prescriptions.words import (
+from topdress.drivers.files.prescriptions.words import (
     NITROGEN_UNITS,
     UNIT_NOT_NAMED,
     UNITS,
@@ -42,8 +41,8 @@ from drivers.files.prescriptions.words import (
     factor_kg_ha,
     with_choice,
 )
-from drivers.files.stated_units import ANY, NO_UNITS, StatedUnit, side_units, together
-from drivers.plain_text import PlaceInFile
+from topdress.drivers.files.stated_units import ANY, NO_UNITS, StatedUnit, side_units, together
+from topdress.drivers.plain_text import PlaceInFile
 
 # Which column of a map's attributes is the rate, and in which unit: by name, by type, by range.
 #

@@ -9,22 +9,21 @@ from pathlib import Path
 from typing import TypedDict, TypeVar
 
 import numpy as np
-
-from control.field.done_ground import DoneGround
-from control.field.job import Job
-from control.geodesy import TangentPlane
-from control.machine.machine import Machine
-from control.targets.index_map import IndexMap
-from control.targets.map_check import MapCheck, map_check
-from control.targets.map_profile import MapProfile
-from control.targets.plants import PlantList
-from control.targets.point_source import FARTHEST_DOSE_M, DoseError
-from control.targets.prescription import MapData, on_plane, rates_on
-from control.targets.rate_map import Floats
-from drivers.files.archives import files_of
-from drivers.files.limits import check_file
-from drivers.files.prescriptions.words import ZONE_FACTOR, PrescriptionError, RateQuestion
-from drivers.plain_text import PlaceInFile
+from topdress.control.field.done_ground import DoneGround
+from topdress.control.field.job import Job
+from topdress.control.geodesy import TangentPlane
+from topdress.control.machine.machine import Machine
+from topdress.control.targets.index_map import IndexMap
+from topdress.control.targets.map_check import MapCheck, map_check
+from topdress.control.targets.map_profile import MapProfile
+from topdress.control.targets.plants import PlantList
+from topdress.control.targets.point_source import FARTHEST_DOSE_M, DoseError
+from topdress.control.targets.prescription import MapData, on_plane, rates_on
+from topdress.control.targets.rate_map import Floats
+from topdress.drivers.files.archives import files_of
+from topdress.drivers.files.limits import check_file
+from topdress.drivers.files.prescriptions.words import ZONE_FACTOR, PrescriptionError, RateQuestion
+from topdress.drivers.plain_text import PlaceInFile
 
 Made = TypeVar("Made")
 # of a machine that gives single doses; a speed in km/h is beyond it
@@ -116,7 +115,7 @@ def _csv(
 
 
 def _geojson(path: Path) -> list[tuple[float, ...]]:
-    from drivers.files.layers import read_geojson  # most jobs name no plants
+    from topdress.drivers.files.layers import read_geojson  # most jobs name no plants
 
     points = read_geojson(path, ["Point"]).shapes
     return [(point.y, point.x) for point in points if point is not None and not point.is_empty]
@@ -154,7 +153,7 @@ def _of_map(job: Job, folder: Path, make: Callable[[MapData, TangentPlane], Made
     PrescriptionError, OSError."""
     if job.target.map is None:
         return None
-    from drivers.files.prescriptions.read import read_prescription  # most jobs have no map
+    from topdress.drivers.files.prescriptions.read import read_prescription  # most jobs have no map
 
     try:
         read = read_prescription(folder / job.target.map)
@@ -232,7 +231,7 @@ def _numbers_of(
     None where none is named. Raises PrescriptionError in one line, OSError."""
     if name is None:
         return None
-    from drivers.files.prescriptions.read import read_index
+    from topdress.drivers.files.prescriptions.read import read_index
 
     data = read_index(folder / name, index).data
     plane = _origin(job) or plane or data.plane()
@@ -243,7 +242,7 @@ def done_of_job(job: Job, folder: Path, plane: TangentPlane | None) -> DoneGroun
     """The ground of `field.done`, on planes as above. Raises FieldError in one line, OSError."""
     if job.field.done is None:
         return None
-    from drivers.files.fields.done import read_done
+    from topdress.drivers.files.fields.done import read_done
 
     return read_done(folder / job.field.done, _origin(job) or plane)
 

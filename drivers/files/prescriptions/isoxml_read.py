@@ -8,14 +8,13 @@ from typing import NamedTuple
 from xml.etree.ElementTree import Element
 
 import numpy as np
-
-from control.recordings.finding import Finding, many
-from control.targets.prescription import Fallbacks, GridDeg, MapData, Zone
-from control.targets.rate_map import Floats
-from drivers.files.imports.units import unit_named
-from drivers.files.prescriptions.data_dictionary import ddi_in_words
-from drivers.files.prescriptions.task_files import TaskSet, task_tree
-from drivers.files.prescriptions.words import (
+from topdress.control.recordings.finding import Finding, many
+from topdress.control.targets.prescription import Fallbacks, GridDeg, MapData, Zone
+from topdress.control.targets.rate_map import Floats
+from topdress.drivers.files.imports.units import unit_named
+from topdress.drivers.files.prescriptions.data_dictionary import ddi_in_words
+from topdress.drivers.files.prescriptions.task_files import TaskSet, task_tree
+from topdress.drivers.files.prescriptions.words import (
     HIGHEST_KG_HA,
     UNITS,
     Imported,
@@ -26,8 +25,8 @@ from drivers.files.prescriptions.words import (
     factor_kg_ha,
     with_choice,
 )
-from drivers.files.shape_sets import sorted_rings
-from drivers.plain_text import PlaceInFile, Reason
+from topdress.drivers.files.shape_sets import sorted_rings
+from topdress.drivers.plain_text import PlaceInFile, Reason
 
 # ISO 11783-11: what one step of the number is worth
 SETPOINTS = {1: ("mm3/m2", 0.01), 6: ("mg/m2", 1.0)}
@@ -275,7 +274,7 @@ def _fields(
     root: Element, task: Element, label: str, findings: list[Finding]
 ) -> tuple[tuple[Floats, ...], ...]:
     """Outlines of the task's field; what cannot be one is left out, and said."""
-    from control.field.boundary import Boundary
+    from topdress.control.field.boundary import Boundary
 
     outlines: list[tuple[Floats, ...]] = []
     for field in root.findall("PFD"):

@@ -16,20 +16,19 @@ from typing import NamedTuple
 import numpy as np
 import shapely
 from numpy.typing import NDArray
-
-from control.geodesy import TangentPlane
-from control.recordings.finding import Finding, many
-from control.targets.rate_map import Floats
-from drivers.files.columns import known_or_none
-from drivers.files.imports.mapping import Source
-from drivers.files.imports.numbers import numbers
-from drivers.files.imports.raw import RawTable
-from drivers.files.imports.read import read_raw
-from drivers.files.imports.trouble import TableError
-from drivers.files.imports.words import folded, places_without_time, subject_of, tells_time
-from drivers.files.prescriptions.features import Feature, imported
-from drivers.files.prescriptions.projected import TransverseMercator
-from drivers.files.prescriptions.words import (
+from topdress.control.geodesy import TangentPlane
+from topdress.control.recordings.finding import Finding, many
+from topdress.control.targets.rate_map import Floats
+from topdress.drivers.files.columns import known_or_none
+from topdress.drivers.files.imports.mapping import Source
+from topdress.drivers.files.imports.numbers import numbers
+from topdress.drivers.files.imports.raw import RawTable
+from topdress.drivers.files.imports.read import read_raw
+from topdress.drivers.files.imports.trouble import TableError
+from topdress.drivers.files.imports.words import folded, places_without_time, subject_of, tells_time
+from topdress.drivers.files.prescriptions.features import Feature, imported
+from topdress.drivers.files.prescriptions.projected import TransverseMercator
+from topdress.drivers.files.prescriptions.words import (
     Imported,
     NotAMap,
     PrescriptionError,
@@ -37,8 +36,8 @@ from drivers.files.prescriptions.words import (
     RateQuestion,
     check_degrees,
 )
-from drivers.files.stated_units import StatedUnit
-from drivers.plain_text import Reason
+from topdress.drivers.files.stated_units import StatedUnit
+from topdress.drivers.plain_text import Reason
 
 LEAST_POINTS = 4
 # names of columns of places in metres, as kriging programs write them

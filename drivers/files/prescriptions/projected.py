@@ -15,8 +15,7 @@ from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
-
-from control.targets.rate_map import Floats
+from topdress.control.targets.rate_map import Floats
 
 # WGS84 and GRS80; datums on them lie within 2 m of one another
 SEMI_MAJOR_M = 6_378_137.0

@@ -9,17 +9,21 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-
-from control.recordings.finding import Finding, many
-from control.targets.rate_map import Floats
-from drivers.files.extras import extra_line
-from drivers.files.layers import projection_in
-from drivers.files.limits import RASTER_CELLS, held_to
-from drivers.files.prescriptions.features import Feature, imported
-from drivers.files.prescriptions.projected import Projection
-from drivers.files.prescriptions.words import Imported, NotAMap, PrescriptionError, RateChoice
-from drivers.files.stated_units import StatedUnit, of_json, together
-from drivers.plain_text import PlaceInFile
+from topdress.control.recordings.finding import Finding, many
+from topdress.control.targets.rate_map import Floats
+from topdress.drivers.files.extras import extra_line
+from topdress.drivers.files.layers import projection_in
+from topdress.drivers.files.limits import RASTER_CELLS, held_to
+from topdress.drivers.files.prescriptions.features import Feature, imported
+from topdress.drivers.files.prescriptions.projected import Projection
+from topdress.drivers.files.prescriptions.words import (
+    Imported,
+    NotAMap,
+    PrescriptionError,
+    RateChoice,
+)
+from topdress.drivers.files.stated_units import StatedUnit, of_json, together
+from topdress.drivers.plain_text import PlaceInFile
 
 MAGIC = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")  # TIFF 6.0, and BigTIFF
 # with a value: a zone each; a field of 100 ha in cells of 3 m

@@ -7,15 +7,15 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from control.agronomy.noa import Rule
-from control.recordings.finding import Finding, many
-from control.targets.prescription import MapData, merged
-from drivers.files.archives import chosen, files_at
-from drivers.files.imports.trouble import listed
-from drivers.files.limits import check_file
-from drivers.files.outlines import check_zones
-from drivers.files.prescriptions.task_files import find_task_files
-from drivers.files.prescriptions.words import (
+from topdress.control.agronomy.noa import Rule
+from topdress.control.recordings.finding import Finding, many
+from topdress.control.targets.prescription import MapData, merged
+from topdress.drivers.files.archives import chosen, files_at
+from topdress.drivers.files.imports.trouble import listed
+from topdress.drivers.files.limits import check_file
+from topdress.drivers.files.outlines import check_zones
+from topdress.drivers.files.prescriptions.task_files import find_task_files
+from topdress.drivers.files.prescriptions.words import (
     Imported,
     NoPolygons,
     NotAMap,
@@ -23,9 +23,9 @@ from drivers.files.prescriptions.words import (
     RateChoice,
     RateQuestion,
 )
-from drivers.files.shape_sets import ShapeSet, layer_of, shape_sets
-from drivers.files.what_it_is import TABLES, holds_points
-from drivers.plugins import has_format
+from topdress.drivers.files.shape_sets import ShapeSet, layer_of, shape_sets
+from topdress.drivers.files.what_it_is import TABLES, holds_points
+from topdress.drivers.plugins import has_format
 
 EVEN = ("raster", "points")  # formats of even cells: none over another
 SHAPES, RASTERS = (".gpkg", ".kml", ".kmz"), (".tif", ".tiff")
@@ -82,21 +82,21 @@ def with_merged_zones(read: Imported, step_kg_ha: float) -> Imported:
 def _read(path: Path, choice: RateChoice) -> Imported:
     suffix = "" if path.is_dir() else path.suffix.lower()
     if suffix in (".geojson", ".json"):
-        from drivers.files.prescriptions.shapes import read_map
+        from topdress.drivers.files.prescriptions.shapes import read_map
 
         return _areas_or_points(partial(read_map, path, choice), path, choice)
     if suffix in SHAPES or has_format(suffix):
-        from drivers.files.prescriptions.shapes import read_shapes
+        from topdress.drivers.files.prescriptions.shapes import read_shapes
 
         return read_shapes(path, choice)
     if suffix in RASTERS:
-        from drivers.files.prescriptions.raster import read_raster
+        from topdress.drivers.files.prescriptions.raster import read_raster
 
         return read_raster(path, choice)
     if suffix in TABLES:
-        from drivers.files.opened import Opened
-        from drivers.files.prescriptions.csv_zones import holds_polygons, read_csv_zones
-        from drivers.files.prescriptions.lattice import read_lattice
+        from topdress.drivers.files.opened import Opened
+        from topdress.drivers.files.prescriptions.csv_zones import holds_polygons, read_csv_zones
+        from topdress.drivers.files.prescriptions.lattice import read_lattice
 
         if holds_polygons(path):
             return read_csv_zones(path, choice)
@@ -114,7 +114,7 @@ def _of_several(path: Path, choice: RateChoice) -> Imported:
         shapes = [one for one in shapes if one.name in named]
     files = find_task_files(path, choice.inside)
     if files is not None:
-        from drivers.files.prescriptions.isoxml_read import read_isoxml
+        from topdress.drivers.files.prescriptions.isoxml_read import read_isoxml
 
         return _said(read_isoxml(files, path, choice), shapes)
     if len(shapes) > 1:
@@ -137,7 +137,7 @@ def _of_several(path: Path, choice: RateChoice) -> Imported:
             f": allowed is {KNOWN}" + (f"; it holds {packed}: unpack that first" if packed else ""),
             name=choice.inside,
         )
-    from drivers.files.prescriptions.shapes import of_layer
+    from topdress.drivers.files.prescriptions.shapes import of_layer
 
     [one] = shapes
     return _areas_or_points(
@@ -154,7 +154,7 @@ def _areas_or_points(areas: Callable[[], Imported], path: Path, choice: RateChoi
     except NoPolygons:
         if not holds_points(path):
             raise
-    from drivers.files.prescriptions.lattice import read_lattice
+    from topdress.drivers.files.prescriptions.lattice import read_lattice
 
     return read_lattice(path, choice)
 
@@ -187,7 +187,7 @@ def index_choice(choice: RateChoice, rule: Rule, where: str) -> RateChoice:
 def read_index(path: Path, index: str) -> Imported:
     """A map of the canopy's index, or of zones, for the loop, its numbers in the place of
     rates. index: ndvi, ndre or ZONE_FACTOR. Raises PrescriptionError for what is none, OSError."""
-    from drivers.files.prescriptions.read import read_prescription
+    from topdress.drivers.files.prescriptions.read import read_prescription
 
     read = read_prescription(path, RateChoice(index=index.upper(), unit="kg/ha"))
     _need_zones(read)

@@ -8,15 +8,14 @@ from pathlib import Path
 from typing import Any
 
 import shapely
-
-from control.recordings.finding import Finding, many
-from control.targets.prescription import NO_FALLBACKS, Fallbacks, MapData
-from control.targets.rate_map import Floats
-from drivers.files.imports.trouble import listed
-from drivers.files.layers import Layer, name_of, read_geojson, read_layers, stated
-from drivers.files.ogr import write_layer
-from drivers.files.prescriptions.features import Feature, imported, ring
-from drivers.files.prescriptions.words import (
+from topdress.control.recordings.finding import Finding, many
+from topdress.control.targets.prescription import NO_FALLBACKS, Fallbacks, MapData
+from topdress.control.targets.rate_map import Floats
+from topdress.drivers.files.imports.trouble import listed
+from topdress.drivers.files.layers import Layer, name_of, read_geojson, read_layers, stated
+from topdress.drivers.files.ogr import write_layer
+from topdress.drivers.files.prescriptions.features import Feature, imported, ring
+from topdress.drivers.files.prescriptions.words import (
     Imported,
     NoPolygons,
     PrescriptionError,
@@ -24,7 +23,7 @@ from drivers.files.prescriptions.words import (
     RateQuestion,
     checked_rate,
 )
-from drivers.plain_text import PlaceInFile
+from topdress.drivers.plain_text import PlaceInFile
 
 POLYGONS = ("Polygon", "MultiPolygon")
 
@@ -104,7 +103,7 @@ def write_shapes(data: MapData, path: Path) -> None:
 
     Raises Refused, OSError.
     """
-    from drivers.files.prescriptions.write import zones_of
+    from topdress.drivers.files.prescriptions.write import zones_of
 
     zones = zones_of(data)
     shapes = [

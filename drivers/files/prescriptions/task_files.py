@@ -13,14 +13,13 @@ from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
 
 import numpy as np
-
-from control.targets.rate_map import Floats
-from drivers.files.archives import Files, Folder, chosen, files_at, parent
-from drivers.files.atomic import write_atomically
-from drivers.files.limits import REFERENCES, XML, held_to
-from drivers.files.prescriptions.words import PrescriptionError, RateQuestion
-from drivers.files.run_meta import software_version
-from drivers.files.xml_text import Total, XmlError, xml_root
+from topdress.control.targets.rate_map import Floats
+from topdress.drivers.files.archives import Files, Folder, chosen, files_at, parent
+from topdress.drivers.files.atomic import write_atomically
+from topdress.drivers.files.limits import REFERENCES, XML, held_to
+from topdress.drivers.files.prescriptions.words import PrescriptionError, RateQuestion
+from topdress.drivers.files.run_meta import software_version
+from topdress.drivers.files.xml_text import Total, XmlError, xml_root
 
 
 @dataclass(frozen=True)

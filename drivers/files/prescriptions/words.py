@@ -10,10 +10,9 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-
-from control.recordings.finding import Finding
-from control.targets.prescription import Fallbacks, MapData
-from drivers.plain_text import PlaceInFile, Refused
+from topdress.control.recordings.finding import Finding
+from topdress.control.targets.prescription import Fallbacks, MapData
+from topdress.drivers.plain_text import PlaceInFile, Refused
 
 HIGHEST_KG_HA = 20_000.0
 # of a rule by zones of yield or soil: the column's name; at most double

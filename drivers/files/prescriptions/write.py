@@ -8,12 +8,18 @@ from xml.etree.ElementTree import Element, SubElement
 
 import numpy as np
 import shapefile
-
-from control.targets.prescription import NO_FALLBACKS, GridDeg, MapData, Zone, apart, statistics
-from control.targets.rate_map import Floats
-from drivers.files.atomic import write_atomically
-from drivers.files.prescriptions.shapes import OURS
-from drivers.files.prescriptions.task_files import (
+from topdress.control.targets.prescription import (
+    NO_FALLBACKS,
+    GridDeg,
+    MapData,
+    Zone,
+    apart,
+    statistics,
+)
+from topdress.control.targets.rate_map import Floats
+from topdress.drivers.files.atomic import write_atomically
+from topdress.drivers.files.prescriptions.shapes import OURS
+from topdress.drivers.files.prescriptions.task_files import (
     WGS84_PRJ,
     cell_degrees,
     degrees,
@@ -22,7 +28,7 @@ from drivers.files.prescriptions.task_files import (
     task_root,
     write_task,
 )
-from drivers.files.prescriptions.words import PrescriptionError
+from topdress.drivers.files.prescriptions.words import PrescriptionError
 
 MG_M2_PER_KG_HA = 100.0
 DEFAULT, LOST, OUTSIDE, GRID_CELL = "0", "1", "2", "3"
@@ -45,7 +51,7 @@ def write_prescription(data: MapData, path: Path) -> None:
     elif suffix == ".shp":
         _write_shapefile(data, path)
     elif suffix in (".gpkg", ".kml", ".kmz"):
-        from drivers.files.prescriptions.shapes import write_shapes
+        from topdress.drivers.files.prescriptions.shapes import write_shapes
 
         write_shapes(data, path)
     else:

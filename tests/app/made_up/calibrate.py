@@ -6,16 +6,16 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
-from console.app.pages.calibrate.catch import CatchPoint
-from console.app.pages.calibrate.service import (
+from topdress.console.app.pages.calibrate.catch import CatchPoint
+from topdress.console.app.pages.calibrate.service import (
     Calibrated,
     CalibrateService,
     CurvePoint,
     Estimate,
     LagTable,
 )
-from console.app.pages.calibrate.wheel import WheelSample
-from console.frame import DeviceTest, DeviceView, Frame, LagTestView
+from topdress.console.app.pages.calibrate.wheel import WheelSample
+from topdress.console.frame import DeviceTest, DeviceView, Frame, LagTestView
 
 GRAMS = 5.5
 POINTS = (

@@ -7,7 +7,7 @@ from dataclasses import replace
 from math import cos, sin
 from typing import Any
 
-from console.app.pages.diagnosis.service import (
+from topdress.console.app.pages.diagnosis.service import (
     IMPORT,
     Adoption,
     AdoptionOffer,
@@ -23,7 +23,7 @@ from console.app.pages.diagnosis.service import (
     Tell,
     WorkStopped,
 )
-from control.diagnosis.result import (
+from topdress.control.diagnosis.result import (
     Cause,
     Channel,
     Data,
@@ -36,7 +36,7 @@ from control.diagnosis.result import (
     Rival,
     Size,
 )
-from control.machine.machine import CATALOGUE
+from topdress.control.machine.machine import CATALOGUE
 
 SOURCES = (
     DiagnosisSource(

@@ -9,9 +9,8 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-
-from console.app.field_picture import FieldPicture, Planned
-from console.app.pages.job.service import (
+from topdress.console.app.field_picture import FieldPicture, Planned
+from topdress.console.app.pages.job.service import (
     Cancelled,
     Facts,
     File,
@@ -24,14 +23,14 @@ from console.app.pages.job.service import (
     Progress,
     Recent,
 )
-from console.app.source import FrameSource
-from control.agronomy.strips import StripValue
-from control.field.job import rule_of
-from control.machine.machine import Adopted
-from control.targets.map_check import MapCheck
-from drivers.files.config import load
-from drivers.files.kinds import CROP
-from drivers.files.setup import load_setup
+from topdress.console.app.source import FrameSource
+from topdress.control.agronomy.strips import StripValue
+from topdress.control.field.job import rule_of
+from topdress.control.machine.machine import Adopted
+from topdress.control.targets.map_check import MapCheck
+from topdress.drivers.files.config import load
+from topdress.drivers.files.kinds import CROP
+from topdress.drivers.files.setup import load_setup
 
 NOMINAL = load_setup("huanghai", "demo", dt.date(2014, 3, 7))
 DURUM = load("osu_durum_2006", CROP).model  # which has nothing to be warned of

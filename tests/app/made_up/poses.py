@@ -5,19 +5,20 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from console.app.pages.calibrate.catch import Turned
-from console.app.pages.calibrate.catch_calibration import CatchCalibration
-from console.app.pages.calibrate.heads_calibration import CHECK_S, HeadsCalibration
-from console.app.pages.calibrate.page import CalibrateScreen
-from console.app.pages.calibrate.wheel import WheelDrive
-from console.app.pages.calibrate.wheel_calibration import WheelCalibration
-from console.app.pages.devices.page import DevicesScreen
-from control.safety import BenchRun
+from topdress.console.app.pages.calibrate.catch import Turned
+from topdress.console.app.pages.calibrate.catch_calibration import CatchCalibration
+from topdress.console.app.pages.calibrate.heads_calibration import CHECK_S, HeadsCalibration
+from topdress.console.app.pages.calibrate.page import CalibrateScreen
+from topdress.console.app.pages.calibrate.wheel import WheelDrive
+from topdress.console.app.pages.calibrate.wheel_calibration import WheelCalibration
+from topdress.console.app.pages.devices.page import DevicesScreen
+from topdress.control.safety import BenchRun
+
 from tests.app.made_up.calibrate import POINTS, lag_under_way, many_devices, standing
 
 if TYPE_CHECKING:
-    from console.app.app import TopdressApp
-    from console.frame import Frame
+    from topdress.console.app.app import TopdressApp
+    from topdress.console.frame import Frame
 
 KINDS = ("catch", "lag", "heads", "wheel")
 

@@ -8,20 +8,20 @@ from math import cos, floor, sin
 from random import Random
 
 import numpy as np
+from topdress.console.app.coverage_raster import Spot, Worked
+from topdress.console.app.field_picture import FieldPicture, Planned
+from topdress.console.app.layers import MapLayer
+from topdress.console.app.overlay_file import LaidFile
+from topdress.console.app.pages.replay.service import LogFile
+from topdress.console.app.pages.settings.service import SettingsStore
+from topdress.console.app.services import Services
+from topdress.console.frame import DeviceView, Frame, Tally
+from topdress.control.field.totals import Totaliser
+from topdress.control.log_row import LogRow
+from topdress.control.orders import Alarm, Severity
+from topdress.control.readings import EffortSays
+from topdress.drivers.files.settings import Settings
 
-from console.app.coverage_raster import Spot, Worked
-from console.app.field_picture import FieldPicture, Planned
-from console.app.layers import MapLayer
-from console.app.overlay_file import LaidFile
-from console.app.pages.replay.service import LogFile
-from console.app.pages.settings.service import SettingsStore
-from console.app.services import Services
-from console.frame import DeviceView, Frame, Tally
-from control.field.totals import Totaliser
-from control.log_row import LogRow
-from control.orders import Alarm, Severity
-from control.readings import EffortSays
-from drivers.files.settings import Settings
 from tests.app.made_up.calibrate import sample_calibrate_job
 from tests.app.made_up.diagnosis import MadeUpDiagnosis
 from tests.app.made_up.job import SampleJobService

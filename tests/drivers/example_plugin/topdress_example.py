@@ -5,10 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from control.readings import GnssFix
-from drivers.devices.canopy_heads import HeadFields
-from drivers.devices.lines import LineDecoder
-from drivers.plugins import EffectPlugin
+from topdress.control.readings import GnssFix
+from topdress.drivers.devices.canopy_heads import HeadFields
+from topdress.drivers.devices.lines import LineDecoder
+from topdress.drivers.plugins import EffectPlugin
 
 HEAD = HeadFields(fields=2, ndvi=2)
 FAST = EffectPlugin(

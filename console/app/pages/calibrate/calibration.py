@@ -6,18 +6,18 @@ import os
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
-from console.app import words
-from console.app.pages.calibrate.curve import CurveView
-from console.app.pages.calibrate.guide import GuideStep, GuideView
-from console.app.pages.calibrate.progress_rows import Row
-from console.app.pages.calibrate.service import Calibrated, Estimate
-from console.app.widgets.chips import Chip
-from console.frame import Frame
-from console.locale import N_, _
-from control.orders import Order
+from topdress.console.app import words
+from topdress.console.app.pages.calibrate.curve import CurveView
+from topdress.console.app.pages.calibrate.guide import GuideStep, GuideView
+from topdress.console.app.pages.calibrate.progress_rows import Row
+from topdress.console.app.pages.calibrate.service import Calibrated, Estimate
+from topdress.console.app.widgets.chips import Chip
+from topdress.console.frame import Frame
+from topdress.console.locale import N_, _
+from topdress.control.orders import Order
 
 if TYPE_CHECKING:
-    from console.app.pages.calibrate.page import CalibrateScreen
+    from topdress.console.app.pages.calibrate.page import CalibrateScreen
 
 ESTIMATES = {
     "grams_per_rev_mm": N_("flow"),

@@ -6,26 +6,26 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
-from console.app.number_dialog import NumberDialog
-from console.app.pages.calibrate.calibration import Deed, FrameSeen, HeldRun, make_curve
-from console.app.pages.calibrate.catch import (
+from topdress.console.app.number_dialog import NumberDialog
+from topdress.console.app.pages.calibrate.calibration import Deed, FrameSeen, HeldRun, make_curve
+from topdress.console.app.pages.calibrate.catch import (
     LEAST_POINTS,
     MODEL_FACTOR,
     SETTLE_S,
     WEIGH_S,
     CatchRun,
 )
-from console.app.pages.calibrate.curve import CurveView
-from console.app.pages.calibrate.guide import GuideStep
-from console.app.pages.calibrate.progress_rows import Bar, Cells, Line, Row
-from console.app.typed_number import in_words, inside
-from console.app.view import STALE_S
-from console.app.widgets.chips import Chip
-from console.locale import N_, _
-from control.orders import Do, Order
+from topdress.console.app.pages.calibrate.curve import CurveView
+from topdress.console.app.pages.calibrate.guide import GuideStep
+from topdress.console.app.pages.calibrate.progress_rows import Bar, Cells, Line, Row
+from topdress.console.app.typed_number import in_words, inside
+from topdress.console.app.view import STALE_S
+from topdress.console.app.widgets.chips import Chip
+from topdress.console.locale import N_, _
+from topdress.control.orders import Do, Order
 
 if TYPE_CHECKING:
-    from console.app.pages.calibrate.page import CalibrateScreen
+    from topdress.console.app.pages.calibrate.page import CalibrateScreen
 
 SPEEDS_APART_RPM = 1.0  # closer settings are one setting
 OPENINGS_APART_MM = 0.5

@@ -15,11 +15,10 @@ from rich.cells import cell_len
 from rich.segment import Segment
 from rich.style import Style
 from textual.strip import Strip
-
-from console.app.braille import BITS, BLANK
-from console.app.widgets.canvas import Canvas
-from console.app.widgets.panel import fit, right
-from console.locale import _
+from topdress.console.app.braille import BITS, BLANK
+from topdress.console.app.widgets.canvas import Canvas
+from topdress.console.app.widgets.panel import fit, right
+from topdress.console.locale import _
 
 _AXIS = 8
 

@@ -6,14 +6,14 @@ from __future__ import annotations
 from pathlib import PurePath
 from typing import TYPE_CHECKING
 
-from console.app.pages.calibrate.calibration import Calibration, FrameSeen
-from console.app.pages.calibrate.guide import GuideStep
-from console.app.pages.calibrate.progress_rows import Line, Row
-from console.app.widgets.chips import Chip
-from console.locale import N_, _
+from topdress.console.app.pages.calibrate.calibration import Calibration, FrameSeen
+from topdress.console.app.pages.calibrate.guide import GuideStep
+from topdress.console.app.pages.calibrate.progress_rows import Line, Row
+from topdress.console.app.widgets.chips import Chip
+from topdress.console.locale import N_, _
 
 if TYPE_CHECKING:
-    from console.app.pages.calibrate.page import CalibrateScreen
+    from topdress.console.app.pages.calibrate.page import CalibrateScreen
 
 
 class EffortCalibration(Calibration):

@@ -7,14 +7,14 @@ from math import sqrt
 from statistics import fmean, median
 from typing import TYPE_CHECKING, Literal, NamedTuple
 
-from console.app.pages.calibrate.calibration import Calibration, FrameSeen
-from console.app.pages.calibrate.guide import GuideStep
-from console.app.pages.calibrate.progress_rows import Bar, Level, Line, Middle, Row
-from console.app.widgets.chips import Chip
-from console.locale import N_, _
+from topdress.console.app.pages.calibrate.calibration import Calibration, FrameSeen
+from topdress.console.app.pages.calibrate.guide import GuideStep
+from topdress.console.app.pages.calibrate.progress_rows import Bar, Level, Line, Middle, Row
+from topdress.console.app.widgets.chips import Chip
+from topdress.console.locale import N_, _
 
 if TYPE_CHECKING:
-    from console.app.pages.calibrate.page import CalibrateScreen
+    from topdress.console.app.pages.calibrate.page import CalibrateScreen
 
 
 # The heads check: every canopy head against the median of all, over 30 s of driving.

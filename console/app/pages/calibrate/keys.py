@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-from console.app.action import CALIBRATE, Action, on
-from console.locale import N_
-from control.orders import Do
+from topdress.console.app.action import CALIBRATE, Action, on
+from topdress.console.locale import N_
+from topdress.control.orders import Do
 
 if TYPE_CHECKING:
-    from console.app.pages.calibrate.page import CalibrateScreen
+    from topdress.console.app.pages.calibrate.page import CalibrateScreen
 
 
 def deed(name: str) -> Callable[[CalibrateScreen], None]:

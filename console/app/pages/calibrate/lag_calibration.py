@@ -6,19 +6,19 @@ from __future__ import annotations
 from pathlib import PurePath
 from typing import TYPE_CHECKING
 
-from console.app.dialogs import Choice, ChoiceDialog
-from console.app.name_dialog import NameDialog
-from console.app.pages.calibrate.calibration import FrameSeen, HeldRun, make_curve
-from console.app.pages.calibrate.curve import CurveView
-from console.app.pages.calibrate.guide import GuideStep
-from console.app.pages.calibrate.progress_rows import Bar, Cells, Line, Row
-from console.app.pages.calibrate.service import LagTable
-from console.app.widgets.chips import Chip
-from console.frame import LagTestView
-from console.locale import N_, _
+from topdress.console.app.dialogs import Choice, ChoiceDialog
+from topdress.console.app.name_dialog import NameDialog
+from topdress.console.app.pages.calibrate.calibration import FrameSeen, HeldRun, make_curve
+from topdress.console.app.pages.calibrate.curve import CurveView
+from topdress.console.app.pages.calibrate.guide import GuideStep
+from topdress.console.app.pages.calibrate.progress_rows import Bar, Cells, Line, Row
+from topdress.console.app.pages.calibrate.service import LagTable
+from topdress.console.app.widgets.chips import Chip
+from topdress.console.frame import LagTestView
+from topdress.console.locale import N_, _
 
 if TYPE_CHECKING:
-    from console.app.pages.calibrate.page import CalibrateScreen
+    from topdress.console.app.pages.calibrate.page import CalibrateScreen
 
 RIG = "lag_rig"
 OTHER = "other file"

@@ -14,29 +14,28 @@ from textual.content import Content
 from textual.screen import ModalScreen
 from textual.timer import Timer
 from textual.worker import Worker
-
-from console.app import words
-from console.app.action import CALIBRATE, make_bindings
-from console.app.held_key import HeldKey
-from console.app.name_dialog import NameDialog
-from console.app.pages.calibrate.calibration import Calibration, FrameSeen
-from console.app.pages.calibrate.catch_calibration import CatchCalibration
-from console.app.pages.calibrate.curve import Curve, CurveView
-from console.app.pages.calibrate.effort_calibration import EffortCalibration
-from console.app.pages.calibrate.guide import Guide, GuideView
-from console.app.pages.calibrate.heads_calibration import HeadsCalibration
-from console.app.pages.calibrate.keys import ACTIONS
-from console.app.pages.calibrate.lag_calibration import LagCalibration
-from console.app.pages.calibrate.progress_rows import Sheet
-from console.app.pages.calibrate.service import CalibrateService
-from console.app.pages.calibrate.wheel_calibration import WheelCalibration
-from console.app.pages.page import Page
-from console.app.view import RunView
-from console.app.widgets.chips import Chips
-from console.app.widgets.panel import Panel, Part, Picked, at_cell, in_row, line
-from console.frame import Frame
-from console.locale import _
-from control.orders import Answer, Do, Order
+from topdress.console.app import words
+from topdress.console.app.action import CALIBRATE, make_bindings
+from topdress.console.app.held_key import HeldKey
+from topdress.console.app.name_dialog import NameDialog
+from topdress.console.app.pages.calibrate.calibration import Calibration, FrameSeen
+from topdress.console.app.pages.calibrate.catch_calibration import CatchCalibration
+from topdress.console.app.pages.calibrate.curve import Curve, CurveView
+from topdress.console.app.pages.calibrate.effort_calibration import EffortCalibration
+from topdress.console.app.pages.calibrate.guide import Guide, GuideView
+from topdress.console.app.pages.calibrate.heads_calibration import HeadsCalibration
+from topdress.console.app.pages.calibrate.keys import ACTIONS
+from topdress.console.app.pages.calibrate.lag_calibration import LagCalibration
+from topdress.console.app.pages.calibrate.progress_rows import Sheet
+from topdress.console.app.pages.calibrate.service import CalibrateService
+from topdress.console.app.pages.calibrate.wheel_calibration import WheelCalibration
+from topdress.console.app.pages.page import Page
+from topdress.console.app.view import RunView
+from topdress.console.app.widgets.chips import Chips
+from topdress.console.app.widgets.panel import Panel, Part, Picked, at_cell, in_row, line
+from topdress.console.frame import Frame
+from topdress.console.locale import _
+from topdress.control.orders import Answer, Do, Order
 
 # Runs shaft and gate while a key or button is held: orders out, repeated, and a release the
 # moment it is let go. the control worker stops 0.5 s after the last one

@@ -7,8 +7,7 @@ from typing import NamedTuple
 
 from rich.cells import cell_len
 from textual.content import Content
-
-from console.app.widgets.panel import Panel, Part, fit, line, right, solid, wrapped
+from topdress.console.app.widgets.panel import Panel, Part, fit, line, right, solid, wrapped
 
 Level = str  # "", stale, amber, red, lead
 

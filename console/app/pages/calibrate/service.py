@@ -7,8 +7,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, NamedTuple
 
-from console.app.pages.calibrate.catch import CatchPoint
-from console.app.pages.calibrate.wheel import WheelSample
+from topdress.console.app.pages.calibrate.catch import CatchPoint
+from topdress.console.app.pages.calibrate.wheel import WheelSample
 
 Number = Literal[
     "grams_per_rev_mm",

@@ -6,7 +6,7 @@ from __future__ import annotations
 from math import hypot
 from typing import NamedTuple
 
-from control.geodesy import Place, TangentPlane
+from topdress.control.geodesy import Place, TangentPlane
 
 LEAST_M = 100.0
 # farthest aside from the straight line: 100 m with a bend of 1 m are 0.03 % longer

@@ -4,18 +4,18 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from console.app import words
-from console.app.pages.calibrate.calibration import Calibration, FrameSeen
-from console.app.pages.calibrate.catch import TURNING_RPM
-from console.app.pages.calibrate.guide import GuideStep
-from console.app.pages.calibrate.progress_rows import Bar, Line, Row
-from console.app.pages.calibrate.wheel import LEAST_M, WheelRun, WheelSample
-from console.app.view import STALE_S
-from console.app.widgets.chips import Chip
-from console.locale import N_, _
+from topdress.console.app import words
+from topdress.console.app.pages.calibrate.calibration import Calibration, FrameSeen
+from topdress.console.app.pages.calibrate.catch import TURNING_RPM
+from topdress.console.app.pages.calibrate.guide import GuideStep
+from topdress.console.app.pages.calibrate.progress_rows import Bar, Line, Row
+from topdress.console.app.pages.calibrate.wheel import LEAST_M, WheelRun, WheelSample
+from topdress.console.app.view import STALE_S
+from topdress.console.app.widgets.chips import Chip
+from topdress.console.locale import N_, _
 
 if TYPE_CHECKING:
-    from console.app.pages.calibrate.page import CalibrateScreen
+    from topdress.console.app.pages.calibrate.page import CalibrateScreen
 
 TROUBLES = {
     "bent": N_("Not straight: drive again along a line."),

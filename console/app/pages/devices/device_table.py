@@ -8,9 +8,8 @@ from typing import NamedTuple
 
 from rich.cells import cell_len
 from textual.content import Content
-
-from console.app.widgets.panel import Part, PickList, choose_fullest, fit, line, right
-from console.locale import _
+from topdress.console.app.widgets.panel import Part, PickList, choose_fullest, fit, line, right
+from topdress.console.locale import _
 
 
 class ShownDevice(NamedTuple):

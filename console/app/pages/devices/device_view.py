@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from console.app.pages.devices.device_table import ShownDevice
-from console.app.pages.devices.rows import DeviceRow, RowsView
-from console.app.view import STALE_S, duration
-from console.frame import DeviceView
-from console.locale import N_, _
-from control.readings import EffortSays
+from topdress.console.app.pages.devices.device_table import ShownDevice
+from topdress.console.app.pages.devices.rows import DeviceRow, RowsView
+from topdress.console.app.view import STALE_S, duration
+from topdress.console.frame import DeviceView
+from topdress.console.locale import N_, _
+from topdress.control.readings import EffortSays
 
 SLOW_AGE_S = 99.95  # above, an age is shown as minutes
 BAR = 20  # cells of the bar of effort

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from console.app.action import DEVICES, Action, on
-from console.frame import DeviceDo
-from console.locale import N_, _
+from topdress.console.app.action import DEVICES, Action, on
+from topdress.console.frame import DeviceDo
+from topdress.console.locale import N_, _
 
 if TYPE_CHECKING:
-    from console.app.pages.devices.page import DevicesScreen
+    from topdress.console.app.pages.devices.page import DevicesScreen
 
 
 def write_raw(page: DevicesScreen) -> None:

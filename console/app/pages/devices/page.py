@@ -7,19 +7,23 @@ from typing import ClassVar
 
 from textual.app import ComposeResult
 from textual.containers import Vertical
-
-from console.app.action import DEVICES, Action, make_bindings
-from console.app.pages.devices.device_table import DeviceTable, TableView
-from console.app.pages.devices.device_view import details, make_effort_row, make_raw_rows, rows_of
-from console.app.pages.devices.keys import ACTIONS
-from console.app.pages.devices.rows import Rows, RowsView
-from console.app.pages.page import Page
-from console.app.view import RunView
-from console.app.widgets.chips import Chip, Chips
-from console.app.widgets.panel import Picked
-from console.frame import DeviceDo, DeviceView, Frame
-from console.locale import _
-from control.readings import NO_EFFORT
+from topdress.console.app.action import DEVICES, Action, make_bindings
+from topdress.console.app.pages.devices.device_table import DeviceTable, TableView
+from topdress.console.app.pages.devices.device_view import (
+    details,
+    make_effort_row,
+    make_raw_rows,
+    rows_of,
+)
+from topdress.console.app.pages.devices.keys import ACTIONS
+from topdress.console.app.pages.devices.rows import Rows, RowsView
+from topdress.console.app.pages.page import Page
+from topdress.console.app.view import RunView
+from topdress.console.app.widgets.chips import Chip, Chips
+from topdress.console.app.widgets.panel import Picked
+from topdress.console.frame import DeviceDo, DeviceView, Frame
+from topdress.console.locale import _
+from topdress.control.readings import NO_EFFORT
 
 RAW_LINES = 40
 

@@ -7,8 +7,7 @@ from typing import NamedTuple
 
 from rich.cells import cell_len
 from textual.content import Content
-
-from console.app.widgets.panel import Panel, fit, line, wrapped
+from topdress.console.app.widgets.panel import Panel, fit, line, wrapped
 
 
 class DeviceRow(NamedTuple):

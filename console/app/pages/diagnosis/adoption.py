@@ -6,9 +6,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 from itertools import chain, combinations
 
-from console.app.pages.diagnosis.service import AdoptionOffer, DiagnosisView
-from console.reports import diagnosis_wording
-from control.diagnosis.result import Cause
+from topdress.console.app.pages.diagnosis.service import AdoptionOffer, DiagnosisView
+from topdress.console.reports import diagnosis_wording
+from topdress.control.diagnosis.result import Cause
 
 # undecided causes of which any may be picked together; of more, one at a time
 MOST_TOGETHER = 4

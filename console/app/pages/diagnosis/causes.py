@@ -8,9 +8,8 @@ from typing import NamedTuple
 
 from rich.cells import cell_len
 from textual.content import Content
-
-from console.app.widgets.panel import PickList, fit, line, wrapped
-from console.locale import _
+from topdress.console.app.widgets.panel import PickList, fit, line, wrapped
+from topdress.console.locale import _
 
 
 class CauseLine(NamedTuple):

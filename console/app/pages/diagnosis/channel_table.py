@@ -6,9 +6,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from textual.content import Content
-
-from console.app.widgets.panel import Panel, fit, line, right, wrapped
-from console.locale import _
+from topdress.console.app.widgets.panel import Panel, fit, line, right, wrapped
+from topdress.console.locale import _
 
 
 class ChannelLine(NamedTuple):

@@ -7,15 +7,15 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from console.app.action import DIAGNOSIS, Action
-from console.app.dialogs import Choice, ChoiceDialog, Confirm, TextDialog
-from console.app.name_dialog import NameDialog
-from console.locale import N_, _
+from topdress.console.app.action import DIAGNOSIS, Action
+from topdress.console.app.dialogs import Choice, ChoiceDialog, Confirm, TextDialog
+from topdress.console.app.name_dialog import NameDialog
+from topdress.console.locale import N_, _
 
 if TYPE_CHECKING:
-    from console.app.pages.diagnosis.page import DiagnosisScreen
-    from console.app.pages.diagnosis.service import Adoption, DiagnosisView
-    from control.diagnosis.result import Cause
+    from topdress.console.app.pages.diagnosis.page import DiagnosisScreen
+    from topdress.console.app.pages.diagnosis.service import Adoption, DiagnosisView
+    from topdress.control.diagnosis.result import Cause
 
 
 TYPED = "typed"
@@ -121,7 +121,7 @@ def adopt(page: DiagnosisScreen, found: DiagnosisView) -> None:
         why = "\n".join(found.refused) or _("nothing was found that can go into a machine file")
         page.app.push_screen(TextDialog(_("Not adopted"), why))
         return
-    from console.app.pages.diagnosis.adoption import undecided
+    from topdress.console.app.pages.diagnosis.adoption import undecided
 
     _ask_next(page, found, undecided(found), ())
 
@@ -137,8 +137,8 @@ def _ask_next(
     if not open_:
         _ask_why(page, found, picked)
         return
-    from console.reports.diagnosis_wording import others, title, title_of
-    from console.reports.numbers import percent
+    from topdress.console.reports.diagnosis_wording import others, title, title_of
+    from topdress.console.reports.numbers import percent
 
     cause, rest = open_[0], open_[1:]
     unsized = _("its size is not known before the separating run")
@@ -165,8 +165,8 @@ def _ask_next(
 
 def _ask_why(page: DiagnosisScreen, found: DiagnosisView, picked: tuple[str, ...]) -> None:
     """What was picked against the data's silence is written with its reason."""
-    from console.app.pages.diagnosis.adoption import merge_picked
-    from console.app.pages.diagnosis.service import Adoption
+    from topdress.console.app.pages.diagnosis.adoption import merge_picked
+    from topdress.console.app.pages.diagnosis.service import Adoption
 
     ids = merge_picked(found, picked)
     if not ids:
@@ -190,9 +190,9 @@ def _ask_why(page: DiagnosisScreen, found: DiagnosisView, picked: tuple[str, ...
 
 
 def _ask_to_write(page: DiagnosisScreen, found: DiagnosisView, chosen: Adoption) -> None:
-    from console.app.pages.diagnosis import words
-    from console.app.pages.diagnosis.adoption import find_offer, undecided
-    from console.reports.diagnosis_wording import title
+    from topdress.console.app.pages.diagnosis import words
+    from topdress.console.app.pages.diagnosis.adoption import find_offer, undecided
+    from topdress.console.reports.diagnosis_wording import title
 
     offer = find_offer(found, chosen.ids)
     left = [title(one) for one in undecided(found) if one.id not in chosen.ids]
@@ -310,7 +310,7 @@ def job_file(page: DiagnosisScreen, found: DiagnosisView) -> None:
 
 @_of_found
 def drive(page: DiagnosisScreen, found: DiagnosisView) -> None:
-    from console.reports.diagnosis_wording import to_do
+    from topdress.console.reports.diagnosis_wording import to_do
 
     text = _(
         "{minutes} minutes of simulated time, in seconds. Only a simulated machine moves; "

@@ -13,16 +13,15 @@ from textual.containers import Horizontal, Vertical
 from textual.content import Content
 from textual.widgets import Static
 from textual.worker import Worker, WorkerState
-
-from console.app.action import DIAGNOSIS, Action, make_bindings
-from console.app.dialogs import TextDialog
-from console.app.pages.diagnosis import shown, words
-from console.app.pages.diagnosis.causes import Causes, CausesView
-from console.app.pages.diagnosis.channel_table import ChannelsView, ChannelTable
-from console.app.pages.diagnosis.keys import ACTIONS, diagnose
-from console.app.pages.diagnosis.residual_plot import ResidualPlot
-from console.app.pages.diagnosis.run_plan import PlanView, RunPlanPanel
-from console.app.pages.diagnosis.service import (
+from topdress.console.app.action import DIAGNOSIS, Action, make_bindings
+from topdress.console.app.dialogs import TextDialog
+from topdress.console.app.pages.diagnosis import shown, words
+from topdress.console.app.pages.diagnosis.causes import Causes, CausesView
+from topdress.console.app.pages.diagnosis.channel_table import ChannelsView, ChannelTable
+from topdress.console.app.pages.diagnosis.keys import ACTIONS, diagnose
+from topdress.console.app.pages.diagnosis.residual_plot import ResidualPlot
+from topdress.console.app.pages.diagnosis.run_plan import PlanView, RunPlanPanel
+from topdress.console.app.pages.diagnosis.service import (
     IMPORT,
     ComparedShown,
     DiagnosisService,
@@ -33,14 +32,14 @@ from console.app.pages.diagnosis.service import (
     Tell,
     WorkStopped,
 )
-from console.app.pages.diagnosis.verdict import VerdictPanel
-from console.app.pages.diagnosis.words import KINDS
-from console.app.pages.page import Page
-from console.app.view import RunView, duration
-from console.app.widgets.chips import Chip, Chips
-from console.app.widgets.panel import Panel, Picked, PickList, fit, line, right, solid
-from console.frame import Frame
-from console.locale import _, in_use
+from topdress.console.app.pages.diagnosis.verdict import VerdictPanel
+from topdress.console.app.pages.diagnosis.words import KINDS
+from topdress.console.app.pages.page import Page
+from topdress.console.app.view import RunView, duration
+from topdress.console.app.widgets.chips import Chip, Chips
+from topdress.console.app.widgets.panel import Panel, Picked, PickList, fit, line, right, solid
+from topdress.console.frame import Frame
+from topdress.console.locale import _, in_use
 
 # Data to diagnose, newest first: a row a file. A click chooses, a second one on the same row
 # begins.

@@ -15,11 +15,10 @@ from typing import ClassVar, NamedTuple
 from rich.segment import Segment
 from rich.style import Style
 from textual.strip import Strip
-
-from console.app.pages.diagnosis.service import ResidualCurve
-from console.app.widgets.canvas import Canvas
-from console.app.widgets.panel import fit, right
-from console.locale import _
+from topdress.console.app.pages.diagnosis.service import ResidualCurve
+from topdress.console.app.widgets.canvas import Canvas
+from topdress.console.app.widgets.panel import fit, right
+from topdress.console.locale import _
 
 # row, column of a braille cell
 _DOTS = ((0x01, 0x08), (0x02, 0x10), (0x04, 0x20), (0x40, 0x80))

@@ -5,9 +5,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from textual.content import Content
-
-from console.app.widgets.panel import Panel, fit, line, wrapped
-from console.locale import _
+from topdress.console.app.widgets.panel import Panel, fit, line, wrapped
+from topdress.console.locale import _
 
 
 class PlanView(NamedTuple):

@@ -6,7 +6,7 @@ import threading
 from collections.abc import Callable
 from typing import Literal, NamedTuple, Protocol
 
-from control.diagnosis.result import Diagnosis
+from topdress.control.diagnosis.result import Diagnosis
 
 # share of the work done, 0 to 1; the stage, a word
 Tell = Callable[[float, str], None]

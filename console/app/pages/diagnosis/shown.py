@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from console.app.pages.diagnosis import words
-from console.app.pages.diagnosis.causes import CauseLine, CausesView
-from console.app.pages.diagnosis.channel_table import ChannelLine, ChannelsView
-from console.app.pages.diagnosis.residual_plot import PlotView
-from console.app.pages.diagnosis.run_plan import PlanView
-from console.app.pages.diagnosis.service import DiagnosisView, ResidualCurve
-from console.app.pages.diagnosis.verdict import SaidVerdict
-from console.app.units import Units
-from console.locale import _, in_use
-from console.reports import diagnosis_wording as sentences
-from console.reports.numbers import percent
-from console.reports.variables import recorded
-from control.diagnosis.result import Cause, Channel, Diagnosis, Size
+from topdress.console.app.pages.diagnosis import words
+from topdress.console.app.pages.diagnosis.causes import CauseLine, CausesView
+from topdress.console.app.pages.diagnosis.channel_table import ChannelLine, ChannelsView
+from topdress.console.app.pages.diagnosis.residual_plot import PlotView
+from topdress.console.app.pages.diagnosis.run_plan import PlanView
+from topdress.console.app.pages.diagnosis.service import DiagnosisView, ResidualCurve
+from topdress.console.app.pages.diagnosis.verdict import SaidVerdict
+from topdress.console.app.units import Units
+from topdress.console.locale import _, in_use
+from topdress.console.reports import diagnosis_wording as sentences
+from topdress.console.reports.numbers import percent
+from topdress.console.reports.variables import recorded
+from topdress.control.diagnosis.result import Cause, Channel, Diagnosis, Size
 
 MOST_GAIN_LINES = 3
 STRUCTURE_P = 0.01  # below it a channel has more than noise

@@ -6,8 +6,7 @@ from typing import NamedTuple
 
 from rich.cells import cell_len
 from textual.content import Content
-
-from console.app.widgets.panel import Panel, choose_fullest, line, wrapped
+from topdress.console.app.widgets.panel import Panel, choose_fullest, line, wrapped
 
 _STYLES = {
     "none": "bold reverse",

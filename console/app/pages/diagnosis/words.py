@@ -5,11 +5,11 @@ What it says of the data itself is said for all: `console.reports.diagnosis_word
 
 from __future__ import annotations
 
-from console.app.pages.diagnosis.service import IMPORT, ComparedShown, DiagnosisView
-from console.app.units import Units
-from console.app.view import duration
-from console.locale import N_, _
-from console.reports.diagnosis_wording import (
+from topdress.console.app.pages.diagnosis.service import IMPORT, ComparedShown, DiagnosisView
+from topdress.console.app.units import Units
+from topdress.console.app.view import duration
+from topdress.console.locale import N_, _
+from topdress.console.reports.diagnosis_wording import (
     better,
     format_whole_id,
     is_headline,
@@ -18,8 +18,8 @@ from console.reports.diagnosis_wording import (
     when,
     whole,
 )
-from console.reports.numbers import number, plain
-from control.diagnosis.result import Cause
+from topdress.console.reports.numbers import number, plain
+from topdress.control.diagnosis.result import Cause
 
 KINDS = {
     "run": N_("run log"),

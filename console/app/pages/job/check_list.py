@@ -8,10 +8,9 @@ from typing import NamedTuple
 from rich.cells import cell_len
 from textual import events
 from textual.content import Content
-
-from console.app.pages.job.checklist import LEVEL_WORDS, LOOK, OK, STOP, Check, worst
-from console.app.widgets.panel import Panel, Part, fit, line, wrapped
-from console.locale import _
+from topdress.console.app.pages.job.checklist import LEVEL_WORDS, LOOK, OK, STOP, Check, worst
+from topdress.console.app.widgets.panel import Panel, Part, fit, line, wrapped
+from topdress.console.locale import _
 
 
 # What goes on at the Job screen: the strip that is driven, refills, exports and where they lie.

@@ -5,22 +5,35 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
 
-from console.app import words
-from console.app.field_picture import FieldPicture
-from console.app.pages.job.map_words import is_doubtful, map_words
-from console.app.pages.job.service import Facts
-from console.app.remaining_work import remaining_work
-from console.app.typed_number import in_words
-from console.app.units import Units
-from console.app.view import STALE_S, Item, Shown, duration, format_local_time, list_point_items
-from console.frame import DeviceView, Frame
-from console.locale import N_, _
-from control.agronomy.strips import HARDLY_RICHER, Strips, StripValue, doubt, measured_index
-from control.field.totals import Totals
-from control.orders import BY_CANOPY, BY_MAP
+from topdress.console.app import words
+from topdress.console.app.field_picture import FieldPicture
+from topdress.console.app.pages.job.map_words import is_doubtful, map_words
+from topdress.console.app.pages.job.service import Facts
+from topdress.console.app.remaining_work import remaining_work
+from topdress.console.app.typed_number import in_words
+from topdress.console.app.units import Units
+from topdress.console.app.view import (
+    STALE_S,
+    Item,
+    Shown,
+    duration,
+    format_local_time,
+    list_point_items,
+)
+from topdress.console.frame import DeviceView, Frame
+from topdress.console.locale import N_, _
+from topdress.control.agronomy.strips import (
+    HARDLY_RICHER,
+    Strips,
+    StripValue,
+    doubt,
+    measured_index,
+)
+from topdress.control.field.totals import Totals
+from topdress.control.orders import BY_CANOPY, BY_MAP
 
 if TYPE_CHECKING:
-    from control.machine.machine import Adopted
+    from topdress.control.machine.machine import Adopted
 
 OK, LOOK, STOP = "ok", "look", "stop"
 LEVEL_WORDS = {OK: N_("ok"), LOOK: N_("look"), STOP: N_("STOP")}

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Concatenate, Literal, ParamSpec
 
-from console.app.action import JOB, Action, on
-from console.app.dialogs import Choice, ChoiceDialog, TextDialog
-from console.app.first_question import start_from_any_page
-from console.app.pages.job.checklist import (
+from topdress.console.app.action import JOB, Action, on
+from topdress.console.app.dialogs import Choice, ChoiceDialog, TextDialog
+from topdress.console.app.first_question import start_from_any_page
+from topdress.console.app.pages.job.checklist import (
     STRIP_BEGINS,
     STRIP_TITLES,
     checks,
@@ -17,16 +17,16 @@ from console.app.pages.job.checklist import (
     find_present_strips,
     hardly_richer_words,
 )
-from console.app.pages.job.nrich import LEAST_M, StripRun
-from console.app.pages.job.service import File, JobCard, JobService
-from console.app.reasons import why_no_start, why_not_ready
-from console.app.units import Units
-from console.locale import N_, _
-from control.agronomy.strips import StripValue
-from control.orders import Do, Order, State
+from topdress.console.app.pages.job.nrich import LEAST_M, StripRun
+from topdress.console.app.pages.job.service import File, JobCard, JobService
+from topdress.console.app.reasons import why_no_start, why_not_ready
+from topdress.console.app.units import Units
+from topdress.console.locale import N_, _
+from topdress.control.agronomy.strips import StripValue
+from topdress.control.orders import Do, Order, State
 
 if TYPE_CHECKING:
-    from console.app.pages.job.page import JobScreen
+    from topdress.console.app.pages.job.page import JobScreen
 
 Kind = Literal["job", "crop", "machine"]
 P = ParamSpec("P")

@@ -11,16 +11,15 @@ from textual.binding import Binding
 from textual.containers import Horizontal, Vertical, VerticalScroll
 from textual.content import Content
 from textual.widgets import Static
-
-from console.app.dialogs import Choice, ChoiceDialog, Dialog
-from console.app.map_ink import LEVELS_PLAN, draw_small_map, planned_scale
-from console.app.pages.job.checklist import file_name
-from console.app.pages.job.map_words import map_words
-from console.app.pages.job.service import MapPreview
-from console.app.units import Units
-from console.app.widgets.choice_list import ChoiceList
-from console.app.widgets.map_legend import draw_colour_ramp
-from console.locale import _
+from topdress.console.app.dialogs import Choice, ChoiceDialog, Dialog
+from topdress.console.app.map_ink import LEVELS_PLAN, draw_small_map, planned_scale
+from topdress.console.app.pages.job.checklist import file_name
+from topdress.console.app.pages.job.map_words import map_words
+from topdress.console.app.pages.job.service import MapPreview
+from topdress.console.app.units import Units
+from topdress.console.app.widgets.choice_list import ChoiceList
+from topdress.console.app.widgets.map_legend import draw_colour_ramp
+from topdress.console.locale import _
 
 COLUMNS, ROWS, LEAST_ROWS, RAMP_CELLS = 44, 9, 3, 16
 # of the screen, that what is said below the picture needs first

@@ -5,11 +5,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from console.app.units import Units
-from console.locale import _
+from topdress.console.app.units import Units
+from topdress.console.locale import _
 
 if TYPE_CHECKING:
-    from control.targets.map_check import MapCheck
+    from topdress.control.targets.map_check import MapCheck
 
 # of map or field: beyond it the map may be the wrong one
 MUCH = 0.1

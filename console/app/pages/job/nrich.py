@@ -8,8 +8,8 @@ from math import sqrt
 from statistics import median
 from typing import Literal, NamedTuple
 
-from control.agronomy.strips import StripValue
-from control.log_row import HEAD_COLUMNS, NDRE_COLUMNS, LogRow
+from topdress.control.agronomy.strips import StripValue
+from topdress.control.log_row import HEAD_COLUMNS, NDRE_COLUMNS, LogRow
 
 LEAST_M = 20.0
 # a longer step between frames is a gap: nothing is counted in it

@@ -10,13 +10,18 @@ from typing import Any, ClassVar
 from textual.app import ComposeResult
 from textual.containers import Container, Vertical
 from textual.worker import Worker, get_current_worker
-
-from console.app.action import JOB, make_bindings
-from console.app.dialogs import Choice, ChoiceDialog, Confirm
-from console.app.name_dialog import NameDialog
-from console.app.number_dialog import NumberDialog
-from console.app.pages.job.check_list import CheckList, JobNote, JobNotes, NotesView, rows_of
-from console.app.pages.job.checklist import (
+from topdress.console.app.action import JOB, make_bindings
+from topdress.console.app.dialogs import Choice, ChoiceDialog, Confirm
+from topdress.console.app.name_dialog import NameDialog
+from topdress.console.app.number_dialog import NumberDialog
+from topdress.console.app.pages.job.check_list import (
+    CheckList,
+    JobNote,
+    JobNotes,
+    NotesView,
+    rows_of,
+)
+from topdress.console.app.pages.job.checklist import (
     STRIP_RUNS,
     checks,
     file_name,
@@ -24,11 +29,11 @@ from console.app.pages.job.checklist import (
     refills,
     totals,
 )
-from console.app.pages.job.keys import ACTIONS
-from console.app.pages.job.map_dialog import COLUMN, TAKE, UNIT, MapDialog
-from console.app.pages.job.nrich import FieldRun, StripRun, read_heads
-from console.app.pages.job.refill import LEAST_FILLED_KG, RefillWatch, doubt
-from console.app.pages.job.service import (
+from topdress.console.app.pages.job.keys import ACTIONS
+from topdress.console.app.pages.job.map_dialog import COLUMN, TAKE, UNIT, MapDialog
+from topdress.console.app.pages.job.nrich import FieldRun, StripRun, read_heads
+from topdress.console.app.pages.job.refill import LEAST_FILLED_KG, RefillWatch, doubt
+from topdress.console.app.pages.job.service import (
     Cancelled,
     Facts,
     JobNames,
@@ -39,16 +44,16 @@ from console.app.pages.job.service import (
     Offer,
     Progress,
 )
-from console.app.pages.page import Page
-from console.app.reasons import why_no_start, why_not_ready
-from console.app.typed_number import in_words, inside
-from console.app.view import RunView
-from console.app.widgets.chips import Chip, Chips
-from console.app.widgets.items import Items
-from console.frame import Frame
-from console.locale import _
-from control.agronomy.strips import Strips, StripValue
-from control.orders import Do
+from topdress.console.app.pages.page import Page
+from topdress.console.app.reasons import why_no_start, why_not_ready
+from topdress.console.app.typed_number import in_words, inside
+from topdress.console.app.view import RunView
+from topdress.console.app.widgets.chips import Chip, Chips
+from topdress.console.app.widgets.items import Items
+from topdress.console.frame import Frame
+from topdress.console.locale import _
+from topdress.control.agronomy.strips import Strips, StripValue
+from topdress.control.orders import Do
 
 # of the list before work, at most: at low and middle height ...
 CHECK_ROWS = 8, 10

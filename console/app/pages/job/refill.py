@@ -5,9 +5,9 @@ from __future__ import annotations
 
 from collections import deque
 
-from console.app.units import Unit
-from console.locale import _
-from control.log_row import LogRow
+from topdress.console.app.units import Unit
+from topdress.console.locale import _
+from topdress.control.log_row import LogRow
 
 LEAST_KG = 5.0
 SETTLE_S = 3.0  # the mass must have stood this long ...

@@ -7,17 +7,17 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple, Protocol
 
-from console.app.field_picture import FieldPicture
-from console.app.source import FrameSource
-from console.locale import N_
-from console.worker.resume_alarms import AlarmRecord
-from control.agronomy.strips import StripValue
-from control.field.job_names import JobNames as JobNames
+from topdress.console.app.field_picture import FieldPicture
+from topdress.console.app.source import FrameSource
+from topdress.console.locale import N_
+from topdress.console.worker.resume_alarms import AlarmRecord
+from topdress.control.agronomy.strips import StripValue
+from topdress.control.field.job_names import JobNames as JobNames
 
 if TYPE_CHECKING:
-    from control.machine.machine import Machine
-    from control.targets.map_check import MapCheck
-    from drivers.files.setup import Setup
+    from topdress.control.machine.machine import Machine
+    from topdress.control.targets.map_check import MapCheck
+    from topdress.drivers.files.setup import Setup
 
 # steps of an export
 READING, GATHERING, WRITING = N_("reading the log"), N_("gathering"), N_("writing")

@@ -5,15 +5,15 @@ from __future__ import annotations
 from functools import partial
 from typing import TYPE_CHECKING
 
-from console.app import layers
-from console.app.action import MAP, Action, on
-from console.app.dialogs import Choice, ChoiceDialog
-from console.app.guide_line_store import make_line_record
-from console.locale import N_, _
+from topdress.console.app import layers
+from topdress.console.app.action import MAP, Action, on
+from topdress.console.app.dialogs import Choice, ChoiceDialog
+from topdress.console.app.guide_line_store import make_line_record
+from topdress.console.locale import N_, _
 
 if TYPE_CHECKING:
-    from console.app.pages.map.page import MapScreen
-    from console.app.pages.replay.service import LogFile
+    from topdress.console.app.pages.map.page import MapScreen
+    from topdress.console.app.pages.replay.service import LogFile
 
 
 def next_layer(page: MapScreen) -> None:

@@ -5,23 +5,22 @@ from __future__ import annotations
 from functools import partial
 from typing import TYPE_CHECKING
 
-from console.app.overlay_file import LaidFile
-from console.frame import Frame
-from console.locale import _
+from topdress.console.app.overlay_file import LaidFile
+from topdress.console.frame import Frame
+from topdress.console.locale import _
 
 if TYPE_CHECKING:
-    from console.app.pages.page import Page
+    from topdress.console.app.pages.page import Page
 
 from typing import ClassVar, NamedTuple
 
 from rich.cells import cell_len
 from textual.strip import Strip
-
-from console.app.layers import LABELS, LayerScale, MapLayer
-from console.app.map_ink import LAID_SHARE, LEVELS_ERROR, LEVELS_LAID
-from console.app.widgets.canvas import Canvas
-from console.app.widgets.map_legend import draw_colour_ramp
-from console.app.widgets.panel import fit
+from topdress.console.app.layers import LABELS, LayerScale, MapLayer
+from topdress.console.app.map_ink import LAID_SHARE, LEVELS_ERROR, LEVELS_LAID
+from topdress.console.app.widgets.canvas import Canvas
+from topdress.console.app.widgets.map_legend import draw_colour_ramp
+from topdress.console.app.widgets.panel import fit
 
 # The file that is laid on the map, read along with the screen, and again where another job has
 # another plane. further from the field or the machine, and it is said

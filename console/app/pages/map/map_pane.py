@@ -9,12 +9,11 @@ from rich.cells import cell_len
 from textual import events
 from textual.content import Content
 from textual.message import Message
-
-from console.app.layers import LABELS, MapLayer
-from console.app.pages.map.reading import PlaceReading
-from console.app.widgets.field_map import FieldMap
-from console.app.widgets.panel import Panel, Part, at_cell, in_row, line, spread
-from console.locale import _
+from topdress.console.app.layers import LABELS, MapLayer
+from topdress.console.app.pages.map.reading import PlaceReading
+from topdress.console.app.widgets.field_map import FieldMap
+from topdress.console.app.widgets.panel import Panel, Part, at_cell, in_row, line, spread
+from topdress.console.locale import _
 
 
 # The row above the large map: its layers, a click chooses one; and whether it follows the machine.

@@ -8,27 +8,31 @@ from typing import ClassVar
 
 from textual.app import ComposeResult
 from textual.containers import Vertical
-
-from console.app.action import JOB, MAP, make_bindings
-from console.app.boundary_drive import BoundaryDrive
-from console.app.camera import MapCamera, fit
-from console.app.dialogs import Choice, ChoiceDialog
-from console.app.guide_line import LEAST_M
-from console.app.guide_line_store import corner_record, make_drive_record, make_line_record
-from console.app.layers import LABELS, MapLayer
-from console.app.overlay_file import LaidFile, LaidView
-from console.app.pages.log_page import EMPTY_MAP, LogPage
-from console.app.pages.map.keys import ACTIONS
-from console.app.pages.map.laid_legend import LaidFiles, LaidLegend, LaidLegendView, label_of
-from console.app.pages.map.map_pane import MapBar, MapBarView, MapPane, Place, ReadingLine
-from console.app.pages.map.reading import PlaceReading, list_job_items, reading
-from console.app.pages.replay.service import ReplayJob
-from console.app.view import STALE_S, RunView, look
-from console.app.widgets.items import Items
-from console.app.widgets.map_legend import LegendView, MapLegend
-from console.app.widgets.rates import SeatRates
-from console.frame import Frame
-from console.locale import _
+from topdress.console.app.action import JOB, MAP, make_bindings
+from topdress.console.app.boundary_drive import BoundaryDrive
+from topdress.console.app.camera import MapCamera, fit
+from topdress.console.app.dialogs import Choice, ChoiceDialog
+from topdress.console.app.guide_line import LEAST_M
+from topdress.console.app.guide_line_store import corner_record, make_drive_record, make_line_record
+from topdress.console.app.layers import LABELS, MapLayer
+from topdress.console.app.overlay_file import LaidFile, LaidView
+from topdress.console.app.pages.log_page import EMPTY_MAP, LogPage
+from topdress.console.app.pages.map.keys import ACTIONS
+from topdress.console.app.pages.map.laid_legend import (
+    LaidFiles,
+    LaidLegend,
+    LaidLegendView,
+    label_of,
+)
+from topdress.console.app.pages.map.map_pane import MapBar, MapBarView, MapPane, Place, ReadingLine
+from topdress.console.app.pages.map.reading import PlaceReading, list_job_items, reading
+from topdress.console.app.pages.replay.service import ReplayJob
+from topdress.console.app.view import STALE_S, RunView, look
+from topdress.console.app.widgets.items import Items
+from topdress.console.app.widgets.map_legend import LegendView, MapLegend
+from topdress.console.app.widgets.rates import SeatRates
+from topdress.console.frame import Frame
+from topdress.console.locale import _
 
 PAN_SHARE = 0.2  # of the picture's width, by an arrow key
 # of a pixel, when the machine is followed from the whole field's picture

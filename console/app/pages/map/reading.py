@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from console.app.camera import Pixels
-from console.app.coverage_raster import Worked
-from console.app.field_picture import FieldPicture
-from console.app.layers import MapLayer
-from console.app.map_image import Ground
-from console.app.overlay_file import LaidView
-from console.app.remaining_work import remaining_work
-from console.app.units import Units
-from console.app.view import Item, Shown, duration, find_rate_error, signed_percent
-from console.frame import Frame
-from console.locale import _
+from topdress.console.app.camera import Pixels
+from topdress.console.app.coverage_raster import Worked
+from topdress.console.app.field_picture import FieldPicture
+from topdress.console.app.layers import MapLayer
+from topdress.console.app.map_image import Ground
+from topdress.console.app.overlay_file import LaidView
+from topdress.console.app.remaining_work import remaining_work
+from topdress.console.app.units import Units
+from topdress.console.app.view import Item, Shown, duration, find_rate_error, signed_percent
+from topdress.console.frame import Frame
+from topdress.console.locale import _
 
 
 class ReadingPart(NamedTuple):

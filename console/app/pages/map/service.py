@@ -5,10 +5,10 @@ from __future__ import annotations
 
 from typing import Protocol
 
-from console.app.guide_line_store import KeptLines
-from console.app.overlay_file import LaidFile
-from console.app.pages.replay.service import LogFile
-from console.frame import Frame
+from topdress.console.app.guide_line_store import KeptLines
+from topdress.console.app.overlay_file import LaidFile
+from topdress.console.app.pages.replay.service import LogFile
+from topdress.console.frame import Frame
 
 
 class LayerFiles(Protocol):

@@ -5,15 +5,15 @@ from __future__ import annotations
 from functools import partial
 from typing import TYPE_CHECKING
 
-from console.app import words
-from console.app.action import REPLAY, Action, on
-from console.app.dialogs import Choice, ChoiceDialog, TextDialog
-from console.locale import N_, _
-from control.orders import STRATEGIES
+from topdress.console.app import words
+from topdress.console.app.action import REPLAY, Action, on
+from topdress.console.app.dialogs import Choice, ChoiceDialog, TextDialog
+from topdress.console.locale import N_, _
+from topdress.control.orders import STRATEGIES
 
 if TYPE_CHECKING:
-    from console.app.pages.replay.page import ReplayScreen
-    from console.app.pages.replay.service import LogFile, LogFiles
+    from topdress.console.app.pages.replay.page import ReplayScreen
+    from topdress.console.app.pages.replay.service import LogFile, LogFiles
 
 SEEK_S = 30.0
 

@@ -9,12 +9,11 @@ from rich.cells import cell_len
 from textual import events
 from textual.content import Content
 from textual.message import Message
-
-from console.app.widgets.panel import Panel, Part, fit, line, spread
-from console.locale import _
+from topdress.console.app.widgets.panel import Panel, Part, fit, line, spread
+from topdress.console.locale import _
 
 if TYPE_CHECKING:
-    from console.app.app import TopdressApp
+    from topdress.console.app.app import TopdressApp
 
 from collections.abc import Sequence
 from itertools import islice
@@ -22,21 +21,20 @@ from typing import ClassVar
 
 from textual.app import ComposeResult
 from textual.worker import Worker, get_current_worker
-
-from console.app import words
-from console.app.action import REPLAY, make_bindings
-from console.app.coverage_raster import Worked
-from console.app.field_picture import FieldPicture
-from console.app.history import LogHistory, Point
-from console.app.pages.log_page import EMPTY_GROUND
-from console.app.pages.panel_page import PanelScreen
-from console.app.pages.replay.keys import ACTIONS
-from console.app.pages.replay.service import LogFiles, ReplayJob, WhatIf
-from console.app.replay_source import ReplaySource
-from console.app.units import Units
-from console.app.view import RunView, duration, find_rate_error
-from console.frame import Frame
-from console.worker.resume_alarms import AlarmBook, AlarmRecord
+from topdress.console.app import words
+from topdress.console.app.action import REPLAY, make_bindings
+from topdress.console.app.coverage_raster import Worked
+from topdress.console.app.field_picture import FieldPicture
+from topdress.console.app.history import LogHistory, Point
+from topdress.console.app.pages.log_page import EMPTY_GROUND
+from topdress.console.app.pages.panel_page import PanelScreen
+from topdress.console.app.pages.replay.keys import ACTIONS
+from topdress.console.app.pages.replay.service import LogFiles, ReplayJob, WhatIf
+from topdress.console.app.replay_source import ReplaySource
+from topdress.console.app.units import Units
+from topdress.console.app.view import RunView, duration, find_rate_error
+from topdress.console.frame import Frame
+from topdress.console.worker.resume_alarms import AlarmBook, AlarmRecord
 
 
 # Where in the log the replay stands, how fast it runs, and whether it is the log or a what-if.

@@ -7,8 +7,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
-from console.app.replay_source import ReplaySource
-from console.frame import Frame
+from topdress.console.app.replay_source import ReplaySource
+from topdress.console.frame import Frame
 
 
 class WhatIf(NamedTuple):

@@ -6,19 +6,19 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING, NamedTuple
 
-from console.app import words
-from console.app.action import RUN, Action, on
-from console.app.dialogs import Choice, ChoiceDialog, NudgeDialog
-from console.app.dose_change import dose_change, find_source_rate
-from console.app.number_dialog import NumberDialog
-from console.app.pages.run.section_bar import section_choices
-from console.app.reasons import why_no_start, why_not_ready
-from console.app.typed_number import in_words, inside
-from console.app.undo import ordered_source
-from console.frame import Frame
-from console.locale import N_, _
-from control.orders import BY_MAP, STRATEGIES, Do, Order, Strategy, TargetSource
-from control.safety import Allowances
+from topdress.console.app import words
+from topdress.console.app.action import RUN, Action, on
+from topdress.console.app.dialogs import Choice, ChoiceDialog, NudgeDialog
+from topdress.console.app.dose_change import dose_change, find_source_rate
+from topdress.console.app.number_dialog import NumberDialog
+from topdress.console.app.pages.run.section_bar import section_choices
+from topdress.console.app.reasons import why_no_start, why_not_ready
+from topdress.console.app.typed_number import in_words, inside
+from topdress.console.app.undo import ordered_source
+from topdress.console.frame import Frame
+from topdress.console.locale import N_, _
+from topdress.control.orders import BY_MAP, STRATEGIES, Do, Order, Strategy, TargetSource
+from topdress.control.safety import Allowances
 
 # What the operator may allow, with what is allowed now: each line of the dialog turns one into
 # its opposite.
@@ -79,7 +79,7 @@ FAR_CELLS = 10  # of the trend, by which its cursor goes far
 SLOWEST_WORK_MPS = 1.25
 
 if TYPE_CHECKING:
-    from console.app.pages.run.page import RunScreen
+    from topdress.console.app.pages.run.page import RunScreen
 
 
 def start(page: RunScreen) -> None:
@@ -108,7 +108,7 @@ def _reach_text(page: RunScreen, by: Strategy) -> str:
     frame, machine, units = page.app.arrival.frame, page.app.machine, page.app.units
     if frame is None or machine is None:
         return ""
-    from control.metering.strategies import reach
+    from topdress.control.metering.strategies import reach
 
     rate_kg_ha = frame.row.target_rate_kg_ha or frame.manual_rate_kg_ha or 0.0
     mps = max(frame.row.speed_used_mps or 0.0, SLOWEST_WORK_MPS)
@@ -318,7 +318,7 @@ def allow(page: RunScreen) -> None:
 
 def dose_error(page: RunScreen) -> None:
     """Of the newest dose that has landed, as somebody measured it behind the machine."""
-    from control.targets.point_source import FARTHEST_DOSE_M
+    from topdress.control.targets.point_source import FARTHEST_DOSE_M
 
     def ask(side: str) -> None:
         unit, sign = page.app.units.fine_distance, 1.0 if side == "late" else -1.0

@@ -7,22 +7,21 @@ from typing import TYPE_CHECKING, ClassVar, NamedTuple
 from rich.cells import cell_len
 from textual.app import ComposeResult
 from textual.content import Content
-
-from console.app.action import RUN, Action, make_bindings
-from console.app.guide_line import GuideLine
-from console.app.held_key import HeldKey
-from console.app.pages.panel_page import PanelScreen
-from console.app.pages.run.keys import ACTIONS
-from console.app.pages.run.section_bar import SectionBar
-from console.app.units import Units
-from console.app.view import AlarmsView, RunView, Shown, duration, format_local_time
-from console.app.widgets.panel import Panel, Part, choose_fullest, fit, line
-from console.frame import Frame
-from console.locale import _
-from control.orders import State
+from topdress.console.app.action import RUN, Action, make_bindings
+from topdress.console.app.guide_line import GuideLine
+from topdress.console.app.held_key import HeldKey
+from topdress.console.app.pages.panel_page import PanelScreen
+from topdress.console.app.pages.run.keys import ACTIONS
+from topdress.console.app.pages.run.section_bar import SectionBar
+from topdress.console.app.units import Units
+from topdress.console.app.view import AlarmsView, RunView, Shown, duration, format_local_time
+from topdress.console.app.widgets.panel import Panel, Part, choose_fullest, fit, line
+from topdress.console.frame import Frame
+from topdress.console.locale import _
+from topdress.control.orders import State
 
 if TYPE_CHECKING:
-    from control.diagnosis.result import Departure
+    from topdress.control.diagnosis.result import Departure
 
 
 # One line on the Run page: how the machine departs from its model, since when, probably why.
@@ -46,7 +45,7 @@ def model_check_texts(found: Departure, frame: Frame, utc_offset_s: float) -> tu
     """
     if turns(frame):
         return ()
-    from console.reports.live_words import departure_line, offer, todo
+    from topdress.console.reports.live_words import departure_line, offer, todo
 
     since = ""
     if found.since_s is not None:

@@ -7,13 +7,12 @@ from itertools import groupby
 
 from textual import events
 from textual.content import Content
-
-from console.app import words
-from console.app.dialogs import Choice
-from console.app.widgets.panel import Panel, Part, line
-from console.frame import Frame
-from console.locale import _
-from control.orders import SectionState
+from topdress.console.app import words
+from topdress.console.app.dialogs import Choice
+from topdress.console.app.widgets.panel import Panel, Part, line
+from topdress.console.frame import Frame
+from topdress.console.locale import _
+from topdress.control.orders import SectionState
 
 GIVE_ALL_BACK = "all auto"
 

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from console.app.action import SETTINGS, Action, on
-from console.locale import N_, _
-from drivers.files.settings import Settings
+from topdress.console.app.action import SETTINGS, Action, on
+from topdress.console.locale import N_, _
+from topdress.drivers.files.settings import Settings
 
 PAGE_STEP = 10
 

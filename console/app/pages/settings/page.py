@@ -14,23 +14,30 @@ from textual.app import ComposeResult
 from textual.binding import Binding
 from textual.content import Content
 from textual.widgets import Static
-
-from console.app import actions, themes
-from console.app.action import ANYWHERE, SETTINGS, Action, make_bindings
-from console.app.dialogs import Choice, ChoiceDialog, Dialog
-from console.app.number_dialog import NumberDialog
-from console.app.pages.job.checklist import file_name
-from console.app.pages.page import Page
-from console.app.pages.settings.keys import ACTIONS
-from console.app.pages.settings.service import SettingsStore
-from console.app.settings import apply, find_key_clash, keymap_problem
-from console.app.typed_number import inside
-from console.app.undo import Undoable
-from console.app.units import Unit
-from console.app.view import RunView
-from console.app.widgets.panel import Part, Picked, PickList, choose_fullest, fit, line, wrapped
-from console.locale import N_, _, list_languages
-from drivers.files.settings import ManualRate, Presets, Rates, Settings
+from topdress.console.app import actions, themes
+from topdress.console.app.action import ANYWHERE, SETTINGS, Action, make_bindings
+from topdress.console.app.dialogs import Choice, ChoiceDialog, Dialog
+from topdress.console.app.number_dialog import NumberDialog
+from topdress.console.app.pages.job.checklist import file_name
+from topdress.console.app.pages.page import Page
+from topdress.console.app.pages.settings.keys import ACTIONS
+from topdress.console.app.pages.settings.service import SettingsStore
+from topdress.console.app.settings import apply, find_key_clash, keymap_problem
+from topdress.console.app.typed_number import inside
+from topdress.console.app.undo import Undoable
+from topdress.console.app.units import Unit
+from topdress.console.app.view import RunView
+from topdress.console.app.widgets.panel import (
+    Part,
+    Picked,
+    PickList,
+    choose_fullest,
+    fit,
+    line,
+    wrapped,
+)
+from topdress.console.locale import N_, _, list_languages
+from topdress.drivers.files.settings import ManualRate, Presets, Rates, Settings
 
 
 # The settings one below the other, as many as there is room for around the marked one. A click

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from drivers.files.settings import Settings
-from drivers.files.settings_theme import ThemeData
+from topdress.drivers.files.settings import Settings
+from topdress.drivers.files.settings_theme import ThemeData
 
 
 @dataclass(slots=True)

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from console.app.action import TRENDS, Action, on
-from console.locale import N_, _
+from topdress.console.app.action import TRENDS, Action, on
+from topdress.console.locale import N_, _
 
 if TYPE_CHECKING:
-    from console.app.pages.trends.page import TrendsScreen
+    from topdress.console.app.pages.trends.page import TrendsScreen
 
 FAR_SHARE = 0.1  # of the span, by which the cursor goes far
 SCROLL_SHARE = 0.5

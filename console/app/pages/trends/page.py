@@ -11,21 +11,20 @@ from textual.app import ComposeResult
 from textual.containers import Vertical
 from textual.content import Content
 from textual.widgets import Button
-
-from console.app.action import TRENDS, make_bindings
-from console.app.braille import Piece
-from console.app.channels import AT_FIRST, BY_ID, CHANNELS, TrendChannel
-from console.app.dialogs import Choice, ChoiceDialog
-from console.app.pages.log_page import LogPage
-from console.app.pages.replay.service import ReplayJob
-from console.app.pages.trends.keys import ACTIONS
-from console.app.pages.trends.plots import Plot, Plots, PlotsView, round_axis_ends
-from console.app.series import TrendStretch, sums
-from console.app.units import Unit, Units
-from console.app.view import STALE_S, duration, format_local_time
-from console.app.widgets.panel import Panel, Picked, fit, spread
-from console.frame import Frame
-from console.locale import _
+from topdress.console.app.action import TRENDS, make_bindings
+from topdress.console.app.braille import Piece
+from topdress.console.app.channels import AT_FIRST, BY_ID, CHANNELS, TrendChannel
+from topdress.console.app.dialogs import Choice, ChoiceDialog
+from topdress.console.app.pages.log_page import LogPage
+from topdress.console.app.pages.replay.service import ReplayJob
+from topdress.console.app.pages.trends.keys import ACTIONS
+from topdress.console.app.pages.trends.plots import Plot, Plots, PlotsView, round_axis_ends
+from topdress.console.app.series import TrendStretch, sums
+from topdress.console.app.units import Unit, Units
+from topdress.console.app.view import STALE_S, duration, format_local_time
+from topdress.console.app.widgets.panel import Panel, Picked, fit, spread
+from topdress.console.frame import Frame
+from topdress.console.locale import _
 
 # Which channels are plotted: a list of all, Enter takes one up or drops it.
 MOST = 3

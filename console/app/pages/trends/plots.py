@@ -14,11 +14,10 @@ from rich.style import Style
 from textual import events
 from textual.message import Message
 from textual.strip import Strip
-
-from console.app.braille import BLANK, Dots, Piece, trace_cells
-from console.app.widgets.canvas import Canvas
-from console.app.widgets.panel import fit, right
-from console.locale import _
+from topdress.console.app.braille import BLANK, Dots, Piece, trace_cells
+from topdress.console.app.widgets.canvas import Canvas
+from topdress.console.app.widgets.panel import fit, right
+from topdress.console.locale import _
 
 _AXIS = 9  # cells of the axis' numbers
 LEAST_ROWS = 3  # a title and two rows of plot
