@@ -21,10 +21,9 @@ HEADS = (
     "cases",
     "right stage",
     "right variables",
-    "right form",
     "name, p >= 0.9",
     "verdict none",
-    *(f"{word}: {what}" for word in AGAIN for what in ("median", "lowest decile", "worse")),
+    *(f"{word}: {what}" for word in AGAIN for what in ("median", "worse")),
 )
 
 
@@ -114,7 +113,6 @@ def row(cases: Sequence[Case]) -> list[str]:
             for ask in (
                 lambda c: c.mark.right_stage,
                 lambda c: c.mark.all_variables,
-                lambda c: c.right_form,
                 _sure,
                 lambda c: c.mark.verdict == "none",
             )
@@ -125,7 +123,6 @@ def row(cases: Sequence[Case]) -> list[str]:
         worse = [w for c in cases if (w := c.worse.get(word)) is not None]
         cells += [
             f"{np.median(some):.2f}" if some else "-",
-            f"{np.quantile(some, 0.1):.2f}" if some else "-",
             f"{sum(map(bool, worse))} of {len(worse)}",
         ]
     return cells

@@ -38,10 +38,7 @@ MEMBERS = {"heads": "head", "flow": "outlet"}
 def markdown(catalogue: Mapping[str, Entry], machine: Machine = NOMINAL) -> str:
     """Write the page: the ids of each stage, then each effect, in the order of the catalogue."""
     stages = list(dict.fromkeys(entry.stage for entry in catalogue.values()))
-    lines = [HEAD.format(id=machine.id), "| stage | effects |", "|---|---|"]
-    for stage in stages:
-        links = [f"[{e.effect.id}](#{_anchor(e)})" for e in catalogue.values() if e.stage == stage]
-        lines.append(f"| {STAGES.get(stage, stage)} | {', '.join(links)} |")
+    lines = [HEAD.format(id=machine.id).rstrip("\n")]
     for stage in stages:
         lines += ["", f"## {STAGES.get(stage, stage)}"]
         for entry in catalogue.values():
@@ -71,11 +68,6 @@ def _effect(entry: Entry, machine: Machine) -> list[str]:
         f"- Look-alikes: {effect.separate}",
         f"- Source: {effect.source}",
     ]
-
-
-def _anchor(entry: Entry) -> str:
-    """As the usual renderers make it of a heading: points vanish."""
-    return entry.effect.id.replace(".", "")
 
 
 def _range(entry: Entry, machine: Machine) -> str:
