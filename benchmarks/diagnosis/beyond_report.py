@@ -148,7 +148,7 @@ def _goals(cases: Sequence[Case]) -> list[list[str]]:
             ">= 85 %",
             *both(lambda s: _part(s, lambda c: c.mark.all_variables)),
         ],
-        ["a name of the catalogue said with p >= 0.9", "<= 3 %", *both(lambda s: _part(s, _sure))],
+        ["a name of the catalogue with p >= 0.9", "<= 3 %", *both(lambda s: _part(s, _sure))],
     ]
     for word, where in (("again", "same programme"), ("elsewhere", "another programme")):
         rows += [

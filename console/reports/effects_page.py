@@ -17,9 +17,8 @@ Each effect is one parameter of one stage, switched off by its neutral value. A 
 it, `topdress simulate --effect ID=SIZE` plants it, an adopted machine file carries it. Data in
 which an effect cannot be seen list it as not shown.
 
-Written by `topdress effects --markdown docs/effects.md` from the parameters. Ranges are those of
-machine `{id}`; where one is a share of figures of the machine file, `topdress effects --machine
-FILE` gives another machine's.
+Written by `topdress effects --markdown docs/effects.md`. Ranges are those of machine `{id}`; a range
+by a figure of the machine file grows with it (`topdress effects --machine FILE`).
 """
 STAGES = {
     "shaft": "Metering shaft",
@@ -75,4 +74,4 @@ def _range(entry: Entry, machine: Machine) -> str:
         return "at any time"
     low, high = bounds(entry.effect.id, machine)
     shares = " x ".join(entry.effect.scales_with)
-    return f"{low:g} to {high:g}" + (f", a share of {shares}" if shares else "")
+    return f"{low:g} to {high:g}" + (f", by {shares}" if shares else "")

@@ -64,10 +64,8 @@ def _sure_and_wrong(m: Mark) -> float:
 
 
 FIGURES = (
-    Figure(
-        '"none" said where something of z >= 12 is hidden', "<= 1 %", _nothing, lambda x: x <= 0.01
-    ),
-    Figure("causes said with p >= 0.9: right", ">= 90 %", _sure, lambda x: x >= 0.9),
+    Figure('"none" where something of z >= 12 is hidden', "<= 1 %", _nothing, lambda x: x <= 0.01),
+    Figure("causes with p >= 0.9: right", ">= 90 %", _sure, lambda x: x >= 0.9),
     Figure(
         "false alarms, healthy, 10 to 50 Hz, no slow drift",
         "<= 1 %",
@@ -133,7 +131,7 @@ FIGURES = (
         None,
     ),
     Figure(
-        "terms and extra columns: a name said with p >= 0.9",
+        "terms and extra columns: a name with p >= 0.9",
         "",
         _share(_sure_and_wrong, "term", "column", "outside"),
         None,
@@ -162,9 +160,9 @@ def sections(marks: Marks) -> list[str]:
     for word, some in groups.items():
         out += [
             "",
-            f"## Classes: causes said, by their probability ({word})",
+            f"## Classes: causes by their probability ({word})",
             "",
-            *table(["p", "said", "mean p", "right"], _reliability(some)),
+            *table(["p", "causes", "mean p", "right"], _reliability(some)),
         ]
     out += [
         "",
@@ -176,7 +174,7 @@ def sections(marks: Marks) -> list[str]:
                 "cases",
                 "alarm",
                 "name right, z >= 12",
-                "truth among what is said, z >= 12",
+                "truth among the answers, z >= 12",
                 '"none", z >= 12',
                 "wrong name, p >= 0.9",
                 "begin within 60 s",
@@ -197,7 +195,7 @@ def sections(marks: Marks) -> list[str]:
                 "right variable",
                 "every variable",
                 "name, p >= 0.9",
-                "said",
+                "answers",
             ],
             [
                 _term_row(c, [m for m in g if m.z >= STRONG_Z])

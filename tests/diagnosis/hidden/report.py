@@ -104,7 +104,7 @@ FIGURES = (
         None,
     ),
     Figure(
-        "one effect, z >= 8: the true one among what is said",
+        "one effect, z >= 8: the true one among the answers",
         "",
         lambda ms: asked(_strong(_of(ms, "single")), lambda m: m.said_truth),
         None,
@@ -201,12 +201,13 @@ def report(
         "",
         f"{len(marks)} cases: {counted}. In brackets: Wilson 95 % intervals.",
         "",
-        *table(
+    ]
+    # Sections of their own have the figures: these would repeat a part of them.
+    if not sections:
+        out += table(
             ["figure", "to reach", *groups],
             [[f.title, f.goal, *(f.cell(g) for g in groups.values())] for f in FIGURES],
-        ),
-    ]
-    # Sections of their own have the details: these would repeat a part of them.
+        )
     for kind, some in () if sections else kinds.items():
         single = _of(some, "single")
         out += [
@@ -223,7 +224,7 @@ def report(
             f"## {kind.capitalize()}: one effect, by z",
             "",
             *table(
-                ["z", "exactly named", "or honestly ambiguous", "nothing said", "intervals cover"],
+                ["z", "exactly named", "or honestly ambiguous", "no answer", "intervals cover"],
                 _by_band(single),
             ),
         ]
@@ -232,7 +233,7 @@ def report(
             f"## {kind.capitalize()}: exactly named by id and z (single effects and look-alikes)",
             "",
             *table(
-                ["hidden", *BAND_WORDS, "size covered", "said instead, most frequent first"],
+                ["hidden", *BAND_WORDS, "size covered", "answers instead, most frequent first"],
                 _by_id(_of(some, "single", "lookalike")),
             ),
         ]
@@ -241,7 +242,7 @@ def report(
             f"## {kind.capitalize()}: outside the catalogue",
             "",
             *table(
-                ["hidden", "right variable", "an effect is named", "said"],
+                ["hidden", "right variable", "an effect is named", "answers"],
                 _outsiders(_of(some, "outside")),
             ),
         ]
