@@ -17,8 +17,8 @@ Each effect is one parameter of one stage, switched off by its neutral value. A 
 it, `topdress simulate --effect ID=SIZE` plants it, an adopted machine file carries it. Data in
 which an effect cannot be seen list it as not shown.
 
-Written by `topdress effects --markdown docs/effects.md`. Ranges are those of machine `{id}`; a range
-by a figure of the machine file grows with it (`topdress effects --machine FILE`).
+Written by `topdress effects --markdown docs/effects.md`. Ranges are those of machine `{id}`; a
+range by a figure of the machine file grows with it (`topdress effects --machine FILE`).
 """
 STAGES = {
     "shaft": "Metering shaft",
