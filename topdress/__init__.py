@@ -4,7 +4,7 @@ machine file.
     import topdress
     log = topdress.read_log("run.csv")
     found = topdress.diagnose_run(log, machine)
-    topdress.save("machine.yaml", topdress.extend(found).machine)
+    topdress.save("new.yaml", topdress.extend(machine, found, date="2026-07-01"))
 
 The rooms are `topdress.control` (the models, pure), `topdress.drivers` (lines and files) and
 `topdress.console` (the screen, the worker, the commands).
