@@ -1,4 +1,25 @@
-"""What people see: the control worker, the app, reports and the command line."""
+"""What people see: the control worker, the app, reports and the command line.
+
+Files:
+
+- `app`: The console's screens. They know `console.frame.Frame` and a `FrameSource`
+- `attached`: Who is attached to the control worker, and who ordered what
+- `cli`: The command line: `topdress --help`
+- `frame`: What the control worker tells its consoles, ten times a second while the machine moves
+- `gc_tuning`: What lives as long as the console is not swept again and again
+- `import_hooks`: What makes a program come up quickly
+- `link`: The console's end of the control worker
+- `locale`: Words shown to people, by the language in use
+- `prepare`: Compiles once on a computer what a first diagnosis would compile
+- `reports`: What is written for people to read
+- `running`: The control worker as a process of its own
+- `scale`: Colour scales. For rates: perceptually even, safe for colour-blind eyes
+- `serve`: The console in a browser
+- `services`: What the pages have done with files and long work
+- `threads`: How many threads numeric libraries may take for themselves
+- `worker`: The control worker: a program of its own that owns devices, loop and log
+- `worker_handshake`: Who listens where a run file says
+"""
 
 import time
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import re
 from pathlib import Path
 
@@ -21,8 +22,8 @@ BASES = (
 
 
 def first_cells(text: str) -> list[str]:
-    """The first cells of the table of rooms."""
-    rows = text[text.index("| room |") : text.index("Time enters")].splitlines()
+    """Returns the first cells of the table of rooms."""
+    rows = text[text.index("| room |") : text.index("## Walk 1")].splitlines()
     return [row.split("|")[1] for row in rows[2:] if row.startswith("|")]
 
 
@@ -43,19 +44,34 @@ def is_there(name: str) -> bool:
     )
 
 
-def insides(text: str) -> dict[str, set[str]]:
-    """Folder -> what the table of the larger rooms says to be in it."""
-    rows = [
-        row
-        for row in text[text.index("| folder |") : text.index("## One tick")].splitlines()[2:]
-        if row
-    ]
-    return {
-        names(row.split("|")[1])[0]: set(re.findall(r"`(\w+)`", row.split("|", 2)[2]))
-        for row in rows
-    }
+def read_walks(text: str) -> list[tuple[str, str]]:
+    """Returns file and function of each step of the walks, `Class.method` for a method."""
+    steps, walks = [], text[text.index("## Walk 1") : text.index("## Filters")]
+    for row in re.findall(r"^\| [^|]+ \| `([\w/.]+\.py)` \| ([^|]+) \|$", walks, re.MULTILINE):
+        steps += [(row[0], name) for name in re.findall(r"`([\w.]+)`", row[1])]
+    return steps
 
 
+def list_functions(file: Path) -> set[str]:
+    """Returns a file's functions, and its classes' methods as `Class.method`."""
+    found = set()
+    for node in ast.parse(file.read_text(encoding="utf-8")).body:
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+            found.add(node.name)
+        elif isinstance(node, ast.ClassDef):
+            found |= {
+                f"{node.name}.{inner.name}"
+                for inner in node.body
+                if isinstance(inner, ast.FunctionDef | ast.AsyncFunctionDef)
+            }
+    return found
+
+
+FOLDERS = sorted(
+    path.parent
+    for room in ("control", "drivers", "console")
+    for path in (ROOT / room).rglob("__init__.py")
+)
 PATHS = sorted(
     {
         name
@@ -85,14 +101,28 @@ def test_what_is_there_is_named_on_the_page(room: str) -> None:
     assert there - {"__init__"} - told == set()
 
 
-@pytest.mark.parametrize(("folder", "told"), insides(PAGE.read_text(encoding="utf-8")).items())
-def test_the_larger_rooms_hold_what_the_page_says(folder: str, told: set[str]) -> None:
-    there = {
+@pytest.mark.parametrize(("file", "function"), read_walks(PAGE.read_text(encoding="utf-8")))
+def test_every_step_of_a_walk_is_a_function_that_is_there(file: str, function: str) -> None:
+    assert function in list_functions(ROOT / file)
+
+
+def test_there_are_three_walks() -> None:
+    text = PAGE.read_text(encoding="utf-8")
+    assert text.count("\n## Walk ") == 3 and len(read_walks(text)) >= 30
+
+
+@pytest.mark.parametrize("folder", FOLDERS, ids=lambda folder: str(folder.relative_to(ROOT)))
+def test_a_folder_says_its_files_in_a_line_each(folder: Path) -> None:
+    """`python .ci/folders.py` writes the lines."""
+    text = ast.get_docstring(ast.parse((folder / "__init__.py").read_text(encoding="utf-8"))) or ""
+    listed = re.findall(r"^- `(\w+)`: \S.{3,}$", text.partition("Files:\n")[2], re.MULTILINE)
+    there = [
         path.stem
-        for path in (ROOT / folder).iterdir()
-        if path.suffix == ".py" or any(path.glob("*.py"))
-    }
-    assert told == there - {"__init__"}
+        for path in sorted(folder.iterdir())
+        if (path.suffix == ".py" and not path.stem.startswith("__"))
+        or (path / "__init__.py").exists()
+    ]
+    assert listed == there
 
 
 def test_every_file_of_the_diagnosis_of_run_logs_is_a_step_on_its_page() -> None:

@@ -1,5 +1,48 @@
 """The command line: `topdress --help`. Each command has a file of its own, imported where it is
-asked for; what is heavy is imported when it runs."""
+asked for; what is heavy is imported when it runs.
+
+Files:
+
+- `at_the_bench`: The person at the bench: the shaft turns under the control loop's interlocks
+- `calibrate`: `topdress calibrate`: bench tables and run logs to a new machine file
+- `check`: `topdress check`
+- `check_range`: Which rates of a job a machine cannot give at the job's speeds
+- `compare`: `topdress compare`: the errors of two machine files on logs that neither was fitted to
+- `decode`: `topdress decode`: a raw capture through its real driver
+- `devices`: `topdress devices`: which ports there are, and what speaks on them
+- `diagnose`: `topdress diagnose`: what the machine model gets wrong on measured data, why
+- `drop_by_hand`: `topdress calibrate lag --rig URL` without a board
+- `effects`: `topdress effects`: the catalogue
+- `encoder`: `topdress calibrate encoder --board URL`
+- `field`: `topdress field`: outlines
+- `fleet`: `topdress fleet`: a season of logs of many machines, on this computer or a Dask cluster
+- `history`: `topdress history`: what diagnoses changed in a machine file, side by side
+- `import_log`: `topdress import`: the log of any machine as a run log
+- `info`: `topdress info` and `topdress extras`
+- `inputs`: What a command is given to read, held against what it reads before anything is done
+- `lag_rig`: `topdress calibrate lag --rig URL`
+- `line_output`: Lines for whoever reads standard output, without waiting for them
+- `live`: `topdress live`: what the machine does, as lines of JSON on stdout, on a local socket
+- `machine`: `topdress machine --from LOG`
+- `map`: `topdress map`: prescriptions read, summarised and converted
+- `outputs`: What a command is about to write, held against what it reads and what is there already
+- `plain_errors`: Errors of a command in plain lines on stderr and a non-zero exit
+- `plain_output`: What commands say: on a terminal or to a pipe
+- `progress`: How far along a command is, with the time left
+- `record`: `topdress record`: passes as lines of a farm record
+- `replay`: `topdress replay`: a run log on the screen
+- `reproduce`: `topdress reproduce`: the papers' tables and figures, published next to obtained
+- `run`: `topdress run`: the console on a running or newly started control worker
+- `screens`: From the command line to the screens
+- `serve`: `topdress serve`: the console in a browser
+- `serve_machine`: `topdress serve-machine`
+- `simulate`: `topdress simulate`: a closed-loop run on the machine model, as fast as it goes
+- `tablet`: One tab of `topdress serve`, started by the server
+- `terms`: `--term`: a term written by hand, and what a term is, in words
+- `trial`: `topdress trial`: plots, what a log did in them, what was weighed and harvested
+- `watch`: `topdress watch`: a growing log held against the machine model while the machine works
+- `whole_log`: A run log that stands under another name until it is whole
+"""
 
 from __future__ import annotations
 

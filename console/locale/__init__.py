@@ -3,6 +3,10 @@
 
 The catalogues are read as they are, so no tool has to compile them. `_` translates now, `N_`
 only marks a text that a table holds and that is translated when it is shown.
+
+Files:
+
+- `po`: Reads gettext's .po text
 """
 
 from __future__ import annotations

@@ -1,4 +1,10 @@
-"""The console in a browser: a small web server that starts one app process for each tab."""
+"""The console in a browser: a small web server that starts one app process for each tab.
+
+Files:
+
+- `server`: The web server of the tablet, on textual-serve
+- `tab`: One tab's console: a process, with all that it starts a group of its own
+"""
 
 # in a tab's environment: the server's process, whose end is the tab's own
 SERVER = "TOPDRESS_SERVER"

@@ -3,6 +3,19 @@ logs.
 
 What fits loads scipy, so it is imported when it is first asked for: to tell a table from a log
 takes none of it.
+
+Files:
+
+- `adopt`: What a calibrated machine file says about itself
+- `bench_table`: A bench table as a record, and what each kind of table must hold
+- `encoder_fit`: Counts of the metering shaft's encoder a turn
+- `first_machine`: A first machine file of one driven stage (pump, wheel, fan, conveyor)
+- `flow_fit`: Catch test to flow model
+- `heads_check`: Canopy heads from a run log
+- `lag_fit`: Lag test to lag model: a straight line over shaft speed, with its range
+- `least_squares`: Weighted linear least squares with 90 % intervals
+- `tube_fit`: Lag test between two rates to what goes on in the tube
+- `wheel_fit`: The wheel's circumference from a run log
 """
 
 from __future__ import annotations

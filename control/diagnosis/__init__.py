@@ -4,6 +4,20 @@
 
 The two entries load scipy and the compiled model, so they are imported when they are first
 asked for: a page that only shows a `Diagnosis` starts without them.
+
+Files:
+
+- `cost`: What an effect costs in the field when nobody knows of it
+- `dataframe_input`: What a notebook hands over as a log
+- `effects`: How a diagnosis treats each effect of the catalogue
+- `extend`: The machine file with what a diagnosis found
+- `judgement`: How candidate causes are weighed
+- `live`: The model held against a log that is still being written
+- `prediction`: Nothing is said or written that prediction does not bear out
+- `result`: The result of a diagnosis, by the published contract "topdress-diagnosis/1"
+- `runs`: A run log to a diagnosis
+- `season`: Many logs of many machines together
+- `tables`: Diagnosis of bench tables
 """
 
 from __future__ import annotations

@@ -27,4 +27,15 @@ Kass and Raftery, Bayes factors, JASA 90, 1995. Madigan and Raftery, JASA 89, 19
 within a window of the best). Roever, Meyer and Christensen, Classical and Quantum Gravity 28,
 2011, 015010 (Student t in the frequency domain). Brynjarsdottir and O'Hagan, Inverse Problems
 30, 2014 (freedom of form). Gelman, Meng and Stern, Statistica Sinica 6, 1996 (checks).
+
+Files:
+
+- `checks`: Whether what a model leaves is noise
+- `evidence`: Data and columns of coupled channels compressed to band products
+- `gaussian`: Columns under a noise: whatever is asked of their sizes
+- `line_search`: The one search in one dimension
+- `noise`: The noise of a channel: a fast and a slow first-order component over a white floor
+- `noise_fit`: The noise's spectrum and its fit, compiled
+- `prior`: What is believed before the data are seen
+- `rows`: Log evidence of a linear model of a few rows, with the strength of their noise integrated
 """
