@@ -13,15 +13,10 @@ from topdress.console.locale.po import read_po
 
 ROOT = Path(__file__).parents[2]
 GLOSSARY = ROOT / "docs" / "glossary.md"
-GENERATED = ("papers-diagnosed.md",)  # by the sentences of control/diagnosis
 PAGES = [
     ROOT / "README.md",
     ROOT / "CONTRIBUTING.md",
-    *(
-        page
-        for page in sorted((ROOT / "docs").rglob("*.md"))
-        if page.name not in GENERATED and page != GLOSSARY
-    ),
+    *(page for page in sorted((ROOT / "docs").rglob("*.md")) if page != GLOSSARY),
 ]
 TEXTS = sorted((ROOT / "console" / "locale" / "zh").glob("*.po"))
 

@@ -155,6 +155,22 @@ def test_the_table_of_contents_has_every_page() -> None:
     assert pages - named == set()
 
 
+@pytest.mark.parametrize(
+    "page", sorted(DOCS.rglob("*.md")), ids=lambda page: str(page.relative_to(DOCS))
+)
+def test_a_page_begins_with_who_needs_it(page: Path) -> None:
+    title, first, *_ = (line for line in page.read_text(encoding="utf-8").splitlines() if line)
+    assert title.startswith("# ") and first.startswith("For ")
+
+
+@pytest.mark.parametrize(
+    "page", sorted((DOCS / "decisions").glob("*.md")), ids=lambda page: page.stem
+)
+def test_a_decision_is_context_decision_consequences(page: Path) -> None:
+    heads = re.findall(r"^## (.*)$", page.read_text(encoding="utf-8"), re.MULTILINE)
+    assert heads == ["Context", "Decision", "Consequences"]
+
+
 def test_the_readme_is_one_screen_that_leads_to_the_guides() -> None:
     assert {
         "docs/README.md",
