@@ -1,4 +1,4 @@
-"""A crop file: everything that turns NDVI into a rate of product, with the limits that bound it."""
+"""How does a crop turn NDVI into a rate of product, and within which limits? The crop file."""
 
 from __future__ import annotations
 
@@ -12,18 +12,17 @@ from topdress.control.agronomy.response import HarvestLine, ResponseRule
 from topdress.control.agronomy.yield_potential import YieldPotential, describe_day_rule
 from topdress.control.frozen_model import FrozenModel
 
-# a line that leaves the canopy's index as it is
+# This line leaves the response index of the canopy as it is.
 CANOPY_ITSELF = HarvestLine(slope=1.0, intercept=0.0)
 
 
 class GrowingDays(FrozenModel):
-    """D of paper A, eq 4: days from sowing to sensing with a mean temperature above the crop's
-    base.
+    """Holds the growing days, D of paper A, eq 4: days from sowing to sensing whose mean
+    temperature is above the crop's base temperature.
 
     Either counted by hand (`count` with the base it was counted over, `above_c`), or counted
     from a weather file (`weather` with `sown`, and `sensed` where it is not the day of work).
-    Where the curve counts every day: `count` alone, or `sown` alone.
-    """
+    Where the curve counts every day: `count` alone, or `sown` alone."""
 
     count: int | None = Field(default=None, ge=1, le=400, strict=True)
     above_c: float | None = Field(
@@ -56,7 +55,11 @@ class GrowingDays(FrozenModel):
         return self
 
     def fault_with(self, curve: YieldPotential) -> str:
-        """Why these days are not those of the curve, one line; empty where they are."""
+        """Returns why these days do not fit the yield curve's own day rule, in one line.
+
+        Returns
+        -------
+        An empty string where they fit."""
         rule = describe_day_rule(curve.base_temp_c)
         if curve.base_temp_c == "every_day":
             if self.above_c is not None:
@@ -314,27 +317,27 @@ class Crop(FrozenModel):
         return self
 
     def at_most(self, rate_kg_ha: float) -> Crop:
-        """The crop under a lower limit of the product than its own; the same where its own is
-        as low."""
+        """Returns the crop with its rates limited to `rate_kg_ha`, where its own limits are
+        higher."""
         keys = ("max_rate_kg_ha", "fallback_rate_kg_ha", "min_rate_kg_ha")
         return self.model_copy(update={key: min(getattr(self, key), rate_kg_ha) for key in keys})
 
     @property
     def ndvi_top(self) -> float:
-        """The highest reading that gets a rate."""
+        """Returns the highest NDVI that gets a rate."""
         return 1.0 if self.ndvi_max is None else self.ndvi_max
 
     @property
     def response_line(self) -> HarvestLine | None:
-        """By which the field's response index becomes that of the harvest: the file's, else
-        that of its set."""
+        """Returns the line from the canopy's response index to that of the harvest: the file's
+        own, else that of its published set."""
         if self.harvest_line is not None or self.yield_potential is None:
             return self.harvest_line
         return self.yield_potential.line
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """One line each, to be shown before work starts; empty when there is nothing to say."""
+        """Returns the warnings to show before work starts, one line each."""
         lines = [self.flag, "" if self.yield_potential is None else self.yield_potential.warning]
         if self.examples:
             lines.append(f"example values, not of this field: {', '.join(self.examples)}")
@@ -372,7 +375,8 @@ class Crop(FrozenModel):
 # and delta_SI belong to a crop, an index and a stage, and a crop file that uses this rule says
 # its own, with their source.
 class Sufficiency(FrozenModel):
-    """The two coefficients of the curve, from one source, over the crop file's own index."""
+    """Holds the two coefficients of the sufficiency curve, from one source, over the crop file's
+    own index."""
 
     n_opt_kg_ha: float = Field(
         gt=0.0,
@@ -388,7 +392,13 @@ class Sufficiency(FrozenModel):
     )
 
     def n_kg_ha(self, si: float, zone_factor: float = 1.0, less_n_kg_ha: float = 0.0) -> float:
-        """N, kg/ha, from 0: none from SI 1 on, no more than the optimum below 1 - delta_si.
-        zone_factor: of the optimum at this place; less_n_kg_ha: given and credited, off it."""
+        """Returns the nitrogen rate, kg/ha: none from an index of 1 on, at most the optimum
+        below 1 - delta_si.
+
+        Parameters
+        ----------
+        si : sufficiency index of the place.
+        zone_factor : factor on the optimum at this place.
+        less_n_kg_ha : nitrogen that was given before or is credited, kg/ha; it is subtracted."""
         optimum = max(0.0, self.n_opt_kg_ha * zone_factor - less_n_kg_ha)
         return optimum * math.sqrt(min(1.0, max(0.0, (1.0 - si) / self.delta_si)))

@@ -1,4 +1,4 @@
-"""D of paper A, eq 4: how many days since sowing were warm enough to grow."""
+"""How many days since sowing were warm enough to grow? D of paper A, eq 4."""
 
 from __future__ import annotations
 
@@ -15,16 +15,23 @@ def days_above_base(
     sensed: dt.date,
     base_temp_c: float,
 ) -> int:
-    """Days from sowing to sensing whose mean air temperature is above the base (paper A, eq 4).
+    """Counts the days from sowing to sensing whose mean air temperature is above the base (paper
+    A, eq 4).
 
-    The day of sowing counts, the day of sensing does not: its mean is not known while the
-    canopy is sensed.
+    The day of sowing counts. The day of sensing does not: its mean is not known while the canopy
+    is sensed.
 
-    dates        (n,) days, any order, each once mean_temp_c  (n,) degC, one for each date
-    Raises ValueError in one line when sensing is not after sowing, when a day of the span is
-    missing or has no finite temperature, when a date stands twice, or when no day is warm
-    enough.
-    """
+    Parameters
+    ----------
+    dates : (n,) days in any order, each once.
+    mean_temp_c : (n,) mean temperature of each day, degC.
+    sown, sensed : dates of sowing and sensing.
+    base_temp_c : base temperature of the crop, degC.
+
+    Raises
+    ------
+    ValueError : sensing is not after sowing, a day of the span is missing or has no finite
+        temperature, a date stands twice, or no day is warm enough."""
     days = np.asarray(dates, dtype="datetime64[D]")
     temps = np.asarray(mean_temp_c, dtype=np.float64)
     if days.shape != temps.shape or days.ndim != 1:

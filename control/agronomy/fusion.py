@@ -1,11 +1,11 @@
-"""Six canopy heads to one NDVI: the median of the heads that can be trusted.
+"""Which of the canopy heads can be trusted, and which NDVI do they measure together? The median
+of the trusted heads.
 
-A head is left out when it is silent (no new reading for `silent_s`), or when it disagrees: its
+A head is left out when it is silent (no new reading for `silent_s`) or when it disagrees: its
 distance from the median of the others exceeds max(`least_apart`, `robust_sds` robust standard
 deviations of the others) without a break for `drop_after_s`, and fewer than half of the heads
-side with it. It comes back when it has stayed within half of that distance for
-`return_after_s`. One bad reading never drops a head; the median bears it.
-"""
+agree with it. It returns when it has stayed within half of that distance for `return_after_s`.
+One bad reading never drops a head, because the median tolerates it."""
 
 from __future__ import annotations
 
@@ -15,11 +15,13 @@ from typing import NamedTuple
 
 from topdress.control.readings import Reading, is_fresh
 
-# median absolute deviation to standard deviation, normal distribution
+# Ratio of the standard deviation to the median absolute deviation of a normal distribution.
 _MAD_TO_SD = 1.4826
 
 
 class FusionLimits(NamedTuple):
+    """Holds the limits by which heads are dropped and taken back."""
+
     silent_s: float = 1.25  # two and a half periods of heads at 2 Hz
     least_apart: float = 0.08  # NDVI: closer heads never disagree
     robust_sds: float = 4.0
@@ -45,7 +47,10 @@ class FusionState(NamedTuple):
 
 
 class Fused(NamedTuple):
-    """`ndvi` is None when no head is left. Heads are numbered from 1, left to right."""
+    """Holds the NDVI of all trusted heads (None when no head is left) and the heads that were
+    left out.
+
+    Heads are numbered from 1, left to right."""
 
     ndvi: float | None
     valid: int  # heads in the median
@@ -56,7 +61,7 @@ class Fused(NamedTuple):
 
 
 def start(heads: int = 6) -> FusionState:
-    """The state before any reading."""
+    """Returns the state of the fusion before any reading, for so many heads."""
     return FusionState((HeadState(),) * heads)
 
 
@@ -66,12 +71,19 @@ def fuse_readings(
     time_s: float,
     limits: FusionLimits = LIMITS,
 ) -> tuple[FusionState, Fused]:
-    """One step with the newest reading of each head, however old (as
-    `control.readings.Measurements` holds them).
+    """Fuses the newest reading of each head, however old, into one NDVI.
 
-    readings (heads,) NDVI; None: no reading yet. A change in the number of heads starts afresh.
-    Source: our own rule.
-    """
+    Parameters
+    ----------
+    state : of the step before. A change in the number of heads starts afresh.
+    readings : (heads,) NDVI; None where a head has no reading yet (as in
+        `control.readings.Measurements`).
+    time_s : present time, s.
+    limits : by which heads are dropped and taken back; they are the project's own.
+
+    Returns
+    -------
+    The new state, and the fused NDVI."""
     heads = state.heads if len(state.heads) == len(readings) else (HeadState(),) * len(readings)
     heads = tuple(
         _heard(head, reading, limits) for head, reading in zip(heads, readings, strict=True)

@@ -1,10 +1,10 @@
-"""Is the crop at the stage for which its rule was made? A warning, never a stop.
+"""Is the crop at the growth stage for which its rule was made? The answer is a warning, never a
+stop.
 
 A yield curve over NDVI was fitted at certain stages: OSU's wheat curves at Feekes 4 to 6
 (nue.okstate.edu/NLS/ NLS_Non_N_Limiting_Strip.htm), best between 87 and 112 days above 4.4 degC
 (nue.okstate.edu/GSchart.htm). Earlier the crop has not yet shown what it will be, later it has
-closed and NDVI says little.
-"""
+closed and NDVI says little."""
 
 from __future__ import annotations
 
@@ -20,12 +20,13 @@ SCALE_RANGE: dict[str, tuple[float, float]] = {
     "days": (1.0, 400.0),
 }
 
-Stage = Annotated[float, Field(ge=0, le=400)]  # the widest of the scales
+# The widest range of the three scales.
+Stage = Annotated[float, Field(ge=0, le=400)]
 
 
 class GrowthWindow(FrozenModel):
-    """From which stage to which the crop's rule holds. days: as the rule counts them, above its
-    base temperature."""
+    """Holds the growth stages between which the crop's rule holds. On the scale `days` they are
+    counted as the rule counts them, above its base temperature."""
 
     scale: Scale
     first: Stage
@@ -45,7 +46,7 @@ class GrowthWindow(FrozenModel):
 
 
 class GrowthStage(FrozenModel):
-    """The crop's stage on the day of work, as somebody saw it."""
+    """Holds the crop's growth stage on the day of work, as a person saw it."""
 
     scale: Literal["feekes", "bbch"]
     stage: Stage
@@ -61,7 +62,8 @@ class GrowthStage(FrozenModel):
 
 
 class Growth(NamedTuple):
-    """The window in the crop file's own terms, and the stage in them; None: nobody has said it."""
+    """Compares the stage of the crop with the window of its rule, on the window's scale. The
+    stage is None where it is not known."""
 
     scale: Scale
     first: float
@@ -70,11 +72,12 @@ class Growth(NamedTuple):
 
     @property
     def is_outside(self) -> bool:
+        """Returns whether the known stage lies outside the window."""
         return self.stage is not None and not self.first <= self.stage <= self.last
 
     @property
     def text(self) -> str:
-        """As a log's event says it: `feekes 8 (4 to 6)`."""
+        """Returns the words of a log's event: `feekes 8 (4 to 6)`."""
         stage = "?" if self.stage is None else f"{self.stage:g}"
         return f"{self.scale} {stage} ({self.first:g} to {self.last:g})"
 
@@ -82,8 +85,13 @@ class Growth(NamedTuple):
 def growth_of(
     window: GrowthWindow | None, seen: GrowthStage | None, days: int | None
 ) -> Growth | None:
-    """The stage in the terms of the window; None where the crop file has no window. A stage
-    given on another scale is not known on this one. days: of the rule."""
+    """Returns the stage on the scale of the window; None where the crop file has no window.
+
+    Parameters
+    ----------
+    window : of the crop file.
+    seen : stage that a person saw; on another scale than the window's it counts as unknown.
+    days : growing days, as the yield curve counts them."""
     if window is None:
         return None
     stage = None

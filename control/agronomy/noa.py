@@ -1,4 +1,5 @@
-"""The nitrogen optimisation of paper A, eq 2 to 5: NDVI to kg of product per ha.
+"""How much product does an NDVI ask for? The nitrogen optimisation algorithm of paper A, eq 2 to
+5, in kg of product per ha.
 
 Two forms: with the NDVI of an N-rich strip (response index), or with a fixed yield where no
 strip was sown. The response index is that of each place (the paper) or that of the field (its
@@ -13,8 +14,7 @@ for variable rates, as `R/SBNRC_Algorithm.R` of github.com/beardon/ninja-active-
 out ("from SBNRC NRate VRN equations excel sheet from Dr. Arnall"); a lowest rate of the rule
 stands there too. Of Solie, Monroe, Raun and Stone 2012 ("Generalized Algorithm for
 Variable-Rate Nitrogen Application in Cereal Grains") only the abstract could be read: their
-curve is not here.
-"""
+curve is not here."""
 
 from __future__ import annotations
 
@@ -41,11 +41,10 @@ Why = Literal[
 
 
 class Decision(NamedTuple):
-    """A rate with the way it came about.
+    """Holds a rate together with the numbers that it was calculated from.
 
     Yields in t/ha, capped at the crop's Y_max; None where a cut-off decided before they were
-    needed.
-    """
+    needed."""
 
     rate_kg_ha: float  # product, 0 to the crop's max_rate_kg_ha
     why: Why
@@ -59,25 +58,28 @@ class Decision(NamedTuple):
 
 
 def insey(ndvi: float, days: float) -> float:
-    """In-season estimate of yield, NDVI per day (paper A, eq 4). ValueError unless days > 0."""
+    """Returns the in-season estimate of yield, NDVI per day (paper A, eq 4).
+
+    Raises
+    ------
+    ValueError : `days` is not above 0."""
     if not days > 0.0:
         raise ValueError(f"days {days:g}: allowed is above 0")
     return ndvi / days
 
 
 def yield_without(insey_per_day: float, a_t_ha: float, b_days: float) -> float:
-    """Yield without topdressing, a exp(b INSEY), t/ha (paper A, eq 3). Not capped here;
-    infinite beyond e^700."""
+    """Returns the yield without topdressing, a exp(b INSEY), t/ha (paper A, eq 3). It is not
+    capped, and infinite where the exponent reaches 700."""
     exponent = b_days * insey_per_day
     return a_t_ha * math.exp(exponent) if exponent < 700.0 else math.inf
 
 
 def response_index(ndvi_nrich: float, ndvi_field: float, cap: float = 2.0) -> float:
-    """NDVI of the N-rich strip over that of the field, at most `cap` (paper A, eq 5; cap: Raun
-    et al. 2002).
+    """Returns the NDVI of the N-rich strip divided by that of the field, at most `cap` (paper A,
+    eq 5; cap: Raun et al. 2002).
 
-    A field at NDVI 0 or below gives the cap.
-    """
+    A field at NDVI 0 or below gives the cap."""
     if ndvi_field <= 0.0:
         return cap
     return min(ndvi_nrich / ndvi_field, cap)
@@ -90,8 +92,8 @@ def n_requirement_kg_ha(
     product_n_fraction: float = 0.45,
     efficiency: float = 0.6,
 ) -> float:
-    """Product needed to lift the yield, kg/ha (paper A, eq 2); as printed, so below zero when
-    nothing is to lift."""
+    """Returns the product needed for a higher yield, kg/ha (paper A, eq 2). As in print, it is
+    negative where the yield with topdressing is the lower one."""
     return grain_n_kg_t * (yield_with_t_ha - yield_without_t_ha) / (product_n_fraction * efficiency)
 
 
@@ -101,8 +103,8 @@ def _side(ndvi: float, crop: Crop) -> Why:
 
 @dataclass(frozen=True, slots=True)
 class Rule:
-    """A crop made ready for one field: days and reference fixed, so that a decision needs the
-    NDVI only."""
+    """Holds a crop with days and strips fixed for one field, so that a decision needs only the
+    NDVI."""
 
     crop: Crop
     days: int | None  # None: by the sufficiency index
@@ -116,19 +118,21 @@ class Rule:
 
     @property
     def strips(self) -> Strips:
+        """Returns the NDVI of the two strips."""
         return Strips(self.ndvi_nrich, self.ndvi_check)
 
     @property
     def field_response(self) -> float | None:
-        """RI of the field; None by the paper's rule, or where a strip is missing."""
+        """Returns the response index of the field; None by the paper's rule, or where a strip is
+        missing."""
         if self.response_rule == "paper":
             return None
         return field_response(self.strips, self.crop.response_index_max, self.crop.response_line)
 
     @property
     def is_ready(self) -> bool:
-        """Whether it can decide: by strips, or by the crop's fixed yield as long as there are
-        none."""
+        """Returns whether the rule can decide: with strips, or with the crop's fixed yield while
+        there are none."""
         if self.crop.fixed_yield_t_ha is not None:
             return True
         return (
@@ -138,16 +142,21 @@ class Rule:
         )
 
     def with_strip(self, strip: StripValue) -> Rule:
-        """The rule with a strip as it was measured just now."""
+        """Returns the rule with a strip that was measured just now."""
         if strip.which == "nrich":
             return replace(self, ndvi_nrich=strip.ndvi)
         return replace(self, ndvi_check=strip.ndvi)
 
     def decide(self, ndvi: float | None, zone_factor: float = 1.0) -> Decision:
-        """Rate for a canopy reading. No reading, or one that is not finite, gives rate 0 with
-        why "no_ndvi", a rule that waits for its strips 0 with "no_strips": the caller falls
-        back to the crop's fallback rate. zone_factor: of what the rule finds at this place; 0:
-        nothing, whatever the lowest rate."""
+        """Returns the rate for a canopy reading.
+
+        Parameters
+        ----------
+        ndvi : of the canopy; None or not finite gives rate 0 with `why` "no_ndvi", and the
+            caller takes the crop's fallback rate. A rule that waits for its strips gives 0 with
+            "no_strips".
+        zone_factor : factor on the rate at this place; 0 gives nothing, whatever the lowest
+            rate."""
         crop = self.crop
         if ndvi is None or not math.isfinite(ndvi):
             return Decision(0.0, "no_ndvi", None, None)
@@ -165,9 +174,10 @@ class Rule:
         return self._from_reading(used, grade, zone_factor)
 
     def _tapered(self, decision: Decision, ndvi: float) -> Decision:
-        """Between bare soil and crop, and towards the dense end, a reading says less and less:
-        the rate comes and goes over `taper_ndvi` instead of in a step that noise crosses again
-        and again."""
+        """Reduces the rate linearly to 0 over `taper_ndvi` at both ends of the NDVI range.
+
+        Towards bare soil and towards a dense canopy a reading says less and less. In place of a
+        step, which noise would cross again and again, the rate rises and falls gradually."""
         crop = self.crop
         if crop.taper_ndvi <= 0.0:
             return decision
@@ -239,14 +249,26 @@ def prepare(
     n_given_kg_ha: float = 0.0,
     n_credit_kg_ha: float = 0.0,
 ) -> Rule:
-    """A crop made ready for work. What is given overrides the crop file's own.
+    """Returns the rule of a crop for one field. Arguments that are given override the crop
+    file's own values.
 
-    With an N-rich NDVI the response index decides, else the crop's fixed yield. By response
-    rule "field" both strips may be missing yet, and by the sufficiency index the N-rich strip:
-    they are measured on the way. Raises ValueError in one line when the days are not known yet
-    (a weather file has to be counted first) or out of 1 to 400, when neither form is possible,
-    or when the NDVI of a strip is not in (0, 1].
-    """
+    With an N-rich NDVI the response index decides, else the crop's fixed yield. With response
+    rule "field" both strips may still be missing, and with the sufficiency index the N-rich
+    strip: they are measured while driving.
+
+    Parameters
+    ----------
+    crop : the crop file.
+    days : growing days, 1 to 400; None: the crop file's own.
+    ndvi_nrich, ndvi_check : NDVI of the N-rich strip and of the farmer check, in (0, 1].
+    response_rule : "paper" or "field".
+    n_given_kg_ha : nitrogen applied since sowing, kg/ha.
+    n_credit_kg_ha : nitrogen from other sources that the canopy does not show yet, kg/ha.
+
+    Raises
+    ------
+    ValueError : the days are not known yet (a weather file has to be counted first) or out of
+        range, neither form is possible, or the NDVI of a strip is not in (0, 1]."""
     if crop.yield_potential is not None:
         days = _days_of(crop, days)
     ndvi_nrich = ndvi_nrich if ndvi_nrich is not None else crop.ndvi_nrich
@@ -276,7 +298,7 @@ def prepare(
 
 
 def _days_of(crop: Crop, counted: int | None) -> int:
-    """Of growth, as counted or as the crop file says. Raises ValueError."""
+    """Returns the growing days, as counted or from the crop file. Raises ValueError."""
     days = counted if counted is not None else None if crop.days is None else crop.days.count
     if days is None:
         source = (crop.days and crop.days.weather) or "the day of sowing"
@@ -289,13 +311,13 @@ def _days_of(crop: Crop, counted: int | None) -> int:
 def rate_kg_ha(
     crop: Crop, ndvi: float | None, days: int | None = None, ndvi_nrich: float | None = None
 ) -> float:
-    """Product, kg/ha, for a canopy reading: never below 0, never above the crop's limit (paper
+    """Returns the rate of product for a canopy reading, kg/ha, from 0 to the crop's limit (paper
     A, eq 2 to 5)."""
     return prepare(crop, days, ndvi_nrich).decide(ndvi).rate_kg_ha
 
 
 class GradeRate(NamedTuple):
-    """One line of the table a crop works by: NDVI above `ndvi_above` up to `ndvi_to` gets
+    """Holds one line of a crop's rate table: NDVI above `ndvi_above` up to `ndvi_to` gets
     `rate_kg_ha`."""
 
     grade: int
@@ -307,12 +329,11 @@ class GradeRate(NamedTuple):
 def make_rate_table(
     crop: Crop, days: int | None = None, ndvi_nrich: float | None = None
 ) -> tuple[GradeRate, ...]:
-    """The crop's grades in rising NDVI (paper A, figure 4): (low, low + width] and so on,
-    without the zero grade.
+    """Returns the crop's grades in rising NDVI, (low, low + width] and so on, without the zero
+    grade (paper A, figure 4).
 
-    A crop with grades off is tabulated at the same edges, each line with the rate at its upper
-    edge.
-    """
+    A crop without grades is tabulated at the same edges, each line with the rate at its upper
+    edge."""
     rule = prepare(crop, days, ndvi_nrich)
     edges = list_grade_edges(crop.ndvi_min, crop.ndvi_top, crop.grade_width)
     lower = (crop.ndvi_min, *edges[:-1])
@@ -322,27 +343,29 @@ def make_rate_table(
     )
 
 
-# NDVI this close above an edge still belongs to the grade below
+# NDVI so little above an edge still belongs to the grade below: rounding of floats.
 _EDGE = 1e-9
 
 
 class Graded(NamedTuple):
-    """One of the 11 grades of paper A, section 2.1 (5): ten steps of NDVI and the zero grade.
-    The paper's text gives a step of 0.5; its own example ((0.25, 0.3] is one grade) says 0.05.
+    """Holds one of the 11 grades of paper A, section 2.1 (5): ten steps of NDVI and the zero
+    grade.
 
-    `grade` 0 is the zero grade; `ndvi` is the upper edge whose rate the grade takes (None in
-    the zero grade)."""
+    The paper's text gives a step of 0.5; its own example ((0.25, 0.3] is one grade) gives 0.05.
+    `grade` 0 is the zero grade. `ndvi` is the upper edge of the grade, at which the rate is
+    calculated (None in the zero grade)."""
 
     grade: int
     ndvi: float | None
 
 
 def grade_ndvi(ndvi: float, low: float = 0.25, high: float = 0.75, width: float = 0.05) -> Graded:
-    """The grade of an NDVI: (low, low + width] is grade 1, and so on up to `high`; elsewhere
-    grade 0.
+    """Returns the grade of an NDVI: (low, low + width] is grade 1, and so on up to `high`;
+    elsewhere grade 0 (paper A, section 2.1 (5)).
 
-    Raises ValueError for a width that is not positive. Source: paper A, section 2.1 (5).
-    """
+    Raises
+    ------
+    ValueError : the width is not positive."""
     if width <= 0.0:
         raise ValueError(f"grade width {width:g}: allowed is above 0")
     if not low + _EDGE < ndvi <= high + _EDGE:
@@ -354,5 +377,5 @@ def grade_ndvi(ndvi: float, low: float = 0.25, high: float = 0.75, width: float 
 def list_grade_edges(
     low: float = 0.25, high: float = 0.75, width: float = 0.05
 ) -> tuple[float, ...]:
-    """Upper edges of grades 1, 2, ..., rounded to 1e-9: ten for the paper's values."""
+    """Returns the upper edges of grades 1, 2, ..., rounded to 1e-9: ten for the paper's values."""
     return tuple(round(low + k * width, 9) for k in range(1, round((high - low) / width) + 1))

@@ -1,5 +1,5 @@
-"""A product file: what is spread, apart from the machine that meters it and the crop that gets
-it."""
+"""Which product is spread? The product file, independent of the machine that meters it and the
+crop that gets it."""
 
 from __future__ import annotations
 
@@ -11,7 +11,8 @@ from topdress.control.frozen_model import FrozenModel
 
 
 class CatchTest(FrozenModel):
-    """What a machine gave of this product by turn and millimetre of opening, weighed on a day."""
+    """Holds one catch test: mass of this product that a machine gave for each turn and
+    millimetre of opening, weighed on a day."""
 
     date: dt.date
     machine: str = Field(min_length=1, description="id of the machine that it was done with")
@@ -49,7 +50,7 @@ class CatchTest(FrozenModel):
 
 
 class Product(FrozenModel):
-    """Product file "topdress-product/1"."""
+    """Holds a product file, format "topdress-product/1"."""
 
     format: Literal["topdress-product/1"]
     id: str = Field(pattern=r"^[a-z][a-z0-9_]*$")
@@ -70,9 +71,11 @@ class Product(FrozenModel):
     )
 
     def newest_test(self, machine_id: str) -> CatchTest | None:
-        """The last one by date with this machine; of one day the one that stands last."""
+        """Returns the newest catch test with this machine; of several on one day the last in the
+        file."""
         found = [test for test in self.catch_tests if test.machine == machine_id]
         return max(reversed(found), key=lambda test: test.date, default=None)
 
     def with_test(self, test: CatchTest) -> Product:
+        """Returns the product with a further catch test."""
         return self.model_copy(update={"catch_tests": (*self.catch_tests, test)})

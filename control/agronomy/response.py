@@ -1,12 +1,11 @@
-"""The response index of a field as its authors at Oklahoma State define it, and what of it can
-be believed.
+"""How strongly does a field respond to nitrogen, and how far can its response index be trusted?
+The definition of its authors at Oklahoma State.
 
 RI = NDVI of the N-rich strip over NDVI of the farmer check, one figure for the field and the
 day (Mullen et al. 2003, Agron. J. 95:347-351;
 nue.okstate.edu/NLS/NLS_Non_N_Limiting_Strip.htm). The farmer check is a strip that got what the
 field got. The paper of the Huanghai machine divides by the NDVI of each place instead
-(`noa.response_index`, eq 5): there a thin place counts as one that answers to nitrogen.
-"""
+(`noa.response_index`, eq 5): there a thin place counts as one that answers to nitrogen."""
 
 from __future__ import annotations
 
@@ -20,15 +19,12 @@ ResponseRule = Literal["paper", "field"]
 
 
 class HarvestLine(FrozenModel):
-    """What the response of the yield is, from that of the canopy: slope x RI + intercept.
+    """Converts the response index of the canopy to that of the harvest: slope x RI + intercept.
 
-    Oklahoma State's table of equations has a line in the rows of some crops and years, not in
-    those of others (nue.okstate.edu/Yield_Potential.htm): 1.69 RI - 0.70 for wheat from 2005 on
-    and durum, 1.64 RI - 0.5287 for corn of
-    2004. Which belongs to which is fixed in `yield_potential`. Without a line the canopy's own
-          index counts, as on the
-    page above.
-    """
+    Oklahoma State's table of equations has such a line for some crops and years only
+    (nue.okstate.edu/Yield_Potential.htm): 1.69 RI - 0.70 for wheat from 2005 on and durum, 1.64
+    RI - 0.5287 for corn of 2004. `yield_potential` fixes which line belongs to which crop.
+    Without a line the index of the canopy is used, as on the page above."""
 
     slope: float = Field(gt=0.0, le=5.0)
     intercept: float = Field(ge=-3.0, le=3.0)
@@ -49,12 +45,15 @@ class HarvestLine(FrozenModel):
 
 
 def field_response(strips: Strips, cap: float, line: HarvestLine | None) -> float | None:
-    """RI of the field as the yield with topdressing is computed with; None where a strip is
-    missing.
+    """Returns the response index of the field that the yield with topdressing is calculated
+    with; None where a strip is missing.
 
-    cap: of the index of the canopy, before the line: "RI_NDVI cannot exceed 2.0" (nue.okstate.edu/
-    Managing_N_Fertilizer_NRS.htm).
-    """
+    Parameters
+    ----------
+    strips : NDVI of the N-rich strip and the farmer check.
+    cap : highest response index of the canopy, before the line: "RI_NDVI cannot exceed 2.0"
+        (nue.okstate.edu/ Managing_N_Fertilizer_NRS.htm).
+    line : from the canopy's index to that of the harvest; None: the canopy's own."""
     index = measured_index(strips)
     if index is None:
         return None

@@ -1,5 +1,5 @@
-"""How even a canopy is, and how often it must be looked at (paper A, section 1.2, eq 1, table
-1)."""
+"""How uniform is a canopy, and how often must it be sensed? Paper A, section 1.2, eq 1 and table
+1."""
 
 from __future__ import annotations
 
@@ -9,12 +9,13 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-# compared in table 1; the first is that of the raw data
+# Sampling frequencies compared in paper A, table 1, Hz; the first is that of the raw data.
 FREQUENCIES_HZ = (2.0, 1.0, 0.5, 0.25, 0.125)
 
 
 class Evenness(NamedTuple):
-    """Statistics of one stretch of readings. Percentages; NaN where the mean is not above zero."""
+    """Holds the uniformity of one stretch of readings, in percent; NaN where the mean is not
+    above zero."""
 
     n: int
     mean: float
@@ -23,10 +24,16 @@ class Evenness(NamedTuple):
 
 
 def cv_percent(values: npt.ArrayLike) -> float:
-    """Coefficient of variation, %: sample standard deviation (divisor n - 1) over the mean.
+    """Returns the coefficient of variation, %: sample standard deviation (divisor n - 1) over
+    the mean.
 
-    values (n,), non-finite ones left out. NaN with fewer than two values or a mean not above zero.
-    """
+    Parameters
+    ----------
+    values : (n,) readings; values that are not finite are left out.
+
+    Returns
+    -------
+    NaN with fewer than two values or a mean not above zero."""
     w = _finite(values)
     if w.size < 2 or w.mean() <= 0.0:
         return float("nan")
@@ -34,11 +41,16 @@ def cv_percent(values: npt.ArrayLike) -> float:
 
 
 def cuc_percent(values: npt.ArrayLike) -> float:
-    """Christiansen's coefficient of uniformity, %, (1 - sum|w - mean| / sum w) x 100 (paper A,
-    eq 1).
+    """Returns Christiansen's coefficient of uniformity, %, (1 - sum|w - mean| / sum w) x 100
+    (paper A, eq 1).
 
-    values (n,), non-finite ones left out. NaN without values or with a mean not above zero.
-    """
+    Parameters
+    ----------
+    values : (n,) readings; values that are not finite are left out.
+
+    Returns
+    -------
+    NaN without values or with a mean not above zero."""
     w = _finite(values)
     if w.size == 0 or w.mean() <= 0.0:
         return float("nan")
@@ -46,7 +58,8 @@ def cuc_percent(values: npt.ArrayLike) -> float:
 
 
 def measure_evenness(values: npt.ArrayLike) -> Evenness:
-    """Count, mean, CV and C_uc of readings (n,), non-finite ones left out."""
+    """Returns count, mean, CV and C_uc of readings (n,); values that are not finite are left
+    out."""
     w = _finite(values)
     return Evenness(
         w.size, float(w.mean()) if w.size else float("nan"), cv_percent(w), cuc_percent(w)
@@ -54,10 +67,11 @@ def measure_evenness(values: npt.ArrayLike) -> Evenness:
 
 
 def subsample(values: npt.ArrayLike, source_hz: float, target_hz: float) -> npt.NDArray[np.float64]:
-    """Every k-th reading (n,) -> (ceil(n / k),), k = source_hz / target_hz.
+    """Returns every k-th reading, k = source_hz / target_hz: (n,) -> (ceil(n / k),).
 
-    Raises ValueError unless the source frequency is a whole multiple of the target.
-    """
+    Raises
+    ------
+    ValueError : the source frequency is not a whole multiple of the target."""
     if not (source_hz > 0.0 and target_hz > 0.0):
         raise ValueError(f"frequencies {source_hz:g} and {target_hz:g} Hz: allowed is above 0")
     step = source_hz / target_hz
@@ -71,14 +85,14 @@ def subsample(values: npt.ArrayLike, source_hz: float, target_hz: float) -> npt.
 def frequency_table(
     values: npt.ArrayLike, source_hz: float = 2.0, frequencies_hz: Sequence[float] = FREQUENCIES_HZ
 ) -> dict[float, Evenness]:
-    """Evenness of readings (n,) taken at `source_hz`, as seen at each frequency: a column of
-    paper A's table 1."""
+    """Returns the uniformity at each sampling frequency of readings (n,) taken at `source_hz`: a
+    column of paper A's table 1."""
     return {hz: measure_evenness(subsample(values, source_hz, hz)) for hz in frequencies_hz}
 
 
 class FrequencyChoice(NamedTuple):
-    """`departure` holds for each reduced frequency the mean |CV - raw| + |C_uc - raw|,
-    percentage points."""
+    """Holds the chosen frequency. `departure` is, for each reduced frequency, the mean of |CV -
+    raw| + |C_uc - raw| in percentage points."""
 
     frequency_hz: float
     departure: dict[float, float]
@@ -87,16 +101,21 @@ class FrequencyChoice(NamedTuple):
 def best_frequency(
     plots: Sequence[Mapping[float, Evenness]], raw_hz: float = 2.0
 ) -> FrequencyChoice:
-    """The decision frequency that changes the picture of the canopy least (paper A, section 1.2).
+    """Chooses the sampling frequency that changes the statistics of the canopy least (paper A,
+    section 1.2).
 
-    Criterion: among the frequencies below the raw one, that with the smallest mean over all
-    plots of |CV - CV_raw| + |C_uc - C_uc_raw|; the lower frequency (less data) on a tie. On table 1
-    this is 1 Hz, the paper's choice, which halves the data. Frequencies lacking in any plot, and
-    plots with a NaN there, are left out.
+    The criterion is the mean over all plots of |CV - CV_raw| + |C_uc - C_uc_raw|; the smallest
+    wins, and on a tie the lower frequency (less data). On table 1 this is 1 Hz, the paper's
+    choice, which halves the data. Frequencies that are missing or NaN in any plot are left out.
 
-    plots  one mapping frequency_hz -> Evenness per plot
-    Raises ValueError when no reduced frequency can be compared.
-    """
+    Parameters
+    ----------
+    plots : for each plot a mapping from frequency, Hz, to its statistics.
+    raw_hz : frequency of the raw data, Hz.
+
+    Raises
+    ------
+    ValueError : no reduced frequency can be compared."""
     usable = [plot for plot in plots if raw_hz in plot]
     shared = set.intersection(*(set(plot) for plot in usable)) if usable else set()
     departure: dict[float, float] = {}

@@ -1,5 +1,4 @@
-"""The two strips of a field, N-rich and farmer check: how they are given, and what of their
-ratio can be believed."""
+"""Which NDVI do the N-rich strip and the farmer check have, and is their ratio plausible?"""
 
 from __future__ import annotations
 
@@ -8,36 +7,37 @@ from typing import Literal, NamedTuple
 
 Doubt = Literal["", "below_1", "above_3"]
 
-# a strip that got more nitrogen and is no greener: the crop has enough
+# Response index of a crop that has enough nitrogen: the strip with more of it is no greener.
 NO_RESPONSE = 1.0
-# in the place of the NDVI of a strip that counts no more
+# Text in place of an NDVI for a strip that no longer counts.
 NONE = "none"
-# A crop whose reading is at least this share of the N-rich strip's has enough nitrogen: the 95
-# % of the sufficiency index below which nitrogen is advised (Peterson et al. 1993, NebGuide
-# G93-1171; Blackmer and Schepers 1995, J. Prod. Agric. 8:56-60). A strip hardly richer than the
-# field may have got no more nitrogen, or was driven somewhere else.
+# Sufficiency index from which a crop has enough nitrogen: below 95 % nitrogen is advised (Peterson
+# et al. 1993, NebGuide G93-1171; Blackmer and Schepers 1995, J. Prod. Agric. 8:56-60). An N-rich
+# strip whose ratio to the field is that close to 1 may have got no more nitrogen, or lies
+# elsewhere.
 HARDLY_RICHER = 0.95
-# beyond it a strip was driven over soil or weeds, or the two on different days
+# Response index above which a strip was sensed over soil or weeds, or the two strips on different
+# days.
 HIGHEST_BELIEVED = 3.0
 
 
 class Strips(NamedTuple):
-    """NDVI of the two strips, as far as they are known; of the newest pass over them."""
+    """Holds the NDVI of the newest pass over each strip; None where a strip is not measured."""
 
     nrich: float | None = None
     check: float | None = None
 
 
 def measured_index(strips: Strips) -> float | None:
-    """N-rich over farmer check, neither capped nor lined; None where a strip is missing."""
+    """Returns the ratio of N-rich strip to farmer check as measured, without cap and line; None
+    where a strip is missing."""
     if strips.nrich is None or strips.check is None:
         return None
     return strips.nrich / strips.check
 
 
 def doubt(strips: Strips) -> Doubt:
-    """Why the measured index is not to be believed as it stands; "" where nothing speaks
-    against it."""
+    """Returns why the measured index is not plausible; "" where it is."""
     index = measured_index(strips)
     if index is None or NO_RESPONSE <= index <= HIGHEST_BELIEVED:
         return ""
@@ -45,8 +45,8 @@ def doubt(strips: Strips) -> Doubt:
 
 
 class StripValue(NamedTuple):
-    """A strip as it was measured: `se` is the standard error of the mean, `samples` how many
-    readings it rests on. ndvi None: none counts any more, as before it was measured."""
+    """Holds the measured NDVI of a strip, the standard error of the mean and the number of
+    readings. NDVI None removes an earlier measurement."""
 
     which: Literal["nrich", "check"]
     ndvi: float | None
@@ -55,7 +55,8 @@ class StripValue(NamedTuple):
 
     @property
     def text(self) -> str:
-        """As an order and a log's event say it: `nrich 0.712 0.0041 38`, `nrich none`."""
+        """Returns the words of an order and a log's event: `nrich 0.712 0.0041 38`, `nrich
+        none`."""
         if self.ndvi is None:
             return f"{self.which} {NONE}"
         more = "" if self.se is None else f" {self.se:.4f} {self.samples}"
@@ -63,7 +64,8 @@ class StripValue(NamedTuple):
 
 
 def read_strip(text: object) -> StripValue | None:
-    """What `StripValue.text` says; None where it says nothing that can be used: NDVI in (0, 1]."""
+    """Reads the words that `StripValue.text` writes; None where they are malformed or the NDVI
+    is not in (0, 1]."""
     words = text.split() if isinstance(text, str) else []
     if words[1:] == [NONE] and words[0] in ("nrich", "check"):
         return StripValue("nrich" if words[0] == "nrich" else "check", None)

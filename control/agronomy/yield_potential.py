@@ -1,13 +1,13 @@
-"""The yield curve of a crop, tied to the day rule it was fitted with (paper A, eq 3 and 4).
+"""How much does a crop yield without topdressing? Its yield curve, with the day rule that it was
+fitted with (paper A, eq 3 and 4).
 
-Constants and day rule are one thing: 0.359 exp(324.4 I) over days above 4.4 degC is another
+Constants and day rule belong together: 0.359 exp(324.4 I) over days above 4.4 degC is another
 curve than the same figures over days above 0 degC (at NDVI 0.5, 82 days give 366 kg urea/ha, 65
-days 210). So a crop file either names a set of the closed registry below, or writes out all of
-its own: constants, base temperature and source. A set brings the line of its own row too, by
-which the response of the canopy becomes that of the harvest (`response`).
+days 210). So a crop file either names a set of the closed registry below, or writes out
+constants, base temperature and source. A set also brings the line from the response index of the
+canopy to that of the harvest (`response`).
 
-What of Oklahoma State's table is not here, and why, stands in docs/agronomy.md.
-"""
+docs/agronomy.md lists what of Oklahoma State's table is missing here, and why."""
 
 from __future__ import annotations
 
@@ -21,25 +21,28 @@ OSU_LIBRARY = (
     "Oklahoma State University, library of yield prediction equations "
     "(nue.okstate.edu/Yield_Potential.htm)"
 )
-# wheat of 2005 to 2007 and 2006 in Australia, durum 2006
+# Wheat of 2005 to 2007, wheat in Australia of 2006, durum of 2006 (Oklahoma State's table).
 WHEAT_LINE = HarvestLine(slope=1.69, intercept=-0.70)
-CORN_LINE = HarvestLine(slope=1.64, intercept=-0.5287)  # corn of 2004
+# Corn of 2004 (Oklahoma State's table).
+CORN_LINE = HarvestLine(slope=1.64, intercept=-0.5287)
 
 EveryDay = Literal["every_day"]
 
 
 class YieldSet(NamedTuple):
-    """A published curve a exp(b INSEY) with the day rule it was fitted with, and the line of
-    its row."""
+    """Holds a published curve a exp(b INSEY), the day rule that it was fitted with, and the
+    harvest line of its row."""
 
     a_t_ha: float
-    b_days: float  # multiplies INSEY (NDVI per day)
-    # a day counts when its mean air temperature is above this
+    # This factor multiplies INSEY, which is NDVI per day.
+    b_days: float
+    # A day counts when its mean air temperature is above this, degC.
     base_temp_c: float | EveryDay
     source: str
     warning: str = ""
-    only_crop: str = ""  # id of the one crop that may use it; empty: any
-    # RI of the harvest from RI of the canopy; None: the row has none
+    # This is the id of the only crop that may use the set; empty: any.
+    only_crop: str = ""
+    # This line converts the canopy's response index to the harvest's; None: the table has none.
     line: HarvestLine | None = None
 
 
@@ -127,7 +130,7 @@ YIELD_SETS: dict[str, YieldSet] = {
 
 
 def describe_day_rule(base_temp_c: float | EveryDay) -> str:
-    """Which days count, in words."""
+    """Returns in words which days count."""
     return (
         "every day since sowing"
         if base_temp_c == "every_day"
@@ -145,13 +148,12 @@ def _schema_takes_either(schema: dict[str, Any]) -> None:
 
 
 class YieldPotential(FrozenModel):
-    """Yield without topdressing, a exp(b NDVI / D) in t/ha, with the rule by which the D days
-    are counted.
+    """Holds the yield without topdressing, a exp(b NDVI / D) in t/ha, and the rule by which the
+    D days are counted.
 
     Written as `{set: NAME}` with a name of YIELD_SETS, or as all of `a_t_ha`, `b_days`,
     `base_temp_c` and `source`. After validation all four hold values in either case. Anything
-    in between is refused.
-    """
+    in between is refused."""
 
     model_config = ConfigDict(json_schema_extra=_schema_takes_either)
 
@@ -211,16 +213,16 @@ class YieldPotential(FrozenModel):
 
     @property
     def warning(self) -> str:
-        """What is wrong with the set itself; empty when nothing is."""
+        """Returns the known fault of the set; empty where it has none."""
         return YIELD_SETS[self.set].warning if self.set is not None else ""
 
     @property
     def line(self) -> HarvestLine | None:
-        """The line of the set's own row; None where it has none, or the constants are written
-        out."""
+        """Returns the harvest line of the set; None where it has none, or the constants are
+        written out."""
         return YIELD_SETS[self.set].line if self.set is not None else None
 
     @property
     def only_crop(self) -> str:
-        """Id of the one crop that may use this set; empty: any."""
+        """Returns the id of the only crop that may use this set; empty: any."""
         return YIELD_SETS[self.set].only_crop if self.set is not None else ""

@@ -1,41 +1,41 @@
-"""The hopper scale against what shaft and opening should have taken: the trim of the flow, and
-what no trim hides.
+"""Does the hopper scale confirm the flow that shaft and opening give? The trim of the flow
+model, and faults that no trim may hide.
 
-One series of blocks of `BLOCK_S`: what the model says has gone by then, and what the scale
-read at which pitch. Filter `flow_trim` is a Kalman filter on it; its state is the mass in the
-hopper, three effects of the flow that a scale can tell while working: the gain (density,
-product, head of the hopper, moisture: a slow random walk), what flows more a revolution
-whatever the opening, and what a degree of pitch does; and three of the scale itself: what a
-degree of pitch makes it read, how much of the cosine of the pitch it reads, and what wind makes
-of its load. So no reading is held against one at another pitch for more than is known of these
-two. Wind is a load that returns to its mean (`SWAY_S`, first-order Gauss-Markov). Its variance
-is learnt from second differences of the readings, in which no straight line shows; on a calm
-scale it is 0, and the filter is as it is without. The filter never goes
-faster than its evidence: where the estimate is x standard deviations from what is trimmed, the
-trim goes 1 - (DOUBT_SD / x)^2 of the way, and does not move below `DOUBT_SD`. The estimate is
-kept within `most_percent`; of it as much is believed as the flow's own prior (by the age of its
-catch test) is wider than the scale's.
+The data are one series of blocks of `BLOCK_S`: what the model says has left the hopper by then,
+and what the scale read at which pitch. The filter `flow_trim` is a Kalman filter on this series.
+Its state is the mass in the hopper; three effects of the flow that a scale can measure while
+working: the gain (density, product, head of the hopper, moisture: a slow random walk), an offset
+for each revolution whatever the opening, and an effect of pitch; and three of the scale itself:
+the error for a degree of pitch, the share of the cosine of the pitch in its reading, and the
+load of wind. So two readings at different pitch are compared only as closely as these are known.
+Wind is a load that returns to its mean (`SWAY_S`, first-order Gauss-Markov). Its variance is
+learnt from second differences of the readings, in which no straight line shows; on a calm scale
+it is 0, and the filter works as without it.
 
-The watch asks what the filter of 2, 4, ... 120 blocks ago would read now. Where the scale is
-more than `CHANGED_SD` from that:
+The filter never goes faster than its evidence: where the estimate is x standard deviations from
+the trim, the trim goes 1 - (DOUBT_SD / x)^2 of the way, and below `DOUBT_SD` it does not move.
+The estimate is kept within `most_percent`, and weighted by the flow's own prior variance (by the
+age of its catch test) against the scale's.
 
-- nothing turns, and the scale falls: material leaves that nobody ordered (`unordered_kg`); it
-  rises: it is filled;
-- material flows: the trim goes back to what it was then, and rests. A straight line through the
-  blocks since then says which share of the model's flow really left; its standard deviation
-  comes from its own residuals, so that a scale that sways says nothing. From `DECIDED_S` of
-  flow on it is `share` (too far off), `outlets` (that give nothing, where the drive works harder
-  since then), `below_percent` (a fall that may be outlets), `beyond_percent` (more
-  than is trimmed: the trim is 1), or a change that may be trimmed. The same line through the
-  last two minutes finds what was wrong from the start.
+The watch compares the present reading with what the filter of 2, 4, ... 120 blocks ago predicts.
+Where they differ by more than `CHANGED_SD`:
 
-How far is far is what the filter of then knew: the file's noise, times what its readings were
-off by chance, and the wind of then; where nothing turns, also what is known of the wind now, and
-as much as a scale may still have that has not shown that it is calm.
+- nothing turns and the scale falls: material leaves that nobody ordered (`unordered_kg`); the
+scale rises: the hopper is filled;
+- material flows: the trim returns to its value of then, and rests. A straight line through the
+blocks since then gives the share of the model's flow that really left; its standard deviation
+comes from its own residuals, so that a scale that sways shows nothing. From `DECIDED_S` of flow
+on the finding is `share` (too far off), `outlets` (closed ones, where the drive works harder
+since then), `below_percent` (a fall that may be closed outlets), `beyond_percent` (more than is
+trimmed: the trim is 1), or a change that may be trimmed. The same line through the last two
+minutes finds what was wrong from the start.
+
+The limit of a difference follows from what the filter of then knew: the file's noise, scaled by
+the noise that its readings showed, and the wind of then. Where nothing turns, also from the
+present wind, and from as much wind as a scale may still have that has not shown that it is calm.
 
 Inputs: measured shaft and opening through the model, `hopper_kg`, `pitch_deg`; output:
-`flow_trim`. All are logged.
-"""
+`flow_trim`. All are logged."""
 
 from __future__ import annotations
 
@@ -53,120 +53,147 @@ from topdress.control.readings import NOTHING_SAID, Reading, ScaleSays
 
 @dataclass(frozen=True)
 class FlowTrimLimits:
-    """Standard deviations unless it says otherwise."""
+    """Holds the limits of the flow trim; standard deviations unless a comment says otherwise."""
 
-    # of the flow, that is trimmed at most: a flow that is farther off is asked for
+    # Greatest trim, % of the flow; a larger error is reported instead.
     most_percent: float = 10.0
-    # what a product is off before its catch test: 5-50 %
+    # Error of a product's flow before its catch test: 5 to 50 % are usual.
     gain_percent: float = 5.0
-    # the scale's own gain; 0.5-5 % are usual (effect scale.gain)
+    # Error of the scale's gain; 0.5 to 5 % are usual (effect scale.gain).
     scale_percent: float = 1.0
-    offset_g_rev: float = 4.0  # an offset near 8 g per revolution is published
-    slope_percent_per_deg: float = 0.5  # 0.3-1 % per degree are published
-    # of the scale: side load on its cells, 0 to 0.3 % a degree
+    # Offset of the flow for each revolution; one near 8 g is published.
+    offset_g_rev: float = 4.0
+    # Effect of pitch on the flow; 0.3 to 1 % per degree are published.
+    slope_percent_per_deg: float = 0.5
+    # Effect of pitch on the scale: side load on its cells makes 0 to 0.3 % per degree.
     tilt_percent_per_deg: float = 0.15
-    # of the cosine that the machine file has: cells on the frame read all of it, others none
+    # Error of the machine file's cosine share: cells on the frame read all of it, others none.
     cosine_share: float = 0.5
-    # the gain, in the square root of an hour: head 1-3 % an hopper, moisture
+    # Random walk of the gain in the square root of an hour: head 1 to 3 % a hopper, moisture.
     wanders_percent: float = 1.0
-    # the gain, at a refill: with 3 every refill was a minute of noise trimmed
+    # Change of the gain at a refill; with 3 every refill was followed by a minute of trimmed noise.
     another_lot_percent: float = 1.5
-    changed_percent: float = 10.0  # the gain, where the flow has changed by itself
-    # the mass in the hopper, before the first weighing
+    # Change of the gain where the flow has changed by itself.
+    changed_percent: float = 10.0
+    # Mass in the hopper before the first weighing.
     level_kg: float = 100.0
-    # of the believed flow, less of which left: nothing decides between ...
+    # Lowest share of the model's flow at which shaft and scale can both be right.
     low_share: float = 0.5
-    high_share: float = 1.5  # ... shaft and scale; so does more than this
-    # bags are within 1-2 % of their print: a rise farther off is the scale's gain
+    # Highest share of the model's flow at which shaft and scale can both be right.
+    high_share: float = 1.5
+    # Bags are within 1 to 2 % of their label: a rise that differs by more is an error of the
+    # scale's gain.
     refill_percent: float = 5.0
 
 
-BLOCK_S = 1.0  # weighings are averaged over this
-# an estimate nearer to what is trimmed moves nothing
+# Weighings are averaged over this time, s.
+BLOCK_S = 1.0
+# An estimate closer to the trim than this, standard deviations, does not move it.
 DOUBT_SD = 1.2
-# the scale rising this much from one weighing to the next is a refill
+# A rise of the scale by this much from one weighing to the next, kg, is a refill.
 REFILL_KG = 2.0
-# the scale is as far from where it should be: 7 questions a second, none wrong in months
+# Difference from the prediction that is a change, standard deviations: with 7 tests a second none
+# is wrong in months.
 CHANGED_SD = 5.0
-# blocks; a quarter of them is averaged at the end
+# Lengths of the watch's windows, blocks; a quarter of each is averaged at its end.
 WINDOWS = (2, 4, 8, 16, 32, 64, 120)
-# of flow: a scale that sways by 1 kg in 30 s is a straight line for less than this
+# Flow that a decision needs, s: a scale that sways by 1 kg in 30 s is a straight line for less.
 DECIDED_S = 24.0
-DECIDED_SD = 4.0  # beyond a limit, by the residuals
-# of what is off, in the last third: of a scale that sways it goes back
+# Distance of a share beyond its limit that decides, standard deviations of the line's residuals.
+DECIDED_SD = 4.0
+# Least share of an error that must persist in the last third: that of a scale that sways returns.
 GOES_ON_SHARE = 0.75
-# beyond `low_share` or `high_share`, which is far enough from a sound flow
+# Distance beyond `low_share` or `high_share` that rules out a healthy flow, standard deviations.
 FAR_SD = 2.0
-# blocks of standing: material has left where the scale reads less than in all of these
+# Blocks at rest: material has left where the scale reads less than in all of these.
 SWAY_BLOCKS = 30
-# variance of a load in gusts of 2 kg, three s.d., as `SWAY_S` has it: a scale that stands may
-# have it, as far as what it has shown leaves that likely
+# Variance of a load in gusts of 2 kg at three standard deviations, kg2, with the time constant
+# `SWAY_S`: a scale at rest may have it as far as its readings leave that likely.
 GUSTS_KG2 = 0.77
-# of a fall, where the drive's effort is a witness of the same seconds
+# Size of a fall in standard deviations, where the drive's effort confirms it in the same seconds.
 BLOCKED_SD = 3.0
-# of flow, s: a drive that works hard from its start (cold grease) shows it within some 6 s
+# Blocks of flow with normal effort before a blockage: a drive that is heavy from its start (cold
+# grease) shows that within some 6 s.
 EASY_BLOCKS = 12
-# a blockage shows in the drive's effort within 4 to 6 s (`MEAN_S` of its watch)
+# A blockage shows in the drive's effort within 4 to 6 s (`MEAN_S` of its watch).
 LATE_BLOCKS = 7
-# a share as well known as this, within its limits, is a flow that changed
+# A share with a smaller standard deviation than this, within its limits, is a changed flow.
 KNOWN_SD = 0.03
-# how quickly the scale is believed to be noisier than its file says ...
+# Share by which each block moves the estimate of the scale's noise.
 NOISE_RATE = 0.02
-# ... and sooner at first, as if so many blocks had said ...
+# The initial noise weighs as much as this many blocks.
 NOISE_BLOCKS = 2.0
-# ... that it sways by 1 kg: a scale has to show that it is calm
+# Initial noise as a factor on the file's variance, a sway of 1 kg: a scale has to show that it is
+# calm.
 NOISE_FIRST = 20.0
-NOISE_MOST = 100.0  # times the variance
-# Wind on the hopper: a load that returns to its mean. Gusts last for 3 to 30 s; matched where
-# it is measured, this time is right for 8 s within a tenth, and says too much of shorter ones.
+# Greatest noise as a factor on the file's variance.
+NOISE_MOST = 100.0
+# Time constant of the wind's load, s. Gusts last 3 to 30 s; against measured loads this value is
+# right for 8 s within a tenth, and too large for shorter ones.
 SWAY_S = 16.0
-# blocks: second differences so far apart show it, and so near do not; a straight line shows in
-# neither, so that a flow, a leak or a wrong gain is no sway
+# Lags of the second differences, blocks: the first shows wind, the second does not. A straight line
+# shows in neither, so that a flow, a leak or a wrong gain is no sway.
 SWAY_LAG, NOISE_LAG = 8, 1
-# of them, that the mean is over, and from so many on something is said
+# Number of second differences in the mean, and the least number that is used.
 SWAY_BENDS, LEAST_BENDS = 300, 12
-# standard deviations above what the file's noise makes of so few
+# Second differences beyond the file's noise by this many standard deviations are sway.
 SWAY_SD = 4.0
-# second differences that tell as much as one that is independent: of white noise ...
+# Number of second differences of white noise that are worth one independent value.
 BENDS_ALIKE = 1.94
-BENDS_IN_GUSTS = 8.0  # ... and of gusts
-# of the steps between weighings, kg2, and how many weighings that is worth at first
+# Number of second differences of gusts that are worth one independent value.
+BENDS_IN_GUSTS = 8.0
+# Initial variance of the steps between weighings, kg2; its weight in weighings, at first and at
+# most.
 STEP_KG2, STEPS_FIRST, STEPS_MOST = 0.16, 20.0, 200.0
-STALE_S = 1.0  # an older weighing says nothing
-LEAST_G_REV = 1.0  # of the model, to say what an offset is worth
-LEAST_KG = 0.001  # noise of a scale whose file says that it has none
-LEAST_KG_S = 0.005  # a smaller flow is no evidence
-ENDED_BLOCKS = 8  # without a further fall: nothing leaves any more
-# times the machine's largest flow: no flow, something was taken off the hopper
+# An older weighing is not used, s.
+STALE_S = 1.0
+# Least mass of a revolution by the model, g, when an offset is converted to a share.
+LEAST_G_REV = 1.0
+# Noise of a scale whose file gives none, kg.
+LEAST_KG = 0.001
+# A smaller flow is no evidence, kg/s.
+LEAST_KG_S = 0.005
+# After so many blocks without a further fall nothing leaves any more.
+ENDED_BLOCKS = 8
+# A fall faster than the machine's largest flow times this is no flow: a load was taken off the
+# hopper.
 FASTER = 1.5
-TEST_PERCENT = 1.5  # what a catch test of today leaves open ...
-# ... and what store and weather add in the square root of a day: 5 % after three months
+# Error of the flow after a catch test of today, %.
+TEST_PERCENT = 1.5
+# Growth of that error in the square root of a day by storage and weather, %: 5 % after three
+# months.
 TEST_WANDERS_PERCENT = 0.5
 
 H, GAIN, OFFSET, SLOPE, TILT, COSINE, SWAY = range(7)
-# of the state, one of each: numpy's own calls take longer than so few numbers
+# A row of the state as a tuple: calls of numpy take longer than so few numbers.
 Numbers = tuple[float, ...]
 Rows = tuple[Numbers, ...]
 NO_TRIM = (0.0,) * 7
-UPRIGHT = Scale()  # reads the same at every pitch
+# This scale reads the same at every pitch.
+UPRIGHT = Scale()
 
 
 class _Block(NamedTuple):
-    # expected kg, 1000 revolutions, kg x degrees: so far
+    """Holds one block of the series, with the state of the filter after it."""
+
+    # Sums since the beginning: expected kg, 1000 revolutions, kg x degrees of pitch.
     sums: Numbers
-    kg: float  # mean of the scale
-    reads: Numbers  # what that is made of: the level, and what pitch adds for a unit of each effect
-    flows: bool  # material flowed in it, by the model
-    labours: bool  # the metering drive worked harder than it should
-    state: Numbers  # after it
+    # Mean reading of the scale, kg.
+    kg: float
+    # Row of the measurement: the level, and the share of each effect of pitch.
+    reads: Numbers
+    flows: bool
+    labours: bool
+    state: Numbers
     spread: Rows
     trimmed: Numbers
-    number: int  # of all blocks
-    sway_kg2: float  # as it was known then
+    number: int
+    sway_kg2: float
 
 
 class FlowTrim:
-    """One of a run. `update` once a tick; `at` is what the model's flow is multiplied by."""
+    """Trims the flow model of a run by the hopper scale. `update` is called once a tick; `at` is
+    the factor on the model's flow."""
 
     def __init__(
         self,
@@ -178,8 +205,16 @@ class FlowTrim:
         most_kg_s: float = inf,
         scale: Scale = UPRIGHT,
     ) -> None:
-        """scale_kg, correlation_s: the scale's noise, as the machine file has it; scale: what
-        the file knows of its tilt and cosine. most_kg_s: the machine's largest flow."""
+        """Starts without any weighing.
+
+        Parameters
+        ----------
+        scale_kg, correlation_s : noise of the scale (1 standard deviation) and its correlation
+            time, from the machine file.
+        limits : of the trim.
+        outlets : number of outlets of the machine.
+        most_kg_s : largest flow of the machine, kg/s.
+        scale : tilt and cosine share of the scale, from the machine file."""
         self._scale = scale
         self._limits, self._outlets, self._most_kg = limits, outlets, FASTER * most_kg_s * BLOCK_S
         self._scale_kg2, self._correlation_s = max(LEAST_KG, scale_kg) ** 2, correlation_s
@@ -210,8 +245,8 @@ class FlowTrim:
         self.forget()
 
     def forget(self) -> None:
-        """Back to the model's own calibration, as before the first weighing; what the scale's
-        noise is stays."""
+        """Returns to the model's own calibration, as before the first weighing; the learnt noise
+        of the scale stays."""
         limits = self._limits
         scale = self._scale
         self._state: Numbers = (
@@ -245,18 +280,19 @@ class FlowTrim:
 
     @property
     def value(self) -> float:
-        """What the flow of now is multiplied by."""
+        """Returns the factor on the present flow."""
         if self._value is None:
             self._value = self.at(self.grams_per_rev, self.pitch_deg)
         return self._value
 
     @property
     def agrees(self) -> bool:
-        """Whether the scale says nothing against what shaft and gate read."""
+        """Returns whether the scale contradicts neither shaft nor gate."""
         return self._said.agrees
 
     @property
     def says(self) -> ScaleSays:
+        """Returns the present finding of the scale."""
         return self._said._replace(
             trimmed_percent=100.0 * (self.value - 1.0),
             unordered_kg=self._unordered_kg,
@@ -265,12 +301,13 @@ class FlowTrim:
 
     @property
     def sd_percent(self) -> float:
-        """Of the estimate for the flow of now."""
+        """Returns the standard deviation of the estimate for the present flow, %."""
         shows = _shows(self.grams_per_rev, self.pitch_deg)
         return sqrt(max(1e-12, _dot(shows, _along(self._spread, shows))))
 
     def at(self, grams_per_rev: float, pitch_deg: float) -> float:
-        """What the model's flow is multiplied by, where a revolution gives so much by the model."""
+        """Returns the factor on the model's flow. grams_per_rev: mass of a revolution by the
+        model."""
         if self._refill_percent is not None:
             return 1.0
         most, trimmed = (
@@ -282,8 +319,8 @@ class FlowTrim:
         return 1.0 + 0.01 * believed * min(most, max(-most, trimmed))
 
     def restart(self, another_lot: bool = False) -> None:
-        """After a pause, a tare or a refill the level is another one; after a refill the lot
-        may be."""
+        """Starts a new level, as after a pause, a tare or a refill. another_lot: the product may
+        have changed too."""
         self._block.clear()
         self._blocks: deque[_Block] = deque(maxlen=WINDOWS[-1] + 1)
         # of them, those with flow; since it changed, if it did
@@ -302,8 +339,8 @@ class FlowTrim:
             self._spread = _wider(self._spread, self._limits.another_lot_percent)
 
     def tested(self, age_days: float) -> None:
-        """The product's catch test is so old: a fresh one is believed rather than the scale.
-        Before work begins."""
+        """Sets the age of the product's catch test before work begins: with a fresh test the
+        model is trusted more than the scale."""
         self._gain_percent = min(
             self._limits.gain_percent,
             sqrt(TEST_PERCENT**2 + TEST_WANDERS_PERCENT**2 * max(0.0, age_days)),
@@ -311,20 +348,19 @@ class FlowTrim:
         self.forget()
 
     def started(self) -> None:
-        """Work begins, or begins again: what was wrong may have been put right, and is judged
-        anew."""
+        """Begins or resumes work: a fault may have been repaired and is judged anew."""
         self._flow.clear()
         if self._said.share is not None:
             self._said = NOTHING_SAID
 
     def refilled(self, kg: float) -> None:
-        """Ordered. Where the scale rises by another amount before work goes on, its gain is
-        wrong."""
+        """Takes note of an ordered refill. Where the scale rises by another amount before work
+        resumes, its gain is wrong."""
         self._filled_kg += kg
         self.restart(another_lot=True)
 
     def take_unordered_kg(self) -> float:
-        """What left since it was asked last."""
+        """Returns the mass that left without an order since the last call, kg."""
         kg = max(0.0, self._unordered_kg - self._taken_kg)
         self._taken_kg += kg
         return kg
@@ -339,8 +375,15 @@ class FlowTrim:
         scale: Reading | None,
         labours: bool = False,
     ) -> None:
-        """`model_flow_kg_s`: from measured shaft and opening, without this trim. labours: the
-        metering drive works harder than it should."""
+        """Takes the readings of one tick.
+
+        Parameters
+        ----------
+        now_s, dt_s : present time and time since the last tick, s.
+        model_flow_kg_s : flow from measured shaft and opening, without this trim.
+        shaft_rpm, pitch_deg : measured shaft speed, r/min, and pitch, degrees.
+        scale : newest weighing, kg; None: no scale.
+        labours : whether the metering drive works harder than it should."""
         self._value = None
         if shaft_rpm > 0.0 and model_flow_kg_s > 0.0:
             self.grams_per_rev = max(LEAST_G_REV, model_flow_kg_s * 60_000.0 / shaft_rpm)
@@ -368,8 +411,8 @@ class FlowTrim:
         now: tuple[float, Numbers, float],
         elapsed_s: float,
     ) -> None:
-        """From one weighing to the next: filled, stood on, or taken off, where it is more than
-        this scale does and a flow can be."""
+        """Judges the step between two weighings: the hopper was filled, stepped on or unloaded,
+        where it is larger than the scale's noise and any flow."""
         rise_kg, unknown_kg2 = self._rise(before[:2], now[:2])
         usual_kg = max(REFILL_KG, CHANGED_SD * sqrt(self._step_kg2))
         usual_kg += CHANGED_SD * sqrt(unknown_kg2)
@@ -377,7 +420,7 @@ class FlowTrim:
             stepped, self._stepped = self._stepped, (rise_kg, self._spread)
             back = stepped is not None and abs(rise_kg + stepped[0]) < usual_kg
             if stepped is not None and back:
-                # who stepped up has stepped down: no lot
+                # A person who stepped up has stepped down: there is no new lot.
                 self._spread, self._stepped = stepped[1], None
             self.restart(another_lot=rise_kg > 0.0 and not back)
             return
@@ -403,7 +446,8 @@ class FlowTrim:
         rise_kg, unknown_kg2 = self._rise((before.kg, before.reads), (kg, reads))
         unknown_kg2 += 2.0 * (self._mean_kg2(1) + self._sway_kg2 * (1.0 - _stays(1)))
         if abs(rise_kg + gone[0]) > self._most_kg + CHANGED_SD * sqrt(unknown_kg2):
-            self.restart()  # stood on, or taken off
+            # Somebody stepped on the hopper, or took a load off.
+            self.restart()
             self._level(kg, reads)
             self._keep(sums, kg, reads, flows, labours)
             return
@@ -412,11 +456,11 @@ class FlowTrim:
             self._check_refill(before)
         self._note_lowest(kg, reads, before.flows and not flows)
         if self._rests and flows:
-            # the filter rests; what is read is what a standstill begins with
+            # The filter rests; a standstill begins with the present reading.
             self._level(kg, reads)
         elif self._left is None:
             self._gone(gone)
-            # what the level does now says nothing of the flow
+            # At rest a change of the level says nothing about the flow.
             if not flows:
                 self._spread = _level_alone(
                     self._spread, reads, 0.25 * self._noise * self._block_kg2
@@ -433,7 +477,7 @@ class FlowTrim:
             self._standing()
 
     def _note_lowest(self, kg: float, reads: Numbers, begins: bool) -> None:
-        """The lowest reading of this rest. begins: it begins with this block."""
+        """Keeps the lowest reading of this rest. begins: it begins with this block."""
         lowest = self._lowest
         if begins or lowest is None or self._rise(lowest, (kg, reads))[0] < 0.0:
             self._lowest = kg, reads
@@ -441,8 +485,8 @@ class FlowTrim:
     def _rise(
         self, before: tuple[float, Numbers], now: tuple[float, Numbers]
     ) -> tuple[float, float]:
-        """How much more is weighed than before, kg, once what pitch does to the scale is taken
-        off; and the variance of what is not known of that, kg2."""
+        """Returns how much more is weighed than before, kg, without the effect of pitch on the
+        scale, and the variance of that, kg2."""
         apart = _more(now[1], -1.0, before[1])
         return now[0] - before[0] - _dot(apart, self._state), _dot(
             apart, _along(self._spread, apart)
@@ -454,8 +498,8 @@ class FlowTrim:
         self._blocks.append(_Block(sums, kg, reads, flows, labours, *state))
 
     def _note_sway(self) -> None:
-        """What the scale does that no flow does: its readings bend over seconds. Beyond what
-        its file and chance make of so few, that is the load's that sways."""
+        """Learns the sway from the second differences of the readings, in which no flow shows:
+        what exceeds the file's noise and chance is sway."""
         newest = list(islice(reversed(self._blocks), 2 * SWAY_LAG + 1))
         for lag, (mean_kg2, count) in self._bends.items():
             bent = newest[: 2 * lag + 1]
@@ -466,7 +510,7 @@ class FlowTrim:
                 self._bends[lag] = mean_kg2 + (beyond_kg2 - mean_kg2) / count, count
         sways_kg2, count = self._bends[SWAY_LAG]
         if count >= LEAST_BENDS:
-            # white noise bends as much at every lag
+            # The second differences of white noise are the same at every lag.
             white_kg2 = max(0.0, self._bends[NOISE_LAG][0])
             chance = SWAY_SD * sqrt(2.0 * BENDS_ALIKE / count)
             beyond_kg2 = sways_kg2 - white_kg2
@@ -475,7 +519,8 @@ class FlowTrim:
             self._set_sway(beyond_kg2 / of_one if beyond_kg2 > by_chance_kg2 else 0.0)
 
     def _bend_kg2(self, last: _Block, middle: _Block, first: _Block) -> float:
-        """Square of a second difference of what was read, without what pitch does to it."""
+        """Returns the square of a second difference of the readings, without the effect of
+        pitch, kg2."""
         apart = _more(_more(last.reads, -2.0, middle.reads), 1.0, first.reads)
         gone_kg = last.sums[0] - 2.0 * middle.sums[0] + first.sums[0]
         bend_kg = last.kg - 2.0 * middle.kg + first.kg + gone_kg - _dot(apart, self._state)
@@ -483,8 +528,8 @@ class FlowTrim:
 
     @property
     def _may_sway_kg2(self) -> float:
-        """Variance that is not ruled out: that of gusts, as far as the readings do not bend much
-        more likely as those of the file's scale do."""
+        """Returns the variance of sway that is not ruled out: that of gusts, reduced by the
+        likelihood that the readings are those of the file's scale."""
         evidence = 0.0
         for lag, alike in ((SWAY_LAG, BENDS_IN_GUSTS), (NOISE_LAG, BENDS_ALIKE)):
             beyond_kg2, count = self._bends[lag]
@@ -497,7 +542,7 @@ class FlowTrim:
 
     def _set_sway(self, kg2: float) -> None:
         if self._sway_kg2 == 0.0 and kg2 > 0.0:
-            # level and what sways were taken for one another
+            # The filter has attributed level and sway to each other.
             level, sway = self._spread[H], self._spread[SWAY]
             self._spread = (
                 (level[H] + kg2, *level[GAIN:]),
@@ -507,14 +552,16 @@ class FlowTrim:
         self._sway_kg2 = kg2
 
     def _covariance_kg2(self, blocks: int) -> float:
-        """Covariance of two means over a block, so many apart, of the scale of the file."""
+        """Returns the covariance of the means of two blocks so far apart, for the scale of the
+        file, kg2."""
         t = BLOCK_S / self._correlation_s
         if blocks == 0:
             return self._scale_kg2 * 2.0 * (t - 1.0 + exp(-t)) / (t * t)
         return self._scale_kg2 * ((1.0 - exp(-t)) / t) ** 2 * exp(-(blocks - 1) * t)
 
     def _gone(self, gone: Numbers) -> None:
-        """What left the hopper since the block before, by the model and what is believed of it."""
+        """Predicts the level after the flow since the block before, by the model and the
+        estimate."""
         level = _leaves(gone)
         along = _along(self._spread, level)
         self._state = (_dot(level, self._state) - gone[0], *self._state[GAIN:])
@@ -525,7 +572,7 @@ class FlowTrim:
         self._sways()
 
     def _sways(self) -> None:
-        """What sways goes back to its mean, and is driven on."""
+        """Predicts the sway: it returns to its mean and is driven on."""
         if self._spread[SWAY][SWAY] == 0.0:
             return
         stays = _stays(1)
@@ -554,7 +601,7 @@ class FlowTrim:
         )
 
     def _bound(self) -> None:
-        """The estimate projected into its bounds, along its own uncertainty."""
+        """Projects the estimate into its bounds, along its own uncertainty."""
         shows, most = _shows(self.grams_per_rev, self.pitch_deg), self._limits.most_percent
         percent = _dot(shows, self._state)
         over = percent - min(most, max(-most, percent))
@@ -562,7 +609,7 @@ class FlowTrim:
         self._state = _more(self._state, -over / max(1e-12, _dot(shows, along)), along)
 
     def _level(self, weighed_kg: float, reads: Numbers) -> None:
-        """The hopper holds what was just weighed, whatever was thought before."""
+        """Sets the level to the present weighing, whatever was estimated before."""
         by_pitch = (0.0, *reads[GAIN:])
         along = _along(self._spread, by_pitch)
         self._state = (weighed_kg - _dot(by_pitch, self._state), *self._state[GAIN:])
@@ -570,15 +617,16 @@ class FlowTrim:
         self._spread = _of_level(self._spread, (own_kg2, *[-one for one in along[GAIN:]]))
 
     def _believe(self) -> None:
-        """The trim goes towards the estimate as far as the evidence for the flow of now goes."""
+        """Moves the trim towards the estimate as far as the evidence for the present flow
+        allows."""
         apart = _more((0.0, *self._state[GAIN:TILT], 0.0, 0.0, 0.0), -1.0, self._trimmed)
         percent, sd = _dot(apart, _shows(self.grams_per_rev, self.pitch_deg)), self.sd_percent
         if abs(percent) > DOUBT_SD * sd:
             self._trimmed = _more(self._trimmed, 1.0 - (DOUBT_SD * sd / percent) ** 2, apart)
 
     def _check_refill(self, before: _Block) -> None:
-        """When work goes on after a rest in which a refill was ordered. before: the last block
-        of the rest."""
+        """Compares the rise of the scale with the ordered refill when work resumes. before: the
+        last block of the rest."""
         if self._filled_kg > 0.0 and self._lowest is not None:
             rise_kg, unknown_kg2 = self._rise(self._lowest, (before.kg, before.reads))
             off_kg = rise_kg - self._filled_kg
@@ -594,13 +642,13 @@ class FlowTrim:
     # ----------------------------------------------------------------------------------------------
 
     def _mean_kg2(self, blocks: int) -> float:
-        """Variance of the scale's mean over so many blocks."""
+        """Returns the variance of the scale's mean over so many blocks, kg2."""
         return self._noise * self._scale_kg2 * _averages(blocks * BLOCK_S / self._correlation_s)
 
     def _excess(self, since: _Block, blocks: int, sway_kg2: float = 0.0) -> tuple[float, float]:
-        """What left since a block more than the filter of then believes, kg, by the mean of the
-        newest blocks, and its standard deviation. sway_kg2: variance of what sways, where more is
-        known of it now."""
+        """Returns the mass that left since a block beyond the prediction of that time, kg, by
+        the mean of the newest blocks, and its standard deviation. sway_kg2: variance of sway
+        where more is known of it now."""
         newest = list(islice(reversed(self._blocks), blocks))
         gone = _more(_means([one.sums for one in newest]), -1.0, since.sums)
         reads = _more(_leaves(gone), 1.0, (0.0, *_means([one.reads[GAIN:] for one in newest])))
@@ -615,8 +663,8 @@ class FlowTrim:
         )
 
     def _farthest(self, most: int, sway_kg2: float) -> tuple[int, float, float]:
-        """(window, kg, sd) of that window of at most so many blocks over which the scale is
-        farthest off. sway_kg2: as for `_excess`."""
+        """Returns window, excess in kg and standard deviation of the window with the most
+        significant excess, among windows of at most so many blocks. sway_kg2: as for `_excess`."""
         asked = [
             (window, *self._excess(self._blocks[-1 - window], max(1, window // 4), sway_kg2))
             for window in {*WINDOWS, most}
@@ -625,12 +673,12 @@ class FlowTrim:
         return max(asked, key=lambda one: abs(one[1]) / one[2], default=(0, 0.0, 1.0))
 
     def _standing(self) -> None:
-        """Nothing flows by what the shaft reads: what the scale does now, nobody ordered."""
+        """Judges a change of the scale while nothing flows by the shaft: nobody ordered it."""
         if self._left is not None:
             self._goes_on(self._left)
             return
         newest = self._blocks[-1]
-        # what pitch does to the scale is taken off
+        # The effect of pitch on the scale is subtracted.
         weight_kg = newest.kg - _dot((0.0, *newest.reads[GAIN:]), newest.state)
         self._standing_kg.append(weight_kg)
         rest = next(
@@ -638,7 +686,8 @@ class FlowTrim:
         )
         window, kg, sd = self._farthest(rest, self._may_sway_kg2)
         least_kg = CHANGED_SD * sd
-        if kg < -least_kg:  # it is being filled
+        # A rise means that the hopper is being filled.
+        if kg < -least_kg:
             self._back_to(self._blocks[-1 - window])
             self._blocks.clear()
             self._level(newest.kg, newest.reads)
@@ -653,7 +702,7 @@ class FlowTrim:
             self._goes_on(self._left)
 
     def _goes_on(self, since: _Block) -> None:
-        """Material leaves that nobody ordered, or has left."""
+        """Follows a leak: material leaves that nobody ordered, or has left."""
         kg, sd = self._excess(since, min(ENDED_BLOCKS // 2, len(self._blocks) - 1))
         self._quiet = 0 if kg > self._unordered_kg + sd else self._quiet + 1
         self._unordered_kg = max(self._unordered_kg, kg)
@@ -678,8 +727,8 @@ class FlowTrim:
             self._believe()
 
     def _since_change(self, window: int) -> None:
-        """The trim goes back to what it was when the flow changed, and rests. That is the last
-        block from which on nine tenths are missing of what is missing over the window."""
+        """Returns the trim to its value before the flow changed, and lets it rest. The change is
+        the last block from which nine tenths of the window's excess are missing."""
         averaged = max(1, window // 4)
         off = [
             abs(self._excess(one, averaged)[0])
@@ -697,8 +746,8 @@ class FlowTrim:
         self._state, self._spread, self._trimmed = since.state, since.spread, since.trimmed
 
     def _judge(self) -> None:
-        """By the share of the model's flow that left, since the flow changed, else in the last
-        two minutes."""
+        """Judges the share of the model's flow that left, since the flow changed or over the
+        last two minutes."""
         self._said = self._blockage() or self._said
         limits, flow = self._limits, list(self._flow)
         share, sd, noise_kg2 = self._share(flow)
@@ -706,7 +755,7 @@ class FlowTrim:
         goes_on = off * lately > GOES_ON_SHARE * off * off
         fell = self._fall(-off, sd)
         far = not limits.low_share - FAR_SD * sd < share < limits.high_share + FAR_SD * sd
-        # in wind a few kilograms of flow say little
+        # In wind a few kilograms of flow are little evidence.
         if goes_on and far and abs(off) > DECIDED_SD * sd:
             self._no_trim(ScaleSays(share=share))
         elif goes_on and self._rests and fell is not None and self._said.beyond_percent is None:
@@ -714,7 +763,8 @@ class FlowTrim:
         elif goes_on and 100.0 * (abs(off) - DECIDED_SD * sd) > limits.most_percent:
             window, kg, kg_sd = self._farthest(WINDOWS[-1], self._sway_kg2)
             if not self._rests and abs(kg) > DECIDED_SD * kg_sd:
-                self._since_change(window)  # it was not so all along
+                # The share was different at the beginning.
+                self._since_change(window)
                 return
             self._no_trim(ScaleSays(beyond_percent=100.0 * off))
         elif self._rests and (
@@ -734,7 +784,8 @@ class FlowTrim:
         self._said, self._rests, self._trimmed = said, True, NO_TRIM
 
     def _note_effort(self) -> None:
-        """When the drive began to work harder, after some time in which it did not."""
+        """Keeps the block in which the drive began to work harder after some time of normal
+        effort."""
         if not self._blocks[-1].labours:
             self._easy_blocks += 1
             if self._easy_blocks >= EASY_BLOCKS:
@@ -745,7 +796,7 @@ class FlowTrim:
         self._easy_blocks = 0
 
     def _blockage(self) -> ScaleSays | None:
-        """Outlets that give nothing, as two witnesses have it: the drive works harder, which
+        """Returns the closed outlets that two witnesses confirm: the drive works harder, as
         granules packed before a closed outlet make it do, and since then less leaves."""
         since = self._easy
         if since is None:
@@ -768,9 +819,9 @@ class FlowTrim:
         return ScaleSays(outlets=silent, of_outlets=self._outlets)
 
     def _fall(self, fall: float, sd: float) -> ScaleSays | None:
-        """What a flow says that fell at once by such a share, and is no more than a few outlets
-        less; None where it may be trimmed. That outlets are closed may be known already: else it
-        may be another lot, or what gate or shaft read, as well."""
+        """Returns the finding for a flow that fell at once by such a share, no more than a few
+        outlets less; None where it may be trimmed. Unless closed outlets are already known, the
+        cause may also be another lot, or a wrong reading of gate or shaft."""
         most, lost, few = self._limits.most_percent, fall * self._outlets, self._few
         if self._said.outlets and 100.0 * fall > most:
             sure = abs(lost - self._said.outlets) < 0.75
@@ -781,12 +832,16 @@ class FlowTrim:
 
     @property
     def _few(self) -> int:
-        """Outlets that may close, while the rest of the machine is as it was."""
+        """Returns how many outlets may close while the rest of the machine is unchanged."""
         return max(1, self._outlets // 3)
 
     def _share(self, flow: list[_Block]) -> tuple[float, float, float]:
-        """A straight line through what the scale read over what the model says has gone: the
-        share that left, its standard deviation by what the line leaves, and that, kg2."""
+        """Fits a straight line of the scale's reading over the mass that left by the model.
+
+        Returns
+        -------
+        The share that really left, its standard deviation from the residuals, and the residual
+        variance, kg2."""
         gone = np.array([one.sums[0] for one in flow])
         kg = np.array([one.kg for one in flow])
         by_pitch = np.array([one.reads[TILT:SWAY] for one in flow])
@@ -800,14 +855,14 @@ class FlowTrim:
         each_kg2 = noise_kg2 * max(
             self._noise * self._block_kg2 / self._mean_kg2(1), (1.0 + alike) / (1.0 - alike)
         )
-        # what is not known of the tilt turns the line, where pitch changed along it
+        # An unknown tilt turns the line where pitch changed along it.
         turned = gone @ by_pitch / across
         unknown = np.array([row[TILT:SWAY] for row in self._spread[TILT:SWAY]])
         line_2 = max(each_kg2 / across, self._swayed(flow, gone / across))
         return -line, sqrt(line_2 + float(turned @ unknown @ turned)), noise_kg2
 
     def _swayed(self, flow: list[_Block], weights: np.ndarray) -> float:
-        """Variance that what sways, and noise, give to a weighted sum of such blocks."""
+        """Returns the variance of a weighted sum of such blocks by sway and noise, kg2."""
         if self._sway_kg2 == 0.0:
             return 0.0
         at = np.array([one.number for one in flow])
@@ -817,19 +872,20 @@ class FlowTrim:
 
 
 def _leaves(gone: Numbers) -> Numbers:
-    """What the level in the hopper is made of where so much has gone by the model: the level
-    before, the effects."""
+    """Returns the row of the level after so much has left by the model: the level before, and
+    the effects of the flow."""
     return 1.0, -0.01 * gone[0], -gone[1], -0.01 * gone[2], 0.0, 0.0, 0.0
 
 
 def _reads(kg: float, leans: Numbers) -> Numbers:
-    """What a reading is made of: the level, and what a unit of each effect adds to it. leans:
+    """Returns the row of a reading: the level, and what a unit of each effect adds. leans:
     degrees of pitch, and how much its cosine is below 1, %."""
     return 1.0, 0.0, 0.0, 0.0, 0.01 * kg * leans[0], 0.01 * kg * leans[1], 1.0
 
 
 def _shows(grams_per_rev: float, pitch_deg: float) -> Numbers:
-    """What a unit of each effect makes of the flow, %; the level and the scale's own nothing."""
+    """Returns the row of the flow in %, for a unit of each effect; the level and the scale's own
+    effects are 0."""
     return 0.0, 1.0, 100.0 / max(LEAST_G_REV, grams_per_rev), pitch_deg, 0.0, 0.0, 0.0
 
 
@@ -846,17 +902,17 @@ def _dot(one: Numbers, other: Numbers) -> float:
 
 
 def _stays(blocks: int) -> float:
-    """Which share of what sways is left after so many blocks."""
+    """Returns the share of the sway that is left after so many blocks."""
     return exp(-blocks * BLOCK_S / SWAY_S)
 
 
 def _averages(t: float) -> float:
-    """Variance of a mean over so many correlation times, for a variance of 1."""
+    """Returns the variance of a mean over so many correlation times, for a variance of 1."""
     return 2.0 * (t - 1.0 + exp(-t)) / (t * t)
 
 
 def _bend_kg2(covariance: Callable[[int], float], lag: int) -> float:
-    """Variance of the second difference of blocks so far apart."""
+    """Returns the variance of the second difference of blocks so far apart."""
     return 6.0 * covariance(0) - 8.0 * covariance(lag) + 2.0 * covariance(2 * lag)
 
 
@@ -873,7 +929,7 @@ def _means(rows: Sequence[Numbers]) -> Numbers:
 
 
 def _of_level(spread: Rows, level: Numbers) -> Rows:
-    """The same with what the level has in common with itself and the effects."""
+    """Returns the covariance with another row of the level."""
     return (
         level,
         *[(one, *row[GAIN:]) for one, row in zip(level[GAIN:], spread[GAIN:], strict=True)],
@@ -881,8 +937,8 @@ def _of_level(spread: Rows, level: Numbers) -> Rows:
 
 
 def _level_alone(spread: Rows, reads: Numbers, least_kg2: float) -> Rows:
-    """The same where level and scale have nothing in common with the flow's effects. least_kg2:
-    of what a reading would be."""
+    """Returns the covariance with level and scale independent of the flow's effects. least_kg2:
+    least variance of a reading."""
     level = H, TILT, COSINE, SWAY
     alone = tuple(
         [
@@ -895,6 +951,6 @@ def _level_alone(spread: Rows, reads: Numbers, least_kg2: float) -> Rows:
 
 
 def _wider(spread: Rows, percent: float) -> Rows:
-    """The same with a gain that is less known."""
+    """Returns the covariance with a less known gain."""
     gain = spread[GAIN]
     return (spread[H], (gain[H], gain[GAIN] + percent**2, *gain[OFFSET:]), *spread[OFFSET:])

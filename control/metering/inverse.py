@@ -1,5 +1,5 @@
-"""The machine model solved for its set-points, effects included: what to command so that this
-much flows."""
+"""Which set-points give this flow? The machine model solved for its set-points, effects
+included."""
 
 from __future__ import annotations
 
@@ -15,38 +15,43 @@ from topdress.control.machine.terms import Acts
 OF_FLOW = (Acts.FLOW_PERCENT, Acts.FLOW_KG_MIN)
 OF_SHAFT = (Acts.SHAFT_PERCENT, Acts.SHAFT_RPM)
 OF_GATE = (Acts.GATE_MM,)
+# Greatest number of iterations with terms in the model.
 MOST_ROUNDS = 20
+# An iteration ends within this step, mm and r/min.
 SETTLED_MM, SETTLED_RPM = 1e-4, 1e-4
-# of the flow: with every outlet blocked no opening is wide enough
+# Least share of the flow that is divided by: with every outlet blocked no opening is wide enough.
 LEAST_LEFT = 1e-3
-# of a drive's command or of the flow that known errors are believed to leave
+# Least share of a drive's command or of the flow that known errors are assumed to leave.
 LEAST_SHARE = 0.2
 
 
 class Conditions(NamedTuple):
-    """What the extended model's steady state depends on along with the set-points."""
+    """Holds the conditions that the model's steady state depends on besides the set-points."""
 
     elapsed_s: float = 0.0
     hopper_kg: float | None = None
     pitch_deg: float = 0.0
     supply_v: float | None = None
     refilled: bool = False
-    flow_trim: float = 1.0  # the scale's correction of the flow model
-    terms: StandingTerms | None = None  # of the machine file, those that control knows
-    # `common_of` these, where it was asked once for many set-points
+    # This factor is the scale's correction of the flow model.
+    flow_trim: float = 1.0
+    # These are the terms of the machine file that control knows.
+    terms: StandingTerms | None = None
+    # This is `common_of` these conditions, where it is calculated once for many set-points.
     common: float | None = None
 
 
 def common_of(
     p: Flow, elapsed_s: float, hopper_kg: float | None, pitch_deg: float, refilled: bool
 ) -> float:
-    """What multiplies the flow whatever the set-points are, without the scale's correction."""
+    """Returns the factor on every flow whatever the set-points are, without the scale's
+    correction."""
     full = 1.0 if hopper_kg is None else min(1.0, max(0.0, hopper_kg / p.full_kg))
     return common_factor(p, full, elapsed_s, pitch_deg, 0.0, refilled)
 
 
 def standing_factor(p: Flow, c: Conditions) -> float:
-    """What multiplies the flow whatever the set-points are, the scale's correction included."""
+    """Returns the factor on every flow whatever the set-points are, with the scale's correction."""
     common = c.common
     if common is None:
         common = common_of(p, c.elapsed_s, c.hopper_kg, c.pitch_deg, c.refilled)
@@ -56,8 +61,13 @@ def standing_factor(p: Flow, c: Conditions) -> float:
 def flow_kg_s(
     machine: Machine, shaft_rpm: float, opening_mm: float, c: Conditions = Conditions()
 ) -> float:
-    """Steady flow of true shaft speed and opening, kg/s; `flow_trim` included as given in the
-    conditions."""
+    """Returns the steady flow, kg/s.
+
+    Parameters
+    ----------
+    machine : the machine model.
+    shaft_rpm, opening_mm : true shaft speed, r/min, and true opening, mm.
+    c : conditions; their `flow_trim` is included."""
     flow = (
         grams_per_rev(machine.flow, shaft_rpm, opening_mm)
         * shaft_rpm
@@ -75,7 +85,8 @@ def flow_kg_s(
 def opening_for(
     machine: Machine, wanted_kg_s: float, shaft_rpm: float, c: Conditions = Conditions()
 ) -> float:
-    """True opening, mm, that gives `wanted_kg_s` at a true `shaft_rpm` > 0; not yet limited."""
+    """Returns the true opening, mm, that gives `wanted_kg_s` at a true `shaft_rpm` above 0. It
+    is not limited."""
     if c.terms is not None:
         return _opening_with_terms(machine, wanted_kg_s, shaft_rpm, c, c.terms)
     p = machine.flow
@@ -88,7 +99,7 @@ def opening_for(
 def _opening_with_terms(
     machine: Machine, wanted_kg_s: float, shaft_rpm: float, c: Conditions, terms: StandingTerms
 ) -> float:
-    """The same where terms bear on the flow: what they come to is put in anew until the opening
+    """Returns the same with terms that act on the flow: they are inserted anew until the opening
     stands still."""
     bare, limits = c._replace(terms=None), machine.limits
     opening = opening_for(machine, wanted_kg_s, shaft_rpm, bare)
@@ -107,8 +118,8 @@ def _opening_with_terms(
 def shaft_for(
     machine: Machine, wanted_kg_s: float, opening_mm: float, c: Conditions = Conditions()
 ) -> float:
-    """True shaft speed, r/min, that gives `wanted_kg_s` at a true opening; infinite where the
-    highest does not."""
+    """Returns the true shaft speed, r/min, that gives `wanted_kg_s` at a true opening; infinity
+    where the highest does not."""
     low, high = 0.0, machine.limits.shaft_high_rpm
     most = flow_kg_s(machine, high, opening_mm, c)
     if wanted_kg_s <= 0.0:
@@ -133,8 +144,8 @@ def shaft_for(
 def shaft_command(
     machine: Machine, wanted_rpm: float, opening_mm: float, c: Conditions = Conditions()
 ) -> float:
-    """Command that turns the shaft at a true `wanted_rpm`: known gain, sag, droop and neutral
-    point taken back. For 0 it is none, 0, which stops it."""
+    """Returns the command that turns the shaft at a true `wanted_rpm`, with known gain, sag,
+    droop and neutral point inverted. 0 stops the shaft."""
     p = machine.shaft
     kept = abs(1.0 + p.gain_percent / 100.0)
     if c.supply_v is not None:
@@ -158,8 +169,8 @@ def shaft_command(
 
 
 def _asked_for(p: Shaft, settled_rpm: float) -> float:
-    """Command forwards that comes to a settled speed (`asked_rpm`), its curve, zone and neutral
-    point taken back."""
+    """Returns the forward command of a settled speed (`asked_rpm`), with its curve, dead zone
+    and neutral point inverted."""
     if settled_rpm <= 0.0:
         return 0.0
     bend = p.saturation_percent / (100.0 - p.saturation_percent) * settled_rpm / p.full_rpm
@@ -168,7 +179,8 @@ def _asked_for(p: Shaft, settled_rpm: float) -> float:
 
 
 def gate_command(machine: Machine, wanted_mm: float, c: Conditions = Conditions()) -> float:
-    """Command that opens to a true `wanted_mm`: known homing error and terms taken back."""
+    """Returns the command that opens the gate to a true `wanted_mm`, with known homing error and
+    terms inverted."""
     command = wanted_mm - machine.gate.home_error_mm
     if c.terms is None:
         return command
@@ -182,5 +194,5 @@ def gate_command(machine: Machine, wanted_mm: float, c: Conditions = Conditions(
 
 
 def lowest_flow_kg_s(machine: Machine, c: Conditions = Conditions()) -> float:
-    """Smallest flow other than none that the drives' limits allow, kg/s."""
+    """Returns the smallest flow above 0 that the drives' limits allow, kg/s."""
     return flow_kg_s(machine, machine.limits.shaft_low_rpm, machine.limits.opening_low_mm, c)

@@ -1,7 +1,6 @@
-"""The rates that a machine can spread at a speed, and the speeds at which it can spread a rate.
+"""Which rates can a machine spread at a speed, and at which speeds can it spread a rate?
 
-Both follow from the smallest and the largest flow that the limits of its drives allow.
-"""
+Both follow from the smallest and the largest flow that the limits of its drives allow."""
 
 from __future__ import annotations
 
@@ -58,7 +57,7 @@ def find_rate_range(
 
 
 def least_rate_kg_ha(machine: Machine, speed_mps: float) -> float:
-    """Rate up to which nothing flows at this ground speed, kg/ha: less than half of what the
+    """Returns the rate below which nothing flows at this ground speed, kg/ha: half of what the
     drives' lowest set-points give. speed_mps: above 0."""
     of_range = find_rate_range(machine, speed_mps, machine.geometry.working_width_m)
     return ROUNDED_TO_LOWEST * of_range.low_kg_ha

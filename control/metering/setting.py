@@ -1,20 +1,19 @@
-"""A wanted rate to shaft and gate: the pair of each tick by the strategy in force, and what
-goes on the wire.
+"""Which shaft speed and opening are commanded for a wanted rate in this tick?
 
-All of it is in closed form: what is released now lands a lag from now, so the flow is the rate
-times the width times the ground speed expected then, and the strategy's pair gives that flow by
-the inverse of the machine model.
+The answer is in closed form: material released now lands a lag from now, so the flow is the
+rate times the width times the ground speed expected then, and the strategy's pair gives that
+flow by the inverse of the machine model.
 
-opening first   the gate; the shaft stays at its set-point while the gate can (`strategies`).
-speed first     the shaft, its changes drawn out (`_drawn_out`), so that what falls singly does
-not overtake; abrupt
-                changes are the gate's (`by_gate`).
+opening first   the gate moves; the shaft stays at its set-point while the gate suffices
+                (`strategies`).
+speed first     the shaft moves, its changes drawn out (`_drawn_out`) so that granules that fall
+                singly do not overtake; the gate makes abrupt changes (`by_gate`).
 
-Each by what the other does: the drive that moves makes up for what the one that rests is off
-(`trims.Left`), and for what its own trim leaves.
+The drive that moves compensates the error of the drive that rests, and what its own trim
+leaves (`trims.Left`).
 
-No strategy moves the shaft for what is falling already: nobody has measured what that does
-(docs/decisions/0007).
+No strategy moves the shaft for granules that are already falling: nobody has measured the
+effect of that (docs/decisions/0007).
 """
 
 from __future__ import annotations
@@ -33,31 +32,39 @@ from .inverse import Conditions, flow_kg_s, gate_command, opening_for, shaft_com
 from .strategies import Pair, pair_for
 from .trims import NOTHING_LEFT, DriveTrim, Left
 
-SWITCH_S = 4.0  # a change of strategy is spread over this long
-# |log| of rate after over rate before, from which on speed first's gate makes the change: no
-# two grades of a canopy in one second, but the edges of a map's zones
+# A change of strategy is spread over this time, s.
+SWITCH_S = 4.0
+# |log| of rate after over rate before, from which the gate makes the change in speed first: the
+# edges of a map's zones, but not two grades of a canopy in one second.
 ABRUPT = 0.35
-# share of the opening by which it then returns: the shaft makes up for it, so slowly that no
-# tube shows it (0.6 s x 0.02 / s: 1 % of the flow, where granules fall singly)
+# Share of the opening by which it then returns in a second. The shaft compensates, so slowly that
+# no tube shows it (0.6 s x 0.02 / s: 1 % of the flow, where granules fall singly).
 BACK_PER_S = 0.02
-# of the drawing out that granules which fall singly need, while nobody knows: the least that
-# the worst of both tubes is then off (2.5 % in steady work, benchmarks other_machines)
+# Share of the drawing out that granules falling singly need, while the tube is unknown: it
+# minimises the worst error of both tubes (2.5 % in steady work, benchmarks other_machines).
 UNSETTLED_SHARE = 0.5
-# smaller moves are not planned: the noise of the speed alone would make ten a second ...
+# Smaller moves of the shaft are not planned, r/min: the noise of the speed alone would make ten a
+# second.
 PLAN_BAND_RPM = 0.6
-PLAN_BAND_SHARE = 0.008  # ... of the shaft speed: not less than this ...
-# ... nor more: 0.6 of a slow shaft's 20 r/min would be 3 % of the flow
+# Lower limit of that band, as a share of the shaft speed.
+PLAN_BAND_SHARE = 0.008
+# Upper limit of that band, as a share of the shaft speed: 0.6 of a slow shaft's 20 r/min would be 3
+# % of the flow.
 PLAN_BAND_MOST = 0.0136
+# Smaller moves of the gate are not planned, mm.
 PLAN_BAND_MM = 0.15
-PLAN_BAND_MM_SHARE = 0.012  # of the opening: the gate's moves are what wears
-# smaller moves are not sent: the plan leaves out what it need not do, this is for the trims
+# Lower limit of that band, as a share of the opening: each move wears the gate.
+PLAN_BAND_MM_SHARE = 0.012
+# Smaller changes of the shaft's command are not sent, r/min; they come from the trims.
 SHAFT_BAND_RPM = 0.3
+# Smaller changes of the gate's command are not sent, mm.
 OPENING_BAND_MM = 0.12
 
 
 class Setting:
-    """One of a run: holds the strategy and, while it is being changed, the one it comes from.
-    `pair` once a tick, then `made` with what was really commanded."""
+    """Plans shaft speed and opening of a run by the strategy, and the transition while it is
+    being changed. `pair` is called once a tick, then `made` with the pair that was really
+    commanded."""
 
     def __init__(self, machine: Machine, strategy: Strategy) -> None:
         self.machine = machine
@@ -66,16 +73,19 @@ class Setting:
         self._drawn_out_share = (
             1.0 - machine.fall.carried_share if machine.tube_is_settled else UNSETTLED_SHARE
         )
-        self._last: Pair | None = None  # as commanded; None: the shaft stands
-        self._drawn_rpm: float | None = None  # of speed first
+        # The pair last commanded; None: the shaft stands.
+        self._last: Pair | None = None
+        self._drawn_rpm: float | None = None
         self._before: Strategy | None = None
-        self._at_mm = machine.set_points.opening_mm  # at which speed first turns its shaft
+        # Opening at which speed first turns its shaft, mm.
+        self._at_mm = machine.set_points.opening_mm
         self._switched_s = 0.0
         self.left = NOTHING_LEFT
-        # flow of the pair over that of the same with both drives as they should be
+        # Flow of the pair over that of the pair without errors of the drives.
         self.made_up = 1.0
 
     def switch(self, strategy: Strategy, now_s: float) -> None:
+        """Changes the strategy from now on; the same one again changes nothing."""
         if strategy.in_force is not self.strategy:
             self._before, self.strategy, self._switched_s = self.strategy, strategy.in_force, now_s
             self._drawn_rpm = None
@@ -90,9 +100,16 @@ class Setting:
         c: Conditions,
         left: Left = NOTHING_LEFT,
     ) -> Pair:
-        """True shaft speed and opening to aim at, small moves left out. `rate_kg_ha`: for what
-        is released now; `mps_in`: ground speed expected so many seconds from now;
-        `opening_now_mm`: expected; `left`: by readings."""
+        """Returns true shaft speed and opening to aim at, without small moves.
+
+        Parameters
+        ----------
+        rate_kg_ha : for the material that is released now.
+        mps_in : ground speed expected so many seconds from now, m/s.
+        now_s, dt_s : present time and time since the last tick, s.
+        opening_now_mm : expected present opening, mm.
+        c : what the flow depends on in addition.
+        left : errors of the drives by their readings."""
         self.left = left
         machine, fall = self.machine, self.machine.fall
         shaft_moves = self._last is None or self.by_shaft
@@ -130,26 +147,26 @@ class Setting:
         return flow_kg_s(self.machine, *goal[:2], c) / flow_kg_s(self.machine, *plain[:2], c)
 
     def made(self, pair: Pair) -> None:
-        """What was commanded in this tick; a shaft of 0: flow was stopped."""
+        """Takes the pair that was commanded in this tick; a shaft speed of 0 stopped the flow."""
         self._last = pair if pair.shaft_rpm > 0.0 else None
         if self._last is None:
             self._drawn_rpm = None
 
     def _drawn_out(self, settled_rpm: float, dt_s: float) -> float:
-        """Speed first's shaft, on its way to the speed that gives the flow.
+        """Returns the shaft speed of speed first on its way to the speed that gives the flow.
 
-        Where granules fall singly, what is released at n lands with 1 / (1 + drop'(n) dn/dt) of
-        its flow: later granules come down sooner. That is the flow of `settled_rpm` where dn/dt
-        = (1 - n / settled) / -drop'(n).
-        """
+        Where granules fall singly, material released at n lands with 1 / (1 + drop'(n) dn/dt) of
+        its flow: later granules fall faster. That is the flow of `settled_rpm` where dn/dt
+        = (1 - n / settled) / -drop'(n)."""
         n, fall = self._drawn_rpm or settled_rpm, self.machine.fall
         sooner_s = self._drawn_out_share * 0.5 * (drop_s(fall, n - 1.0) - drop_s(fall, n + 1.0))
-        share = dt_s / max(dt_s, sooner_s * settled_rpm)  # never past it
+        # The share is at most 1: the shaft never goes past the settled speed.
+        share = dt_s / max(dt_s, sooner_s * settled_rpm)
         self._drawn_rpm = n + share * (settled_rpm - n)
         return self._drawn_rpm
 
     def _quiet(self, planned: Pair) -> Pair:
-        """The pair with small moves left out, and in steps of the drives' resolution."""
+        """Returns the pair without small moves, in steps of the drives' resolution."""
         limits, last = self.machine.limits, self._last
         shaft = opening = None
         if last is not None:
@@ -172,18 +189,17 @@ class Setting:
         )
 
     def settled(self, wanted_kg_s: float, opening_now_mm: float, c: Conditions) -> Pair:
-        """The pair of the present strategy, as if it had always been in force."""
+        """Returns the pair of the present strategy as if it had always been in force."""
         return pair_for(
             self.machine, self.strategy, wanted_kg_s, opening_now_mm, c, self._at_mm, self.left
         )
 
     def by_gate(self, before_kg_ha: float, after_kg_ha: float) -> float | None:
-        """Opening after a change of the rate that speed first leaves to the gate; None: the
-        shaft makes it.
+        """Returns the opening after a change of the rate that the gate makes in speed first, mm;
+        None where the shaft makes it.
 
-        Where a zone of a map ends, the shaft would take what is in the tube along: 450 to 150
-        kg/ha came 1.2 m late.
-        """
+        At the edge of a map's zone the shaft would also move the material in the tube: a change
+        from 450 to 150 kg/ha came 1.2 m late."""
         if not self.by_shaft or min(before_kg_ha, after_kg_ha) <= 0.0:
             return None
         if abs(log(after_kg_ha / before_kg_ha)) < ABRUPT:
@@ -195,22 +211,22 @@ class Setting:
         )
 
     def changed(self, before_kg_ha: float, after_kg_ha: float) -> None:
-        """A change of the rate was made: where the gate makes it, the opening goes along."""
+        """Takes note of a change of the rate: where the gate makes it, the opening changes too."""
         self._at_mm = self.by_gate(before_kg_ha, after_kg_ha) or self._at_mm
 
     def rests(self, dt_s: float) -> None:
-        """The opening of speed first goes back to its set-point, slowly."""
+        """Returns the opening of speed first slowly to its set-point."""
         wanted, most = self.machine.set_points.opening_mm, BACK_PER_S * dt_s * self._at_mm
         self._at_mm += min(most, max(-most, wanted - self._at_mm))
 
     @property
     def by_shaft(self) -> bool:
-        """Speed first, and no change of strategy under way."""
+        """Returns whether the strategy is speed first and no change of strategy is under way."""
         return self.strategy is Strategy.SPEED_FIRST and self._before is None
 
     def goal(self, wanted_kg_s: float, now_s: float, opening_now_mm: float, c: Conditions) -> Pair:
-        """The settled pair to plan towards. While a strategy is being changed the shaft glides
-        over, and the opening goes with it."""
+        """Returns the settled pair to plan towards. While the strategy changes the shaft goes
+        over gradually, and the opening follows it."""
         goal = self.settled(wanted_kg_s, opening_now_mm, c)
         if self._before is None:
             return goal
@@ -232,13 +248,13 @@ class Setting:
         )
 
     def nudged(self, pair: Settled) -> Settled:
-        """The pair after a small change of rate, made by this strategy's own actuator."""
+        """Returns the pair after a small change of rate by this strategy's own actuator."""
         if self.strategy is Strategy.SPEED_FIRST:
             return Settled(1.1 * pair.shaft_rpm, pair.opening_mm)
         return Settled(pair.shaft_rpm, 1.1 * pair.opening_mm)
 
     def wire(self, pair: Pair, c: Conditions) -> DriveCommand:
-        """Set-points for the drives without trims and rounding; a stopped shaft is 0."""
+        """Returns the set-points of the drives without trims and rounding; 0 stops the shaft."""
         if pair.shaft_rpm <= 0.0:
             return DriveCommand(0.0, gate_command(self.machine, pair.opening_mm, c))
         return DriveCommand(
@@ -249,15 +265,16 @@ class Setting:
     def command(
         self, pair: Pair, c: Conditions, trim: DriveTrim, last: DriveCommand | None
     ) -> DriveCommand:
-        """Set-points for the drives: trimmed, rounded to the drives' resolution, small moves
-        left out."""
+        """Returns the set-points of the drives: trimmed, rounded to the drives' resolution,
+        without small moves."""
         bare = self.wire(pair, c)
         if bare.shaft_rpm <= 0.0:
             stays = (
                 last.opening_mm if last is not None else _rounded(bare.opening_mm, self._step_mm)
             )
             return DriveCommand(0.0, stays)
-        neutral = self.machine.shaft.neutral_rpm  # a trim is a share of what turns it
+        # A trim is a share of the command beyond the neutral point.
+        neutral = self.machine.shaft.neutral_rpm
         shaft = neutral + (bare.shaft_rpm - neutral) * (1.0 + trim.shaft_share)
         opening = bare.opening_mm + trim.gate_mm
         if last is not None and last.shaft_rpm > 0.0:
@@ -271,7 +288,8 @@ class Setting:
         )
 
     def by_hand(self, shaft_rpm: float, opening_mm: float) -> DriveCommand:
-        """A pair wanted as it is, in steps of the drives' resolution: no trims, no dead bands."""
+        """Returns the command of a pair without trims and dead bands, in steps of the drives'
+        resolution."""
         return DriveCommand(
             _rounded(shaft_rpm, self.machine.limits.shaft_resolution_rpm),
             _rounded(opening_mm, self._step_mm),

@@ -1,4 +1,5 @@
-"""Opening first and speed first: which pair of true shaft speed and opening gives a wanted flow."""
+"""Which pair of true shaft speed and opening gives a wanted flow? The strategies opening first
+and speed first."""
 
 from __future__ import annotations
 
@@ -10,13 +11,14 @@ from topdress.control.orders import Strategy
 from .inverse import Conditions, flow_kg_s, lowest_flow_kg_s, opening_for, shaft_for
 from .trims import NOTHING_LEFT, Left
 
-# of the lowest flow: what is wanted above it is rounded up to the lowest, below it to none
+# Share of the lowest flow above which a wanted flow is rounded up to the lowest, and below which to
+# none.
 ROUNDED_TO_LOWEST = 0.5
 
 
 class Pair(NamedTuple):
-    """True shaft speed and opening. `limited`: "", "lowest", "highest" or "zero" (less than
-    half the lowest)."""
+    """Holds true shaft speed and opening. `limited` is the limit that was met: "", "lowest",
+    "highest" or "zero" (less than half the lowest)."""
 
     shaft_rpm: float
     opening_mm: float
@@ -24,10 +26,9 @@ class Pair(NamedTuple):
 
 
 class Reach(NamedTuple):
-    """What a strategy comes to on one machine at one rate and ground speed: lowest and highest
-    rate by its own drive, kg/ha; the smallest step of that drive, % of the flow; how far the
-    lumps of one row lie apart, m; what 1 mm of the gate and 1 r/min of the shaft change, % of
-    the flow."""
+    """Describes a strategy on one machine at one rate and ground speed: lowest and highest rate
+    by its own drive, kg/ha; the smallest step of that drive, % of the flow; distance between the
+    lumps of one row, m; change of the flow by 1 mm of the gate and by 1 r/min of the shaft, %."""
 
     low_kg_ha: float
     high_kg_ha: float
@@ -40,8 +41,8 @@ class Reach(NamedTuple):
 def reach(
     machine: Machine, strategy: Strategy, rate_kg_ha: float, speed_mps: float
 ) -> Reach | None:
-    """None where the machine stands, or nothing flows. Beyond the ends of the range the other
-    drive helps."""
+    """Describes a strategy at this rate and speed; None where the machine stands or nothing
+    flows. Beyond the ends of the range the other drive helps."""
     limits, sets = machine.limits, machine.set_points
     to_kg_ha = 10_000.0 / (machine.geometry.working_width_m * speed_mps) if speed_mps > 0.0 else 0.0
     pair = (
@@ -85,12 +86,17 @@ def pair_for(
     at_mm: float | None = None,
     left: Left = NOTHING_LEFT,
 ) -> Pair:
-    """The pair that gives `wanted_kg_s`, kg/s, within the limits of the drives.
+    """Returns the pair that gives `wanted_kg_s` within the limits of the drives. Below half the
+    smallest flow it gives zero, between that and the smallest flow the smallest.
 
-    `opening_now_mm`: at zero rate the shaft stops and the gate stays where it is. `at_mm`:
-    speed first at this opening. `left`: what the drives are off; the one that moves makes up
-    for it. Below half the smallest flow: zero; between that and it: the smallest.
-    """
+    Parameters
+    ----------
+    machine, strategy : the machine model and the strategy.
+    wanted_kg_s : flow, kg/s.
+    opening_now_mm : present opening, mm: at zero rate the shaft stops and the gate stays there.
+    c : what the flow depends on in addition.
+    at_mm : opening of speed first, mm; None: the machine's set-point.
+    left : errors of the drives, which the moving drive compensates."""
     limits = machine.limits
     lowest = lowest_flow_kg_s(machine, c)
     if not wanted_kg_s > ROUNDED_TO_LOWEST * lowest:

@@ -1,5 +1,5 @@
-"""The host's slow corrections of shaft and gate to their measured values, bounded. The scale's:
-`flow_trim`."""
+"""How are shaft and gate corrected towards their measured values? Slow, bounded integrators.
+`flow_trim` is the scale's trim."""
 
 from __future__ import annotations
 
@@ -11,22 +11,28 @@ from topdress.control.readings import Reading
 
 @dataclass(frozen=True)
 class TrimLimits:
-    tau_s: float = 5.0  # how slowly shaft and gate are trimmed
-    shaft_share: float = 0.10  # at most, of the command
-    # further off the shaft is jammed or held: nothing is learnt (anti-windup)
+    """Holds time constants and bounds of the trims."""
+
+    # Time constant of both integrators, s.
+    tau_s: float = 5.0
+    # Greatest trim of the shaft, as a share of the command.
+    shaft_share: float = 0.10
+    # Beyond this error, as a share, the shaft is jammed and nothing is learnt (anti-windup).
     held_share: float = 0.30
-    gate_mm: float = 2.0  # at most
-    # the expected value must have stood still this long
+    # Greatest trim of the gate, mm.
+    gate_mm: float = 2.0
+    # The expected value must have stood still for this long, s.
     settled_s: float = 0.6
-    # filter `left`: the encoder's 0.3 r/min come to 0.05
+    # Time constant of the filter `left`, s: it reduces the encoder's noise of 0.3 r/min to 0.05.
     left_tau_s: float = 1.0
 
 
 class Left(NamedTuple):
-    """What the drives are off their expected values, trims included, as far as it is to be made
-    up for."""
+    """Holds the errors of the drives against their expected values, trims included, as far as
+    they are to be compensated."""
 
-    shaft_share: float = 0.0  # of the expected speed
+    # This is a share of the expected speed.
+    shaft_share: float = 0.0
     gate_mm: float = 0.0
 
 
@@ -34,17 +40,19 @@ NOTHING_LEFT = Left()
 
 
 class DriveTrim:
-    """Integrates the difference of measured and expected while the expected stands still."""
+    """Integrates the difference of measured and expected value while the expected one stands
+    still."""
 
     def __init__(self, limits: TrimLimits, still: float) -> None:
         self.shaft_share = 0.0
         self.gate_mm = 0.0
-        # filter `left`: what remains while the expected stands still
+        # State of the filter `left`: the error that remains while the expected value stands still.
         self._left = NOTHING_LEFT
         self._limits = limits
-        # a move of the expected value larger than this is not standing still
+        # Below this change the expected value stands still.
         self._still = still
-        self._shaft: tuple[float, float] = (0.0, -1e9)  # value, since when
+        # Expected value, and the time since when it stands still, s.
+        self._shaft: tuple[float, float] = (0.0, -1e9)
         self._gate: tuple[float, float] = (0.0, -1e9)
 
     def update(
@@ -56,7 +64,8 @@ class DriveTrim:
         expected_mm: float,
         measured_mm: Reading | None,
     ) -> None:
-        """Expected: what the nominal drive does with the untrimmed set-points."""
+        """Takes the readings of one tick. The expected values are those of the nominal drive
+        with the untrimmed set-points."""
         lim = self._limits
         self._shaft = _stands(self._shaft, expected_rpm, now_s, self._still)
         self._gate = _stands(self._gate, expected_mm, now_s, self._still)
@@ -84,8 +93,8 @@ class DriveTrim:
         self._left = Left(left_shaft, left_mm)
 
     def left(self, shaft_moves: bool) -> Left:
-        """To be made up for: what the drive that rests is off, by now; what the one that moves
-        is off where its trim is at its end."""
+        """Returns the errors that the moving drive is to compensate: the present error of the
+        drive that rests, and its own where its trim is at its bound."""
         shaft_share, gate_mm = self._left
         if shaft_moves:
             return Left(

@@ -1,13 +1,12 @@
-"""How late a receiver's speed comes, measured against the wheel, and the wheel's speed of that
-moment.
+"""How late does a receiver's speed arrive? The delay is measured against the wheel.
 
-The wheel is corrected by GNSS's speed. Held against the wheel of now, a speed that comes 0.4 s
-late is 0.2 m/s off while the machine speeds up, and a correction that follows slip within
-seconds follows that as well. So the delay is measured: while GNSS's speed changes, its change
-over a second is held against the wheel's, some tenths of a second ago. Changes, because slip
-and a tyre of another size are in the level; GNSS's, because a wheel that begins to slip changes
-and the machine does not. Each delay has its sum of squares, and the odds that follow from it.
-"""
+GNSS's speed corrects the wheel's. Compared with the present wheel speed, a speed that arrives
+0.4 s late is 0.2 m/s wrong while the machine accelerates, and a correction that follows slip
+within seconds would follow that error too. So the delay is measured: while GNSS's speed changes,
+its change over a second is compared with the wheel's change some tenths of a second earlier.
+Changes are compared because slip and tyre size are in the level; changes of GNSS's speed,
+because a wheel that begins to slip changes although the machine does not. For each candidate
+delay a sum of squares is kept, and the odds follow from these sums."""
 
 from __future__ import annotations
 
@@ -16,33 +15,37 @@ from collections import deque
 from math import exp, sqrt
 from typing import NamedTuple
 
-# GNSS speeds come 0.1 to 1 s late (`speed.gnss_latency`)
+# Candidate delays, s: GNSS speeds arrive 0.1 to 1 s late (effect `speed.gnss_latency`).
 DELAYS_S = tuple(0.1 * k for k in range(11))
-OVER_S = 1.0  # a change of speed is taken over this
-# the wheel's speed of a moment: mean of so long, some pulses
+# A change of speed is the difference over this time, s.
+OVER_S = 1.0
+# The wheel's speed at a moment is its mean over this time, s: some pulses.
 MEAN_S = 0.2
-# a change of GNSS's speed that tells a delay: seven times its noise
+# Least change of GNSS's speed that a delay is learnt from, m/s: seven times its noise.
 TELLS_MPS = 0.2
-# 1 s.d. of what changes differ by at the right delay: noise of both, and epochs 0.2 s apart
-# share most of their second
+# Standard deviation of the difference of the two changes at the right delay, m/s: noise of both.
+# Epochs 0.2 s apart share most of their second.
 APART_MPS = 0.1
-FORGETS_S = 600.0  # of driving that tells: receivers are exchanged
-SPREAD_S = 0.03  # 1 s.d. within a step of `DELAYS_S`
-SPEED_SD_MPS = 0.03  # as `walk_watch.SPEED_STEP_MPS`
+# Time constant of forgetting, s of driving with changes of speed: receivers are exchanged.
+FORGETS_S = 600.0
+# Standard deviation of the delay within a step of the candidates, s.
+SPREAD_S = 0.03
+# Standard deviation of a GNSS speed, m/s, as `walk_watch.SPEED_STEP_MPS`.
+SPEED_SD_MPS = 0.03
 
 
 class WheelThen(NamedTuple):
-    """The wheel's mean speed at the moment of which an epoch's speed is, and how far the two
-    can be compared, 0 to 1: a delay that is not known well weighs as much as the machine's
-    speed changes."""
+    """Holds the wheel's mean speed at the moment that an epoch's speed belongs to, and the
+    weight of the comparison, 0 to 1: with a poorly known delay it falls as the machine's speed
+    changes."""
 
     mps: float
     weight: float
 
 
 class GnssLate:
-    """`moved` once a tick with a wheel that is believed, `epoch` once an epoch of a GNSS speed
-    that is."""
+    """Estimates the delay of a receiver's speed. `moved` is called once a tick with a trusted
+    wheel, `epoch` once for each trusted GNSS speed."""
 
     def __init__(self) -> None:
         self._times_s: deque[float] = deque()
@@ -53,6 +56,7 @@ class GnssLate:
         self.delay_s = self._delay_s()  # mean and standard deviation
 
     def moved(self, time_s: float, wheel_mps: float, dt_s: float) -> None:
+        """Adds the wheel's way of one tick."""
         if self._times_s and not 0.0 < time_s - self._times_s[-1] < OVER_S:
             self._times_s.clear()
             self._ways_m.clear()
@@ -72,8 +76,14 @@ class GnssLate:
         return mean, sqrt(spread + SPREAD_S**2)
 
     def epoch(self, time_s: float, gnss_mps: float, ratio: float) -> WheelThen | None:
-        """ratio: by which the wheel is corrected. None: the wheel has not been believed for so
-        long."""
+        """Takes a GNSS speed and returns the wheel speed to compare it with; None where the
+        wheel has not been trusted for long enough.
+
+        Parameters
+        ----------
+        time_s : of the epoch, s.
+        gnss_mps : the receiver's speed, m/s.
+        ratio : the present correction factor of the wheel."""
         while self._epochs and time_s - self._epochs[0][0] > OVER_S + 1e-6:
             self._epochs.popleft()
         before = (
@@ -104,7 +114,7 @@ class GnssLate:
         self.delay_s = self._delay_s()
 
     def _wheel_mps(self, at_s: float) -> float | None:
-        """Mean about a moment, up to now at most; None: not known."""
+        """Returns the mean wheel speed around a moment, m/s; None where it is not known."""
         if not self._times_s or at_s - 0.5 * MEAN_S < self._times_s[0]:
             return None
         end_s = min(at_s + 0.5 * MEAN_S, self._times_s[-1])

@@ -1,18 +1,17 @@
-"""Which GNSS places can be believed: the gate on the innovation.
+"""Which GNSS places can be trusted? A gate on the innovation decides.
 
-The innovation is the distance between the place that GNSS tells and the one that dead reckoning
-predicts from the last place taken. Its square over its variance, the normalised innovation
-squared, has a chi-square distribution with two degrees of freedom when all is well; an epoch
-beyond `GATE` is ruled out (Bar-Shalom, Li and Kirubarajan, Estimation with Applications to
-Tracking and Navigation, 2001, section 5.4). Epochs that are ruled out but agree with each
-other, by the same gate, are a new place: the receiver was started anew, the machine was
-carried, or reckoning was wrong.
+The innovation is the distance between the place that GNSS reports and the place that dead
+reckoning predicts from the last accepted one. Its square over its variance, the normalised
+innovation squared, has a chi-square distribution with two degrees of freedom for a healthy
+receiver; an epoch beyond `GATE` is refused (Bar-Shalom, Li and Kirubarajan, Estimation with
+Applications to Tracking and Navigation, 2001, section 5.4). Refused epochs that agree with each
+other, by the same gate, are accepted as a new place: the receiver was restarted, the machine was
+transported, or reckoning was wrong.
 
-A place that walks off, each epoch near the one before, is what `walk_watch` finds. From then on
-none is believed until three agree again with the place before the walk and the way since; or
-until places have agreed with speed and course for a minute, or as long as those before the walk
-had (after a cold start: some seconds): then they are a new place.
-"""
+`walk_watch` finds a place that drifts off although each epoch is near the one before. From then
+on no place is accepted until three agree again with the place before the drift and the way
+since. Or until places have agreed with speed and course for a minute, or for as long as those
+before the drift had (some seconds after a cold start): then they are a new place."""
 
 from __future__ import annotations
 
@@ -30,41 +29,48 @@ from topdress.control.sensing.walk_watch import (
     walk_between,
 )
 
-# chi-square, 2 degrees of freedom: exceeded by one sound epoch in a million
+# Chi-square with 2 degrees of freedom that one healthy epoch in a million exceeds.
 GATE = 27.6
-# 1 s.d. of a place by its fix quality. Wide: the antenna sways, errors persist
+# Standard deviation of a place by GGA fix quality, m. They are wide because the antenna sways and
+# errors persist.
 SPREAD_M = {2: 1.5, 4: 0.5, 5: 1.0}
-# all other qualities; times HDOP: 2.5 m CEP, as data sheets of receivers have it, is 2.1 m an
-# axis. From plain to RTK a place may jump 12 m
+# Standard deviation at all other qualities, m, times HDOP: 2.5 m CEP in the data sheets of
+# receivers is 2.1 m an axis. From plain GNSS to RTK a place may jump 12 m.
 PLAIN_SPREAD_M = 2.2
 HDOP_MOST = 10.0
-TIMING_S = 0.1  # epochs come late by uneven times
-# of the way since: speed, slip, and the course in a turn, which is filtered
+# Standard deviation of an epoch's time, s: epochs arrive late by uneven times.
+TIMING_S = 0.1
+# Standard deviation of the reckoned way as a share of it: speed, slip, and in a turn the filtered
+# course.
 WAY_SHARE = 0.25
-# longer ago, the course since then is not known: any place within the way is possible
+# Age of the last place, s, beyond which the course since is unknown: any place within the way is
+# possible.
 RECKONED_S = 2.0
-# speed not known: no faster than this, on a lorry
+# Upper limit of an unknown speed, m/s: the machine on a lorry.
 FASTEST_MPS = 30.0
-# a new place: so many epochs that agree with each other ...
+# A new place needs so many epochs that agree with each other.
 AGREE_EPOCHS = 3
-AGREE_S = 1.0  # ... over this time
+# A new place needs epochs that agree over this time, s.
+AGREE_S = 1.0
 
 
 class JudgedPlace(NamedTuple):
-    """`off_m`: how far the place lies from the nearest one that is possible; infinite where it
-    is no number."""
+    """Holds the verdict on an epoch's place. `off_m` is its distance from the nearest possible
+    place, m; infinite where the place is not a number."""
 
     taken: bool
     off_m: float
-    anew: bool = False  # taken though dead reckoning says otherwise
-    # it has walked off, or did and does not agree again yet
+    # The place was accepted although dead reckoning contradicts it.
+    anew: bool = False
+    # The place drifts, or has drifted and does not agree again yet.
     walks: bool = False
-    # the walk is found with this epoch: where the antenna is by the place before it
+    # The drift is found with this epoch; this is where the antenna is by the place before the
+    # drift.
     back: Place | None = None
 
 
 class _ReckonedPlace(NamedTuple):
-    """A place reported by GNSS, and what the reckoning had counted then."""
+    """Holds a place reported by GNSS, and the sums of dead reckoning at that moment."""
 
     place: Place
     spread_m: float
@@ -76,8 +82,8 @@ class _ReckonedPlace(NamedTuple):
 
 
 class PositionGate:
-    """`moved` or `lost` once a tick, then `judge` where a new epoch came. Works in O(1)
-    whatever is reported."""
+    """Accepts or refuses the places of a receiver, in constant time for each epoch. `moved` or
+    `lost` is called once a tick, then `judge` for a new epoch."""
 
     def __init__(self) -> None:
         self._taken: _ReckonedPlace | None = None
@@ -97,18 +103,19 @@ class PositionGate:
         self._again_s = 0.0
 
     def moved(self, way_m: float, east_m: float, north_m: float) -> None:
-        """The way of a tick as it is reckoned: length, and its two components."""
+        """Adds the reckoned way of a tick: its length and its two components, m."""
         self._way_m += way_m
         self._east_m += east_m
         self._north_m += north_m
 
     def lost(self, speed_mps: float | None, dt_s: float) -> None:
-        """A tick whose heading, or speed (None), is not known."""
+        """Adds a tick whose heading or speed (None) is unknown."""
         self._lost += 1
         self._way_m += (FASTEST_MPS if speed_mps is None else speed_mps) * dt_s
 
     def on_plane(self, place: Place) -> None:
-        """Another plane: on it, the place last taken is here."""
+        """Moves the last accepted place to another tangent plane, where it has these
+        coordinates."""
         if self._taken is not None:
             self._taken = self._taken._replace(place=place)
         self._watch.restart()
@@ -116,11 +123,12 @@ class PositionGate:
 
     @property
     def walks(self) -> bool:
-        """Its places have walked off, and do not agree again yet."""
+        """Returns whether the places have drifted off and do not agree again yet."""
         return self._before_walk is not None
 
     def speed_refused(self) -> None:
-        """The receiver's speed was wrong: what places were held against says nothing of them."""
+        """Forgets the recent places, because the receiver's speed that they were compared with
+        was wrong."""
         self._watch.restart()
 
     def judge(
@@ -132,8 +140,17 @@ class PositionGate:
         time_s: float,
         velocity: Velocity | None = None,
     ) -> JudgedPlace:
-        """Whether a new epoch's place (east, north on one plane, m) is taken. velocity: by the
-        receiver's own speed and course; None: it tells none."""
+        """Accepts or refuses the place of a new epoch.
+
+        Parameters
+        ----------
+        place : east and north on one plane, m.
+        quality : GGA fix quality.
+        hdop : horizontal dilution of precision; None: not reported.
+        speed_mps : speed of the machine, m/s; None: unknown.
+        time_s : of the epoch, s.
+        velocity : east and north by the receiver's own speed and course, m/s; None: it reports
+            none."""
         if not (isfinite(place[0]) and isfinite(place[1])):
             return JudgedPlace(False, float("inf"))
         mark = self._watch.epoch(
@@ -165,8 +182,8 @@ class PositionGate:
     def _in_doubt(
         self, mark: Mark, quality: int, hdop: float | None, timing_m: float
     ) -> JudgedPlace:
-        """After a walk: does the place agree with the one before it, or for long with speed and
-        course?"""
+        """Judges a place after a drift: whether it agrees with the place before, or for long
+        enough with speed and course."""
         assert self._before_walk is not None
         walk = walk_between(self._before_walk, mark, GATE, timing_m)
         self._back = self._back + 1 if walk is None else 0
@@ -187,7 +204,7 @@ class PositionGate:
     def _by_epoch(
         self, place: Place, quality: int, hdop: float | None, timing_m: float, time_s: float
     ) -> JudgedPlace:
-        """By this epoch and the last one taken alone."""
+        """Judges a place by this epoch and the last accepted one alone."""
         now = _ReckonedPlace(
             place,
             spread_m(quality, hdop),
@@ -216,7 +233,7 @@ class PositionGate:
 
 
 def _off_m(before: _ReckonedPlace, now: _ReckonedPlace) -> float:
-    """The innovation, m; infinite where a place is no number."""
+    """Returns the innovation, m; infinite where a place is not a number."""
     east, north = now.place[0] - before.place[0], now.place[1] - before.place[1]
     reckoned = now.lost == before.lost and now.time_s - before.time_s <= RECKONED_S
     if reckoned:

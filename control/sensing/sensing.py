@@ -1,9 +1,8 @@
-"""Which speed and which place control uses.
+"""Which speed and which place does control use?
 
-The wheel tells changes of speed quickly, GNSS tells its level without slip: the wheel,
-corrected by a slowly learned ratio, drives the filter `speed_used`; either alone serves when
-the other is silent.
-"""
+The wheel shows changes of speed quickly, GNSS shows their level without slip: the wheel,
+corrected by a slowly learnt ratio, drives the filter `speed_used`; either alone serves while the
+other is silent."""
 
 from __future__ import annotations
 
@@ -27,39 +26,49 @@ from topdress.control.sensing.speed_ahead import QUICK_TAU_S, Moving
 from topdress.control.sensing.speed_check import SLIP, SpeedCheck
 from topdress.control.sensing.walk_watch import Velocity
 
-# filter `ratio`, first order: how slowly the wheel is corrected by GNSS. Slip comes in bursts
-# of some 20 s
+# Time constant of the first-order filter `ratio`, by which GNSS corrects the wheel, s. Slip comes
+# in bursts of some 20 s.
 RATIO_TAU_S = 3.0
-WHEEL_HOLDS_S = 0.5  # a wheel speed
-STANDSTILL_S = 0.8  # no wheel pulse for this long: standing
-# both speeds silent: the last one holds this long
+# A wheel speed is valid for this long, s.
+WHEEL_HOLDS_S = 0.5
+# Without a wheel pulse for this long, s, the machine stands.
+STANDSTILL_S = 0.8
+# While both speeds are silent the last speed is held for this long, s.
 HELD_SPEED_S = 2.0
-# a place without GNSS is believed this long; on a straight way as long as 1 s.d. of it is below
-# `SensingLimits.reckoned_m`: that of the last place taken, and of the way ...
+# A place without GNSS is trusted for this long, s. On a straight way it is trusted for as long as
+# its standard deviation is below `SensingLimits.reckoned_m`; that comes from the last accepted
+# place and the three values below.
 DEAD_RECKONING_S = 2.0
-# ... along it what a wheel that was corrected just now may slip (`speed_check`), ...
+# Standard deviation along the way as a share of it: slip of a wheel that was corrected just now
+# (`speed_check`).
 WHEEL_SHARE = 0.1
-# ... across it 3 degrees: nobody tells the course, a driver holds it
+# Standard deviation across the way as a share of it: 3 degrees, as well as a driver holds a course.
 COURSE_SHARE = 0.05
-# a straight way: the noise of the course alone makes 2
+# A way is straight below this rate of turn, degrees/s: the noise of the course alone makes 2.
 STRAIGHT_DEG_S = 6.0
-HEADING_FROM_MPS = 0.3  # below, course over ground is noise ...
-# ... but better than none: 9 degrees with 0.03 m/s
+# Below this speed, m/s, the course over ground is mostly noise.
+HEADING_FROM_MPS = 0.3
+# The first heading is taken from this speed on, m/s: it is 9 degrees uncertain with 0.03 m/s of
+# noise, which is better than none.
 FIRST_HEADING_FROM_MPS = 0.2
-HEADING_TAU_S = 0.5  # filter `heading`: first order
-# slower than this, the direction of travel may turn round unseen
+# Time constant of the first-order filter `heading`, s.
+HEADING_TAU_S = 0.5
+# Below this speed, m/s, the direction of travel may reverse unseen.
 STOOD_BELOW_MPS = 0.3
-# GNSS speed from which its course tells the direction of travel
+# From this GNSS speed on, m/s, its course shows the direction of travel.
 COURSE_FROM_MPS = 0.2
-# a course that differs by more across a standstill is the other direction
+# A course that differs by more than this across a standstill, degrees, is the opposite direction.
 BACKWARDS_DEG = 120.0
-# a place that GNSS gives up, or takes again, and lies nearer is the same
+# A place that GNSS loses and finds again within this distance, m, is the same place.
 MOVED_M = 1.0
-# a plane that began with a wrong place is known by having had no more than these
+# A tangent plane that began with a wrong place is recognised by having had no more epochs than
+# these.
 FIRST_EPOCHS = 2
 
 
 class Sensed(NamedTuple):
+    """Holds the speed, place and heading that control uses in one tick."""
+
     time_s: float
     # the one control uses; None: both silent too long
     speed_mps: float | None
@@ -99,7 +108,7 @@ class SensingLimits:
 
 
 class Sensing:
-    """One per run; `update` once a tick."""
+    """Chooses speed, place and heading of a run. `update` is called once a tick."""
 
     def __init__(
         self, antenna_m: float, plane: TangentPlane | None, limits: SensingLimits | None = None
@@ -138,6 +147,7 @@ class Sensing:
         self._own_epochs: int | None = None  # taken on a plane that the first of them began
 
     def update(self, m: Measurements) -> Sensed:
+        """Returns speed, place and heading of this tick."""
         m = _believable(m)
         now = m.time_s
         dt = 0.0 if self._time_s is None else max(0.0, now - self._time_s)
@@ -212,8 +222,8 @@ class Sensing:
         )
 
     def _reckons(self, source: str) -> bool:
-        """Whether the place is good enough without GNSS: it is silent or has no fix, and the
-        wheel is believed."""
+        """Returns whether the place is good enough without GNSS: it is silent or has no fix, and
+        the wheel is trusted."""
         off_m = hypot(self._spread_m, hypot(WHEEL_SHARE, COURSE_SHARE) * self._way_m)
         return (
             off_m <= self._limits.reckoned_m
@@ -224,8 +234,8 @@ class Sensing:
         )
 
     def _wheel_stands(self, wheel: Reading | None, now: float) -> bool:
-        """Whether the wheel says 0, or has said nothing for so long. One that was heard once is
-        fitted: it stands also when what it says cannot be."""
+        """Returns whether the wheel reads 0 or has been silent for long. A wheel that was heard
+        once is fitted: it stands also when its readings are impossible."""
         if wheel is not None and wheel.time_s <= now + AHEAD_S:
             self._turned_s = (
                 wheel.time_s if self._turned_s is None else max(self._turned_s, wheel.time_s)
@@ -235,8 +245,8 @@ class Sensing:
         return self._turned_s is not None and now - self._turned_s > STANDSTILL_S
 
     def _gnss_speed_serves(self, gnss_mps: float | None, wheel: Reading | None) -> bool:
-        """While it is not known which one is wrong, the slower one serves: too little can be
-        made up for."""
+        """Returns whether GNSS's speed is used. While it is unknown which of the two is wrong,
+        the slower one is used: too little product can be made up for."""
         doubt = self._check.doubt
         if doubt is None or doubt.refused is Doubted.WHEEL or gnss_mps is None:
             return True
@@ -245,7 +255,7 @@ class Sensing:
         )
 
     def _wheel_serves(self, gnss_mps: float | None) -> bool:
-        """gnss_mps: where it serves."""
+        """Returns whether the wheel's speed is used. gnss_mps: GNSS's speed where that is used."""
         doubt = self._check.doubt
         return doubt is None or (doubt.refused is not Doubted.WHEEL and gnss_mps is None)
 
@@ -302,8 +312,8 @@ class Sensing:
     def _take_place(
         self, m: Measurements, speed: float | None, dt: float, fix_new: bool
     ) -> float | None:
-        """The place of a new epoch that is possible, else reckoned on. How far off the old
-        place was, where the new one is taken in spite of it."""
+        """Updates the place by a new epoch, else by reckoning. Returns how far off the old place
+        was, m, where the new one contradicts it and is accepted."""
         fix, backwards = m.gnss, self._direction.backwards
         east_m = north_m = 0.0
         if self._heading is None or speed is None:
@@ -337,16 +347,16 @@ class Sensing:
         return None
 
     def _gone_m(self, before: tuple[float | None, float | None]) -> float | None:
-        """How far the antenna's place has gone from where it was thought to be; None where that
-        is next to nothing."""
+        """Returns the distance of the antenna from its assumed place, m; None where it is
+        negligible."""
         if self._east is None or self._north is None or before[0] is None or before[1] is None:
             return None
         gone_m = hypot(self._east - before[0], self._north - before[1])
         return gone_m if gone_m >= MOVED_M else None
 
     def _judged(self, fix: GnssFix, speed: float | None) -> JudgedPlace | None:
-        """A new epoch through the gate; when it is taken, the antenna is there. None: it tells
-        no place."""
+        """Passes the place of a new epoch through the gate and stores it where it is accepted;
+        None where the epoch has no place."""
         if fix.fix_quality <= 0:
             return None
         if not (-90.0 <= fix.lat_deg <= 90.0 and -180.0 <= fix.lon_deg <= 180.0):
@@ -382,7 +392,7 @@ class Sensing:
         return judged
 
     def _check_speed(self, fix: GnssFix, place: Place) -> bool:
-        """Whether the receiver's speed is believed with this epoch."""
+        """Returns whether the receiver's speed is trusted with this epoch."""
         of_place_m = inf if self._gate.walks else spread_m(fix.fix_quality, fix.hdop)
         changed = self._check.epoch(fix.time_s, place, of_place_m, _velocity(fix))
         doubt = self._check.doubt
@@ -419,7 +429,8 @@ def _within_slip(ratio: float) -> float:
 
 
 def _velocity(fix: GnssFix) -> Velocity | None:
-    """East and north, m/s, as the receiver tells it; standing it may tell no course."""
+    """Returns the receiver's velocity east and north, m/s; at a standstill it may report no
+    course."""
     if fix.speed_mps is None or (fix.heading_deg is None and fix.speed_mps >= COURSE_FROM_MPS):
         return None
     angle = radians(fix.heading_deg or 0.0)
@@ -427,8 +438,8 @@ def _velocity(fix: GnssFix) -> Velocity | None:
 
 
 def _believable(m: Measurements) -> Measurements:
-    """The measurements without speeds and courses that are no numbers, or faster than anything
-    that spreads."""
+    """Returns the measurements without speeds and courses that are not numbers or faster than
+    any spreader."""
     wheel, fix = m.wheel_speed_mps, m.gnss
     if wheel is not None and not wheel.value <= FASTEST_MPS:
         m = m._replace(wheel_speed_mps=None)
@@ -440,12 +451,11 @@ def _believable(m: Measurements) -> Measurements:
 
 
 class _Direction:
-    """Forwards or backwards: the wheel cannot tell, the GNSS course flips across a standstill
-    when it changes.
+    """Tells forwards from backwards: the wheel cannot, but the GNSS course reverses across a
+    standstill when the direction changes.
 
     The way made between the standstill and the first course after it is put right once the
-    direction is known.
-    """
+    direction is known."""
 
     def __init__(self) -> None:
         self.backwards = False
@@ -454,7 +464,7 @@ class _Direction:
         self._unsure_m = 0.0  # signed as if the direction had not changed
 
     def moved_m(self, way_m: float, slow: bool, fix: GnssFix | None) -> float:
-        """Signed way of this tick. `way_m`: unsigned; `fix`: a new one, or None."""
+        """Returns the signed way of this tick, m. way_m: unsigned; fix: a new one, or None."""
         signed = -way_m if self.backwards else way_m
         self._stood = self._stood or slow
         self._unsure_m = self._unsure_m + signed if self._stood else 0.0

@@ -1,16 +1,14 @@
-"""How fast the machine will go over the next seconds: its own speed gone on with, and what the
-tractor says it wants.
+"""How fast will the machine go over the next seconds? Its own speed is extrapolated, with the
+speeds that the tractor announces.
 
-Without news from the tractor a change of speed can only be seen when it is there. Two filters
-look for it: a quick one that follows an acceleration without delay, and a slow one that is
-quieter. While both agree the speed is steady, and the quiet one is believed; where they part by
-more than noise explains, the quick one is.
+Without announcements a change of speed can only be detected after it began. Two filters detect
+it: a quick one that follows an acceleration without delay, and a steady one that is quieter.
+While they agree within noise the steady one is used, else the quick one.
 
-With news the announced speeds are driven along with the acceleration that was announced (the
-reference). What the machine does next to the reference (throttle, slope, slip) goes on as it
-would without news. How far the reference is believed is learned: where the two forecasts
-differ, both are kept until their time has come, and the one that came true weighs.
-"""
+With announcements the announced speeds are followed with the announced acceleration (the
+reference). The machine's deviation from the reference (throttle, slope, slip) is extrapolated as
+it would be without announcements. The weight of the reference is learnt: where the two forecasts
+differ, both are kept until their time has come, and the more accurate one gains weight."""
 
 from __future__ import annotations
 
@@ -20,28 +18,32 @@ from typing import NamedTuple
 
 from topdress.control.readings import SpeedPlan, is_fresh
 
-# its step response is half-way after 0.2 s; a steady acceleration passes without delay
+# Time constant of the filter `speed_used`, s. Its step response is half-way after 0.2 s; a steady
+# acceleration passes without delay.
 FILTER_TAU_S = 0.25
-# filter `quick`, of the same samples, half-way after 0.07 s: for what is to come alone
+# Time constant of the filter `quick` of the same samples, s: half-way after 0.07 s. Only forecasts
+# use it.
 QUICK_TAU_S = 0.09
-LONGEST_GAP_S = 1.0  # after a longer one it begins anew
-STANDS_MPS = 0.05  # a sample of 0 and less than this: standing
+# After a longer gap between samples, s, the filter begins anew.
+LONGEST_GAP_S = 1.0
+# With a sample of 0 and a filtered speed below this, m/s, the machine stands.
+STANDS_MPS = 0.05
 
 
 class Moving(NamedTuple):
-    """The filters `speed_used` and `quick`: second order, critically damped."""
+    """Holds the state of the filters `speed_used` and `quick`: second order, critically damped."""
 
     speed_mps: float = 0.0
     acceleration_mps2: float = 0.0
 
     def on(self, dt_s: float) -> Moving:
-        """A time later, without a sample."""
+        """Returns the state a time later, without a sample."""
         return Moving(
             max(0.0, self.speed_mps + self.acceleration_mps2 * dt_s), self.acceleration_mps2
         )
 
     def taking(self, sample_mps: float, gap_s: float, tau_s: float = FILTER_TAU_S) -> Moving:
-        """With a sample taken in, `gap_s` after the one before."""
+        """Returns the state after a sample, `gap_s` after the one before."""
         if not 0.0 < gap_s < LONGEST_GAP_S:
             return Moving(sample_mps, 0.0)
         keep = exp(-gap_s / tau_s)
@@ -52,45 +54,52 @@ class Moving(NamedTuple):
         return Moving(speed, self.acceleration_mps2 + (1.0 - keep) * (1.0 - keep) / gap_s * error)
 
 
-# an acceleration is expected to die out this fast: drivers change from one speed to another,
-# and a forecast that goes on for the whole lag overshoots at the end of it
+# Time constant with which an acceleration is expected to decay, s: drivers change from one speed to
+# another, and a forecast that keeps the acceleration for the whole lag overshoots.
 DIES_OUT_S = 0.8
-# slower than this and slowing down, a machine stops: nobody works so slowly ...
+# A machine that is slower than this, m/s, and slowing down is going to stop: nobody works so
+# slowly.
 STOPS_BELOW_MPS = 0.75
-STOPS_WITHIN_MPS = 0.15  # ... the less surely the nearer to it
-STEADY_TAU_S = 0.35  # filter `steady`, first order, behind `quick`
-# quiet band: apart by less is noise, by twice as much a change of speed. In units of the median
-# of what the two are apart: 2.1 s.d. of Gaussian noise
+# The certainty of a stop grows from 0 to 1 over this span below the speed above, m/s.
+STOPS_WITHIN_MPS = 0.15
+# Time constant of the first-order filter `steady` behind `quick`, s.
+STEADY_TAU_S = 0.35
+# Half-width of the quiet band in medians of the difference of the two filters: 2.1 standard
+# deviations of Gaussian noise. A smaller difference is noise, twice as much a change of speed.
 BAND_OVER_MEDIAN = 3.2
-# the band at first: the shipped wheel's 0.02 m/s a sample; never less than ...
+# Initial half-width of the quiet band, m/s: the shipped wheel's noise is 0.02 m/s a sample.
 QUIET_MPS = 0.03
-# ... what the gate leaves out, 1.2 % of 1.5 m/s (`setting.PLAN_BAND_MM_SHARE`), ...
+# Least half-width, m/s: what the gate's dead band leaves out, 1.2 % of 1.5 m/s
+# (`setting.PLAN_BAND_MM_SHARE`).
 LEAST_QUIET_MPS = 0.02
-# ... nor more: 0.5 m/s2 holds the two 0.5 x 0.35 = 0.175 apart, and must be seen
+# Greatest half-width, m/s: an acceleration of 0.5 m/s2 parts the filters by 0.5 x 0.35 = 0.175 m/s
+# and must be detected.
 MOST_QUIET_MPS = 0.12
-# filter `quiet band`: the median moves by a factor e in so long
+# Time in which the running median of the filter `quiet band` moves by a factor e, s.
 NOISE_TAU_S = 20.0
-NOISE_FROM_MPS = 0.3  # slower than work: nothing is learnt
+# Below this speed, m/s, no noise is learnt: it is slower than work.
+NOISE_FROM_MPS = 0.3
 
 
-ANNOUNCED_HOLDS_S = 2.0  # an announced speed
+# An announced speed is valid for this long, s.
+ANNOUNCED_HOLDS_S = 2.0
 # how far the reference is driven ahead, and in which steps
 TABLE_S, TABLE_STEP_S = 6.0, 0.1
-# how far ahead a forecast was made that is judged: a lag
+# Forecasts are judged this long after they were made, s: a typical lag.
 JUDGED_S = 1.3
-# forecasts nearer to each other than this say nothing about which one is right
+# Forecasts closer to each other than this, m/s, do not show which is the better one.
 DIFFER_MPS = 0.05
-# of what was learned, at each forecast judged (of ten a second that differ)
+# Factor on the learnt errors at each judged forecast; ten a second are judged where they differ.
 FORGETS = 0.99
 JUDGED_EVERY_S = 0.1
-# squared error that both have at first: believed by half
+# Initial squared error of both forecasts, (m/s)^2: the weight begins at one half.
 AT_FIRST_MPS2 = 0.1**2
 
 
 class SpeedAhead(NamedTuple):
-    """The forecast made at one tick: a speed, and an acceleration that dies out; next to it,
-    where somebody announced, the reference in steps of `TABLE_STEP_S`, what is driven on top of
-    it, and how far all that is believed."""
+    """Holds the forecast of one tick: a speed and an acceleration that decays; with
+    announcements also the reference in steps of `TABLE_STEP_S`, the deviation from it, and its
+    weight."""
 
     now_mps: float
     acceleration_mps2: float
@@ -98,10 +107,11 @@ class SpeedAhead(NamedTuple):
     announced_way_m: tuple[float, ...] = ()  # its way from now on
     faster_mps: float = 0.0  # faster than the reference, now
     faster_mps2: float = 0.0
-    believed: float = 0.0  # 0 to 1
+    # This is the weight of the reference, 0 to 1.
+    believed: float = 0.0
 
     def mps(self, in_s: float) -> float:
-        """Speed so many seconds ahead, m/s; never below 0."""
+        """Returns the speed expected so many seconds ahead, m/s; never below 0."""
         own = speed_ahead_mps(self.now_mps, self.acceleration_mps2, in_s)
         if not self.announced_mps:
             return own
@@ -109,7 +119,7 @@ class SpeedAhead(NamedTuple):
         return max(0.0, own + self.believed * (known - own))
 
     def way_m(self, in_s: float) -> float:
-        """Distance covered until then, m."""
+        """Returns the distance expected until then, m."""
         own = travelled_ahead_m(self.now_mps, self.acceleration_mps2, in_s)
         if not self.announced_mps:
             return own
@@ -122,13 +132,12 @@ class SpeedAhead(NamedTuple):
 
 
 class _Quieted:
-    """A speed that is steady or changing: the quick filter's where it has parted from the slow
-    one, else the slow.
+    """Returns a quiet speed: the quick filter's while it differs from the steady one by more
+    than noise, else the steady one's.
 
-    How far noise alone parts them is measured: the running median of what they are apart. A
-    median is not moved by how far a change of speed parts them, only by how long, and half of
-    the time no machine changes its speed.
-    """
+    The noise is measured as the running median of their difference. A median depends on how
+    long a change of speed lasts, not on its size, and a machine changes its speed during less
+    than half of the time."""
 
     def __init__(self, quiet_mps: float = QUIET_MPS) -> None:
         self._steady_mps: float | None = None
@@ -152,7 +161,7 @@ class _Quieted:
 
 
 class Forecaster:
-    """One per run; `update` once a tick."""
+    """Forecasts the speed of a run. `update` is called once a tick."""
 
     def __init__(self) -> None:
         self._own = _Quieted()
@@ -169,7 +178,7 @@ class Forecaster:
 
     @property
     def believed(self) -> float:
-        """How far what is reported is believed, 0 to 1."""
+        """Returns the weight of the announced reference, 0 to 1."""
         return self._errors_mps2[1] / sum(self._errors_mps2)
 
     def update(
@@ -180,8 +189,15 @@ class Forecaster:
         dt_s: float,
         announced: SpeedPlan | None = None,
     ) -> SpeedAhead:
-        """speed_mps, acceleration_mps2: of the filter `quick`; None: not known, which counts as
-        standing."""
+        """Returns the forecast of this tick.
+
+        Parameters
+        ----------
+        now_s : present time, s.
+        speed_mps, acceleration_mps2 : of the filter `quick`; None: unknown, which counts as
+            standing.
+        dt_s : time since the last tick, s.
+        announced : the tractor's newest announcement."""
         if speed_mps is None:
             self._forget()
             return SpeedAhead(0.0, 0.0)
@@ -216,8 +232,8 @@ class Forecaster:
     def _drive_reference(
         self, announced: SpeedPlan, now_s: float, speed_mps: float, dt_s: float
     ) -> None:
-        """One tick on; it begins at the speed of the machine, and anew where that stands: when
-        it sets off nobody can tell."""
+        """Advances the reference by one tick. It begins at the machine's speed, and anew where
+        the machine stands: nobody knows when it will set off."""
         if self._reference_mps is None or speed_mps < STANDS_MPS:
             self._reference_mps, self._reference = speed_mps, Moving(speed_mps, 0.0)
             self._faster = _Quieted(self._own.quiet_mps)
@@ -239,8 +255,8 @@ class Forecaster:
 
 
 def _aimed(announced: SpeedPlan, in_s: float) -> float:
-    """The speed that is aimed at so many seconds after its announcement, m/s, whichever way:
-    `speed_used` has no sign."""
+    """Returns the announced target speed so many seconds after its announcement, m/s, without
+    sign as `speed_used`."""
     return next(
         abs(mps)
         for since, mps in reversed(announced.points)
@@ -255,7 +271,7 @@ def _towards(mps: float, aimed: float, most: float) -> float:
 def _driven(
     announced: SpeedPlan, since_s: float, reference_mps: float
 ) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """The reference ahead, m/s, and its way, m, in steps of `TABLE_STEP_S`."""
+    """Returns the reference ahead, m/s, and its way, m, in steps of `TABLE_STEP_S`."""
     mps, way, table, ways = reference_mps, 0.0, [reference_mps], [0.0]
     most = announced.acceleration_mps2 * TABLE_STEP_S
     for k in range(round(TABLE_S / TABLE_STEP_S)):
@@ -270,14 +286,14 @@ def _driven(
 
 
 def _at(table: tuple[float, ...], in_s: float) -> float:
-    """Between the table's steps; beyond its end as at its end."""
+    """Interpolates between the table's steps; beyond its end the last value holds."""
     place = min(len(table) - 1.0, max(0.0, in_s / TABLE_STEP_S))
     k = min(len(table) - 2, int(place))
     return table[k] + (place - k) * (table[k + 1] - table[k])
 
 
 def _more_mps(acceleration_mps2: float, in_s: float) -> float:
-    """What an acceleration that dies out comes to, m/s."""
+    """Returns the gain of speed from an acceleration that decays, m/s."""
     return min(1.0, max(-1.0, acceleration_mps2)) * DIES_OUT_S * (1.0 - exp(-in_s / DIES_OUT_S))
 
 
@@ -290,9 +306,8 @@ def _more_m(acceleration_mps2: float, in_s: float) -> float:
 
 
 def travelled_ahead_m(speed_mps: float, acceleration_mps2: float, time_s: float) -> float:
-    """Distance covered in `time_s` ahead, m: the integral of a speed that is believed as
-    `speed_ahead_mps` believes it, at least half of what the present speed would give where it
-    does not stop."""
+    """Returns the distance covered in the next `time_s`, m: the integral of `speed_ahead_mps`,
+    at least half of the present speed's way unless the machine stops."""
     more_m = _more_m(acceleration_mps2, time_s)
     usual = speed_mps * time_s + min(
         0.5 * speed_mps * time_s, max(-0.5 * speed_mps * time_s, more_m)
@@ -305,9 +320,10 @@ def travelled_ahead_m(speed_mps: float, acceleration_mps2: float, time_s: float)
 
 
 def speed_ahead_mps(speed_mps: float, acceleration_mps2: float, time_s: float) -> float:
-    """Speed expected `time_s` ahead, m/s: the acceleration, up to 1 m/s2, dies out with
-    `DIES_OUT_S`; the forecast stays within 50-150 % of the present speed. A machine that is
-    stopping goes on with it."""
+    """Returns the speed expected in `time_s`, m/s.
+
+    The acceleration, up to 1 m/s2, decays with `DIES_OUT_S`; the forecast stays within 50 to 150
+    % of the present speed. A machine that is about to stop goes on slowing down."""
     more = _more_mps(acceleration_mps2, time_s)
     usual = min(1.5 * speed_mps, max(0.5 * speed_mps, speed_mps + more))
     return usual + _stops(speed_mps, acceleration_mps2) * (
@@ -316,7 +332,7 @@ def speed_ahead_mps(speed_mps: float, acceleration_mps2: float, time_s: float) -
 
 
 def _stops(speed_mps: float, acceleration_mps2: float) -> float:
-    """How surely the machine stops, 0 to 1."""
+    """Returns the certainty that the machine stops, 0 to 1."""
     return (
         0.0
         if acceleration_mps2 >= 0.0

@@ -1,30 +1,29 @@
-"""Which of three witnesses of one ground speed is not believed: the wheel, GNSS's speed, the
-way between its places.
+"""Which of three witnesses of ground speed is wrong: the wheel, GNSS's speed, or the way between
+GNSS's places?
 
-Each is summed up to a way by its own readings and held against the others over windows of time.
+Each is integrated to a way and compared with the others over windows of time.
 
-*Wheel and GNSS's speed* differ where over 1, 2, 4 or 8 s the ratio of their ways is outside
+*Wheel and GNSS's speed* differ where the ratio of their ways over 1, 2, 4 or 8 s is outside
 `SLIP`, the limits within which GNSS corrects the wheel: slip (10 %, bursts to 20 %), slopes and
-tyres are within. A GNSS speed comes up to `LATE_S` late, so GNSS's way is taken over windows
-that are later than the wheel's by up to as much, and they differ only where none of them fits.
-Noise and pulses have `WAY_M`, the lever between antenna and wheel `LEVER_M` times the turn. A
-factor of 2 or 0.5 is seen within 2 s.
+tyres are within. A GNSS speed arrives up to `LATE_S` late, so GNSS's way is taken over windows
+that are later than the wheel's by up to as much, and the two differ only where none of these
+fits. `WAY_M` allows for noise and pulses, `LEVER_M` times the turn for the lever arm between
+antenna and wheel. A factor of 2 or 0.5 is detected within 2 s.
 
-*GNSS's speed and its places* differ by the statistic of `walk_watch`: chi-square, two degrees
-of freedom, over 1 to 60 s. With RTK 20 % are seen after some 25 s; plain GNSS shows a factor of
-two, no 20 %.
+*GNSS's speed and its places* differ by the statistic of `walk_watch`: chi-square, two degrees of
+freedom, over 1 to 60 s. With RTK 20 % are detected after some 25 s; plain GNSS shows a factor of
+two but not 20 %.
 
-*Which one stands alone* says the third. Between wheel and GNSS's speed the places decide: the
-machine should be in one place by the wheel, in another by GNSS's speed; the nearer one is borne
-out where the odds are a hundred to one (`DECIDES`, in units of the places' variance) and it
-fits. With RTK that takes 1 to 4 s, with plain GNSS 10 to 20 s. Between GNSS's speed and its
-places the wheel decides, corrected as it was before they parted. Nothing decides where places
-are missing or walk, or all three differ; or where the wheel rolls less than GNSS goes by speed
-and places, and GNSS has changed more than the wheel: both come from one receiver, and one that
-is led astray looks like that.
+*The third witness* decides which of two is wrong. Between wheel and GNSS's speed the places
+decide: each of the two predicts a place, and the nearer one is right where the odds are a
+hundred to one (`DECIDES`, in units of the places' variance) and it fits. With RTK that takes 1
+to 4 s, with plain GNSS 10 to 20 s. Between GNSS's speed and its places the wheel decides, with
+its correction from before they differed. Nothing decides where places are missing or drift,
+where all three differ, or where the wheel rolls less than GNSS's speed and places and GNSS has
+changed more than the wheel: speed and places come from one receiver, and a receiver in error
+looks like that.
 
-What is refused is believed again once it has agreed, moving, for `AGAIN_S` without a break.
-"""
+A refused witness is trusted again once it has agreed, moving, for `AGAIN_S` without a break."""
 
 from __future__ import annotations
 
@@ -44,35 +43,41 @@ from topdress.control.sensing.walk_watch import (
     WalkWatch,
 )
 
-SLIP = (0.7, 1.3)  # GNSS's way by the wheel's
+# Limits of the ratio of GNSS's way to the wheel's.
+SLIP = (0.7, 1.3)
 WINDOWS_S = (1.0, 2.0, 4.0, 8.0)
 LATER_S = (0.0, 0.5 * LATE_S, LATE_S)
-WAY_M = 0.2  # a pulse of the wheel is 0.16 m
-# a wheel at the side and an antenna ahead of the axle, together
+# Noise of a way, m: a pulse of the wheel is 0.16 m.
+WAY_M = 0.2
+# Lever arm between the antenna ahead of the axle and a wheel at the side, m.
 LEVER_M = 2.0
-# slower, receivers tell 0 or noise; flow ends at 0.3
+# Slower than this, m/s, receivers report 0 or noise; flow ends at 0.3.
 JUDGED_FROM_MPS = 0.4
-DECIDES = 9.2  # 2 ln 100
-# chi-square, 2 degrees of freedom: exceeded by one sound epoch in a million
+# Difference of the two chi-squares at odds of a hundred to one: 2 ln 100.
+DECIDES = 9.2
+# Chi-square with 2 degrees of freedom that one healthy epoch in a million exceeds.
 FITS = 27.6
-# of the way: what a wheel that was corrected just now may slip more, or less
+# Slip of a wheel that was corrected just now, as a share of its way (1 standard deviation).
 WHEEL_SHARE = 0.1
-# they parted somewhere in the window in which it shows: surely not so long before it
+# Speeds that differ in a window began to differ at most this long before it, s.
 BEFORE_S = 2.0
 NO_SPEEDS = 0.0, 0.0
-KEPT_S = 12.0  # windows, their delay, and `BEFORE_S`
-# way between places by which the wheel is corrected where GNSS's speed is refused
+# Marks are kept for the longest window, its delay and `BEFORE_S`, s.
+KEPT_S = 12.0
+# The wheel is corrected over the way between places of this time, s, while GNSS's speed is refused.
 RATIO_S = 15.0
-# of its length lies between the ends of a way that is straight
+# A way is straight where its ends are at least this share of its length apart.
 STRAIGHT = 0.95
 
 
-# the longest window that shows it; while it is open, a wheel that has stopped spinning
+# Time of agreement until a witness is trusted again, s: that of the longest window that shows the
+# fault; while neither is refused, a wheel that has stopped spinning.
 AGAIN_S = {Doubted.WHEEL: 8.0, Doubted.GNSS: 60.0, Doubted.EITHER: 2.0}
 
 
 class SpeedCheck:
-    """`moved` once a tick, `epoch` for each new place. O(1) an epoch."""
+    """Finds the witness of ground speed that is wrong. `moved` is called once a tick, `epoch`
+    for each new place; an epoch takes constant time."""
 
     def __init__(self) -> None:
         self.doubt: SpeedDoubt | None = None
@@ -91,8 +96,15 @@ class SpeedCheck:
         ratio: float,
         dt_s: float,
     ) -> None:
-        """A tick. wheel_mps: as the sensor reads, None: silent or standing; ratio: by which it
-        is corrected."""
+        """Adds a tick of the wheel.
+
+        Parameters
+        ----------
+        wheel_mps : as the sensor reads; None: silent or standing.
+        heading_deg : heading, degrees; None: unknown.
+        backwards : whether the machine reverses.
+        ratio : present correction factor of the wheel.
+        dt_s : time since the last tick, s."""
         was = self._wheel
         if wheel_mps is None or heading_deg is None:
             self._wheel = was._replace(lost=was.lost + 1)
@@ -110,8 +122,8 @@ class SpeedCheck:
     def epoch(
         self, time_s: float, place: Place, spread_m: float, velocity: Velocity | None
     ) -> bool:
-        """A new epoch of GNSS; True where from now on another speed is refused than before.
-        spread_m: of a place that is not believed, infinite."""
+        """Takes a new epoch and returns whether from now on another speed is refused than
+        before. spread_m: infinite for a place that is not trusted."""
         last_s, was = self._watch.newest_s, self.doubt
         now = self._watch.epoch(
             time_s, place, spread_m if isfinite(spread_m) else 1e6, velocity, self._wheel
@@ -139,13 +151,13 @@ class SpeedCheck:
         return (self.doubt and self.doubt.refused) is not (was and was.refused)
 
     def restart(self) -> None:
-        """The place is another one: what was before says nothing of it."""
+        """Forgets earlier places, because the machine is at another place."""
         self._watch.restart()
         self._before = None
 
     def corrected_ratio(self) -> float | None:
-        """The way between places by the wheel's, on the newest straight piece; None: there is
-        none."""
+        """Returns the ratio of the way between places to the wheel's way on the newest straight
+        piece; None where there is none."""
         marks = self._watch.marks
         now = marks[-1] if marks else None
         first = next(
@@ -160,7 +172,7 @@ class SpeedCheck:
         return self.doubt is not None and self.doubt.refused is refused
 
     def _settle(self, doubt: SpeedDoubt, now: Mark, parted: Mark | None, judged_s: float) -> None:
-        """Do they agree again?"""
+        """Ends the doubt where the two agree again for long enough."""
         if parted is not None:
             self.doubt, self._agreed_s = doubt._replace(differed_s=now.time_s), 0.0
             # it stood meanwhile
@@ -173,9 +185,13 @@ class SpeedCheck:
             self._watch.restart()
 
     def _differing(self, now: Mark) -> tuple[Mark | None, float, tuple[float, float]]:
-        """A mark before wheel and GNSS's speed parted, the window that shows it, and what wheel
-        and GNSS read in its mean, m/s; None where they agree, and the longest window that was
-        judged, 0 where none could be."""
+        """Finds the window in which wheel and GNSS's speed differ.
+
+        Returns
+        -------
+        A mark from before they differed (None where they agree), the window in s (where they
+        agree the longest that was judged, 0 where none could be), and the mean speeds of wheel
+        and GNSS, m/s."""
         recent = [*self._watch.marks, now]
         del recent[: bisect_left(recent, now.time_s - KEPT_S, key=TIME_S)]
         while recent[0].reckoned.lost != now.reckoned.lost or recent[0].gap_m != now.gap_m:
@@ -218,8 +234,8 @@ class SpeedCheck:
         return None, judged_s, NO_SPEEDS
 
     def _wrong_since(self, now: Mark) -> Mark | None:
-        """A mark since which GNSS's speed differs from its places, and the wheel bears out
-        these; None: it does not."""
+        """Returns a mark since which GNSS's speed contradicts its places while the wheel
+        confirms them; None where it does not."""
         walk = self._watch.walked(now, FITS, 0.0)
         if walk is None or walk.since.reckoned.lost != now.reckoned.lost:
             return None
@@ -232,7 +248,7 @@ class SpeedCheck:
         return walk.since if 2.0 * off_places_m < off_speed_m else None
 
     def _decide(self, now: Mark) -> None:
-        """By the places: does wheel or GNSS's speed stand alone?"""
+        """Decides by the places whether the wheel or GNSS's speed is wrong."""
         before, doubt = self._before, self.doubt
         if before is None or doubt is None or before.reckoned.lost != now.reckoned.lost:
             return
@@ -263,7 +279,7 @@ class SpeedCheck:
 
 
 def _means_mps(before: Mark, now: Mark) -> tuple[float, float]:
-    """What wheel and GNSS's speed read in the mean between two marks, m/s."""
+    """Returns the mean speeds of wheel and GNSS between two marks, m/s."""
     since_s = max(1e-3, now.time_s - before.time_s)
     rolled_m = now.reckoned.way_m - before.reckoned.way_m
     return rolled_m / since_s, (now.way_m - before.way_m) / since_s
@@ -274,7 +290,7 @@ def _by_places(before: Mark, now: Mark) -> tuple[float, float]:
 
 
 def _by_wheel(before: Mark, now: Mark) -> tuple[float, float]:
-    """East and north, m, corrected as it was before."""
+    """Returns the wheel's way east and north, m, with the correction of the first mark."""
     ratio = before.reckoned.ratio
     return (
         ratio * (now.reckoned.east_m - before.reckoned.east_m),
@@ -283,14 +299,14 @@ def _by_wheel(before: Mark, now: Mark) -> tuple[float, float]:
 
 
 def _turned(before: Velocity, now: Velocity) -> float:
-    """Radians between two courses, 0 to pi."""
+    """Returns the angle between two courses, 0 to pi radians."""
     angle = atan2(now[0], now[1]) - atan2(before[0], before[1])
     return abs((angle + pi) % (2.0 * pi) - pi)
 
 
 def _at(marks: list[Mark], time_s: float) -> tuple[float, float]:
-    """The ways of the wheel and of GNSS's speed until then: between two marks in proportion;
-    beyond the last as there."""
+    """Returns the ways of wheel and GNSS's speed until a time, interpolated between two marks;
+    beyond the last mark its own."""
     k = bisect_right(marks, time_s, key=TIME_S)
     if k >= len(marks):
         return marks[-1].reckoned.way_m, marks[-1].way_m

@@ -1,24 +1,21 @@
-"""Does GNSS's place go where its own speed and course say? The sum of the innovations, over
-seconds and over a minute.
+"""Does GNSS's place follow its own speed and course? The innovations are summed over seconds and
+over a minute.
 
-A place that walks off by half a metre a second passes every gate on one epoch: each agrees with
-the one before. Summed up it does not: over a window the place must have moved as far as speed
-and course add up to. The square of what is left over its variance has a chi-square distribution
-with two degrees of freedom when all is well (`position_gate`).
+A place that drifts by half a metre a second passes every gate on single epochs, because each
+agrees with the one before. Their sum does not: over a window the place must have moved as far as
+speed and course add up to. The square of the residual over its variance has a chi-square
+distribution with two degrees of freedom for a healthy receiver (`position_gate`).
 
-What is left has these causes, and the variance these terms, all 1 s.d.: the two places' own
-spread; the share by which a receiver's speed may be off (`SPEED_SHARE` of the way) and the step
-in which it tells it (`SPEED_STEP_MPS`); that speed comes later than place (`LATE_S` of the
-change of velocity: nothing on a straight pass); what it calls standing though it creeps
-(`CREEP_MPS`); where epochs tell no speed a quarter of the way as it was reckoned, where they
-are missing all of it. The wheel is not asked here, so that one that slips, spins or is
-calibrated wrongly accuses nobody.
+The variance has these terms, all as 1 standard deviation: the error of the two places; the
+relative error of a receiver's speed (`SPEED_SHARE` of the way) and the step in which it is
+reported (`SPEED_STEP_MPS`); the delay of speed behind place (`LATE_S` of the change of velocity:
+nothing on a straight pass); creeping that is reported as standing (`CREEP_MPS`); a quarter of
+the reckoned way where epochs have no speed, all of it where epochs are missing. The wheel is not
+used here, so that a wheel that slips, spins or is calibrated wrongly accuses nobody.
 
-So a steady walk is seen from 5.25 (the gate's root) times what grows with time on: 0.2 m/s at
-1.25 m/s, over a minute. What walks more slowly is not seen. Nor is a receiver whose speed and
-course walk with its place: that, and whether it is the speed that is wrong, `speed_check` says
-by the wheel.
-"""
+So a steady drift is detected from 5.25 (the gate's root) times the terms that grow with time:
+0.2 m/s at 1.25 m/s, over a minute. A slower drift is not detected, nor a receiver whose speed
+and course drift with its place: `speed_check` finds that, and a wrong speed, with the wheel."""
 
 from __future__ import annotations
 
@@ -32,28 +29,35 @@ from typing import NamedTuple
 from topdress.control.geodesy import Place
 
 WINDOWS_S = (1.0, 2.0, 4.0, 8.0, 15.0, 30.0, 60.0)
-MARK_S = 0.5  # marks are kept at this distance, ...
-LONGEST_S = WINDOWS_S[-1] + 1.0  # ... for this long
+# Marks are kept at this interval, s.
+MARK_S = 0.5
+# Marks are kept for this long, s.
+LONGEST_S = WINDOWS_S[-1] + 1.0
+# Relative error of a receiver's speed (1 standard deviation).
 SPEED_SHARE = 0.01
-# a tenth of a knot is a step of 0.05 m/s; its s.d. 0.015, and as much again for a bias
+# Error of a reported speed, m/s (1 standard deviation): a step of a tenth of a knot, 0.05 m/s, has
+# 0.015, and a bias as much again.
 SPEED_STEP_MPS = 0.03
-LATE_S = 1.0  # GNSS speeds come 0.1 to 1 s late
-# reported as standing: receivers cut speeds below some 0.1 to 0.2 m/s to 0
+# GNSS speeds arrive 0.1 to 1 s late.
+LATE_S = 1.0
+# Speed that may be reported as standing, m/s: receivers cut speeds below some 0.1 to 0.2 m/s to 0.
 CREEP_MPS = 0.05
 STANDS_MPS = 0.2
-# epochs farther apart: the course in between is not known, nor where the way led
+# Between epochs farther apart than this, s, the course is unknown.
 GAP_S = 2.0
-# of the way reckoned where epochs tell no speed, as `position_gate.WAY_SHARE`
+# Error of the reckoned way where epochs have no speed, as `position_gate.WAY_SHARE`.
 GAP_SHARE = 0.25
 
+# Key of binary searches in a list of marks.
 TIME_S = attrgetter("time_s")
-Velocity = tuple[float, float]  # east, north, m/s
+# Velocity east and north, m/s.
+Velocity = tuple[float, float]
 
 
 class Reckoned(NamedTuple):
-    """The way as wheel and heading have it, since the beginning; `lost`: ticks whose heading or
-    speed was unknown. `ratio`, `mps`: of a wheel that is not corrected (`speed_check`), by what
-    it would be, and what it reads."""
+    """Holds the way by wheel and heading since the beginning. `lost` counts ticks whose heading
+    or speed was unknown. `ratio` and `mps` are the correction factor of the wheel and its
+    uncorrected reading (`speed_check`)."""
 
     east_m: float
     north_m: float
@@ -64,7 +68,7 @@ class Reckoned(NamedTuple):
 
 
 class Mark(NamedTuple):
-    """A place reported by GNSS, and what had been added up until then."""
+    """Holds a place reported by GNSS, and the sums until then."""
 
     time_s: float
     place: Place
@@ -79,8 +83,8 @@ class Mark(NamedTuple):
 
 
 class Walk(NamedTuple):
-    """A place that has walked off: how far, in how many seconds, and where it would be now
-    without."""
+    """Holds a place that has drifted off: how far, over how many seconds, and where it would be
+    without the drift."""
 
     off_m: float
     over_s: float
@@ -89,8 +93,8 @@ class Walk(NamedTuple):
 
 
 class WalkWatch:
-    """`epoch` for every epoch, then `walked` of its mark, then `taken` where it is. O(1) an
-    epoch."""
+    """Detects a drift of places, in constant time for each epoch. `epoch` is called for every
+    epoch, then `walked` with its mark, then `taken` where the place is accepted."""
 
     def __init__(self) -> None:
         self._marks: deque[Mark] = deque()
@@ -98,17 +102,17 @@ class WalkWatch:
 
     @property
     def marks(self) -> Sequence[Mark]:
-        """Of the last minute, oldest first."""
+        """Returns the marks of the last minute, oldest first."""
         return self._marks
 
     @property
     def newest_s(self) -> float:
-        """Of the newest epoch; before the first, never."""
+        """Returns the time of the newest epoch, s; minus infinity before the first."""
         return -inf if self._last is None else self._last.time_s
 
     @property
     def started_s(self) -> float:
-        """Since when places agree; infinite before the first."""
+        """Returns the time since when places agree, s; infinity before the first."""
         return self._marks[0].time_s if self._marks else inf
 
     def epoch(
@@ -119,7 +123,8 @@ class WalkWatch:
         velocity: Velocity | None,
         reckoned: Reckoned,
     ) -> Mark:
-        """The mark of a new epoch. velocity: as the receiver tells it; None: it does not."""
+        """Returns the mark of a new epoch. velocity: as the receiver reports it; None: it
+        reports none."""
         before = self._last
         if before is None:
             now = Mark(
@@ -131,7 +136,7 @@ class WalkWatch:
         return now
 
     def walked(self, now: Mark, gate: float, timing_m: float) -> Walk | None:
-        """The longest window over which this epoch has walked off; None: over none of them."""
+        """Returns the drift over the longest window that shows one; None where none does."""
         found, over_s, marks, now_s = None, 0.0, self._marks, now.time_s
         for window_s in WINDOWS_S:
             if window_s <= over_s:  # of the mark that spoke for the window before
@@ -147,22 +152,22 @@ class WalkWatch:
         return found
 
     def taken(self, now: Mark) -> None:
-        """This epoch's place is believed."""
+        """Keeps the mark of an accepted place."""
         if not self._marks or now.time_s - self._marks[-1].time_s >= MARK_S - 1e-6:
             self._marks.append(now)
             while now.time_s - self._marks[0].time_s > LONGEST_S:
                 self._marks.popleft()
 
     def restart(self, now: Mark | None = None) -> None:
-        """What came before says nothing of what comes now."""
+        """Forgets earlier marks, because they say nothing about later ones."""
         self._marks.clear()
         if now is not None:
             self._marks.append(now)
 
 
 def walk_between(before: Mark, now: Mark, gate: float, timing_m: float) -> Walk | None:
-    """How far the place has walked off between two epochs from where the receiver's own speed
-    leads; None where that is within the gate (chi-square)."""
+    """Returns the drift between two epochs, compared with the receiver's own speed; None where
+    it is within the gate (chi-square)."""
     (east1, north1), (east0, north0) = now.place, before.place
     east, north = east1 - east0, north1 - north0
     over_s, places = now.time_s - before.time_s, before.spread_m**2 + now.spread_m**2 + timing_m**2
@@ -199,7 +204,7 @@ def _on(
     velocity: Velocity | None,
     reckoned: Reckoned,
 ) -> Mark:
-    """The sums moved on to a new epoch."""
+    """Advances the sums to a new epoch."""
     step_s = max(0.0, time_s - before.time_s)
     if velocity is None or step_s > GAP_S:
         way_m = reckoned.way_m - before.reckoned.way_m
