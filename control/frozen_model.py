@@ -1,4 +1,4 @@
-"""What a file holds, once checked: a model whose values stay as they are."""
+"""How is the checked content of a file held? As a model whose values cannot change."""
 
 from __future__ import annotations
 
@@ -6,6 +6,6 @@ from pydantic import BaseModel, ConfigDict
 
 
 class FrozenModel(BaseModel):
-    """No key beyond its fields, no infinite number."""
+    """Refuses keys beyond its fields and infinite numbers."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)

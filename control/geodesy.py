@@ -1,7 +1,6 @@
-"""Degrees to metres and back on WGS84, and the small geometry of driving: headings and offsets.
+"""How are degrees converted to metres on WGS84, and how are headings and offsets calculated?
 
-A place is (east_m, north_m) on a tangent plane; a heading is degrees clockwise from north.
-"""
+A place is (east_m, north_m) on a tangent plane; a heading is degrees clockwise from north."""
 
 from __future__ import annotations
 
@@ -12,25 +11,28 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-Place = tuple[float, float]  # east_m, north_m
+# East and north on a tangent plane, m.
+Place = tuple[float, float]
 Floats = npt.NDArray[np.float64]
 
-SEMI_MAJOR_M = 6_378_137.0  # WGS84
+# Semi-major axis of the WGS84 ellipsoid, m.
+SEMI_MAJOR_M = 6_378_137.0
+# Flattening of the WGS84 ellipsoid.
 FLATTENING = 1.0 / 298.257223563
 ECCENTRICITY_SQUARED = FLATTENING * (2.0 - FLATTENING)
-PAPER_RADIUS_M = 6_356_755.0  # paper B, eq 3: the polar radius
+# Earth radius of paper B, eq 3, m: the polar radius.
+PAPER_RADIUS_M = 6_356_755.0
 
 
 @dataclass(frozen=True)
 class TangentPlane:
-    """The plane that touches the WGS84 ellipsoid at an origin: east and north in metres, height
-    taken as zero.
+    """Projects places to the plane that touches the WGS84 ellipsoid at an origin: east and north
+    in metres, height taken as zero.
 
-    Rigorous (earth-centred coordinates, rotated), so that there is no limit of validity to
-    watch: lengths on the plane fall short of those on the ellipsoid by d^3 / 6R^2, 0.03 mm over
-    2 km, 4 mm over 10 km. Raises ValueError for an origin outside -90 to 90 and -180 to 180
-    degrees.
-    """
+    The projection is rigorous (earth-centred coordinates, rotated), so that no limit of validity
+    has to be watched: lengths on the plane are shorter than on the ellipsoid by d^3 / 6R^2, 0.03
+    mm over 2 km, 4 mm over 10 km. Raises ValueError for an origin outside -90 to 90 and -180 to
+    180 degrees."""
 
     lat_deg: float
     lon_deg: float
@@ -52,7 +54,7 @@ class TangentPlane:
         )
 
     def to_m(self, lat_deg: float, lon_deg: float) -> Place:
-        """East and north of a place, m."""
+        """Returns east and north of a place, m."""
         sin0, cos0, root0 = self._trig
         lat, turn = math.radians(lat_deg), math.radians(lon_deg - self.lon_deg)
         sin1, cos1 = math.sin(lat), math.cos(lat)
@@ -63,8 +65,8 @@ class TangentPlane:
         return normal1 * cos1 * math.sin(turn), cos0 * upward - sin0 * outward
 
     def many_to_m(self, lat_deg: npt.ArrayLike, lon_deg: npt.ArrayLike) -> Floats:
-        """Places (n,), (n,) in degrees -> (n, 2) east and north, m: `to_m` for a whole log. NaN
-        stays NaN."""
+        """Projects the places of a whole log: (n,), (n,) degrees -> (n, 2) east and north, m.
+        NaN stays NaN."""
         sin0, cos0, root0 = self._trig
         lat = np.radians(np.asarray(lat_deg, dtype=np.float64))
         turn = np.radians(np.asarray(lon_deg, dtype=np.float64) - self.lon_deg)
@@ -77,11 +79,12 @@ class TangentPlane:
         )
 
     def to_deg(self, east_m: float, north_m: float) -> tuple[float, float]:
-        """Latitude and longitude of a place on the plane, degrees; inverse of `to_m` to better
-        than 1 um in 20 km.
+        """Returns latitude and longitude of a place on the plane, degrees. The inverse of `to_m`
+        to better than 1 um in 20 km.
 
-        Raises ValueError beyond 100 km, where a field's plane has no business.
-        """
+        Raises
+        ------
+        ValueError : the place is beyond 100 km, where no field's plane reaches."""
         if not math.hypot(east_m, north_m) <= 100_000.0:
             raise ValueError(
                 f"place {east_m:g}, {north_m:g} m: allowed is within 100 km of the origin"
@@ -103,10 +106,10 @@ class TangentPlane:
 
 
 def distance_m(lat1_deg: float, lon1_deg: float, lat2_deg: float, lon2_deg: float) -> float:
-    """Distance on the WGS84 ellipsoid, m: the straight chord, lengthened to its arc.
+    """Returns the distance of two places on the WGS84 ellipsoid, m: the straight chord,
+    lengthened to its arc.
 
-    Keeps its digits at millimetres; within 1 mm of the geodesic up to 20 km.
-    """
+    Keeps its digits at millimetres; within 1 mm of the geodesic up to 20 km."""
     dx, dy, dz = (
         b - a
         for a, b in zip(
@@ -124,14 +127,13 @@ def distance_m(lat1_deg: float, lon1_deg: float, lat2_deg: float, lon2_deg: floa
 
 
 def paper_distance_m(lat1_deg: float, lon1_deg: float, lat2_deg: float, lon2_deg: float) -> float:
-    """Paper B, eq 3, as printed: R arccos(sinY1 sinY2 cos(X1 - X2) + cosY1 cosY2). For
-    reproduction only.
+    """Returns the distance by paper B, eq 3, as printed: R arccos(sinY1 sinY2 cos(X1 - X2) +
+    cosY1 cosY2). For reproduction only.
 
     The cosine of the longitude difference stands with the wrong product, so that east-west
-    distances come out as tan(latitude) of the true ones: 8.39 m for 10 m at 40 N. The radius is
-    the polar one, and the arccosine loses digits at metre distances. Nothing in control uses
-    it; see `distance_m`.
-    """
+    distances become tan(latitude) of the true ones: 8.39 m for 10 m at 40 N. The radius is the
+    polar one, and the arccosine loses digits at metre distances. Nothing in control uses it; see
+    `distance_m`."""
     y1, y2 = math.radians(lat1_deg), math.radians(lat2_deg)
     turn = math.radians(lon1_deg - lon2_deg)
     cosine = math.sin(y1) * math.sin(y2) * math.cos(turn) + math.cos(y1) * math.cos(y2)
@@ -141,11 +143,10 @@ def paper_distance_m(lat1_deg: float, lon1_deg: float, lat2_deg: float, lon2_deg
 def paper_distance_corrected_m(
     lat1_deg: float, lon1_deg: float, lat2_deg: float, lon2_deg: float
 ) -> float:
-    """Paper B, eq 3, with its products put right, on the paper's own polar radius. For
-    reproduction only.
+    """Returns the distance by paper B, eq 3, with its products corrected, on the paper's own
+    polar radius. For reproduction only.
 
-    East-west distances still come out 0.47 % short at 40 N, for the radius.
-    """
+    East-west distances are still 0.47 % short at 40 N, because of the radius."""
     y1, y2 = math.radians(lat1_deg), math.radians(lat2_deg)
     turn = math.radians(lon1_deg - lon2_deg)
     cosine = math.sin(y1) * math.sin(y2) + math.cos(y1) * math.cos(y2) * math.cos(turn)
@@ -153,20 +154,20 @@ def paper_distance_corrected_m(
 
 
 def turn_deg(from_deg: float, to_deg: float) -> float:
-    """The short way from one heading to another, -180 (excluded) to 180 degrees; clockwise is
-    positive."""
+    """Returns the shorter turn from one heading to another, above -180 to 180 degrees; clockwise
+    is positive."""
     turn = math.remainder(to_deg - from_deg, 360.0)
     return 180.0 if turn == -180.0 else turn
 
 
 def direction(heading: float) -> Place:
-    """Unit vector (east, north) of a heading in degrees."""
+    """Returns the unit vector (east, north) of a heading in degrees."""
     angle = math.radians(heading)
     return math.sin(angle), math.cos(angle)
 
 
 def offset(place: Place, heading: float, forward_m: float, right_m: float = 0.0) -> Place:
-    """The place so far ahead of and to the right of another, seen along a heading in degrees
+    """Returns the place so far ahead and to the right of another along a heading in degrees
     (lever arms)."""
     east, north = direction(heading)
     return (
@@ -176,7 +177,7 @@ def offset(place: Place, heading: float, forward_m: float, right_m: float = 0.0)
 
 
 def apart_m(one: Place, other: Place) -> float:
-    """Distance of two places on the plane, m."""
+    """Returns the distance of two places on the plane, m."""
     return math.hypot(other[0] - one[0], other[1] - one[1])
 
 

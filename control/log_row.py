@@ -1,8 +1,8 @@
-"""One row of a run log: the public column contract, in its published order. `None`: not known.
+"""Which columns does a run log have? One row, the public column contract in its published order;
+None: unknown.
 
 Row k holds the measurements as sampled at `time_s`, and the commands computed from them, in
-force until row k+1.
-"""
+force until row k+1."""
 
 from __future__ import annotations
 
@@ -47,11 +47,12 @@ class LogRow(NamedTuple):
     strategy: str | None = None
     target_source: str | None = None
     work_switch: int | None = None
-    alarms: str | None = None  # ids separated by ;
-    events: str | None = None  # separated by ;
-    # new in this row: `control.readings.announced_text`
+    # Alarm ids and events are separated by semicolons.
+    alarms: str | None = None
+    events: str | None = None
+    # A speed that was announced in this row (`control.readings.announced_text`).
     speed_told: str | None = None
-    # in the place of ndvi_1 ... ndvi where the heads give NDRE
+    # These columns replace ndvi_1 to ndvi where the heads measure NDRE.
     ndre_1: float | None = None
     ndre_2: float | None = None
     ndre_3: float | None = None
@@ -59,20 +60,20 @@ class LogRow(NamedTuple):
     ndre_5: float | None = None
     ndre_6: float | None = None
     ndre: float | None = None
-    # how hard a drive works, in the machine file's unit: % of full duty, A, N m
+    # Effort of a drive in the machine file's unit: % of full duty, A or N m.
     shaft_effort: float | None = None
     gate_effort: float | None = None
-    # of machines with valves: the command of each, left to right, separated by ;
+    # Commands of the section valves, left to right, separated by semicolons.
     sections_cmd: str | None = None
 
 
 ALL_COLUMNS: tuple[str, ...] = LogRow._fields
-# the last ones; only in logs of machines whose sections have valves
+# The last columns stand only in logs of machines whose sections have valves.
 SECTION_COLUMNS = ("sections_cmd",)
 COLUMNS: tuple[str, ...] = ALL_COLUMNS[: -len(SECTION_COLUMNS)]
 HEAD_COLUMNS = ("ndvi_1", "ndvi_2", "ndvi_3", "ndvi_4", "ndvi_5", "ndvi_6")
 NDRE_COLUMNS = ("ndre_1", "ndre_2", "ndre_3", "ndre_4", "ndre_5", "ndre_6")
-# How long a row goes on holding a value that no longer comes, s; then the cell is empty.
+# Time for which a row keeps the last value of a column, s; after it the cell is empty.
 HOLDS_S = MappingProxyType(
     {
         "wheel_speed_mps": 1.0,
@@ -87,10 +88,11 @@ HOLDS_S = MappingProxyType(
         **dict.fromkeys(HEAD_COLUMNS + NDRE_COLUMNS, 1.25),
     }
 )
-GNSS_HOLDS_S = 1.0  # all that an epoch reported
-# event: from here on each command held until the next row
+# Time for which a row keeps all values of a GNSS epoch, s.
+GNSS_HOLDS_S = 1.0
+# This event says that from here on each command is in force until the next row.
 COMMANDS_HELD = "commands_held"
-# events, with a name: the first row of each file of a log
+# These events, followed by a name, mark the first row of each file of a joined log.
 FILE_BEGINS, LOG_BEGINS = "mark file ", "mark log "
 
 TEXT_COLUMNS = frozenset(
@@ -101,7 +103,7 @@ WHOLE_COLUMNS = frozenset({"fix_quality", "satellites", "work_switch"})
 EFFORTS = ("shaft_effort", "gate_effort")
 SPEEDS = ("speed_mps", "wheel_speed_mps", "speed_used_mps")
 
-# What the quantity can be on any machine of this kind; wide on purpose.
+# Range of each quantity on any machine of this kind; wide on purpose.
 PLAUSIBLE = {
     "lat_deg": (-90.0, 90.0),
     "lon_deg": (-180.0, 180.0),
@@ -128,12 +130,12 @@ PLAUSIBLE = {
     **dict.fromkeys(EFFORTS, (-1000.0, 1000.0)),
 }
 
-# As sent or as decided: the shortest text that reads back as the same number.
+# Sent or decided values are written as the shortest text that reads back as the same number.
 EXACT_COLUMNS = frozenset(
     {"target_rate_kg_ha", "nudge_percent", "shaft_rpm_cmd", "opening_mm_cmd", "flow_trim"}
 )
 
-# Measured or derived: finer than any sensor fitted resolves.
+# Measured and derived values have more decimals than any sensor resolves.
 DECIMALS = {
     "time_s": 3,
     "lat_deg": 9,

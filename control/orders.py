@@ -1,4 +1,5 @@
-"""The words shared by operator, loop and log: states, strategies, sources of the target, orders."""
+"""Which words do operator, loop and log share? States, strategies, sources of the target,
+orders."""
 
 from __future__ import annotations
 
@@ -7,6 +8,8 @@ from typing import NamedTuple
 
 
 class State(StrEnum):
+    """Names the states of the machine's control."""
+
     OFF = "off"
     READY = "ready"
     WORKING = "working"
@@ -16,46 +19,57 @@ class State(StrEnum):
 
 
 class Strategy(StrEnum):
+    """Names the metering strategies."""
+
     OPENING_FIRST = "opening_first"
     SPEED_FIRST = "speed_first"
-    # a word of older job files, logs and orders: it works as opening first
+    # Older job files, logs and orders use this word; it works as opening first.
     BALANCED = "balanced"
 
     @property
     def in_force(self) -> Strategy:
+        """Returns the strategy that this word stands for."""
         return Strategy.OPENING_FIRST if self is Strategy.BALANCED else self
 
 
-# those that can be chosen
+# The operator can choose among these.
 STRATEGIES = tuple(one for one in Strategy if one is one.in_force)
 
 
 class TargetSource(StrEnum):
+    """Names the sources of the target rate."""
+
     CANOPY = "canopy"
     MAP = "map"
     POINT = "point"
     MANUAL = "manual"
     FALLBACK = "fallback"
     NONE = "none"
-    MAP_AND_CANOPY = "map_and_canopy"  # the map's rate, the heads' around it
-    EXTERNAL = "external"  # another display's, over a line
-    # by source canopy: decided from the index map, where the heads are silent
+    # The map gives the mean rate, the heads vary it.
+    MAP_AND_CANOPY = "map_and_canopy"
+    # Another display gives the rate over a line.
+    EXTERNAL = "external"
+    # With source canopy, the index map decides where the heads are silent.
     INDEX_MAP = "index_map"
 
 
-BY_CANOPY = (TargetSource.CANOPY, TargetSource.MAP_AND_CANOPY)  # the heads are needed
+# These sources need the heads, the map, or a place.
+BY_CANOPY = (TargetSource.CANOPY, TargetSource.MAP_AND_CANOPY)
 BY_MAP = (TargetSource.MAP, TargetSource.MAP_AND_CANOPY)
-BY_PLACE = (*BY_MAP, TargetSource.POINT)  # a place is needed
+BY_PLACE = (*BY_MAP, TargetSource.POINT)
 
 
 class Severity(StrEnum):
-    AMBER = "amber"  # work goes on
-    # flow stopped or about to be; must be acknowledged
+    """Names how urgent an alarm is."""
+
+    # Work continues.
+    AMBER = "amber"
+    # The flow is stopped or about to be; the operator must acknowledge.
     RED = "red"
 
 
 class Do(StrEnum):
-    """What an operator may order. The value that goes with it stands in the comment."""
+    """Names the operator's orders; the comment gives the value that accompanies each."""
 
     READY = "ready"  # off -> ready; held or fault -> ready
     # ready or held -> working; value True: the button is down, repeated while it is
@@ -98,20 +112,23 @@ class Do(StrEnum):
 
 
 class Order(NamedTuple):
+    """Holds an order of the operator and its value."""
+
     do: Do
     value: str | float | bool | None = None
 
 
 class Answer(NamedTuple):
-    """`why` is a message id with its details, translated by the console; empty when accepted."""
+    """Holds the answer to an order. `why` is a message id with its details, which the console
+    translates; empty when accepted."""
 
     accepted: bool
     why: str = ""
 
 
 class SectionState(NamedTuple):
-    """One section of a machine with valves. `why` it is commanded closed: `WHY_CLOSED`, empty
-    where it is open."""
+    """Holds the state of one section of a machine with valves. `why` is the reason of its
+    closing, one of `WHY_CLOSED`; empty where it is open."""
 
     open: bool
     why: str = ""
@@ -121,12 +138,13 @@ WHY_CLOSED = ("outside", "headland", "done", "map", "hand", "no_flow")
 
 
 class Alarm(NamedTuple):
-    """A live alarm. Text and what to do are found under the id in `control.safety.ALARMS`."""
+    """Holds a live alarm. `control.safety.ALARMS` has its text and remedy under the id."""
 
     id: str
     severity: Severity
     since_s: float
     acknowledged: bool = False
-    details: tuple[tuple[str, str | float], ...] = ()  # values that the text names
-    # its cause is away since then, and the alarm stands still; None: the cause is there
+    # Names and values that the text contains.
+    details: tuple[tuple[str, str | float], ...] = ()
+    # Time since when the cause is gone although the alarm stands, s; None: the cause persists.
     gone_s: float | None = None

@@ -1,4 +1,4 @@
-"""What the machine's sensors said, and what is sent to its drives. Every value carries its time."""
+"""What did the machine's sensors read, and what is sent to its drives? Every value has its time."""
 
 from __future__ import annotations
 
@@ -7,23 +7,27 @@ from itertools import pairwise
 from math import isfinite
 from typing import Any, NamedTuple
 
-MOST_ANNOUNCED = 200  # points of a speed plan
+# Greatest number of points of a speed plan.
+MOST_ANNOUNCED = 200
+# Highest speed that may be announced, m/s.
 FASTEST_ANNOUNCED_MPS = 30.0
-# a reading may be this much newer than the tick that looks at it
+# A reading may be this much newer than the tick that uses it, s.
 AHEAD_S = 0.1
 
 
 class Reading(NamedTuple):
-    """One accepted value. `None` in place of a Reading: never received."""
+    """Holds an accepted value and the time of its sample on the loop's clock, s. None in place
+    of a Reading: never received."""
 
     value: float
-    time_s: float  # when it was sampled, on the loop's clock
+    time_s: float
 
 
 class GnssFix(NamedTuple):
-    """One accepted GNSS epoch, as received (antenna, WGS84, NMEA meanings)."""
+    """Holds one accepted GNSS epoch as received (antenna, WGS84, NMEA meanings)."""
 
-    time_s: float  # arrival on the loop's clock
+    # Time of arrival on the loop's clock, s.
+    time_s: float
     lat_deg: float
     lon_deg: float
     # NMEA GGA: 0 none, 1 GNSS, 2 differential, 4 RTK fixed, 5 RTK float
@@ -31,67 +35,80 @@ class GnssFix(NamedTuple):
     satellites: int | None = None
     hdop: float | None = None
     speed_mps: float | None = None
-    heading_deg: float | None = None  # course over ground
-    utc: str | None = None  # ISO 8601, milliseconds, Z
+    # Course over ground, degrees.
+    heading_deg: float | None = None
+    # ISO 8601 with milliseconds and Z.
+    utc: str | None = None
 
 
 class PlantSeen(NamedTuple):
-    """A plant in a camera's picture: how far ahead of the outlet when the picture was taken."""
+    """Holds a plant in a camera's picture: its distance ahead of the outlet when the picture was
+    taken, m."""
 
     time_s: float
     ahead_m: float
 
 
 class ValvesSeen(NamedTuple):
-    """How the sections' valves stand, left to right, by their own switches."""
+    """Holds the positions of the section valves by their own switches, left to right."""
 
     time_s: float
     open: tuple[bool, ...]
 
 
 class Measurements(NamedTuple):
-    """Everything known at one control tick; values are the newest accepted, however old (see
-    their time)."""
+    """Holds everything known at one control tick. Values are the newest accepted ones, however
+    old (see their time)."""
 
     time_s: float
     gnss: GnssFix | None = None
     wheel_speed_mps: Reading | None = None
-    ndvi: tuple[Reading | None, ...] = ()  # one per head, left to right
+    # One reading for each head, left to right.
+    ndvi: tuple[Reading | None, ...] = ()
     shaft_rpm: Reading | None = None
     opening_mm: Reading | None = None
     hopper_kg: Reading | None = None
     supply_v: Reading | None = None
-    pitch_deg: Reading | None = None  # nose up positive
-    roll_deg: Reading | None = None  # right side down positive
-    work_switch: bool | None = None  # None: not fitted
-    drive_fault: bool = False  # a motor driver says so
-    # the drives have stood still by themselves though commanded to turn
+    # Nose up is positive.
+    pitch_deg: Reading | None = None
+    # Right side down is positive.
+    roll_deg: Reading | None = None
+    # None: no switch is fitted.
+    work_switch: bool | None = None
+    # A motor driver reports a fault.
+    drive_fault: bool = False
+    # The drives stand still although they are commanded to turn.
     drive_stopped: bool = False
-    # the drive board hears commands that it had before: it stops
+    # The drive board receives old commands again, and stops.
     old_orders: bool = False
-    # devices whose driver failed: not listened to any more
+    # Devices whose driver failed; their data are no longer read.
     put_aside: tuple[str, ...] = ()
-    control_failed: bool = False  # the tick before this one could not be finished
-    # the log in which the run goes on: the one before was cut short
+    # The tick before this one could not be finished.
+    control_failed: bool = False
+    # Name of the log in which the run continues after the one before was cut short.
     log_cut: str = ""
-    # of the pictures that came since the tick before (point mode)
+    # Plants in the pictures that arrived since the tick before (point mode).
     plants: tuple[PlantSeen, ...] = ()
-    speed_told: SpeedPlan | None = None  # newest
-    canopy_index: str = "ndvi"  # that the heads give: ndvi or ndre
-    valves: ValvesSeen | None = None  # None: no valves, or a board that does not tell
-    # how hard the drive works, in the machine file's unit
+    # The newest announced speed.
+    speed_told: SpeedPlan | None = None
+    # Index that the heads measure: ndvi or ndre.
+    canopy_index: str = "ndvi"
+    # None: there are no valves, or the board does not report them.
+    valves: ValvesSeen | None = None
+    # Efforts are in the machine file's unit.
     shaft_effort: Reading | None = None
     gate_effort: Reading | None = None
-    rate_asked: Reading | None = None  # kg/ha that another display wants
-    rate_applied: Reading | None = None  # kg/ha that another controller says it applies
+    # Rate that another display wants, kg/ha.
+    rate_asked: Reading | None = None
+    # Rate that another controller reports to apply, kg/ha.
+    rate_applied: Reading | None = None
 
 
 class SpeedPlan(NamedTuple):
-    """Speeds that the tractor, or whoever plans its way, says it will aim at.
+    """Holds the speeds that the tractor, or the planner of its way, announces as its targets.
 
     points: (seconds after `time_s`, m/s), rising in time, the first at 0; the last one holds.
-    It gets there with at most `acceleration_mps2`.
-    """
+    The change takes at most `acceleration_mps2`."""
 
     time_s: float
     points: tuple[tuple[float, float], ...]
@@ -99,9 +116,8 @@ class SpeedPlan(NamedTuple):
 
 
 def announced_text(announced: SpeedPlan, now_s: float) -> str:
-    """As a log's row says it: age in s, acceleration in m/s2, then pairs of seconds after its
-    announcement and m/s. A point with the speed of the one before it says nothing new and is
-    left out."""
+    """Returns the words of a log's row: age in s, acceleration in m/s2, then pairs of seconds
+    after the announcement and m/s. A point with the speed of the one before is left out."""
     points = [
         point
         for k, point in enumerate(announced.points)
@@ -120,7 +136,8 @@ def announced_text(announced: SpeedPlan, now_s: float) -> str:
 
 
 def announced_of(text: str, now_s: float) -> SpeedPlan | None:
-    """What `announced_text` says, read in a row of the time `now_s`; None where it says nothing."""
+    """Reads what `announced_text` writes, in a row of the time `now_s`; None where the text is
+    malformed."""
     try:
         numbers = [float(word) for word in text.split()]
     except ValueError:
@@ -134,38 +151,41 @@ def announced_of(text: str, now_s: float) -> SpeedPlan | None:
 
 
 class DoseOrder(NamedTuple):
-    """Turn the standing shaft once by an angle (point mode)."""
+    """Orders one turn of the standing shaft by an angle (point mode)."""
 
     angle_deg: float
     shaft_rpm: float
 
 
 class DriveCommand(NamedTuple):
-    """Set-points on the wire, after every trim, limit and rounding to the drive's resolution."""
+    """Holds the set-points that are sent, after every trim, limit and rounding to the drive's
+    resolution."""
 
     shaft_rpm: float
     opening_mm: float
-    dose: DoseOrder | None = None  # begins in this tick
-    # of the sections, left to right: open; none: the machine has no valves
+    # A dose that begins in this tick.
+    dose: DoseOrder | None = None
+    # Which sections are open, left to right; empty: the machine has no valves.
     valves: tuple[bool, ...] = ()
 
 
 def is_fresh(time_s: float, now_s: float, holds_s: float) -> bool:
-    """Whether what was sampled at `time_s` still holds at `now_s`: not too old, and not from
-    the future, which is a clock gone wrong. False where a time is no number."""
+    """Returns whether a sample of `time_s` is still valid at `now_s`: it is neither too old nor
+    from the future, which means a wrong clock. False where a time is not a number."""
     return -AHEAD_S <= now_s - time_s <= holds_s
 
 
 def held(reading: Reading | None, now_s: float, holds_s: float) -> float | None:
-    """What was read, as long as it holds; None: never received, too old, or no number."""
+    """Returns the value of a reading while it is valid; None where it was never received, is too
+    old or is not a number."""
     if reading is None:
         return None
     value, time_s = reading
     return value if is_fresh(time_s, now_s, holds_s) and isfinite(value) else None
 
 
-# What a reading can be on any machine that spreads: far wider than a sensor's own range, which
-# its driver knows.
+# Range of each reading on any spreader: far wider than a sensor's own range, which its driver
+# checks.
 POSSIBLE: dict[str, tuple[float, float]] = {
     "wheel_speed_mps": (-100.0, 100.0),
     "shaft_rpm": (-10_000.0, 10_000.0),
@@ -184,9 +204,11 @@ _OF_A_FIX = ("hdop", "speed_mps", "heading_deg")
 
 
 def possible(m: Measurements) -> Measurements:
-    """The measurements without what cannot be: a reading that is no number, outside `POSSIBLE`,
-    or of no time counts as never received, a fix without a place on earth as well. Of a fix
-    that has one, other numbers that are none go."""
+    """Returns the measurements without impossible readings.
+
+    A reading that is not a number, outside `POSSIBLE` or without a time counts as never
+    received; so does a fix without a place on earth. Of other fixes only the numbers that are
+    not finite are dropped."""
     unknown: dict[str, Any] = {}
     for name, (low, high) in POSSIBLE.items():
         reading = getattr(m, name)
@@ -220,7 +242,7 @@ def possible(m: Measurements) -> Measurements:
 
 
 def can_be_announced(announced: SpeedPlan) -> bool:
-    """Whether these are speeds of a machine that spreads, at times that rise from now on."""
+    """Returns whether these are speeds of a spreader at times that rise from now on."""
     times = [in_s for in_s, _ in announced.points]
     return (
         isfinite(announced.time_s)
@@ -236,27 +258,29 @@ def can_be_announced(announced: SpeedPlan) -> bool:
 
 
 class ScaleSays(NamedTuple):
-    """What the scale says that is no trim, now; neutral values: nothing."""
+    """Holds the findings of the scale that no trim corrects; neutral values mean none."""
 
-    unordered_kg: float = 0.0  # left while nothing turned
-    # left more (less: negative) than is believed, and why is not decided yet
+    # Mass that left while nothing turned, kg.
+    unordered_kg: float = 0.0
+    # Mass that left beyond the believed flow (less: negative), kg, while the cause is undecided.
     off_kg: float = 0.0
-    # of the believed flow, that left: outside `low_share` to `high_share`
+    # Share of the believed flow that left, outside `low_share` to `high_share`.
     share: float | None = None
-    # that give nothing, as flow and the drive's effort say
+    # Closed outlets, by flow and effort of the drive, and all outlets of the machine.
     outlets: int = 0
-    of_outlets: int = 0  # the machine's
-    # the flow fell at once by so much, %, and nothing says by what
+    of_outlets: int = 0
+    # Sudden fall of the flow without a known cause, %.
     below_percent: float | None = None
-    # the flow is so far off by the scale, which is more than is trimmed
+    # Error of the flow by the scale, larger than the greatest trim, %.
     beyond_percent: float | None = None
-    trimmed_percent: float = 0.0  # the flow is moved so far
-    # the scale's rise at the last refill is so far off the order's kg
+    # Present trim of the flow, %.
+    trimmed_percent: float = 0.0
+    # Difference of the scale's rise at the last refill from the ordered mass, %.
     refill_percent: float | None = None
 
     @property
     def agrees(self) -> bool:
-        """Nothing that it says is against what shaft and gate read."""
+        """Returns whether the scale contradicts neither shaft nor gate."""
         return (
             self.off_kg == 0.0
             and self.share is None
@@ -266,7 +290,7 @@ class ScaleSays(NamedTuple):
 
     @property
     def fell(self) -> bool:
-        """The flow fell at once, by more than is trimmed."""
+        """Returns whether the flow fell at once by more than is trimmed."""
         return self.outlets > 0 or self.below_percent is not None
 
 
@@ -274,7 +298,7 @@ NOTHING_SAID = ScaleSays()
 
 
 class RangeBreach(NamedTuple):
-    """A wanted rate that the machine cannot give at its present speed."""
+    """Holds a wanted rate that the machine cannot give at its present speed."""
 
     # True: more is wanted than the machine can give. False: less.
     above: bool
@@ -286,34 +310,42 @@ class RangeBreach(NamedTuple):
 
 
 class EffortSays(NamedTuple):
-    """What the metering drive's effort says, now; neutral values: nothing. Efforts are in
-    `unit`."""
+    """Holds the findings about the metering drive's effort; neutral values mean none. Efforts
+    are in `unit`."""
 
-    harder_percent: float = 0.0  # than it should
-    unloaded: bool = False  # as if no material were in the rollers
-    mean: float | None = None  # of the last seconds; None: not judged
-    # by the machine file, at this speed, supply and load
+    # Excess over the expected effort, %.
+    harder_percent: float = 0.0
+    # The effort is that of rollers without material.
+    unloaded: bool = False
+    # Mean of the last seconds; None: not judged.
+    mean: float | None = None
+    # Expected effort by the machine file at this speed, supply and load.
     should: float = 0.0
-    low: float = 0.0  # below it, and above `high`, it is an alarm
+    # An alarm is raised below `low` and above `high`.
+    low: float = 0.0
     high: float = 0.0
-    unit: str = ""  # "": the machine file says nothing of effort
+    # Empty: the machine file does not describe the effort.
+    unit: str = ""
 
 
 NO_EFFORT = EffortSays()
 
 
 class Doubted(Enum):
-    """Which speed is not believed."""
+    """Names the speed that is not trusted."""
 
     WHEEL = "wheel"
     GNSS = "gnss"
-    EITHER = "either"  # nothing says which
+    # It is unknown which of the two is wrong.
+    EITHER = "either"
 
 
 class SpeedDoubt(NamedTuple):
-    """`differed_s`: when they were last seen to differ; `*_mps`: as read in the mean of the time
-    that showed it first (of one moment a receiver that comes late may tell the other way round);
-    `ratio`: GNSS's speed by the wheel's, before they parted."""
+    """Holds a contradiction between two speeds.
+
+    `differed_s`: when they last differed. `*_mps`: mean readings of the window that showed it
+    first (at a single moment a late receiver may show the opposite). `ratio`: GNSS's speed over
+    the wheel's before they differed."""
 
     refused: Doubted
     since_s: float

@@ -1,5 +1,4 @@
-"""Cheap tests that a farm can make in its yard, each as what it would read under a given
-machine."""
+"""Which cheap tests can a farm make in its yard, and what would each read under a given machine?"""
 
 from __future__ import annotations
 
@@ -19,23 +18,28 @@ from topdress.control.machine.start import response_s
 
 Array = npt.NDArray[np.float64]
 
-# Shaft speeds and openings of the tests, on the nominal machine: shares of another's ranges.
+# Shaft speeds and openings of the tests on the nominal machine; other machines take the same shares
+# of their ranges.
 SHAFT_RPM = (10.0, 20.0, 40.0, 60.0, 70.0, 80.0, 100.0)
 OPENING_MM = (10.0, 25.0, 40.0)
-SLOW_MPS, FAST_MPS = 0.8, 1.8  # ground speeds that a tractor holds
-# What the mean of a test's repeats is good for (1 s.d.).
-STARTS_S = 0.003  # of a start by the encoder, five times
-# of a lag by the rig or by hand, five times: half of what one scatters by
+# Ground speeds that a tractor holds, m/s.
+SLOW_MPS, FAST_MPS = 0.8, 1.8
+# Standard deviation of the mean of five starts, timed by the encoder, s.
+STARTS_S = 0.003
+# Standard deviation of the mean of five lags, by the rig or by hand, s: half the scatter of a lag.
 FALLS_S = 0.03
-PLACES_M = 0.04  # of a lag measured as a distance, five times
-# share of a weighed catch of a minute, three times
+# Standard deviation of the mean of five lags measured as a distance, m.
+PLACES_M = 0.04
+# Standard deviation of the mean of three weighed catches of a minute, as a share.
 CATCHES = 0.004
-# ... of one outlet's, and of a speed by tape and watch
+# Standard deviation of a catch of one outlet, and of a speed by tape and watch, as a share.
 OUTLETS = 0.006
-# share of a wheel's pulses over 100 m: one in 640, three times, and the tape
+# Standard deviation of a wheel's pulses over 100 m, as a share: one in 640, three times, and the
+# tape.
 PULSES = 0.004
-STANDING_KG = 0.15  # of a hopper's scale, three times
-# of heads over panels: one, the same again, several
+# Standard deviation of the mean of three readings of a hopper's scale, kg.
+STANDING_KG = 0.15
+# Standard deviations of heads over panels, NDVI: one panel, the same one again, several.
 PANEL_NDVI, SAME_PANEL_NDVI, PANELS_NDVI = 0.005, 0.002, 0.003
 WEIGHT_KG = 100.0
 WARM_S = 3600.0
@@ -65,7 +69,7 @@ def _place(m: Machine, rpm: float, speed_mps: float) -> float:
 
 
 def read_wheel(machine: Machine, true_mps: float, working: float = 1.0) -> float:
-    """Wheel speed at a true speed, m/s, on level ground."""
+    """Returns the wheel speed that a machine reads at a true speed on level ground, m/s."""
     _, out = step_speed(
         machine.speed, make_speed_start(true_mps), SpeedInput(true_mps, working), 0.05
     )
@@ -79,7 +83,8 @@ def _wheel(m: Machine) -> Array:
 
 
 def make_two_rates_test(machine: Machine) -> str:
-    """The test that tells whether the stream in the tube carries what falls."""
+    """Describes the test that shows whether the air stream in the tube carries the falling
+    granules."""
     _, _, mid, _, _, fast, _ = _settings(machine)[0]
     return (
         f"a step from {mid:g} to {fast:g} r/min at the rig, ten times: time from the "
@@ -91,7 +96,7 @@ def make_two_rates_test(machine: Machine) -> str:
 
 
 def _settings(machine: Machine) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Shaft speeds, r/min, and openings, mm, of the tests on this machine."""
+    """Returns shaft speeds, r/min, and openings, mm, of the tests on this machine."""
     return list_shaft_levels(machine, SHAFT_RPM), opening_levels(machine, OPENING_MM)
 
 
@@ -236,5 +241,5 @@ def _of_sensors(_: Machine) -> list[Experiment[Array]]:
 
 
 def bench_tests(machine: Machine) -> tuple[Experiment[Array], ...]:
-    """Every test, at settings of this machine's ranges."""
+    """Returns every test, at settings within this machine's ranges."""
     return (*_of_lags(machine), *_of_catches(machine), *_of_sensors(machine))

@@ -1,11 +1,10 @@
-"""An experiment that a farm can make, and which of several tell rivals apart.
+"""Which experiments separate rival hypotheses soonest?
 
-A measurement sets two hypotheses d standard deviations apart. It decides between them where d
-is large enough for the evidence to reach the odds from which on something is said
-(`judgement.prior.APART_SD`). Those are taken first that settle most pairs of rivals a minute,
-which is the greedy rule of set cover (Chvatal, Mathematics of Operations Research 4, 1979); of
-equal ones, that which sets them furthest apart.
-"""
+A measurement separates two hypotheses by d standard deviations. It decides between them where d
+is large enough for the evidence to reach the odds from which a cause is named
+(`judgement.prior.APART_SD`). First those are taken that settle most pairs of rivals a minute,
+the greedy rule of set cover (Chvatal, Mathematics of Operations Research 4, 1979); of equal
+ones, that which separates them furthest."""
 
 from __future__ import annotations
 
@@ -21,9 +20,11 @@ Readings = TypeVar("Readings")
 
 
 class Experiment(NamedTuple, Generic[Readings]):
-    """plan : one sentence for people. steps : what is done, one thing after the other. reads :
-    what it would read under a machine; of a bench test (k,), in units of its own noise, of a
-    manoeuvre the columns of its log, without noise."""
+    """Describes an experiment that a farm can make.
+
+    plan : one sentence for people. steps : actions in their order. reads : predicts the reading
+        under a machine; of a bench test (k,), in units of its own noise, of a manoeuvre the
+        columns of its log, without noise."""
 
     id: str
     plan: str
@@ -33,6 +34,9 @@ class Experiment(NamedTuple, Generic[Readings]):
 
 
 class ChosenTest(NamedTuple):
+    """Holds the chosen experiments, which pairs (pairs,) they settle, and the least separation
+    of a settled pair, standard deviations; None: no test settles any."""
+
     tests: tuple[int, ...]
     settled: npt.NDArray[np.bool_]  # (pairs,)
     # the least that the tests set a settled pair apart; None: no test does
@@ -40,8 +44,15 @@ class ChosenTest(NamedTuple):
 
 
 def chosen(apart_sd: Array, minutes: Sequence[float], least_sd: float, most: int) -> ChosenTest:
-    """At most `most` experiments, those that settle most pairs a minute. apart_sd : (pairs,
-    experiments)."""
+    """Chooses at most `most` experiments, those that settle most pairs a minute.
+
+    Parameters
+    ----------
+    apart_sd : (pairs, experiments) separation of each pair by each experiment, standard
+        deviations.
+    minutes : duration of each experiment.
+    least_sd : separation that settles a pair.
+    most : greatest number of experiments."""
     picked: list[int] = []
     settles = apart_sd >= least_sd
     waiting = np.ones(len(apart_sd), bool)
@@ -50,7 +61,8 @@ def chosen(apart_sd: Array, minutes: Sequence[float], least_sd: float, most: int
             (float(np.sum(settles[waiting, k])) / minutes[k], float(np.max(apart_sd[waiting, k])))
             for k in range(len(minutes))
         ]
-        best = max(range(len(worth)), key=worth.__getitem__)  # of equal ones the first
+        # Of equal ones the first is taken.
+        best = max(range(len(worth)), key=worth.__getitem__)
         if worth[best][0] <= 0.0:
             break
         picked.append(best)
@@ -64,5 +76,5 @@ def chosen(apart_sd: Array, minutes: Sequence[float], least_sd: float, most: int
 
 
 def listed(values: Sequence[float]) -> str:
-    """`10, 40 and 70`."""
+    """Joins numbers to a text: `10, 40 and 70`."""
     return f"{', '.join(f'{value:g}' for value in values[:-1])} and {values[-1]:g}"

@@ -1,5 +1,5 @@
-"""Short runs that cost little, each as the log that it would leave of a given machine, without
-noise."""
+"""Which short runs cost little, and which log would each leave of a given machine, without
+noise?"""
 
 from __future__ import annotations
 
@@ -17,15 +17,17 @@ from topdress.control.machine.machine import Machine, scale_nominal
 Array = npt.NDArray[np.float64]
 Columns = dict[str, npt.NDArray[Any]]
 
-STEP_S = 0.5  # of the logs that manoeuvres are played into
-IDLING_SHARE = 1.2 / 13.5  # of the supply, lost while the engine idles
-# in the hopper, and filled up, on the nominal machine
+# Sample time of the predicted logs, s.
+STEP_S = 0.5
+# Share of the supply voltage that is lost while the engine idles.
+IDLING_SHARE = 1.2 / 13.5
+# Mass in the hopper at first, and mass of a refill, on the nominal machine, kg.
 BEGIN_KG, FILL_KG = 260.0, 150.0
 
 
 def manoeuvres(machine: Machine) -> tuple[Experiment[Columns], ...]:
-    """What an operator can do in ten to twenty minutes, as the columns of a run log without
-    noise."""
+    """Returns the manoeuvres that an operator can do in ten to twenty minutes, each with the
+    columns of its log without noise."""
     ten = np.arange(0.0, 600.0, STEP_S)
     twenty = np.arange(0.0, 1200.0, STEP_S)
     rpm, opening = machine.set_points.shaft_rpm, machine.set_points.opening_mm
@@ -143,5 +145,5 @@ def _run(
 
 
 def _volts(time: Array, nominal_v: float) -> Array:
-    """Engine at rated speed and idling in turn."""
+    """Alternates between the supply voltage at rated engine speed and when idling."""
     return np.where(np.floor(time / 90.0) % 2 < 1, nominal_v, nominal_v - IDLING_SHARE * nominal_v)

@@ -1,4 +1,4 @@
-"""What a reader noticed about a file and did about it, in plain words."""
+"""What did a reader notice about a file and do about it?"""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ from typing import NamedTuple
 
 
 class Finding(NamedTuple):
-    """`id` is stable, `text` is one sentence for people; `rows` is how many rows it concerns
-    (0: the file)."""
+    """Holds one finding. `id` is stable, `text` is a sentence for people; `rows` counts the rows
+    concerned (0: the file)."""
 
     id: str
     text: str
@@ -19,5 +19,5 @@ class Finding(NamedTuple):
 
 
 def many(count: int, what: str = "row") -> str:
-    """`1 row`, `2 rows`."""
+    """Returns a count with its noun: `1 row`, `2 rows`."""
     return f"{count} {what}" if count == 1 else f"{count} {what}s"

@@ -1,4 +1,4 @@
-"""A recording's columns put right, each thing in its turn: times, sentinels, places, ranges,
+"""How are the columns of a recording repaired? In this order: times, sentinels, places, ranges,
 units of speeds."""
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from topdress.control.recordings.values import (
 
 Columns = dict[str, NDArray[Any]]
 
-# What each number of a log can be.
+# Range of each number of a log.
 LIMITS = PLAUSIBLE | {
     name: ANYTHING for name in COLUMNS if name not in {*PLAUSIBLE, *TEXT_COLUMNS, "time_s"}
 }
@@ -33,11 +33,20 @@ LIMITS = PLAUSIBLE | {
 def mended(
     columns: Mapping[str, NDArray[Any]], utc_s: Callable[[], NDArray[np.float64]] | None = None
 ) -> tuple[Columns, list[Finding]]:
-    """The columns (n,) of a run log put right, (m,), and what was found; `time_s` in any unit,
-    the others as published.
+    """Repairs the columns of a run log; arrays that change are copied.
 
-    Arrays that change are copied. utc_s : as of `mended_times`. Raises ValueError, one line.
-    """
+    Parameters
+    ----------
+    columns : arrays (n,) by column name; `time_s` in any unit, the others as published.
+    utc_s : returns seconds since 1970 (n,), as for `mended_times`.
+
+    Returns
+    -------
+    The repaired columns (m,), and the findings.
+
+    Raises
+    ------
+    ValueError : in one line, where too few rows have usable times."""
     begins = np.array(
         [k for k, text in enumerate(columns.get("events", ())) if text and _begins(text)], np.intp
     )
@@ -51,7 +60,7 @@ def mended(
 
 
 def _begins(events: object) -> bool:
-    """Whether the events of a row say that one of several files begins there, as `import`
+    """Returns whether the events of a row mark the beginning of a joined file, as `import`
     writes them."""
     return isinstance(events, str) and any(
         one.startswith((FILE_BEGINS, LOG_BEGINS)) for one in events.split(";")
@@ -59,10 +68,10 @@ def _begins(events: object) -> bool:
 
 
 def mend_values(columns: Columns, findings: list[Finding]) -> Columns:
-    """The columns with values that can be what their names say; what was found is added."""
+    """Returns the columns without impossible values, and appends the findings."""
     columns = dict(columns)
-    # -99 degrees next to a latitude is a place in Mexico: a longitude is a sentinel where the
-    # latitude is one, too.
+    # A longitude of -99 degrees is a place in Mexico: it is a sentinel only where the latitude is
+    # a sentinel too.
     nowhere = np.isin(columns.get("lat_deg", np.zeros_like(columns["time_s"])), SENTINELS)
     for name, limits in LIMITS.items():
         if name in columns:

@@ -1,5 +1,5 @@
-"""The places of a recording: none where both are 0, latitude and longitude exchanged; the way
-between them."""
+"""Are the places of a recording plausible? 0, 0 is no place, and latitude and longitude may be
+exchanged; pieces of track between places."""
 
 from __future__ import annotations
 
@@ -12,21 +12,24 @@ from topdress.control.recordings.finding import Finding, many
 Floats = NDArray[np.float64]
 Columns = dict[str, NDArray[Any]]
 
-# of latitude; one percent is enough to tell units apart
+# Length of a degree of latitude, m; one percent is enough to tell units apart.
 M_PER_DEG = 111_200.0
-# of the way: at 1 m/s, fifty times a receiver's noise from place to place
+# Length of a piece of track, s: at 1 m/s fifty times a receiver's noise from place to place.
 PIECE_S = 5.0
-# a heading that turns less than this over a piece: the piece is its course
+# A piece is straight where the heading turns by less than this, degrees.
 STRAIGHT_DEG = 10.0
-LEAST_WAY_M = 1.0  # of a piece that has a course
-MIN_STRAIGHT = 5  # pieces
-# headings less courses: the places exchanged, and as they stand
+# Least length of a piece whose course is used, m.
+LEAST_WAY_M = 1.0
+# Least number of straight pieces.
+MIN_STRAIGHT = 5
+# Mean difference of headings and courses, degrees: below the first they agree, above the second
+# they do not.
 FITS_DEG, FITS_NOT_DEG = 5.0, 10.0
 
 
 def in_place(columns: Columns, findings: list[Finding]) -> None:
-    """Places emptied where they are none, exchanged where latitudes show it, doubted where only
-    headings do."""
+    """Blanks places that are none, exchanges coordinates where latitudes prove it, and reports a
+    doubt where only headings suggest it."""
     if "lat_deg" not in columns or "lon_deg" not in columns:
         return
     lat_deg, lon_deg = columns["lat_deg"], columns["lon_deg"]
@@ -69,7 +72,8 @@ def in_place(columns: Columns, findings: list[Finding]) -> None:
 
 
 def _fits_swapped(columns: Columns, lat_deg: Floats, lon_deg: Floats) -> bool:
-    """Whether headings agree with the places exchanged, and do not as they stand."""
+    """Returns whether headings agree with the exchanged places but not with the places as they
+    stand."""
     heading_deg = columns.get("heading_deg")
     if heading_deg is None:
         return False
@@ -99,12 +103,13 @@ def _turn_deg(from_deg: Floats, to_deg: Floats) -> Floats:
 def pieces(
     time_s: Floats, lat_deg: Floats, lon_deg: Floats
 ) -> tuple[NDArray[np.intp], NDArray[np.intp], Floats, Floats] | None:
-    """First row, last row, metres east and north of pieces of track about five seconds long."""
+    """Returns first row, last row, metres east and metres north of pieces of track about five
+    seconds long."""
     known = np.flatnonzero(np.isfinite(lat_deg) & np.isfinite(lon_deg))
     if known.size < 2:
         return None
     known_s = time_s[known]
-    # a bounded work, however far apart the times are
+    # Numbering pieces by rows bounds the work, however far apart the times are.
     piece = np.floor((known_s - known_s[0]) / PIECE_S)
     begins = np.flatnonzero(np.diff(piece, prepend=-1.0) > 0.0)
     picked = known[begins[known_s[0] + piece[begins] * PIECE_S < known_s[-1]]]

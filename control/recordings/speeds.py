@@ -1,4 +1,4 @@
-"""The units of speeds, read off the way between places, or off the other speed."""
+"""Which unit does a speed column have? The way between places, or another speed, shows it."""
 
 from __future__ import annotations
 
@@ -14,26 +14,28 @@ from topdress.control.recordings.places import pieces
 Floats = NDArray[np.float64]
 
 KMH_PER_MPS = 3.6
-MILE_M, NAUTICAL_MILE_M = 1609.344, 1852.0  # international, of 1959 and of 1929
+# International miles of 1959 and of 1929, m.
+MILE_M, NAUTICAL_MILE_M = 1609.344, 1852.0
 KNOTS_PER_MPS, MPH_PER_MPS = 3600.0 / NAUTICAL_MILE_M, 3600.0 / MILE_M
 UNITS = {"km/h": KMH_PER_MPS, "knots": KNOTS_PER_MPS, "mph": MPH_PER_MPS}
-# that a wheel slips, or its radius is off, next to a unit
+# Relative tolerance of a unit's factor: a wheel slips, or its radius is wrong.
 UNIT_TOLERANCE = 0.11
-# below, a speed is held at zero and says nothing of its noise, and a course is none
+# Below this, m/s, a speed may be held at zero and a course is noise.
 MOVING_MPS = 0.3
-FAST_MPS = 8.0  # no spreader works at more than 29 km/h
-MIN_PIECES = 5  # of the way, from which a ratio is read
-# rows: four seconds at 10 Hz, as long as a piece of the way
+# No spreader works faster than 29 km/h.
+FAST_MPS = 8.0
+# Least number of pieces of track for a ratio.
+MIN_PIECES = 5
+# Least number of moving rows: four seconds at 10 Hz, as long as a piece of track.
 MIN_MOVING = 40
 
 
 def unit_of(ratio: float, units: Mapping[str, float] = UNITS) -> str | None:
-    """The unit of a speed whose numbers are `ratio` times those in m/s; None where they are
+    """Returns the unit of a speed whose numbers are `ratio` times those in m/s; None where it is
     none of these units.
 
-    units : numbers for one m/s. The nearest by its factor is meant, where a wheel's slip can be
-    what is left.
-    """
+    The nearest unit by its factor is taken if a wheel's slip can explain the rest. units:
+    numbers for 1 m/s."""
     near = min(
         (*units.items(), ("m/s", 1.0)), key=lambda one: abs(np.log(max(ratio, 1e-9) / one[1]))
     )
@@ -41,8 +43,8 @@ def unit_of(ratio: float, units: Mapping[str, float] = UNITS) -> str | None:
 
 
 def over_track(columns: Mapping[str, NDArray[Any]], name: str) -> float | None:
-    """Median of a speed column over the speed between places; None where there is not enough to
-    say."""
+    """Returns the median of a speed column over the speed between places; None where there are
+    too few rows."""
     if "lat_deg" not in columns or "lon_deg" not in columns:
         return None
     found = pieces(columns["time_s"], columns["lat_deg"], columns["lon_deg"])
@@ -58,12 +60,11 @@ def over_track(columns: Mapping[str, NDArray[Any]], name: str) -> float | None:
 
 
 def in_mps(columns: dict[str, NDArray[Any]], findings: list[Finding]) -> None:
-    """Speeds of other units put right where the places or the other speed show them; what is
-    fast without such is said.
+    """Converts speeds of other units where places or another speed prove them; a speed that is
+    only implausibly fast is reported.
 
-    The other speed shows km/h alone: a wheel that reads twice the speed may as well count its
-    pulses twice.
-    """
+    The other speed proves km/h alone: a wheel that reads twice the speed may just as well count
+    its pulses twice."""
     for name in SPEEDS:
         if name not in columns:
             continue
@@ -86,7 +87,8 @@ def in_mps(columns: dict[str, NDArray[Any]], findings: list[Finding]) -> None:
 
 
 def over_other(columns: Mapping[str, NDArray[Any]], name: str) -> tuple[float | None, str]:
-    """Median of a speed while it moves over that of the first other one, and the other's name."""
+    """Returns the median of a moving speed over that of the first other speed column, and the
+    other's name."""
     own = _typical(columns[name])
     for other in SPEEDS:
         if other != name and other in columns and own is not None:

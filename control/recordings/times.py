@@ -1,15 +1,13 @@
-"""The times of a recording: seconds since its beginning, each later than the one before; what
-was otherwise is put right and said.
+"""When was each row recorded? Seconds since the beginning, strictly increasing; what was wrong
+is repaired and reported.
 
-Where times run backwards, either the rows stand in another order than they were written in, or
-the clock was wrong. Rows in another order fill each other's gaps once they are sorted;
-stretches of a clock that was set back come to lie among each other. The first are sorted; of
-the second the fewest rows are left out that make the rest increase, which are all but a longest
-increasing subsequence [1]_.
+Where times run backwards, either the rows were reordered or the clock was set back. Reordered
+rows fill each other's gaps once they are sorted, while stretches of a clock that was set back
+overlap. Reordered rows are sorted. Of overlapping stretches the fewest rows are left out that
+make the rest increase: all but a longest increasing subsequence [1]_.
 
 .. [1] Schensted, Longest increasing and decreasing subsequences, Canadian Journal of
-Mathematics 13, 1961.
-"""
+Mathematics 13, 1961."""
 
 from __future__ import annotations
 
@@ -24,32 +22,38 @@ from topdress.control.recordings.finding import Finding, many
 Floats = NDArray[np.float64]
 Rows = NDArray[np.int64]
 
-# rows closer than this repeat a time: the finest clocks count whole microseconds
+# Rows closer than this have the same time, s: the finest clocks count whole microseconds.
 SAME_TIME_S = 5e-7
-# a log does not last eleven days: larger times count from some epoch
+# Times larger than this count from an epoch, s: a log does not last eleven days.
 EPOCH_S = 1e6
-EPOCH_MS = 1e11  # and these are milliseconds
+# Times larger than this count milliseconds from an epoch.
+EPOCH_MS = 1e11
 DAY_S = 86_400.0
-# since 1899-12-30, as spreadsheets count: 1982 to 2119
+# Days since 1899-12-30, as spreadsheets count: 1982 to 2119.
 SPREADSHEET_DAYS = (30_000, 80_000)
-SPREADSHEET_EPOCH_DAYS = 25_569  # 1970-01-01 in them
-SELDOM_STEP_S = 60.0  # few loggers are so slow
-# of a second: days of a sheet, printed with nine digits after the point
+# 1970-01-01 in days of a spreadsheet.
+SPREADSHEET_EPOCH_DAYS = 25_569
+# Few loggers are as slow as this step, s.
+SELDOM_STEP_S = 60.0
+# Digits of a second in days of a spreadsheet that were printed with nine digits after the point.
 SPREADSHEET_DIGITS = 4
-# rows (median) that may be milliseconds apart, where utc shows it ...
+# Least median step of times that may be milliseconds, where utc proves it.
 MS_STEP = 5.0
-MS_OVER_S = (900.0, 1100.0)  # ... by such a ratio of the spans
-# off the median by this share, in MIXED_ROWS of the rows: the sample time is mixed
+# Ratio of the spans of time_s and utc that proves milliseconds.
+MS_OVER_S = (900.0, 1100.0)
+# A step that differs from the median by more than this share is another sample time.
 MIXED_STEP = 0.25
+# The sample time is mixed where this share of the rows has another one.
 MIXED_ROWS = 0.2
-GAP_STEPS = 1.5  # of the median: a longer one has rows missing
-# of the rows: more, and it is not known what the times are
+# A step longer than this many medians has missing rows.
+GAP_STEPS = 1.5
+# Where more than this share of the rows would be left out, the times are unusable.
 MOST_LEFT_OUT = 0.5
 
 
 class RecordingTimes(NamedTuple):
-    """`time_s`: (m,), of the rows `rows` (m,) of the recording, or of all as they stand.
-    `spread`: coarse ones were."""
+    """Holds the repaired times (m,) of the rows `rows` (m,) of the recording. `spread`: rows
+    that shared a coarse time were spread over it."""
 
     time_s: Floats
     rows: Rows | slice
@@ -60,13 +64,18 @@ class RecordingTimes(NamedTuple):
 def mended_times(
     time_s: Floats, utc_s: Callable[[], Floats] | None = None, begins: Rows | None = None
 ) -> RecordingTimes:
-    """Times (n,), NaN where there is none, as seconds from 0 or a little later, each later than
-    the one before.
+    """Returns times as seconds from 0 or a little later, strictly increasing.
 
-    begins : rows (b,) with which one of several files begins, that were joined. utc_s : seconds
-    since 1970 (n,), where the recording says them elsewhere; asked where they may decide on the
-    unit. Raises ValueError, one line, where no rows, or not even half of them, can be used.
-    """
+    Parameters
+    ----------
+    time_s : (n,) times; NaN where there is none.
+    utc_s : returns seconds since 1970 (n,) where the recording has them in another column;
+        called where they may decide on the unit.
+    begins : (b,) rows with which each of several joined files begins.
+
+    Raises
+    ------
+    ValueError : in one line, where no rows, or less than half of them, can be used."""
     findings: list[Finding] = []
     with_time = np.isfinite(time_s)
     if not with_time.any():
@@ -100,8 +109,7 @@ def mended_times(
 def in_seconds(
     times: Floats, utc_s: Callable[[], Floats] | None, findings: list[Finding]
 ) -> Floats:
-    """Times (n,) of days as spreadsheets count them, or of an epoch, or in milliseconds, as
-    seconds."""
+    """Converts times (n,) in days of a spreadsheet, of an epoch, or in milliseconds to seconds."""
     first = float(times[0])
     forward = np.diff(times)
     forward = forward[forward > 0.0]
@@ -155,7 +163,7 @@ def in_seconds(
 
 
 def _spread(times: Floats, findings: list[Finding]) -> Floats:
-    """Rows that share one coarse time, e.g. whole seconds at 10 Hz, spread evenly over it."""
+    """Spreads rows that share one coarse time, e.g. whole seconds at 10 Hz, evenly over it."""
     starts = np.flatnonzero(np.diff(times, prepend=np.nan) != 0)
     sizes = np.diff(starts, append=times.size)
     if times.size < 4 or np.median(sizes) < 2 or np.any(np.diff(times) < 0) or starts.size < 2:
@@ -176,11 +184,11 @@ def _spread(times: Floats, findings: list[Finding]) -> Floats:
 
 
 def increasing(times: Floats, findings: list[Finding]) -> Rows:
-    """The rows (m,) of times (n,) in an order in which each is later than the one before.
+    """Returns the rows (m,) of times (n,) in an order in which each is later than the one
+    before.
 
     Of rows that share a time the first is kept. Raises ValueError where most rows would be left
-    out.
-    """
+    out."""
     every = np.arange(len(times))
     if np.all(np.diff(times) > SAME_TIME_S):
         return every
@@ -212,14 +220,15 @@ def increasing(times: Floats, findings: list[Finding]) -> Rows:
 
 
 def _said(times: Floats, kept: Rows, left_out: Rows, findings: list[Finding]) -> None:
-    """What each of the rows left out was."""
+    """Reports why each row was left out."""
     at = np.searchsorted(times[kept], times[left_out])
     off = np.minimum(
         np.abs(times[kept][np.minimum(at, len(kept) - 1)] - times[left_out]),
         np.abs(times[kept][np.maximum(at - 1, 0)] - times[left_out]),
     )
     again = off <= SAME_TIME_S
-    before = np.searchsorted(kept, left_out) - 1  # the row kept last before it
+    # Index of the last kept row before each row that was left out.
+    before = np.searchsorted(kept, left_out) - 1
     earlier = ~again & (before >= 0) & (times[left_out] < times[kept[np.maximum(before, 0)]])
     for which, id_, what in (
         (again, "repeated_time", "the time of a row before"),
@@ -239,9 +248,8 @@ def _said(times: Floats, kept: Rows, left_out: Rows, findings: list[Finding]) ->
 
 
 def _in_another_order(times: Floats, rising: Rows) -> bool:
-    """Whether rows that do not rise with the others only stand elsewhere: sorted in, they lie
-    within the span of the others, or are most of the rows, and as far from their neighbours as
-    rows are."""
+    """Returns whether rows that do not rise with the others were only reordered: once sorted,
+    they lie within the span of the others or are most of the rows, and their steps are usual."""
     others = np.setdiff1d(np.arange(len(times)), rising)
     in_order = np.sort(times)
     step = float(np.median(np.diff(in_order)))
@@ -257,13 +265,14 @@ def _in_another_order(times: Floats, rising: Rows) -> bool:
 
 
 def _longest_increasing(times: Floats) -> list[int]:
-    """Rows of a longest subsequence of strictly increasing times, by patience sorting (n log
-    n): from the last row to the first, so that of equally long ones the rows written first are
-    taken."""
+    """Returns the rows of a longest subsequence of strictly increasing times, by patience
+    sorting (n log n). It runs from the last row to the first, so that of equally long ones the
+    earliest rows are taken."""
     written = times.tolist()
     tops: list[float] = []
-    rows: list[int] = []  # of the tops
-    after = [-1] * len(written)  # of each row: the one that follows it
+    # Rows on the tops of the piles, and for each row the one that follows it.
+    rows: list[int] = []
+    after = [-1] * len(written)
     for row in range(len(written) - 1, -1, -1):
         at = bisect_left(tops, -written[row])
         after[row] = rows[at - 1] if at else -1
@@ -280,8 +289,8 @@ def _longest_increasing(times: Floats) -> list[int]:
 
 
 def steps(time_s: Floats, begins: NDArray[np.bool_]) -> list[Finding]:
-    """What the steps from row to row say: rows missing, or no one sample time. begins (n,) :
-    with these rows another file begins; before them no rows are missing."""
+    """Reports missing rows and mixed sample times. begins (n,): rows with which another file
+    begins; no rows are missing before them."""
     between = begins[1:]
     before_s, spans = time_s[:-1][~between], np.diff(time_s)[~between]
     if spans.size < 2:
@@ -319,8 +328,8 @@ def steps(time_s: Floats, begins: NDArray[np.bool_]) -> list[Finding]:
 
 
 def _joined(between_s: Floats, step_s: float) -> list[Finding]:
-    """That a log is several files. between_s (files - 1,): from the last row of one to the
-    first of the next."""
+    """Reports that a log consists of several files. between_s (files - 1,): from the last row of
+    a file to the first of the next."""
     apart_s = between_s[between_s > GAP_STEPS * step_s]
     if not apart_s.size:
         return []

@@ -1,5 +1,5 @@
-"""The values of a recording: what no machine reads, what stands for nothing, ranges, readings
-that only repeat."""
+"""Which values of a recording are real readings? Unreadable numbers, sentinels, ranges, outliers
+and repeated readings."""
 
 from __future__ import annotations
 
@@ -31,31 +31,34 @@ SENTINELS = (
     2147483647.0,
     -2147483648.0,
 )
-# inside the plausible range: that many times larger than any other value
+# A sentinel within the plausible range is this many times larger than any other value.
 SENTINEL_APART = 3.0
-# a number beyond this is no reading of a machine, in any unit (so are a machine file's) ...
+# A larger number is no reading of a machine in any unit (as in machine files).
 MOST = 1e9
-# ... and one so small is nothing: its square would be lost next to any other
+# A smaller number is 0: its square would be lost next to any other.
 LEAST = 1e-9
-# after the point: logs print three to six, places (which are not rounded) eight
+# Decimals that logs print: three to six, eight for places, which are not rounded.
 PRINTED_DIGITS = 8
-# a cell stands empty after so long without a reading: longer runs of equals are no dropout
+# A cell is empty after so long without a reading, s: a longer run of equal values is no dropout.
 MAX_HELD_S = 3.0
-# chance that equal readings in a row are as many by accident, anywhere in the log
+# Probability that equal readings in a row occur by chance anywhere in the log.
 HELD_P = 0.01
-# cells whose median a reading of one row or two does not move ...
+# Window of the median, cells: a reading of one row or two does not move it.
 LONE_WITHIN = 5
-# ... and cells around it, that say how far readings there are off theirs
+# Window in which the usual distance of readings from that median is measured, cells.
 LONE_AMONG = 15
-# s.d. of that: those of a normal reach 6 of their own, once in a thousand million
+# Limit in standard deviations: a normal distribution reaches 6 once in a thousand million.
 LONE_SD = 10.0
-# of a normal, over its median absolute deviation: for the cells around ...
+# Standard deviation of a normal distribution over its median absolute deviation, for the cells
+# around.
 MAD_SD = 1.4826
-# ... and for the column, within which nine in ten are: what jumps more often is no stray
+# Nine in ten normal values are within this many standard deviations: a column that jumps more often
+# has no outliers.
 NINE_IN_TEN_SD = 1.645
 NDVI = (*HEAD_COLUMNS, "ndvi")
 
-# Left out where they stand outside: vegetation indices by their definition, places by theirs.
+# Vegetation indices and places are blanked outside their range, because their definition limits
+# them.
 EMPTIED_OUTSIDE = frozenset({"lat_deg", "lon_deg", *NDVI, *NDRE_COLUMNS, "ndre"})
 
 
@@ -66,9 +69,8 @@ def known(
     findings: list[Finding],
     inside: Flags | None = None,
 ) -> Floats:
-    """Values (n,) of which those that no machine reads and those that stand for nothing are
-    NaN; the very array where there are none. limits : what the quantity can be. inside : as of
-    `stand_for_nothing`."""
+    """Returns values (n,) with NaN for unreadable numbers and sentinels; the same array where
+    there are none. limits: range of the quantity. inside: as for `stand_for_nothing`."""
     marked = stand_for_nothing(values, limits, inside)
     if marked.any():
         kinds = ", ".join(f"{value:g}" for value in np.unique(values[marked])[:3])
@@ -102,29 +104,28 @@ def known(
 
 
 def readable(values: Floats) -> Floats:
-    """Numbers (n,) that arithmetic can go on with: NaN for what no machine reads, 0 for what is
-    lost in any sum."""
+    """Returns numbers (n,) that arithmetic can use: NaN for unreadable ones, 0 for those lost in
+    any sum."""
     sane = np.where(np.isfinite(values) & ~(np.abs(values) > MOST), values, np.nan)
     sane[np.abs(sane) < LEAST] = 0.0
     if np.array_equal(sane, values, equal_nan=True) and not np.signbit(values[values == 0.0]).any():
-        # nothing in it was otherwise: a million rows are not kept twice
+        # Nothing has changed: a million rows are not stored twice.
         return values
     return sane
 
 
 def without_lone(name: str, values: Floats, findings: list[Finding]) -> Floats:
-    """Values (n,) without readings of one row or two that are far off those before and after
-    (Hampel's identifier: Davies and Gather, JASA 88, 1993, 782): a few such cells would decide
-    what goes with the column.
+    """Blanks readings of one row or two that are far from those before and after (Hampel's
+    identifier: Davies and Gather, JASA 88, 1993, 782): a few such cells would dominate any
+    correlation with the column.
 
-    How far is far is seen around each of them, in the whole column, and from the steps in which
-    it is written.
-    """
+    The limit follows from the spread around each cell, from that of the whole column, and from
+    the steps in which the column is written."""
     rows = np.flatnonzero(np.isfinite(values))
     if len(rows) < LONE_AMONG:
         return values
     seen = values[rows]
-    # a third of a second: most that is read here needs none
+    # The import takes a third of a second, and most recordings do not need it.
     from scipy.ndimage import median_filter
 
     off = np.abs(seen - median_filter(seen, LONE_WITHIN, mode="nearest"))
@@ -155,8 +156,8 @@ def without_lone(name: str, values: Floats, findings: list[Finding]) -> Floats:
 def stand_for_nothing(
     values: Floats, limits: tuple[float, float] = ANYTHING, inside: Flags | None = None
 ) -> Flags:
-    """Which values (n,) are sentinels: out of the limits, or far larger than all others; or in
-    the rows `inside` (n,), where those are given."""
+    """Returns which values (n,) are sentinels: out of the limits or far larger than all others;
+    or in the rows `inside` (n,) where those are given."""
     low, high = limits
     if not values.size or not _reaches_one(values, limits):
         return np.zeros(values.shape, bool)
@@ -168,7 +169,7 @@ def stand_for_nothing(
 
 
 def _reaches_one(values: Floats, limits: tuple[float, float]) -> bool:
-    """A quick look: most columns stay far from any."""
+    """Returns quickly whether a column may contain sentinels at all; most do not."""
     low, high = np.fmin.reduce(values), np.fmax.reduce(values)
     return bool(low <= -99.0 or high >= 999.0 or low < limits[0] or high > limits[1])
 
@@ -176,8 +177,7 @@ def _reaches_one(values: Floats, limits: tuple[float, float]) -> bool:
 def within(
     name: str, values: Floats, limits: tuple[float, float], findings: list[Finding]
 ) -> Floats:
-    """What stands outside of the limits is said; and emptied, where a definition says that it
-    cannot be."""
+    """Reports values outside the limits, and blanks them where a definition excludes them."""
     outside = (values < limits[0]) | (values > limits[1])
     count = int(np.count_nonzero(outside))
     if count == 0:
@@ -206,7 +206,7 @@ def within(
 
 
 def from_percent(name: str, values: Floats, findings: list[Finding]) -> Floats:
-    """NDVI as a share, where it was written in percent."""
+    """Converts an NDVI in percent to a share."""
     seen = values[np.isfinite(values)]
     if not seen.size or np.median(seen) <= 1.0 or seen.min() < 0.0 or seen.max() > 100.0:
         return values
@@ -219,22 +219,23 @@ def from_percent(name: str, values: Floats, findings: list[Finding]) -> Floats:
 
 
 def as_printed(values: Floats) -> Floats:
-    """Readings that are alike to the last digit that a log prints are one reading: what
-    repeats, and in which steps, is evidence, and must not hang on the last bits of a float."""
+    """Rounds readings to the last digit that a log prints: repeats and steps of a column are
+    evidence, and must not depend on the last bits of a float."""
     with np.errstate(over="ignore"):
-        rounded = np.round(values, PRINTED_DIGITS) + 0.0  # no -0
+        # Adding 0 turns -0 into 0.
+        rounded = np.round(values, PRINTED_DIGITS) + 0.0
     if np.array_equal(rounded, values, equal_nan=True):
-        # as a log prints them: a million rows are not kept twice
+        # The values are already rounded: a million rows are not stored twice.
         return values
     return np.where(np.isfinite(rounded), rounded, values)
 
 
 def without_held(name: str, values: Floats, step_s: float, findings: list[Finding]) -> Floats:
-    """Readings held through a dropout say nothing new: only the first of an improbably long run
-    of equals is kept."""
+    """Blanks readings that were repeated through a dropout: of an improbably long run of equal
+    readings only the first is kept."""
     same = np.concatenate(([False], (values[1:] == values[:-1]) & (values[1:] != 0.0)))
     share = same.sum() / max(1, np.isfinite(values).sum())
-    # most readings repeat: so coarse a reading is held by nothing
+    # Where most readings repeat, the resolution is coarse and no dropout is proved.
     if share == 0.0 or share > 0.5:
         return values
     longest = max(3, int(np.ceil(np.log(HELD_P / len(values)) / np.log(min(0.9, share + 1e-4)))))
