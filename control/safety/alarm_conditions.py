@@ -1,4 +1,4 @@
-"""The table of losses: which alarms have their cause at this tick. One function for each group
+"""Which alarms have their cause at this tick? The table of losses, one function for each group
 of rows."""
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from topdress.control.safety.words import Details, Situation
 from topdress.control.safety.work_watch import FollowWatch, HopperWatch, RateWatch
 
 _LOOKING = (State.READY, State.WORKING, State.HELD, State.FAULT)
-# of its limit, down to which a trim that was said is said on
+# Share of its limit down to which a reported trim stays reported.
 TRIMMED_STILL = 0.7
 _AT_WORK = (State.READY, State.WORKING, State.HELD)
 _UNKNOWN = "?"
@@ -36,8 +36,8 @@ def troubles(
     scale_heard: bool,
     limits: SafetyLimits,
 ) -> dict[str, Details]:
-    """Alarm id -> details, for each alarm of the list whose cause is there in the state of the
-    tick before."""
+    """Returns the details of each alarm whose cause is present in the state of the tick before,
+    by alarm id."""
     found: dict[str, Details] = {}
     if not s.log_ok:
         found["log_failed"] = ()
@@ -73,7 +73,7 @@ def troubles(
 
 
 def _commanded_to_stop(found: dict[str, Details], s: Situation, seen: Senses, stand: Stand) -> None:
-    """In every state, also off: an order to stand is no proof that anything stands."""
+    """Finds drives that do not stand, in every state, also off: a command to stand is no proof."""
     if stand.shaft.turns:
         found["shaft_turns"] = (
             ("shaft_rpm", _rounded(seen.shaft_rpm)),
@@ -98,7 +98,8 @@ def _drives(
     seen: Senses,
     limits: SafetyLimits,
 ) -> None:
-    """A drive never heard has `drive_silent_s` after off is left to speak up."""
+    """Finds silent or failing drives. A drive that was never heard has `drive_silent_s` after
+    off is left."""
     waited = now_s - m.left_off_s > limits.drive_silent_s
     if not seen.shaft_ok and (waited or s.measurements.shaft_rpm is not None):
         found["shaft_silent"] = ()
@@ -127,7 +128,8 @@ def _sensors(
     scale_heard: bool,
     limits: SafetyLimits,
 ) -> None:
-    """What was never heard has its time after off is left to speak up, as the drives have."""
+    """Finds silent sensors. A sensor that was never heard has its time after off is left, as the
+    drives have."""
     on_s = now_s - m.left_off_s
     if not seen.gnss_ok and (s.measurements.gnss is not None or on_s > limits.gnss_period_max_s):
         found["gnss_silent"] = ()
@@ -149,13 +151,13 @@ def _sensors(
         found["heads_few"] = (("valid_heads", s.valid_heads), ("limit", limits.heads_min))
     if lasted(m.heads_full_since_s, now_s, limits.heads_full_s):
         found["heads_full"] = (("limit", limits.heads_full_ndvi),)
-    # on the road nothing is spread
+    # On the road nothing is spread.
     if s.usable_speed_mps is not None and m.state is State.WORKING:
         found["lead_short"] = (("usable_speed_mps", _rounded(s.usable_speed_mps, 1)),)
 
 
 def _speeds(found: dict[str, Details], doubt: SpeedDoubt | None, limits: SafetyLimits) -> None:
-    """Named once it is known which one is wrong; where it stays open, after `speeds_differ_s`."""
+    """Finds contradicting speeds: once it is known which is wrong, else after `speeds_differ_s`."""
     if doubt is None:
         return
     read = (("wheel_mps", _rounded(doubt.wheel_mps, 2)), ("gnss_mps", _rounded(doubt.gnss_mps, 2)))
@@ -223,7 +225,7 @@ def _rate(
 def _range(
     found: dict[str, Details], m: Memory, now_s: float, s: Situation, limits: SafetyLimits
 ) -> None:
-    """Names a rate beyond the machine's range, and the speed that helps."""
+    """Finds a rate beyond the machine's range, and names the speed that helps."""
     breach = s.range_breach
     if breach is None or not lasted(m.beyond_range_since_s, now_s, limits.beyond_range_s):
         return
@@ -260,14 +262,15 @@ def _hopper_empty(
     hopper: HopperWatch,
     limits: SafetyLimits,
 ) -> None:
-    """Found at work, it is there until the hopper is filled: holding fills none."""
+    """Finds an empty hopper at work; the alarm stays until the hopper is filled, because holding
+    fills none."""
     asked = m.state is State.WORKING or any(one.alarm.id == "hopper_empty" for one in m.live)
     if asked and lasted(hopper.empty_since_s, now_s, limits.hopper_confirm_s):
         found["hopper_empty"] = (("hopper_kg", round(seen.hopper_kg or 0.0, 1)),)
 
 
 def _scale(found: dict[str, Details], m: Memory, says: ScaleSays, limits: SafetyLimits) -> None:
-    """What the scale says of the flow."""
+    """Finds contradictions between the scale and the flow."""
     if says.share is not None:
         found["flow_missing" if says.share < 1.0 else "flow_above"] = (
             ("percent", _rounded(100.0 * says.share)),
@@ -286,7 +289,7 @@ def _scale(found: dict[str, Details], m: Memory, says: ScaleSays, limits: Safety
 
 
 def _effort(found: dict[str, Details], m: Memory, says: EffortSays) -> None:
-    """Found at work, it is there until the drive turns again."""
+    """Finds a wrong effort at work; the alarm stays until the drive turns again."""
     if m.state not in _AT_WORK:
         return
     if says.harder_percent > 0.0:
@@ -306,11 +309,10 @@ def _tens(metres: float | None) -> str | float:
 def speeds_silent(
     now_s: float, s: Situation, seen: Senses, motion: Motion, limits: SafetyLimits
 ) -> bool:
-    """Both speeds silent for `speed_silent_s`: none in use for so long, or the newest one older
-    than that.
+    """Returns whether both speeds are silent for `speed_silent_s`: none is in use for so long,
+    or the newest is older.
 
-    A wheel that stands is not silent as long as it says 0.
-    """
+    A wheel that stands is not silent while it reads 0."""
     if lasted(motion.speed_lost_since_s, now_s, limits.speed_silent_s):
         return True
     heard_s = seen.speed_heard_s
@@ -318,5 +320,5 @@ def speeds_silent(
 
 
 def target_acceptable(s: Situation, limits: SafetyLimits) -> bool:
-    """Whether the target is a number from 0 to the product's absolute limit."""
+    """Returns whether the target is a number from 0 to the product's absolute limit."""
     return 0.0 <= s.target_rate_kg_ha <= limits.rate_max_kg_ha

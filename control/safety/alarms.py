@@ -1,4 +1,4 @@
-"""The published list of alarms, and how they live: raised, latched, acknowledged, gone."""
+"""Which alarms exist, and how do they live? Raised, latched, acknowledged, gone."""
 
 from __future__ import annotations
 
@@ -11,15 +11,17 @@ from topdress.control.safety.words import N_, Details
 
 
 class AlarmKind(NamedTuple):
-    """One row of the list. `text` and `todo` are filled with the alarm's details by
-    `str.format`."""
+    """Describes one alarm of the published list. `str.format` fills `text` and `todo` with the
+    alarm's details."""
 
     id: str
     severity: Severity
     text: str
     todo: str
-    place: str  # where to look
-    leads_to: State | None = None  # the state it brings about; None: none
+    # Where the operator looks for the cause.
+    place: str
+    # The state that it causes; None: none.
+    leads_to: State | None = None
 
 
 _AMBER, _RED = Severity.AMBER, Severity.RED
@@ -545,19 +547,19 @@ _RANK = {kind.id: rank for rank, kind in enumerate(_KINDS)}
 
 
 class Live(NamedTuple):
-    """An alarm on the book."""
+    """Holds a live alarm and the time when its cause was last present, s."""
 
     alarm: Alarm
-    seen_s: float  # when its cause was last there
+    seen_s: float
 
 
 def booked(
     live: tuple[Live, ...], now_s: float, troubles: Mapping[str, Details], clear_s: float
 ) -> tuple[Live, ...]:
-    """The book after this tick, worst first.
+    """Returns the live alarms after this tick, worst first.
 
-    An alarm goes when its cause has been away for `clear_s`, a red one only once acknowledged too.
-    """
+    An alarm ends when its cause has been away for `clear_s`, a red one only once it is also
+    acknowledged."""
     if not live and not troubles:
         return live
     kept = []
@@ -586,7 +588,7 @@ def booked(
 
 
 def acknowledged(live: tuple[Live, ...], alarm_id: str) -> tuple[Live, ...]:
-    """The book with one alarm acknowledged, or all for an empty id."""
+    """Returns the alarms with one acknowledged, or all for an empty id."""
     return tuple(
         e._replace(alarm=e.alarm._replace(acknowledged=True)) if alarm_id in ("", e.alarm.id) else e
         for e in live
@@ -594,7 +596,7 @@ def acknowledged(live: tuple[Live, ...], alarm_id: str) -> tuple[Live, ...]:
 
 
 def unacknowledged_red(live: tuple[Live, ...]) -> str | None:
-    """The worst red alarm that nobody has acknowledged, or None."""
+    """Returns the id of the worst red alarm that nobody has acknowledged, or None."""
     return next(
         (e.alarm.id for e in live if e.alarm.severity is Severity.RED and not e.alarm.acknowledged),
         None,

@@ -1,4 +1,5 @@
-"""The last gate before every drive: no number passes that is not finite and inside the limits."""
+"""Which command may be sent to a drive? The last gate: only finite numbers inside the limits
+pass."""
 
 from __future__ import annotations
 
@@ -7,20 +8,26 @@ from math import isfinite
 from topdress.control.readings import DoseOrder, DriveCommand
 from topdress.control.safety.limits import DriveLimits
 
+# Greatest angle of a dose, degrees.
 LARGEST_DOSE_DEG = 3600.0
 
 
 def limited(
     cmd: DriveCommand, limits: DriveLimits, flow_allowed: bool, opening_now_mm: float | None = None
 ) -> DriveCommand:
-    """The command that may be sent.
+    """Returns the command that may be sent. Never raises.
 
-    `opening_now_mm` is the gate's present set-point. Without flow, or when either number is not
-    finite, the shaft stops and the gate stays there; where it is not given, the gate goes to
-    the commanded opening if that is a number, else to `opening_min_mm`. A shaft speed below
-    half the slowest turning becomes 0, between that and the slowest the slowest. Units: r/min,
-    mm. Never raises.
-    """
+    Without flow, or when either number is not finite, the shaft stops and the gate stays. A
+    shaft speed below half the slowest turning becomes 0, between that and the slowest the
+    slowest.
+
+    Parameters
+    ----------
+    cmd : wanted command, r/min and mm.
+    limits : of the drives.
+    flow_allowed : whether material may flow.
+    opening_now_mm : the gate's present set-point; None: the gate goes to the commanded opening
+        if that is a number, else to `opening_min_mm`."""
     opening_mm = _clamped(cmd.opening_mm, limits)
     if flow_allowed and opening_mm is not None and isfinite(cmd.shaft_rpm):
         return DriveCommand(_turning(cmd.shaft_rpm, limits), opening_mm)
@@ -31,11 +38,10 @@ def limited(
 
 
 def limited_dose(dose: DoseOrder, limits: DriveLimits, flow_allowed: bool) -> DoseOrder | None:
-    """The dose that may be sent; None without flow, or for an angle or a speed that is not a
-    number above 0.
+    """Returns the dose that may be sent; None without flow, or for an angle or a speed that is
+    not a number above 0. Never raises.
 
-    Angle at most 3600 degrees; the speed is cut to what the shaft may turn. Never raises.
-    """
+    The angle is at most 3600 degrees; the speed is cut to what the shaft may turn."""
     angle_deg, shaft_rpm = dose
     if not (
         flow_allowed
@@ -52,8 +58,8 @@ def limited_dose(dose: DoseOrder, limits: DriveLimits, flow_allowed: bool) -> Do
 
 
 def limited_valves(valves: tuple[bool, ...], flow_allowed: bool) -> tuple[bool, ...]:
-    """The valves that may be opened. Closed is the safe state: without flow all are, and
-    whatever is not True is."""
+    """Returns the valves that may be opened. Closed is the safe state: without flow all are
+    closed, and every value that is not True."""
     return tuple([flow_allowed is True and wanted is True for wanted in valves])
 
 

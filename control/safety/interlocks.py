@@ -1,4 +1,4 @@
-"""What forbids flow at this tick. Every condition is written so that an unknown or a NaN
+"""What forbids flow at this tick? Every condition is written so that an unknown value or a NaN
 forbids."""
 
 from __future__ import annotations
@@ -53,12 +53,10 @@ def forbidding(
     below_range: bool,
     limits: SafetyLimits,
 ) -> tuple[str, ...]:
-    """Ids of the interlocks that forbid flow in `state`; empty: flow is allowed.
+    """Returns the ids of the interlocks that forbid flow in `state`; empty: flow is allowed.
 
-    `below_range`: less has been wanted than the machine can give (the alarm).
-
-    Calibrating has rules of its own in place of the speed, field and target interlocks.
-    """
+    `below_range`: less has been wanted than the machine can give (the alarm). Calibrating has
+    its own rules in place of the speed, field and target interlocks."""
     drives = () if seen.shaft_ok and seen.gate_ok else ("drive_silent",)
     switch_up = s.measurements.work_switch is False or (
         has_work_switch and s.measurements.work_switch is None
@@ -79,7 +77,7 @@ def forbidding(
 
 
 def _rests(s: Situation) -> bool:
-    """Whether the wanted rate is so far below the machine's range that its shaft rests."""
+    """Returns whether the wanted rate is so far below the machine's range that its shaft rests."""
     return s.range_breach is not None and s.range_breach.given_kg_ha <= 0.0
 
 
@@ -99,7 +97,8 @@ def _speed(
 
 
 def _missing_speed(s: Situation, seen: Senses, limits: SafetyLimits) -> str:
-    """The interlock of a machine that is fast enough by the speed in use, and does not start."""
+    """Returns the interlock of a machine that is fast enough by the speed in use but does not
+    start."""
     if not limits.both_speeds_to_start or s.speed_doubt is not None:
         return "low_speed"
     if seen.wheel_speed_mps is None:

@@ -1,4 +1,4 @@
-"""All that safety remembers from one tick to the next, in one frozen value."""
+"""What does safety remember from one tick to the next? One frozen value."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from topdress.control.safety.work_watch import FollowWatch, HopperWatch, RateWat
 
 
 class Allowances(NamedTuple):
-    """What the operator allows; all end with a stop."""
+    """Holds what the operator allows; everything ends with a stop."""
 
     reverse: bool = False
     outside: bool = False
@@ -25,6 +25,8 @@ class Allowances(NamedTuple):
 
 
 class Memory(NamedTuple):
+    """Holds the state of safety after a tick."""
+
     state: State = State.OFF
     why_state: str = ""
     entered_s: float = -inf  # the state was entered

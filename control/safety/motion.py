@@ -1,5 +1,5 @@
-"""What must be remembered of the movement: started or not, standing since when, forwards or
-backwards."""
+"""Has the machine started, since when does it stand, and does it reverse? The memory of the
+movement."""
 
 from __future__ import annotations
 
@@ -11,6 +11,8 @@ from topdress.control.safety.words import Situation
 
 
 class Motion(NamedTuple):
+    """Holds the movement of the machine after a tick."""
+
     # started above one speed, not yet below the other
     moving: bool = False
     standing_since_s: float | None = None
@@ -36,16 +38,14 @@ def moved(
     start_held: bool = False,
     by_gnss: bool = False,
 ) -> Motion:
-    """The movement after this tick. by_gnss: the wheel is allowed to be dead, and it is.
+    """Returns the movement after this tick. by_gnss: the wheel is dead and allowed to be.
 
     Reversing: the GNSS course differs by more than `reverse_flip_deg` from the last course
     before a standstill; it lasts until the course flips once more across a standstill. A turn
     without a standstill changes nothing. After a standstill the machine counts as moving only
     once its course is known again (where it was known before), or reversing is allowed.
-
     Launching: it creeps, START is held, and its course is known since it stood (or never was
-    known); not for longer than `launch_max_s` under one press.
-    """
+    known); at most `launch_max_s` under one press."""
     speed, gnss = seen.speed_mps, seen.gnss_speed_mps
     slow = speed is not None and speed < limits.stop_speed_mps
     standing = s.wheel_standstill or (speed is not None and speed < limits.standstill_speed_mps)
@@ -102,7 +102,8 @@ def moved(
 
 
 def awaits_course(motion: Motion) -> bool:
-    """Stood since its last course: which way it goes now is not known yet."""
+    """Returns whether the machine has stood since its last course, so that its direction is
+    unknown."""
     return motion.stood and motion.course_deg is not None
 
 
@@ -131,8 +132,8 @@ def _is_moving(
 def _creeps(
     seen: Senses, wheel_standstill: bool, limits: SafetyLimits, both_to_start: bool
 ) -> bool:
-    """Whether the speed in use and both speed sensors say that it has set off; one of them
-    where only one is fitted."""
+    """Returns whether the speed in use and both speed sensors show that it has set off; one of
+    them where only one is fitted."""
     least = limits.launch_speed_mps
     moving = [v is not None and v >= least for v in (seen.wheel_speed_mps, seen.gnss_speed_mps)]
     both = all(moving) if both_to_start else any(moving)

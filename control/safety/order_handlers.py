@@ -1,4 +1,4 @@
-"""The operator's orders that concern safety: what each asks for, and what it is refused for."""
+"""What does each of the operator's orders to safety need, and why is it refused?"""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Outcome = tuple[Memory, Answer]
 
 
 def after_order(m: Memory, order: Order, now_s: float, limits: SafetyLimits) -> Outcome:
-    """What is remembered after an order, and the answer. A refused order changes no state."""
+    """Returns the memory after an order, and the answer. A refused order changes no state."""
     handler = _HANDLERS.get(order.do)
     if handler is None:
         return m, _no("not_for_safety")
@@ -49,8 +49,8 @@ def _ready(m: Memory, order: Order, now_s: float, limits: SafetyLimits) -> Outco
 
 
 def _start(m: Memory, order: Order, now_s: float, limits: SafetyLimits) -> Outcome:
-    """True: the button is down; the console repeats it while it is. A press that outlived work
-    does not begin it again: leaving held is an act of its own."""
+    """Handles START. True: the button is down, and the console repeats the order. A press that
+    outlived work does not resume it: leaving held needs a new press."""
     held_down = now_s - m.start_held_s < limits.launch_confirm_s
     if order.value is True:
         m = m._replace(start_held_s=now_s)
@@ -67,7 +67,7 @@ def _start(m: Memory, order: Order, now_s: float, limits: SafetyLimits) -> Outco
 
 
 def _hold(m: Memory, order: Order, now_s: float, limits: SafetyLimits) -> Outcome:
-    """Also the quick way out of calibrating, which goes back to ready."""
+    """Handles HOLD, which also ends calibrating and returns to ready."""
     if m.state is State.HELD:
         return m, YES
     if m.state is State.WORKING:
@@ -86,10 +86,10 @@ def _stop(m: Memory, order: Order, now_s: float, limits: SafetyLimits) -> Outcom
 
 
 def _calibrate(m: Memory, order: Order, now_s: float, limits: SafetyLimits) -> Outcome:
-    """Begin a run, or keep it going: while the button is down the console repeats the order.
+    """Begins a calibrating run or keeps it going: the console repeats the order while the button
+    is down.
 
-    A run that ended by itself does not begin again under a button that was never let go.
-    """
+    A run that ended by itself does not begin again under a button that was never released."""
     wanted_s = limits.calibrate_max_s if order.value is None else _number(order.value)
     if wanted_s is None or not 0.0 < wanted_s <= limits.calibrate_max_s:
         return m, _no("calibrate_seconds", max_s=limits.calibrate_max_s)
@@ -112,7 +112,8 @@ def _calibrate(m: Memory, order: Order, now_s: float, limits: SafetyLimits) -> O
 
 
 def _release(m: Memory, order: Order, now_s: float, limits: SafetyLimits) -> Outcome:
-    """Always welcome: after a run that ended by itself the button is let go too."""
+    """Handles the release of the button, which is always accepted: after a run that ended by
+    itself the button is released too."""
     up = m._replace(calibrate_s=Memory().calibrate_s)
     return (_entered(up, State.READY, order.do, now_s) if m.state is State.CALIBRATING else up), YES
 
@@ -174,29 +175,30 @@ SETTINGS = (Do.CALIBRATE_SHAFT, Do.CALIBRATE_OPENING)
 
 
 class BenchSetting(NamedTuple):
-    """What shaft and gate are to do in a calibrating run: wanted set-points, before the drives'
-    limits. A run begins with a standing shaft and the gate where it is."""
+    """Holds the wanted set-points of a calibrating run, before the drives' limits. A run begins
+    with a standing shaft and the gate where it is."""
 
     shaft_rpm: float = 0.0
-    opening_mm: float | None = None  # None: stays
+    # None: the gate stays.
+    opening_mm: float | None = None
 
 
 class BenchRun(NamedTuple):
-    """A calibrating run as the console shows it."""
+    """Holds a calibrating run as the console shows it."""
 
-    shaft_rpm: float  # set-points as sent
+    # Set-points as they were sent.
+    shaft_rpm: float
     opening_mm: float
     elapsed_s: float
     left_s: float
 
 
 def after_setting(setting: BenchSetting, order: Order, state: State) -> tuple[BenchSetting, Answer]:
-    """The set-points after one of `SETTINGS`; refused unless calibrating, and for what is no
-    number of at least 0.
+    """Returns the set-points after one of `SETTINGS`. It is refused unless calibrating, and for
+    a value that is not a number of at least 0.
 
-    A number above the drives' limits is taken and cut by the last gate (`limited`): the frame
-    tells what was sent.
-    """
+    A number above the drives' limits is accepted and cut by the last gate (`limited`); the frame
+    shows the set-points that were sent."""
     if state is not State.CALIBRATING:
         return setting, Answer(False, refusal("not_from_state", state=state.value))
     value = order.value

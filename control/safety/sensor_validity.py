@@ -1,5 +1,4 @@
-"""Which of the sensors can be believed at this tick. Pure: readings and limits in, plain values
-out."""
+"""Which sensors can be trusted at this tick? Pure: readings and limits in, plain values out."""
 
 from __future__ import annotations
 
@@ -12,19 +11,24 @@ from topdress.control.safety.words import Situation
 
 
 class Senses(NamedTuple):
-    """Values at this tick; None: silent, missing or not a number; of a speed also: not believed."""
+    """Holds the valid readings of this tick; None: silent, missing or not a number, and of a
+    speed also: not trusted."""
 
-    gnss_ok: bool  # an epoch with a fix, not older than its limit
+    # There is an epoch with a fix that is not older than its limit.
+    gnss_ok: bool
     gnss_speed_mps: float | None
     gnss_course_deg: float | None
     gnss_epoch_s: float | None
-    wheel_speed_mps: float | None  # 0 when the wheel stands
-    speed_mps: float | None  # the one control uses
-    speed_heard_s: float | None  # newest GNSS or wheel speed
+    # 0 when the wheel stands.
+    wheel_speed_mps: float | None
+    # The speed that control uses.
+    speed_mps: float | None
+    # Time of the newest GNSS or wheel speed, s.
+    speed_heard_s: float | None
     hopper_kg: float | None
     shaft_rpm: float | None
     opening_mm: float | None
-    # every canopy head that is heard reads more than a canopy can
+    # Every canopy head with a valid reading reads more than any canopy.
     heads_full: bool
 
     @property
@@ -37,7 +41,8 @@ class Senses(NamedTuple):
 
 
 def senses(now_s: float, s: Situation, limits: SafetyLimits) -> Senses:
-    """Judge every reading of situation `s` by its age at `now_s` (seconds on the loop's clock)."""
+    """Returns the readings of situation `s` that are valid at `now_s` (seconds on the loop's
+    clock)."""
     m = s.measurements
     fix = m.gnss
     gnss_ok, gnss_speed, course, epoch = False, None, None, None
@@ -97,12 +102,13 @@ def _number(value: float | None) -> float | None:
 
 
 def since(before_s: float | None, now_s: float, condition: bool) -> float | None:
-    """Since when a condition has held without a break; None while it does not hold."""
+    """Returns the time since when a condition holds without a break; None while it does not
+    hold."""
     if not condition:
         return None
     return now_s if before_s is None else before_s
 
 
 def lasted(since_s: float | None, now_s: float, for_s: float) -> bool:
-    """Whether a condition has held for at least `for_s` seconds."""
+    """Returns whether a condition has held for at least `for_s` seconds."""
     return since_s is not None and now_s - since_s >= for_s

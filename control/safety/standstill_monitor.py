@@ -1,9 +1,8 @@
-"""Do the drives stand while they are commanded to? Shaft, gate and valves, in every state. Pure.
+"""Do shaft, gate and valves stand while they are commanded to? Checked in every state. Pure.
 
-A stop is an order to a drive, not a fact. A shaft that runs down is no trouble: it must turn on
-although the machine model says that it stands, and not be slowing down. A gate may travel to
-its set-point first. A valve may take its time.
-"""
+A stop is a command to a drive, not a fact. A shaft that runs down is no fault: the alarm needs a
+shaft that turns although the machine model says that it stands, and that is not slowing down. A
+gate may first travel to its set-point. A valve may take its time."""
 
 from __future__ import annotations
 
@@ -14,12 +13,12 @@ from topdress.control.safety.limits import SafetyLimits
 from topdress.control.safety.sensor_validity import Senses, lasted, since
 from topdress.control.safety.words import Situation
 
-# of its highest speed since it last slowed down: a shaft below that is slowing down
+# A shaft below this share of its highest speed since it last slowed down is slowing down.
 SLOWING_SHARE = 0.9
 
 
 class ShaftStand(NamedTuple):
-    """The metering shaft while it is commanded to stop."""
+    """Holds the state of the metering shaft while it is commanded to stop."""
 
     commanded_since_s: float | None = None  # without a break; None: it is commanded to turn
     settled_since_s: float | None = None  # by the machine model it stands since then
@@ -31,7 +30,7 @@ class ShaftStand(NamedTuple):
 
 
 class GateStand(NamedTuple):
-    """The gate while nothing may flow: its set-point stays, so must the gate."""
+    """Holds the state of the gate while nothing may flow: its set-point stays, so must the gate."""
 
     # the newest set-point that it was to follow; None: none yet
     commanded_mm: float | None = None
@@ -42,8 +41,8 @@ class GateStand(NamedTuple):
 
 
 class ValveStand(NamedTuple):
-    """The sections' valves that are commanded closed; of machines whose board tells how they
-    stand."""
+    """Holds the state of the section valves that are commanded closed, on machines whose board
+    reports their positions."""
 
     # commanded closed for long enough, and read open since
     open_since_s: tuple[float | None, ...] = ()
@@ -55,13 +54,15 @@ TURNS, NO_VALVES = ShaftStand(), ValveStand()
 
 
 class Stand(NamedTuple):
+    """Holds the watch of all drives that must stand."""
+
     shaft: ShaftStand = TURNS
     gate: GateStand = GateStand()
     valves: ValveStand = NO_VALVES
 
 
 def stood(before: Stand, now_s: float, s: Situation, seen: Senses, limits: SafetyLimits) -> Stand:
-    """The watch after this tick."""
+    """Returns the watch after this tick."""
     return Stand(
         _shaft(before.shaft, now_s, s, seen, limits),
         _gate(before.gate, now_s, s, seen, limits),
@@ -80,7 +81,7 @@ def _shaft(
     if rpm is not None and (slows_from is None or rpm < SLOWING_SHARE * slows_from):
         slows_from, slowed_s = rpm, now_s
     elif rpm is not None and slows_from is not None:
-        # commanded to stop within its dead time it turns up first
+        # A shaft that is stopped within its dead time first speeds up.
         slows_from = max(slows_from, rpm)
     settled = since(
         before.settled_since_s, now_s, s.commanded.expected_rpm < limits.shaft_stands_rpm
@@ -104,8 +105,9 @@ def _shaft(
 def _gate(
     before: GateStand, now_s: float, s: Situation, seen: Senses, limits: SafetyLimits
 ) -> GateStand:
-    """Neither above its set-point nor above where it came from: a board without enable keeps
-    the last set-point that it followed, and at power-on where the gate stands."""
+    """Watches the gate: it may be neither above its set-point nor above its earlier place. A
+    board without enable keeps the last set-point that it followed, and at power-on the gate's
+    place."""
     commanded_mm = s.commanded.opening_mm if s.commanded.enabled else before.commanded_mm
     if s.commanded.flow:
         return GateStand(commanded_mm)

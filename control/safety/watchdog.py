@@ -1,9 +1,10 @@
-"""`Safety`: the one object the loop talks to. It holds one frozen memory and replaces it whole.
-And what moves between the states: troubles and time at each tick, orders in between.
+"""In which state is the machine, and may material flow? `Safety` is the only object that the
+loop calls; it holds one frozen memory and replaces it whole.
+
+Transitions: causes of alarms and time at each tick, orders in between.
 
     off -> ready -> working <-> held -> ready / off, calibrating from ready,
-    fault from anywhere but off
-"""
+    fault from anywhere but off"""
 
 from __future__ import annotations
 
@@ -24,10 +25,9 @@ from topdress.control.safety.work_watch import followed, rated, watched
 
 
 class Safety:
-    """States, interlocks and alarms of one run. All times are seconds on the loop's clock.
+    """Runs states, interlocks and alarms of one run. All times are seconds on the loop's clock.
 
-    `has_work_switch`: a switch is fitted, so that its silence counts as up.
-    """
+    `has_work_switch`: a switch is fitted, so that its silence counts as up."""
 
     def __init__(self, limits: SafetyLimits | None = None, has_work_switch: bool = False) -> None:
         self._limits = limits if limits is not None else SafetyLimits()
@@ -36,7 +36,7 @@ class Safety:
 
     @property
     def memory(self) -> Memory:
-        """What is remembered now: frozen, to be looked at."""
+        """Returns the present memory, which is frozen."""
         return self._memory
 
     @property
@@ -44,22 +44,21 @@ class Safety:
         return self._memory.state
 
     def start_is_held(self, now_s: float) -> bool:
-        """Whether START was reported held down so lately that it still is."""
+        """Returns whether START was reported as held so recently that it still is."""
         return now_s - self._memory.start_held_s < self._limits.launch_confirm_s
 
     def order(self, order: Order, now_s: float) -> Answer:
-        """Obey or refuse an order that concerns state, alarms or allowances; it takes effect at
-        once.
+        """Executes or refuses an order that concerns state, alarms or allowances; it takes
+        effect at once.
 
-        `Answer.why` is read with `read_refusal`. Orders of other rooms are answered with
-        `not_for_safety`.
-        """
+        `read_refusal` reads `Answer.why`. Orders of other rooms are answered with
+        `not_for_safety`."""
         self._memory, answer = after_order(self._memory, order, now_s, self._limits)
         return answer
 
     def check(self, now_s: float, s: Situation) -> Verdict:
-        """One tick: take in the situation, move the state, book the alarms, say whether flow
-        may be."""
+        """Processes one tick: takes the situation, changes the state, updates the alarms, and
+        decides whether material may flow."""
         m, limits = self._memory, self._limits
         seen = senses(now_s, s, limits)
         start_held = m.state is State.WORKING and self.start_is_held(now_s)
@@ -137,7 +136,7 @@ class Safety:
 
 
 def _gnss_serves(s: Situation, seen: Senses, limits: SafetyLimits) -> bool:
-    """Whether GNSS alone can say how fast the machine goes."""
+    """Returns whether GNSS alone can measure the machine's speed."""
     return (
         seen.gnss_speed_mps is not None
         and s.gnss_period_s <= limits.gnss_alone_period_s
@@ -165,11 +164,11 @@ def after_tick(
     troubles: Mapping[str, Details],
     limits: SafetyLimits,
 ) -> tuple[State, str]:
-    """The state after this tick and what led to it. Fault before off, off before held.
+    """Returns the state after this tick and its reason. Fault has priority over off, off over
+    held.
 
-    No tick leaves fault, and a tick leaves held only for fault, or for off when no console came
-    back.
-    """
+    No tick leaves fault. A tick leaves held only for fault, or for off when no console came
+    back."""
     if m.state is State.OFF:
         return m.state, m.why_state
     cause = leading_to(troubles, State.FAULT)
@@ -185,7 +184,7 @@ def after_tick(
 
 
 def leading_to(troubles: Mapping[str, Details], state: State) -> str | None:
-    """The first trouble whose alarm leads to `state`, or None."""
+    """Returns the first alarm with a cause that leads to `state`, or None."""
     return next((i for i in troubles if ALARMS[i].leads_to is state), None) if troubles else None
 
 

@@ -1,4 +1,4 @@
-"""The words of this package: what safety is given each tick, what it answers; texts for
+"""Which values does safety exchange with the loop? Its input and verdict, and texts for
 translation."""
 
 from __future__ import annotations
@@ -21,17 +21,17 @@ Details = tuple[tuple[str, str | float], ...]
 
 
 def N_(message: str) -> str:
-    """Mark an English source string for translation; the console translates it when it is shown."""
+    """Marks an English source string for translation; the console translates it when it is
+    shown."""
     return message
 
 
-# states in which the drives have power
+# The drives have power in these states.
 POWERED = (State.WORKING, State.HELD, State.CALIBRATING)
 
 
 class Commanded(NamedTuple):
-    """What the drives were commanded in the tick before, so what the readings of this one must
-    answer to."""
+    """Holds the commands of the tick before, which the readings of this tick must follow."""
 
     # the shaft: a speed, or a dose that is not over yet
     turn: bool = True
@@ -48,8 +48,8 @@ class Commanded(NamedTuple):
 
 
 class Situation(NamedTuple):
-    """What the loop tells safety each tick. Unknown is None; a number that is not finite counts
-    as unknown."""
+    """Holds what safety needs to know of a tick. None is unknown; a number that is not finite
+    counts as unknown."""
 
     measurements: Measurements
     speed_used_mps: float | None  # None: both speeds silent
@@ -94,7 +94,7 @@ class Situation(NamedTuple):
 
 
 class Verdict(NamedTuple):
-    """What safety answers."""
+    """Holds the answer of safety to a tick."""
 
     state: State
     flow_allowed: bool
@@ -142,11 +142,12 @@ REFUSALS: Mapping[str, str] = {
 
 
 def refusal(message_id: str, **details: str | float) -> str:
-    """The text of `Answer.why`: the id, then `;key=value` for each detail."""
+    """Returns the text of `Answer.why`: the id, then `;key=value` for each detail."""
     return ";".join((message_id, *(f"{key}={value}" for key, value in details.items())))
 
 
 def read_refusal(why: str) -> tuple[str, dict[str, str]]:
-    """Take `Answer.why` apart: the id (a key of REFUSALS) and the details its text names."""
+    """Splits `Answer.why` into the id (a key of REFUSALS) and the details that its text
+    contains."""
     message_id, *details = why.split(";")
     return message_id, dict(detail.split("=", 1) for detail in details)

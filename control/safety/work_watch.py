@@ -1,13 +1,11 @@
-"""What is watched at work: do shaft and gate follow, is the rate on its target, is the hopper
-empty or nearly? Pure.
+"""Do shaft and gate follow at work, is the rate on its target, is the hopper empty or low? Pure.
 
-Shaft and gate are held against where the machine model says that they are by now: the set-point
-alone would accuse every ramp. The model knows the drive's dead time, its slope, and what it
-loses with the supply; the host's trims (10 % of the shaft, 2 mm of the gate) take up what a
-weak battery or a worn motor costs beyond that. What is left does not do what it is commanded
-to: a wrong gear, a drive that runs away or is jammed, a gate that is stuck. What leaves the
-hopper against what should is watched by `metering/flow_trim.py`.
-"""
+Shaft and gate are compared with the machine model's present values, because every ramp would
+differ from the set-point. The model includes the drive's dead time, its slope, and its loss with
+the supply; the host's trims (10 % of the shaft, 2 mm of the gate) correct the effects of a weak
+battery or a worn motor. The rest is a fault: a wrong gear, a drive that runs away or is jammed,
+a gate that is stuck. `metering/flow_trim.py` compares the mass that leaves the hopper with the
+model."""
 
 from __future__ import annotations
 
@@ -19,8 +17,8 @@ from topdress.control.safety.words import Situation
 
 
 class FollowWatch(NamedTuple):
-    """`*_off`: reading less model, at this tick. `*_far_since_s`, `*_off_since_s`: beyond its
-    limit, without a break."""
+    """Holds how well the drives follow. `*_off`: reading minus model at this tick.
+    `*_far_since_s`, `*_off_since_s`: since when the limit is exceeded without a break."""
 
     shaft_off_rpm: float = 0.0
     gate_off_mm: float = 0.0
@@ -41,9 +39,9 @@ def followed(
     flowing: bool,
     limits: SafetyLimits,
 ) -> FollowWatch:
-    """The watch after this tick. Judged only while material is to flow by a turning shaft: a
-    stop is `stand_watch`'s, a dose the board's own. A share is of the set-point, or of what the
-    model still has from the one before."""
+    """Returns the watch of the drives after this tick. It judges only while a turning shaft is
+    to meter: `standstill_monitor` watches a stop, the board a dose. A share refers to the
+    set-point, or to the model's rest of the one before."""
     commanded = s.commanded
     if not flowing or not commanded.shaft_rpm > 0.0:
         return FOLLOWS
@@ -72,8 +70,8 @@ def followed(
 
 
 class RateWatch(NamedTuple):
-    """How long the applied rate has been off its target. Raw values: no smoothing between
-    machine and alarm."""
+    """Holds how long the applied rate has been off its target. Values are raw: no smoothing
+    between machine and alarm."""
 
     error_percent: float = 0.0  # at this tick, signed: applied minus expected
     amber_since_s: float | None = None  # without a break
@@ -87,12 +85,11 @@ NOT_JUDGED = RateWatch()
 def rated(
     before: RateWatch, now_s: float, s: Situation, flowing: bool, limits: SafetyLimits
 ) -> RateWatch:
-    """The watch after this tick; every break in an excess, and every stop of flow, starts its
-    count again.
+    """Returns the watch of the rate after this tick; every break in an excess and every stop of
+    the flow restart its count.
 
-    The error is applied less expected rate (target passed through the nominal response of the
-    actuators), relative to the larger of the target and `rate_floor_kg_ha`.
-    """
+    The error is applied minus expected rate (the target passed through the nominal response of
+    the actuators), relative to the larger of the target and `rate_floor_kg_ha`."""
     if not flowing or s.applied_rate_kg_ha is None:
         return NOT_JUDGED
     error = 0.0
@@ -108,6 +105,8 @@ def rated(
 
 
 class HopperWatch(NamedTuple):
+    """Holds since when the hopper is empty or low."""
+
     empty_since_s: float | None = None
     low_since_s: float | None = None
     low: bool = False
@@ -116,12 +115,13 @@ class HopperWatch(NamedTuple):
 def watched(
     before: HopperWatch, now_s: float, hopper_kg: float | None, limits: SafetyLimits
 ) -> HopperWatch:
-    """The watch after this tick. `hopper_kg` None: no scale, or silent; then nothing is judged."""
+    """Returns the watch of the hopper after this tick. `hopper_kg` None: no scale, or silent;
+    then nothing is judged."""
     if hopper_kg is None:
         return HopperWatch(low=before.low)
     edge_kg = limits.hopper_low_kg + (limits.hopper_clear_kg if before.low else 0.0)
     low_since = since(before.low_since_s, now_s, hopper_kg <= edge_kg)
-    # no noise of the scale fills a hopper
+    # Noise of the scale must not end a confirmed empty hopper.
     empty = lasted(before.empty_since_s, now_s, limits.hopper_confirm_s)
     empty_since = since(
         before.empty_since_s,

@@ -1,4 +1,4 @@
-"""The field's edge seen along the working line: outside it the target is nothing."""
+"""Where along the working line is the field? Outside its edge the target is nothing."""
 
 from __future__ import annotations
 
@@ -10,12 +10,15 @@ from topdress.control.orders import TargetSource
 from .profile import Profile, Target, TargetChange
 
 OUTSIDE = Target(0.0, TargetSource.NONE)
+# The edge is looked for this far ahead, m.
 LOOK_M = 40.0
-SAME_M = 2.0  # crossings seen this near to each other are one
+# Crossings closer to each other than this, m, are the same one.
+SAME_M = 2.0
 
 
 class Fence:
-    """Where along the track, straight ahead, the field begins and ends; looked at once a tick."""
+    """Holds the places straight ahead along the track where the field begins and ends; updated
+    once a tick."""
 
     def __init__(self, edge: Boundary) -> None:
         self.edge = edge
@@ -25,11 +28,11 @@ class Fence:
     def look(
         self, track_m: float, east_m: float, north_m: float, heading_deg: float, fired_to_m: float
     ) -> None:
-        """Look from the outlet straight ahead. A crossing up to `fired_to_m`, where changes
-        have been made, stays where it was seen then: a jitter of the heading must not make it
-        once more."""
+        """Looks from the outlet straight ahead. A crossing up to `fired_to_m`, where changes
+        have been made, keeps its place: otherwise a jitter of the heading would repeat the
+        change."""
         crossed = self.edge.crossings_m(east_m, north_m, heading_deg)
-        # whoever leaves once more than he enters is inside
+        # An odd number of crossings ahead means that the outlet is inside.
         self._inside_here = len(crossed) % 2 == 1
         seen = [track_m + d for d in crossed if d <= LOOK_M]
         made = [place for place in self.places_m if place <= fired_to_m]
@@ -38,25 +41,28 @@ class Fence:
         ]
 
     def lost(self) -> None:
-        """No place known: nothing ahead counts as inside."""
+        """Forgets the crossings, because no place is known: nothing ahead counts as inside."""
         self._inside_here = False
         self.places_m = []
 
     def inside(self, place_m: float) -> bool:
+        """Returns whether a place of the track is inside the field."""
         crossed = [place for place in self.places_m if place <= place_m]
         return self._inside_here != (len(crossed) % 2 == 1)
 
 
 class Inside(Protocol):
-    """What tells inside from outside along the way ahead."""
+    """Tells inside from outside along the way ahead."""
 
-    places_m: list[float]  # where one becomes the other
+    # Places of the track where inside changes to outside or back, m.
+    places_m: list[float]
 
     def inside(self, place_m: float) -> bool: ...
 
 
 class Fenced:
-    """A profile that is another target outside the fence; nothing, unless stated otherwise."""
+    """Gives another target outside the edge than the inner profile; nothing, unless stated
+    otherwise."""
 
     def __init__(self, inner: Profile, fence: Inside, outside: Target = OUTSIDE) -> None:
         self._inner = inner

@@ -1,5 +1,5 @@
-"""Canopy mode: fused NDVI under the heads, collected for a decision period, becomes a stretch
-of decided rate."""
+"""Which rate does the canopy ask for along the track? Fused NDVI under the heads, collected over
+a decision period, becomes a stretch of decided rate."""
 
 from __future__ import annotations
 
@@ -11,72 +11,76 @@ from topdress.control.orders import TargetSource
 
 from .profile import Profile, Stretches, Target, TargetChange
 
-# H: long against the metres of heads' lead and lag, short against a field
+# H, the way over which a deficit is made up, m: long against the lead and lag of the heads, short
+# against a field.
 HORIZON_M = 200.0
-MOST_OWED = 0.5  # of R over H
+# Greatest deficit, as a share of R over H.
+MOST_OWED = 0.5
+# Limits of the factor k.
 LEAST_FACTOR, MOST_FACTOR = 0.2, 5.0
 
 
 class HoldMean:
-    """Canopy mode with the field's mean held at a given rate: the canopy says where, the farmer
-    how much in all.
+    """Scales the canopy's rates so that the field's mean is a given rate: the canopy decides
+    where, the farmer how much in all.
 
-    A decided rate is multiplied by k = (R + owed / H) / m: R the mean to be held, m the running
-    mean of what the rule decided so far where it decided anything, and `owed` what the ground
-    worked so far still lacks (kg/ha x m of way), to be given over the next H metres. The first
-    part alone keeps a mean only of ground like that before; the second closes the loop over
-    what really landed.
+    A decided rate is multiplied by k = (R + owed / H) / m: R is the mean to hold, m the running
+    mean of the rule's rates so far where they were above 0, and `owed` the deficit of the ground
+    worked so far (kg/ha x m of way), which is made up over the next H metres. The first term
+    alone holds the mean only while the ground resembles that before; the second closes the loop
+    over the rate that really landed.
 
-    It cannot run away: `owed` is cut to half of R over H, so that the mean of what follows is
-    at most half as much again, or half as much; k is cut to 0.2 to 5; the crop's limit holds
-    above all. Ground on which the rule gives nothing gets nothing, and what it lacks beyond
-    that cut is not made up elsewhere: a bare half of a field is no reason to burn the other.
+    It cannot run away: `owed` is limited to half of R over H, so that the mean of what follows
+    changes by at most one half; k is limited to 0.2 to 5; the crop's limit has priority. Ground
+    on which the rule gives nothing gets nothing, and its deficit beyond that limit is not made
+    up elsewhere: a bare half of a field is no reason to overdose the other.
 
-    One per run. `on`: the canopy decides alone; `learns`: the machine is at work.
-    """
+    There is one in a run. `on`: the canopy decides alone; `learns`: the machine is at work."""
 
     def __init__(self, mean_kg_ha: float) -> None:
         self.mean_kg_ha = mean_kg_ha
         self.on = True
         self.learns = False
-        # decided so far, above nothing: way, and its rates times way
+        # Way with a decided rate above 0, m, and the sum of rate times way.
         self._way_m = self._rule = 0.0
-        self._owed = 0.0  # kg/ha x m
+        # The deficit, kg/ha x m.
+        self._owed = 0.0
 
     @property
     def owed_kg_ha(self) -> float:
-        """What the coming `HORIZON_M` get beyond the mean, kg/ha; negative: less."""
+        """Returns how much more than the mean the coming `HORIZON_M` get, kg/ha; negative: less."""
         return self._owed / HORIZON_M
 
     def decided(self, rule_kg_ha: float, way_m: float) -> float:
-        """What is to be given where the rule decides `rule_kg_ha` for the next `way_m`."""
+        """Returns the rate to give where the rule decides `rule_kg_ha` for the next `way_m`."""
         if not self.on or rule_kg_ha <= 0.0:
             return rule_kg_ha
         if self.learns and way_m > 0.0:
             self._way_m += way_m
             self._rule += rule_kg_ha * way_m
         mean = self._rule / self._way_m if self._way_m > 0.0 else rule_kg_ha
-        # rates so small that a float loses them on the way
+        # The sum of very small rates may be lost in rounding.
         if mean <= 0.0:
             return rule_kg_ha
         factor = (self.mean_kg_ha + self.owed_kg_ha) / mean
         return rule_kg_ha * min(MOST_FACTOR, max(LEAST_FACTOR, factor))
 
     def landed(self, rate_kg_ha: float, way_m: float) -> None:
-        """Over `way_m` of worked ground this much was given, without the operator's nudge."""
+        """Adds worked ground: over `way_m` this rate landed, without the operator's nudge."""
         if not self.on:
             return
         most = MOST_OWED * self.mean_kg_ha * HORIZON_M
         self._owed = min(most, max(-most, self._owed + (self.mean_kg_ha - rate_kg_ha) * way_m))
 
     def go_on(self, area_m: float, given_kg_ha: float) -> None:
-        """With a job that was cut off: so many metres of way had this mean."""
+        """Resumes a job that was cut off: so many metres of way had this mean."""
         self.landed(given_kg_ha, area_m)
 
 
-# turning faster, the outlets do not follow the heads: samples are left out
+# When turning faster, degrees/s, the outlets do not follow the heads, and samples are left out.
 STRAIGHT_DEG_S = 8.0
-SILENT_HOLDS_S = 2.0  # heads silent: the last decision holds this long
+# While the heads are silent the last decision is kept for this long, s.
+SILENT_HOLDS_S = 2.0
 
 
 class CanopyDecisions:
@@ -91,27 +95,31 @@ class CanopyDecisions:
         stretches: Stretches,
         hold: HoldMean | None = None,
     ) -> None:
-        """hold: the field's mean is held; None: the rule's rate as it is."""
+        """Starts without decisions. hold: holds the field's mean; None: the rule's rate is used
+        as it is."""
         self.rule = rule
         self.hold = hold
         self.stretches = stretches
         self.period_s = 1.0 / decision_hz
-        self.ndvi: float | None = None  # of the last decision
+        # NDVI of the last decision.
+        self.ndvi: float | None = None
         self.rate_kg_ha: float | None = None
-        self.zone_factor = 1.0  # of the rule, where the heads look
+        # Factor on the rule in the zone that the heads look at.
+        self.zone_factor = 1.0
         self._heads_m = heads_m
         self._samples: list[float] = []
         self._from_m: float | None = None
         self._started_s = 0.0
         self._sampled_s: float | None = None
-        self._source = TargetSource.CANOPY  # of the newest sample
+        # Source of the newest sample.
+        self._source = TargetSource.CANOPY
 
     def take_strip(self, strip: StripValue) -> None:
-        """A strip was measured: later decisions go by it."""
+        """Takes a newly measured strip; later decisions use it."""
         self.rule = self.rule.with_strip(strip)
 
     def pause(self) -> None:
-        """Backing up: the heads see again what is decided already."""
+        """Drops the samples while reversing: the heads see ground again that is already decided."""
         self._samples.clear()
         self._from_m = None
 
@@ -123,8 +131,8 @@ class CanopyDecisions:
         turn_deg_s: float,
         source: TargetSource = TargetSource.CANOPY,
     ) -> None:
-        """One fused reading (None: none valid), with the outlets at `track_m`. source:
-        INDEX_MAP where it is the map's in the place of the heads'."""
+        """Takes one fused reading (None: no valid head), with the outlets at `track_m`. source:
+        INDEX_MAP where the map replaces the heads."""
         if abs(turn_deg_s) > STRAIGHT_DEG_S:
             self.pause()
             self.stretches.forget()
@@ -134,13 +142,14 @@ class CanopyDecisions:
         if self._from_m is None:
             self._from_m, self._started_s = track_m + self._heads_m, now_s
         if source is not self._source:
-            self._samples.clear()  # one period speaks of one of them
+            # The samples of a period have a single source.
+            self._samples.clear()
             self._source = source
         self._samples.append(ndvi)
         self._sampled_s = now_s
 
     def decide(self, track_m: float, now_s: float) -> bool:
-        """Once a decision period has passed: a new stretch. True when the decision was made in
+        """Decides a new stretch once a decision period has passed; True when that happened in
         this tick."""
         if self._from_m is None or now_s - self._started_s < self.period_s - 1e-6:
             return False
@@ -159,8 +168,8 @@ class CanopyDecisions:
         return True
 
     def _rate(self, way_m: float) -> float | None:
-        """Decided for the next `way_m` by the newest NDVI; None as long as the rule waits for
-        its strips."""
+        """Returns the rate for the next `way_m` by the newest NDVI; None while the rule waits
+        for its strips."""
         if not self.rule.is_ready:
             return None
         rate = self.rule.decide(self.ndvi, self.zone_factor).rate_kg_ha
@@ -172,7 +181,8 @@ class CanopyDecisions:
 
 
 class Around(NamedTuple):
-    """How far the heads may move from the map's rate: kg/ha where given, else a share of it."""
+    """Limits how far the heads may move from the map's rate: kg/ha where given, else a share of
+    it."""
 
     percent: float = 20.0
     kg_ha: float | None = None
@@ -183,19 +193,16 @@ class Around(NamedTuple):
 
 
 class MapAndCanopy:
-    """Map and sensor together: the map's rate is the base, the heads' rate is followed within
+    """Combines map and heads: the map's rate is the base, and the heads' rate is followed within
     limits around it.
 
-    The map knows what the place can yield, the heads what the crop lacks today (map overlay,
+    The map knows the yield of a place, the heads the present need of the crop (map overlay,
     Auernhammer 2001, Comput. Electron. Agric. 30:31-43). Where the map has a rate and the heads
-    have decided, the heads' rate holds, at most so far from the map's. Without a reading the
-    map alone holds; outside the map, and where it says zero, the heads change nothing. Each
-    keeps its own lead: the map is seen as far as it reaches, the heads' decisions as far as
-    they look ahead.
+    have decided, the heads' rate is used within the limits. Without a reading the map's rate is
+    used; outside the map, and where its rate is zero, the heads change nothing. Each keeps its
+    own lead: the map is seen as far as it reaches, decisions as far as the heads look ahead.
 
-    A profile made of two. `base`: the map; `canopy`: decisions of the heads, fallback where
-    there are none.
-    """
+    `base`: profile of the map; `canopy`: profile of the heads' decisions, with fallbacks."""
 
     def __init__(self, base: Profile, canopy: Profile, around: Around) -> None:
         self._base, self._canopy, self._around = base, canopy, around
@@ -212,8 +219,8 @@ class MapAndCanopy:
         )
 
     def next_change(self, after_m: float, before_m: float, holding: Target) -> TargetChange | None:
-        """The first place at which either of the two changes and what they come to differs from
-        what is held."""
+        """Returns the first place at which either profile changes and the combined target
+        differs from the one in force."""
         place: float | None = after_m
         while place is not None and place <= before_m:
             target = self.at(place)

@@ -1,10 +1,9 @@
-"""The canopy's index by places, as a drone or a satellite saw it: stands in where the canopy
-heads say nothing.
+"""Which canopy index does a drone's or satellite's map show at a place? It replaces silent
+canopy heads.
 
-A camera from above and a head over the rows do not read the same number off the same canopy.
-While the heads speak, the difference is learned; where they fall silent the map goes on at
-their level, so that the rate does not jump.
-"""
+A camera from above and a head over the rows do not read the same number from the same canopy.
+While the heads work, the difference is learnt; where they fall silent the map continues at their
+level, so that the rate does not jump."""
 
 from __future__ import annotations
 
@@ -13,20 +12,22 @@ from topdress.control.geodesy import Place, TangentPlane, offset
 
 from .rate_map import RateMap
 
-# places across the width, as many as a common boom has heads
+# Places across the width: as many as a common boom has heads.
 ACROSS = 6
-# samples, 50 s at 2 Hz: some 60 m, ten times the length over which a canopy is alike
+# Samples over which the difference is averaged: 50 s at 2 Hz are some 60 m, ten times the
+# correlation length of a canopy.
 LEARNS_OVER = 100
-# index: larger differences are another day, another place or another index, and are not taken
+# Greatest difference of the index: a larger one comes from another day, place or index and is cut.
 MOST_OFF = 0.2
 
 
 class IndexMap:
-    """`plane`: on which the map lies. `off`: heads less map, learned; 0 before the heads have
-    said anything."""
+    """Holds the map on `plane`. `off` is the learnt difference, heads minus map; 0 before the
+    first sample."""
 
     def __init__(self, values: RateMap, plane: TangentPlane, width_m: float) -> None:
-        """values: the index in the place of rates. width_m: over which it is meant."""
+        """Starts without a learnt difference. values: the index in place of rates; width_m: it
+        is averaged over this width."""
         self.plane = plane
         self.off = 0.0
         self._values = values
@@ -34,8 +35,8 @@ class IndexMap:
         self._learned = 0
 
     def at(self, place: Place, heading_deg: float) -> float | None:
-        """The mean over the width at a place of the plane, as the map has it; None where it has
-        nothing."""
+        """Returns the map's mean index over the width at a place of the plane; None where the
+        map has none."""
         found = self._values.rates_at(
             [offset(place, heading_deg, 0.0, float(aside)) for aside in self._aside]
         )
@@ -43,12 +44,12 @@ class IndexMap:
         return float(known.mean()) if len(known) else None
 
     def levelled(self, index: float) -> float:
-        """As the heads would read it."""
+        """Returns the index as the heads would read it."""
         return index + self.off
 
     def learn(self, heads: float, index: float) -> None:
-        """Both have read one place: the mean of the newest samples, of all as long as they are
-        few."""
+        """Learns the difference from a place that both have read: the mean of the newest
+        samples, of all while they are few."""
         self._learned = min(LEARNS_OVER, self._learned + 1)
         off = self.off + (heads - index - self.off) / self._learned
         self.off = max(-MOST_OFF, min(MOST_OFF, off))

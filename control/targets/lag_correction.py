@@ -1,11 +1,12 @@
-"""The look-ahead: changes of the target ahead are made early enough to land where they belong
-(lag papers).
+"""When is a change of the target made so that it lands at its place? The look-ahead (lag
+papers).
 
 A change has its own lag: the response of the actuator that makes it (dead time and half its
 transition) plus the drop time at the shaft speed of release. It fires when the distance to its
 place is at most the lag distance (lag paper, section 1.3: "when the distance to the cell's
-boundary equals L"), fires once, and is not withdrawn: otherwise speed first chases itself, the
-lag depending on the shaft speed that depends on the target that depends on the lag.
+boundary equals L"). It fires once and is not withdrawn: otherwise speed first would oscillate,
+because the lag depends on the shaft speed, the shaft speed on the target and the target on the
+lag.
 """
 
 from __future__ import annotations
@@ -18,10 +19,11 @@ from .profile import Profile, Target, TargetChange
 
 
 class Reach(Protocol):
-    """How far ahead a change must be made at the present speed: asked by the queue, answered by
-    the loop."""
+    """Returns how far ahead a change must be made at the present speed: the queue asks, the loop
+    answers."""
 
-    farthest_m: float  # beyond it no change is looked for
+    # Beyond this distance no change is looked for, m.
+    farthest_m: float
 
     def lag(self, before: Target, change: TargetChange) -> Lag: ...
 
@@ -29,8 +31,8 @@ class Reach(Protocol):
 
 
 class Fired(NamedTuple):
-    """A change that was made: when, where it belongs, from what to what, and how far it was
-    from there."""
+    """Holds a change that was made: when, its place, the targets before and after, and where the
+    outlet was."""
 
     time_s: float
     place_m: float
@@ -45,16 +47,17 @@ class ChangeQueue:
 
     def __init__(self, start: Target) -> None:
         self.holding = start
-        self.fired_to_m = float("-inf")  # changes up to here have been made
+        # Changes up to this place have been made, m.
+        self.fired_to_m = float("-inf")
 
     def restart(self, target: Target, place_m: float) -> None:
-        """Begin anew: what holds at `place_m` is taken as it is (start of a pass, another
-        source)."""
+        """Starts anew with the target that holds at `place_m`, as at the start of a pass or with
+        another source."""
         self.holding = target
         self.fired_to_m = place_m
 
     def advance(self, profile: Profile, now_s: float, track_m: float, reach: Reach) -> list[Fired]:
-        """Make every change whose distance is at most its lag distance; in order, each once."""
+        """Makes every change whose distance is at most its lag distance, in order, each once."""
         fired: list[Fired] = []
         while True:
             change = profile.next_change(

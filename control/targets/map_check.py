@@ -1,5 +1,5 @@
-"""What of a prescription will not be applied as it stands: outside the field, above the crop's
-limit, covered twice."""
+"""Which part of a prescription will not be applied as it stands? Outside the field, above the
+crop's limit, or covered twice."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ HECTARE_M2 = 10_000.0
 
 
 class MapCheck(NamedTuple):
-    """Ground in ha; each place counts once. What is not known is None."""
+    """Holds the areas, ha, each place once, and rates of a checked map. None: unknown."""
 
     mapped_ha: float  # ground that has a rate in the map
     field_ha: float | None  # the field's
@@ -46,10 +46,18 @@ def map_check(
     field: Boundary | None = None,
     plane: TangentPlane | None = None,
 ) -> MapCheck:
-    """`field`: of the job, on `plane`; None: the map's own fields, if any, on the map's own plane.
+    """Checks a map against a field and a limit.
 
-    Raises ValueError in one line where a field's outline of the map cannot be used.
-    """
+    Parameters
+    ----------
+    data : the map.
+    limit_kg_ha : the crop's highest rate.
+    field : of the job, on `plane`; None: the map's own fields, if any, on the map's own plane.
+    plane : tangent plane of the field.
+
+    Raises
+    ------
+    ValueError : in one line, where a field's outline of the map is unusable."""
     plane = plane or data.plane()
     ground = ground_of(data, plane)
     shape = (
@@ -94,7 +102,7 @@ def map_check(
 
 
 def _swapped_on(data: MapData, plane: TangentPlane, field: Boundary) -> bool:
-    """Whether the map lies on the field once latitude and longitude are exchanged."""
+    """Returns whether the map lies on the field once latitude and longitude are exchanged."""
     south, west, north, east = data.box_deg
     if max(abs(west), abs(east)) > 90.0:
         return False

@@ -1,4 +1,4 @@
-"""Map mode: the prescription seen ahead of the outlets, as a profile along the track (lag
+"""Which targets of the prescription lie ahead of the outlets? A profile along the track (lag
 paper, section 1.3)."""
 
 from __future__ import annotations
@@ -10,22 +10,23 @@ from topdress.control.geodesy import Place, TangentPlane, direction, offset
 from .prescription import Prescription, TargetAhead
 from .profile import Target, TargetChange
 
+# Targets are looked for this far ahead, m.
 LOOK_M = 40.0
-# turning more sharply, the way ahead is taken in straight pieces along the arc
+# In sharper turns, degrees/m, the way ahead is cut into straight pieces along the arc.
 BEND_DEG_M = 2.0
+# Length of such a piece, m.
 PIECE_M = 1.5
-# an edge seen this near to where its change was made is that change
+# An edge this close to the place of a change that was made is that change, m.
 SAME_M = 2.0
-# what holds this near by is as good: an edge driven along makes no chatter
+# A target that holds this near by is accepted, m: driving along an edge causes no chatter.
 NEAR_BY_M = 0.2
 
 
 class MapProfile:
-    """Where along the track, the way the machine is heading, the rate changes; looked at once a
-    tick.
+    """Holds the places along the track, in the machine's heading, where the rate changes;
+    updated once a tick.
 
-    Changes that were made stay where they were seen then; what lies beyond them is seen anew.
-    """
+    Changes that were made keep their place; the way beyond them is read anew."""
 
     def __init__(self, prescription: Prescription, plane: TangentPlane) -> None:
         self.prescription = prescription
@@ -43,7 +44,7 @@ class MapProfile:
         fired_to_m: float,
         turn_deg_m: float = 0.0,
     ) -> None:
-        """Look from the outlet ahead. `turn_deg_m`: how the heading changes per metre (0:
+        """Looks from the outlet ahead. `turn_deg_m`: change of heading for each metre (0:
         straight on)."""
         seen = [
             TargetAhead(track_m + d, target)
@@ -74,7 +75,7 @@ class MapProfile:
         self._forget(track_m)
 
     def lost(self) -> None:
-        """No place known: the rate for a lost position, everywhere."""
+        """Sets the rate for a lost position everywhere, because no place is known."""
         self._lost = True
         self._places_m, self._targets = [float("-inf")], [self.prescription.lost]
 
@@ -114,8 +115,8 @@ class MapProfile:
         place: Place,
         heading_deg: float,
     ) -> bool:
-        """Whether what is seen first, at `place`, is the change already made: what is held
-        begins a little further on, or holds close by."""
+        """Returns whether the first target seen, at `place`, is a change already made: the
+        target in force begins a little further on, or holds near by."""
         if len(beyond) > 1 and beyond[1].target == held and beyond[1].distance_m < begin_m + SAME_M:
             return True
         return beyond[

@@ -1,5 +1,5 @@
-"""Ground that has its material from an earlier pass, seen ahead along the working line: no
-second dose there."""
+"""Which ground ahead along the working line has its material from an earlier pass? It gets no
+second dose."""
 
 from __future__ import annotations
 
@@ -12,40 +12,46 @@ from topdress.control.field.coverage import Coverage, Covered, Raster
 from topdress.control.field.ground_trace import GroundTrace
 from topdress.control.geodesy import Place, direction
 
-# changes are looked for at most this far ahead (4 s at 3.3 m/s, and a little)
+# Edges are looked for this far ahead, m: 4 s at 3.3 m/s and a margin.
 LOOK_M = 16.0
+# Spacing of the places that are looked at, m.
 STEP_M = 0.25
-# of the outlets over done ground: from here on the whole machine counts as over it
+# Share of the outlets over done ground from which the whole machine counts as over it.
 SHARE = 0.8
-SHORTEST_M = 0.5  # shorter stretches, done or not, are cut corners
-LONGEST_M = 5.0  # way of a tick; longer is a jump of the position
-# a heading this near to that of the last look is the same
+# Shorter stretches, done or not, are cut corners, m.
+SHORTEST_M = 0.5
+# A longer way in one tick is a jump of the position, m.
+LONGEST_M = 5.0
+# A heading this close to that of the last look is the same, degrees.
 SAME_DEG = 1.0
-# an edge seen this near to where its change was made is that change
+# An edge this close to the place of a change that was made is that change, m.
 SAME_M = 2.0
 
 
 class Overlap:
-    """Where along the way ahead the ground is done; looked at anew every step of the way and in
-    turns.
+    """Finds the done ground along the way ahead; it looks anew after every step of the way and
+    in turns.
 
-    `outlets` stand at even distances over the width of `coverage`; each counts by its own place.
-    """
+    `outlets` stand at even distances over the width of `coverage`; each counts by its own place."""
 
     def __init__(self, coverage: Coverage, outlets: int) -> None:
-        self.places_m: list[float] = []  # along the track, where done begins or ends
+        # Places of the track where done ground begins or ends, m.
+        self.places_m: list[float] = []
         self.coverage = coverage
         self._trace = GroundTrace(coverage)
-        self._track_m: float | None = None  # of the last tick
+        # Track of the last tick, m.
+        self._track_m: float | None = None
         self._aside = (
             np.arange(outlets) + 0.5
         ) / outlets * coverage.width_m - 0.5 * coverage.width_m
         self._ahead = np.arange(0.0, LOOK_M, STEP_M)
-        self._done_here = False  # where it was looked from
-        # since START, until ground without material is reached
+        # Whether the place of the last look is done.
+        self._done_here = False
+        # From START until ground without material is reached.
         self._wanted_here = False
-        self._looked: tuple[float, float] | None = None  # track and heading of that place
-        # when it lands, whether there is any
+        # Track, m, and heading, degrees, of the last look.
+        self._looked: tuple[float, float] | None = None
+        # Landing time, s, and whether material was released.
         self._falling: deque[tuple[float, bool | Sequence[bool]]] = deque()
         self._lands: bool | Sequence[bool] = coverage.nothing
 
@@ -62,9 +68,9 @@ class Overlap:
         drop_s: float,
         track_m: float,
     ) -> tuple[float, bool] | None:
-        """The outlets are here; what is released now, by each strip of the coverage where it
-        has several, lands a drop time later, under where they are then. Returns what
-        `GroundTrace.pass_over` does."""
+        """Takes the place of the outlets. Material released now, by strips of the coverage where
+        it has several, lands a drop time later under the outlets' place of then. Returns the
+        value of `GroundTrace.pass_over`."""
         self._falling.append((now_s + drop_s, released))
         while self._falling and self._falling[0][0] <= now_s:
             self._lands = self._falling.popleft()[1]
@@ -73,29 +79,29 @@ class Overlap:
         return self._trace.pass_over(place, heading_deg, self._lands, way_m)
 
     def seed(self, ground: Raster, ours: bool = True) -> None:
-        """What an earlier part of the job has done, or another machine (not ours). START does
-        not lift this: only the job's `no_double` does."""
+        """Adds the ground that an earlier part of the job, or another machine (not ours), has
+        done. START does not release it; only the job's `no_double` does."""
         self.coverage.seed(ground, ours)
         self._looked = None
 
     def earlier(self, place: Place) -> bool:
-        """Whether an earlier part of the job has spread here."""
+        """Returns whether an earlier part of the job has spread here."""
         return bool(self.coverage.applied_earlier([place])[0])
 
     def moved(self) -> None:
-        """The position has jumped: what was seen ahead lay elsewhere."""
+        """Forgets what was seen ahead, because the position has jumped."""
         self.places_m, self._looked = [], None
 
     def started(self) -> None:
-        """The operator wants flow from here on: the ground that it stands on, done in this run,
-        gets it."""
+        """Releases the ground under the machine that was done in this run, because the operator
+        wants flow from here on."""
         self._wanted_here, self._looked = True, None
 
     def look(
         self, track_m: float, place: Place | None, heading_deg: float | None, fired_to_m: float
     ) -> None:
-        """Look from the outlets straight ahead. An edge up to `fired_to_m`, where changes have
-        been made, stays where it was seen then."""
+        """Looks from the outlets straight ahead. An edge up to `fired_to_m`, where changes have
+        been made, keeps its place."""
         if place is None or heading_deg is None:
             self._done_here, self.places_m, self._looked = False, [], None
             return
@@ -120,13 +126,13 @@ class Overlap:
         ]
 
     def inside(self, place_m: float) -> bool:
-        """Whether a place of the track may get material: it has none yet."""
+        """Returns whether a place of the track may get material, because it has none yet."""
         crossed = [edge for edge in self.places_m if edge <= place_m]
         return self._done_here == (len(crossed) % 2 == 1)
 
     def _over(self, place: Place, heading_deg: float, earlier: bool) -> np.ndarray:
-        """Whether the machine would be over ground that is done, each step ahead (k,). earlier:
-        by an earlier run."""
+        """Returns for each step ahead (k,) whether the machine would be over done ground.
+        earlier: done by an earlier run."""
         course = direction(heading_deg)
         done = self.coverage.done_ahead(place, course, self._ahead, self._aside, earlier)
         if done is None:
@@ -144,7 +150,7 @@ class Overlap:
 
 
 def without_short(flags: np.ndarray, least: int) -> np.ndarray:
-    """Runs (k,) of less than `least` equal values take the value before them; the first run
+    """Merges runs of less than `least` equal values (k,) into the run before; the first run
     stays."""
     begins = (np.flatnonzero(flags[1:] != flags[:-1]) + 1).tolist()
     kept = flags.copy() if begins else flags

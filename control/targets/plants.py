@@ -1,5 +1,4 @@
-"""Plants to be given a dose each: from a list in degrees, or seen by a camera; their places
-along the track."""
+"""Where along the track do the plants stand? From a list in degrees, or from a camera."""
 
 from __future__ import annotations
 
@@ -16,7 +15,7 @@ Floats = npt.NDArray[np.float64]
 
 
 class PlantList:
-    """Plants on the field's plane. lat_lon_deg: (n, 2)."""
+    """Holds plants on the field's plane. lat_lon_deg: (n, 2)."""
 
     def __init__(self, lat_lon_deg: npt.ArrayLike, plane: TangentPlane) -> None:
         degrees = np.asarray(lat_lon_deg, dtype=np.float64).reshape(-1, 2)
@@ -27,8 +26,8 @@ class PlantList:
     def ahead_m(
         self, place: Place, heading_deg: float, farthest_m: float, half_width_m: float
     ) -> list[float]:
-        """Distances along the heading of the plants in a strip ahead, rising; those next to the
-        strip are not ours."""
+        """Returns the distances ahead of the plants in a strip along the heading, m, rising;
+        plants beside the strip are left out."""
         east, north = direction(heading_deg)
         far = (place[0] + farthest_m * east, place[1] + farthest_m * north)
         reach = shapely.box(
@@ -46,29 +45,30 @@ class PlantList:
 
 
 class SeenPlant(NamedTuple):
-    """A plant in a camera's picture: how far ahead of the outlet, when the outlet was at `track_m`.
+    """Holds a plant in a camera's picture: its distance ahead of the outlet when that was at
+    `track_m`.
 
-    The stamp takes the camera's computing time (point paper: 1.5 s) out of the lag: what was
-    driven since is known.
-    """
+    The time stamp removes the camera's computing time (point paper: 1.5 s) from the lag, because
+    the way driven since is known."""
 
     track_m: float
     ahead_m: float
 
 
 class PlantRow:
-    """Plants along the track, each once, rising; reported again and again by a list or a
-    camera, ever more exactly."""
+    """Holds the plants along the track, each once, rising; a list or a camera reports them again
+    and again with growing accuracy."""
 
-    SAME_M = 0.08  # nearer than this is the same plant seen again
-    # weight of a new look at the place of a plant known already
+    # A plant closer than this, m, is the same one seen again.
+    SAME_M = 0.08
+    # Weight of a new report in the place of a known plant.
     NEWER = 0.3
 
     def __init__(self) -> None:
         self.places_m: list[float] = []
 
     def look(self, seen: Sequence[SeenPlant], fixed_to_m: float, newer: float = NEWER) -> None:
-        """Take in what is seen; plants up to `fixed_to_m`, dosed already, stay as they are.
+        """Adds reported plants; plants up to `fixed_to_m` are dosed and keep their place.
         `newer`: see NEWER."""
         for plant in seen:
             place = plant.track_m + plant.ahead_m
@@ -86,8 +86,8 @@ class PlantRow:
                 self.places_m.insert(k, place)
 
     def only(self, seen: Sequence[SeenPlant], from_m: float, to_m: float) -> None:
-        """Forget the plants between two places of the track that a look which tells them all
-        did not tell."""
+        """Drops the plants between two places of the track that a complete report does not
+        contain."""
         reported = sorted(plant.track_m + plant.ahead_m for plant in seen)
         self.places_m = [
             place
@@ -96,15 +96,16 @@ class PlantRow:
         ]
 
     def after(self, place_m: float) -> float | None:
-        """The first plant beyond a place of the track."""
+        """Returns the first plant beyond a place of the track."""
         k = bisect_left(self.places_m, place_m + 1e-9)
         return self.places_m[k] if k < len(self.places_m) else None
 
     def forget(self, before_m: float) -> None:
+        """Drops the plants before a place of the track."""
         del self.places_m[: bisect_left(self.places_m, before_m)]
 
 
 def _is_near(places_m: Sequence[float], place_m: float, within_m: float) -> bool:
-    """Whether one of the places, rising, is nearer than `within_m`."""
+    """Returns whether one of the rising places is closer than `within_m`."""
     k = bisect_left(places_m, place_m)
     return any(abs(places_m[j] - place_m) < within_m for j in (k - 1, k) if 0 <= j < len(places_m))

@@ -1,10 +1,9 @@
-"""Point mode: one dose a plant, commanded when the distance to it is at most the lag distance
-plus a threshold.
+"""When is the dose of a plant commanded? When the distance to the plant is at most the lag
+distance plus a threshold.
 
-Point paper, eq 1-5 and section 1.3.2. The paper put its mean error in as a constant threshold
-and left the updating to later work; here it is learned from measured dose errors, as a distance
-and a time, so that it holds at other speeds.
-"""
+Point paper, eq 1-5 and section 1.3.2. The paper used its mean error as a constant threshold and
+left updating it to later work; here the threshold is learnt from measured dose errors, as a
+distance and a time, so that it also holds at other speeds."""
 
 from __future__ import annotations
 
@@ -17,29 +16,34 @@ GRAVITY_MPS2 = 9.80665
 
 
 class PointLag(NamedTuple):
-    """The four parts of the lag of a dose, s (point paper, eq 1-4; eq 3 with the factor 6 that
-    it lacks in print)."""
+    """Holds the four parts of a dose's lag, s (point paper, eq 1-4; eq 3 with the factor 6 that
+    is missing in print)."""
 
-    vision_s: float  # 0 where the picture's own track place is known
+    # This is 0 where the track place of the picture is known.
+    vision_s: float
     link_s: float
     turn_s: float
     fall_s: float
 
     @property
     def total_s(self) -> float:
+        """Returns the sum of the four parts, s."""
         return self.vision_s + self.link_s + self.turn_s + self.fall_s
 
     def distance_m(self, speed_mps: float) -> float:
-        """Eq 5: L_d, m. A falling dose keeps the machine's speed, so that every part counts
-        with the same v."""
+        """Returns the lag distance L_d, m (eq 5). A falling dose keeps the machine's speed, so
+        that every part counts with the same v."""
         return speed_mps * self.total_s
 
 
 def point_lag(
     turn_deg: float, shaft_rpm: float, fall_m: float, vision_s: float = 0.0, link_s: float = 0.8
 ) -> PointLag:
-    """Lag of a dose of `turn_deg` at a shaft speed. Raises ValueError for a shaft that stands
-    or a fall below 0."""
+    """Returns the lag of a dose of `turn_deg` at a shaft speed, r/min.
+
+    Raises
+    ------
+    ValueError : the shaft stands, or the fall is below 0."""
     if not (shaft_rpm > 0.0 and fall_m >= 0.0 and turn_deg > 0.0):
         raise ValueError(
             f"dose of {turn_deg:g} deg at {shaft_rpm:g} r/min, fall {fall_m:g} m: allowed "
@@ -52,38 +56,39 @@ def point_lag(
 
 @dataclass(frozen=True)
 class Learning:
-    """How fast the threshold follows: prior spread of its parts, spread of one dose's error,
-    memory in doses."""
+    """Holds the speed of learning: prior standard deviations of the threshold's parts, that of a
+    dose's error, and the memory in doses."""
 
     offset_sd_m: float = 0.10
     delay_sd_s: float = 0.10
     error_sd_m: float = 0.03
     memory_doses: float = 200.0
-    # a threshold beyond this is no correction but a fault
+    # A larger threshold is no correction but a fault, m.
     most_m: float = 0.5
     outlier_sd: float = 4.0
 
 
 class Threshold:
-    """T = a + b v: learned by recursive least squares from measured errors (landed minus plant,
-    late positive)."""
+    """Learns the threshold T = a + b v by recursive least squares from measured errors (landing
+    place minus plant, late positive)."""
 
     def __init__(self, learning: Learning | None = None) -> None:
         self._how = learning or Learning()
         self.offset_m = 0.0
         self.delay_s = 0.0
         self.doses = 0
-        # variance, covariance, variance
+        # Variance of the offset, covariance, variance of the delay.
         self._p = (self._how.offset_sd_m**2, 0.0, self._how.delay_sd_s**2)
 
     def at(self, speed_mps: float) -> float:
-        """m; added to the lag distance, so that a dose that landed late is commanded earlier."""
+        """Returns the threshold at a speed, m. It is added to the lag distance, so that a dose
+        that landed late is commanded earlier."""
         most = self._how.most_m
         return min(most, max(-most, self.offset_m + self.delay_s * speed_mps))
 
     def learn(self, error_m: float, speed_mps: float, threshold_m: float) -> None:
-        """One measured dose: its error, its speed, the threshold that it was commanded with.
-        Outliers count less."""
+        """Learns from one measured dose: its error, its speed and the threshold that it was
+        commanded with. Outliers weigh less."""
         a, c, b = self._p
         keep = 1.0 - 1.0 / self._how.memory_doses
         a, c, b = a / keep, c / keep, b / keep
@@ -105,25 +110,28 @@ class Threshold:
 
 
 class Dose(NamedTuple):
-    """Turn the shaft once by the dose's angle, `in_s` from now: commands come on ticks, plants
-    do not."""
+    """Orders one turn of the shaft by the dose's angle, `in_s` from now: commands are sent on
+    ticks, plants stand anywhere."""
 
-    plant_m: float  # along the track
+    # Place of the plant along the track, m.
+    plant_m: float
     in_s: float
-    # how far beyond its moment it is commanded; 0: in time
+    # Distance by which the command is late, m; 0: in time.
     late_m: float
     threshold_m: float
     speed_mps: float
 
 
 class Missed(NamedTuple):
+    """Holds a plant that got no dose, and why: `busy` (the shaft turns for the plant before) or
+    `passed` (seen too late)."""
+
     plant_m: float
-    # busy: the shaft turns for the one before; passed: seen too late
     why: str
 
 
 class PointMode:
-    """Plans doses tick by tick; a plant is dosed once or said to be missed, never forgotten."""
+    """Plans doses tick by tick; every plant is dosed once or reported as missed."""
 
     def __init__(
         self,
@@ -133,8 +141,8 @@ class PointMode:
         latest_m: float = 0.08,
         rest_s: float = 0.0,
     ) -> None:
-        """latest_m: a dose that would come later than this is missed; rest_s: the shaft's pause
-        between doses."""
+        """Starts with no dose planned. latest_m: a dose that would be later than this is missed,
+        m; rest_s: pause of the shaft between doses."""
         self.lag = lag
         self.row = row
         self.threshold = threshold or Threshold()
@@ -147,12 +155,14 @@ class PointMode:
 
     @property
     def fixed_to_m(self) -> float:
+        """Returns the place up to which plants are dosed or missed, m."""
         return self._done_to_m
 
     def tick(
         self, now_s: float, track_m: float, speed_mps: float, period_s: float
     ) -> tuple[list[Dose], list[Missed]]:
-        """Doses whose moment comes before the next tick, and plants that can no longer be met."""
+        """Returns the doses whose moment comes before the next tick, and the plants that can no
+        longer be met."""
         doses: list[Dose] = []
         missed: list[Missed] = []
         if speed_mps <= 0.0:
@@ -179,11 +189,12 @@ class PointMode:
 
 
 def fastest_mps(spacing_m: float, turn_s: float, rest_s: float = 0.0) -> float:
-    """Ground speed above which doses begin to be missed: one dose must end before the next one
-    begins.
+    """Returns the ground speed above which doses are missed, m/s: one dose must end before the
+    next begins.
 
-    Raises ValueError for a spacing that is not above 0.
-    """
+    Raises
+    ------
+    ValueError : the spacing is not above 0."""
     if not spacing_m > 0.0:
         raise ValueError(f"plant spacing {spacing_m:g} m: allowed is above 0")
     return spacing_m / (turn_s + rest_s)

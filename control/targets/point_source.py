@@ -1,5 +1,5 @@
-"""Point mode in the loop: plants ahead become dose orders on ticks; measured dose errors teach
-the threshold."""
+"""Which dose is due in this tick? Plants ahead become dose orders, and measured dose errors
+train the threshold."""
 
 from __future__ import annotations
 
@@ -15,20 +15,22 @@ from topdress.control.readings import DoseOrder, PlantSeen
 from .plants import PlantList, PlantRow, SeenPlant
 from .point import Dose, PointLag, PointMode, fastest_mps
 
-# plants are looked for this far beyond the lag distance
+# Plants are looked for this far beyond the lag distance, m.
 LOOK_M = 2.0
-TURNED_DEG = 20.0  # what lay ahead then does not any more
-# of the way behind, to place pictures taken before
+# After a turn by this, degrees, plants that were ahead are forgotten.
+TURNED_DEG = 20.0
+# Length of the way behind that is kept to place earlier pictures, m.
 KEEP_M = 20.0
-# after the time that a dose takes the shaft stands
+# The shaft stands this long after the time of a dose, s.
 SETTLES_S = 0.5
-# a dose farther from its plant was meant for another
+# A dose farther from its plant was meant for another one, m.
 FARTHEST_DOSE_M = 2.0
-SPACINGS = 20  # doses whose mean distance counts
+# Number of doses whose mean spacing is used.
+SPACINGS = 20
 
 
 class CommandedDose(NamedTuple):
-    """A dose that was commanded."""
+    """Holds a dose that was commanded."""
 
     time_s: float
     plant_m: float
@@ -38,8 +40,8 @@ class CommandedDose(NamedTuple):
 
 
 class DoseError(NamedTuple):
-    """Of a dose that was measured: late positive, m; at what speed, and commanded with what
-    threshold."""
+    """Holds the error of a measured dose, late positive, m, its speed, and the threshold that it
+    was commanded with."""
 
     error_m: float
     speed_mps: float
@@ -47,7 +49,7 @@ class DoseError(NamedTuple):
 
 
 class Due(NamedTuple):
-    """What one tick yields: at most one dose, and why plants were missed."""
+    """Holds the result of one tick: at most one dose, and the reasons why plants were missed."""
 
     dose: DoseOrder | None
     missed: tuple[str, ...]
@@ -57,11 +59,11 @@ NOTHING = Due(None, ())
 
 
 class PointSource:
-    """Plants, out of a list or a camera, to doses.
+    """Turns plants from a list or a camera into doses.
 
-    `tick` after `look`, once a control period. A dose is commanded on the tick nearest to its
-    moment, one at a time. `learn`: measured errors move the threshold; off: it stays 0.
-    """
+    `tick` is called after `look`, once a control period. A dose is commanded on the tick nearest
+    to its moment, one at a time. With `learn` measured errors move the threshold; without it
+    stays 0."""
 
     def __init__(
         self,
@@ -73,7 +75,7 @@ class PointSource:
         rest_s: float = 0.0,
         measured: Sequence[DoseError] = (),
     ) -> None:
-        """measured: doses of before, from which the threshold begins."""
+        """Starts without a dose. measured: earlier dose errors, from which the threshold begins."""
         self.lag = lag
         self.dose = dose
         self.row = PlantRow()
@@ -90,23 +92,24 @@ class PointSource:
         self._waiting: deque[tuple[float, Dose]] = deque()
         self._free_s = float("-inf")
         self._looked_deg: float | None = None
-        self._way: deque[tuple[float, float]] = deque()  # time, track
+        # Time, s, and track, m, of recent ticks.
+        self._way: deque[tuple[float, float]] = deque()
 
     @property
     def plane(self) -> TangentPlane | None:
-        """Of the plant list; None for a camera, which needs none."""
+        """Returns the plane of the plant list; None for a camera, which needs none."""
         return None if self._plants is None else self._plants.plane
 
     @property
     def spacing_m(self) -> float | None:
-        """Mean distance between the last doses; None before there are two."""
+        """Returns the mean distance between the last doses, m; None before the second."""
         last = list(self.given)[-SPACINGS:]
         return (last[-1].plant_m - last[0].plant_m) / (len(last) - 1) if len(last) > 1 else None
 
     @property
     def fastest_mps(self) -> float:
-        """Ground speed above which doses begin to be missed, by the spacing of the plants now
-        known; infinite before there are three."""
+        """Returns the ground speed above which doses are missed, by the spacing of the plants
+        now known; infinity before the third plant."""
         places = self.row.places_m
         if len(places) < 3:
             return float("inf")
@@ -115,14 +118,14 @@ class PointSource:
         )
 
     def may_turn(self, now_s: float) -> bool:
-        """Whether a dose that was ordered may still be turning."""
+        """Returns whether an ordered dose may still be turning."""
         return (
             bool(self.given)
             and now_s < self.given[-1].time_s + self.lag.link_s + self.lag.turn_s + SETTLES_S
         )
 
     def reach_m(self, speed_mps: float) -> float:
-        """How far ahead a dose commanded now is meant to fall: lag distance and threshold."""
+        """Returns how far ahead a dose commanded now falls, m: lag distance and threshold."""
         return self.lag.distance_m(speed_mps) + self.mode.threshold.at(speed_mps)
 
     def look(
@@ -134,9 +137,8 @@ class PointSource:
         speed_mps: float,
         seen: Sequence[PlantSeen],
     ) -> None:
-        """Take in the plants ahead of the outlet; `place` None: not known, or turning: nothing
-        is taken in. Once the heading has changed much since the last look, the plants not yet
-        dosed are forgotten."""
+        """Takes the plants ahead of the outlet. Nothing is taken where `place` is None (unknown,
+        or turning). After a large change of heading the plants not yet dosed are forgotten."""
         self._way.append((now_s, track_m))
         while len(self._way) > 2 and self._way[1][1] < track_m - KEEP_M:
             self._way.popleft()
@@ -173,10 +175,11 @@ class PointSource:
         may_flow: bool,
         at_work: bool,
     ) -> Due:
-        """The dose of this tick. Where flow is not allowed its plant is missed; out of work it
-        is passed by."""
+        """Returns the dose of this tick. Where flow is not allowed its plant is missed; out of
+        work it is skipped."""
         half = 0.5 * period_s
-        if period_s > 0.0:  # doses begin on ticks only
+        # Doses begin on ticks only.
+        if period_s > 0.0:
             busy_s = math.ceil(self._busy_s / period_s - 1e-6) * period_s
             self.mode.rest_s = busy_s - self.lag.turn_s
         doses, missed = self.mode.tick(
@@ -205,7 +208,7 @@ class PointSource:
         return Due(order, tuple(why))
 
     def learn(self, error_m: float, now_s: float) -> bool:
-        """A dose error measured now on the newest dose that has landed, late positive; False
+        """Takes an error measured now on the newest dose that has landed, late positive; False
         where there is none."""
         landed = next((given for given in reversed(self.given) if given.lands_s <= now_s), None)
         if landed is None:
@@ -215,7 +218,7 @@ class PointSource:
         return True
 
     def _track_at(self, time_s: float) -> float:
-        """Track of the outlet when a picture was taken."""
+        """Returns the track place of the outlet when a picture was taken, m."""
         later_s, later_m = self._way[-1]
         for at_s, at_m in reversed(self._way):
             if at_s <= time_s:

@@ -1,5 +1,5 @@
-"""A prescription: rates by cells or zones in degrees, as files hold them, and laid on the
-field's tangent plane."""
+"""Which rates does a prescription give? Cells or zones in degrees, as files hold them, projected
+to the field's tangent plane."""
 
 from __future__ import annotations
 
@@ -17,32 +17,35 @@ from topdress.control.orders import TargetSource
 from .profile import Target
 from .rate_map import Floats, GridMap, RateMap, ZoneMap, frame_deg, polygons
 
-# a shorter stretch is a cut corner, passed before a drive has answered
+# A shorter stretch is a cut corner, passed before a drive has answered, m.
 SHORTEST_M = 0.25
-PROBES = 100  # on a side: 10 m apart in a field of 1 km
-LEAST_M2 = 0.01  # smaller ground is the rounding of corners
+# Probed places on a side: 10 m apart in a field of 1 km.
+PROBES = 100
+# Smaller ground is rounding of corners, m2.
+LEAST_M2 = 0.01
 LEAST_DEG2 = LEAST_M2 / 111_200.0**2
-# shorter ground without a rate, between ground that has one, is a sliver between polygons
+# Shorter ground without a rate between ground with rates is a sliver between polygons, m.
 GAP_M = 0.5
 
 
 class Fallbacks(NamedTuple):
-    """What holds where the map says nothing, kg/ha (ISO 11783-10: default, out-of-field,
+    """Holds the rates where the map has none, kg/ha (ISO 11783-10: default, out-of-field and
     position-lost zones)."""
 
-    # inside the field, but in no zone, or in a cell without a value
+    # Inside the field, but in no zone or in a cell without a value.
     default_kg_ha: float = 0.0
-    # outside the field; without a known field: outside the map
+    # Outside the field; without a known field outside the map.
     outside_kg_ha: float = 0.0
-    lost_kg_ha: float = 0.0  # position lost
+    # With a lost position.
+    lost_kg_ha: float = 0.0
 
 
 NO_FALLBACKS = Fallbacks()
 
 
 class Zone(NamedTuple):
-    """One polygon. rings_deg: outline, then holes, each (k, 2) latitude and longitude, closed
-    by itself."""
+    """Holds one polygon and its rate. rings_deg: outline, then holes, each (k, 2) latitude and
+    longitude, not closed."""
 
     rate_kg_ha: float
     rings_deg: tuple[Floats, ...]
@@ -50,8 +53,8 @@ class Zone(NamedTuple):
 
 
 class GridDeg(NamedTuple):
-    """Cells in degrees from the south-western corner on. rate_kg_ha: (rows, columns), NaN: says
-    nothing."""
+    """Holds cells in degrees from the south-western corner on. rate_kg_ha: (rows, columns), NaN:
+    no rate."""
 
     south_deg: float
     west_deg: float
@@ -62,8 +65,8 @@ class GridDeg(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class MapData:
-    """What a file says, WGS84: zones or a grid, fallbacks, and the field's outlines with their
-    holes where given."""
+    """Holds the content of a map file, WGS84: zones or a grid, fallbacks, and the outlines of
+    fields with their holes."""
 
     zones: tuple[Zone, ...] = ()
     grid: GridDeg | None = None
@@ -78,7 +81,7 @@ class MapData:
 
     @property
     def rates_kg_ha(self) -> list[float]:
-        """Different rates above 0 of all zones or cells, kg/ha, the lowest first."""
+        """Returns the different rates above 0 of all zones or cells, kg/ha, the lowest first."""
         rates = (
             np.array([zone.rate_kg_ha for zone in self.zones])
             if self.grid is None
@@ -88,7 +91,7 @@ class MapData:
 
     @property
     def box_deg(self) -> tuple[float, float, float, float]:
-        """South, west, north and east end of what has a rate, degrees."""
+        """Returns the south, west, north and east end of the ground with a rate, degrees."""
         if self.grid is not None:
             rows, columns = self.grid.rate_kg_ha.shape
             return (
@@ -102,20 +105,20 @@ class MapData:
         return float(south), float(west), float(north), float(east)
 
     def plane(self) -> TangentPlane:
-        """The plane that touches the earth in the middle of the map."""
+        """Returns the plane that touches the earth in the middle of the map."""
         south, west, north, east = self.box_deg
         return TangentPlane(0.5 * (south + north), 0.5 * (west + east))
 
 
 class TargetAhead(NamedTuple):
-    """From `distance_m` ahead on, `target` holds."""
+    """Holds a target that begins `distance_m` ahead."""
 
     distance_m: float
     target: Target
 
 
 class Prescription:
-    """Rates, field and fallbacks on one plane; does not change once made."""
+    """Holds rates, field and fallbacks on one plane; it does not change once made."""
 
     def __init__(
         self, rates: RateMap, fallbacks: Fallbacks, fields: Sequence[Boundary] = ()
@@ -129,15 +132,15 @@ class Prescription:
 
     @property
     def cell_m(self) -> float:
-        """As its rates have it (`RateMap`)."""
+        """Returns the cell size of its rates, m (`RateMap`)."""
         return self._rates.cell_m
 
     def at(self, place: Place) -> Target:
-        """The target at a place of the plane, m; `lost` where the place is not finite."""
+        """Returns the target at a place of the plane, m; `lost` where the place is not finite."""
         return self.targets_at([place])[0]
 
     def targets_at(self, places: npt.ArrayLike) -> list[Target]:
-        """Targets at places (n, 2), m."""
+        """Returns the targets at places (n, 2), m."""
         points = np.asarray(places, dtype=np.float64).reshape(-1, 2)
         rates = self._rates.rates_at(points)
         known = np.isfinite(points[:, 0] + points[:, 1])
@@ -156,17 +159,17 @@ class Prescription:
 
     @property
     def outside_kg_ha(self) -> float:
-        """What it gives outside its fields, and where it names none, outside its ground."""
+        """Returns the rate outside its fields, and where it has none, outside its ground."""
         return self.fallbacks.outside_kg_ha
 
     def away_m(self, place: Place) -> float:
-        """Distance, m, from a place to the map: its ground with a rate, or one of its fields; 0
-        on it."""
+        """Returns the distance of a place from the map, m: from its ground with a rate or one of
+        its fields; 0 on it."""
         return min([self._rates.away_m(place), *(field.away_m(place) for field in self._fields)])
 
     def has_rate_in(self, field: Boundary) -> bool:
-        """Whether it gives a rate somewhere in a field, looked at on a raster of `PROBES` by
-        `PROBES` places."""
+        """Returns whether the map has a rate somewhere in a field, probed on a raster of
+        `PROBES` by `PROBES` places."""
         west, south, east, north = field.shape.bounds
         places = np.stack(
             np.meshgrid(np.linspace(west, east, PROBES), np.linspace(south, north, PROBES)), axis=-1
@@ -174,13 +177,12 @@ class Prescription:
         return bool(np.isfinite(self._rates.rates_at(places[field.many_inside(places)])).any())
 
     def ahead(self, start: Place, heading_deg: float, farthest_m: float) -> list[TargetAhead]:
-        """The stretches along a straight line from `start`, the first from 0 m on; each differs
-        from the one before.
+        """Returns the targets along a straight line from `start`, the first from 0 m on; each
+        differs from the one before.
 
-        Where the line meets a cell's or a zone's edge, or the field's, which cuts the cells of
-        the border (lag paper, eq 4 and 5, by vectors). Stretches below SHORTEST_M and gaps
-        below GAP_M go half to each neighbour.
-        """
+        A target begins where the line crosses the edge of a cell or zone, or of the field, which
+        cuts the border cells (lag paper, eq 4 and 5, by vectors). Stretches below SHORTEST_M and
+        gaps below GAP_M are divided between their neighbours."""
         meets = [self._rates.crossings_m(start, heading_deg, farthest_m)]
         meets += [
             np.array(field.crossings_m(*start, heading_deg, farthest_m)) for field in self._fields
@@ -219,17 +221,18 @@ class _ZonePiece(NamedTuple):
 
 
 def _is_sliver(piece: _ZonePiece, between: bool) -> bool:
-    """Whether a piece is too short to count; a gap in the map counts only where it is not
-    between two others."""
+    """Returns whether a piece is too short to count; a gap in the map counts only where it does
+    not lie between two others."""
     least = GAP_M if between and piece.target.source is TargetSource.FALLBACK else SHORTEST_M
     return piece.end_m - piece.begin_m < least
 
 
 def on_plane(data: MapData, plane: TangentPlane) -> Prescription:
-    """The prescription laid on a plane.
+    """Projects the prescription to a plane.
 
-    Raises ValueError in one line where a field's outline cannot be used.
-    """
+    Raises
+    ------
+    ValueError : in one line, where a field's outline is unusable."""
     return Prescription(rates_on(data, plane), data.fallbacks, fields_on(data, plane))
 
 
@@ -243,7 +246,7 @@ def _boundary_rings(
 
 
 def rates_on(data: MapData, plane: TangentPlane) -> RateMap:
-    """The numbers of the cells or zones laid on a plane."""
+    """Projects the rates of cells or zones to a plane."""
     if data.grid is not None:
         grid = data.grid
         rows, columns = grid.rate_kg_ha.shape
@@ -263,7 +266,7 @@ def rates_on(data: MapData, plane: TangentPlane) -> RateMap:
 
 
 def zone_rings_m(zones: Sequence[Zone], plane: TangentPlane) -> list[list[Floats]]:
-    """Rings of every zone on the plane, m: all corners projected at once."""
+    """Returns the rings of every zone on the plane, m; all corners are projected at once."""
     flat = [ring for zone in zones for ring in zone.rings_deg]
     corners = np.concatenate(flat)
     places = np.split(
@@ -274,7 +277,7 @@ def zone_rings_m(zones: Sequence[Zone], plane: TangentPlane) -> list[list[Floats
 
 
 class RateShare(NamedTuple):
-    """Ground that is to get one rate."""
+    """Holds area and mass of the ground that gets one rate."""
 
     rate_kg_ha: float
     area_ha: float
@@ -282,11 +285,11 @@ class RateShare(NamedTuple):
 
 
 def statistics(data: MapData) -> tuple[RateShare, ...]:
-    """Area and mass by rate, rising, of the cells or zones themselves (m on their own plane).
+    """Returns area and mass by rate, rising, of the cells or zones themselves (m on their own
+    plane).
 
-    Where fields are given, what lies outside them does not count. Where zones overlap, the
-    first one in order counts, as it holds there.
-    """
+    Ground outside given fields does not count. Where zones overlap, the first one in order
+    counts, as it holds there."""
     plane = data.plane()
     ground = ground_of(data, plane)
     areas = ground.areas_m2
@@ -304,19 +307,20 @@ def statistics(data: MapData) -> tuple[RateShare, ...]:
 
 
 def fields_on(data: MapData, plane: TangentPlane) -> tuple[Boundary, ...]:
-    """The map's fields. Raises ValueError in one line where an outline cannot be used."""
+    """Projects the map's fields. Raises ValueError in one line where an outline is unusable."""
     return tuple(Boundary(*_boundary_rings(plane, rings)) for rings in data.fields_deg)
 
 
 class RatedGround(NamedTuple):
-    """Cells or zones (n,) that have a rate, none over another: `shapes` or, of a grid, corners
+    """Holds cells or zones (n,) with a rate that do not overlap: `shapes`, or for a grid corners
     `rings` (n, 4, 2)."""
 
     rates: Floats
     areas_m2: Floats
     shapes: npt.NDArray[np.object_] | None
     rings: Floats | None
-    overlap_m2: float  # ground in more than one zone
+    # This is ground in more than one zone.
+    overlap_m2: float
 
     def _shapes(self) -> npt.NDArray[np.object_]:
         return (
@@ -326,7 +330,7 @@ class RatedGround(NamedTuple):
         )
 
     def inside_m2(self, field: shapely.Geometry) -> Floats:
-        """Areas (n,) of what lies in a field."""
+        """Returns the areas (n,) inside a field, m2."""
         shapes, areas = self._shapes(), self.areas_m2.copy()
         shapely.prepare(field)
         cut = np.flatnonzero(~shapely.contains_properly(field, shapes))
@@ -334,13 +338,13 @@ class RatedGround(NamedTuple):
         return areas
 
     def away_m(self, field: shapely.Geometry) -> float:
-        """Shortest way between the ground and a field."""
+        """Returns the shortest distance between the ground and a field, m."""
         return float(shapely.distance(self._shapes(), field).min())
 
 
 def ground_of(data: MapData, plane: TangentPlane) -> RatedGround:
-    """Where the map has which rate. Of zones that overlap, the first one in order holds, as
-    `ZoneMap` has it."""
+    """Returns where the map has which rate. Of overlapping zones the first one in order holds,
+    as in `ZoneMap`."""
     if data.grid is not None:
         rates = data.grid.rate_kg_ha.ravel()
         known = np.isfinite(rates)
@@ -356,7 +360,7 @@ def ground_of(data: MapData, plane: TangentPlane) -> RatedGround:
 
 
 def apart(zones: Sequence[Zone]) -> tuple[Zone, ...]:
-    """The same zones where none lies over another; else zones of the ground on which each
+    """Returns the zones unchanged where none overlap; else zones of the ground on which each
     holds, in degrees."""
     shapes = polygons([zone.rings_deg for zone in zones])
     own, _ = _each_once(shapes, LEAST_DEG2)
@@ -377,8 +381,7 @@ def apart(zones: Sequence[Zone]) -> tuple[Zone, ...]:
 
 
 class Merged(NamedTuple):
-    """`most_kg_ha`: the largest change of a rate; `mean_kg_ha`: the mean size of the change, by
-    area."""
+    """Holds merged zones, the largest change of a rate, and the mean size of the change by area."""
 
     zones: tuple[Zone, ...]
     most_kg_ha: float
@@ -386,9 +389,12 @@ class Merged(NamedTuple):
 
 
 def merged(zones: Sequence[Zone], step_kg_ha: float) -> Merged:
-    """Zones whose rates round to the same multiple of a step as one, with their mean rate by
-    area: as much mass as before. Ground on which several lie is the first's, as everywhere.
-    Raises ValueError for a step of 0 or less."""
+    """Merges zones whose rates round to the same multiple of a step, with their mean rate by
+    area, so that the mass stays the same. Ground in several zones belongs to the first.
+
+    Raises
+    ------
+    ValueError : the step is 0 or less."""
     if not step_kg_ha > 0.0:
         raise ValueError(f"merge {step_kg_ha:g} kg/ha: allowed is above 0")
     own = apart(zones)
@@ -424,8 +430,8 @@ def merged(zones: Sequence[Zone], step_kg_ha: float) -> Merged:
 def _each_once(
     shapes: npt.NDArray[np.object_], least: float = LEAST_M2
 ) -> tuple[npt.NDArray[np.object_], float]:
-    """The shapes less what an earlier one covers, and how much ground lies in more than one;
-    less than `least` in two is none."""
+    """Returns the shapes without ground that an earlier one covers, and the area in more than
+    one; an overlap below `least` is ignored."""
     tree = shapely.STRtree(shapes)
     pairs = np.concatenate(
         [tree.query(shapes, predicate=how) for how in ("overlaps", "contains", "within")], axis=1
@@ -442,7 +448,7 @@ def _each_once(
 
 
 def _cell_rings(grid: GridDeg, plane: TangentPlane) -> Floats:
-    """Corners of all cells (rows x columns, 4, 2), row by row, m."""
+    """Returns the corners of all cells (rows x columns, 4, 2), row by row, m."""
     rows, columns = grid.rate_kg_ha.shape
     row, column = (
         a.ravel() for a in np.meshgrid(np.arange(rows + 1), np.arange(columns + 1), indexing="ij")
@@ -456,7 +462,7 @@ def _cell_rings(grid: GridDeg, plane: TangentPlane) -> Floats:
 
 
 def _ring_areas(rings: Floats) -> Floats:
-    """Areas (n,) of four-cornered rings (n, 4, 2) by their diagonals."""
+    """Returns the areas (n,) of four-cornered rings (n, 4, 2) by their diagonals."""
     one, other = rings[:, 2] - rings[:, 0], rings[:, 3] - rings[:, 1]
     return np.asarray(
         0.5 * np.abs(one[:, 0] * other[:, 1] - one[:, 1] * other[:, 0]), dtype=np.float64

@@ -1,4 +1,4 @@
-"""A target along the track: what holds at a place, and where it changes next."""
+"""Which target holds at a place of the track, and where does it change next?"""
 
 from __future__ import annotations
 
@@ -10,30 +10,34 @@ from topdress.control.orders import TargetSource
 
 
 class Target(NamedTuple):
+    """Holds a rate and its source."""
+
     rate_kg_ha: float
     source: TargetSource
 
 
 class TargetChange(NamedTuple):
-    """At `place_m` along the track the target becomes `target`."""
+    """Holds a change: at `place_m` along the track the target becomes `target`."""
 
     place_m: float
     target: Target
 
 
 class Profile(Protocol):
-    """What every source of targets answers. Places are metres along the track of the outlets."""
+    """Defines what every source of targets answers. Places are metres along the track of the
+    outlets."""
 
     def at(self, place_m: float) -> Target: ...
 
     def next_change(self, after_m: float, before_m: float, holding: Target) -> TargetChange | None:
-        """The first place in (after_m, before_m] at which the target differs from `holding`."""
+        """Returns the first place in (after_m, before_m] at which the target differs from
+        `holding`."""
         ...
 
 
 class Everywhere:
-    """One target wherever the machine goes: manual, or the fallback rate by the operator's
-    choice."""
+    """Gives one target wherever the machine goes: a manual rate, or the fallback rate by the
+    operator's choice."""
 
     def __init__(self, target: Target) -> None:
         self.target = target
@@ -46,18 +50,18 @@ class Everywhere:
 
 
 class Stretches:
-    """Decided rates for stretches of the track, appended in order; where there is none within
-    reach: the fallback."""
+    """Holds decided rates for stretches of the track, appended in order; where none is within
+    reach the fallback holds."""
 
-    # stretches that lie further back than this are forgotten
+    # Stretches farther back than this are dropped, m.
     KEEP_M = 60.0
 
     def __init__(
         self, fallback_rate_kg_ha: float, reach_m: float = 1.5, first_reach_m: float | None = None
     ) -> None:
-        """first_reach_m: how far the first of them reaches back, as far as the heads look
-        ahead: behind a turn they have spoken by then, and the nearest ground that they saw says
-        more than the crop file's one rate. None: as far as all others."""
+        """Starts without stretches. first_reach_m: how far the first one reaches back, as far as
+        the heads look ahead: behind a turn they have read by then, and the nearest ground that
+        they saw is better evidence than the crop file's single rate. None: as far as all others."""
         self.fallback = Target(fallback_rate_kg_ha, TargetSource.FALLBACK)
         self.reach_m = reach_m
         self._first_reach_m = reach_m if first_reach_m is None else first_reach_m
@@ -72,7 +76,8 @@ class Stretches:
         rate_kg_ha: float,
         source: TargetSource = TargetSource.CANOPY,
     ) -> None:
-        """A decision for [from_m, to_m). What it overlaps of an earlier one is decided anew."""
+        """Appends a decision for [from_m, to_m). It replaces the overlapping part of an earlier
+        one."""
         while self._from and self._from[-1] >= from_m:
             self._from.pop()
             self._to.pop()
@@ -91,7 +96,7 @@ class Stretches:
         self._target.clear()
 
     def at(self, place_m: float) -> Target:
-        """The decided target there, or that of the nearest stretch within reach, or the
+        """Returns the decided target there, or that of the nearest stretch within reach, or the
         fallback."""
         if not self._from:
             return self.fallback
@@ -114,8 +119,8 @@ class Stretches:
         return None
 
     def _edges(self, after_m: float) -> Iterator[float]:
-        """Every place from `after_m` on where `at` may change, rising, and `after_m` itself
-        first."""
+        """Yields every place from `after_m` on where the target may change, rising, `after_m`
+        itself first."""
         yield after_m
         k = max(0, bisect_right(self._from, after_m) - 1)
         if self._from and self._from[0] - self._first_reach_m > after_m:
@@ -134,7 +139,8 @@ class Stretches:
 
 
 class Unspread:
-    """A profile that is nothing up to `spread_to_m`, the place up to which material has landed."""
+    """Gives nothing up to `spread_to_m`, the place up to which material has landed, and the
+    inner profile beyond it."""
 
     def __init__(self, inner: Profile, spread_to_m: float, source: TargetSource) -> None:
         self._inner = inner

@@ -1,10 +1,8 @@
-"""What a map says at a place, and where along a straight line it may say something else: cells,
-or polygons.
+"""Which rate does a map have at a place, and where along a straight line may it change? Maps of
+cells and of polygons.
 
-Both answer on the field's tangent plane, m. A grid in degrees stays a grid in degrees: its
-cells are found through a frame that bends as meridians do, so that no cell is cut anew by the
-projection.
-"""
+Both answer on the field's tangent plane, m. A grid in degrees stays a grid in degrees: its cells
+are found through a frame that bends as meridians do, so that the projection cuts no cell anew."""
 
 from __future__ import annotations
 
@@ -19,47 +17,47 @@ from topdress.control.geodesy import Place, TangentPlane, direction
 
 Floats = npt.NDArray[np.float64]
 
-_FRAME_POINTS = 5  # on a side, to which a frame is fitted
-# Share of an outline's area by which sums over its corners differ by rounding alone: cells of
-# 3 m in degrees as doubles keep ten digits.
+# Points on a side to which a frame is fitted.
+_FRAME_POINTS = 5
+# Share of an outline's area by which sums over its corners differ by rounding alone: cells of 3 m
+# in degrees as doubles keep ten digits.
 AREA_ROUNDING = 1e-7
 
 
 class RateMap(Protocol):
-    """Rates on the plane, without the fallbacks."""
+    """Defines rates on the plane, without the fallbacks."""
 
     @property
     def cell_m(self) -> float:
-        """The shorter side of its cells, m; infinite where it has none."""
+        """Returns the shorter side of its cells, m; infinity where it has none."""
         ...
 
     def rates_at(self, places: npt.ArrayLike) -> Floats:
-        """Places (n, 2), m -> rates (n,), kg/ha; NaN where the map says nothing."""
+        """Returns the rates (n,), kg/ha, of places (n, 2), m; NaN where the map has none."""
         ...
 
     def away_m(self, place: Place) -> float:
-        """Distance, m, from a place to the nearest ground that has a rate; 0 on it, infinite
-        where the map has none."""
+        """Returns the distance from a place to the nearest ground with a rate, m; 0 on it,
+        infinity where the map has none."""
         ...
 
     def crossings_m(self, start: Place, heading_deg: float, farthest_m: float) -> Floats:
-        """Distances (k,) ahead, above 0 and up to `farthest_m`, at which the rate may change;
-        in any order."""
+        """Returns the distances (k,) ahead, above 0 and up to `farthest_m`, at which the rate
+        may change, in any order."""
         ...
 
 
 class MapFrame(NamedTuple):
-    """From the plane to columns and rows: quadratics in east and north; a cell is where both
-    have the same floor.
+    """Maps the plane to columns and rows by quadratics in east and north; in a cell both have
+    the same floor.
 
-    `column`, `row`: six factors each, of 1, e, n, e^2, e n, n^2.
-    """
+    `column`, `row`: six factors each, of 1, e, n, e^2, e n, n^2."""
 
     column: tuple[float, ...]
     row: tuple[float, ...]
 
     def at(self, east_m: Floats, north_m: Floats) -> tuple[Floats, Floats]:
-        """Column and row, with their fractions, of places (n,)."""
+        """Returns column and row, with their fractions, of places (n,)."""
         return _quadratic(self.column, east_m, north_m), _quadratic(self.row, east_m, north_m)
 
 
@@ -71,10 +69,18 @@ def _quadratic(factors: tuple[float, ...], e: Floats, n: Floats) -> Floats:
 def frame_m(
     corner: Place, cell_east_m: float, cell_north_m: float, heading_deg: float = 0.0
 ) -> MapFrame:
-    """Cells in metres; rows follow one another along the heading, columns to the right of it.
+    """Returns the frame of cells in metres; rows follow one another along the heading, columns
+    to its right.
 
-    corner: the outer corner of the first cell. Raises ValueError for a cell that is not above 0.
-    """
+    Parameters
+    ----------
+    corner : outer corner of the first cell.
+    cell_east_m, cell_north_m : size of a cell, m.
+    heading_deg : direction of the rows, degrees.
+
+    Raises
+    ------
+    ValueError : a cell is not above 0."""
     if not (cell_east_m > 0.0 and cell_north_m > 0.0):
         raise ValueError(f"cell {cell_east_m:g} x {cell_north_m:g} m: allowed is above 0")
     ahead, right = direction(heading_deg), direction(heading_deg + 90.0)
@@ -101,10 +107,12 @@ def frame_deg(
     rows: int,
     columns: int,
 ) -> MapFrame:
-    """Cells in degrees, from the south-western corner on: right to a millimetre over 2 km.
+    """Returns the frame of cells in degrees, from the south-western corner on: exact to a
+    millimetre over 2 km.
 
-    Raises ValueError for a cell that is not above 0 or a grid without cells.
-    """
+    Raises
+    ------
+    ValueError : a cell is not above 0, or the grid has no cells."""
     if not (cell_lat_deg > 0.0 and cell_lon_deg > 0.0 and rows > 0 and columns > 0):
         raise ValueError(
             f"grid of {rows} rows and {columns} columns, cell {cell_lat_deg:g} x "
@@ -129,8 +137,8 @@ def frame_deg(
 
 
 class GridMap:
-    """Cells of a frame. rate_kg_ha: (rows, columns), NaN where the map says nothing; row 0
-    begins at the corner."""
+    """Holds the cells of a frame. rate_kg_ha: (rows, columns), NaN: no rate; row 0 begins at the
+    corner."""
 
     def __init__(self, frame: MapFrame, rate_kg_ha: npt.ArrayLike) -> None:
         self.frame = frame
@@ -156,8 +164,8 @@ class GridMap:
         return found
 
     def away_m(self, place: Place) -> float:
-        """By the frame as it lies at the place: right to the share by which it bends, below 1 %
-        over 10 km."""
+        """Returns the distance by the frame at the place: right to the share by which the frame
+        bends, below 1 % over 10 km."""
         row, column = np.nonzero(np.isfinite(self.rate_kg_ha))
         if not len(row):
             return math.inf
@@ -175,8 +183,8 @@ class GridMap:
         return float(np.hypot(*metres).min())
 
     def crossings_m(self, start: Place, heading_deg: float, farthest_m: float) -> Floats:
-        """Every column's and row's edge on the way. Within 40 m a line is straight in the frame
-        to 0.03 mm."""
+        """Returns every edge of a column or row on the way. Within 40 m a line is straight in
+        the frame to 0.03 mm."""
         east, north = direction(heading_deg)
         column, row = self.frame.at(
             np.array([start[0], start[0] + farthest_m * east]),
@@ -187,7 +195,7 @@ class GridMap:
 
 
 def _beyond(at: float, cell: npt.NDArray[np.intp]) -> Floats:
-    """How far, in cells and with its sign, each cell (n,) lies from a place; 0 within it."""
+    """Returns how far each cell (n,) lies from a place, in cells with a sign; 0 within it."""
     return np.asarray(
         np.where(at < cell, cell - at, np.where(at > cell + 1.0, cell + 1.0 - at, 0.0)),
         dtype=np.float64,
@@ -195,8 +203,8 @@ def _beyond(at: float, cell: npt.NDArray[np.intp]) -> Floats:
 
 
 def _steps(ends: Floats, count: int) -> Floats:
-    """Shares of the way from one end to the other at which whole numbers from 0 to `count` are
-    met."""
+    """Returns the shares of the way between two ends at which whole numbers from 0 to `count`
+    are met."""
     begin, end = float(ends[0]), float(ends[1])
     if begin == end:
         return np.zeros(0)
@@ -206,11 +214,10 @@ def _steps(ends: Floats, count: int) -> Floats:
 
 
 class ZoneMap:
-    """Polygons with a rate each. Where several hold at a place, the first of them in order does.
+    """Holds polygons with a rate each. Where several overlap, the first in order holds.
 
     rings: for each zone its outline and its holes, each (k, 2) east and north, m; an outline
-    that crosses itself is taken as the ground that it encloses. rate_kg_ha: (zones,).
-    """
+    that crosses itself is replaced by the ground that it encloses. rate_kg_ha: (zones,)."""
 
     def __init__(self, rings: Sequence[Sequence[Floats]], rate_kg_ha: npt.ArrayLike) -> None:
         self.rate_kg_ha: Floats = np.asarray(rate_kg_ha, dtype=np.float64).reshape(-1)
@@ -250,8 +257,8 @@ class ZoneMap:
 
 
 def polygons(rings: Sequence[Sequence[Floats]]) -> npt.NDArray[np.object_]:
-    """Shapes (zones,) of outlines with holes; what crosses itself is put right by what it
-    encloses."""
+    """Returns shapes (zones,) of outlines with holes; outlines that cross themselves are
+    replaced by what they enclose."""
     shapes = polygons_as_drawn(rings)
     wrong = np.flatnonzero(~shapely.is_valid(shapes))
     crossing = wrong[are_self_crossing(shapes[wrong])]
@@ -261,25 +268,24 @@ def polygons(rings: Sequence[Sequence[Floats]]) -> npt.NDArray[np.object_]:
 
 
 def are_self_crossing(shapes: npt.NDArray[np.object_]) -> npt.NDArray[np.bool_]:
-    """Tells which outlines (n,) go round ground more than once or backwards.
+    """Returns which outlines (n,) enclose ground more than once or run backwards.
 
-    The area of an outline as drawn counts ground as often as the outline goes round it. One that
-    only touches itself, at a corner or along an edge, goes once round all of its ground, however
-    often it touches.
-    """
+    The area of an outline as drawn counts ground as often as the outline goes round it. An
+    outline that only touches itself, at a corner or along an edge, goes once round all of its
+    ground, however often it touches."""
     drawn, repaired = shapely.area(shapes), shapely.area(_repair_touching(shapes))
     crossing: npt.NDArray[np.bool_] = np.abs(drawn - repaired) > AREA_ROUNDING * repaired
     return crossing
 
 
 def _repair_touching(shapes: npt.NDArray[np.object_]) -> npt.NDArray[np.object_]:
-    """Shapes (n,) of all ground that an outline goes round: the ground as drawn where it only
-    touches itself."""
+    """Returns shapes (n,) of all ground that an outline goes round: the ground as drawn where it
+    only touches itself."""
     return np.asarray(shapely.make_valid(shapes, method="structure"), dtype=object)
 
 
 def polygons_as_drawn(rings: Sequence[Sequence[Floats]]) -> npt.NDArray[np.object_]:
-    """The same, whether they cross themselves or not."""
+    """Returns the shapes of outlines whether they cross themselves or not."""
     flat = [ring for zone in rings for ring in zone]
     if not flat:
         return np.zeros(0, dtype=object)

@@ -1,4 +1,4 @@
-"""What the ground under each section wants, at one place of the way: material, or none and why."""
+"""Does the ground under each section get material at a place of the way, and if not, why?"""
 
 from __future__ import annotations
 
@@ -13,53 +13,56 @@ from topdress.control.machine.sections import SectionStrip
 from topdress.control.targets.boundary_profile import Fence
 from topdress.control.targets.profile import Target
 
-# of the points at which a section's strip is judged
+# Spacing of the points at which a section's strip is judged, m.
 APART_M = 0.05
-# points of one section; an odd number, so that half of it is its middle
+# Number of points of a section; an odd number has its middle at half of it.
 FEWEST, MOST = 9, 25
-# of a section's width: beyond, it is outside the field whatever the overlap setting says
+# Beyond this share of a section's width outside the field it closes, whatever the overlap setting
+# is.
 MOST_OUTSIDE = 0.5
 FULL = 1.0 - 1e-9
 
-# why a section gets nothing
+# Reasons why a section gets nothing.
 OUTSIDE, HEADLAND, DONE, EMPTY = "outside", "headland", "done", "map"
 
 
 class SectionRates(Protocol):
-    """A prescription."""
+    """Defines the part of a prescription that sections use."""
 
     def targets_at(self, places: npt.ArrayLike) -> list[Target]: ...
 
 
 class SectionsGround(NamedTuple):
-    """What holds for every section. `started`: of each, the operator wants flow on what this
-    run has done."""
+    """Holds what decides about every section. `started`: for each, the operator wants flow on
+    ground that this run has done."""
 
-    # None: no field known, or the operator allows work outside it
+    # None: no field is known, or the operator allows work outside it.
     fence: Fence | None
-    headland: Fence | None  # where it gets nothing: inside of it
-    coverage: Coverage | None  # None: ground that is done may get more
-    rates: SectionRates | None  # of map mode
+    # The edge of a headland that gets nothing.
+    headland: Fence | None
+    # None: done ground may get more.
+    coverage: Coverage | None
+    # The rates of map mode.
+    rates: SectionRates | None
     started: tuple[bool, ...]
 
 
 class JudgedStrip(NamedTuple):
-    """One section's strip. `share`: of its width that is to get nothing; `why`: what most of
-    that is, or empty."""
+    """Holds the verdict on a section's strip. `share`: part of its width that gets nothing;
+    `why`: the main reason, or empty; `done`: this run has done some of it."""
 
     wanted: bool
     why: str
     share: float
-    done: bool  # any of it, in this run
+    done: bool
 
 
 class SectionGround:
-    """Points across the strips of a machine. overlap_percent: the share of a strip that must be
-    unwanted for the section to close; 0: any, 100: all of it.
+    """Judges points across the strips of a machine. overlap_percent: unwanted share of a strip
+    at which its section closes; 0: any, 100: all of it.
 
-    A bitmap knows ground by its cells, so that a strip's outermost `edge_m` say nothing: they
-    are left out.
-    """
+    A bitmap knows ground by its cells, so that the outermost `edge_m` of a strip are no evidence
+    and are left out."""
 
     def __init__(
         self, strips: Sequence[SectionStrip], overlap_percent: float, edge_m: float
@@ -77,7 +80,7 @@ class SectionGround:
         self._aside = np.concatenate([np.empty(0), *aside])
 
     def unknown(self, ground: SectionsGround) -> tuple[JudgedStrip, ...]:
-        """No place known: outside the field, where there is one."""
+        """Returns the verdicts without a known place: outside the field, where there is one."""
         outside = ground.fence is not None
         return (JudgedStrip(not outside, OUTSIDE if outside else "", float(outside), False),) * len(
             self._counts
@@ -86,7 +89,8 @@ class SectionGround:
     def look(
         self, place: Place, heading_deg: float, ground: SectionsGround
     ) -> tuple[JudgedStrip, ...]:
-        """The middle of the outlets is there, on this course. Some 60 us."""
+        """Returns the verdicts with the middle of the outlets at a place, on this course. It
+        takes some 60 us."""
         points = self._points(place, heading_deg)
         nothing: dict[str, npt.NDArray[np.bool_]] = {}
         if ground.fence is not None:
@@ -109,7 +113,8 @@ class SectionGround:
     def rate_kg_ha(
         self, place: Place, heading_deg: float, on: Sequence[bool], rates: SectionRates
     ) -> float:
-        """Mean of what a map wants under the sections that are on, where it wants any."""
+        """Returns the mean rate of a map under the sections that are on, over the points with a
+        rate, kg/ha."""
         points = self._points(place, heading_deg)[np.repeat(on, self._counts)]
         wanted = [
             target.rate_kg_ha for target in rates.targets_at(points) if target.rate_kg_ha > 0.0
