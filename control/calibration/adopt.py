@@ -1,4 +1,4 @@
-"""What a calibrated machine file says about itself."""
+"""What does a calibrated machine file record about its calibration?"""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ def record(
     valid: Mapping[str, tuple[float, float]],
     member: int | None = None,
 ) -> Adopted:
-    """Where a calibrated parameter comes from (`data`: path of the table or log) and where it
-    holds."""
+    """Returns the record of a calibrated parameter: its data (`data`: path of the table or log)
+    and its range of validity."""
     return Adopted(
         id=id_,
         size=size.value,
@@ -36,13 +36,13 @@ def record(
 def merge_records(
     machine: Machine, records: tuple[Adopted, ...], replaced: Collection[str]
 ) -> tuple[Adopted, ...]:
-    """Earlier records but for those that a new one stands in for, then the new ones."""
+    """Returns the earlier records without those that a new one replaces, then the new ones."""
     gone = {*replaced, *(r.id for r in records)}
     return (*(r for r in machine.adopted if r.id not in gone), *records)
 
 
 def make_title(machine: Machine, what: str, data: str, date: str) -> str:
-    """The machine's title with the calibration behind it."""
+    """Returns the machine's title with its calibration."""
     source = data.replace("\\", "/").rsplit("/", 1)[-1] or "a bench table"
     note = f"{what} from {source}" + (f", {date}" if date else "")
     return f"{machine.title}; {note}" if machine.title else note

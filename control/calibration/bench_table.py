@@ -1,4 +1,4 @@
-"""A bench table as a record, and what each kind of table must hold."""
+"""Which columns must each kind of bench table have?"""
 
 from __future__ import annotations
 
@@ -78,12 +78,11 @@ RANGES: dict[str, tuple[float, float]] = {
 
 @dataclass(frozen=True, slots=True)
 class BenchTable:
-    """One bench test.
+    """Holds one bench test.
 
     `columns`: numbers, float64 arrays of shape (n,), NaN where a cell was empty. `label`: texts
     of shape (n,) of the column `label_column` whose values are compared with each other, or
-    None. `path`: where it was read from.
-    """
+    None. `path`: where it was read from."""
 
     kind: str
     columns: Mapping[str, Array]
@@ -97,20 +96,21 @@ class BenchTable:
         return len(next(iter(self.columns.values()))) if self.columns else 0
 
     def running(self) -> npt.NDArray[np.bool_]:
-        """Rows (n,) of a shaft that turned before its change; where nothing is said of it, it
-        stood."""
+        """Returns which rows (n,) had a shaft that turned before its change; where it is
+        unknown, it stood."""
         before = self.columns.get("before_rpm", np.zeros(self.rows))
         return np.asarray(np.nan_to_num(before) > 0.0)
 
     def speed_mps(self) -> Array | None:
-        """Written ground speed, (n,) m/s; None where the table has none."""
+        """Returns the written ground speed, (n,) m/s; None where the table has none."""
         if "speed_mps" in self.columns:
             return self.columns["speed_mps"]
         return self.columns["speed_kmh"] / KMH_PER_MPS if "speed_kmh" in self.columns else None
 
 
 def missing(kind: str, names: Collection[str]) -> tuple[str, ...] | None:
-    """The first group of columns of which a table of this kind must have one, and has none."""
+    """Returns the first group of columns of which a table of this kind must have one, and has
+    none."""
     for group in NEEDED[kind]:
         if not any(name in names for name in group):
             return group
@@ -124,17 +124,18 @@ def missing(kind: str, names: Collection[str]) -> tuple[str, ...] | None:
 
 
 def recognise(names: Collection[str]) -> str | None:
-    """The kind that a table with these columns is; None where none fits or several do."""
+    """Returns the kind of a table with these columns; None where none or several fit."""
     fitting = [kind for kind in KINDS if missing(kind, names) is None]
     return fitting[0] if len(fitting) == 1 else None
 
 
 def usable(table: BenchTable) -> BenchTable:
-    """The table without rows in which a needed number is missing, and with that said.
+    """Returns the table without rows that lack a needed number, with a finding about them.
 
-    Raises ValueError with one line for an unknown kind, a missing column, a number out of range
-    or no row left.
-    """
+    Raises
+    ------
+    ValueError : in one line, for an unknown kind, a missing column, a number out of range or no
+        row left."""
     path = table.path or "table"
     if table.kind not in KINDS:
         raise ValueError(f"{path}: kind {table.kind!r}: allowed {', '.join(KINDS)}")
@@ -176,8 +177,7 @@ def usable(table: BenchTable) -> BenchTable:
 
 
 def _readable(table: BenchTable) -> BenchTable:
-    """The table without what no machine reads and what stands for a missing value, and with
-    that said."""
+    """Returns the table without unreadable numbers and sentinels, with findings about them."""
     findings: list[Finding] = []
     columns = {
         name: known(name, values, RANGES[name], findings) if name in RANGES else values
@@ -188,7 +188,7 @@ def _readable(table: BenchTable) -> BenchTable:
 
 
 def where(table: BenchTable, rows: npt.NDArray[np.bool_]) -> BenchTable:
-    """The table with these rows (n,) only."""
+    """Returns the table with these rows (n,) only."""
     return replace(
         table,
         columns={name: values[rows] for name, values in table.columns.items()},

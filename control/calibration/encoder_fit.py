@@ -1,5 +1,5 @@
-"""Counts of the metering shaft's encoder a turn, from the counts between a mark and the same
-mark after whole turns."""
+"""How many counts has a turn of the metering shaft's encoder? From the counts between a mark and
+the same mark after whole turns."""
 
 from __future__ import annotations
 
@@ -11,19 +11,21 @@ from scipy.special import stdtrit
 
 from .least_squares import FittedInterval
 
-# to which a pencil line is set to a pointer by eye: 1 mm on a shaft of 40 mm
+# Accuracy with which a pencil line is set to a pointer by eye, degrees: 1 mm on a shaft of 40 mm.
 MARK_DEG = 3.0
-QUANTUM = 1.0 / sqrt(6.0)  # s.d. of the difference of two whole counts
+# Standard deviation of the difference of two whole counts.
+QUANTUM = 1.0 / sqrt(6.0)
 
 
 def fit_counts(counts: Sequence[int], turns: int) -> FittedInterval:
-    """Counts a turn from those of each run of `turns` whole turns, and their 90 % interval: by
-    the scatter of the runs, no less than whole counts allow; of one run, by how well a mark is
-    set.
+    """Returns the counts a turn from those of each run of `turns` whole turns, with a 90 %
+    interval: by the scatter of the runs, at least by whole counts; of a single run by the
+    accuracy of the mark.
 
-    Raises ValueError with one line for runs that cannot be: no count, backwards, a turn too
-    many or too few.
-    """
+    Raises
+    ------
+    ValueError : in one line, for impossible runs: no count, backwards, a turn too many or too
+        few."""
     for run, count in enumerate(counts, 1):
         if count == 0:
             raise ValueError(

@@ -1,9 +1,8 @@
-"""A first machine file of one driven stage (pump, wheel, fan, conveyor): what a log itself
-suggests for it.
+"""Which first machine file of a single driven stage (pump, wheel, fan, conveyor) does a log
+suggest?
 
-The figures are where a diagnosis begins, not what it finds: they come from the owner's answers,
-and these suggestions are what the answers are by default.
-"""
+The figures are where a diagnosis begins, not its result: they come from the owner's answers, and
+these suggestions are the default answers."""
 
 from __future__ import annotations
 
@@ -17,46 +16,53 @@ from topdress.control.log_row import COMMANDS_HELD
 Array = npt.NDArray[np.float64]
 
 LEAST_ROWS = 10
-# share of rows with another command, of a log that holds a settled answer a row ...
+# Share of rows with another command in a log that holds one settled answer in each row.
 SETTLED_ROWS = 0.5
-SETTLED_S = 0.5  # ... and rows at least so far apart
-# of an answer, that comes after the first row of its command: the drive had not settled
+# Least distance of such rows, s.
+SETTLED_S = 0.5
+# Share of an answer that comes after the first row of its command: above it the drive had not
+# settled.
 ON_ITS_WAY = 0.5
-# what full speeds begin with
+# First digits of round full speeds.
 ROUND_TO = (1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 6.5, 7.0, 8.0, 10.0)
-LEAST_NOISE = 1e-3  # of full speed, where a log shows none at all
-# times that are tried: 0, the first, each so much longer ...
+# Noise as a share of full speed where a log shows none.
+LEAST_NOISE = 1e-3
+# First candidate time, s, and the ratios of neighbouring candidates of time constant and dead time.
 FIRST_S, TAU_RATIO, DEAD_RATIO = 0.005, 1.334, 1.454
-# ... up to so much of the log: what takes longer is not seen to settle in it
+# Longest candidates as a share of the log: a longer time does not settle within it.
 TAU_SHARE, DEAD_SHARE = 0.5, 0.1
-FINER = 9  # places between two neighbours of a grid ...
-# ... and again: 1 / 16 of a step of the first one
+# Places between two neighbours of a grid.
+FINER = 9
+# Rounds of refinement: 1/16 of a step of the first grid.
 ROUNDS = 2
-MOST_ROWS = 4000  # of the log, that the times are read off
+# Greatest number of rows from which the times are fitted.
+MOST_ROWS = 4000
 
 
-# of a reading's noise: a drive that reads further from 0 turns (1e-9 by chance)
+# Standard deviations of a reading's noise beyond which a drive turns (1e-9 by chance).
 SURELY_SD = 6.0
-# ... by more a drive's line misses a standstill at 0, and is looked at
+# Standard deviations by which a drive's line must miss a standstill at 0 to be examined.
 OFF_ZERO_SD = 3.0
-# of the settled rows, that turn against their command: stray cells are fewer
+# Share of settled rows that turn against their command; outliers are fewer.
 PASSED_ROWS = 0.01
-# of the commands, over which a drive's line is straight where it bends higher up
+# Share of the commands over which a drive's line is straight although it bends higher up.
 LOWEST = 1.0 / 3.0
-AT_ZERO = 0.02  # of the largest command: as good as 0
-# times a time constant: it has settled, to exp(-5) < 0.01
+# Commands below this share of the largest count as 0.
+AT_ZERO = 0.02
+# Time constants until a drive has settled, to exp(-5) < 0.01.
 ANSWERED = 5.0
 
 
 class NoColumn(ValueError):
-    """A log without a command, or without its reading."""
+    """Reports a log without a command or without its reading."""
 
 
 class OffZero(NamedTuple):
-    """The straight line of a drive's settled readings over its commands, r/min at a command of
-    0 and for each of it. off : it does not go through 0, or falls. passed : commands are on
-    either side of the one at which it stands, or it turns slower the higher its command is:
-    what only turns above some command has a dead zone."""
+    """Holds the straight line of a drive's settled readings over its commands.
+
+    level_rpm, slope: speed at a command of 0, and for each r/min. off: the line misses 0, or
+    falls. passed: commands lie on either side of the standstill, or the drive turns slower the
+    higher its command is: a drive that only turns above some command has a dead zone."""
 
     level_rpm: float
     slope: float
@@ -68,8 +74,8 @@ NOT_OFF = OffZero(0.0, 1.0, False, False)
 
 
 class Neutral(NamedTuple):
-    """rpm : command at which a drive stands, r/min. falls : it turns slower the higher its
-    command is. zero_turns : it turns at a command of 0."""
+    """Holds the command at which a drive stands, r/min. falls: it turns slower the higher its
+    command is. zero_turns: it turns at a command of 0."""
 
     rpm: float
     falls: bool
@@ -77,11 +83,13 @@ class Neutral(NamedTuple):
 
 
 class Suggested(NamedTuple):
-    """What a log suggests. full_rpm : r/min at the full command. settled : a row holds a
-    command's settled answer. both_ways : it turns backwards too. noise_rpm : 1 s.d. of a
-    reading, r/min. dead_s, tau_s : dead time and time constant, s; 0 of settled answers, None
-    where the log does not show them. supply_v : median, None where there is none. neutral : the
-    command at which it stands and how it stands to 0, None where that is 0."""
+    """Holds the suggestions of a log.
+
+    full_rpm: r/min at the full command. settled: a row holds a command's settled answer.
+    both_ways: it also turns backwards. noise_rpm: standard deviation of a reading, r/min.
+    dead_s, tau_s: dead time and time constant, s; 0 for settled answers, None where the log does
+    not show them. supply_v: median, None where there is none. neutral: the command of
+    standstill, None where that is 0."""
 
     full_rpm: float
     settled: bool
@@ -94,10 +102,12 @@ class Suggested(NamedTuple):
 
 
 def suggest_machine(columns: Mapping[str, npt.NDArray[Any]]) -> Suggested:
-    """Of a run log's columns (n,) with `time_s`, `shaft_rpm_cmd` and `shaft_rpm`.
+    """Returns the suggestions from a run log's columns (n,) with `time_s`, `shaft_rpm_cmd` and
+    `shaft_rpm`.
 
-    Raises ValueError, one line, where one of them is missing or holds fewer than 10 rows.
-    """
+    Raises
+    ------
+    ValueError : in one line, where a column is missing or has fewer than 10 rows."""
     time_s, command, reading = _known(columns)
     events = columns.get("events", np.empty(0, object))
     held = any(COMMANDS_HELD in str(text) for text in events)
@@ -125,7 +135,7 @@ def suggest_machine(columns: Mapping[str, npt.NDArray[Any]]) -> Suggested:
 
 
 def _known(columns: Mapping[str, npt.NDArray[Any]]) -> tuple[Array, Array, Array]:
-    """Time, command (held) and reading at the rows that have all three."""
+    """Returns time, held command and reading at the rows that have all three."""
     found = []
     for name in ("time_s", "shaft_rpm_cmd", "shaft_rpm"):
         if name not in columns:
@@ -146,7 +156,8 @@ def _known(columns: Mapping[str, npt.NDArray[Any]]) -> tuple[Array, Array, Array
 def find_rows_at_rest(
     time_s: Array, command: Array, reading: Array, answers_s: float
 ) -> npt.NDArray[np.bool_]:
-    """Rows (n,) with a reading whose command has been left alone for the time of an answer."""
+    """Returns which rows (n,) have a reading whose command has not changed for the time of an
+    answer."""
     changed = np.diff(command, prepend=command[0]) != 0.0
     since_s = time_s - np.maximum.accumulate(np.where(changed, time_s, time_s[0]))
     return np.isfinite(reading) & (since_s >= answers_s)
@@ -155,8 +166,8 @@ def find_rows_at_rest(
 def find_zero_offset(
     time_s: Array, command: Array, reading: Array, answers_s: float, noise_rpm: float
 ) -> OffZero:
-    """How a drive stands to a command of 0, by its rows (n,) at rest: by the line through them,
-    and by readings of the other sign than their command's."""
+    """Returns how a drive relates to a command of 0, from its rows (n,) at rest: by the line
+    through them, and by readings with the opposite sign of their command."""
     rows = find_rows_at_rest(time_s, command, reading, answers_s)
     asked, read = command[rows], reading[rows]
     if rows.sum() < LEAST_ROWS or np.ptp(asked) <= AT_ZERO * np.max(np.abs(asked)):
@@ -171,9 +182,9 @@ def find_zero_offset(
 def neutral_of(
     time_s: Array, command: Array, reading: Array, answers_s: float, noise_rpm: float
 ) -> Neutral | None:
-    """The command at which a drive stands, where its rows (n,) at rest show that it is not 0:
-    half-way between where it begins to turn either way; else where its line meets a standstill,
-    of a drive that falls or that turns at 0."""
+    """Returns the command at which a drive stands, where its rows (n,) at rest show that it is
+    not 0: half-way between where it begins to turn either way; else where its line meets a
+    standstill, for a drive that falls or turns at 0."""
     of_zero = find_zero_offset(time_s, command, reading, answers_s, noise_rpm)
     if not of_zero.off:
         return None
@@ -192,19 +203,18 @@ def neutral_of(
 
 
 def settings_a_row(time_s: Array, command: Array) -> bool:
-    """Whether nearly every row (n,) holds another command, far apart in time: a staircase, a
-    row for each step."""
+    """Returns whether nearly every row (n,) has another command, far apart in time: a staircase
+    with a row for each step."""
     return bool(
         np.mean(np.diff(command) != 0.0) > SETTLED_ROWS and np.median(np.diff(time_s)) >= SETTLED_S
     )
 
 
 def moves_on(command: Array, reading: Array) -> bool:
-    """Whether a reading (n,) goes on moving in the rows after the one in which it began to
-    answer a command (n,) of the run log: most of what it answers to commands that are held for
-    a while comes later."""
-    changed = np.flatnonzero(np.diff(command)) + 1  # first row of each command ...
-    # ... that stays for the answer and a row after it
+    """Returns whether a reading (n,) still moves in the rows after the first answer to a
+    command: most of its answer to held commands comes later."""
+    # The first row of each command that stays for the answer and a row after it.
+    changed = np.flatnonzero(np.diff(command)) + 1
     held = np.diff(np.append(changed, len(command))) > 2
     first, last = changed[held], np.append(changed, len(command))[1:][held] - 1
     if not len(first):
@@ -215,7 +225,7 @@ def moves_on(command: Array, reading: Array) -> bool:
 
 
 def round_up(most: float) -> float:
-    """The next round number from `most` on: 637 is 650."""
+    """Returns the next round number from `most` on: 637 becomes 650."""
     if most <= 0.0:
         return 100.0
     ten = 10.0 ** float(np.floor(np.log10(most)))
@@ -223,12 +233,11 @@ def round_up(most: float) -> float:
 
 
 def noise_of(command: Array, reading: Array) -> float:
-    """1 s.d. of a reading, r/min: the spread of its third differences while it turns, at least
-    that of its steps.
+    """Returns the standard deviation of a reading, r/min: the spread of its third differences
+    while it turns, at least that of its steps.
 
-    Differences of neighbours, again and again: what changes slowly is no noise (von Neumann et
-    al., Ann. Math. Stat. 12, 1941). Third ones of white noise have 20 times its variance.
-    """
+    Repeated differences of neighbours remove whatever changes slowly (von Neumann et al., Ann.
+    Math. Stat. 12, 1941). Third differences of white noise have 20 times its variance."""
     moves = np.diff(reading, 3)[(reading[3:] != 0.0) & (command[3:] == command[:-3])]
     spread = 1.4826 * float(np.median(np.abs(moves))) / np.sqrt(20.0) if len(moves) >= 4 else 0.0
     levels = np.diff(np.unique(reading))
@@ -238,11 +247,13 @@ def noise_of(command: Array, reading: Array) -> float:
 
 
 def times_of(time_s: Array, command: Array, reading: Array) -> tuple[float, float] | None:
-    """Dead time and time constant, s, with which the reading follows its command best, whatever
-    its gain and zone are: least squares of the reading over the delayed, lagged command, its
-    size, a constant and the speed that it began with, on a grid and finer ones between the
-    neighbours of the best. None where the command never moves, or where the best time constant
-    is the longest: the log does not show it."""
+    """Returns the dead time and time constant, s, with which the reading follows its command
+    best, whatever its gain and dead zone are.
+
+    Least squares of the reading over the delayed, lagged command, its size, a constant and the
+    initial speed, on a grid and on finer ones between the neighbours of the best. None where the
+    command never moves, or where the longest time constant is the best: the log does not show
+    it."""
     time_s, command, reading = time_s[:MOST_ROWS], command[:MOST_ROWS], reading[:MOST_ROWS]
     if np.ptp(command) == 0.0:
         return None
@@ -261,13 +272,13 @@ def times_of(time_s: Array, command: Array, reading: Array) -> tuple[float, floa
 
 
 def _tried(ratio: float, longest_s: float) -> Array:
-    """0, and times each `ratio` longer than the one before, up to the longest."""
+    """Returns 0 and times that are each `ratio` longer than the one before, up to the longest."""
     count = max(1, int(np.log(max(1.0, longest_s / FIRST_S)) / np.log(ratio)))
     return np.concatenate(([0.0], FIRST_S * ratio ** np.arange(count)))
 
 
 def _about(best: float, grid: Array) -> Array:
-    """Finer places between the neighbours of one of a grid."""
+    """Returns finer places between the neighbours of a place of a grid."""
     k = int(np.argmin(np.abs(grid - best)))
     return np.linspace(grid[max(0, k - 1)], grid[min(len(grid) - 1, k + 1)], FINER)
 
@@ -275,7 +286,7 @@ def _about(best: float, grid: Array) -> Array:
 def _best_of(
     deads_s: Array, taus_s: Array, time_s: Array, command: Array, reading: Array
 ) -> tuple[float, float]:
-    """The pair with the least squares; of equals the first."""
+    """Returns the pair with the least squares; of equal ones the first."""
     best = (np.inf, 0.0, 0.0)
     for dead_s in deads_s:
         commanded = command[
@@ -283,7 +294,7 @@ def _best_of(
         ]
         for tau_s in taus_s:
             x = _followed(commanded, time_s, float(tau_s))
-            # what it turned at before the log
+            # The speed before the log decays with the time constant.
             began = np.exp(-(time_s - time_s[0]) / max(float(tau_s), 1e-9))
             basis = np.column_stack(
                 (
@@ -301,7 +312,7 @@ def _best_of(
 
 
 def _followed(commanded: Array, time_s: Array, tau_s: float) -> Array:
-    """First order behind a held signal: (n,)."""
+    """Returns the first-order response to a held signal: (n,)."""
     if tau_s <= 0.0:
         return commanded
     keep = np.exp(-np.diff(time_s) / tau_s).tolist()

@@ -1,4 +1,5 @@
-"""Catch test to flow model: grams per revolution and mm, and what the test shows next to it."""
+"""Which flow model does a catch test give? Grams per revolution and mm, and further effects that
+it shows."""
 
 from __future__ import annotations
 
@@ -14,18 +15,16 @@ from .adopt import make_title, merge_records, record
 from .bench_table import Array, BenchTable, usable
 from .least_squares import FittedInterval, LinearFit, fitted
 
-# an offset or a fall-off goes into the machine file only below this p
+# Significance below which an offset or a fall-off enters the machine file.
 LEVEL = 0.01
 
 
 @dataclass(frozen=True, slots=True)
 class FlowFit:
-    """g per revolution =
-    (grams_per_rev_mm opening_mm + zero_offset_g_rev) (1 - fill_falloff_percent/100 (n/full_rpm)^3).
+    """Holds the fitted flow:
 
     None: not shown by this test, 0 in the machine. `residual_percent`: (n,) measured over
-    fitted - 1. Valid over the settings of the test.
-    """
+    fitted - 1. Valid over the settings of the test."""
 
     grams_per_rev_mm: FittedInterval
     zero_offset_g_rev: FittedInterval | None
@@ -39,11 +38,15 @@ class FlowFit:
 
 
 def fit_flow(table: BenchTable, machine: Machine, *, date: str = "") -> tuple[Machine, FlowFit]:
-    """Fits the flow model to a catch test and puts it into a copy of the machine.
+    """Fits the flow model to a catch test and returns a copy of the machine with it, and the
+    fit.
 
-    The noise is taken as a share of the mass. Zero offset and fall-off enter only where they
-    are significant (1 %). Raises ValueError with one line where the table cannot give a flow.
-    """
+    The noise is a share of the mass. Zero offset and fall-off enter only where they are
+    significant (1 %).
+
+    Raises
+    ------
+    ValueError : in one line, where the table cannot give a flow."""
     table = usable(table)
     if table.kind != "catch":
         raise ValueError(f"{table.path}: a {table.kind} table: a flow fit needs a catch table")
@@ -103,12 +106,11 @@ def _rows(table: BenchTable, machine: Machine) -> _CatchRows:
 
 
 def _fit(rows: _CatchRows, terms: tuple[str, ...]) -> LinearFit:
-    """Gauss-Newton on ln-like weights: the residuals' unit is the fitted mass, so that noise is
-    a share of it.
+    """Fits by Gauss-Newton with the residuals in units of the fitted mass, so that noise is a
+    share of it.
 
-    Coefficients: grams per revolution and mm, then the terms' own, the fall-off as a share at
-    full_rpm.
-    """
+    Coefficients: grams per revolution and mm, then those of the terms, the fall-off as a share
+    at full_rpm."""
     fast = rows.share**3
     slope, offset, falloff = float(np.median(rows.mass_per_rev / rows.opening_mm)), 0.0, 0.0
     fit = None
@@ -134,7 +136,7 @@ def _fit(rows: _CatchRows, terms: tuple[str, ...]) -> LinearFit:
 
 
 def _chosen(rows: _CatchRows) -> tuple[tuple[str, ...], LinearFit, list[str]]:
-    """The terms that this test shows, by significance, the weakest left out first."""
+    """Returns the terms that this test shows by significance; the weakest is left out first."""
     notes = []
     terms: tuple[str, ...] = ()
     if len(np.unique(rows.opening_mm)) > 1:
@@ -216,8 +218,8 @@ def _calibrated(machine: Machine, flow: FlowFit, table: BenchTable, date: str) -
 def make_catch_test(
     machine: Machine, fit: FlowFit, date: dt.date, data: str, sha256: str = ""
 ) -> CatchTest:
-    """The test as the product's file keeps it. machine: it was done with. data, sha256: of the
-    table."""
+    """Returns the test as the product's file keeps it. machine: with which it was done. data,
+    sha256: of the table."""
     grams = fit.grams_per_rev_mm
     return CatchTest(
         date=date,

@@ -1,4 +1,4 @@
-"""Canopy heads from a run log: each one's gain and offset against the joint median of the
+"""Which gain and offset has each canopy head in a run log? Against the joint median of the
 others."""
 
 from __future__ import annotations
@@ -14,18 +14,22 @@ from .adopt import make_title, merge_records, record
 from .bench_table import Array
 from .least_squares import FittedInterval
 
-# the canopy's own differences between heads last a few metres: blocks are worth one each
+# Length of a block, s: differences of the canopy between heads last a few metres, so that a block
+# is worth one value.
 BLOCK_S = 10.0
 LEAST_BLOCKS = 6
-LEAST_HEADS = 3  # a median of two blames both
-# less is within what clean heads differ by on a crop
+# Least number of heads: a median of two blames both.
+LEAST_HEADS = 3
+# Smaller differences are usual between clean heads on a crop, %.
 FOULED_PERCENT = 1.5
-LEAST_NDVI = 0.1  # bare ground says nothing of a gain
+# Bare ground below this NDVI shows no gain.
+LEAST_NDVI = 0.1
 
 
 class HeadFit(NamedTuple):
-    """One head. gain_percent: mean reading over the mean of the others' median, minus 1. slope,
-    offset: of the line through both, None where the canopy is too even to tell them apart."""
+    """Holds the fit of one head. gain_percent: mean reading over the mean of the others' median,
+    minus 1. slope, offset: of the line through both; None where the canopy is too uniform to
+    separate them."""
 
     number: int
     gain_percent: FittedInterval
@@ -44,12 +48,22 @@ class HeadsFit(NamedTuple):
 def check_heads(
     time_s: Array, ndvi: Array, machine: Machine, data: str, *, date: str = ""
 ) -> tuple[Machine, HeadsFit]:
-    """`ndvi`: (n, heads), NaN: silent. A head whose gain differs from 0 by more than 1.5 % with
-    99 % confidence (shared by all heads) is fouled; the worst one goes into a copy of the
-    machine, which holds one.
+    """Checks the heads of a log and returns a copy of the machine with the worst one, and the
+    fit.
 
-    Raises ValueError with one line where the log has not enough.
-    """
+    A head whose gain differs from 0 by more than 1.5 % with 99 % confidence (shared by all
+    heads) is fouled.
+
+    Parameters
+    ----------
+    time_s : (n,) times, s.
+    ndvi : (n, heads); NaN: silent.
+    machine : the machine model.
+    data, date : of the log, for the record.
+
+    Raises
+    ------
+    ValueError : in one line, where the log has too few readings."""
     fresh = np.concatenate(([True], (np.diff(ndvi, axis=0) != 0.0).any(axis=1)))
     values, at = ndvi[fresh], time_s[fresh]
     heard = np.isfinite(values).mean(axis=0) if len(values) else np.zeros(ndvi.shape[1])
@@ -70,7 +84,8 @@ def check_heads(
         )
     found: list[HeadFit] = []
     fouled: list[int] = []
-    for _ in range(len(spoke)):  # what is fouled is no judge of the rest
+    # A fouled head must not judge the others.
+    for _ in range(len(spoke)):
         found = [
             _head(int(spoke[k]) + 1, k, values, blocks, len(spoke), fouled)
             for k in range(len(spoke))

@@ -1,4 +1,5 @@
-"""Lag test to lag model: a straight line over shaft speed, with its range (lag paper eq 6)."""
+"""Which lag model does a lag test give? A straight line over shaft speed, with its range (lag
+paper eq 6)."""
 
 from __future__ import annotations
 
@@ -15,20 +16,19 @@ from .bench_table import Array, BenchTable, usable
 from .least_squares import FittedInterval, fitted
 
 _SLACK_RPM = 1e-6
-# of start_more_per_rpm, as the machine file allows it
+# Greatest start_more_per_rpm that the machine file allows.
 MOST_MORE = 0.1
-# shaft speeds over the line's range at which the start is held against it
+# Number of shaft speeds over the line's range at which the start is compared.
 SETTLED_AT = 7
 
 
 @dataclass(frozen=True, slots=True)
 class LagFit:
-    """lag_s = intercept_s + slope_s_per_rpm n, n in r/min, from `from_rpm` to `to_rpm` and
-    nowhere else.
+    """Holds the fitted line lag_s = intercept_s + slope_s_per_rpm n, n in r/min, from `from_rpm`
+    to `to_rpm` and nowhere else.
 
     `measured`: the column fitted (lag_s, drop_s, or lag_m over the written speed).
-    `residuals_s`: (n,), rows used.
-    """
+    `residuals_s`: (n,), rows used."""
 
     measured: str
     intercept_s: FittedInterval
@@ -42,8 +42,8 @@ class LagFit:
     notes: tuple[str, ...]
 
     def lag_s(self, shaft_rpm: float) -> float:
-        """Lag on the line, s. Raises ValueError outside the fitted range: the line is not
-        extrapolated."""
+        """Returns the lag on the line, s. Raises ValueError outside the fitted range: the line
+        is not extrapolated."""
         if not self.from_rpm - _SLACK_RPM <= shaft_rpm <= self.to_rpm + _SLACK_RPM:
             raise ValueError(
                 f"shaft speed {shaft_rpm:g} r/min: the lag line holds from {self.from_rpm:g} to "
@@ -61,19 +61,25 @@ def fit_lag(
     to_rpm: float | None = None,
     date: str = "",
 ) -> tuple[Machine, LagFit]:
-    """Fits the lag line of starts and puts its drop time into a copy of the machine (lag paper
-    eq 6).
+    """Fits the lag line of starts, and returns a copy of the machine with its drop time, and the
+    fit (lag paper eq 6).
 
-    `label`: rows of that value of the table's label column only (needed where it has one).
-    `from_rpm`, `to_rpm`: range of shaft speeds to use; default the machine's own range of
-    validity. Rows beyond it are compared with the line and that is noted, they do not bend it.
-    The response in force in the machine is taken off a whole lag. Times are of starts out of a
-    standing shaft, as a rig and the papers measure them, with or without a column of responses;
-    the machine's running shaft is then settled so that its own start gives the line
-    (`start_more_per_rpm`).
+    The machine's present response is subtracted from a whole lag. Times are of starts from a
+    standing shaft, as a rig and the papers measure them; the machine's running shaft is then
+    adjusted so that its own start gives the line (`start_more_per_rpm`).
 
-    Raises ValueError with one line where the table cannot give a line.
-    """
+    Parameters
+    ----------
+    table : the lag test.
+    machine : the machine model.
+    label : rows of that value of the table's label column only (needed where it has one).
+    from_rpm, to_rpm : range of shaft speeds, r/min; None: the machine's own. Rows beyond it are
+        compared with the line and noted, but do not bend it.
+    date : of the test, for the record.
+
+    Raises
+    ------
+    ValueError : in one line, where the table cannot give a line."""
     table = usable(table)
     if table.kind != "lag":
         raise ValueError(f"{table.path}: a {table.kind} table: a lag fit needs a lag table")
@@ -148,7 +154,7 @@ def _rows_of(table: BenchTable, label: str | None) -> np.ndarray:
 
 
 def _measured(table: BenchTable) -> tuple[str, bool, Array]:
-    """Column, whether it holds the response too, lags in s."""
+    """Returns the fitted column, whether it contains the response too, and lags in s."""
     for name in ("lag_s", "drop_s"):
         if name in table.columns:
             return name, name == "lag_s", table.columns[name]
@@ -209,9 +215,9 @@ def _calibrated(
 
 
 def start_more_per_rpm(machine: Machine, fall: Fall) -> float:
-    """How much longer a start takes than the running shaft's drop, so that the machine's own
-    start gives `fall`'s line over its range as nearly as it can (least squares). `fall`'s own
-    where its line does not fall with shaft speed."""
+    """Returns how much longer a start takes than the running shaft's drop, an r/min, so that the
+    machine's own start gives `fall`'s line over its range as closely as possible (least
+    squares). `fall`'s own value where its line does not fall with shaft speed."""
     speeds = np.linspace(fall.valid_from_rpm, fall.valid_to_rpm, SETTLED_AT).tolist()
     falls = [-fall.slope_s_per_rpm * n * n for n in speeds]
     if max(falls) <= 0.0:

@@ -1,4 +1,4 @@
-"""Weighted linear least squares with 90 % intervals."""
+"""How are linear models fitted? Weighted least squares with 90 % intervals."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from .bench_table import Array
 
 
 class FittedInterval(NamedTuple):
-    """A fitted number and its 90 % interval."""
+    """Holds a fitted number and its 90 % interval."""
 
     value: float
     low: float
@@ -19,8 +19,8 @@ class FittedInterval(NamedTuple):
 
 
 class LinearFit(NamedTuple):
-    """`coefficients` and `se`: (p,), `residuals`: (n,) in the unit of y, `p_values`: (p,)
-    two-sided, against 0."""
+    """Holds a linear fit. `coefficients` and `se`: (p,), `residuals`: (n,) in the unit of y,
+    `p_values`: (p,) two-sided, against 0."""
 
     coefficients: Array
     se: Array
@@ -34,11 +34,11 @@ class LinearFit(NamedTuple):
 
 
 def fitted(design: Array, y: Array, sd: Array) -> LinearFit:
-    """Least squares of y (n,) on design (n, p) with relative noise `sd` (n,).
+    """Fits y (n,) on design (n, p) with relative noise `sd` (n,).
 
-    Raises ValueError where fewer rows than coefficients plus one, or columns that the rows
-    cannot tell apart.
-    """
+    Raises
+    ------
+    ValueError : fewer rows than coefficients plus one, or columns that the rows cannot separate."""
     rows, count = design.shape
     if rows <= count:
         raise ValueError(f"{rows} usable rows: at least {count + 1} are needed")

@@ -1,11 +1,10 @@
-"""Lag test between two rates to what goes on in the tube: does the stream carry what falls, or
-do granules fall singly?
+"""Does the air stream in the tube carry the granules, or do they fall singly? From lag tests
+between two rates.
 
-A start cannot tell (docs/decisions/0005), a change can: from 40 to 80 r/min the plate's reading
-is best split into its two levels 1.13 s after the shaft has changed where the stream carries
-all, 0.96 s where granules fall singly and the quick ones come down on top of the slow. Where it
-carries, the reading also jumps by a third at once. Shares up to 0.5 are alike.
-"""
+A start cannot decide this (docs/decisions/0005), a change can: from 40 to 80 r/min the plate's
+reading is best split into its two levels 1.13 s after the shaft has changed where the stream
+carries all, 0.96 s where granules fall singly and quick ones land on top of slow ones. Where the
+stream carries, the reading also jumps by a third at once. Shares up to 0.5 are alike."""
 
 from __future__ import annotations
 
@@ -20,23 +19,26 @@ from .adopt import make_title, merge_records, record
 from .bench_table import Array, BenchTable, usable
 from .least_squares import FittedInterval
 
-SHARES = np.linspace(0.0, 1.0, 11)  # that are held against the table
+# Candidate shares of the pace that the stream sets.
+SHARES = np.linspace(0.0, 1.0, 11)
 LEAST_ROWS = 3
-# of the line of starts itself: lag table 3, 70 rows of 0.06 s
+# Standard deviation of the line of starts, s: lag table 3, 70 rows of 0.06 s.
 LINE_SD_S = 0.010
-# of one row, whatever the repeats say: the plate is read 20 times a second
+# Least scatter of a row, s, whatever the repeats show: the plate is read 20 times a second.
 LEAST_SCATTER_S = 0.005
-# further from every share: the table is of another machine
+# Beyond this distance from every share, standard deviations, the table belongs to another machine.
 FAR_SD = 4.0
-LEAST_SD = 0.02  # of the share, in the machine file
-MOST_STATED = 0.9  # of the probability lies inside the interval
+# Least standard deviation of the share in the machine file.
+LEAST_SD = 0.02
+# Probability inside the interval.
+MOST_STATED = 0.9
 
 
 @dataclass(frozen=True, slots=True)
 class TubeFit:
-    """Share of the pace in the tube that the stream sets, 0 to 1, with its s.d. and 90 %
-    interval; rows used, their scatter and how far their mean lies off the nearest share's drop,
-    s."""
+    """Holds the share of the pace in the tube that the stream sets, 0 to 1, with its standard
+    deviation and 90 % interval; the rows used, their scatter, and the distance of their mean
+    from the nearest share's drop, s."""
 
     carried_share: FittedInterval
     sd: float
@@ -47,13 +49,16 @@ class TubeFit:
 
 
 def settle_tube(table: BenchTable, machine: Machine, *, date: str = "") -> tuple[Machine, TubeFit]:
-    """The machine with its tube as rows of a shaft that turned before their change say.
+    """Returns the machine with the tube that rows of a running shaft show, and the fit.
 
-    `drop_s` of such a row (or `lag_s` less the machine's response) goes from the change of the
+    `drop_s` of such a row (or `lag_s` minus the machine's response) goes from the change of the
     shaft until the stream on the ground is half-way between its two rates. Every share is
-    played through the model and held against the rows; all are as likely beforehand. Raises
-    ValueError, one line, where there are fewer than three rows, or no share gives such times.
-    """
+    simulated and compared with the rows; all are equally likely beforehand.
+
+    Raises
+    ------
+    ValueError : in one line, where there are fewer than three rows, or no share gives such
+        times."""
     table = usable(table)
     before, after, drops = _rows(table, machine)
     if len(drops) < LEAST_ROWS:
@@ -117,7 +122,7 @@ def settle_tube(table: BenchTable, machine: Machine, *, date: str = "") -> tuple
 
 
 def _rows(table: BenchTable, machine: Machine) -> tuple[Array, Array, Array]:
-    """Shaft speed before and after, r/min, and drop, s, of each row of a running shaft."""
+    """Returns shaft speed before and after, r/min, and drop, s, of each row of a running shaft."""
     running = table.running()
     if "drop_s" in table.columns:
         drops = table.columns["drop_s"]
@@ -130,14 +135,14 @@ def _rows(table: BenchTable, machine: Machine) -> tuple[Array, Array, Array]:
 
 
 def _drop_s(machine: Machine, before_rpm: float, after_rpm: float) -> float:
-    """From the shaft's change until the landed step is half-way."""
+    """Returns the time from the shaft's change until the landed step is half-way, s."""
     opening = machine.set_points.opening_mm
     lag = change_lag(machine, Settled(before_rpm, opening), Settled(after_rpm, opening))
     return lag.total_s - change_response_s(machine)
 
 
 def _scatter(before: Array, after: Array, drops: Array) -> float:
-    """Of one row about the mean of its step, s."""
+    """Returns the standard deviation of a row about the mean of its step, s."""
     left, rows, steps = 0.0, 0, 0
     for one in set(zip(before.tolist(), after.tolist(), strict=True)):
         group = drops[(before == one[0]) & (after == one[1])]

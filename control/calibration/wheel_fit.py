@@ -1,5 +1,5 @@
-"""The wheel's circumference from a run log: the way by GNSS against the way by its pulses, on
-straight stretches."""
+"""Which circumference has the wheel? The way by GNSS against the way by its pulses, on straight
+stretches of a run log."""
 
 from __future__ import annotations
 
@@ -16,19 +16,20 @@ from .adopt import make_title, merge_records, record
 from .bench_table import Array
 from .least_squares import FittedInterval
 
-# straight from fix to fix; the noise of both ends is part of the scatter
+# Length of a stretch from fix to fix, m; the noise of both ends is part of the scatter.
 STRETCH_M = 10.0
-# a fix farther aside from the chord: no straight stretch
+# A stretch with a fix farther from its chord is not straight, m.
 ASIDE_M = 0.10
-GAP_S = 1.5  # between fixes
+# Longest gap between fixes, s.
+GAP_S = 1.5
 SLOWEST_MPS = 0.5
 LEAST_M, LEAST_STRETCHES = 100.0, 5
-# RTK fixed; anything else only where nothing better is there, and said
+# RTK fixed; another quality is used only where nothing better is there, and reported.
 NEEDED_QUALITY = 4
 
 
 class WheelLog(NamedTuple):
-    """Columns (n,) of a run log; NaN: not known. `flowing`: the machine is under load."""
+    """Holds columns (n,) of a run log; NaN: unknown. `flowing`: the machine is under load."""
 
     time_s: Array
     lat_deg: Array
@@ -40,12 +41,13 @@ class WheelLog(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class WheelFit:
-    """`slip_percent`: at work against out of work; None where the log has not both."""
+    """Holds the fitted wheel. `slip_percent`: at work against out of work; None where the log
+    has not both."""
 
     circumference_m: FittedInterval
     way_m: float
     stretches: int
-    # no way out of work: slip is in the circumference
+    # Without way out of work the slip is included in the circumference.
     at_work: bool
     slip_percent: FittedInterval | None
     notes: tuple[str, ...]
@@ -54,12 +56,20 @@ class WheelFit:
 def fit_wheel(
     log: WheelLog, machine: Machine, counted_m: float, data: str, *, date: str = ""
 ) -> tuple[Machine, WheelFit]:
-    """Puts the circumference by GNSS into a copy of the machine. `counted_m`: the one by which
-    the log's wheel speed was counted. Way without flow counts, for a wheel slips under load;
-    where there is not enough of it, all.
+    """Returns a copy of the machine with the circumference by GNSS, and the fit.
 
-    Raises ValueError with one line where the log cannot give a circumference.
-    """
+    Way without flow is used, because a wheel slips under load; where there is too little, all.
+
+    Parameters
+    ----------
+    log : columns of the run log.
+    machine : the machine model.
+    counted_m : circumference with which the log's wheel speed was counted, m.
+    data, date : of the log, for the record.
+
+    Raises
+    ------
+    ValueError : in one line, where the log cannot give a circumference."""
     stretches = _stretches(log, data)
     idle, loaded = stretches[stretches[:, 2] == 0.0], stretches[stretches[:, 2] > 0.0]
     at_work = not _enough(idle)
@@ -106,7 +116,7 @@ def _enough(stretches: Array) -> bool:
 
 
 def _ratio(stretches: Array) -> FittedInterval:
-    """Way by GNSS over way by the wheel, with the 90 % interval from the scatter of the
+    """Returns way by GNSS over way by the wheel, with the 90 % interval from the scatter of the
     stretches."""
     gnss, wheel = stretches[:, 0], stretches[:, 1]
     ratio = float(gnss.sum() / wheel.sum())
@@ -116,8 +126,8 @@ def _ratio(stretches: Array) -> FittedInterval:
 
 
 def _stretches(log: WheelLog, data: str) -> Array:
-    """(k, 3): way by GNSS, by the wheel, and 1 at work; each straight, at speed, and wholly in
-    or out of work."""
+    """Returns (k, 3): way by GNSS, by the wheel, and 1 at work; each straight, at speed, and
+    wholly in or out of work."""
     known = np.isfinite(log.lat_deg) & np.isfinite(log.lon_deg)
     moved = known & np.concatenate(
         ([True], (np.diff(log.lat_deg) != 0.0) | (np.diff(log.lon_deg) != 0.0))
@@ -154,7 +164,7 @@ def _stretches(log: WheelLog, data: str) -> Array:
 
 
 def _aside_m(places: Array) -> float:
-    """Farthest from the chord between the ends, m."""
+    """Returns the largest distance from the chord between the ends, m."""
     along = places[-1] - places[0]
     length = float(np.hypot(*along))
     if length < 1.0 or len(places) < 3:

@@ -1,5 +1,5 @@
-"""What lies along the way ahead: the field's edge, its headland, ground that is done, the map,
-the canopy."""
+"""What lies along the way ahead? The field's edge, its headland, done ground, the map, the
+canopy."""
 
 from __future__ import annotations
 
@@ -32,14 +32,16 @@ from topdress.control.targets.overlap import LONGEST_M, Overlap
 from topdress.control.targets.profile import Everywhere, Profile, Stretches, Target, Unspread
 from topdress.control.targets.section_ground import SectionsGround
 
-CELL_M = 0.2  # of the bitmap of ground that is done
-# what another controller says it applies, as a target of such a display holds
+# Cell size of the bitmap of done ground, m.
+CELL_M = 0.2
+# A rate that another controller reports as applied is valid for this long, s, as a target of such a
+# display.
 APPLIED_HOLDS_S = 2.0
 DOSES_ONLY = Everywhere(Target(0.0, TargetSource.POINT))
 
 
 class Ahead:
-    """Looked at once a tick; then asked for the profile of targets that holds."""
+    """Looks ahead once a tick, and then gives the profile of targets that holds."""
 
     def __init__(
         self,
@@ -56,7 +58,7 @@ class Ahead:
         done: DoneGround | None = None,
         steps: Steps | None = None,
     ) -> None:
-        """steps: compiled, for long runs."""
+        """Starts without a view. steps: compiled, for long runs."""
         geometry, width_m = machine.geometry, machine.geometry.working_width_m
         self._machine = machine
         self.fence = fence
@@ -93,8 +95,8 @@ class Ahead:
             geometry.heads_m,
             zone_map,
         )
-        # in this tick the place is known again: the way without one on which something landed,
-        # m, and whether it is done ground now
+        # Set in the tick in which the place is known again: the way without a place on which
+        # material landed, m, and whether it is done ground now.
         self.unplaced: tuple[float, bool] | None = None
         if done is not None:
             self.overlap.seed(done.raster, ours=False)
@@ -106,7 +108,8 @@ class Ahead:
         )
 
     def look(self, m: Measurements, sensed: Sensed, fired_to_m: float, no_double: bool) -> None:
-        """Changes up to `fired_to_m` of the track have been made, and stay where they were seen."""
+        """Looks ahead. Changes up to `fired_to_m` of the track have been made and keep their
+        place."""
         self.heads.look(m, sensed)
         self.outside_target.hear(m.rate_asked, m.time_s, sensed.speed_mps or 0.0)
         self._look_at_edges(sensed, fired_to_m)
@@ -114,7 +117,7 @@ class Ahead:
         self._look_at_map(sensed, fired_to_m)
 
     def jumped(self) -> None:
-        """The position has jumped: what was seen ahead lay elsewhere."""
+        """Forgets what was seen ahead, because the position has jumped."""
         self.overlap.moved()
         self.sections.moved()
         if self.map is not None:
@@ -134,7 +137,7 @@ class Ahead:
     def _look_at_done(
         self, m: Measurements, sensed: Sensed, fired_to_m: float, no_double: bool
     ) -> None:
-        """Note what lands here, and look for ground ahead that has its material."""
+        """Records what lands here, and looks for done ground ahead."""
         place = None
         if sensed.position_ok and sensed.east_m is not None and sensed.north_m is not None:
             place = (sensed.east_m, sensed.north_m)
@@ -182,8 +185,8 @@ class Ahead:
         )
 
     def profile(self, choices: Choices, may_outside: bool, spread_to_m: float = -inf) -> Profile:
-        """Targets along the track: chosen, not where something lies already, not outside.
-        spread_to_m: where the machine has backed up, nothing more before this place."""
+        """Returns the profile of targets along the track: the chosen source, without done ground
+        and ground outside. spread_to_m: after reversing, nothing more before this place."""
         wanted = self._chosen(choices.source, choices.manual_rate_kg_ha)
         by_section = self._by_section(choices)
         if self._headland is not None and not (
@@ -201,12 +204,12 @@ class Ahead:
         )
 
     def _by_section(self, choices: Choices) -> bool:
-        """Whether every section is switched by its own strip: then the whole machine is not.
-        Doses are the whole machine's."""
+        """Returns whether each section is switched by its own strip instead of the whole
+        machine. Doses are always the whole machine's."""
         return bool(self.sections.strips) and choices.source is not TargetSource.POINT
 
     def ground(self, choices: Choices, may_outside: bool) -> SectionsGround:
-        """What says which sections are to be on."""
+        """Returns the ground by which the sections are switched."""
         nothing = self._headland is not None and self._headland_target.rate_kg_ha <= 0.0
         by_map = self.map is not None and choices.source is TargetSource.MAP
         return SectionsGround(
@@ -235,7 +238,8 @@ class Ahead:
     def source_rates(
         self, sources: tuple[TargetSource, ...], manual_rate_kg_ha: float, track_m: float
     ) -> tuple[float | None, ...]:
-        """What each of these sources gives here, kg/ha, without the nudge; None: single doses."""
+        """Returns the rate of each of these sources here, kg/ha, without the nudge; None: single
+        doses."""
         return tuple(
             [
                 None
@@ -253,8 +257,8 @@ class Ahead:
         choices: Choices,
         may_outside: bool,
     ) -> bool | None:
-        """Whether what is released now lands inside the field, of some section at least; None
-        where no field is known. stop: asked for the lag of a stop, where that counts."""
+        """Returns whether material released now lands inside the field, of some section at
+        least; None where no field is known. stop: returns the lag of a stop, where that counts."""
         sensed = moment.sensed
         if self.fence is None:
             return None
@@ -273,9 +277,9 @@ class Ahead:
         )
 
     def is_done(self, place_m: float) -> bool:
-        """Whether a place of the track has its material."""
+        """Returns whether a place of the track has its material."""
         return not self.overlap.inside(place_m)
 
     def is_headland(self, place_m: float) -> bool:
-        """Whether a place of the track lies on a headland that has a rate of its own."""
+        """Returns whether a place of the track lies on a headland with its own rate."""
         return self._headland is not None and not self._headland.inside(place_m)

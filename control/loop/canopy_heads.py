@@ -1,4 +1,5 @@
-"""The canopy heads in the loop: their newest readings fused, and decided upon."""
+"""Which NDVI do the canopy heads measure, and which rate follows? Their newest readings are
+fused, and decisions made."""
 
 from __future__ import annotations
 
@@ -10,11 +11,13 @@ from topdress.control.sensing import Sensed
 from topdress.control.targets.canopy import CanopyDecisions
 from topdress.control.targets.index_map import IndexMap
 
-LATENCY_S = 0.5  # a head's reading may be one period old
+# A head's reading may be one period old, s.
+LATENCY_S = 0.5
 
 
 class CanopyHeads:
-    """`fused`: newest; None before the first look. `by_map`: the index map stands in."""
+    """Fuses the heads of a run. `fused`: newest result; None before the first look. `by_map`:
+    the index map replaces the heads."""
 
     def __init__(
         self,
@@ -25,9 +28,16 @@ class CanopyHeads:
         heads_m: float = 0.0,
         zones: IndexMap | None = None,
     ) -> None:
-        """index: of the crop's rule; readings of another one are as none. under: what stands in
-        for silent heads, which look at the ground `heads_m` before the outlets. zones: factors
-        of the rule."""
+        """Starts without readings.
+
+        Parameters
+        ----------
+        heads : number of heads.
+        decisions : turns samples into decided rates.
+        index : of the crop's rule; readings of another index are ignored.
+        under : index map that replaces silent heads.
+        heads_m : distance of the heads ahead of the outlets, m.
+        zones : factors of the rule by places."""
         self._index = index
         self.decisions = decisions
         self.fused: fusion.Fused | None = None
@@ -38,7 +48,7 @@ class CanopyHeads:
         self.by_map = False
 
     def look(self, m: Measurements, sensed: Sensed) -> None:
-        """Fuse what is new, or has grown old; decide when a period has passed."""
+        """Fuses new readings and drops old ones; decides when a period has passed."""
         if m.canopy_index != self._index:
             m = m._replace(ndvi=(None,) * len(m.ndvi))
         now = m.time_s
@@ -51,14 +61,15 @@ class CanopyHeads:
                 self.decisions.pause()
             else:
                 self._sample(self.fused.ndvi, fresh, sensed)
-        # not known: the last zone holds
+        # Without a place the last zone holds.
         if self._zones is not None and (place := self._seen(sensed)) is not None:
             factor = self._zones.at(*place)
             self.decisions.zone_factor = 1.0 if factor is None else factor
         self.decisions.decide(sensed.track_m, now)
 
     def _sample(self, read: float | None, fresh: bool, sensed: Sensed) -> None:
-        """What the heads read; where they are silent what the map has under them."""
+        """Takes the heads' reading as a sample; where they are silent the map's value under
+        them."""
         place = None if self._under is None else self._seen(sensed)
         mapped = None if self._under is None or place is None else self._under.at(*place)
         self.by_map = read is None and mapped is not None
@@ -78,7 +89,7 @@ class CanopyHeads:
             )
 
     def _seen(self, sensed: Sensed) -> tuple[Place, float] | None:
-        """Where the heads look, and the course; None without a place."""
+        """Returns the place that the heads look at, and the course; None without a place."""
         if (
             not sensed.position_ok
             or sensed.east_m is None
@@ -92,10 +103,10 @@ class CanopyHeads:
 
     @property
     def valid(self) -> int:
-        """Heads that agree."""
+        """Returns the number of heads that agree."""
         return self.fused.valid if self.fused else 0
 
     @property
     def dropped(self) -> tuple[int, ...]:
-        """Heads left out, 1-based."""
+        """Returns the heads that are left out, counted from 1."""
         return self.fused.dropped if self.fused else ()

@@ -1,4 +1,4 @@
-"""Point mode in the loop: the dose that is due, nothing outside the field, no plant twice."""
+"""Which dose is due in this tick of point mode? None outside the field, no plant twice."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ from topdress.control.targets.profile import Target
 
 
 class Doses:
-    """`ahead_m`: how far ahead of the outlet the plant of the newest dose stood when it was
-    ordered."""
+    """Plans the doses of a run. `ahead_m`: distance ahead of the outlet of the newest dose's
+    plant when it was ordered, m."""
 
     def __init__(
         self, machine: Machine, points: PointSource, ahead: Ahead, limits: DriveLimits
@@ -35,7 +35,7 @@ class Doses:
         self._limits = limits
 
     def look(self, m: Measurements, sensed: Sensed) -> None:
-        """Take in the plants ahead; not in turns, not backing up."""
+        """Takes the plants ahead; not in turns, not while reversing."""
         place = None
         straight = abs(sensed.turn_deg_s) <= STRAIGHT_DEG_S and not sensed.backwards
         if (
@@ -56,24 +56,25 @@ class Doses:
 
     @property
     def fastest_mps(self) -> float:
-        """Ground speed above which doses begin to be missed."""
+        """Returns the ground speed above which doses are missed, m/s."""
         return self.points.fastest_mps
 
     @property
     def threshold(self) -> Threshold:
-        """As learned."""
+        """Returns the learnt threshold."""
         return self.points.mode.threshold
 
     def are_chosen(self, choices: Choices) -> bool:
-        """Whether plants are what the target comes from."""
+        """Returns whether plants are the source of the target."""
         return choices.source is TargetSource.POINT
 
     def may_turn(self, now_s: float) -> bool:
-        """Whether a dose that was ordered may still be turning."""
+        """Returns whether an ordered dose may still be turning."""
         return self.points.may_turn(now_s)
 
     def target(self, sensed: Sensed, may_outside: bool) -> Target:
-        """Doses where the next one would fall inside the field, nothing outside."""
+        """Returns doses as the target where the next one would fall inside the field, nothing
+        outside."""
         fence = self._ahead.fence
         if fence is None or may_outside:
             return DOSES_ONLY.target
@@ -83,7 +84,7 @@ class Doses:
     def due(
         self, moment: Moment, choices: Choices, verdict: Verdict
     ) -> tuple[DoseOrder | None, list[str]]:
-        """The dose to be commanded now; doses and misses as events of the row."""
+        """Returns the dose to be commanded now, and doses and misses as events of the row."""
         sensed = moment.sensed
         at_work = verdict.state is State.WORKING and not self.dosed_earlier(
             sensed, choices.no_double
@@ -109,8 +110,8 @@ class Doses:
         return dose, events
 
     def dosed_earlier(self, sensed: Sensed, no_double: bool) -> bool:
-        """Whether the plant of a dose commanded now has its dose from an earlier part of the
-        job."""
+        """Returns whether the plant of a dose commanded now has its dose from an earlier part of
+        the job."""
         if (
             not no_double
             or sensed.east_m is None
@@ -124,7 +125,8 @@ class Doses:
         )
 
     def rate_kg_ha(self, c: Conditions) -> float:
-        """What the doses amount to at the mean spacing of the last ones; 0 before there are two."""
+        """Returns the rate of the doses at the mean spacing of the last ones, kg/ha; 0 before
+        the second."""
         spacing_m = self.points.spacing_m
         if not spacing_m:
             return 0.0
@@ -134,11 +136,12 @@ class Doses:
         return dose_kg * 10_000.0 / (spacing_m * self._machine.geometry.working_width_m)
 
     def counted(self, totals: Totals) -> Totals:
+        """Returns the totals with the numbers of doses."""
         return totals._replace(doses=self.points.doses, doses_missed=self.points.missed)
 
 
 class NoDoses:
-    """A job without plants, asked as `Doses` is: no dose is ever due."""
+    """Replaces `Doses` in a job without plants: no dose is ever due."""
 
     ahead_m = 0.0
     fastest_mps = inf

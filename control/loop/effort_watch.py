@@ -1,4 +1,4 @@
-"""Does the metering drive work as hard as it should? What a loop that holds its speed hides.
+"""Does the metering drive work as hard as it should? A loop that holds its speed hides that.
 Pure."""
 
 from __future__ import annotations
@@ -12,57 +12,59 @@ from topdress.control.machine.machine import Machine
 from topdress.control.metering.inverse import Conditions
 from topdress.control.readings import NO_EFFORT, EffortSays, Measurements, held
 
-# of a first-order mean: 96 % of a step within the 10 s in which it is to be said
+# Time constant of the mean effort, s: 96 % of a step within the 10 s until it is reported.
 MEAN_S = 3.0
-# of the mean that a drive is held against: its own error adds 0.5 % to the noise
+# Time constant of the drive's usual effort, s: its own error adds 0.5 % to the noise.
 USUAL_S = 100.0 * MEAN_S
-# of turning, before that mean is believed: its own error adds a tenth
+# Turning time before the usual effort is trusted, s: its own error adds a tenth.
 SETTLES_S = 10.0 * MEAN_S
-# Of what the machine file's tolerance leaves open, which is how sound drives differ from run to
-# run (1.8 to 3.5 %: Cranfield's ball screw): one sound drive of 740 is beyond it, until a
-# reference of its own is taken.
+# Limit in standard deviations of the machine file's tolerance, which is the difference of healthy
+# drives from run to run (1.8 to 3.5 %: Cranfield's ball screw): one healthy drive of 740 exceeds it
+# until its own reference is measured.
 LEAST_SD = 3.0
-# Of the mean, by the machine file's noise of a reading (`calibrate effort` has it from what a
-# sound run is off its fit): chance alone is beyond it, on either side, after MEAN_S sqrt(2 pi)
-# exp(NOISE_SD^2 / 2) / NOISE_SD of turning on the mean (first passage of a first-order process:
-# Siegert, Phys. Rev. 81, 1951, 617): 23,000 h, a season has some 300.
+# Limit in standard deviations of the mean, by the machine file's noise of a reading (`calibrate
+# effort` takes it from the residuals of a healthy run). Chance alone exceeds it on either side
+# after MEAN_S sqrt(2 pi) exp(NOISE_SD^2 / 2) / NOISE_SD of turning on average (first passage of a
+# first-order process: Siegert, Phys. Rev. 81, 1951, 617): 23,000 h; a season has some 300.
 NOISE_SD = 6.0
-# of the bounds, within which what was said is over: at one bound noise would flicker
+# Share of the bounds within which a finding ends: at the bound itself noise would flicker.
 HOLDS = 0.5
-# of turning within them, until it is over
+# Turning time within these bounds until a finding ends, s.
 BACK_S = 5.0 * MEAN_S
-# that a duty cycle grows by where an unmeasured supply falls as the engine idles
+# Growth of a duty cycle as an unmeasured supply falls while the engine idles.
 SUPPLY_SHARE = 1.2 / 12.3
-# of the material's load: as near to none of it as to all, so that either error is as likely
+# Share of the material's load that separates loaded from unloaded: both errors are equally likely.
 LOAD_SHARE = 0.5
 
 
 class EffortWatch:
-    """`says`: what the drive's effort says, now. Once a tick `update`.
+    """Watches the metering drive's effort. `says` is the present finding; `update` is called
+    once a tick.
 
-    What begins at once is held against what this drive did in the last minutes; what was there
-    all along, against the machine file and its tolerances.
-    """
+    A sudden change is compared with this drive's last minutes; a constant error with the machine
+    file and its tolerances."""
 
     def __init__(self, machine: Machine) -> None:
         self._machine, self._tells = machine, machine.has("effort")
-        self._off: float | None = None  # measured less expected
-        # the same as a share, for minutes; for how long it was known
+        # Measured minus expected effort.
+        self._off: float | None = None
+        # Mean of that as a share over minutes, and the turning time behind it, s.
         self._usual = self._turned_s = 0.0
-        self._back_s = 0.0  # within its bounds, though something was said
-        # the same as `_usual`, where it was last judged
+        # Time within the bounds since a finding, s.
+        self._back_s = 0.0
+        # Value of `_usual` at the last judgement.
         self._said_share = 0.0
         self._rests = NO_EFFORT._replace(unit=machine.effort_unit if self._tells else "")
         self.says = self._rests
 
     def update(self, m: Measurements, c: Conditions, dt_s: float, turns: bool) -> None:
-        """turns : material is to flow by a turning shaft; else nothing is judged."""
+        """Takes one tick. turns: material is to flow by a turning shaft; else nothing is judged."""
         effort, rpm, opening_mm = (
             held(read, m.time_s, HOLDS_S["shaft_effort"]) if self._tells and turns else None
             for read in (m.shaft_effort, m.shaft_rpm, m.opening_mm)
         )
         if effort is None or rpm is None or opening_mm is None or not rpm > 0.0:
-            # what was said holds until it turns again, and is judged from there on
+            # A finding holds until the shaft turns again.
             self._off, self.says = (
                 None,
                 self._rests._replace(
@@ -85,8 +87,8 @@ class EffortWatch:
         unknown = own.by_supply * SUPPLY_SHARE * should if c.supply_v is None else 0.0
         keeps = HOLDS if self.says.harder_percent or self.says.unloaded else 1.0
         sudden = keeps * max(LOAD_SHARE * load, chance, unknown)
-        # what a sound drive's parts, each within its tolerance (1 s.d.), and its supply leave
-        # open of its effort
+        # Standard deviation of a healthy drive's effort: its parts within their tolerances, and
+        # its supply.
         sd = hypot(
             0.01 * machine.tolerance.effort_percent * hypot(friction, drag, load), 0.5 * unknown
         )
@@ -94,7 +96,7 @@ class EffortWatch:
         more, less = (usual + sudden, usual - sudden) if self._turned_s > SETTLES_S else (inf, -inf)
         more, less = min(far, more), max(-far, less) if load > chance else -should
         high, low = off > more, off < less
-        # as the shaft runs down at a pass's end, hardly anything shows
+        # While the shaft runs down at the end of a pass hardly anything shows.
         self._back_s = 0.0 if high or low or keeps == 1.0 else self._back_s + dt_s
         harder_percent = 100.0 * max(off, off - usual) / max(should, 1e-9) if high else 0.0
         if 0.0 < self._back_s < BACK_S:
@@ -117,7 +119,7 @@ class EffortWatch:
 
 
 def effort_input(machine: Machine, rpm: float, opening_mm: float, c: Conditions) -> EffortInput:
-    """What the metering drive's effort depends on, at a steady speed."""
+    """Returns the variables of the metering drive's effort at a steady speed."""
     full = 1.0 if c.hopper_kg is None else c.hopper_kg / machine.flow.full_kg
     nominal_v = machine.shaft.nominal_supply_v
     return EffortInput(

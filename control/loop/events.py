@@ -1,22 +1,23 @@
-"""Events on their way into rows: none of them longer, no row with more, than a log's readers
-take."""
+"""Which events does a row take? No event is longer, and no row has more, than readers of a log
+accept."""
 
 from __future__ import annotations
 
 from collections import deque
 
-EVENT_CHARACTERS = 1_000  # of one event; an operator's mark may be as long
-# of all events of a row together, separators included: were each of them a comma, a reader that
-# looks for columns (2,000 at most) would still take the row
+# Longest event, characters; an operator's mark may be as long.
+EVENT_CHARACTERS = 1_000
+# Greatest length of a row's events, characters, separators included: even if each were a comma, a
+# reader that looks for columns (2,000 at most) would accept the row.
 ROW_CHARACTERS = 1_800
-# that wait for their row: of what comes then only the number is kept
+# Greatest number of waiting events; of later ones only the number is kept.
 MOST_WAITING = 1_000
 _CUT = "..."
 
 
 class Events:
-    """`add` as they happen, `of_one_row` once a tick. In their order; what one row cannot hold
-    waits for the next."""
+    """Holds events until their row. `add` as they happen, `of_one_row` once a tick. They keep
+    their order; what one row cannot hold waits for the next."""
 
     def __init__(self) -> None:
         self._waiting: deque[str] = deque()
@@ -38,7 +39,7 @@ class Events:
                 )
 
     def of_one_row(self) -> list[str]:
-        """Those that the next row takes."""
+        """Returns the events that the next row takes."""
         found: list[str] = []
         left = ROW_CHARACTERS
         while self._waiting and (left := left - len(self._waiting[0]) - 1) >= 0:

@@ -1,5 +1,5 @@
-"""Where shaft and gate should be by now: the drives as the model knows them, given the
-untrimmed set-points."""
+"""Where should shaft and gate be by now? The drives as the model knows them, with the untrimmed
+set-points."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ from topdress.control.readings import DriveCommand
 
 
 class ExpectedDrives:
-    """`pair`: shaft speed and opening expected now."""
+    """Follows the drives in the model. `pair`: shaft speed and opening expected now."""
 
     def __init__(self, machine: Machine, steps: Steps | None = None) -> None:
-        """steps: compiled, for long runs."""
+        """Starts at rest. steps: compiled, for long runs."""
         self._machine = machine
         self._steps = steps
         self._drives: Any = None
         self.begin(machine.set_points.opening_mm, 0.0)
 
     def begin(self, opening_mm: float, now_s: float) -> None:
-        """The shaft stands, the gate is here."""
+        """Starts with a standing shaft and the gate at `opening_mm`."""
         shaft, gate = make_shaft_start(0.0, now_s), make_gate_start(opening_mm, now_s)
         self._shaft, self._gate = (
             shaft._replace(line=convert_to_lists(shaft.line)),
@@ -40,8 +40,8 @@ class ExpectedDrives:
     def step(
         self, command: DriveCommand, supply_v: float | None, dt_s: float, more: More = NOTHING
     ) -> None:
-        """`command`: without trims; `supply_v` None: not measured; `more`: what the machine's
-        terms add."""
+        """Advances the drives. `command`: without trims; `supply_v` None: not measured; `more`:
+        additions of the machine's terms."""
         if dt_s <= 0.0:
             return
         supply = supply_v if supply_v is not None else self._machine.shaft.nominal_supply_v

@@ -1,5 +1,5 @@
-"""The machine file's terms as control knows them: those that it can take back, at the readings
-of this tick."""
+"""Which terms of the machine file can control compensate, and what do they amount to at this
+tick's readings?"""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ SCALE = (Acts.SCALE_KG,)
 
 
 class KnownTerms:
-    """Stepped once a tick. A reading that is not known leaves its terms out."""
+    """Advances the terms once a tick. A term is left out while its reading is unknown."""
 
     def __init__(self, machine: Machine) -> None:
         self._machine = machine
@@ -38,7 +38,7 @@ class KnownTerms:
         command: DriveCommand | None,
         dt_s: float,
     ) -> None:
-        """`command`: the one that was in force until now; `since_s`: since the run began."""
+        """Advances the terms. `command`: in force until now; `since_s`: since the run began."""
         if not self._terms:
             return
         values = {
@@ -72,11 +72,11 @@ class KnownTerms:
 
     @property
     def drives(self) -> More:
-        """What shaft and gate are off by with what they have been commanded."""
+        """Returns the errors of shaft and gate with their present commands."""
         return NOTHING if self.now is None else self.now.at(DRIVES)
 
     def weighed(self, scale: Reading | None) -> Reading | None:
-        """The scale's reading without what it reads too much."""
+        """Returns the scale's reading without the error of its terms."""
         if scale is None or self.now is None:
             return scale
         return scale._replace(value=scale.value - self.now.at(SCALE).scale_kg - self._ran_away_kg)

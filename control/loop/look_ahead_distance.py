@@ -1,4 +1,5 @@
-"""How far ahead a change of the target must be made; answers `targets.lag_correction.Reach`."""
+"""How far ahead must a change of the target be made? The answer to
+`targets.lag_correction.Reach`."""
 
 from __future__ import annotations
 
@@ -7,12 +8,13 @@ from topdress.control.machine.change_lag import ChangeLags, Lag, Settled
 from topdress.control.metering.setting import Setting
 from topdress.control.targets.profile import Target, TargetChange
 
-FARTHEST_S = 4.0  # changes are looked for this far ahead
+# Changes are looked for this far ahead, s.
+FARTHEST_S = 4.0
 
 
 class TickReach:
-    """At one tick. opening_mm: expected now; `look_ahead` False: changes are made where they
-    belong; open_share: of the working width."""
+    """Calculates lags and distances of one tick. opening_mm: expected now; `look_ahead` False:
+    changes are made at their place; open_share: of the working width."""
 
     def __init__(
         self,
@@ -29,16 +31,16 @@ class TickReach:
         self._opening_mm = opening_mm
         self._speed = moment.speed_mps
         self._ahead = moment.ahead
-        # a change waits that long for its tick, on average
+        # Mean time for which a change waits for its tick, s.
         self._half_tick_s = 0.5 * moment.dt_s
         self._conditions = moment.conditions
         self._look_ahead = look_ahead
-        # lag by rate: a tick asks for the same rate several times
+        # Settled pair by rate: a tick needs the same rate several times.
         self._kept: dict[float, Settled] = {}
         self.farthest_m = self._speed * FARTHEST_S + 1.0 if look_ahead else 0.0
 
     def lag(self, before: Target, change: TargetChange) -> Lag:
-        """A change between two settled pairs, played through the model."""
+        """Returns the lag of a change between two settled pairs, simulated with the model."""
         one, other = self._settled(before.rate_kg_ha), self._settled(change.target.rate_kg_ha)
         by_gate = self._setting.by_gate(before.rate_kg_ha, change.target.rate_kg_ha)
         if by_gate is not None and one.shaft_rpm > 0.0 and other.shaft_rpm > 0.0:
@@ -51,14 +53,15 @@ class TickReach:
         return self._ahead.way_m(lag.total_s + self._half_tick_s)
 
     def switch_m(self, in_s: float, lag: Lag, answers_s: float) -> float:
-        """Where what is to be released from `in_s` on lands, m ahead: `lag` of the change that
-        the flow makes then, of which `answers_s` pass before what it releases is half-way."""
+        """Returns how far ahead material lands that is released from `in_s` on, m: `lag` of the
+        change that the flow makes then, of which `answers_s` pass before its release is
+        half-way."""
         if not self._look_ahead:
             return 0.0
         return self._ahead.way_m(in_s + max(0.0, lag.total_s - answers_s) + self._half_tick_s)
 
     def small_change_lag(self, held_kg_ha: float, else_kg_ha: float) -> Lag:
-        """Lag of a small change from a rate; where that rate is nothing, from another one."""
+        """Returns the lag of a small change from a rate; where that rate is 0, from another one."""
         held = self._settled(held_kg_ha)
         if held.shaft_rpm <= 0.0:
             held = self._settled(else_kg_ha)

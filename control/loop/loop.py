@@ -1,4 +1,5 @@
-"""One tick of control: measurements in, commands and a log row out. No clock, no port, no file."""
+"""What does control do in one tick? Measurements in, commands and a log row out. No clock, no
+port, no file."""
 
 from __future__ import annotations
 
@@ -71,11 +72,14 @@ from topdress.control.targets.point import Threshold
 from topdress.control.targets.point_source import PointSource
 from topdress.control.targets.profile import Target, TargetChange
 
+# A longer tick counts as this, s.
 LONGEST_TICK_S = 1.0
-# half a second at 20 Hz, as long as a drive may be silent
+# Ticks of a standing clock until no reading is trusted: half a second at 20 Hz, as long as a drive
+# may be silent.
 STANDING_TICKS = 10
-GROWTH_REPORTED_S = 15.0  # after START, of a crop outside its window
-# why a rule's rate is nothing
+# Time after START for which a crop outside its growth window is reported, s.
+GROWTH_REPORTED_S = 15.0
+# Reasons why a rule's rate is 0.
 ZERO_BY_CANOPY = ("above_cutoff", "below_cutoff", "yield_reached", "no_zone")
 OF_THE_CANOPY = (TargetSource.CANOPY, TargetSource.INDEX_MAP, TargetSource.FALLBACK)
 ZERO_BY_SOURCE = (
@@ -84,12 +88,13 @@ ZERO_BY_SOURCE = (
     TargetSource.FALLBACK,
     TargetSource.EXTERNAL,
 )
-SLOWEST_MPS = 0.3  # below, flow over speed means nothing
+# Below this speed, m/s, flow over speed is no meaningful rate.
+SLOWEST_MPS = 0.3
 
 
 class ControlLoop:
-    """One run of one machine on one job. Call `order` between ticks, `tick` once per control
-    period."""
+    """Controls one run of one machine on one job. `order` is called between ticks, `tick` once a
+    control period."""
 
     def __init__(
         self,
@@ -111,11 +116,21 @@ class ControlLoop:
         steps: Steps | None = None,
         record_only: bool = False,
     ) -> None:
-        """obeyed: False where the drives follow other commands, as in a log that is gone
-        through again. index_map: for where the heads are silent. zone_map: factors of the
-        canopy's rule by places. done: ground that others have covered. steps: compiled, for
-        long runs. record_only: nothing is commanded, what somebody else's machine does is
-        recorded."""
+        """Starts a run.
+
+        Parameters
+        ----------
+        machine, crop, rule, job : as their files say.
+        fence, headland : the field's edge, and the edge of a headland with its own rate.
+        has_work_switch : a work switch is fitted.
+        safety_limits : None: the published table.
+        prescription, points : sources of map mode and point mode.
+        obeyed : False where the drives follow other commands, as in a replayed log.
+        index_map : replaces silent heads.
+        zone_map : factors of the canopy's rule by places.
+        done : ground that others have covered.
+        steps : compiled, for long runs.
+        record_only : nothing is commanded; the work of another controller's machine is recorded."""
         self.machine = machine
         self.crop = crop
         self.job = job
@@ -160,7 +175,8 @@ class ControlLoop:
         self._near = MapNear(
             None if prescription is None else prescription.prescription, job.field.boundary_m
         )
-        self._sensed: Sensed | None = None  # of the newest tick
+        # Result of the newest tick.
+        self._sensed: Sensed | None = None
         self._queue = ChangeQueue(Target(0.0, TargetSource.NONE))
         self._lags = ChangeLags(machine)
         self._setting = Setting(machine, job.strategy)
@@ -214,7 +230,8 @@ class ControlLoop:
 
     @property
     def totals(self) -> Totals:
-        """Area, product, nitrogen and evenness so far. Takes some 50 us: not for every tick."""
+        """Returns area, product, nitrogen and uniformity so far. It takes some 50 us: not for
+        every tick."""
         covered = self._ahead.overlap.covered
         totals = self._totals.snapshot()._replace(
             covered_ha=covered.area_ha,
@@ -225,32 +242,38 @@ class ControlLoop:
 
     @property
     def sums(self) -> Sums:
-        """What a later loop needs to go on with the totals. Takes some 50 us: not for every
-        tick."""
+        """Returns the sums with which a later loop continues the totals. It takes some 50 us:
+        not for every tick."""
         return self._totals.sums
 
     @property
     def plane(self) -> TangentPlane | None:
-        """On which places are given; None before the first fix where neither field nor map has
-        one."""
+        """Returns the plane of all places; None before the first fix where neither field nor map
+        has a plane."""
         return self._sensing.plane
 
     @property
     def dose_ahead_m(self) -> float:
-        """How far ahead of the outlet the plant of the newest dose stood when it was ordered."""
+        """Returns how far ahead of the outlet the newest dose's plant stood when it was ordered,
+        m."""
         return self._doses.ahead_m
 
     @property
     def threshold(self) -> Threshold | None:
-        """Of point mode, as learned."""
+        """Returns the learnt threshold of point mode."""
         return self._doses.threshold
 
     def go_on(
         self, sums: Sums, done: Raster, plane: TangentPlane | None, after_cut_kg: float = 0.0
     ) -> None:
-        """Before the first tick: go on with a job that was cut off. done: on `plane`, what its
-        parts have spread. after_cut_kg: of the sums, what is thought to have been released
-        after the last row; the first row says so."""
+        """Resumes a job that was cut off, before the first tick.
+
+        Parameters
+        ----------
+        sums : totals of the earlier parts.
+        done, plane : ground that they have spread, on `plane`.
+        after_cut_kg : part of the sums that was presumably released after the last row; the
+            first row reports it."""
         self._totals = Totaliser(
             self.machine.geometry.working_width_m, self.crop.product_n_fraction, sums
         )
@@ -267,25 +290,25 @@ class ControlLoop:
             self._events.add(f"released_after_cut {after_cut_kg:.3f}")
 
     def spread_by_others(self, done: Raster) -> None:
-        """Ground, on this loop's plane, that another job has spread: it counts to no total
-        here, and gets no more."""
+        """Adds ground, on this loop's plane, that another job has spread: it counts to no total
+        here and gets no more."""
         self._ahead.overlap.seed(done, ours=False)
 
     def target_at(self, track_m: float) -> Target:
-        """The target that holds at a place of the track, fence included: what the ground was
-        meant to get."""
+        """Returns the target at a place of the track, field edge included: the rate that the
+        ground should get."""
         return self._ahead.profile(self._operator.choices, self.safety.memory.allow.outside).at(
             track_m
         )
 
     def note(self, event: str) -> None:
-        """An event of the log that changes nothing."""
+        """Adds an event to the log that changes nothing."""
         self._events.add(event)
 
     def order(self, order: Order, by: str = "") -> Answer:
-        """Obey or refuse; `Answer.why` says why. by: who ordered it, an event behind the
-        order's own."""
-        # nothing but a word in the log: it can wait
+        """Executes or refuses an order; `Answer.why` gives the reason. by: who ordered it,
+        written behind the order's event."""
+        # A mark is only a text in the log and can wait.
         if order.do is Do.MARK and self._events.full:
             return Answer(False, "busy")
         answer, event = self._operator.order(order, self._time_s or 0.0)
@@ -296,21 +319,21 @@ class ControlLoop:
         return answer
 
     def _started(self) -> None:
-        """The operator wants flow from here on, also where some lies already. A crop beyond the
-        stages of its rule is said, and stops nothing."""
+        """Releases done ground, because the operator wants flow from here on. A crop outside the
+        stages of its rule is reported and stops nothing."""
         if self._growth is not None and self._growth.is_outside:
             self._events.add(f"growth_stage_outside {self._growth.text}")
             self._growth_reported_s = self._time_s or 0.0
         self._backing.forget()
         self._flow_trim.started()
         self._near.started()
-        # else no place gets it twice, whoever wants it
+        # Under a yearly ceiling no place gets material twice.
         if self.job.nitrogen.year_max_kg_ha is None:
             self._ahead.overlap.started()
             self._ahead.sections.started()
 
     def _why_no_start(self) -> str:
-        """What START is refused for beyond what safety knows; empty: nothing."""
+        """Returns why START is refused for reasons that safety does not know; empty: none."""
         if self.safety.memory.allow.map_elsewhere or self._ahead.map is None:
             return ""
         away_m = self._near.away_m(self._operator.choices.source, self._sensed)
@@ -329,8 +352,8 @@ class ControlLoop:
     def tick(
         self, m: Measurements, console_age_s: float | None = None, log_ok: bool = True
     ) -> Tick:
-        """console_age_s: since the operating console was heard; None: none is needed. log_ok:
-        rows reach the disk."""
+        """Runs one tick. console_age_s: since the operating console was heard; None: none is
+        needed. log_ok: rows reach the disk."""
         moment = self._look(m)
         decision = self._decide(moment)
         metered = self._meter(moment, decision)
@@ -360,7 +383,7 @@ class ControlLoop:
         return self._tick(moment, decision, metered, verdict, command)
 
     def _look(self, m: Measurements) -> Moment:
-        """Where the machine is, how fast, and what lies ahead."""
+        """Finds place and speed of the machine, and what lies ahead."""
         m, dt_s = self._at_time(possible(m))
         sensed = self._sensing.update(m)
         self._sensed = sensed
@@ -381,9 +404,9 @@ class ControlLoop:
         return Moment(m, sensed, self._conditions(m), dt_s, sensed.speed_mps or 0.0, ahead)
 
     def _at_time(self, m: Measurements) -> tuple[Measurements, float]:
-        """The measurements and the time since the tick before. A clock that goes back, or tells
-        no number, stands still here. Readings do not grow old while it stands: after
-        `STANDING_TICKS` none of them is believed."""
+        """Returns the measurements and the time since the last tick. A clock that goes backwards
+        or is no number stands still here. Readings do not age meanwhile: after `STANDING_TICKS`
+        none is trusted."""
         self._standing = (
             0 if self._time_s is None or self._time_s < m.time_s < inf else self._standing + 1
         )
@@ -403,8 +426,8 @@ class ControlLoop:
         return m, dt_s
 
     def _note_jump(self, m: Measurements, sensed: Sensed) -> None:
-        """Epochs that were refused become events; where a new place was taken, what was seen
-        ahead lay elsewhere."""
+        """Reports refused epochs as events; where a new place was accepted, the view ahead is
+        forgotten."""
         if sensed.refused_m is not None and m.gnss is not None and m.gnss.time_s != self._refused_s:
             self._refused_s = m.gnss.time_s
             self._events.add(f"position_refused {sensed.refused_m:.0f}")
@@ -414,14 +437,15 @@ class ControlLoop:
             self._queue.restart(Target(0.0, self._operator.choices.source), sensed.track_m)
 
     def _note_unplaced(self) -> None:
-        """What was spread while no place was known becomes an event of the row in which it is."""
+        """Reports material that was spread without a known place, in the row in which the place
+        is known again."""
         if self._ahead.unplaced is not None:
             way_m, is_done = self._ahead.unplaced
             event = "spread_unplaced" if is_done else "spread_unknown"
             self._events.add(f"{event} {way_m:.1f}")
 
     def _decide(self, moment: Moment) -> TickDecision:
-        """The target that what is released now must meet, and the pair that meets it."""
+        """Decides the target of the material released now, and the pair that meets it."""
         choices, sensed, now = self._operator.choices, moment.sensed, moment.m.time_s
         allow = self.safety.memory.allow
         reach = TickReach(
@@ -450,8 +474,8 @@ class ControlLoop:
         planned = wanted.rate_kg_ha * (1.0 + choices.nudge_percent / 100.0)
         rate = min(self.crop.max_rate_kg_ha, planned)
         lag = reach.small_change_lag(self._queue.holding.rate_kg_ha, self.crop.fallback_rate_kg_ha)
-        # Where the scale says that something else flows, a drive's reading may be wrong:
-        # nothing is made up by it.
+        # Where the scale contradicts the flow, a drive's reading may be wrong, and its error is
+        # not compensated.
         left = (
             self._drive_trim.left(self._setting.strategy is Strategy.SPEED_FIRST)
             if self._flow_trim.agrees
@@ -474,7 +498,7 @@ class ControlLoop:
         )
 
     def _find_breach(self, moment: Moment, decision: TickDecision) -> RangeBreach | None:
-        """What the machine spreads where its range does not reach the wanted rate."""
+        """Returns what the machine spreads where its range does not reach the wanted rate."""
         if decision.by_point:
             return None
         width_m = decision.open_share * self.machine.geometry.working_width_m
@@ -490,8 +514,8 @@ class ControlLoop:
     def _open_share(
         self, moment: Moment, holding: Target, reach: TickReach, by_point: bool
     ) -> float:
-        """Switch the sections; the share of the width that is to be open when a set-point of
-        now shows in the flow."""
+        """Switches the sections, and returns the open share of the width at the time when a
+        set-point of now shows in the flow."""
         sections, choices = self._ahead.sections, self._operator.choices
         if not sections.strips:
             return 1.0
@@ -519,8 +543,8 @@ class ControlLoop:
         return sections.share_at(now + answers_s)
 
     def _under_sections(self, holding: Target, now_s: float, open_share: float) -> Target:
-        """Nothing where no section is on, or about to be. Where a map wants nothing under the
-        machine's middle, but something under the sections that are on: that."""
+        """Returns the target of the open sections: nothing where none is open or about to be;
+        the sections' rate where the map wants nothing under the machine's middle."""
         sections, field_map = self._ahead.sections, self._ahead.map
         if not (sections.any_decided or open_share or sections.share_at(now_s)):
             return Target(0.0, holding.source) if sections.inside(now_s) else OUTSIDE
@@ -534,7 +558,7 @@ class ControlLoop:
         return Target(sections.map_rate_kg_ha(field_map.prescription), TargetSource.MAP)
 
     def _meter(self, moment: Moment, decision: TickDecision) -> Metered:
-        """What leaves the outlets now."""
+        """Returns what leaves the outlets now."""
         m, c = moment.m, moment.conditions
         opening, flow = self._opening(m), None
         if m.shaft_rpm is not None and opening is not None:
@@ -561,7 +585,7 @@ class ControlLoop:
             return Metered(flow, said.value, 1.0, None, self._metres_left_m, 1.0)
         share = self._ahead.sections.open_share(m.time_s)
         if share <= 0.0:
-            # a valve that stays open though commanded to close
+            # A valve may stay open although it is commanded to close.
             share = open_share(self.machine.switched, m)
         return Metered(
             flow if share > 0.0 or flow is None else 0.0,
@@ -573,7 +597,7 @@ class ControlLoop:
         )
 
     def _command_of(self, moment: Moment, decision: TickDecision, verdict: Verdict) -> DriveCommand:
-        """What the drives are commanded, through the last gate."""
+        """Returns the command of the drives, through the last gate."""
         if verdict.state is State.CALIBRATING:
             asked = self._calibrating()
         elif decision.by_point:
@@ -597,8 +621,8 @@ class ControlLoop:
     def _valves(
         self, moment: Moment, decision: TickDecision, verdict: Verdict, command: DriveCommand
     ) -> tuple[bool, ...]:
-        """What the valves are commanded, through the last gate. Nothing is opened while nothing
-        is to flow; calibrating is done with all of them open."""
+        """Returns the command of the valves, through the last gate. None opens while nothing is
+        to flow; calibrating is done with all of them open."""
         sections, off, now = (
             self._ahead.sections,
             self._operator.choices.sections_off,
@@ -626,13 +650,13 @@ class ControlLoop:
         verdict: Verdict,
         command: DriveCommand,
     ) -> None:
-        """Trims, expectation and totals follow what was commanded and measured."""
+        """Updates trims, expected drives and totals with what was commanded and measured."""
         m, sensed, dt_s, now = moment.m, moment.sensed, moment.dt_s, moment.m.time_s
         calibrating = verdict.state is State.CALIBRATING
         if self._ahead.hold is not None:
             self._ahead.hold.on = self._operator.choices.source is TargetSource.CANOPY
             self._ahead.hold.learns = verdict.state is State.WORKING
-        # a stopped shaft: the gate stays, nothing to trim
+        # With a stopped shaft the gate stays and nothing is trimmed.
         if command.shaft_rpm > 0.0 and not calibrating:
             expected = self._expected.pair
             self._drive_trim.update(
@@ -654,7 +678,7 @@ class ControlLoop:
         self._command = command
 
     def _weigh(self, moment: Moment, metered: Metered, catching: bool) -> None:
-        """The scale against what the shaft takes by its reading. catching: what is caught may
+        """Compares the scale with the flow by the shaft's reading. catching: caught material may
         be put back."""
         m, now = moment.m, moment.m.time_s
         if self._catch_test is not None and m.gnss is not None and m.gnss.utc:
@@ -682,8 +706,8 @@ class ControlLoop:
         verdict: Verdict,
         command: DriveCommand,
     ) -> None:
-        """Totals: the ground that is worked, and what leaves the machine though it is commanded
-        to stop."""
+        """Updates the totals: worked ground, and mass that leaves the machine although it is
+        commanded to stop."""
         m, now, applied = moment.m, moment.m.time_s, metered.rate_kg_ha
         runs_out = (
             m.shaft_rpm is not None and m.shaft_rpm.value >= 0.5 * self.machine.limits.shaft_low_rpm
@@ -714,8 +738,8 @@ class ControlLoop:
         self._stopped.command(now, command, verdict, self._expected.pair)
 
     def _hold_mean(self, moment: Moment, decision: TickDecision, given_kg_ha: float) -> None:
-        """Ground of the canopy counts to its mean: no headland with a rate of its own, nothing
-        a second time."""
+        """Adds ground to the mean of the canopy, without headlands with their own rate and
+        without ground done before."""
         hold, sensed = self._ahead.hold, moment.sensed
         if (
             hold is None
@@ -736,7 +760,7 @@ class ControlLoop:
         verdict: Verdict,
         command: DriveCommand,
     ) -> Tick:
-        """The row, and what the console shows."""
+        """Returns the row, and what the console shows."""
         choices, heads, usable_mps = self._operator.choices, self._ahead.heads, decision.usable_mps
         ndvi = head_ndvi(moment.m)
         events = self._events.of_one_row()
@@ -755,7 +779,7 @@ class ControlLoop:
             events=events,
             speed_told=self._newly_announced(moment.m),
         )
-        # nobody's state, as of a log that another program wrote
+        # The state of another controller is unknown, as in a log of another program.
         if self._record_only:
             row = row._replace(state=None, shaft_rpm_cmd=None, opening_mm_cmd=None)
             verdict = verdict._replace(why_state="record_only")
@@ -789,7 +813,7 @@ class ControlLoop:
     # ----------------------------------------------------------------------------------------
 
     def _planned_speed(self, now_s: float, sensed: Sensed) -> SpeedPlan | None:
-        """The job's, for the pass the machine is on, where the tractor tells none."""
+        """Returns the job's speed plan of the present pass where the tractor announces none."""
         place = (
             None
             if sensed.east_m is None or sensed.north_m is None
@@ -801,7 +825,7 @@ class ControlLoop:
         return None if mps is None else SpeedPlan(now_s, ((0.0, mps),))
 
     def _newly_announced(self, m: Measurements) -> str | None:
-        """What the tractor announced since the row before, as the row says it."""
+        """Returns the words of an announcement that is new since the last row."""
         if m.speed_told is None or m.speed_told.time_s == self._announced_s:
             return None
         self._announced_s = m.speed_told.time_s
@@ -823,8 +847,8 @@ class ControlLoop:
         )
 
     def _opening(self, m: Measurements) -> Reading | None:
-        """The opening as it truly is: a sensor's shift that the machine file knows is taken off
-        its reading."""
+        """Returns the true opening: a sensor's offset in the machine file is subtracted from the
+        reading."""
         read = m.opening_mm
         return (
             None if read is None else Reading(read.value - self.machine.gate.offset_mm, read.time_s)
@@ -833,7 +857,7 @@ class ControlLoop:
     def _over_ground(
         self, flow_kg_s: float | None, speed_mps: float, open_share: float
     ) -> float | None:
-        """kg/ha under what is open from flow and ground speed; None where nobody can tell,
+        """Converts a flow to a rate under the open width, kg/ha; None where it is unknown,
         unless nothing flows."""
         if flow_kg_s is None:
             return None
@@ -852,8 +876,8 @@ class ControlLoop:
         return left_m if left_m < inf else None
 
     def _usable_mps(self, lag: Lag) -> float:
-        """Highest speed at which a change is still made in time; infinite where no speed is too
-        high."""
+        """Returns the highest speed at which a change is still made in time; infinity where none
+        is too high."""
         source = self._operator.choices.source
         if self._doses.are_chosen(self._operator.choices):
             return self._doses.fastest_mps
@@ -864,7 +888,7 @@ class ControlLoop:
         )
 
     def _calibrating(self) -> DriveCommand:
-        """What a calibrating run asks for."""
+        """Returns the command of a calibrating run."""
         wanted, last = (
             self._operator.bench,
             self._command or DriveCommand(0.0, self._expected.pair.opening_mm),
@@ -883,7 +907,7 @@ class ControlLoop:
         )
 
     def _notes(self, moment: Moment, decision: TickDecision) -> tuple[str, ...]:
-        """What else is to be said of this tick."""
+        """Returns further remarks on this tick."""
         sensed, pair, choices = moment.sensed, decision.pair, self._operator.choices
         lands_m = sensed.track_m + moment.speed_mps * decision.lag.total_s
         notes = [f"limited_{pair.limited}"] if pair.limited else []
@@ -904,8 +928,8 @@ class ControlLoop:
         return tuple(notes)
 
     def _why_zero(self, source: TargetSource) -> list[str]:
-        """Why the target is nothing, where its source says so. A canopy's: by its newest
-        decision."""
+        """Returns why the target is 0, where its source gives a reason. A canopy's reason is
+        that of its newest decision."""
         if source in (TargetSource.CANOPY, TargetSource.INDEX_MAP):
             decided = self._ahead.heads.decisions
             why = (
@@ -923,15 +947,15 @@ class ControlLoop:
 
 
 def _stop(reach: TickReach, holding: Target, sensed: Sensed) -> Lag:
-    """The lag of a stop that is made here."""
+    """Returns the lag of a stop that is made here."""
     return reach.lag(holding, TargetChange(sensed.track_m, OUTSIDE))
 
 
 def _reckoned_m(
     machine: Machine, prescription: MapProfile | None, points: PointSource | None
 ) -> float:
-    """How far off a place may be that is reckoned: half the width, or half a cell of the map.
-    Doses are for plants."""
+    """Returns how inaccurate a reckoned place may be, m: half the width, or half a cell of the
+    map. Doses need a measured place."""
     if points is not None:
         return 0.0
     cell_m = inf if prescription is None else prescription.prescription.cell_m
@@ -945,8 +969,8 @@ def _plane(
     index_map: IndexMap | None,
     done: DoneGround | None,
 ) -> TangentPlane | None:
-    """Of the plant list, else of the map, of the field, of the index map, of the done ground;
-    None where none has one."""
+    """Returns the plane of the plant list, else of the map, the field, the index map or the done
+    ground; None where none has one."""
     if points is not None and points.plane is not None:
         return points.plane
     if prescription is not None:

@@ -1,9 +1,7 @@
-"""Does the map lie where the machine works? One that lies elsewhere gives its outside rate
-everywhere.
+"""Does the map lie where the machine works? A map elsewhere gives its outside rate everywhere.
 
-Looked at once for each START, at the first place known: from then on ground without a rate is
-the map's own affair.
-"""
+It is checked once for each START, at the first known place: from then on ground without a rate
+belongs to the map."""
 
 from __future__ import annotations
 
@@ -15,36 +13,39 @@ from topdress.control.orders import BY_MAP, State, TargetSource
 from topdress.control.sensing import Sensed
 from topdress.control.targets.prescription import Prescription
 
-# a machine that stands next to its field, or on a headland that the map leaves out
+# Distance within which the map is near, m: a machine next to its field, or on a headland that the
+# map leaves out.
 NEAR_M = 50.0
 
 
 class MapNear:
-    """`elsewhere_m`: how far the map lies from the machine at this START; None: near, not by a
-    map, not known yet."""
+    """Checks where the map lies. `elsewhere_m`: its distance from the machine at this START, m;
+    None: near, not used, or unknown."""
 
     def __init__(self, prescription: Prescription | None, corners: Sequence[Place]) -> None:
-        """corners: of the job's field, on the map's plane; none: no field is known."""
+        """Starts unchecked. corners: of the job's field, on the map's plane; empty: no field is
+        known."""
         self.elsewhere_m: float | None = None
         self._map = prescription
         self._field = Boundary(corners) if corners and prescription is not None else None
-        self._covers_field: bool | None = None  # the map has a rate somewhere in the field
+        # Whether the map has a rate somewhere in the field.
+        self._covers_field: bool | None = None
         self._looked = False
 
     def started(self) -> None:
-        """START, or another source while working: look again."""
+        """Requests a new check after START, or after another source while working."""
         self.elsewhere_m, self._looked = None, False
 
     def look(self, state: State, source: TargetSource, sensed: Sensed) -> None:
-        """Once a tick."""
+        """Checks the map once, at the first known place."""
         if not self._looked and state is State.WORKING and source in BY_MAP and sensed.position_ok:
             place = _place(sensed)
             self._looked = place is not None
             self.elsewhere_m = self.away_m(source, sensed)
 
     def away_m(self, source: TargetSource, sensed: Sensed | None) -> float | None:
-        """How far the map lies from the machine where that is elsewhere; None: near, not by a
-        map, or not known."""
+        """Returns the distance of a map that lies elsewhere, m; None: near, not used, or
+        unknown."""
         place = None if sensed is None else _place(sensed)
         if self._map is None or source not in BY_MAP or place is None:
             return None

@@ -1,5 +1,5 @@
-"""The operator's orders to the loop: what each changes, and what it is refused for. Those of
-safety go on to it."""
+"""What does each of the operator's orders to the loop change, and why is it refused? Orders of
+safety are passed on."""
 
 from __future__ import annotations
 
@@ -20,13 +20,14 @@ from topdress.control.targets.point_source import FARTHEST_DOSE_M, PointSource
 
 _SECTION = re.compile(r"(?P<number>\d{1,2}) (?P<to>off|auto)|all auto", re.ASCII)
 NUDGE_PERCENT = 30.0
-REFILL_ROUNDED_KG = 0.1  # a refill is noted to this
+# A refill is recorded in steps of this, kg.
+REFILL_ROUNDED_KG = 0.1
 YES = Answer(True)
 
 
 class Operator:
-    """What the operator has chosen. `started`: called when safety has accepted START;
-    `why_no_start`: what START is refused for, empty: nothing."""
+    """Holds the operator's choices. `started`: called when safety has accepted START;
+    `why_no_start`: returns why START is refused; empty: not refused."""
 
     def __init__(
         self,
@@ -45,7 +46,8 @@ class Operator:
         why_no_start: Callable[[], str] = str,
         record_only: bool = False,
     ) -> None:
-        """hopper_kg: what the hopper holds; more than that is no refill."""
+        """Starts with the job's choices. hopper_kg: capacity of the hopper; a refill cannot be
+        more."""
         self._record_only = record_only
         self.choices = Choices(
             TargetSource(job.target.source),
@@ -79,9 +81,10 @@ class Operator:
         )
 
     def order(self, order: Order, now_s: float) -> tuple[Answer, str]:
-        """Obey or refuse; the answer, and the row's event, empty where there is none."""
+        """Executes or refuses an order; returns the answer and the row's event, empty where
+        there is none."""
         before = self._safety.state
-        # the button is still down
+        # Repeated orders mean that the button is still down.
         held_down = (order.do is Do.CALIBRATE and before is State.CALIBRATING) or (
             order.do is Do.START and before is State.WORKING and self._safety.start_is_held(now_s)
         )
@@ -106,7 +109,7 @@ class Operator:
         return YES
 
     def _source(self, order: Order, now_s: float) -> Answer:
-        """Map and point only where the job has them."""
+        """Changes the source; map and point only where the job has them."""
         if order.value not in self.sources:
             return Answer(False, "source_not_ready")
         self.choices = self.choices._replace(source=TargetSource(str(order.value)))
@@ -142,7 +145,7 @@ class Operator:
         return YES
 
     def _section(self, order: Order, now_s: float) -> Answer:
-        """Closed by hand, or left to what the ground wants."""
+        """Closes a section by hand, or leaves it to the ground."""
         found = _SECTION.fullmatch(order.value) if isinstance(order.value, str) else None
         if found is None:
             return Answer(False, "section_off_or_auto")
@@ -158,7 +161,7 @@ class Operator:
         return YES
 
     def _strip(self, order: Order, now_s: float) -> Answer:
-        """From the next decision on it counts; what is decided already stays."""
+        """Takes a measured strip: it counts from the next decision on; earlier decisions stay."""
         strip = read_strip(order.value)
         if strip is None:
             return Answer(False, "strip_out_of_range")
@@ -181,13 +184,12 @@ class Operator:
         return YES
 
     def _refill_back(self, order: Order, now_s: float) -> Answer:
-        """An event of the log, which takes the one before back; what safety made of the refill
-        costs nothing."""
+        """Cancels the last refill in the log by an event; its effect on safety stays."""
         kg = _number(order)
         return YES if kg is not None and kg > 0.0 else Answer(False, "refill_kg")
 
     def _of_safety(self, order: Order, now_s: float, held_down: bool) -> Answer:
-        """An order that safety answers, and what one that it accepted means here."""
+        """Passes an order to safety, and does what an accepted one means here."""
         before = self._safety.state
         if self._record_only and order.do in (Do.READY, Do.START, Do.CALIBRATE):
             return Answer(False, "record_only")

@@ -1,4 +1,5 @@
-"""Backing up without leave to spread: what has landed is not spread upon again by itself."""
+"""Where has material landed while the machine reverses without permission to spread? No ground
+is spread twice by itself."""
 
 from __future__ import annotations
 
@@ -12,21 +13,25 @@ from topdress.control.targets.canopy import STRAIGHT_DEG_S
 
 
 class Backing:
-    """`spread_to_m`: nothing more up to this place of the track."""
+    """Watches the direction. `spread_to_m`: no more material up to this place of the track."""
 
     def __init__(self, machine: Machine) -> None:
         self._machine = machine
-        self._backed = False  # backwards at the tick before
-        self._landed_to_m = -inf  # farthest place at which material has landed
-        self.spread_to_m = -inf  # the same when the machine last turned round
+        # Whether the machine reversed at the last tick.
+        self._backed = False
+        # Farthest place at which material has landed, m.
+        self._landed_to_m = -inf
+        # That place when the machine last changed its direction, m.
+        self.spread_to_m = -inf
 
     def forget(self) -> None:
-        """The operator wants flow from here on, or the machine has left its line."""
+        """Forgets landed material, because the operator wants flow from here on or the machine
+        has left its line."""
         self._landed_to_m = self.spread_to_m = -inf
 
     def look(self, sensed: Sensed, may_reverse: bool) -> bool:
-        """True where the machine has started to back up or to go on, and may not spread while
-        it backs up."""
+        """Returns whether the machine has changed its direction and may not spread while
+        reversing."""
         if abs(sensed.turn_deg_s) > STRAIGHT_DEG_S:
             self.forget()
         turned_round = sensed.backwards != self._backed and not may_reverse
@@ -36,7 +41,7 @@ class Backing:
         return turned_round
 
     def note_landing(self, shaft_rpm: Reading | None, sensed: Sensed) -> None:
-        """What is released now lands a drop time later."""
+        """Records where material released now lands, a drop time later."""
         if shaft_rpm is None or not shaft_rpm.value >= 0.5 * self._machine.limits.shaft_low_rpm:
             return
         falls_s = drop_s(self._machine.fall, shaft_rpm.value)

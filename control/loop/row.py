@@ -1,4 +1,4 @@
-"""The log row of a tick: what the sensors said, as long as it holds, and what came of it."""
+"""What stands in the log row of a tick? The valid sensor readings, and the results of the tick."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ from topdress.control.readings import DriveCommand, Measurements, held
 from topdress.control.safety import Verdict
 
 HEAD_SILENT_S = HOLDS_S["ndvi_1"]
-_SILENT = (None,) * 7  # six heads and what was decided by them
+# Empty cells of six heads and their decided NDVI.
+_SILENT = (None,) * 7
 
 
 def log_row(
@@ -27,8 +28,8 @@ def log_row(
     events: list[str],
     speed_told: str | None,
 ) -> LogRow:
-    """The row of one tick; times count from `started_s`; heads: as `head_ndvi` has them. A GNSS
-    place that was refused is left out."""
+    """Returns the row of one tick; times count from `started_s`; heads: from `head_ndvi`. A
+    refused GNSS place is left out."""
     m, sensed, holding, now_s = moment.m, moment.sensed, decision.holding, moment.m.time_s
     total_s = decision.lag.total_s
     fix = m.gnss if sensed.gnss_age_s is not None and sensed.gnss_age_s <= GNSS_HOLDS_S else None
@@ -90,5 +91,5 @@ def log_row(
 
 
 def head_ndvi(m: Measurements) -> tuple[float | None, ...]:
-    """What each head reads; None: silent."""
+    """Returns the reading of each head; None: silent."""
     return tuple([held(r, m.time_s, HEAD_SILENT_S) for r in m.ndvi])

@@ -1,11 +1,9 @@
-"""The sections of a machine with valves: which are to be on when what is released then lands,
-and their valves.
+"""Which sections are on when material released then lands, and when do their valves switch?
 
-Every switch is decided `prepare_s` before the moment from which it is to hold at the valves:
-the slowest valve and the shaft answer within that time. Then each goes in its own time, so that
-the valve, and the flow for the outlets that are open from then on, come together. The ground is
-judged where what passes the valve at that moment will land.
-"""
+Every switch is decided `prepare_s` before it is to take effect at the valves: the slowest valve
+and the shaft answer within that time. Then each acts in its own time, so that the valve and the
+flow of the open outlets arrive together. The ground is judged where material that passes the
+valve at that moment will land."""
 
 from __future__ import annotations
 
@@ -26,34 +24,35 @@ from topdress.control.targets.section_ground import (
     SectionsGround,
 )
 
-# why a section is closed, along with those of `targets.section_ground`
+# Reasons of a closed section besides those of `targets.section_ground`.
 BY_HAND, NO_FLOW = "hand", "no_flow"
-# of way between two switches of one section: shorter stretches are cut corners
+# Least way between two switches of a section, m: shorter stretches are cut corners.
 SHORTEST_M = 0.5
-# turning more sharply, the place ahead lies on the arc
+# In sharper turns, degrees/m, the place ahead lies on the arc.
 BEND_DEG_M = 2.0
+# Times closer than this are equal, s.
 TIE_S = 1e-6
 
 
 class Leads(NamedTuple):
-    """How far ahead of the outlets what is released `prepare_s` from now lands, m."""
+    """Holds how far ahead of the outlets material released `prepare_s` from now lands, m."""
 
     running_m: float
-    # the first section opens: the shaft begins to turn
+    # Where the first section opens, the shaft begins to turn.
     start_m: float
-    stop_m: float  # the last one closes
+    # Where the last section closes, the shaft stops.
+    stop_m: float
 
 
 class _Turn(NamedTuple):
-    """From `from_s` on, at the valve."""
+    """Holds a state of the valve from `from_s` on."""
 
     from_s: float
     on: bool
 
 
 class _Switch:
-    """One section: what was decided of it, what its valve was commanded, and what it does by
-    now."""
+    """Holds one section: the decisions, the commands of its valve, and its present state."""
 
     def __init__(self, open_s: float, close_s: float) -> None:
         self.open_s, self.close_s = open_s, close_s
@@ -80,7 +79,7 @@ class _Switch:
                 turns.popleft()
 
     def wanted_of_valve(self, by_s: float) -> bool:
-        """What the valve is to be commanded by then, so that it stands right in time."""
+        """Returns the command of the valve by then, so that it arrives in time."""
         return next(
             turn.on
             for turn in reversed(self.planned)
@@ -97,8 +96,9 @@ def _at(turns: deque[_Turn], time_s: float) -> bool:
 
 
 class Sections:
-    """One of a run. A tick: `decide`, `share_at`, `valves`, `commanded`. A machine without
-    valves has no strips: it is open over its whole width, and nothing is decided."""
+    """Switches the sections of a run. In each tick: `decide`, `share_at`, `valves`, `commanded`.
+    A machine without valves has no strips: it is open over its whole width, and nothing is
+    decided."""
 
     def __init__(self, machine: Machine, overlap_percent: float, edge_m: float) -> None:
         shaft = machine.shaft
@@ -125,13 +125,13 @@ class Sections:
     # -------------------------------------------------------------------------------------------
 
     def started(self) -> None:
-        """The operator wants flow from here on: the ground that it stands on, done in this run,
-        gets it."""
+        """Releases the ground under the machine that was done in this run, because the operator
+        wants flow."""
         self._started = [True] * len(self.strips)
 
     def moved(self) -> None:
-        """The position has jumped, or the direction has turned: what was decided held for other
-        ground. All are off until they are decided anew."""
+        """Cancels all decisions, because the position has jumped or the direction has changed.
+        All sections are off until they are decided anew."""
         for one in self._switches:
             one.planned = deque([_Turn(-inf, False)])
             one.inside, one.switched_m = False, -inf
@@ -141,7 +141,7 @@ class Sections:
         return not self.strips or any(one.decided for one in self._switches)
 
     def ground(self, ground: SectionsGround) -> SectionsGround:
-        """The same with where the operator wants flow."""
+        """Returns the ground with the operator's START."""
         return ground._replace(started=tuple(self._started))
 
     def decide(
@@ -153,8 +153,8 @@ class Sections:
         off_by_hand: tuple[int, ...],
         everywhere: bool = False,
     ) -> None:
-        """Judge the ground at the landing place and switch what is to be switched. off_by_hand:
-        sections counted from 1, left to right. `everywhere`: the ground is not asked (point
+        """Judges the ground at the landing place and switches the sections. off_by_hand:
+        sections counted from 1, left to right. `everywhere`: the ground does not count (point
         mode)."""
         now = sensed.time_s
         if sensed.backwards is not self._backwards:
@@ -180,7 +180,7 @@ class Sections:
     def _judged(
         self, sensed: Sensed, leads: Leads, ground: SectionsGround, everywhere: bool
     ) -> tuple[tuple[JudgedStrip, ...], float]:
-        """Of every section, and how far ahead."""
+        """Returns the verdict on every section, and how far ahead it holds, m."""
         self._judged_at = None
         if everywhere:
             return (JudgedStrip(True, "", 0.0, False),) * len(self.strips), leads.running_m
@@ -218,8 +218,7 @@ class Sections:
         return self._ground.look(place, sensed.heading_deg + turned, ground)
 
     def map_rate_kg_ha(self, rates: SectionRates) -> float:
-        """What a map wants on the mean under the sections that are on, where it wants any; at
-        the judged place."""
+        """Returns the mean rate of a map under the open sections at the judged place, kg/ha."""
         if self._judged_at is None:
             return 0.0
         return self._ground.rate_kg_ha(
@@ -227,8 +226,8 @@ class Sections:
         )
 
     def inside(self, now_s: float) -> bool:
-        """Whether some section is inside the field, or on its way there; what flows now lands
-        inside as well."""
+        """Returns whether some section is inside the field or about to be, so that material
+        flowing now lands inside."""
         return not self.strips or any(
             one.inside or _at(one.planned, now_s) for one in self._switches
         )
@@ -237,15 +236,16 @@ class Sections:
     # --------------------------------------------------------------------------------------
 
     def metering_s(self, by_shaft: bool, standing: bool, opening_mm: float) -> float:
-        """From a new set-point until the flow is half-way there: what the metering is to be
-        commanded ahead of a switch."""
+        """Returns the time from a new set-point until the flow is half-way there, s: the lead of
+        the metering over a switch."""
         if by_shaft or standing:
             return self.shaft_answers_s
         move_mm = opening_mm / max(1, sum(one.decided for one in self._switches))
         return min(self.prepare_s, self._gate_dead_s + 0.5 * move_mm / self._slew_mm_s)
 
     def share_at(self, time_s: float) -> float:
-        """Share of the working width that is to be open at a time, at most `prepare_s` ahead."""
+        """Returns the share of the working width that is to be open at a time, at most
+        `prepare_s` ahead."""
         return (
             sum(
                 strip.share
@@ -257,19 +257,19 @@ class Sections:
         )
 
     def valves(self, now_s: float, dt_s: float, off_by_hand: tuple[int, ...]) -> tuple[bool, ...]:
-        """What the valves are to be commanded in this tick, before safety is asked."""
+        """Returns the wanted commands of the valves in this tick, before safety."""
         return tuple(
             one.wanted_of_valve(now_s + 0.5 * dt_s + TIE_S) and k + 1 not in off_by_hand
             for k, one in enumerate(self._switches)
         )
 
     def commanded(self, now_s: float, valves: tuple[bool, ...]) -> None:
-        """What they were commanded, through the last gate."""
+        """Records the commands of the valves after the last gate."""
         for one, on in zip(self._switches, valves, strict=True):
             one.tell(now_s, on)
 
     def open_now(self, now_s: float) -> tuple[bool, ...]:
-        """The valves as they should stand by now."""
+        """Returns the expected present positions of the valves."""
         return tuple(_at(one.stands, now_s) for one in self._switches) if self.strips else (True,)
 
     def open_share(self, now_s: float) -> float:
@@ -286,7 +286,7 @@ class Sections:
     def states(
         self, valves: tuple[bool, ...], off_by_hand: tuple[int, ...]
     ) -> tuple[SectionState, ...]:
-        """For who looks at them."""
+        """Returns the states of the sections for the screen."""
         return tuple(
             SectionState(True)
             if on

@@ -1,4 +1,4 @@
-"""What safety is given of a tick."""
+"""What does safety need to know of a tick?"""
 
 from __future__ import annotations
 
@@ -27,7 +27,8 @@ def situation(
     outside_target: OutsideTarget,
     range_breach: RangeBreach | None,
 ) -> Situation:
-    """`between_doses`: a rate means nothing there, and is not given."""
+    """Returns the situation of this tick. `between_doses`: a rate is meaningless there, and left
+    out."""
     m, sensed = moment.m, moment.sensed
     needs_heads = choices.source in BY_CANOPY
     heard = [r.time_s for r in m.ndvi if r is not None] if needs_heads else []

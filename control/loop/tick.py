@@ -1,4 +1,4 @@
-"""What one tick yields."""
+"""What is the result of one tick?"""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from topdress.control.targets.lag_correction import Fired
 
 
 class Tick(NamedTuple):
-    """The parts of a tick as they were made. What the console's frame shows is named here as it
-    is there."""
+    """Holds the parts of a tick as they were made. What the console's frame shows has the same
+    name here."""
 
     row: LogRow
     command: DriveCommand
@@ -46,20 +46,22 @@ class Tick(NamedTuple):
 
     @property
     def enabled(self) -> bool:
-        """Whether the drives have power."""
+        """Returns whether the drives have power."""
         return self.verdict.state in POWERED
 
     @property
     def alarms(self) -> tuple[Alarm, ...]:
+        """Returns the live alarms, worst first."""
         return self.verdict.alarms
 
     @property
     def why_no_flow(self) -> tuple[str, ...]:
+        """Returns the interlocks that forbid flow."""
         return self.verdict.why_no_flow
 
     @property
     def why_state(self) -> str:
-        """An order, an alarm id, or one of STATE_REASONS."""
+        """Returns the reason of the state: an order, an alarm id, or one of STATE_REASONS."""
         return self.verdict.why_state
 
     @property
@@ -68,18 +70,19 @@ class Tick(NamedTuple):
 
     @property
     def gnss_hz(self) -> float | None:
+        """Returns the observed rate of GNSS epochs, Hz; None: silent."""
         return 1.0 / self.sensed.gnss_period_s if self.sensed.gnss_age_s is not None else None
 
     @property
     def place_m(self) -> tuple[float, float] | None:
-        """Outlet, east and north."""
+        """Returns the place of the outlets, east and north, m."""
         east, north = self.sensed.east_m, self.sensed.north_m
         return None if east is None or north is None else (east, north)
 
     @property
     def ordered_source(self) -> str:
-        """Of the target, by the operator's order: what stands in for it where it is silent is
-        in the row."""
+        """Returns the source of the target that the operator ordered; the row has the source
+        that replaces it where it is silent."""
         return self.choices.source.value
 
     @property

@@ -1,4 +1,4 @@
-"""The values that the steps of a tick hand on to each other. All frozen."""
+"""Which values do the steps of a tick pass on to each other? All of them are frozen."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from topdress.control.targets.profile import Target
 
 
 class Choices(NamedTuple):
-    """What the operator has chosen, the job's own choices at first."""
+    """Holds the operator's choices; at first they are the job's."""
 
     source: TargetSource
     manual_rate_kg_ha: float
@@ -27,7 +27,7 @@ class Choices(NamedTuple):
 
 
 class Moment(NamedTuple):
-    """What is known when a tick begins to decide."""
+    """Holds what is known when a tick begins to decide."""
 
     m: Measurements
     sensed: Sensed
@@ -38,7 +38,7 @@ class Moment(NamedTuple):
 
 
 class TickDecision(NamedTuple):
-    """What the machine is to do, before safety is asked."""
+    """Holds what the machine is to do, before safety."""
 
     holding: Target
     planned_kg_ha: float  # of `holding`, nudged
@@ -57,7 +57,8 @@ class TickDecision(NamedTuple):
 
 
 class Metered(NamedTuple):
-    """What leaves the outlets, by measured shaft and opening through the model; None: not known."""
+    """Holds what leaves the outlets, by measured shaft and opening through the model; None:
+    unknown."""
 
     flow_kg_s: float | None  # without the scale's correction
     rate_kg_ha: float | None  # the same over the ground under what is open

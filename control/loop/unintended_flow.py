@@ -1,10 +1,8 @@
-"""What the drives were commanded, and what leaves the machine though its shaft is commanded to
-stop.
+"""How much leaves the machine although its shaft is commanded to stop?
 
-A stop takes a second to come to a stand, and a drive that has gone wrong none at all: what the
-measured shaft gives meanwhile lies on the ground and is missing in the hopper. It is counted
-here in every state, and entered in the log.
-"""
+A shaft needs a second to stop, and a faulty drive may not stop at all: the material that the
+measured shaft meters meanwhile lies on the ground and is missing in the hopper. It is counted in
+every state and logged."""
 
 from __future__ import annotations
 
@@ -19,22 +17,24 @@ from topdress.control.orders import State
 from topdress.control.readings import DriveCommand, Measurements, is_fresh
 from topdress.control.safety import POWERED, Commanded, SafetyLimits, Verdict
 
-# while it goes on, the log tells as often: a power cut loses no more
+# Interval of the events while the flow continues, s: a power cut loses no more.
 EVERY_S = 1.0
-# as long as safety believes a reading of the shaft
+# A reading of the shaft is valid for this long, s, as in safety.
 SHAFT_HOLDS_S = 0.5
-# a valve's switch and the board's line are later than the machine file says by less
+# A valve's switch and the board's line are later than in the machine file by less than this, s.
 VALVE_LINE_S = 1.0
-LEAST_KG = 1e-4  # the log's resolution; less waits for more
+# Resolution of the log, kg; a smaller mass waits.
+LEAST_KG = 1e-4
 
 
 def standing_limits(machine: Machine, limits: SafetyLimits) -> SafetyLimits:
-    """The limits with the shaft speed that counts as standing on this machine, above its
-    sensor's noise (six s.d.) and below half its slowest turning; and with the time that its
-    valves take to close, and a second."""
+    """Returns the limits with this machine's standing shaft speed, above its sensor's noise (six
+    standard deviations) and below half its slowest turning; and with its valves' closing time
+    plus a second."""
     noise_rpm = machine.noise.shaft_rpm
     stands_rpm = max(limits.shaft_stands_rpm, 6.0 * noise_rpm)
-    if machine.limits.shaft_low_rpm > 0.0:  # 0: no slowest turning is known
+    # 0 means that no slowest turning is known.
+    if machine.limits.shaft_low_rpm > 0.0:
         stands_rpm = min(stands_rpm, max(0.5 * machine.limits.shaft_low_rpm, 4.0 * noise_rpm))
     closes_s = max(
         (section.valve.close_s for section in machine.sections if section.valve), default=0.0
@@ -43,19 +43,20 @@ def standing_limits(machine: Machine, limits: SafetyLimits) -> SafetyLimits:
 
 
 def open_share(strips: Sequence[SectionStrip], m: Measurements) -> float:
-    """Of the working width, by the valves' own switches; 0 where they tell nothing."""
+    """Returns the open share of the working width by the valves' own switches; 0 where they are
+    silent."""
     if m.valves is None or not is_fresh(m.valves.time_s, m.time_s, SHAFT_HOLDS_S):
         return 0.0
     return sum(strip.share for strip, on in zip(strips, m.valves.open, strict=False) if on)
 
 
 class Stopped:
-    """`commanded`: what the drives were commanded in the tick before. Once a tick `update`,
-    then `command`."""
+    """Counts the flow of a stopped machine. `commanded`: commands of the tick before. In each
+    tick `update`, then `command`."""
 
     def __init__(self, machine: Machine, limits: SafetyLimits, obeyed: bool = True) -> None:
-        """obeyed: False where the drives follow other commands, as in a log that is gone
-        through again."""
+        """Starts at zero. obeyed: False where the drives follow other commands, as in a replayed
+        log."""
         self.commanded = Commanded(
             turn=not obeyed,
             flow=not obeyed,
@@ -74,7 +75,7 @@ class Stopped:
         self._entered_s = -inf
 
     def turning_rpm(self, m: Measurements) -> float:
-        """The measured shaft, 0 where it stands or is silent."""
+        """Returns the measured shaft speed, r/min; 0 where the shaft stands or is silent."""
         read = m.shaft_rpm
         known = read is not None and is_fresh(read.time_s, m.time_s, SHAFT_HOLDS_S)
         return read.value if read is not None and known and read.value >= self._stands_rpm else 0.0
@@ -88,9 +89,9 @@ class Stopped:
         worked: bool,
         unordered_kg: float = 0.0,
     ) -> tuple[float, str | None]:
-        """Kilograms to be counted of this tick, and the row's event where one is due. worked:
-        counted as work. unordered_kg: what left the hopper by its scale while the shaft reads
-        that it stands."""
+        """Returns the mass to count in this tick, kg, and the row's event where one is due.
+        worked: the tick counted as work. unordered_kg: mass that left by the scale while the
+        shaft's reading is 0."""
         kg = self._released_kg(m, dt_s, flow_kg_s)
         self._spell_kg = 0.0 if self.commanded.turn else self._spell_kg + kg
         counted_kg = (0.0 if worked else self._counted_kg(kg, verdict)) + unordered_kg
@@ -99,7 +100,7 @@ class Stopped:
     def command(
         self, now_s: float, command: DriveCommand, verdict: Verdict, expected: Pair
     ) -> None:
-        """What the drives are commanded from now on. expected: shaft and opening by now, by the
+        """Takes the commands from now on. expected: present shaft speed and opening by the
         machine model."""
         if not self._obeyed:
             return
@@ -121,15 +122,16 @@ class Stopped:
         )
 
     def _released_kg(self, m: Measurements, dt_s: float, flow_kg_s: float | None) -> float:
-        """By the measured shaft; 0 unless it is commanded to stop, and turns."""
+        """Returns the mass by the measured shaft, kg; 0 unless it turns although it is commanded
+        to stop."""
         if self.commanded.turn or flow_kg_s is None:
             return 0.0
         kg = flow_kg_s * dt_s
         return kg if self.turning_rpm(m) > 0.0 and kg > 0.0 and isfinite(kg) else 0.0
 
     def _counted_kg(self, kg: float, verdict: Verdict) -> float:
-        """What runs down after a calibrating run lies in its tray; of a shaft that goes on, all
-        counts."""
+        """Returns the mass that counts: after a calibrating run the rest falls into its tray; of
+        a shaft that continues, all counts."""
         if verdict.state is State.CALIBRATING:
             self._to_tray = True
         if not self._to_tray:
@@ -146,7 +148,7 @@ class Stopped:
         return counted_kg
 
     def _event(self, now_s: float, kg: float) -> str | None:
-        """At the end of what is released, and every second meanwhile."""
+        """Returns the event at the end of a release, and every second meanwhile."""
         if self._owed_kg <= 0.0:
             self._entered_s = now_s
         self._owed_kg += kg

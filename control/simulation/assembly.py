@@ -1,4 +1,4 @@
-"""Machine, crop and job to a control loop and, where the machine is simulated, its plant."""
+"""How are machine, crop and job assembled to a control loop and a simulated plant?"""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from .tractor import field_boundary
 
 
 def with_simulated_field(job: Job, machine: Machine) -> Job:
-    """A job that names no boundary gets the rectangle of its simulated passes."""
+    """Returns the job with the rectangle of its simulated passes where it has no boundary."""
     if job.field.boundary_m:
         return job
     corners = field_boundary(
@@ -55,10 +55,19 @@ def control_loop(
     steps: Steps | None = None,
     record_only: bool = False,
 ) -> ControlLoop:
-    """The loop of a job; fenced where the job knows its field. `prescription`, `plants`: on the
-    job's plane, for map and point mode; `dose_errors`: from which the threshold begins;
-    `obeyed`, `index_map`, `zone_map`, `done`, `steps`, `record_only`: as `ControlLoop` has
-    them. Raises ValueError where the headland or the margins leave nothing of the field."""
+    """Returns the loop of a job, bounded where the job has a field.
+
+    Parameters
+    ----------
+    machine, crop, rule, job : as their files say.
+    has_work_switch : a work switch is fitted.
+    prescription, plants : on the job's plane, for map and point mode.
+    dose_errors : errors from which the threshold begins.
+    obeyed, index_map, zone_map, done, steps, record_only : as for `ControlLoop`.
+
+    Raises
+    ------
+    ValueError : headland or margins leave nothing of the field."""
     strips = [strip.right_m - strip.left_m for strip in machine.switched] or [
         machine.geometry.working_width_m
     ]
@@ -90,7 +99,7 @@ def control_loop(
 
 
 def _without_headland(job: Job) -> Boundary:
-    """Raises ValueError where the headland leaves nothing of the field."""
+    """Returns the field without its headland. Raises ValueError where nothing is left."""
     inner = Boundary(job.field.boundary_m, job.field.holes_m).inset(job.field.headland_m)
     if inner.is_empty:
         raise ValueError(
@@ -102,9 +111,9 @@ def _without_headland(job: Job) -> Boundary:
 def point_source(
     machine: Machine, job: Job, plants: PlantList | None, dose_errors: Sequence[DoseError] = ()
 ) -> PointSource:
-    """Point mode of a job. Its lag as the machine file has it: what passes between command and
-    shaft counts as the link (point paper, eq 2), the fall as drop time; a camera's computing
-    time is known from its pictures."""
+    """Returns the point mode of a job. Its lag follows the machine file: the time between
+    command and shaft is the link (point paper, eq 2), the fall is the drop time; a camera's
+    computing time is known from its pictures."""
     dose = DoseOrder(job.target.dose_angle_deg, machine.set_points.shaft_rpm)
     shaft = machine.shaft
     lag = PointLag(
@@ -136,9 +145,19 @@ def simulated_machine(
     terms: Sequence[Term] = (),
     steps: Steps | None = None,
 ) -> Plant:
-    """The plant of a job. `plants`: of its plant list; `terms`: along with those of the
-    machine's file; `steps`: as `Plant` has them. Raises ValueError where an effect does not fit
-    the machine."""
+    """Returns the plant of a job.
+
+    Parameters
+    ----------
+    planted : effects that the controller does not know.
+    keep : called with the truth of each step.
+    plants : of the job's plant list.
+    terms : added to those of the machine's file.
+    steps : as for `Plant`.
+
+    Raises
+    ------
+    ValueError : an effect does not fit the machine."""
     return Plant(
         machine,
         job,

@@ -1,5 +1,5 @@
-"""A seeded NDVI field with a chosen mean, CV and correlation length (decision paper: plots of
-0.467-0.546, 8-11 %)."""
+"""Which NDVI does the simulated canopy have? A seeded field with a chosen mean, CV and
+correlation length (decision paper: plots of 0.467-0.546, 8-11 %)."""
 
 from __future__ import annotations
 
@@ -10,8 +10,10 @@ import numpy as np
 from topdress.control.field.job import Canopy
 from topdress.control.machine.elements import Array
 
+# Cell size of the canopy, m.
 CELL_M = 0.4
-# 0.8 km by 0.8 km, 32 MB, four times that to make; beyond the same canopy comes again
+# Greatest number of cells: 0.8 km by 0.8 km, 32 MB, four times that to make; beyond it the canopy
+# repeats.
 MOST_CELLS = 4_000_000
 # Both indices saturate with leaf area, NDVI much sooner (form after Baret and Guyot 1991,
 # Remote Sens. Environ. 35:161-173; the figures are typical of wheat, nobody's in particular).
@@ -20,18 +22,17 @@ SOIL_NDRE, DENSE_NDRE, NDRE_PER_LEAF = 0.08, 0.60, 0.25
 
 
 def ndre_of(ndvi: float) -> float:
-    """NDRE of the canopy that has this NDVI."""
+    """Returns the NDRE of the canopy that has this NDVI."""
     bare = (DENSE_NDVI - min(ndvi, DENSE_NDVI - 0.005)) / (DENSE_NDVI - SOIL_NDVI)
     leaf_area = max(0.0, -log(bare) / NDVI_PER_LEAF)
     return SOIL_NDRE + (DENSE_NDRE - SOIL_NDRE) * (1.0 - exp(-NDRE_PER_LEAF * leaf_area))
 
 
 class CanopyField:
-    """NDVI on a grid of CELL_M, bilinear in between; it repeats beyond its edges.
+    """Holds NDVI on a grid of CELL_M, bilinear in between; it repeats beyond its edges.
 
     A Gaussian random field with exponential covariance exp(-d / correlation_m), made in the
-    frequency domain.
-    """
+    frequency domain."""
 
     def __init__(
         self, canopy: Canopy, east_m: tuple[float, float], north_m: tuple[float, float], seed: int
@@ -54,7 +55,7 @@ class CanopyField:
         self._cells = memoryview(self.ndvi.ravel())
 
     def at(self, east_m: float, north_m: float) -> float:
-        """NDVI at a place on the field's plane."""
+        """Returns the NDVI at a place of the field's plane."""
         x = (east_m - self._east0) / CELL_M
         y = (north_m - self._north0) / CELL_M
         i, j = int(x // 1.0), int(y // 1.0)
@@ -68,7 +69,7 @@ class CanopyField:
         return here
 
     def many_at(self, east_m: Array, north_m: Array) -> Array:
-        """`at` for places (n,), (n,) -> (n,), to the last bit."""
+        """Returns the values of `at` for places (n,), (n,) -> (n,), to the last bit."""
         x, y = (east_m - self._east0) / CELL_M, (north_m - self._north0) / CELL_M
         i, j = np.floor(x).astype(np.int64), np.floor(y).astype(np.int64)
         u, v, g = x - i, y - j, self.ndvi
@@ -88,17 +89,15 @@ class CanopyField:
 def canopy_field(
     canopy: Canopy, east_m: tuple[float, float], north_m: tuple[float, float], seed: int
 ) -> CanopyField:
-    """As `CanopyField`; the same one where the same field is worked again: it takes as long as
-    30 s of simulation."""
+    """Returns a `CanopyField`, the same one where the same field is used again: making it takes
+    as long as 30 s of simulation."""
     return CanopyField(canopy, east_m, north_m, seed)
 
 
 class AcrossWidth:
-    """What heads in a row across the working width read of a canopy, one at each head's place:
-    NDVI or NDRE, `index`.
+    """Reads a canopy with a row of heads across the working width: NDVI or NDRE, `index`.
 
-    Places are those of the row's middle on the field's plane.
-    """
+    Places are those of the row's middle on the field's plane."""
 
     def __init__(self, field: CanopyField, heads: int, width_m: float, index: str) -> None:
         self._field, self._by_ndre = field, index != "ndvi"
@@ -113,7 +112,7 @@ class AcrossWidth:
         return [ndre_of(one) for one in ndvi] if self._by_ndre else ndvi
 
     def means(self, east_m: Array, north_m: Array, heading_deg: Array) -> Array:
-        """Mean of `at` for a whole run, (n,) each -> (n,)."""
+        """Returns the mean of `at` for a whole run, (n,) each -> (n,)."""
         headings, which = np.unique(heading_deg, return_inverse=True)
         right, back = (
             np.array([of(radians(heading)) for heading in headings.tolist()])[which]
@@ -127,8 +126,8 @@ class AcrossWidth:
 
 
 def _grid(wide_m: float, long_m: float) -> tuple[int, int]:
-    """Columns and rows: all of the ground, the longer side cut where that would be more than
-    `MOST_CELLS`."""
+    """Returns columns and rows for all of the ground; the longer side is cut where there would
+    be more than `MOST_CELLS`."""
     columns, rows = (max(8, int(np.ceil(m / CELL_M))) for m in (wide_m, long_m))
     if columns * rows <= MOST_CELLS:
         return columns, rows

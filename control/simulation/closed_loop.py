@@ -1,4 +1,4 @@
-"""A whole run: loop and plant closed on an injected clock, the operator included."""
+"""How does a whole run go? Loop and plant closed on an injected clock, with the operator."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from .plant import Plant, SensorReadings, Truth
 
 
 class Measuring:
-    """The plant's sensors straight to the loop's measurements, without the bytes: the newest of
-    everything, as the drivers keep it."""
+    """Holds the newest readings of the plant's sensors as measurements of the loop, as the
+    drivers do, without bytes."""
 
     def __init__(self, heads: int) -> None:
         self._now = Measurements(0.0, ndvi=(None,) * heads)
@@ -49,11 +49,12 @@ class Measuring:
         return self._now
 
 
+# Least mass of a refill that the operator reports, kg.
 REFILL_SEEN_KG = 5.0
 
 
 class SimulatedTick(NamedTuple):
-    """One tick of a simulated run: what control did, and what then really happened."""
+    """Holds one tick of a simulated run: control's result, and what really happened."""
 
     tick: Tick
     truth: Truth
@@ -68,9 +69,13 @@ def simulated_run(
     orders: Sequence[tuple[float, Order]] | None = None,
     doses: DoseWatch | None = None,
 ) -> Iterator[SimulatedTick]:
-    """Ticks of `plant.dt_s` for `seconds`. `orders`: (time_s, order) of the operator; None:
-    ready, start, and start again whenever work was held at a refill. `doses`: measures dose
-    errors in point mode, and tells the loop."""
+    """Yields the ticks of a run, one every `plant.dt_s` for `seconds`.
+
+    Parameters
+    ----------
+    orders : (time_s, order) of the operator; None: ready, start, and start again whenever a
+        refill has held the work.
+    doses : measures dose errors in point mode and reports them to the loop."""
     measuring = Measuring(plant.machine.geometry.heads)
     waiting = sorted(orders or (), key=lambda item: item[0])
     opening = plant.machine.set_points.opening_mm
@@ -94,7 +99,7 @@ def simulated_run(
 
 
 class _SimulatedOperator:
-    """Starts when the machine moves, tells a refill, starts again after it."""
+    """Starts when the machine moves, reports a refill, and starts again after it."""
 
     def __init__(self) -> None:
         self._wait_s = 0.0
@@ -117,7 +122,7 @@ class _SimulatedOperator:
 
 
 class Record:
-    """What is kept of a run to judge it: columns of numbers, a row a tick."""
+    """Records the columns by which a run is judged, a row for each tick."""
 
     KEPT = (
         "time_s",

@@ -1,5 +1,5 @@
-"""The compiled steps for a long run. Importing this loads the compiler and its code, half a
-second: from some 6,000 ticks on that is made good."""
+"""Which compiled steps does a long run use? Importing them loads the compiler, half a second:
+worth it from some 6,000 ticks on."""
 
 from __future__ import annotations
 

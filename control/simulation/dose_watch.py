@@ -1,5 +1,4 @@
-"""Where doses came to lie against the plants they were for: measured behind the machine, and
-judged over a run."""
+"""Where did doses land against their plants? Measured behind the machine, and judged over a run."""
 
 from __future__ import annotations
 
@@ -11,17 +10,21 @@ from topdress.control.machine.elements import Array
 
 from .plant import Truth
 
-LEAST_KG_S = 1e-4  # less is the end of a dose
-LEAST_KG = 1e-6  # less is no dose
-ENDS_S = 0.1  # without flow for this long: the dose is over
-MEASURED_M = 1.0  # behind the place where it fell
+# A smaller flow ends a dose, kg/s.
+LEAST_KG_S = 1e-4
+# A smaller mass is no dose, kg.
+LEAST_KG = 1e-6
+# A dose ends after this time without flow, s.
+ENDS_S = 0.1
+# Doses are measured this far behind their place, m.
+MEASURED_M = 1.0
 KEPT_S = 30.0
-# plants so near ahead when work begins cannot be met
+# Plants closer ahead than this when work begins cannot be met, m.
 STARTED_M = 5.0
 
 
 class DoseErrors(NamedTuple):
-    """Of one run. Errors: middle of the dose minus the plant it was for, late positive, m;
+    """Holds the errors of one run: middle of the dose minus its plant, late positive, m;
     unsigned in p50 and p95."""
 
     plants: int  # that the machine has passed at work
@@ -35,8 +38,7 @@ class DoseErrors(NamedTuple):
 
 
 class DoseWatch:
-    """Fed with the truth, step by step. `plants_m`: where along the way the plants stand,
-    rising."""
+    """Watches the doses step by step. `plants_m`: rising places of the plants along the way."""
 
     def __init__(self, plants_m: Array, seed: int, measured_sd_m: float) -> None:
         self.plants_m = plants_m
@@ -56,12 +58,12 @@ class DoseWatch:
         self._to_m = float("-inf")
 
     def ordered(self, place_m: float) -> None:
-        """A dose was ordered for the plant at this place of the way."""
+        """Records that a dose was ordered for the plant at this place of the way."""
         if len(self.plants_m):
             self.for_plant.append(int(np.argmin(np.abs(self.plants_m - place_m))))
 
     def take(self, truth: Truth, at_work: bool) -> list[float]:
-        """One step; the errors measured in it, m."""
+        """Takes one step and returns the errors measured in it, m."""
         step_s, self._last_s = truth.time_s - self._last_s, truth.time_s
         self._way.append((truth.time_s, truth.driven_m))
         while self._way[0][0] < truth.time_s - KEPT_S:
@@ -84,8 +86,8 @@ class DoseWatch:
         return found
 
     def errors(self, settle: int = 0) -> DoseErrors:
-        """Judge the run. `settle`: so many doses at the start are left out of the errors, not
-        of the misses."""
+        """Returns the errors of the run. `settle`: so many doses at the start are left out of
+        the errors, but not of the misses."""
         last_m = float(self.plants_m[self.for_plant[-1]]) if self.for_plant else float("-inf")
         passed = np.flatnonzero(
             (self.plants_m > self._from_m + STARTED_M) & (self.plants_m <= max(last_m, self._to_m))

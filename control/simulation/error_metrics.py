@@ -1,13 +1,13 @@
-"""Rate error and place error of a run, as defined once for everybody.
+"""How large are rate error and place error of a run? The definitions for all of the project.
 
 Rate error: the area mean of |landed - target|. Place error: the distance between a step of the
 target and the half-way point of the landed step.
 
-The target is a staircase: what control held for a decision period, seen by noisy heads. Held
-against it, the rate error tells how well the machine does what it was commanded, and not how
-well the crop is served. For that it is held against what the crop needs where the canopy is the
-source: the graded need, the crop's rule at the true canopy of every place, and the smooth need,
-the same rule without grades.
+The target is a staircase: control keeps it for a decision period, based on noisy heads. Compared
+with the target, the rate error shows how well the machine follows its commands, not how well the
+crop is served. For that it is compared with the crop's need where the canopy is the source: the
+graded need, by the crop's rule at the true canopy of every place, and the smooth need, by the
+same rule without grades.
 """
 
 from __future__ import annotations
@@ -24,19 +24,24 @@ from topdress.control.machine.landing import LandedGround, landed
 from topdress.control.machine.landing import falls_s as tube_falls_s
 from topdress.control.targets.lag_correction import Fired
 
-BIN_M = 0.25  # rates are judged on stretches of this length
-FINE_BIN_M = 0.05  # half-way points are found on these
-FARTHEST_M = 12.0  # the landed step is looked for this far on
-# a drive may answer sooner than control believes: the step is looked for from so far before
+# Rates are judged on stretches of this length, m.
+BIN_M = 0.25
+# Half-way points are located on bins of this length, m.
+FINE_BIN_M = 0.05
+# The landed step is looked for this far beyond its place, m.
+FARTHEST_M = 12.0
+# The landed step is looked for from this far before its place, m: a drive may answer sooner than
+# control assumes.
 EARLY_M = 0.25
-# of a bin's area: less was passed by a closing valve's last grains
+# Least share of a bin's area: less was covered by the last grains of a closing valve.
 LEAST_OPEN = 0.1
-# smaller steps of the target, as a share of it, have no findable half-way point
+# Smaller steps of the target, as a share of it, have no detectable half-way point.
 LEAST_STEP = 0.03
 
 
 class Errors(NamedTuple):
-    """Place errors are signed: landed minus wanted along the travel, late positive."""
+    """Holds the errors of a run. Place errors are signed: landed minus wanted along the travel,
+    late positive."""
 
     rate_error_kg_ha: float
     rate_error_percent: float  # of the mean target
@@ -61,14 +66,15 @@ class Errors(NamedTuple):
 
 
 class CropNeeds(NamedTuple):
-    """What the crop needs by bin of the ground, kg/ha: by its rule as it is, and without grades."""
+    """Holds the crop's need by bin of the ground, kg/ha: by its rule, and by the rule without
+    grades."""
 
     graded_kg_ha: Array
     smooth_kg_ha: Array
 
 
 class Landing(NamedTuple):
-    """The ground of a run and, tick by tick, what came to lie where."""
+    """Holds the ground of a run and where the material of each tick landed."""
 
     ground: LandedGround
     place_m: Array  # of each tick's parcel
@@ -81,13 +87,13 @@ class Landing(NamedTuple):
 
 
 def landing(columns: dict[str, Array], width_m: float, lever_arm_m: float = 0.0) -> Landing:
-    """Bin a run on the ground along its own way. `columns`: see `closed_loop.Record`."""
+    """Bins a run on the ground along its own way. `columns`: see `closed_loop.Record`."""
     time, driven = columns["time_s"], columns["driven_m"]
     mass = columns["flow_kg_s"] * _row_s(time)
     ground, place = landed(time, driven, mass, falls_s(columns), BIN_M, lever_arm_m)
     centres = ground.centres_m()
     rate, passed = _rates(columns, ground, width_m, lever_arm_m)
-    # backed up: the first time
+    # Where the machine reversed, the first passage counts.
     at = np.interp(centres, np.maximum.accumulate(driven), np.arange(len(driven)))
     row = np.clip(np.round(at).astype(np.int64), 0, len(driven) - 1)
     target = columns["target_kg_ha"][row]
@@ -101,19 +107,18 @@ def landing(columns: dict[str, Array], width_m: float, lever_arm_m: float = 0.0)
         target,
         rate,
         inside.astype(np.float64),
-        # rows tell targets of their step's begin
+        # A row has the target at the beginning of its step.
         columns["ndvi"][np.maximum(0, row - 1)],
     )
 
 
 def true_landing(columns: dict[str, Array], width_m: float) -> tuple[Array, Array]:
-    """What landed where the outlet is at the end of each row's step, kg/ha, and where the first
-    of what left in that step came to lie, m along the way; both (n,).
+    """Returns the rate that landed at the outlet's place at the end of each row's step, kg/ha,
+    and where the first material of that step landed, m along the way; both (n,).
 
-    A row holds the flow of the step that ends with it. `landing` takes it as let go from the
-    row on, a tick late, as it takes the row's target: to compare the two, which it is for, that
-    is the same. A place by itself it is not.
-    """
+    A row holds the flow of the step that ends with it. `landing` takes that as released from the
+    row on, a tick late, as it takes the row's target: for comparing the two, its purpose, that
+    is the same. It is not a true place."""
     step = _row_s(columns["time_s"])
     first = {name: column[:1] for name, column in columns.items()} | {
         "time_s": columns["time_s"][:1] - step[:1],
@@ -127,7 +132,7 @@ def true_landing(columns: dict[str, Array], width_m: float) -> tuple[Array, Arra
 
 
 def needs(rule: Rule, ndvi: Array) -> CropNeeds:
-    """What the crop needs at canopies (n,), its rule's cut-offs and limits included."""
+    """Returns the crop's need at canopies (n,), with the cut-offs and limits of its rule."""
     smooth = replace(rule, crop=rule.crop.model_copy(update={"grades": False}))
     return CropNeeds(
         *(
@@ -138,8 +143,8 @@ def needs(rule: Rule, ndvi: Array) -> CropNeeds:
 
 
 def falls_s(columns: dict[str, Array]) -> Array:
-    """Each parcel's time to the ground, (n,) s: as its machine's tube has it, and what its own
-    effects add."""
+    """Returns each parcel's time to the ground, (n,) s: by its machine's tube, plus its own
+    effects."""
     settled, share = columns["settled_drop_s"], columns.get("carried_share")
     carried = 1.0 if share is None or not len(share) else float(share[0])
     return tube_falls_s(columns["time_s"], settled, carried) + columns["drop_s"] - settled
@@ -152,8 +157,8 @@ def errors(
     lever_arm_m: float = 0.0,
     rule: Rule | None = None,
 ) -> Errors:
-    """Judge a run. The first metres after work begins count: a late start is an error like any
-    other. rule: of the crop, where the canopy is the source."""
+    """Returns the errors of a run. The first metres after work begins count: a late start is an
+    error too. rule: of the crop, where the canopy is the source."""
     land = landing(columns, width_m, lever_arm_m)
     inside = land.inside > 0.0
     target, got = land.target_kg_ha[inside], land.landed_kg_ha[inside]
@@ -185,7 +190,7 @@ def errors(
 
 
 def _missed(got: Array, need: Array) -> tuple[float | None, float | None]:
-    """Mean |got - need|, kg/ha, and the same in % of the mean need."""
+    """Returns the mean of |got - need|, kg/ha, and the same in % of the mean need."""
     if not need.sum() > 0.0:
         return None, None
     miss = float(np.abs(got - need).mean())
@@ -195,12 +200,12 @@ def _missed(got: Array, need: Array) -> tuple[float | None, float | None]:
 def place_errors(
     columns: dict[str, Array], fired: Sequence[Fired], land: Landing, width_m: float
 ) -> tuple[Array, int]:
-    """Signed place errors (k,), m, and how many steps never came half-way before the next one.
+    """Returns the signed place errors (k,), m, and how many steps never came half-way before the
+    next one.
 
-    A step is looked for in what was released after its drive answered and before the next one
-    could show. Its half-way point is where a step between the two targets fits the landed rate
-    best (`_half_way`): a single noisy bin that touches the middle early is no landing.
-    """
+    A step is looked for in the material released after its drive answered and before the next
+    step could show. Its half-way point is where a step between the two targets fits the landed
+    rate best (`_half_way`): a single noisy bin that touches the middle early does not count."""
     time, track, driven = columns["time_s"], columns["track_m"], columns["driven_m"]
     share = columns.get("open_share")
     falls = falls_s(columns)
@@ -254,7 +259,7 @@ def place_errors(
 
 
 def _half_way(rate: Array, before: float, after: float) -> int | None:
-    """Bins before the step that fits best: least squares of a step from `before` to `after`.
+    """Returns the bins before the best fitting step from `before` to `after` (least squares);
     None: no step inside."""
     if len(rate) < 3:
         return None
@@ -267,8 +272,8 @@ def _half_way(rate: Array, before: float, after: float) -> int | None:
 def _rates(
     columns: dict[str, Array], ground: LandedGround, width_m: float, lever_arm_m: float
 ) -> tuple[Array, npt.NDArray[np.bool_]]:
-    """kg/ha by bin of the ground under what was open, and whether anything was. Where all is
-    open all the time, over the whole width and everywhere."""
+    """Returns the rate by bin of the ground under the open width, kg/ha, and whether any was
+    open. Where all is open all the time, over the whole width and everywhere."""
     time, driven, share = columns["time_s"], columns["driven_m"], columns.get("open_share")
     whole_m2 = ground.bin_m * width_m
     if share is None or bool(np.all(share >= 1.0)):

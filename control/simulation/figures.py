@@ -1,5 +1,5 @@
-"""What strategies are compared by along with rate and place error: time to reach a new rate,
-moves an hour."""
+"""How do strategies differ besides rate and place error? Time to reach a new rate, and moves an
+hour."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ import numpy as np
 from topdress.control.machine.elements import Array
 from topdress.control.targets.lag_correction import Fired
 
-REACHED_SHARE = 0.9  # of a step: the new rate is reached
+# Share of a step at which the new rate is reached.
+REACHED_SHARE = 0.9
 LONGEST_S = 5.0
-# of the larger rate; smaller steps drown in the changes of speed
+# Smaller steps, as a share of the larger rate, are lost in changes of speed.
 LEAST_STEP = 0.03
 
 
 class Moves(NamedTuple):
-    """Of one run. Moves are changed set-points on the wire, in an hour of work with flow
-    allowed."""
+    """Holds the moves of one run: changed set-points in an hour of work with flow allowed."""
 
     # from the command to 90 % of the step in the stream that leaves; None: no step
     reach_p50_s: float | None
@@ -30,8 +30,8 @@ class Moves(NamedTuple):
 
 
 def moves(columns: dict[str, Array], fired: Sequence[Fired], width_m: float) -> Moves:
-    """`columns`: see `closed_loop.Record`; `width_m`: working width. Steps from or to nothing
-    are left out, and steps that the next one overtakes before they are reached."""
+    """Counts the moves of a run. `columns`: see `closed_loop.Record`; `width_m`: working width.
+    Steps from or to 0 are left out, and steps that the next one overtakes."""
     time = columns["time_s"]
     speed = np.maximum(0.1, np.abs(columns["speed_mps"]))
     released = columns["flow_kg_s"] * 10_000.0 / (width_m * speed)

@@ -1,4 +1,4 @@
-"""Seeded sensor noise, drawn in blocks because single draws are slow."""
+"""How is seeded sensor noise drawn? In blocks, because single draws are slow."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ BLOCK = 8192
 
 
 class Normals:
-    """Standard normal numbers, one with each call of `next`."""
+    """Draws standard normal numbers, one with each call of `next`."""
 
     def __init__(self, seed: int) -> None:
         draw = np.random.default_rng(seed).standard_normal
@@ -22,7 +22,7 @@ class Normals:
 
 
 class Slow:
-    """First-order correlated noise of a given standard deviation and correlation time."""
+    """Draws first-order correlated noise of a given standard deviation and correlation time."""
 
     def __init__(self, normals: Normals, sd: float, correlation_s: float) -> None:
         self._normals = normals

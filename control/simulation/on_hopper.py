@@ -1,4 +1,5 @@
-"""What else than its load the hopper's scale carries, and what is filled in: wind, people, road."""
+"""What does the hopper's scale carry besides its load, and what is filled in? Wind, people,
+road; lots."""
 
 from __future__ import annotations
 
@@ -7,28 +8,28 @@ from topdress.control.field.job import Simulated
 
 from .noise import Normals, Slow
 
-# gusts: eddies of some 30 m at 4 m/s
+# Time constant of gusts, s: eddies of some 30 m at 4 m/s.
 GUST_S = 8.0
-# of standing, until somebody steps up, for how long they stay, and how often they come
+# Standing time until a person steps up, time of the stay, and interval of the visits, s.
 STEPS_UP_S, STAYS_S, COMES_EVERY_S = 6.0, 20.0, 40.0
 
 
 class OnHopper:
-    """`step` gives the kilograms on the scale that are no load, `lot` the next lot's flow.
+    """Simulates the disturbance of the scale. `step` returns its mass, `lot` the flow of the
+    next lot.
 
-    Draws numbers of its own: a machine with none of this is as it would be without.
-    """
+    It draws its own numbers: a machine without any disturbance is unchanged."""
 
     def __init__(self, sim: Simulated, seed: int) -> None:
         self._sim = sim
         self._normal = Normals(seed)
-        # what is named is what the strongest gusts reach: a peak factor of 3 s.d. is usual
+        # The job gives the strongest gusts: a peak factor of 3 standard deviations is usual.
         self._wind = Slow(self._normal, sim.wind_kg / 3.0, GUST_S)
         self._lots = np.random.default_rng(seed + 1)
         self._stands_s = 0.0
 
     def step(self, speed_mps: float, dt_s: float) -> float:
-        """Kilograms that wind, people and shaking add to the scale's reading."""
+        """Returns the mass that wind, people and shaking add to the scale's reading, kg."""
         sim = self._sim
         self._stands_s = self._stands_s + dt_s if speed_mps == 0.0 else 0.0
         here_s = self._stands_s - STEPS_UP_S
@@ -40,6 +41,6 @@ class OnHopper:
         return kg
 
     def lot(self) -> float:
-        """How much more than the first lot the one flows that is filled in now, %."""
+        """Returns how much more the new lot flows than the first one, %."""
         most = self._sim.lot_percent
         return float(self._lots.uniform(-most, most)) if most > 0.0 else 0.0

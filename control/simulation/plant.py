@@ -1,5 +1,5 @@
-"""The machine in its field, as the model has it: commands in, what the sensors read out, and
-the truth kept apart."""
+"""How does the modelled machine behave in its field? Commands in, sensor readings out, and the
+truth kept apart."""
 
 from __future__ import annotations
 
@@ -37,17 +37,20 @@ from .tractor import Driver, Path, Pose, field_boundary, field_path
 from .valves import Valves
 from .vision import Vision
 
-LEAVES_S = 6.0  # after a refill: the lid is closed first
-MODEL_STEPS = 4  # model steps a control tick
-# the decision paper's day of topdressing
+# Time after a refill to close the lid, s.
+LEAVES_S = 6.0
+# Steps of the model in a control tick.
+MODEL_STEPS = 4
+# The day of topdressing in the decision paper.
 BEGIN_UTC = datetime(2014, 3, 7, 8, 0, 0, tzinfo=UTC)
-SUPPLY_WANDER_V = 0.25  # engine speed and consumers, 1 s.d.
-# a rise or fall of the flow counts as such for this long
+# Wander of the supply by engine speed and consumers, V (1 standard deviation).
+SUPPLY_WANDER_V = 0.25
+# A rise or fall of the flow counts as a change for this long, s.
 CHANGE_SHOWS_S = 1.0
 
 
 class SensorReadings(NamedTuple):
-    """What the sensors of the machine read at `time_s`; None where a sensor gave nothing in
+    """Holds the readings of the machine's sensors at `time_s`; None where a sensor had none in
     this step."""
 
     time_s: float
@@ -73,7 +76,7 @@ class SensorReadings(NamedTuple):
 
 
 class Truth(NamedTuple):
-    """What really happened in the step that ended at `time_s`."""
+    """Holds what really happened in the step that ended at `time_s`."""
 
     time_s: float
     shaft_rpm: float
@@ -99,7 +102,7 @@ class Truth(NamedTuple):
 
 
 class Plant:
-    """One simulated machine on one job. `step` advances it by `dt_s`; it reads no clock."""
+    """Simulates one machine on one job. `step` advances it by `dt_s`; it reads no clock."""
 
     def __init__(
         self,
@@ -115,10 +118,18 @@ class Plant:
         terms: Sequence[Term] = (),
         steps: Steps | None = None,
     ) -> None:
-        """`plants`: places (n, 2) of the plants of point mode, east and north, m; None: those
-        of the job. `terms`: what the machine does along with those of its file. `steps`:
-        compiled, of its drives and its flow, for long runs; not of a machine with valves, which
-        share out each step."""
+        """Starts at rest.
+
+        Parameters
+        ----------
+        planted : effects that the controller does not know.
+        path : of the tractor; None: the passes of the job.
+        keep : called with the truth of each step.
+        plants : places (n, 2) of the plants of point mode, east and north, m; None: those of the
+            job.
+        terms : added to those of the machine's file.
+        steps : compiled drives and flow for long runs; not for a machine with valves, which
+            share out each step."""
         sim = job.simulated
         self.machine = machine
         self.dt_s = dt_s
@@ -209,7 +220,7 @@ class Plant:
         return self._ticks * self.dt_s
 
     def step(self, command: DriveCommand, enabled: bool) -> SensorReadings:
-        """Advance by `dt_s` with the command held, and read the sensors at the end of it."""
+        """Advances by `dt_s` with the command held, and reads the sensors at the end."""
         dt, begin = self.dt_s, self.time_s
         while len(self._stages) > 1 and begin >= self._stages[1][0]:
             self._stages.pop(0)
@@ -225,7 +236,7 @@ class Plant:
         if refill > 0.0:
             self._lot_percent = self._on_hopper.lot()
         self._asked_rpm = command.shaft_rpm if enabled else 0.0
-        # without power it stands
+        # Without power the shaft stands.
         rpm = command.shaft_rpm if enabled else self._true.shaft.neutral_rpm
         self._take_dose(command.dose, enabled)
         if self.valves is not None:
@@ -265,7 +276,7 @@ class Plant:
     def _terms_now(
         self, rpm: float, opening_mm: float, supply: float, pitch: float, speed: float, pose: Pose
     ) -> More:
-        """What the machine's terms come to in this step."""
+        """Returns the sums of the machine's terms in this step."""
         dt, shaft = self.dt_s, self._shaft_out[0]
         turned = 6.0 * shaft * dt
         more = self._terms.step(
@@ -289,7 +300,8 @@ class Plant:
         return more
 
     def _take_dose(self, dose: DoseOrder | None, enabled: bool) -> None:
-        """A stop ends the dose under way; one that comes while another turns is refused."""
+        """Accepts a dose. A stop ends the present dose; a dose that comes while another turns is
+        refused."""
         if not enabled:
             self._dose = None
         elif self._dose is None and dose is not None:
@@ -302,7 +314,7 @@ class Plant:
             self._doses += 1
 
     def _dose_rpm(self, step_s: float) -> float:
-        """Mean speed in this model step of the dose under way."""
+        """Returns the mean speed of the present dose in this model step, r/min."""
         if self._dose is None:
             return 0.0
         angle_deg, rpm = self._dose
@@ -447,7 +459,7 @@ class Plant:
         )
 
     def _efforts(self, pitch: float, supply: float) -> tuple[float | None, float | None]:
-        """How hard shaft and gate work; None of a drive that tells none."""
+        """Returns the efforts of shaft and gate; None of a drive that reports none."""
         true, dt = self._true, self.dt_s
         rpm, opening = self._shaft_out[0], self._gate_out[0]
         turned_rpm, stood_mm, moved_mm_s = self._before
@@ -456,8 +468,8 @@ class Plant:
         share = true.shaft.nominal_supply_v / max(1.0, supply)
         shaft = gate = None
         if true.has("effort"):
-            # A term says what lands, not what the flutes hold: the drive's load is that of the
-            # flow without it.
+            # A term changes what lands, not the filling of the flutes: the drive's load is that
+            # of the flow without it.
             flutes = in_flutes(
                 true.flow,
                 rpm,
@@ -485,7 +497,8 @@ class Plant:
         return shaft, gate
 
     def _roll_wheel(self, wheel_mps: float, dt: float) -> None:
-        """Count pulses; the newest one's time is where its distance was reached within the step."""
+        """Counts pulses; the time of the newest is when its distance was reached within the
+        step."""
         speed = self._true.speed
         pulse_m = speed.wheel_circumference_m / speed.pulses_per_turn
         self._wheel_m += wheel_mps * dt

@@ -1,4 +1,4 @@
-"""Plants of the simulated field, and where along the machine's way they stand."""
+"""Where do the plants of the simulated field stand along the machine's way?"""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from .tractor import Path, pass_order
 
 
 def simulated_plants(job: Job, width_m: float, seed: int) -> Array:
-    """Places (n, 2), east and north, m, of the plants that `simulated.plants` describes; none
+    """Returns the places (n, 2) of the plants of `simulated.plants`, east and north, m; empty
     without it."""
     plants, sim = job.simulated.plants, job.simulated
     if plants is None:
@@ -35,8 +35,8 @@ def simulated_plants(job: Job, width_m: float, seed: int) -> Array:
 
 
 def along_way(path: Path, places: Array, half_width_m: float) -> Array:
-    """Distances driven (k,), rising, at which the outlet passes the plants (n, 2) within
-    `half_width_m` next to it, on the straight legs of its way."""
+    """Returns the rising distances (k,) at which the outlet passes the plants (n, 2) within
+    `half_width_m`, on the straight legs of its way, m."""
     found = []
     for begin_m, leg in path.straight_legs():
         angle = radians(leg.heading_deg)

@@ -1,5 +1,5 @@
-"""A row of plants driven over in point mode, on a machine with delays and measures unknown to
-its controller."""
+"""How accurate is point mode over a row of plants, on a machine whose delays its controller does
+not know?"""
 
 from __future__ import annotations
 
@@ -10,11 +10,12 @@ from topdress.control.machine.elements import Array
 from topdress.control.targets.plants import PlantRow, SeenPlant
 from topdress.control.targets.point import PointLag, PointMode, Threshold
 
-CAMERA_FROM_M, CAMERA_TO_M = 0.2, 1.2  # of the camera's picture, beyond its own place
+# Begin and end of the camera's picture beyond its own place, m.
+CAMERA_FROM_M, CAMERA_TO_M = 0.2, 1.2
 
 
 class PointTruth(NamedTuple):
-    """What the controller does not know: spreads of one standard deviation, and constants."""
+    """Holds what the controller does not know: standard deviations and constants."""
 
     link_sd_s: float = 0.03
     extra_delay_s: float = 0.15
@@ -29,8 +30,8 @@ class PointTruth(NamedTuple):
 
 
 class PointRun(NamedTuple):
-    """error_m: (doses,) middle of the dose minus its plant, late positive, in the order of the
-    doses."""
+    """Holds the result. error_m: (doses,) middle of the dose minus its plant, late positive, in
+    the order of the doses."""
 
     error_m: Array
     plants: int
@@ -54,13 +55,16 @@ def point_run(
     within_tick: bool = True,
     measured_after: int = 10,
 ) -> PointRun:
-    """Drive over a row. `learn`: the threshold follows the measured errors, known
-    `measured_after` doses later.
+    """Simulates a drive over a row.
 
-    camera_m: the camera's place before the outlet; None: so far ahead that lag and computing
-    time are met. within_tick: the dose command tells its moment; otherwise it is given at the
-    tick. The way is straight, the speed wanders with a 4 s correlation.
-    """
+    Parameters
+    ----------
+    learn : the threshold follows the measured errors, known `measured_after` doses later.
+    camera_m : the camera's place before the outlet, m; None: far enough for lag and computing
+        time.
+    within_tick : the dose command has its moment; otherwise it is given at the tick.
+
+    The way is straight; the speed wanders with a 4 s correlation."""
     really = truth or PointTruth()
     rng = np.random.default_rng(seed)
     places = 5.0 + spacing_m * np.arange(plants) + 0.1 * spacing_m * rng.standard_normal(plants)

@@ -1,9 +1,8 @@
-"""Drives that rest: the later model steps of a tick give what its first one gave, and need not
-be computed.
+"""Which model steps need not be computed? Those of drives that rest: they repeat the tick's
+first step.
 
-To the last bit, so that a run's rows are the same. A machine that stands, or works at one
-speed, takes a quarter of the steps' time.
-"""
+The result is the same to the last bit, so that a run's rows are unchanged. A machine that
+stands, or works at one speed, takes a quarter of the steps' time."""
 
 from __future__ import annotations
 
@@ -13,8 +12,8 @@ from topdress.control.machine.shaft import ShaftState
 
 
 def rest(shaft_was: ShaftState, shaft: ShaftState, gate_was: GateState, gate: GateState) -> bool:
-    """Whether further steps with the same inputs leave both drives where this one left them:
-    nothing that was commanded is still to come, and neither moved."""
+    """Returns whether further steps with the same inputs leave both drives unchanged: no command
+    is pending, and neither moved."""
     return (
         shaft.rpm == shaft_was.rpm
         and shaft.rpm_s == shaft_was.rpm_s
@@ -27,7 +26,7 @@ def rest(shaft_was: ShaftState, shaft: ShaftState, gate_was: GateState, gate: Ga
 
 
 def later(shaft: ShaftState, gate: GateState, dt_s: float) -> tuple[ShaftState, GateState]:
-    """Drives that rest, a step later."""
+    """Returns resting drives a step later."""
     return (
         ShaftState(shaft.time_s + dt_s, shaft.rpm, shaft.line, shaft.rpm_s),
         GateState(
@@ -37,10 +36,10 @@ def later(shaft: ShaftState, gate: GateState, dt_s: float) -> tuple[ShaftState, 
 
 
 def stands(flow: Flow, shaft_rpm: float, refill_kg: float) -> bool:
-    """Whether nothing leaves the hopper and nothing comes into it."""
+    """Returns whether nothing leaves the hopper and nothing is filled in."""
     return shaft_rpm == 0.0 and refill_kg == 0.0 and flow.leak_kg_h == 0.0
 
 
 def waited(flow: FlowState, dt_s: float) -> FlowState:
-    """A hopper that nothing leaves, a step later."""
+    """Returns an unchanged hopper a step later."""
     return FlowState(flow.time_s + dt_s, flow.hopper_kg, flow.angle_rev, flow.refills)

@@ -1,4 +1,4 @@
-"""The tractor: passes up and down a field with half-circle turns, and how fast it goes."""
+"""Where does the tractor drive, and how fast? Passes up and down a field with half-circle turns."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from topdress.control.field.job import Simulated
 from topdress.control.readings import SpeedPlan
 
-# passes are taken in blocks, four apart, so that the turns are wide enough to drive
+# Passes in a block; neighbours in time are four widths apart, so that turns are wide enough.
 BLOCK = 8
 
 
@@ -23,7 +23,7 @@ class Pose(NamedTuple):
 
 
 class Leg(NamedTuple):
-    """A straight (turn_deg 0) or an arc, from a pose on, of a length."""
+    """Holds a straight (turn_deg 0) or an arc of some length from a pose on."""
 
     east_m: float
     north_m: float
@@ -33,7 +33,7 @@ class Leg(NamedTuple):
 
 
 class Path:
-    """The way of the outlets' middle, by distance driven."""
+    """Holds the way of the outlets' middle by distance driven."""
 
     def __init__(self, legs: list[Leg]) -> None:
         self._legs = legs
@@ -43,7 +43,7 @@ class Path:
         self.length_m = self._begin_m[-1]
 
     def at(self, driven_m: float) -> Pose:
-        """Pose after a distance; beyond both ends straight on."""
+        """Returns the pose after a distance; beyond both ends the way continues straight."""
         k = min(len(self._legs) - 1, max(0, bisect_right(self._begin_m, driven_m) - 1))
         leg = self._legs[k]
         along = driven_m - self._begin_m[k]
@@ -68,7 +68,7 @@ class Path:
         )
 
     def straight_legs(self) -> list[tuple[float, Leg]]:
-        """Each straight leg with the distance driven at its begin."""
+        """Returns each straight leg with the distance driven at its beginning, m."""
         return [
             (begin, leg)
             for begin, leg in zip(self._begin_m, self._legs, strict=False)
@@ -77,8 +77,8 @@ class Path:
 
 
 def pass_order(passes: int) -> list[int]:
-    """0, 4, 1, 5, 2, 6, 3, 7, then the next block: neighbours in time lie three or four widths
-    apart."""
+    """Returns the order of passes 0, 4, 1, 5, 2, 6, 3, 7, then the next block: neighbours in
+    time are three or four widths apart."""
     order: list[int] = []
     for block in range(0, passes, BLOCK):
         members = list(range(block, min(block + BLOCK, passes)))
@@ -91,8 +91,8 @@ def pass_order(passes: int) -> list[int]:
 
 
 def field_path(sim: Simulated, width_m: float, heading_deg: float) -> Path:
-    """Passes of the simulated field; the first begins at the origin, the next ones lie to its
-    right."""
+    """Returns the passes of the simulated field; the first begins at the origin, the others lie
+    to its right."""
     north = radians(heading_deg)
     ahead = (sin(north), cos(north))
     right = (cos(north), -sin(north))
@@ -121,7 +121,7 @@ def field_path(sim: Simulated, width_m: float, heading_deg: float) -> Path:
 def field_boundary(
     sim: Simulated, width_m: float, heading_deg: float
 ) -> tuple[tuple[float, float], ...]:
-    """The rectangle that the passes cover, east and north, m."""
+    """Returns the rectangle that the passes cover, east and north, m."""
     north = radians(heading_deg)
     corners = [
         (0.0, 0.0),
@@ -134,17 +134,17 @@ def field_boundary(
     )
 
 
-# of what a tractor tells of its speeds to come
+# Span and step of the announced speeds, s.
 ANNOUNCED_AHEAD_S, ANNOUNCED_STEP_S = 5.0, 0.1
-WANDER_S = 8.0  # correlation of the throttle's wander
+# Correlation time of the throttle's wander, s.
+WANDER_S = 8.0
 
 
 class Driver:
-    """Wanted speed to speed: bounded acceleration, a slow wander of the throttle, stops for
+    """Simulates the driver: bounded acceleration, a slow wander of the throttle, stops for
     refills.
 
-    Where the drive tells all that it will do, its wander is drawn so far ahead, from `seed`.
-    """
+    Where the tractor announces all of its drive, its wander is drawn in advance from `seed`."""
 
     def __init__(self, sim: Simulated, seed: int = 0) -> None:
         self._sim = sim
@@ -158,7 +158,7 @@ class Driver:
         self._rng = np.random.default_rng(seed)
 
     def step(self, time_s: float, stopped: bool, kick: float, dt_s: float) -> float:
-        """Speed at the end of the step, m/s; `kick`: one standard normal number."""
+        """Returns the speed at the end of the step, m/s; `kick`: a standard normal number."""
         self._time_s, self._stopped, self._dt_s = time_s + dt_s, stopped, dt_s
         wanted, most = self._wanted(time_s)
         if self._sim.speed_told == "drive":
@@ -171,7 +171,7 @@ class Driver:
         return self.speed_mps
 
     def announced(self) -> SpeedPlan | None:
-        """What the tractor says now of its speeds to come."""
+        """Returns the tractor's present announcement."""
         how = self._sim.speed_told
         if how == "none":
             return None
@@ -199,7 +199,7 @@ class Driver:
         )
 
     def _wanted(self, time_s: float) -> tuple[float, float]:
-        """Speed, m/s, and acceleration, m/s2, that the driver wants at a time."""
+        """Returns the driver's wanted speed, m/s, and acceleration, m/s2, at a time."""
         wanted, most = self._sim.speed_kmh / 3.6, 0.5
         for change in self._changes:
             if change.at_s <= time_s:

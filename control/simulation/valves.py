@@ -1,4 +1,5 @@
-"""The valves of a simulated machine: what was metered, shared by the outlets that are open."""
+"""How do the valves of a simulated machine share the metered material? The open outlets get
+equal parts."""
 
 from __future__ import annotations
 
@@ -10,7 +11,8 @@ from topdress.control.machine.sections import Valve
 
 
 class Valves:
-    """`stuck`: sections, counted from 1, whose valve does not move, and whether it stands open."""
+    """Simulates the valves. `stuck`: sections, counted from 1, whose valve does not move, and
+    whether it stands open."""
 
     def __init__(self, machine: Machine) -> None:
         self.stuck: dict[int, bool] = {}
@@ -24,7 +26,7 @@ class Valves:
         self._step_shares: list[float] = []
 
     def tell(self, now_s: float, valves: Sequence[bool]) -> None:
-        """What they are commanded from now on; none: no power, and they close."""
+        """Takes the commands from now on; empty: no power, and they close."""
         for k, valve in enumerate(self._valves):
             on = k < len(valves) and valves[k]
             if on is not self._commanded[k]:
@@ -33,11 +35,11 @@ class Valves:
 
     @property
     def open_now(self) -> tuple[bool, ...]:
-        """How each stands, as a switch on it would tell."""
+        """Returns the position of each valve, as a switch on it would show."""
         return tuple(self._open)
 
     def any_open(self, now_s: float) -> bool:
-        """Whether anything can leave the machine; moves the valves up to now."""
+        """Moves the valves to the present, and returns whether any is open."""
         for k, turns in enumerate(self._to_come):
             while turns and turns[0][0] <= now_s:
                 self._open[k] = turns.popleft()[1]
@@ -46,20 +48,19 @@ class Valves:
         return any(self._open)
 
     def pass_on(self, kg: float) -> None:
-        """What was metered just now leaves by the open outlets; what trickles with all closed,
-        by none."""
+        """Distributes the metered mass over the open outlets; with all of them closed it stays."""
         share = self._share()
         for k, on in enumerate(self._open):
             if on:
                 self._kg[k] += kg * self._shares[k] / share
 
     def take_kg(self) -> tuple[float, ...]:
-        """Passed by each section since this was asked last."""
+        """Returns the mass that each section has passed since the last call, kg."""
         kg, self._kg = tuple(self._kg), [0.0] * len(self._kg)
         return kg
 
     def take_share(self) -> float:
-        """Mean share of the width that was open since this was asked last."""
+        """Returns the mean open share of the width since the last call."""
         shares, self._step_shares = self._step_shares, []
         return sum(shares) / len(shares) if shares else 0.0
 

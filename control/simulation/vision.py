@@ -1,5 +1,5 @@
-"""A simulated camera over a row of plants: pictures, each reported when its computer is done
-with it."""
+"""Which plants does a simulated camera report? Each picture arrives when its computer has
+finished."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from topdress.control.readings import PlantSeen
 
 
 class Vision:
-    """`plants_m`: where along the way the plants stand, rising."""
+    """Simulates the camera. `plants_m`: rising places of the plants along the way."""
 
     def __init__(self, camera: Camera, plants_m: Array, seed: int) -> None:
         self._camera = camera
@@ -22,7 +22,7 @@ class Vision:
         self._pictures: deque[tuple[float, list[PlantSeen]]] = deque()
 
     def look(self, now_s: float, driven_m: float) -> tuple[PlantSeen, ...]:
-        """What is reported at `now_s`; a new picture is taken where one is due."""
+        """Returns the plants reported at `now_s`; takes a new picture where one is due."""
         camera = self._camera
         if now_s >= self._next_s - 1e-9:
             self._next_s += 1.0 / camera.hz
