@@ -27,7 +27,7 @@ class PlantList:
         self, place: Place, heading_deg: float, farthest_m: float, half_width_m: float
     ) -> list[float]:
         """Returns the distances ahead of the plants in a strip along the heading, m, rising;
-        plants beside the strip are left out."""
+        plants next to the strip are left out."""
         east, north = direction(heading_deg)
         far = (place[0] + farthest_m * east, place[1] + farthest_m * north)
         reach = shapely.box(
