@@ -1,24 +1,25 @@
-"""What is decided and modelled. Pure: no I/O, no clock, no thread, no screen.
+"""What is decided and what is modelled? Pure functions and values: no I/O, no clock, no thread,
+no screen.
 
 Files:
 
-- `agronomy`: From canopy to rate: crops, the nitrogen optimisation, day counts, sampling statistics
-- `calibration`: Tests to machine parameters
+- `agronomy`: How much product does this canopy need?
+- `calibration`: Which machine parameters follow from tests?
 - `diagnosis`: What the machine model gets wrong on measured data, why
-- `experiments`: What to measure next: design of experiments
-- `field`: The field: its edge, what is done of it, and the totals
-- `frozen_model`: What a file holds, once checked
-- `geodesy`: Degrees to metres and back on WGS84, and the small geometry of driving
-- `log_row`: One row of a run log: the public column contract, in its published order
-- `loop`: One tick of control: measurements in, commands and a log row out
-- `machine`: THE machine model: stages, effects, landing, the papers' lag models
-- `metering`: Wanted flow to a pair of shaft speed and opening
-- `orders`: The words shared by operator, loop and log
+- `experiments`: What should be measured next?
+- `field`: Where is the field, which ground is done, and what do the totals amount to?
+- `frozen_model`: How is the checked content of a file held?
+- `geodesy`: How are degrees converted to metres on WGS84
+- `log_row`: Which columns does a run log have?
+- `loop`: What does one tick of control do?
+- `machine`: How does the machine behave?
+- `metering`: Which shaft speed and opening give a wanted flow?
+- `orders`: Which words do operator, loop and log share?
 - `papers`: What the three papers print, and the same from this program's models
-- `readings`: What the machine's sensors said, and what is sent to its drives
-- `recordings`: What is odd about recorded data, put right where that is safe, and always said
-- `safety`: Safety: states, interlocks, alarms, and the last gate before the drives
-- `sensing`: Which speed and which place control uses
-- `simulation`: The loop and the machine model closed on an injected clock
-- `targets`: Which target holds where
+- `readings`: What did the machine's sensors read, and what is sent to its drives?
+- `recordings`: What is wrong with recorded data, and how is it repaired safely?
+- `safety`: May material flow? States, interlocks, alarms, and the last gate before the drives
+- `sensing`: Which speed and which place does control use
+- `simulation`: How does the control loop work on the machine model?
+- `targets`: Which target holds where?
 """

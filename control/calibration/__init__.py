@@ -1,21 +1,21 @@
-"""Tests to machine parameters: flow and lag from bench tables, wheel and canopy heads from run
-logs.
+"""Which machine parameters follow from tests? Flow and lag from bench tables, wheel and canopy
+heads from run logs.
 
 What fits loads scipy, so it is imported when it is first asked for: to tell a table from a log
 takes none of it.
 
 Files:
 
-- `adopt`: What a calibrated machine file says about itself
-- `bench_table`: A bench table as a record, and what each kind of table must hold
-- `encoder_fit`: Counts of the metering shaft's encoder a turn
-- `first_machine`: A first machine file of one driven stage (pump, wheel, fan, conveyor)
-- `flow_fit`: Catch test to flow model
-- `heads_check`: Canopy heads from a run log
-- `lag_fit`: Lag test to lag model: a straight line over shaft speed, with its range
-- `least_squares`: Weighted linear least squares with 90 % intervals
-- `tube_fit`: Lag test between two rates to what goes on in the tube
-- `wheel_fit`: The wheel's circumference from a run log
+- `adopt`: What does a calibrated machine file record about its calibration?
+- `bench_table`: Which columns must each kind of bench table have?
+- `encoder_fit`: How many counts has a turn of the metering shaft's encoder?
+- `first_machine`: Which first machine file of a single driven stage (pump, wheel, fan
+- `flow_fit`: Which flow model does a catch test give?
+- `heads_check`: Which gain and offset has each canopy head in a run log?
+- `lag_fit`: Which lag model does a lag test give?
+- `least_squares`: How are linear models fitted?
+- `tube_fit`: Does the air stream in the tube carry the granules, or do they fall singly?
+- `wheel_fit`: Which circumference has the wheel?
 """
 
 from __future__ import annotations

@@ -1,4 +1,5 @@
-"""What to measure next: design of experiments, by what each would read under each of the rivals.
+"""What should be measured next? Design of experiments, by the readings that each rival
+hypothesis predicts.
 
 `manoeuvres` are short runs of the machine at work, `bench_tests` what is tried in the yard;
 both are an `Experiment`, and `experiment.chosen` picks those that tell rivals apart soonest.
@@ -6,8 +7,8 @@ both are an `Experiment`, and `experiment.chosen` picks those that tell rivals a
 
 Files:
 
-- `bench_tests`: Cheap tests that a farm can make in its yard
-- `experiment`: An experiment that a farm can make, and which of several tell rivals apart
-- `levels`: The settings that experiments go through
-- `manoeuvres`: Short runs that cost little, each as the log that it would leave of a given machine
+- `bench_tests`: Which cheap tests can a farm make in its yard
+- `experiment`: Which experiments separate rival hypotheses soonest?
+- `levels`: At which settings are experiments made?
+- `manoeuvres`: Which short runs cost little, and which log would each leave of a given machine
 """

@@ -1,4 +1,5 @@
-"""The field: its edge, what is done of it, and the totals. Metres on the field's tangent plane.
+"""Where is the field, which ground is done, and what do the totals amount to? Metres on the
+field's tangent plane.
 
 Files:
 

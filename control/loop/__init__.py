@@ -1,25 +1,25 @@
-"""One tick of control: measurements in, commands and a log row out.
+"""What does one tick of control do? Measurements in, commands and a log row out.
 
 Files:
 
-- `ahead`: What lies along the way ahead
-- `canopy_heads`: The canopy heads in the loop
-- `doses`: Point mode in the loop: the dose that is due, nothing outside the field, no plant twice
+- `ahead`: What lies along the way ahead?
+- `canopy_heads`: Which NDVI do the canopy heads measure, and which rate follows?
+- `doses`: Which dose is due in this tick of point mode?
 - `effort_watch`: Does the metering drive work as hard as it should?
-- `events`: Events on their way into rows
-- `expected`: Where shaft and gate should be by now
-- `known_terms`: The machine file's terms as control knows them
-- `look_ahead_distance`: How far ahead a change of the target must be made
-- `loop`: One tick of control: measurements in, commands and a log row out
+- `events`: Which events does a row take?
+- `expected`: Where should shaft and gate be by now?
+- `known_terms`: Which terms of the machine file can control compensate
+- `look_ahead_distance`: How far ahead must a change of the target be made?
+- `loop`: What does control do in one tick?
 - `map_near`: Does the map lie where the machine works?
-- `order_handlers`: The operator's orders to the loop
-- `reversing`: Backing up without leave to spread
-- `row`: The log row of a tick: what the sensors said, as long as it holds, and what came of it
-- `sections`: The sections of a machine with valves
-- `situation`: What safety is given of a tick
-- `tick`: What one tick yields
-- `tick_state`: The values that the steps of a tick hand on to each other
-- `unintended_flow`: What the drives were commanded
+- `order_handlers`: What does each of the operator's orders to the loop change
+- `reversing`: Where has material landed while the machine reverses without permission to spread?
+- `row`: What stands in the log row of a tick?
+- `sections`: Which sections are on when material released then lands
+- `situation`: What does safety need to know of a tick?
+- `tick`: What is the result of one tick?
+- `tick_state`: Which values do the steps of a tick pass on to each other?
+- `unintended_flow`: How much leaves the machine although its shaft is commanded to stop?
 """
 
 from __future__ import annotations

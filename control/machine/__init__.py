@@ -1,4 +1,5 @@
-"""THE machine model: stages, effects, landing, the papers' lag models.
+"""How does the machine behave? The one machine model: stages, effects, terms, landing, the
+papers' lag models.
 
 Files:
 

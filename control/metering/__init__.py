@@ -1,12 +1,12 @@
-"""Wanted flow to a pair of shaft speed and opening: the inverse of the machine model,
+"""Which shaft speed and opening give a wanted flow? The inverse of the machine model,
 strategies, trims.
 
 Files:
 
-- `flow_trim`: The hopper scale against what shaft and opening should have taken
-- `inverse`: The machine model solved for its set-points, effects included
-- `rate_range`: The rates that a machine can spread at a speed
-- `setting`: A wanted rate to shaft and gate
-- `strategies`: Opening first and speed first
-- `trims`: The host's slow corrections of shaft and gate to their measured values, bounded
+- `flow_trim`: Does the hopper scale confirm the flow that shaft and opening give?
+- `inverse`: Which set-points give this flow?
+- `rate_range`: Which rates can a machine spread at a speed
+- `setting`: Which shaft speed and opening are commanded for a wanted rate in this tick?
+- `strategies`: Which pair of true shaft speed and opening gives a wanted flow?
+- `trims`: How are shaft and gate corrected towards their measured values?
 """

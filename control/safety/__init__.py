@@ -1,21 +1,21 @@
-"""Safety: states, interlocks, alarms, and the last gate before the drives. Pure; see
+"""May material flow? States, interlocks, alarms, and the last gate before the drives. Pure; see
 docs/safety.md.
 
 Files:
 
-- `alarm_conditions`: The table of losses: which alarms have their cause at this tick
-- `alarms`: The published list of alarms, and how they live
-- `drive_gate`: The last gate before every drive
-- `interlocks`: What forbids flow at this tick
-- `limits`: Every time-out and threshold of the safety rules, with its unit in its name
-- `memory`: All that safety remembers from one tick to the next, in one frozen value
-- `motion`: What must be remembered of the movement
-- `order_handlers`: The operator's orders that concern safety
-- `sensor_validity`: Which of the sensors can be believed at this tick
-- `standstill_monitor`: Do the drives stand while they are commanded to?
-- `watchdog`: `Safety`: the one object the loop talks to
-- `words`: The words of this package
-- `work_watch`: What is watched at work: do shaft and gate follow, is the rate on its target
+- `alarm_conditions`: Which alarms have their cause at this tick?
+- `alarms`: Which alarms exist, and how do they live?
+- `drive_gate`: Which command may be sent to a drive?
+- `interlocks`: What forbids flow at this tick?
+- `limits`: Which time-outs and thresholds do the safety rules use?
+- `memory`: What does safety remember from one tick to the next?
+- `motion`: Has the machine started, since when does it stand, and does it reverse?
+- `order_handlers`: What does each of the operator's orders to safety need, and why is it refused?
+- `sensor_validity`: Which sensors can be trusted at this tick?
+- `standstill_monitor`: Do shaft, gate and valves stand while they are commanded to?
+- `watchdog`: In which state is the machine, and may material flow?
+- `words`: Which values does safety exchange with the loop?
+- `work_watch`: Do shaft and gate follow at work, is the rate on its target
 """
 
 from __future__ import annotations

@@ -1,14 +1,14 @@
-"""Which speed and which place control uses, and how fast the machine will go over the next
-seconds.
+"""Which speed and which place does control use, and how fast will the machine go over the next
+seconds?
 
 Files:
 
-- `gnss_late`: How late a receiver's speed comes, measured against the wheel
-- `position_gate`: Which GNSS places can be believed
-- `sensing`: Which speed and which place control uses
-- `speed_ahead`: How fast the machine will go over the next seconds
-- `speed_check`: Which of three witnesses of one ground speed is not believed
-- `walk_watch`: Does GNSS's place go where its own speed and course say?
+- `gnss_late`: How late does a receiver's speed arrive?
+- `position_gate`: Which GNSS places can be trusted?
+- `sensing`: Which speed and which place does control use?
+- `speed_ahead`: How fast will the machine go over the next seconds?
+- `speed_check`: Which of three witnesses of ground speed is wrong
+- `walk_watch`: Does GNSS's place follow its own speed and course?
 """
 
 from __future__ import annotations
