@@ -3,33 +3,33 @@ papers' lag models.
 
 Files:
 
-- `change_lag`: The lag of a change of set-points
-- `compiled`: The steps compiled over whole logs
-- `compiled_tick`: Shaft, gate and flow of a control tick in compiled steps, for long simulated runs
-- `effect`: What a stage parameter needs to be an effect
-- `effort`: How hard the drives work to do what they do
-- `elements`: The few pieces with memory or shape that stages share
-- `fall`: From the roller to the ground
-- `fault_injection`: Effects that a simulated machine has and its controller does not know
-- `flow`: Flow of all outlets together, kg/s, from true shaft speed and opening
-- `form`: What a form of a term is
-- `forms`: The forms that a term may have, a class each
-- `gate`: Metering opening: command mm -> true mm and displacement reading
-- `heads`: Canopy heads: true NDVI under each head -> its reading, before noise
-- `history`: What a machine file was changed by, and the last of it taken back
-- `jit_cache`: Compiled code kept on disk
-- `landing`: Where released material comes to lie
-- `machine`: One machine: its stages, measures, limits, noise and tolerances
-- `parameter_uncertainty`: Machines that a machine file may stand for
-- `product_calibration`: A machine as it meters a product
-- `scale`: Hopper scale: true kg -> reading
-- `sections`: Sections: outlets side by side that are opened and closed together
-- `shaft`: Metering shaft: command r/min -> r/min
-- `speed`: Ground speed: true m/s -> wheel and GNSS readings, before noise
-- `stage_runner`: A stage over a whole log
-- `start`: A start as the lag rig measures it
-- `steps`: Compiled steps in place of interpreted ones, as whoever begins a long run hands them in
-- `term_step`: The evaluator of terms: one value of one term
-- `term_sums`: What a machine's terms come to together, quantity by quantity
-- `terms`: Terms: what a machine does beyond the catalogue, as data in its file
+- `change_lag`: How long does a change of set-points take from the command until the landed step is
+- `compiled`: How do the model's steps run compiled over whole logs?
+- `compiled_tick`: How do shaft, gate and flow of a control tick run compiled, for long simulations?
+- `effect`: What makes a stage parameter an effect, and which effects does the catalogue contain?
+- `effort`: How hard do shaft and gate drives work?
+- `elements`: Which small elements with memory or shape do the stages share?
+- `fall`: How long does material fall from the roller to the ground?
+- `fault_injection`: Which effects has a simulated machine that its controller does not know?
+- `flow`: How much flows from all outlets together, kg/s, at a true shaft speed and opening?
+- `form`: What must a form of a term define?
+- `forms`: Which forms may a term have?
+- `gate`: How does the metering gate follow its command?
+- `heads`: What does a canopy head read from the true NDVI under it, before noise?
+- `history`: Which changes has a machine file had, and how is the last one undone?
+- `jit_cache`: How is compiled code kept on disk?
+- `landing`: Where does released material land?
+- `machine`: What does a machine file contain?
+- `parameter_uncertainty`: Which machines may a machine file stand for?
+- `product_calibration`: How does a machine meter a product?
+- `scale`: What does the hopper scale read from the true mass?
+- `sections`: Which outlets open and close together?
+- `shaft`: How does the metering shaft follow its command?
+- `speed`: What do wheel and GNSS read from the true ground speed, before noise?
+- `stage_runner`: How does a stage run over a whole log?
+- `start`: How long does a start take as the lag rig measures it?
+- `steps`: Which compiled steps replace interpreted ones in a long run?
+- `term_step`: What is the value of a term, from its variables and its memory?
+- `term_sums`: What do a machine's terms add up to, quantity by quantity?
+- `terms`: What does a machine do beyond the catalogue?
 """

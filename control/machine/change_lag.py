@@ -1,5 +1,5 @@
-"""The lag of a change of set-points: from the command until the landed step is half-way (lag
-papers)."""
+"""How long does a change of set-points take from the command until the landed step is half-way?
+(lag papers)"""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from .shaft import dead_s, fastest_rpm_s, follows, lag_s
 
 
 class Settled(NamedTuple):
-    """True shaft speed and opening before or after a change."""
+    """Holds true shaft speed and opening before or after a change."""
 
     shaft_rpm: float
     opening_mm: float
 
 
 class Lag(NamedTuple):
-    """`response_s`: dead time of the slowest actuator that moves; `transition_s`: half of its
-    travel; `drop_s`."""
+    """Holds the parts of a lag, s. `response_s`: dead time of the slowest actuator that moves;
+    `transition_s`: half of its travel; `drop_s`."""
 
     response_s: float
     transition_s: float
@@ -33,23 +33,26 @@ class Lag(NamedTuple):
         return self.response_s + self.transition_s + self.drop_s
 
 
-STEP_S = 0.0125  # of the little simulation of one change
-# of the middle rate, s: where two parcels fit alike, a rise takes the first, a fall the last
+# Step of the small simulation of one change, s.
+STEP_S = 0.0125
+# Tolerance of the middle rate, s: where two parcels fit equally, a rise takes the first, a fall the
+# last.
 TIE = 1e-9
-SETTLE_S = 1.0  # after the slowest drive began to move
-ROUND_RPM = 1.0  # lags are kept by rounded pairs
+# Simulated time after the slowest drive began to move, s.
+SETTLE_S = 1.0
+# Lags are cached by pairs rounded to these steps, r/min and mm.
+ROUND_RPM = 1.0
 ROUND_MM = 0.5
 
 
 class ChangeLags:
-    """Lags of changes under one machine model, kept once computed.
+    """Caches the lags of changes under one machine model.
 
-    A change is played through the model: shaft and gate move, parcels are carried along in the
+    A change is simulated with the model: shaft and gate move, parcels are carried along in the
     tube, and the lag is the time from the command to the half-way point of the landed step,
-    found as rate and place errors are judged (the best fitting step). Neither half a transition
-    nor one shaft speed's drop time will do: while the shaft speeds up, what falls is carried
-    faster than when it was released.
-    """
+    defined as for rate and place errors (the best fitting step). Neither half a transition nor
+    the drop time of a single shaft speed suffices: while the shaft speeds up, falling material
+    is carried faster than when it was released."""
 
     def __init__(self, machine: Machine) -> None:
         self._machine = machine
@@ -73,12 +76,11 @@ class ChangeLags:
 
 
 def change_lag(machine: Machine, before: Settled, after: Settled) -> Lag:
-    """Lag of a change from one settled pair to another, s (lag paper: system response plus drop
-    time).
+    """Returns the lag of a change from one settled pair to another, s (lag paper: system
+    response plus drop time).
 
     Where nothing moves, and from zero to zero, it is the response of the gate plus the drop
-    time.
-    """
+    time."""
     fall, shaft, gate = machine.fall, machine.shaft, machine.gate
     dead_shaft = dead_s(shaft)
     moves_shaft = abs(after.shaft_rpm - before.shaft_rpm) > 0.5 * ROUND_RPM
@@ -100,8 +102,8 @@ def change_lag(machine: Machine, before: Settled, after: Settled) -> Lag:
 def _landed_half_way_s(
     machine: Machine, before: Settled, after: Settled, rising: bool
 ) -> float | None:
-    """From the command to the half-way point of the landed step, without the effects that
-    depend on direction."""
+    """Returns the time from the command to the half-way point of the landed step, without the
+    effects that depend on direction, s."""
     shaft, gate = machine.shaft, machine.gate
     dead_shaft = dead_s(shaft)
     tau = lag_s(shaft) + shaft.second_order_s
@@ -127,7 +129,7 @@ def _landed_half_way_s(
         drops.append(drop)
     released = np.array(times)
     reached = released + falls_s(released, np.array(drops), machine.fall.carried_share)
-    # where granules fall singly, later ones may be first
+    # Where granules fall singly, later ones may land first.
     order = np.argsort(reached, kind="stable")
     lands_s = reached[order].tolist()
     weights = np.array(masses)[order].tolist()

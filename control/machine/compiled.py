@@ -1,9 +1,8 @@
-"""The steps compiled over whole logs. It and `kept_code` alone import numba; import it only
-where a log is run.
+"""How do the model's steps run compiled over whole logs? Only this module and `jit_cache` import
+numba; import it only where a log is run.
 
 The cache folder and its entries carry a hash of the sources: numba's own check looks at one
-file only, and would go on running old machine code after an edit in another.
-"""
+file only, and would go on running old machine code after an edit in another."""
 
 from __future__ import annotations
 
@@ -36,7 +35,7 @@ numba.config.CACHE_DIR = str(CACHE_DIR)  # type: ignore[attr-defined]
 
 
 def jitable(piece: F) -> F:
-    """A function that compiled ones may call."""
+    """Marks a function that compiled functions may call."""
     made: F = register_jitable(piece)
     return made
 
@@ -88,7 +87,7 @@ for _value in forms.VALUES:
 def _either(
     number: int, value: Callable[..., float], others: Callable[..., float]
 ) -> Callable[..., float]:
-    """The value of the form with this number, or of one of the others."""
+    """Returns the value of the form with this number, or that of one of the others."""
 
     def chosen(p: TermParams, x: float, y: float, slow: float) -> float:
         return value(p, x, y, slow) if p.form == number else others(p, x, y, slow)
@@ -98,7 +97,8 @@ def _either(
 
 @overload(term_step.value_of)
 def _value_of(p, x, y, slow):  # type: ignore[no-untyped-def]
-    """Compiled code has no list of functions: one question after the other."""
+    """Returns the value of a form by a chain of comparisons, because compiled code has no list
+    of functions."""
     chosen = forms.VALUES[-1]
     for number in reversed(range(len(forms.VALUES) - 1)):
         chosen = _either(number, forms.VALUES[number], chosen)
@@ -106,9 +106,9 @@ def _value_of(p, x, y, slow):  # type: ignore[no-untyped-def]
 
 
 def _sources_of(run: Callable[..., Any]) -> str:
-    """A hash of what is compiled into it: these files, and those of its own folder where it
-    stands elsewhere. Constants of a module stand in no bytecode, so that numba's own key does
-    not see them change."""
+    """Returns a hash of everything that is compiled into a function: these files, and those of
+    its own folder where that is another one. Constants of a module are not in the bytecode, so
+    that numba's own key does not notice their change."""
     code: Any = run.__code__
     folder = pathlib.Path(code.co_filename).parent
     if folder == _here:
@@ -120,17 +120,15 @@ def _sources_of(run: Callable[..., Any]) -> str:
 
 
 def compiled(run: Callable[..., Any], makes_arrays: bool = True) -> Callable[..., Any]:
-    """A function of numbers and arrays compiled when it is first called, kept on disk where
-    there is room.
+    """Returns a function of numbers and arrays that is compiled when it is first called, and
+    kept on disk where there is room.
 
-    makes_arrays : False where it makes none and hands none on: the references of those that it
-    is given are then not counted. Counting them at each step takes a stage four times as long
-    as the step itself.
-    """
+    makes_arrays: False where it makes no arrays and passes none on: references are then not
+    counted. Counting them at each step takes a stage four times as long as the step itself."""
     apart = named_apart(run)
     options: dict[str, Any] = {"nogil": True, "error_model": "numpy", "_nrt": makes_arrays}
     dispatcher: Any = numba.njit(**options)(apart)
-    # nowhere to keep it: compiled anew in each process
+    # Without a writable folder it is compiled anew in each process.
     with contextlib.suppress(RuntimeError, OSError):
         dispatcher._cache = KeptCode(apart, _sources_of(run))
     made: Callable[..., Any] = dispatcher
@@ -142,7 +140,7 @@ def _compiled(run: Callable[..., Any]) -> Run:
 
 
 def stage_run(step: Callable[..., Any], exact: bool = False) -> Run:
-    """`over_log.over_log` of a step, compiled."""
+    """Returns `over_log.over_log` of a step, compiled."""
     return with_room(compiled(filling(step, exact), makes_arrays=False))
 
 
@@ -159,7 +157,7 @@ term_run = _compiled(term_step.over_rows(term_step.term_step))
 
 @compiled
 def remembered_run(keep: float, fresh: elements.Array) -> elements.Array:
-    """y[k] = keep y[k - 1] + fresh[k], y before the first being 0: (rows,)."""
+    """Returns y[k] = keep y[k - 1] + fresh[k], with y before the first 0: (rows,)."""
     out = np.empty(len(fresh))
     y = 0.0
     for row in range(len(fresh)):
@@ -170,7 +168,7 @@ def remembered_run(keep: float, fresh: elements.Array) -> elements.Array:
 
 @compiled
 def table_run(nodes: elements.Table, values: elements.Table, at: elements.Array) -> elements.Array:
-    """A table over a log: (rows,)."""
+    """Evaluates a table over a log: (rows,)."""
     out = np.empty(len(at))
     for row in range(len(at)):
         out[row] = elements.table_at(nodes, values, at[row])
@@ -187,7 +185,7 @@ def flutes_run(
     time_s: elements.Array,
     refilled: bool,
 ) -> elements.Array:
-    """`flow.in_flutes` over a log, without its terms: (rows, 2)."""
+    """Evaluates `flow.in_flutes` over a log, without its terms: (rows, 2)."""
     out = np.empty((len(time_s), 2))
     for row in range(len(time_s)):
         out[row, 0], out[row, 1] = flow.in_flutes(

@@ -1,9 +1,8 @@
-"""Shaft, gate and flow of a control tick in compiled steps, for long simulated runs.
+"""How do shaft, gate and flow of a control tick run compiled, for long simulations?
 
-The steps are the stages' own, as they run interpreted and over logs, to the last bit. What
-changes from tick to tick stays in arrays: to hand the stages' named tuples over at each tick
-would take longer than the steps. Importing this loads the compiler.
-"""
+The steps are the stages' own, identical to the last bit to the interpreted ones and to those
+over logs. State that changes from tick to tick is kept in arrays: passing the stages' named
+tuples at each tick would take longer than the steps. Importing this loads the compiler."""
 
 from __future__ import annotations
 
@@ -79,8 +78,8 @@ def drives_step(
     more: Any,
     dt_s: float,
 ) -> tuple[float, float]:
-    """One step of both drives: true speed and opening at its end. more : % and r/min of the
-    shaft, mm of the gate."""
+    """Advances both drives by one step; returns true speed and opening at its end. more: % and
+    r/min of the shaft, mm of the gate."""
     shafts, gates = (
         Shaft(*to_fixed_tuple(of_shaft, _OF_SHAFT)),
         Gate(*to_fixed_tuple(of_gate, _OF_GATE)),
@@ -108,8 +107,8 @@ def tick_steps(
     more: Any,
     dt_s: float,
 ) -> float:
-    """The model steps of a tick: mean flow, kg/s. rpm : commanded, of each step. more : as
-    above, then % and kg/s of the flow."""
+    """Runs the model steps of a tick; returns the mean flow, kg/s. rpm: command of each step.
+    more: as above, then % and kg/s of the flow."""
     shafts, gates = (
         Shaft(*to_fixed_tuple(of_shaft, _OF_SHAFT)),
         Gate(*to_fixed_tuple(of_gate, _OF_GATE)),
@@ -147,7 +146,7 @@ def _numbers(stage: Any) -> Array:
 
 
 class Ticked(NamedTuple):
-    """What comes of a tick."""
+    """Holds the result of a tick."""
 
     flow_kg_s: float  # mean
     shaft: ShaftOutput
@@ -156,8 +155,8 @@ class Ticked(NamedTuple):
 
 
 class CompiledDrives:
-    """The drives of one machine, and its hopper. `shaft`, `gate`: at rest at first, commanded
-    so for ever."""
+    """Advances the drives of one machine and its hopper. `shaft`, `gate`: at rest at first, with
+    that command for ever."""
 
     def __init__(self, shaft: ShaftState, gate: GateState, hopper: FlowState | None = None) -> None:
         self._kept, self._lines = np.zeros(_KEPT), np.empty((4, LINE_SIZE))
@@ -177,7 +176,7 @@ class CompiledDrives:
         self._of_shaft = self._of_gate = self._of_flow = np.empty(0)
 
     def of(self, shaft: Shaft, gate: Gate, flow: Flow | None = None) -> None:
-        """The stages from now on."""
+        """Sets the stages from now on."""
         stages = shaft, gate, flow
         if stages != self._stages:
             self._stages = stages
@@ -186,7 +185,7 @@ class CompiledDrives:
     def step(
         self, rpm: float, opening_mm: float, supply_v: float, dt_s: float, more: More = NOTHING
     ) -> tuple[float, float]:
-        """Speed, r/min, and opening, mm, as they truly are at the end of a step of `dt_s`."""
+        """Returns true speed, r/min, and opening, mm, at the end of a step of `dt_s`."""
         found: tuple[float, float] = drives_step(
             self._of_shaft,
             self._of_gate,
@@ -210,7 +209,7 @@ class CompiledDrives:
         more: More,
         dt_s: float,
     ) -> Ticked:
-        """As many steps of `dt_s` as there are speeds commanded."""
+        """Runs as many steps of `dt_s` as there are commanded speeds."""
         flow = tick_steps(
             self._of_shaft,
             self._of_gate,

@@ -1,4 +1,4 @@
-"""What a stage parameter needs to be an effect, and the catalogue that is read off the stages."""
+"""What makes a stage parameter an effect, and which effects does the catalogue contain?"""
 
 from __future__ import annotations
 
@@ -7,14 +7,15 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple, get_type_hints
 
-# What a size may be a share of: figures of the machine file, multiplied with each other.
+# Figures of the machine file, multiplied with each other, that a size may be a share of.
 SHAFT_RANGE = ("limits.shaft_high_rpm",)
 OPENING_RANGE = ("limits.opening_high_mm",)
 SLEW = ("gate.slew_mm_s",)
 HOPPER = ("flow.full_kg",)
-# mass of a revolution at full opening
+# Mass of a revolution at full opening.
 FULL_REVOLUTION = ("flow.grams_per_rev_mm", *OPENING_RANGE)
-FULL_FLOW = (*FULL_REVOLUTION, *SHAFT_RANGE)  # ... and of a second at full speed
+# Mass of a second at full opening and full speed.
+FULL_FLOW = (*FULL_REVOLUTION, *SHAFT_RANGE)
 
 
 @dataclass(frozen=True)
@@ -23,8 +24,7 @@ class Effect:
 
     The bounds of its size are those of its field. Where the size `scales_with` figures of the
     machine, `bounds` are those of the nominal machine, and so are the sizes tried; the field's
-    are what no machine exceeds.
-    """
+    are what no machine exceeds."""
 
     id: str  # public contract, e.g. "shaft.dead_band"
     # may name a figure of its stages, e.g. "% lost at {flow.full_rpm:g} r/min"
@@ -54,13 +54,13 @@ class Effect:
     says: tuple[str, ...] = ()
 
     def sentence(self, size: float) -> str:
-        """What the machine does, for who owns it; `{size}` is to be filled in."""
+        """Returns what the machine does, for its owner; `{size}` is to be filled in."""
         return self.says[min(len(self.says) - 1, 0 if size >= 0.0 else 2 if size < -100.0 else 1)]
 
 
 class Entry(NamedTuple):
-    """One catalogued effect: where it lives, its neutral value and the range it may take on the
-    nominal machine."""
+    """Holds one catalogued effect: its parameter, its neutral value and its range on the nominal
+    machine."""
 
     stage: str  # name of the stage in the machine, e.g. "flow"
     field: str
@@ -80,8 +80,8 @@ def _bounds(marks: Iterable[Any]) -> tuple[float, float]:
 
 
 def catalogue(stages: dict[str, Any]) -> dict[str, Entry]:
-    """Every effect of the stages by id, read off their annotated parameters. There is no second
-    list."""
+    """Returns every effect of the stages by id, read from their annotated parameters. There is
+    no second list."""
     nominal = {name: stage() for name, stage in stages.items()}
     found: dict[str, Entry] = {}
     for name, stage in stages.items():

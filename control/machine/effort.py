@@ -1,10 +1,8 @@
-"""How hard the drives work to do what they do: shaft and gate, from speed, its change, material
-and supply.
+"""How hard do shaft and gate drives work? From speed, its change, material and supply.
 
-A loop that holds its speed or place hides friction, load and blockage: the speed is right, the
-motor works harder. A straight line in its parameters. Its unit is the machine file's
-`effort_unit`; a drive without numbers tells none.
-"""
+A loop that holds its speed or place hides friction, load and blockage: the speed is right, but
+the motor works harder. The model is linear in its parameters. Its unit is the machine file's
+`effort_unit`; a drive without numbers has no effort."""
 
 from __future__ import annotations
 
@@ -18,7 +16,8 @@ Part = Annotated[float, Field(ge=0, le=1000)]  # of an effort, in its unit
 
 
 class Effort(NamedTuple):
-    """The metering shaft's, and with `gate_` the gate's. A drive that stands is not asked."""
+    """Holds the effort of the metering shaft, and with `gate_` of the gate. A standing drive has
+    none."""
 
     coulomb: Part = 0.0  # turning forwards, however slowly ...
     coulomb_back: Part = 0.0  # ... and backwards
@@ -138,12 +137,12 @@ class Effort(NamedTuple):
     ] = 0.0
 
 
-# What a run of a sound machine shows, and a later one may be off by within the tolerance.
+# A run of a healthy machine gives these parameters; a later run may differ within the tolerance.
 OF_SHAFT = ("coulomb", "coulomb_back", "viscous", "viscous_back", "load")
 OF_GATE = ("gate_coulomb", "gate_coulomb_back", "gate_viscous", "gate_viscous_back")
 
 
-# of an effort: friction, drag, what it takes to gain speed
+# Parts of an effort: friction, drag, and the effort to gain speed.
 Parts = tuple[float, float, float]
 
 
@@ -166,8 +165,8 @@ def of_drive(
     speed: float,
     speed_per_s: float,
 ) -> Parts:
-    """What a drive takes for itself. Friction is the mean of both ways: what differs is a load
-    that pulls one way."""
+    """Returns the parts of a drive's own effort. Friction is the mean of both directions: the
+    difference is a load that pulls one way."""
     own = coulomb if coulomb_back <= 0.0 else 0.5 * (coulomb + coulomb_back)
     more = 0.01 * friction_percent * own
     if speed < 0.0:
@@ -180,7 +179,8 @@ def of_drive(
 
 
 def shaft_parts(p: Effort, u: EffortInput) -> tuple[float, float, float, float]:
-    """Of a shaft that turns, at the nominal supply: its own three, and the material's load."""
+    """Returns the parts of a turning shaft at the nominal supply: its own three, and the
+    material's load."""
     friction, drag, gains = of_drive(
         p.coulomb,
         p.coulomb_back,
@@ -201,17 +201,17 @@ def shaft_parts(p: Effort, u: EffortInput) -> tuple[float, float, float, float]:
 
 
 def supply_factor(p: Effort, u: EffortInput) -> float:
-    """Times what the drive works at the nominal supply."""
+    """Returns the factor on the effort at the nominal supply."""
     return 1.0 + p.by_supply * (u.supply_share - 1.0)
 
 
 def shaft_effort(p: Effort, u: EffortInput) -> float:
-    """Effort of the metering shaft, before noise; 0 while it stands."""
+    """Returns the effort of the metering shaft, before noise; 0 while it stands."""
     return 0.0 if u.speed == 0.0 else max(0.0, sum(shaft_parts(p, u)) * supply_factor(p, u))
 
 
 def gate_effort(p: Effort, u: EffortInput) -> float:
-    """Effort of the gate, before noise; 0 while it stands."""
+    """Returns the effort of the gate, before noise; 0 while it stands."""
     return (
         0.0
         if u.speed == 0.0

@@ -1,5 +1,5 @@
-"""The few pieces with memory or shape that stages share. Scalars in, scalars out; they compile
-as they stand."""
+"""Which small elements with memory or shape do the stages share? Scalars in, scalars out; they
+compile as they stand."""
 
 from __future__ import annotations
 
@@ -13,17 +13,16 @@ Array = npt.NDArray[np.float64]
 Table = tuple[float, float, float, float, float, float, float, float]
 TABLE_X: Table = (0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0)
 FLAT: Table = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-# changes of a signal kept: 2.5 s at 400 changes a second
+# Number of stored changes of a signal: 2.5 s at 400 changes a second.
 LINE_SIZE = 1024
 
 
 class DelayLine(NamedTuple):
-    """A held (piecewise constant) signal's changes, oldest overwritten. The arrays are written
-    in place.
+    """Holds the changes of a held (piecewise constant) signal; the oldest is overwritten. The
+    arrays are written in place.
 
     Arrays for the compiled steps; lists where a step runs interpreted, which reads them four
-    times as fast.
-    """
+    times as fast."""
 
     times_s: Array | list[float]
     values: Array | list[float]
@@ -32,12 +31,12 @@ class DelayLine(NamedTuple):
 
 
 def start_line(value: float, time_s: float = -1e9) -> DelayLine:
-    """A line that has held `value` since `time_s`, in arrays."""
+    """Returns a line that has held `value` since `time_s`, in arrays."""
     return DelayLine(np.full(LINE_SIZE, time_s), np.full(LINE_SIZE, value), 0, 0)
 
 
 def convert_to_lists(line: DelayLine) -> DelayLine:
-    """The same line for steps that run interpreted."""
+    """Returns the same line for steps that run interpreted."""
     return line._replace(
         times_s=[float(time_s) for time_s in line.times_s],
         values=[float(value) for value in line.values],
@@ -45,7 +44,7 @@ def convert_to_lists(line: DelayLine) -> DelayLine:
 
 
 def put_in_line(line: DelayLine, time_s: float, value: float) -> DelayLine:
-    """The signal holds `value` from `time_s` on. Times must not run backwards."""
+    """Records that the signal holds `value` from `time_s` on. Times must not decrease."""
     if value == line.values[line.newest]:
         return line
     newest = (line.newest + 1) % LINE_SIZE
@@ -55,12 +54,11 @@ def put_in_line(line: DelayLine, time_s: float, value: float) -> DelayLine:
 
 
 def read_held_line(line: DelayLine, from_s: float, to_s: float) -> tuple[DelayLine, float, float]:
-    """What the signal holds at `from_s`, and until when: its next change or `to_s`, whichever
-    is sooner.
+    """Returns the signal's value at `from_s`, and until when it holds: its next change or
+    `to_s`, whichever is sooner.
 
     A step that is cut at these times is exact for held commands, however long it is; times must
-    be asked for in order.
-    """
+    be requested in order."""
     at = line.in_force
     if at == line.newest:
         return line, float(line.values[at]), to_s
@@ -77,12 +75,11 @@ def read_held_line(line: DelayLine, from_s: float, to_s: float) -> tuple[DelayLi
 
 
 def average_line(line: DelayLine, from_s: float, to_s: float) -> tuple[DelayLine, float]:
-    """Mean of the held signal over [from_s, to_s], and the line with its reading mark moved up
-    to `from_s`.
+    """Returns the mean of the held signal over [from_s, to_s], and the line with its reading
+    mark moved to `from_s`.
 
-    The mean, not a sample: it varies smoothly with the delay, so that a dead time has a slope.
-    Windows must be asked for in order of time.
-    """
+    The mean varies smoothly with the delay, unlike a sample, so that a dead time has a slope.
+    Windows must be requested in order of time."""
     at = line.in_force
     while at != line.newest:
         after = (at + 1) % LINE_SIZE
@@ -107,7 +104,7 @@ def average_line(line: DelayLine, from_s: float, to_s: float) -> tuple[DelayLine
 
 
 def table_at(x: Table, y: Table, at: float) -> float:
-    """Straight lines through (x, y), held beyond the ends. Neutral: y all zero."""
+    """Interpolates linearly between (x, y), constant beyond the ends. Neutral: y all zero."""
     i = 0
     while i < len(x) - 2 and at > x[i + 1]:
         i += 1
@@ -116,7 +113,7 @@ def table_at(x: Table, y: Table, at: float) -> float:
 
 
 def stepped(value: float, step: float) -> float:
-    """`value` to the nearest multiple of `step`; unchanged where `step` is 0."""
+    """Rounds `value` to the nearest multiple of `step`; unchanged where `step` is 0."""
     if step <= 0.0:
         return value
     return (value / step + 0.5) // 1.0 * step

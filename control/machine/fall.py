@@ -1,15 +1,15 @@
-"""From the roller to the ground: drop time of a start and of a running shaft, its effects, the
-papers' lag models.
+"""How long does material fall from the roller to the ground? Drop time of a start and of a
+running shaft, its effects, the papers' lag models.
 
 A rig times a start: from 2 r/min to the first granule, out of a standing shaft (lag paper,
 tables 3 and 4, eq 6). A running shaft's drop is shorter, and how much shorter depends on what
 goes on in the tube, which no start can tell:
 
-carried along   (`carried_share` 1) all that falls moves at the pace of the shaft speed of the
-moment, nothing
-                overtakes; while the shaft speeds up that pace is slower than at the set-point.
-falling singly  (0) each granule keeps the pace of its release. What was released later, by a
-quicker shaft, is first.
+carried along   (`carried_share` 1) all falling material moves at the pace of the present shaft
+                speed, nothing overtakes; while the shaft speeds up that pace is slower than at
+                the set-point.
+falling singly  (0) each granule keeps the pace of its release. Material released later, by a
+                quicker shaft, lands first.
 
 `landing.falls_s` plays any share. Each gives the line of starts with its own running drop
 (`start.with_carried_share`).
@@ -23,8 +23,10 @@ from pydantic import Field
 
 from .effect import Effect
 
-EMPTY_TUBE_S = 2.0  # without flow for this long, the tube is empty
-SHORTEST_S = 1e-6  # a drop time of nothing
+# After this time without flow the tube is empty, s.
+EMPTY_TUBE_S = 2.0
+# Least drop time, s.
+SHORTEST_S = 1e-6
 
 
 class Fall(NamedTuple):
@@ -204,8 +206,8 @@ def fall_start(time_s: float = 0.0) -> FallState:
 
 
 def find_start_drop_s(p: Fall, shaft_rpm: float) -> float:
-    """Time from 2 r/min to the first granule of a start for a set-point, s, as a rig measures
-    it (lag paper eq 6)."""
+    """Returns the time from 2 r/min to the first granule of a start for a set-point, s, as a rig
+    measures it (lag paper eq 6)."""
     start_s = p.intercept_s + p.slope_s_per_rpm * shaft_rpm + p.offset_s
     if shaft_rpm > p.valid_to_rpm:
         start_s += p.rebound_s * (
@@ -215,11 +217,10 @@ def find_start_drop_s(p: Fall, shaft_rpm: float) -> float:
 
 
 def drop_s(p: Fall, shaft_rpm: float) -> float:
-    """Time from leaving the roller of a running shaft to the ground, s, without the effects of
-    what came before.
+    """Returns the time from the roller of a running shaft to the ground, s, without the effects
+    of the past.
 
-    Where drop time does not fall with shaft speed, it is that of a start.
-    """
+    Where drop time does not fall with shaft speed, it is that of a start."""
     falls_s = -p.slope_s_per_rpm * shaft_rpm
     if falls_s < 0.0:
         falls_s = 0.0
@@ -233,8 +234,8 @@ def drop_s(p: Fall, shaft_rpm: float) -> float:
 
 
 def step_fall(p: Fall, s: FallState, u: FallInput, dt_s: float) -> tuple[FallState, float]:
-    """Seconds after its release at which what is released in this step reaches the ground, if
-    the shaft keeps its speed; `landing.falls_s` where it does not."""
+    """Returns the seconds from release to the ground for material released in this step, if the
+    shaft keeps its speed; `landing.falls_s` where it does not."""
     flowing = u.flow_kg_s > 0.0
     filling = s.filling_s + dt_s
     if flowing and s.no_flow_s >= EMPTY_TUBE_S:
@@ -246,5 +247,5 @@ def step_fall(p: Fall, s: FallState, u: FallInput, dt_s: float) -> tuple[FallSta
 
 
 def find_paper_lag_s(shaft_rpm: float) -> float:
-    """Whole lag from command to ground, s (lag paper eq 6; fitted on 10-70 r/min)."""
+    """Returns the whole lag from command to ground, s (lag paper eq 6; fitted on 10-70 r/min)."""
     return -8.3e-3 * shaft_rpm + 2.2118

@@ -1,4 +1,4 @@
-"""Effects that a simulated machine has and its controller does not know:
+"""Which effects has a simulated machine that its controller does not know?
 `ID=SIZE[@ONSET_S][#MEMBER]`."""
 
 from __future__ import annotations
@@ -16,6 +16,8 @@ _GRAMMAR = re.compile(
 
 
 class Planted(NamedTuple):
+    """Holds one planted effect."""
+
     id: str
     size: float
     onset_s: float = 0.0
@@ -23,8 +25,11 @@ class Planted(NamedTuple):
 
 
 def parse_planted(text: str) -> Planted:
-    """One `--effect`. Raises ValueError with one plain line that names the text, what is wrong
-    and what is allowed."""
+    """Reads one `--effect`.
+
+    Raises
+    ------
+    ValueError : in one plain line that names the text, what is wrong and what is allowed."""
     match = _GRAMMAR.fullmatch(text.strip())
     if match is None:
         raise ValueError(
@@ -48,8 +53,11 @@ def parse_planted(text: str) -> Planted:
 
 
 def schedule(machine: Machine, planted: Sequence[Planted]) -> list[tuple[float, Machine]]:
-    """(from_s, machine) in the order in which they come into force, the first at 0. Raises
-    ValueError out of bounds."""
+    """Returns (from_s, machine) in the order in which they come into force, the first at 0.
+
+    Raises
+    ------
+    ValueError : an effect is out of bounds."""
     stages: list[tuple[float, Machine]] = [(0.0, machine)]
     for effect in sorted(planted, key=lambda p: p.onset_s):
         changed = add_effect(stages[-1][1], effect.id, effect.size, effect.member)

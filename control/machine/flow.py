@@ -1,5 +1,5 @@
-"""Flow of all outlets together, kg/s, from true shaft speed and opening; the hopper empties
-with it."""
+"""How much flows from all outlets together, kg/s, at a true shaft speed and opening? The hopper
+empties with it."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from pydantic import Field
 
 from .effect import FULL_FLOW, FULL_REVOLUTION, Effect
 
-# length of the time slots in which a bridge stands or not
+# Length of the time slots in which a bridge stands or not, s.
 SPELL_S = 12.0
-# a shaft slower than this stands still, and what leaks is not carried by the rollers
+# A slower shaft stands, and the rollers do not carry the leaking material, r/min.
 STOPPED_RPM = 0.5
 
 
@@ -267,7 +267,8 @@ def make_flow_start(hopper_kg: float, time_s: float = 0.0) -> FlowState:
 
 
 def bridged(time_s: float, percent_of_time: float) -> bool:
-    """Whether an arch stands at `time_s`: slots of SPELL_S, closed by a fixed irregular pattern."""
+    """Returns whether a bridge stands at `time_s`: slots of SPELL_S, closed by a fixed irregular
+    pattern."""
     if percent_of_time <= 0.0:
         return False
     slot = floor(time_s / SPELL_S)
@@ -276,8 +277,8 @@ def bridged(time_s: float, percent_of_time: float) -> bool:
 
 
 def grams_per_rev(p: Flow, shaft_rpm: float, opening_mm: float) -> float:
-    """Mass per revolution in steady state, level, hopper full, g: the part of the model that
-    has an inverse."""
+    """Returns the mass of a revolution in steady state on level ground with a full hopper, g:
+    the invertible part of the model."""
     speed = shaft_rpm / p.full_rpm
     lost = p.fill_falloff_percent * speed * speed * speed
     mass = p.grams_per_rev_mm * opening_mm * (1.0 + p.gain_percent / 100.0) + p.zero_offset_g_rev
@@ -292,8 +293,8 @@ def common_factor(
     more_percent: float,
     refilled: bool,
 ) -> float:
-    """What multiplies the flow whatever shaft and opening are: hopper head, blocked outlets,
-    drift, slope, lot, an uneven outlet. share_full: of the hopper."""
+    """Returns the factor on the flow whatever shaft and opening are: hopper head, blocked
+    outlets, drift, slope, lot, an uneven outlet. share_full: filling of the hopper."""
     lost = p.hopper_head_percent * (1.0 - share_full) + p.blocked_percent
     more = p.moisture_percent_per_h * elapsed_s / 3600.0 + p.slope_percent_per_deg * pitch_deg
     more += more_percent
@@ -314,8 +315,8 @@ def in_flutes(
     more_percent: float,
     refilled: bool,
 ) -> tuple[float, float]:
-    """What loads the rollers, g a revolution: what they move, and what stands packed before
-    closed outlets."""
+    """Returns the load of the rollers, g a revolution: the moved mass, and the mass packed
+    before closed outlets."""
     if share_full <= 0.0 or (p.bridging_percent > 0.0 and bridged(elapsed_s, p.bridging_percent)):
         return 0.0, 0.0
     mass = grams_per_rev(p, shaft_rpm, opening_mm)
@@ -324,11 +325,10 @@ def in_flutes(
 
 
 def step_flow(p: Flow, s: FlowState, u: FlowInput, dt_s: float) -> tuple[FlowState, FlowOutput]:
-    """One step of `dt_s` with the inputs held; the flow is its mean over the step. Mass is
-    conserved.
+    """Advances the flow by one step of `dt_s` with the inputs held; the flow is its mean over
+    the step. Mass is conserved.
 
-    Nominal: q = 0.0055 x opening_mm x shaft_rpm / 60 kg/s.
-    """
+    Nominal: q = 0.0055 x opening_mm x shaft_rpm / 60 kg/s."""
     hopper, refills = s.hopper_kg + u.refill_kg, s.refills
     if hopper > p.full_kg:
         hopper = p.full_kg

@@ -1,13 +1,12 @@
-"""What a form of a term is: its coefficients, its value, its sentence, and how it is fitted.
-The forms: `forms`.
+"""What must a form of a term define? Its coefficients, its value, its sentence, and how it is
+fitted. The forms: `forms`.
 
-**In the machine file**: which coefficients it has and what they mean. **Its value**: `value`,
-one function that is interpreted for a tick and compiled over a log, so plain arithmetic on
-numbers only. **In words**: `said`. **Fitted**: a form has a shape (coefficients that are not
-linear, each tried at several places and moved from there) and amplitudes, in which it is
-linear. Its columns are sums of series over the rows; columns of many shapes share few series,
-so that what a series does to a channel is had once. Variables are fitted as z = (x - middle) /
-spread.
+**In the machine file**: its coefficients and their meaning. **Its value**: `value`, one function
+that is interpreted for a tick and compiled over a log, so plain arithmetic on numbers only. **In
+words**: `said`. **Fitted**: a form has a shape (nonlinear coefficients, each tried at several
+places and moved from there) and amplitudes, in which it is linear. Its columns are sums of
+series over the rows; columns of many shapes share few series, so that the effect of a series on
+a channel is calculated once. Variables are fitted as z = (x - middle) / spread.
 """
 
 from __future__ import annotations
@@ -27,8 +26,8 @@ if TYPE_CHECKING:
 
 
 class TermParams(NamedTuple):
-    """A term as numbers. What a form does not use stays at its default; its class says what
-    each means."""
+    """Holds a term as numbers. A form leaves unused numbers at their default; its class defines
+    each."""
 
     form: int
     # validity: beyond it the variable is held at the edge
@@ -54,23 +53,25 @@ class TermParams(NamedTuple):
     values: Table = FLAT
 
 
-# `compiled.term_run`, or the same interpreted
+# `compiled.term_run`, or the same interpreted.
 TermRun = Callable[[TermParams, Array, Array, Array], Array]
 
 SHAFT_ANGLE = "shaft_angle_deg"
 ANGLES = ("heading_deg", SHAFT_ANGLE)
 
-# of a variable, per cent, where a form may bend
+# Quantiles of a variable, %, where a form may bend.
 QUANTILES = (6, 18, 30, 42, 50, 58, 70, 82, 94)
-# of a form's price where forms are ranked before their sizes have a prior
+# Price of an amplitude where forms are ranked before their sizes have a prior, in twice the
+# log-likelihood.
 PER_AMPLITUDE = 4.0
-STEP = 0.3  # of a spread: a step by which a place is moved
+# Step by which a place is moved, in spreads of the variable.
+STEP = 0.3
 
 
 @dataclass(frozen=True)
 class Scaled:
-    """A variable for fitting. x : at the rows, held within low and high (rows,). work : rows
-    that count for where a form is tried (rows,). run : the evaluator over a log."""
+    """Holds a variable for fitting. x: at the rows, limited to low and high (rows,). work: rows
+    that count for where a form is tried (rows,). run: evaluates a form over a log."""
 
     name: str
     x: Array
@@ -88,7 +89,8 @@ class Scaled:
 
     @property
     def valid(self) -> tuple[float, float] | None:
-        """The range in which it was seen; None of angles, of the time, and where none is given."""
+        """Returns the range in which the variable was seen; None for angles, for the time, and
+        where none is given."""
         return (
             None
             if self.name in (*ANGLES, "time_s") or self.low == -np.inf
@@ -97,14 +99,14 @@ class Scaled:
 
     @cached_property
     def ends(self) -> tuple[float, float]:
-        """The range of z."""
+        """Returns the range of z."""
         low, high = np.percentile(self.z[self.work], (0.5, 99.5))
         return float(low), float(high)
 
     @cached_property
     def knots(self) -> list[float]:
-        """Places in z where a form may bend: quantiles, and 0 where the variable changes its
-        sign."""
+        """Returns places in z where a form may bend: quantiles, and 0 where the variable changes
+        its sign."""
         found = np.percentile(self.z[self.work], QUANTILES)
         zero = (0.0 - self.middle) / self.spread
         if found[0] < zero < found[-1]:
@@ -112,17 +114,17 @@ class Scaled:
         return [float(one) for one in np.unique(np.round(found, 6))]
 
     def of(self, z: float) -> float:
-        """A place in the variable's own unit."""
+        """Converts a place in z to the variable's own unit."""
         return self.middle + self.spread * z
 
     def stepped(self, params: TermParams) -> Array:
-        """What the evaluator makes of z (rows,)."""
+        """Evaluates a form over z (rows,)."""
         z = np.ascontiguousarray(self.z)
         return self.run(params, z, z, self.time_s)
 
 
 def scaled(name: str, x: Array, work: npt.NDArray[np.bool_], time_s: Array, run: TermRun) -> Scaled:
-    """A variable between the ends of what it is like in the rows that count."""
+    """Returns a variable limited to its range in the rows that count."""
     low, q10, middle, q90, high = (
         float(v) for v in np.percentile(x[work], (0.5, 10, 50, 90, 99.5))
     )
@@ -134,7 +136,7 @@ def scaled(name: str, x: Array, work: npt.NDArray[np.bool_], time_s: Array, run:
 
 
 class FormSeries(NamedTuple):
-    """A series over the rows: a function of one variable or two, and of a place."""
+    """Defines a series over the rows: a function of one variable or two, and of a place."""
 
     of: Callable[..., Array]
     over: tuple[str, ...]
@@ -149,7 +151,7 @@ Columns = tuple[dict[FormSeries, float], ...]  # of each column the weights of i
 
 
 class Written(NamedTuple):
-    """A fitted form as the machine file has it."""
+    """Holds a fitted form as the machine file writes it."""
 
     form: str
     coefficients: dict[str, float]
@@ -158,8 +160,8 @@ class Written(NamedTuple):
 
 
 class SaidNumbers(NamedTuple):
-    """The numbers of a sentence. changes : shown with sign and the term's unit. which : of the
-    form's sentences."""
+    """Holds the numbers of a sentence. changes: shown with sign and the term's unit. which:
+    index of the form's sentence."""
 
     changes: Mapping[str, float] = {}
     numbers: Mapping[str, float] = {}
@@ -168,28 +170,28 @@ class SaidNumbers(NamedTuple):
 
 
 class TriedForm(NamedTuple):
-    """A form with its shape settled."""
+    """Holds a form with a fixed shape."""
 
     kind: type[TermForm]
     over: tuple[str, ...]
     shape: Shape
     columns: Columns
-    # so many such forms are tried, at different places or of different memory
+    # Number of such forms that are tried, at different places or with different memory.
     places: int = 1
 
     @property
     def price(self) -> float:
-        """What ranks forms in a scan, in twice the log-likelihood."""
+        """Returns the penalty that ranks forms in a scan, in twice the log-likelihood."""
         return PER_AMPLITUDE * len(self.columns) + 2.0 * float(np.log(self.places))
 
     def moved(self, shape: Shape, by: Mapping[str, Scaled]) -> TriedForm:
-        """The same form of another shape."""
+        """Returns the same form with another shape."""
         return self._replace(
             shape=shape, columns=self.kind.columns(shape, by[self.over[0]], by[self.over[-1]])
         )
 
     def rows(self, by: Mapping[str, Scaled]) -> Array:
-        """Its columns over the rows (amplitudes, rows)."""
+        """Returns its columns over the rows (amplitudes, rows)."""
         return np.array(
             [
                 sum(weight * series.rows(by) for series, weight in one.items())
@@ -207,8 +209,8 @@ FORMS: dict[str, type[TermForm]] = {}  # in the order in which they are written
 
 
 class TermForm:
-    """One form. In all that follows x is its variable and y its second one, or x again where it
-    has one only."""
+    """Defines one form. x is its variable and y its second one, or x again where it has only
+    one."""
 
     form: ClassVar[str]
     needs: ClassVar[tuple[str, ...]] = ()  # coefficients that it must have ...
@@ -237,7 +239,7 @@ class TermForm:
 
     @staticmethod
     def value(p: TermParams, x: float, y: float, slow: float) -> float:
-        """Its value, the level not included. slow : x, remembered with the time constant tau_s."""
+        """Returns its value without the level. slow: x, filtered with the time constant tau_s."""
         raise NotImplementedError
 
     @staticmethod
@@ -246,7 +248,7 @@ class TermForm:
 
     @classmethod
     def tried(cls, x: Scaled) -> list[TriedForm]:
-        """The form over one variable, at all places where it is looked for."""
+        """Returns the form over one variable, at all places where it is searched."""
         if (
             (x.name not in cls.only_over)
             if cls.only_over
@@ -265,7 +267,7 @@ class TermForm:
 
     @classmethod
     def places(cls, x: Scaled, shapes: int) -> int:
-        """How many different forms its shapes are: its prior is shared among them."""
+        """Returns how many different forms its shapes are: they share its prior."""
         return shapes
 
     @classmethod
@@ -274,14 +276,14 @@ class TermForm:
 
     @classmethod
     def step(cls, shape: Shape, name: str, steps: float, x: Scaled) -> float:
-        """A part of the shape that many steps away."""
+        """Returns a part of the shape that many steps away."""
         return shape[name] + STEP * steps
 
     @classmethod
     def coefficients(
         cls, shape: Shape, a: Sequence[float], level: float, x: Scaled, y: Scaled
     ) -> dict[str, float]:
-        """The file's coefficients of amplitudes `a` and of a level."""
+        """Returns the file's coefficients for amplitudes `a` and a level."""
         raise NotImplementedError
 
     @classmethod

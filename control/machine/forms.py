@@ -1,5 +1,4 @@
-"""The forms that a term may have, a class each: all that is known of a form is said there
-(`form`)."""
+"""Which forms may a term have? One class for each, with everything that is known of it (`form`)."""
 
 from __future__ import annotations
 
@@ -32,7 +31,7 @@ if TYPE_CHECKING:
 
 
 class Form(StrEnum):
-    """The closed list of forms. The place of a form in it is its number in compiled code."""
+    """Lists the forms, a closed list. The place of a form in it is its number in compiled code."""
 
     SLOPE = "slope"
     BEND = "bend"
@@ -48,23 +47,25 @@ class Form(StrEnum):
     TABLE = "table"
 
 
-# Where forms are tried: fine enough that a shape moved from the nearest place gets to the best one.
-NODES = 8  # of a table, at most
+# Greatest number of nodes of a table. Places where forms are tried are so dense that a shape moved
+# from the nearest one reaches the best one.
+NODES = 8
 MEMORIES_S = (1.5, 3.0, 6.0, 12.0, 25.0, 50.0, 100.0)
-# which way something has been moving, over so long
+# Time constants, s, over which the direction of a variable's movement is determined.
 WAYS_S = (1.5, 5.0)
-# of its spread: a difference of so much tells the way
+# Difference that determines the direction, as a share of the variable's spread.
 WAY_SHARE = 0.1
-# of the variance along an axis: less across it is none
+# Share of the variance along an axis below which there is none across it.
 ONE_AXIS = 0.03
-# from an axis: what was seen on it holds so far, and from there on no more
+# Angle from an axis up to which the values along it hold, and from which on they do not, degrees.
 ALONG_DEG = (15.0, 30.0)
 CYCLES = {"heading_deg": (1, 2, 3), SHAFT_ANGLE: (1, 2, 3, 4, 5, 6)}
 SPAN_EDGES = 24
-# of either edge: it is known to some per cent of the log
+# Places of either edge of a span: it is known to some per cent of the log.
 SPAN_PLACES = 100
-WAVES = 4  # smooth half-waves that a table is made of
-# of its size: what a memory leaves when nothing changes any more
+# Smooth half-waves that a table is made of.
+WAVES = 4
+# Share of its size that a memory may leave when nothing changes any more.
 FORGETS = 0.2
 
 
@@ -154,7 +155,7 @@ class Bend(TermForm, form=Form.BEND):
 
 
 class _PlacedForm(TermForm):
-    """A form with a place where it bends or leaps."""
+    """Defines a form with a place where it bends or jumps."""
 
     needs, may, movable = ("at",), ("below", "above", "level"), ("at",)
 
@@ -197,7 +198,7 @@ class Hinge(_PlacedForm, form=Form.HINGE):
 
 
 class _Ended(TermForm):
-    """A form with a lower and an upper end."""
+    """Defines a form with a lower and an upper end."""
 
     needs, main = ("slope", "low_end", "high_end"), "slope"
     movable: ClassVar[tuple[str, ...]] = ("low_end", "high_end")
@@ -238,7 +239,7 @@ class Saturation(_Ended, form=Form.SATURATION):
 
     @classmethod
     def shapes(cls, x: Scaled) -> list[Shape]:
-        """Between every two places, and from an end of the range on."""
+        """Returns shapes between every two places, and from an end of the range on."""
         low, high = x.ends
         return [
             {"low_end": a, "high_end": b}
@@ -248,7 +249,7 @@ class Saturation(_Ended, form=Form.SATURATION):
 
     @classmethod
     def columns(cls, shape: Shape, x: Scaled, y: Scaled) -> Columns:
-        """z held between the ends, nothing where z is 0."""
+        """Returns z limited to the ends, 0 where z is 0."""
         low, high = shape["low_end"], shape["high_end"]
         return (
             {
@@ -270,8 +271,8 @@ class Saturation(_Ended, form=Form.SATURATION):
 
 
 class Lost(Saturation):
-    """A constant that is lost of every command above 0: a saturation from there on. x : the
-    commands, as they are."""
+    """Defines a constant that is lost from every command above 0: a saturation from there on. x:
+    the commands as they are."""
 
     movable, has_level = (), False
 
@@ -391,7 +392,7 @@ class ProductForm(TermForm, form=Form.PRODUCT):
 
     @classmethod
     def tried_with(cls, x: Scaled, y: Scaled, alone: int = 2) -> list[TriedForm]:
-        """The product, and along with it what `alone` of its variables do by themselves."""
+        """Returns the product together with the separate effects of `alone` of its variables."""
         return [
             TriedForm(cls, (x.name, y.name), one, cls.columns(one, x, y))
             for one in ({}, {"alone": float(alone)})
@@ -409,7 +410,8 @@ class ProductForm(TermForm, form=Form.PRODUCT):
     def coefficients(
         cls, shape: Shape, a: Sequence[float], level: float, x: Scaled, y: Scaled
     ) -> dict[str, float]:
-        """The square is completed: what that adds is taken off the level."""
+        """Returns the coefficients with the square completed; the constant is subtracted from
+        the level."""
         first, second, both = a[0] if len(a) > 1 else 0.0, a[1] if len(a) > 2 else 0.0, a[-1]
         return {
             "slope": both / (x.spread * y.spread),
@@ -428,7 +430,7 @@ def remembered(x: Scaled, tau_s: float) -> Array:
 
 
 def way(x: Scaled, tau_s: float) -> Array:
-    """-1 to 1: the way in which z has been moving of late."""
+    """Returns the recent direction of z, -1 to 1."""
     return x.stepped(
         TermParams(NUMBER[Form.SIDE], above=1.0, below=-1.0, high_end=WAY_SHARE, tau_s=tau_s)
     )
@@ -571,8 +573,9 @@ class Periodic(TermForm, form=Form.PERIODIC):
 
     @classmethod
     def shapes(cls, x: Scaled) -> list[Shape]:
-        """Where all angles lie on one axis (up and down a field) sine and cosine cannot be
-        separated: one cycle along that axis is tried, which says nothing of undriven headings."""
+        """Returns cycles to try. Where all angles lie on one axis (up and down a field) sine and
+        cosine cannot be separated: one cycle along that axis is tried, which says nothing about
+        other headings."""
         strengths, axes = np.linalg.eigh(np.cov([sine(x, 1.0)[x.work], cosine(x, 1.0)[x.work]]))
         if strengths[0] < ONE_AXIS * strengths[1]:
             return [{"cycles": 1.0, "sine": float(axes[0, 1]), "cosine": float(axes[1, 1])}]
@@ -598,8 +601,8 @@ class Periodic(TermForm, form=Form.PERIODIC):
     def written(
         cls, shape: Shape, a: Sequence[float], level: float, x: Scaled, y: Scaled
     ) -> Written:
-        """Of a cycle along one axis a table over the headings 0 to 360: what was seen along it
-        one way and the other, and the level where the machine was not driven."""
+        """Writes a cycle along one axis as a table over the headings 0 to 360: the values along
+        the axis in both directions, and the level where the machine was not driven."""
         if "sine" not in shape:
             return super().written(shape, a, level, x, y)
         nodes, values = two_ways(axis_deg(shape))
@@ -611,8 +614,8 @@ def axis_deg(shape: Shape) -> float:
 
 
 def two_ways(axis: float) -> tuple[list[float], list[float]]:
-    """A table over the headings 0 to 360: 1 along an axis (deg), -1 the other way, nothing
-    across."""
+    """Returns a table over the headings 0 to 360: 1 along an axis (deg), -1 in the opposite
+    direction, 0 across."""
     inner, outer = ALONG_DEG
     half_turns = int((axis + outer) // 180.0)
     # from -outer to 180 - outer: the way through north first, if one is
@@ -696,7 +699,7 @@ class SpanForm(TermForm, form=Form.SPAN):
 
 
 def wave(x: Scaled, n: float) -> Array:
-    """A half-wave as the file has it: straight lines between its values at the nodes."""
+    """Returns a half-wave as the file has it: straight lines between its values at the nodes."""
     low, high = x.ends
     share = np.linspace(0.0, 1.0, NODES)
     return np.interp(x.z, low + (high - low) * share, np.cos(np.pi * n * share))

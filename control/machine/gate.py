@@ -1,5 +1,5 @@
-"""Metering opening: command mm -> true mm and displacement reading. Dead time, slew, play, lost
-steps."""
+"""How does the metering gate follow its command? Command mm -> true mm and displacement reading:
+dead time, slew, play, lost steps."""
 
 from __future__ import annotations
 
@@ -153,12 +153,13 @@ class GateOutput(NamedTuple):
 
 
 def make_gate_start(opening_mm: float = 0.0, time_s: float = 0.0) -> GateState:
-    """Standing at `opening_mm`, commanded so for ever."""
+    """Returns a gate that stands at `opening_mm` with that command for ever."""
     return GateState(time_s, opening_mm, opening_mm, 0.0, start_line(opening_mm))
 
 
 def gate_step(p: Gate, s: GateState, u: GateInput, dt_s: float) -> tuple[GateState, GateOutput]:
-    """One step of `dt_s` with the command held; the outputs are those at its end."""
+    """Advances the gate by one step of `dt_s` with the command held; the outputs are those at
+    its end."""
     line = put_in_line(s.line, s.time_s, u.command_mm)
     slew = max(0.0, p.slew_mm_s - p.slow_mm_s) * (1.0 - p.stuck)
     half = 0.5 * p.backlash_mm

@@ -1,4 +1,4 @@
-"""Canopy heads: true NDVI under each head -> its reading, before noise. Memoryless."""
+"""What does a canopy head read from the true NDVI under it, before noise? It has no memory."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ from pydantic import Field
 
 from .effect import Effect
 
-WARM_UP_S = 600.0  # time constant of settling after power-on
+# Time constant of settling after power-on, s.
+WARM_UP_S = 600.0
 
 
 class Heads(NamedTuple):
@@ -76,7 +77,7 @@ class HeadInput(NamedTuple):
 
 
 def read_head(p: Heads, u: HeadInput) -> float:
-    """Reading of one head."""
+    """Returns the reading of one head."""
     read = u.ndvi * (1.0 + p.warm_up_percent / 100.0 * exp(-u.on_s / WARM_UP_S))
     dense = u.ndvi / 0.8
     read *= 1.0 - p.saturation_percent / 100.0 * dense * dense * dense

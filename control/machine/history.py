@@ -1,4 +1,4 @@
-"""What a machine file was changed by, and the last of it taken back."""
+"""Which changes has a machine file had, and how is the last one undone?"""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from .machine import CATALOGUE, Change, Machine, Resized
 def noted(
     before: Machine, after: Machine, *, data: str = "", sha256: str = "", date: str = ""
 ) -> Machine:
-    """`after` with what was changed in effects and terms at the end of its history."""
+    """Returns `after` with the changed effects and terms appended to its history."""
     had = {term.id for term in before.terms}
     change = Change(
         date=date,
@@ -23,16 +23,18 @@ def noted(
 
 
 def last_change(machine: Machine) -> Change | None:
-    """The newest change that was not taken back."""
+    """Returns the newest change that was not undone."""
     return next((one for one in reversed(machine.history) if not one.undone), None)
 
 
 def undone(machine: Machine, *, date: str = "") -> Machine:
-    """The machine with its last change taken back; the history keeps it, with the day.
+    """Returns the machine with its last change undone; the history keeps it, with the day.
 
-    An effect that was changed by hand since keeps that: only what the change did is taken off.
-    Raises ValueError where nothing is left to take back.
-    """
+    An effect that was changed by hand since keeps that: only the change itself is subtracted.
+
+    Raises
+    ------
+    ValueError : nothing is left to undo."""
     last = last_change(machine)
     if last is None:
         raise ValueError(
@@ -66,7 +68,7 @@ def undone(machine: Machine, *, date: str = "") -> Machine:
 
 
 def _resized(before: Machine, after: Machine) -> Iterator[Resized]:
-    """Effects whose size the two have differently."""
+    """Yields the effects whose size differs."""
     for effect_id, entry in CATALOGUE.items():
         old, new = (
             getattr(getattr(one, entry.stage), entry.field) - entry.neutral

@@ -1,9 +1,9 @@
-"""Compiled code kept on disk: each entry in a file of its own, named by what it is of, and
-checked before it is used.
+"""How is compiled code kept on disk? Each entry in its own file, named by its content, and
+checked before use.
 
 numba's own cache keeps all functions of one name in one index: two processes that compile at
 once may leave an index that names the other's code, and a damaged index ends the program. Here
-an entry is read whole and right, or compiled anew.
+an entry is read completely and verified, or compiled anew.
 """
 
 from __future__ import annotations
@@ -29,9 +29,9 @@ SUM_BYTES = hashlib.sha256().digest_size
 
 
 def named_apart(run: Callable[..., Any]) -> Callable[..., Any]:
-    """The same function by a name that says what its closure holds: two variants of one source
-    would otherwise have one symbol, and of two that are loaded into one process the first one's
-    code would run for both."""
+    """Returns the same function under a name that includes its closure: two variants of one
+    source would otherwise have one symbol, and in one process the first one's code would run for
+    both."""
     if not isinstance(run, types.FunctionType) or not run.__closure__:
         return run
     held = [cell.cell_contents for cell in run.__closure__]
@@ -47,15 +47,16 @@ def named_apart(run: Callable[..., Any]) -> Callable[..., Any]:
 
 
 class KeptCode(FunctionCache):
-    """Of one function. Raises RuntimeError where there is no folder that can be written."""
+    """Caches the code of one function. Raises RuntimeError where no folder can be written."""
 
     def __init__(self, run: Callable[..., Any], sources: str) -> None:
-        """sources: a hash of all that is compiled into it."""
+        """Starts the cache of a function. sources: a hash of all that is compiled into it."""
         super().__init__(run)  # type: ignore[no-untyped-call]
         self._sources = sources
 
     def key(self, signature: Any, codegen: Any) -> bytes:
-        """What an entry is of: types of arguments, processor, code, closure, sources, versions."""
+        """Returns the key of an entry: types of arguments, processor, code, closure, sources,
+        versions."""
         of_numba = self._index_key(signature, codegen)  # type: ignore[no-untyped-call]
         return repr((of_numba, self._sources, numba.__version__, sys.version_info[:3])).encode()
 
@@ -66,8 +67,9 @@ class KeptCode(FunctionCache):
         )
 
     def load_overload(self, signature: Any, target_context: Any) -> Any:
-        """None: compile it. What is damaged, or not for this numba, is taken away."""
-        # all that kept code asks for; what compiles loads the rest for itself
+        """Loads an entry; None: compile it. A damaged entry, or one of another numba, is
+        removed."""
+        # Cached code needs only this; compiling loads the rest itself.
         rtsys.initialize(target_context)
         key = self.key(signature, target_context.codegen())
         path = self.path(key)
@@ -79,14 +81,14 @@ class KeptCode(FunctionCache):
             if hashlib.sha256(key + data[SUM_BYTES:]).digest() != data[:SUM_BYTES]:
                 raise ValueError("not as it was written")
             return self._impl.rebuild(target_context, pickle.loads(data[SUM_BYTES:]))
-        # whatever a reader of foreign bytes raises: it is compiled, as without them
+        # Reading foreign bytes may raise anything: the function is then compiled.
         except Exception:
             with contextlib.suppress(OSError):
                 path.unlink()
             return None
 
     def save_overload(self, signature: Any, compiled: Any) -> None:
-        """Whole or not at all. Without room, or rights, it is not kept."""
+        """Saves an entry completely or not at all. Without room or rights it is not kept."""
         if not self._impl.check_cachable(compiled):
             return
         key = self.key(signature, compiled.codegen)

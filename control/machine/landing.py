@@ -1,5 +1,5 @@
-"""Where released material comes to lie. Mass is conserved: parcels are binned, a signal is
-never shifted."""
+"""Where does released material land? Mass is conserved: parcels are binned, a signal is never
+shifted."""
 
 from __future__ import annotations
 
@@ -10,11 +10,12 @@ import numpy as np
 from .elements import Array
 from .fall import SHORTEST_S
 
-HALVINGS = 30  # of the longest drop time: 2 s to a nanosecond
+# Bisection steps of the longest drop time: 2 s to a nanosecond.
+HALVINGS = 30
 
 
 class LandedGround(NamedTuple):
-    """Mass on the ground along the track, in bins of `bin_m` from `origin_m` on."""
+    """Holds the mass on the ground along the track, in bins of `bin_m` from `origin_m` on."""
 
     origin_m: float
     bin_m: float
@@ -27,13 +28,12 @@ class LandedGround(NamedTuple):
 
 
 def carried_s(time_s: Array, settled_s: Array) -> Array:
-    """Time to the ground of what is released at each time, (n,) s, where the stream in the tube
-    sets its pace.
+    """Returns the time to the ground of material released at each time, (n,) s, where the stream
+    in the tube sets its pace.
 
-    time_s : (n,) rising; settled_s : (n,) drop time at the shaft speed of that time, held to
-    the next. At every moment all that falls moves by dt / settled_s of its way. Nothing
-    overtakes. After the end the last pace holds.
-    """
+    time_s: (n,) rising; settled_s: (n,) drop time at the shaft speed of that time, held to the
+    next. At every moment all falling material moves by dt / settled_s of its way. Nothing
+    overtakes. After the end the last pace holds."""
     pace = 1.0 / np.maximum(settled_s, SHORTEST_S)
     way = np.concatenate([[0.0], np.cumsum(np.diff(time_s) * pace[:-1])])
     beyond = 1.0 / pace[-1]
@@ -44,20 +44,19 @@ def carried_s(time_s: Array, settled_s: Array) -> Array:
 
 
 def falls_s(time_s: Array, settled_s: Array, carried_share: float = 1.0) -> Array:
-    """Time to the ground of what is released at each time, (n,) s, where the stream sets a
-    share of its pace.
+    """Returns the time to the ground of material released at each time, (n,) s, where the stream
+    sets a share of its pace.
 
-    A granule has gone its way when the integral of share / settled_s(of the moment) + (1 -
-    share) / settled_s(of its release) is 1: `carried_s` at a share of 1; at 0 each falls by
-    itself, and those of a quicker shaft overtake.
-    """
+    A granule has landed when the integral of share / settled_s(of the moment) + (1 - share) /
+    settled_s(of its release) is 1: `carried_s` at a share of 1; at 0 each falls by itself, and
+    those of a quicker shaft overtake."""
     if carried_share >= 1.0:
         return carried_s(time_s, settled_s)
     own = np.maximum(settled_s, SHORTEST_S)
     if carried_share <= 0.0:
         return np.asarray(own, dtype=np.float64)
     way = np.concatenate([[0.0], np.cumsum(np.diff(time_s) / own[:-1])])
-    # after the end the last pace holds
+    # After the end the last pace holds.
     last = np.append(time_s, time_s[-1] + 1e3 * own[-1])
     ways = np.append(way, way[-1] + 1e3)
     low, high = np.zeros(len(own)), np.full(len(own), float(own.max()))
@@ -79,7 +78,7 @@ def landed(
     bin_m: float,
     lever_arm_m: float = 0.0,
 ) -> tuple[LandedGround, Array]:
-    """Bin parcels by where the outlet is when they land.
+    """Bins parcels by the outlet's place when they land.
 
     Returns the ground and each parcel's place (n,), m along the track. A parcel is spread
     evenly between its own landing place and the next one's, so that bins finer than a tick's
@@ -90,8 +89,7 @@ def landed(
     time_s : (n,) release times, rising.
     track_m : (n,) outlet's distance along the track at those times.
     mass_kg : (n,) released from time_s[k] to time_s[k+1].
-    drop_s : (n,) each parcel's own time to the ground.
-    """
+    drop_s : (n,) each parcel's own time to the ground."""
     place = np.interp(time_s + drop_s, time_s, track_m) + lever_arm_m
     beyond = time_s + drop_s > time_s[-1]
     if len(time_s) > 1 and np.any(beyond):

@@ -1,4 +1,5 @@
-"""One machine: its stages, measures, limits, noise and tolerances, as the machine file says."""
+"""What does a machine file contain? Stages, measures, limits, noise and tolerances of one
+machine."""
 
 from __future__ import annotations
 
@@ -32,8 +33,7 @@ STAGES: dict[str, Any] = {
 }
 CATALOGUE: dict[str, Entry] = catalogue(STAGES)
 
-# Ranges that a machine could have: the widest booms and discs spread 54 m, the smallest bench
-# has one row.
+# Ranges of any machine: the widest booms and discs spread 54 m, the smallest bench has one row.
 Width = Annotated[float, Field(ge=0.1, le=60)]
 Height = Annotated[float, Field(gt=0, le=10)]
 # r/min: fans and small motors of rigs turn so fast
@@ -43,14 +43,16 @@ Resolution = Annotated[float, Field(ge=1e-4, le=50)]  # of a drive's set-point
 Share = Annotated[float, Field(ge=1e-6, le=100)]  # %
 Seconds = Annotated[float, Field(ge=1e-6, le=60)]
 Member = Annotated[int, Field(ge=1, le=100)]  # a head or an outlet
-MOST_TERMS, MOST_ENTRIES = 100, 2000  # of a file that many diagnoses have changed
+# Limits of a file that many diagnoses have changed.
+MOST_TERMS, MOST_ENTRIES = 100, 2000
 
 
 StageName = Literal["shaft", "gate", "flow", "scale", "speed", "heads", "effort"]
 
 
 class Geometry(FrozenModel):
-    """Along-track places are relative to the outlets, forward positive."""
+    """Holds the measures of the machine. Places along the track are relative to the outlets,
+    forward positive."""
 
     working_width_m: Width = 2.4
     outlets: Annotated[int, Field(ge=1, le=100)] = 6
@@ -62,8 +64,8 @@ class Geometry(FrozenModel):
 
 
 class Limits(FrozenModel):
-    """What may be sent to the drives. A shaft command of 0 stops it; between 0 and the lowest
-    there is none."""
+    """Holds the limits of the commands to the drives. A shaft command of 0 stops it; between 0
+    and the lowest there is none."""
 
     shaft_low_rpm: Annotated[float, Field(ge=0, le=1e5)] = 10.0
     shaft_high_rpm: Turning = 100.0
@@ -80,7 +82,7 @@ class SetPoints(FrozenModel):
 
 
 class Noise(FrozenModel):
-    """One standard deviation of what each sensor adds."""
+    """Holds the noise of each sensor, as one standard deviation."""
 
     shaft_rpm: Annotated[float, Field(ge=0, le=1e4)] = 0.3
     opening_mm: Annotated[float, Field(ge=0, le=50)] = 0.1
@@ -96,7 +98,8 @@ class Noise(FrozenModel):
 
 
 class Tolerance(FrozenModel):
-    """One standard deviation of what the nominal values may be off: the priors of diagnosis."""
+    """Holds the tolerances of the nominal values, as one standard deviation: the priors of
+    diagnosis."""
 
     flow_percent: Share = 0.1
     wheel_percent: Share = 0.05
@@ -109,7 +112,7 @@ class Tolerance(FrozenModel):
     # Lag paper, table 3: the slope of 70 drop times up to 70 r/min, standard error by their own
     # scatter.
     drop_s_per_rpm: Annotated[float, Field(ge=1e-6, le=1)] = 0.001
-    # not measured, see `tube_is_settled`
+    # The default means that nobody has measured it, see `tube_is_settled`.
     carried_share: Annotated[float, Field(ge=0, le=1)] = 0.5
     # A sound ball screw from run to run 1.8 %, from session to session 3.5 % (doi
     # 10.17862/cranfield.rd.5097649).
@@ -117,7 +120,7 @@ class Tolerance(FrozenModel):
 
 
 class Adopted(FrozenModel):
-    """Where an effect in this file comes from, and where it may be believed."""
+    """Holds the origin of an effect in this file, and its range of validity."""
 
     id: str
     size: Number
@@ -132,7 +135,7 @@ class Adopted(FrozenModel):
 
 
 class Resized(FrozenModel):
-    """An effect whose size a change set, in its catalogue unit."""
+    """Holds an effect whose size a change has set, in its catalogue unit."""
 
     id: str
     member: Member | None = None
@@ -141,8 +144,8 @@ class Resized(FrozenModel):
 
 
 class Change(FrozenModel):
-    """What a diagnosis changed in this file, and the data that it comes from; `undone`: the day
-    it was taken back."""
+    """Holds what a diagnosis changed in this file, and its data; `undone`: the day it was
+    undone."""
 
     date: str = ""
     data: str = ""
@@ -153,8 +156,8 @@ class Change(FrozenModel):
 
 
 class Machine(FrozenModel):
-    """The machine file. Effects are stage parameters with a neutral default; `adopted` says
-    where they come from, and `history` what was changed, so that it can be taken back."""
+    """Holds a machine file. Effects are stage parameters with a neutral default; `adopted` gives
+    their origin, and `history` their changes, so that they can be undone."""
 
     format: Literal["topdress-machine/1"] = "topdress-machine/1"
     id: str = "huanghai"
@@ -237,8 +240,8 @@ class Machine(FrozenModel):
         return self
 
     def has(self, stage: str) -> bool:
-        """Whether it has a stage: what it has not is neither asked for nor reported.
-        `gate_effort`: the gate's drive tells how hard it works, `effort` the shaft's."""
+        """Returns whether the machine has a stage: others are neither needed nor reported.
+        `gate_effort`: the gate's drive reports its effort, `effort` the shaft's."""
         if stage in ("effort", "gate_effort"):
             e = self.effort
             own = e.coulomb + e.viscous if stage == "effort" else e.gate_coulomb + e.gate_viscous
@@ -247,35 +250,35 @@ class Machine(FrozenModel):
 
     @property
     def switched(self) -> tuple[SectionStrip, ...]:
-        """Strips of the sections that have valves, left to right; empty where the machine is
-        one whole."""
+        """Returns the strips of the sections with valves, left to right; empty for a machine
+        without sections."""
         if not self.sections or self.sections[0].valve is None:
             return ()
         return strips(self.sections, self.geometry.working_width_m)
 
     @property
     def tube_is_settled(self) -> bool:
-        """Whether somebody measured how far the stream in the tube sets the pace of what falls
-        in it."""
+        """Returns whether somebody has measured how far the air stream sets the pace in the
+        tube."""
         return self.tolerance.carried_share <= SETTLED_SHARE
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What is said of the file though it is right."""
+        """Returns remarks on a valid file."""
         return tuple(
             f"term {term.id} {OLD_NOTE}" for term in self.terms if term.source.note == OLD_NOTE
         )
 
 
-# tolerance of the carried share up to which the tube counts as measured
+# Tolerance of the carried share up to which the tube counts as measured.
 SETTLED_SHARE = 0.2
-# as its parts' defaults say; not validated, for that asks for it
+# The defaults of its parts; not validated, because validation needs this constant.
 NOMINAL = Machine.model_construct()
 
 
 def scale_nominal(machine: Machine, figures: tuple[str, ...]) -> float:
-    """Figures of the machine file ("limits.shaft_high_rpm"), multiplied, as a multiple of the
-    nominal machine's."""
+    """Returns the product of figures of the machine file ("limits.shaft_high_rpm") as a multiple
+    of the nominal machine's."""
     share = 1.0
     for figure in figures:
         share *= _figure(machine, figure) / _figure(NOMINAL, figure)
@@ -290,33 +293,35 @@ def _figure(machine: Machine, name: str) -> float:
 
 
 class Bounds(NamedTuple):
-    """Range of an effect's size, in its unit."""
+    """Holds the range of an effect's size, in its unit."""
 
     low: float
     high: float
 
 
 def size_scale(effect_id: str, machine: Machine) -> float:
-    """By what bounds and tried sizes of an effect on the nominal machine are multiplied for
-    this one."""
+    """Returns the factor of this machine on the bounds and tried sizes of an effect on the
+    nominal machine."""
     return scale_nominal(machine, CATALOGUE[effect_id].effect.scales_with)
 
 
 def bounds(effect_id: str, machine: Machine) -> Bounds:
-    """Range of an effect's size on a machine. Raises KeyError for an id that is not catalogued."""
+    """Returns the range of an effect's size on a machine. Raises KeyError for an id that is not
+    catalogued."""
     entry, scale = CATALOGUE[effect_id], size_scale(effect_id, machine)
     return Bounds(scale * (entry.low - entry.neutral), scale * (entry.high - entry.neutral))
 
 
 def unit_of(effect_id: str, machine: Machine) -> str:
-    """Unit of an effect's size on a machine: it may name a figure of its file."""
+    """Returns the unit of an effect's size on a machine: it may contain a figure of its file."""
     return CATALOGUE[effect_id].effect.unit_form.format(
         **{name: getattr(machine, name) for name in STAGES}
     )
 
 
 def allowed_sizes(effect_id: str, machine: Machine) -> str:
-    """What a size may be, in words: "allowed 0 to 390 r/min where limits.shaft_high_rpm is 650"."""
+    """Returns the allowed sizes in words: "allowed 0 to 390 r/min where limits.shaft_high_rpm is
+    650"."""
     low, high = bounds(effect_id, machine)
     figures = [
         f"{name} is {_figure(machine, name):g}" for name in CATALOGUE[effect_id].effect.scales_with
@@ -327,12 +332,13 @@ def allowed_sizes(effect_id: str, machine: Machine) -> str:
 
 
 def add_effect(machine: Machine, effect_id: str, size: float, member: int | None = None) -> Machine:
-    """The machine with one effect at `size` (its catalogue unit; 1 for those whose size is an
-    onset).
+    """Returns the machine with one effect at `size` (its catalogue unit; 1 for those whose size
+    is an onset).
 
-    Raises KeyError for an id that is not catalogued, ValueError for a size or member out of the
-    machine's bounds.
-    """
+    Raises
+    ------
+    KeyError : the id is not catalogued.
+    ValueError : size or member are out of the machine's bounds."""
     entry = CATALOGUE[effect_id]
     low, high = bounds(effect_id, machine)
     if not entry.effect.onset_only and not low <= size <= high:
@@ -349,7 +355,7 @@ def add_effect(machine: Machine, effect_id: str, size: float, member: int | None
 
 
 def list_effect_sizes(machine: Machine) -> dict[str, float]:
-    """Effects of the machine that are not neutral, by id."""
+    """Returns the effects of the machine that are not neutral, by id."""
     found = {}
     for effect_id, entry in CATALOGUE.items():
         value = getattr(getattr(machine, entry.stage), entry.field)

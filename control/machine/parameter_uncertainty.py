@@ -1,10 +1,9 @@
-"""Machines that a machine file may stand for: what its tables leave open, and what a calibrated
-one does in a season.
+"""Which machines may a machine file stand for? Those within its open parameters, and a
+calibrated one after a season.
 
-No table of the papers tells what goes on in the tube (docs/decisions/0005), nor what the field
-adds to the rig's lag. So control is never judged on the machine of its own file alone: every
-strategy is measured on each of these.
-"""
+No table of the papers tells how granules fall in the tube (docs/decisions/0005), nor what the
+field adds to the rig's lag. So control is never judged on the machine of its own file alone:
+every strategy is measured on each of these."""
 
 from __future__ import annotations
 
@@ -13,12 +12,12 @@ from collections.abc import Callable
 from .machine import Machine, add_effect
 from .start import with_carried_share
 
-# amplitude of the sum of six outlets; a single straight-fluted roller gives more
+# Amplitude of the sum of six outlets, %; a single straight-fluted roller gives more.
 PULSATION_PERCENT = 5.0
 FIRST_FILL_S = 0.86
-# lag paper, tables 1 and 4: field against rig, 0.32 s at 4.50 km/h
+# Additional lag of the field over the rig, s (lag paper, tables 1 and 4: 0.32 s at 4.50 km/h).
 FIELD_LAG_S = 0.3
-# a drive that needs a fifth more time for everything: cold grease, a weak supply
+# Factor on all times of a slow drive: cold grease, a weak supply.
 SLOWER = 1.2
 
 
@@ -53,13 +52,14 @@ PLAUSIBLE: dict[str, Callable[[Machine], Machine]] = {
     "slow_drives": _slow_drives,
     # An open-loop motor loses 7 % a volt (docs/safety.md): a tired battery.
     "motor_12_slow": lambda machine: add_effect(machine, "shaft.gain", -12.0),
-    # trims take back 2 mm
+    # The trims correct 2 mm of it.
     "gate_4_short": lambda machine: add_effect(machine, "gate.home_error", -4.0),
 }
 
 
 def plausible(machine: Machine, name: str) -> Machine:
-    """One of them, made of a machine. Raises ValueError, one line, for a name that is none."""
+    """Returns one of these machines, made from a machine. Raises ValueError, in one line, for an
+    unknown name."""
     if name not in PLAUSIBLE:
         raise ValueError(f"plausible machine {name!r}: allowed {', '.join(PLAUSIBLE)}")
     return PLAUSIBLE[name](machine)

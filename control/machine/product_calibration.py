@@ -1,4 +1,4 @@
-"""A machine as it meters a product: by the flow of that product's newest catch test with it."""
+"""How does a machine meter a product? By the flow of that product's newest catch test with it."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from topdress.control.agronomy.product import Product
 
 from .machine import Adopted, Machine
 
-# what a catch test tells
+# Parameters that a catch test determines.
 REPLACED = ("flow.grams_per_rev_mm", "flow.gain", "flow.zero_offset", "flow.fill_falloff")
 
 
 def newest_test_date(machine: Machine) -> dt.date | None:
-    """The day of the newest catch test that the machine's flow is from; None: no test, or no
-    day is known."""
+    """Returns the day of the newest catch test behind the machine's flow; None: no test, or no
+    known day."""
     days = [one.date for one in machine.adopted if one.id == REPLACED[0] and _is_date(one.date)]
     return max(map(dt.date.fromisoformat, days), default=None)
 
@@ -28,10 +28,12 @@ def _is_date(text: str) -> bool:
 
 
 def with_product(machine: Machine, product: Product) -> Machine:
-    """The machine with the product's flow; without a catch test with this machine as it is.
+    """Returns the machine with the product's flow; unchanged without a catch test with this
+    machine.
 
-    Raises ValueError in one line where a test does not fit the machine.
-    """
+    Raises
+    ------
+    ValueError : in one line, where a test does not fit the machine."""
     test = product.newest_test(machine.id)
     if test is None:
         return machine

@@ -1,9 +1,8 @@
-"""Hopper scale: true kg -> reading. The tare is taken full at the start; noise and rounding
-come after.
+"""What does the hopper scale read from the true mass? The tare is taken full at the start; noise
+and rounding follow.
 
 A cell fixed to the frame carries what presses across it: weight x cos(pitch). One that hangs, or
-whose electronics correct it by an inclinometer, reads none of that.
-"""
+whose electronics correct it by an inclinometer, reads none of that."""
 
 from __future__ import annotations
 
@@ -86,7 +85,7 @@ class ScaleInput(NamedTuple):
 
 
 def scale_reads(p: Scale, u: ScaleInput) -> float:
-    """Reading in kg before noise and rounding."""
+    """Returns the reading before noise and rounding, kg."""
     read = (
         u.hopper_kg
         * (1.0 + p.gain_percent / 100.0)

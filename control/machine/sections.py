@@ -1,10 +1,8 @@
-"""Sections: outlets side by side that are opened and closed together.
+"""Which outlets open and close together? The sections of a machine.
 
-One roller meters for all outlets; what it gives is shared evenly by those that are open. A
-section's valve stands where its tubes begin, so what has passed it falls on for a whole drop
-time. With every valve closed nothing flows: what the roller carries round goes back to the
-hopper.
-"""
+One roller meters for all outlets; its mass is shared evenly by the open ones. A section's valve
+stands where its tubes begin, so that material behind it falls for a whole drop time. With every
+valve closed nothing flows: what the roller carries round returns to the hopper."""
 
 from __future__ import annotations
 
@@ -14,26 +12,26 @@ from typing import Annotated, NamedTuple
 from pydantic import Field
 from topdress.control.frozen_model import FrozenModel
 
-# as many relays as a rate module has, and bits a board's command
+# Greatest number of sections: relays of a rate module, and bits of a board's command.
 MOST_SECTIONS = 16
 
 
 class Valve(FrozenModel):
-    """Opens and closes at once, so long after its command. Without power it closes."""
+    """Opens and closes after its delay, instantly. Without power it closes."""
 
     open_s: Annotated[float, Field(ge=0, le=2)] = 0.0
     close_s: Annotated[float, Field(ge=0, le=2)] = 0.0
 
 
 class Section(FrozenModel):
-    """So many outlets, as wide as their share of the working width."""
+    """Holds the outlets of a section, as wide as their share of the working width."""
 
     outlets: Annotated[int, Field(ge=1, le=100)] = 1
     valve: Valve | None = None
 
 
 class SectionStrip(NamedTuple):
-    """Ground under one section: how far its edges lie to the right of the machine's middle, m;
+    """Holds the ground under one section: its edges to the right of the machine's middle, m, and
     its share of the working width."""
 
     left_m: float
@@ -42,7 +40,7 @@ class SectionStrip(NamedTuple):
 
 
 def strips(sections: Sequence[Section], width_m: float) -> tuple[SectionStrip, ...]:
-    """Strips of sections from left to right over the working width."""
+    """Returns the strips of sections from left to right over the working width."""
     outlets = sum(section.outlets for section in sections)
     found, before = [], 0
     for section in sections:
@@ -59,8 +57,8 @@ def strips(sections: Sequence[Section], width_m: float) -> tuple[SectionStrip, .
 
 
 class LoggedValves:
-    """Valves as a log's column `sections_cmd` tells of them, row by row; all open where it
-    tells nothing."""
+    """Follows the valves through a log's column `sections_cmd`, row by row; all are open where
+    it is empty."""
 
     def __init__(self, sections: Sequence[Section]) -> None:
         self._valves = [section.valve or Valve() for section in sections]
@@ -70,7 +68,7 @@ class LoggedValves:
         self._turns: list[tuple[float, bool]] = [(0.0, False)] * len(self._valves)
 
     def open_at(self, time_s: float, commanded: str | None) -> tuple[bool, ...]:
-        """How they stand at a row that tells this; times rise."""
+        """Returns the positions at a row with this command; times rise."""
         cells = (commanded or "").split(";")
         if len(cells) != len(self._valves):
             return (True,) * len(self._valves)
@@ -87,13 +85,13 @@ class LoggedValves:
         return tuple(found)
 
     def share(self, opened: Sequence[bool]) -> float:
-        """Of the working width."""
+        """Returns the open share of the working width."""
         return sum(share for share, on in zip(self._shares, opened, strict=True) if on)
 
 
 def trouble_of(sections: Sequence[Section], outlets: int) -> str:
-    """What is wrong with the sections of a machine with so many outlets, as what is allowed;
-    empty: nothing."""
+    """Returns what is wrong with the sections of a machine with so many outlets, as what is
+    allowed; empty: nothing."""
     if not sections:
         return ""
     there = sum(section.outlets for section in sections)

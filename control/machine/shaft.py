@@ -1,8 +1,8 @@
-"""Metering shaft: command r/min -> r/min. Dead time, dead band, supply and load, first or
-second order, acceleration limit.
+"""How does the metering shaft follow its command? r/min -> r/min: dead time, dead band, supply
+and load, first or second order, acceleration limit.
 
-Commands and speeds have a sign: below 0, or below the command at which it stands, it turns
-backwards, with a gain and a zone of its own.
+Commands and speeds have a sign: below 0, or below the command at which it stands, the shaft
+turns backwards, with its own gain and dead zone.
 """
 
 from __future__ import annotations
@@ -15,14 +15,17 @@ from pydantic import Field
 from .effect import SHAFT_RANGE, Effect
 from .elements import DelayLine, put_in_line, read_held_line, start_line, stepped
 
-# of a time constant: the least that a machine file may have
+# Least time constant of a machine file, s.
 LEAST_LAG_S = 1e-4
-# of (frequency x time)^2: so near to critical damping sin(w t) / w is t
+# Limit of (frequency x time)^2: so near to critical damping sin(w t) / w is t.
 CRITICAL = 1e-8
-SURE = 1e-9  # rounding
-MOST_PHASES = 32  # of a held command: it takes some five
-NO_END = -1e100  # speed at which it is stopped: none
-# of the time at which the acceleration limit is reached: to rounding
+# Tolerance of rounding.
+SURE = 1e-9
+# Greatest number of phases of a held command; usually some five.
+MOST_PHASES = 32
+# Speed at which the shaft is stopped: none.
+NO_END = -1e100
+# Bisection steps of the time at which the acceleration limit is reached: to rounding.
 HALVINGS = 50
 
 
@@ -357,13 +360,13 @@ class ShaftOutput(NamedTuple):
 
 
 def make_shaft_start(rpm: float = 0.0, time_s: float = 0.0) -> ShaftState:
-    """At rest in `rpm`, commanded so for ever."""
+    """Returns a shaft at rest in `rpm`, with that command for ever."""
     return ShaftState(time_s, rpm, start_line(rpm))
 
 
 def approach(value: float, wanted: float, tau_s: float, fastest_per_s: float, dt_s: float) -> float:
-    """First order with a limited slope, exact for a held `wanted`: a ramp while the limit
-    binds, then exponential."""
+    """Returns the value of a first-order system with a limited slope, exact for a held `wanted`:
+    a ramp while the limit binds, then exponential."""
     gap = wanted - value
     if gap == 0.0:
         return value
@@ -377,7 +380,8 @@ def approach(value: float, wanted: float, tau_s: float, fastest_per_s: float, dt
 
 
 def free_swing(x: float, v: float, tau_s: float, second_s: float, t: float) -> tuple[float, float]:
-    """tau second x'' + tau x' + x = 0 after t from x, v: exact, at any damping."""
+    """Returns the solution of tau second x'' + tau x' + x = 0 after t from x, v: exact, at any
+    damping."""
     sigma, square = 0.5 / second_s, 1.0 / (tau_s * second_s)
     beyond = sigma * sigma - square  # above 0: two time constants; below: it swings
     if abs(beyond) * t * t < CRITICAL:
@@ -393,8 +397,8 @@ def free_swing(x: float, v: float, tau_s: float, second_s: float, t: float) -> t
 
 
 def passes_s(at: float, falls: float, tau_s: float, second_s: float) -> float:
-    """When something in `free_swing` that is `at` now, and falls with `falls`, is next 0, s;
-    1e300: never. It goes as at C - falls S, where C and S are 1 and 0 now and S rises with 1."""
+    """Returns when a value of `free_swing` that is `at` now and falls with `falls` is next 0, s;
+    1e300: never. It follows at C - falls S, where C and S are 1 and 0 now and S rises with 1."""
     sigma, square = 0.5 / second_s, 1.0 / (tau_s * second_s)
     beyond = sigma * sigma - square
     if abs(beyond) < CRITICAL * square:
@@ -403,7 +407,7 @@ def passes_s(at: float, falls: float, tau_s: float, second_s: float) -> float:
     if beyond < 0.0:
         angle = atan2(root * at, falls)
         angle = angle if angle >= 0.0 else angle + pi
-        # what is just over is not the next
+        # A zero that has just passed is not the next one.
         return (angle if angle > SURE else angle + pi) / root
     share = root * at / falls if falls != 0.0 else 0.0
     return 0.5 * log((1.0 + share) / (1.0 - share)) / root if SURE < share < 1.0 else 1e300
@@ -418,8 +422,8 @@ def free_for_s(
     room: float,
     left_s: float,
 ) -> float:
-    """How long `free_swing` holds, s: until the slope is at its limit or x at -room, at most
-    `left_s`. Or until it turns: slopes and ways are then looked at again."""
+    """Returns how long `free_swing` holds, s: until the slope reaches its limit or x reaches
+    -room, at most `left_s`. Or until it reverses: then slopes and ways are examined again."""
     sigma, square = 0.5 / second_s, 1.0 / (tau_s * second_s)
     pull = sigma * v + square * x
     slope = -sigma * v - pull
@@ -452,11 +456,11 @@ def swung(
     least: float,
     dt_s: float,
 ) -> tuple[float, float]:
-    """Second order with a limited slope, exact for a held `wanted`: value and rate after `dt_s`.
+    """Returns value and rate of a second-order system with a limited slope after `dt_s`, exact
+    for a held `wanted`.
 
-    tau second x'' + tau x' + x = wanted, x' within +-fastest: it ramps while the limit binds
-    and swings freely otherwise. At `least` it is stopped.
-    """
+    tau second x'' + tau x' + x = wanted, x' within +-fastest: it ramps while the limit binds and
+    swings freely otherwise. At `least` it is stopped."""
     x, v, left_s, room = (
         value - wanted,
         min(fastest_per_s, max(-fastest_per_s, rate)),
@@ -481,9 +485,9 @@ def swung(
 
 
 class Swing(NamedTuple):
-    """How a small step of the command is answered. overshoot_percent : of the step. period_s :
-    of the swing. lags_s : the two time constants; those of a swing are one, with which it dies
-    away."""
+    """Holds the response to a small step of the command. overshoot_percent: of the step.
+    period_s: of the swing. lags_s: the two time constants; a swing has one, with which it
+    decays."""
 
     overshoot_percent: float
     period_s: float
@@ -491,8 +495,8 @@ class Swing(NamedTuple):
 
 
 def swing(p: Shaft) -> Swing:
-    """Of a shaft of second order (Ogata, Modern Control Engineering, 2010, 5-3: damping ratio
-    sqrt(T / T2) / 2)."""
+    """Returns the step response of a shaft of second order (Ogata, Modern Control Engineering,
+    2010, 5-3: damping ratio sqrt(T / T2) / 2)."""
     tau_s, second_s = lag_s(p), p.second_order_s
     square, sigma = 1.0 / (tau_s * second_s), 0.5 / second_s
     beyond = sigma * sigma - square
@@ -504,7 +508,7 @@ def swing(p: Shaft) -> Swing:
 
 
 def follows(p: Shaft, value: float, rate: float, wanted: float, dt_s: float) -> tuple[float, float]:
-    """Speed and its slope `dt_s` later, of a shaft that is to turn at `wanted`."""
+    """Returns speed and slope `dt_s` later of a shaft that is to turn at `wanted`."""
     if p.second_order_s <= 0.0:
         return approach(value, wanted, lag_s(p), fastest_rpm_s(p), dt_s), 0.0
     least = 0.0 if p.one_way > 0.0 and value >= 0.0 and wanted >= 0.0 else NO_END
@@ -512,29 +516,28 @@ def follows(p: Shaft, value: float, rate: float, wanted: float, dt_s: float) -> 
 
 
 def lag_s(p: Shaft) -> float:
-    """Time constant with which the shaft follows, s: a drive may be quicker than its data
-    sheet, and never ahead."""
+    """Returns the time constant of the shaft, s: a drive may be quicker than its data sheet, but
+    never ahead."""
     return max(LEAST_LAG_S, p.time_constant_s + p.slow_s)
 
 
 def fastest_rpm_s(p: Shaft) -> float:
-    """How fast the shaft's speed can change, r/min a second: the times of limit and ramp to
-    full speed add up."""
+    """Returns the greatest change of the shaft's speed, r/min a second: the times of limit and
+    ramp to full speed add up."""
     return 1.0 / (1.0 / p.acceleration_rpm_s + p.ramp_s / p.full_rpm)
 
 
 def dead_s(p: Shaft) -> float:
-    """Time from a command to the shaft's first move, s."""
+    """Returns the time from a command to the shaft's first move, s."""
     return max(0.0, p.dead_time_s + p.extra_dead_time_s)
 
 
 def beyond_rpm(p: Shaft, command_rpm: float) -> float:
-    """By how much a command is beyond the one at which the shaft stands, r/min: below 0 it
+    """Returns how far a command is beyond the one at which the shaft stands, r/min: below 0 it
     turns backwards.
 
-    Where speed falls as the command rises (a gain below -100 %) it is beyond below that
-    command. A command of 0 stops what `zero_stops`.
-    """
+    Where speed falls as the command rises (a gain below -100 %) it is beyond below that command.
+    A command of 0 stops a shaft with `zero_stops`."""
     if command_rpm == 0.0 and p.zero_stops > 0.0:
         return 0.0
     beyond = command_rpm - p.neutral_rpm
@@ -542,13 +545,12 @@ def beyond_rpm(p: Shaft, command_rpm: float) -> float:
 
 
 def asked_rpm(p: Shaft, beyond: float) -> float:
-    """Size of the speed that a command so far `beyond_rpm` comes to when it is settled, r/min,
-    before what multiplies every speed alike.
+    """Returns the magnitude of the settled speed for a command so far `beyond_rpm`, r/min,
+    before the factors on every speed.
 
-    A threshold holds the shaft until the command passes it; a zone takes away from every
+    A threshold holds the shaft until the command exceeds it; a zone is subtracted from every
     command: g (u - D). The curve bends evenly, u / (1 + k u / full): a motor's speed falls
-    behind its duty cycle as its current is cut more often.
-    """
+    behind its duty cycle as its current is cut more often."""
     size = abs(beyond)
     if size < p.dead_band_rpm or (beyond < 0.0 and p.one_way > 0.0):
         return 0.0
@@ -566,11 +568,11 @@ def asked_rpm(p: Shaft, beyond: float) -> float:
 def shaft_step(
     p: Shaft, s: ShaftState, u: ShaftInput, dt_s: float
 ) -> tuple[ShaftState, ShaftOutput]:
-    """One step of `dt_s` with the inputs held; the outputs are those at its end.
+    """Advances the shaft by one step of `dt_s` with the inputs held; the outputs are those at
+    its end.
 
     Nominal: dead time, first order with an acceleration limit; together 0.383 s to 2 r/min at any
-    set-point from 10 r/min up (lag paper, table 2).
-    """
+    set-point from 10 r/min up (lag paper, table 2)."""
     late_s = dead_s(p)
     short_v = p.nominal_supply_v - u.supply_v
     sag = p.sag_percent_per_v * short_v if short_v > 0.0 else 0.0
@@ -584,7 +586,7 @@ def shaft_step(
         line, wanted, until_s = read_held_line(line, at_s, end_s)
         beyond = beyond_rpm(p, wanted)
         goal = turns * asked_rpm(p, beyond)
-        # terms are given with the speed's sign; none turns it round
+        # Terms have the speed's sign; none reverses it.
         if goal > 0.0:
             way = -1.0 if beyond < 0.0 else 1.0
             goal = way * max(0.0, goal + way * u.more_rpm)

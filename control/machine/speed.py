@@ -1,4 +1,4 @@
-"""Ground speed: true m/s -> wheel and GNSS readings, before noise."""
+"""What do wheel and GNSS read from the true ground speed, before noise?"""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pydantic import Field
 from .effect import Effect
 from .elements import DelayLine, average_line, put_in_line, start_line
 
-# slip grows by this share of itself for each degree nose up
+# Growth of slip as a share of itself for each degree nose up.
 UPHILL_SHARE_PER_DEG = 0.15
 
 
@@ -109,7 +109,7 @@ def make_speed_start(speed_mps: float = 0.0, time_s: float = 0.0) -> SpeedState:
 def step_speed(
     p: Speed, s: SpeedState, u: SpeedInput, dt_s: float
 ) -> tuple[SpeedState, SpeedOutput]:
-    """One step of `dt_s` with the true speed held."""
+    """Advances the speed by one step of `dt_s` with the true speed held."""
     line = put_in_line(s.line, s.time_s, u.speed_mps)
     line, gnss = average_line(line, s.time_s - p.gnss_latency_s, s.time_s - p.gnss_latency_s + dt_s)
     slip = p.slip_percent * u.working * max(0.0, 1.0 + UPHILL_SHARE_PER_DEG * u.pitch_deg)

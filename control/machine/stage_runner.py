@@ -1,4 +1,5 @@
-"""A stage over a whole log. The same functions run interpreted here and compiled in `compiled`."""
+"""How does a stage run over a whole log? Interpreted here, and compiled in `compiled`, with the
+same functions."""
 
 from __future__ import annotations
 
@@ -9,16 +10,17 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-# model step: a quarter of a control tick of 0.05 s
+# Longest model step, s: a quarter of a control tick of 0.05 s.
 MOST_STEP_S = 0.0125
-LEAST_STEPS = 4  # model steps a row, at least
+# Least number of model steps in a row.
+LEAST_STEPS = 4
 
 Run = Callable[..., npt.NDArray[np.float64]]
 
 
 def over_log(step: Callable[..., Any], exact: bool = False) -> Run:
-    """`run(sets, switch_rows, state, first, rows, time_s, most_step_s) -> (rows, outputs)`,
-    interpreted.
+    """Returns `run(sets, switch_rows, state, first, rows, time_s, most_step_s) -> (rows,
+    outputs)`, interpreted.
 
     sets : parameter sets in the order in which they come into force; set j+1 from row
     switch_rows[j] on, so that any effect may begin mid-run. state, first : state and output at
@@ -26,13 +28,12 @@ def over_log(step: Callable[..., Any], exact: bool = False) -> Run:
     time_s[k+1]. The output of row k is that at time_s[k]: what was commanded in row k cannot
     show in it. Rows may come at any step; each is cut into at least LEAST_STEPS, but not for a
     step that is exact however long its inputs are held: there is nothing to be gained by
-    cutting it.
-    """
+    cutting it."""
     return with_room(filling(step, exact))
 
 
 def with_room(fill: Callable[..., None]) -> Run:
-    """The run that `filling` does, in an array of its own."""
+    """Returns the run of `filling` with its own array."""
 
     def run(sets, switch_rows, state, first, rows, time_s, most_step_s):  # type: ignore[no-untyped-def]
         out = np.empty((len(rows), len(first)))
@@ -43,8 +44,8 @@ def with_room(fill: Callable[..., None]) -> Run:
 
 
 def filling(step: Callable[..., Any], exact: bool = False) -> Callable[..., None]:
-    """As `over_log`, into a given array: it makes none itself, so that it compiles without
-    counting references."""
+    """Returns the run of `over_log` into a given array: it makes none itself, so that it
+    compiles without counting references."""
 
     def fill(out, sets, switch_rows, state, first, rows, time_s, most_step_s):  # type: ignore[no-untyped-def]
         count = len(rows)
@@ -65,8 +66,8 @@ def filling(step: Callable[..., Any], exact: bool = False) -> Callable[..., None
 
 
 def make_input_rows(kind: Any, count: int, **columns: npt.ArrayLike) -> Any:
-    """Record array of a stage's inputs: given columns, the others at their defaults (shape
-    (count,))."""
+    """Returns a record array of a stage's inputs: given columns, the others at their defaults
+    (shape (count,))."""
     rows = np.zeros(count, [(name, np.float64) for name in kind._fields]).view(np.recarray)
     for name in kind._fields:
         rows[name] = columns.get(name, kind._field_defaults.get(name, 0.0))
@@ -74,7 +75,7 @@ def make_input_rows(kind: Any, count: int, **columns: npt.ArrayLike) -> Any:
 
 
 def mapped(reads: Callable[..., float]) -> Run:
-    """`run(params, rows) -> (rows,)` for stages without memory."""
+    """Returns `run(params, rows) -> (rows,)` for stages without memory."""
 
     def run(params, rows):  # type: ignore[no-untyped-def]
         out = np.empty(len(rows))

@@ -1,5 +1,5 @@
-"""A start as the lag rig measures it: from the command until the shaft turns, and from there to
-the first granule."""
+"""How long does a start take as the lag rig measures it? From the command until the shaft turns,
+and from there to the first granule."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from topdress.control.machine.machine import Machine
 from topdress.control.machine.shaft import HALVINGS, Shaft, dead_s, fastest_rpm_s, follows, lag_s
 
 STEP_S = 0.002
-SETTLED_AT, SETTLED_ROUNDS = 7, 4  # shaft speeds and rounds of `with_carried_share`
+# Number of shaft speeds and rounds of the fit in `with_carried_share`.
+SETTLED_AT, SETTLED_ROUNDS = 7, 4
 PROBES = {"start_more_s": 0.01, "start_more_s_per_rpm": 2e-4, "start_more_per_rpm": 2e-4}
-# the detector's threshold (lag paper, section 2.4.2)
+# Threshold of the detector, r/min (lag paper, section 2.4.2).
 TURNS_RPM = 2.0
 
 
 def response_s(machine: Machine, shaft_rpm: float) -> float:
-    """Time from a start command for `shaft_rpm` until the standing shaft reaches 2 r/min, s
-    (lag paper, table 2).
+    """Returns the time from a start command for `shaft_rpm` until the standing shaft reaches 2
+    r/min, s (lag paper, table 2).
 
-    A set-point below the threshold is reached at half its own value.
-    """
+    A set-point below the threshold counts at half its own value."""
     shaft = machine.shaft
     tau_s = lag_s(shaft)
     threshold = min(TURNS_RPM, 0.5 * shaft_rpm)
@@ -38,7 +38,8 @@ def response_s(machine: Machine, shaft_rpm: float) -> float:
 
 
 def _rises_s(shaft: Shaft, shaft_rpm: float, threshold: float) -> float:
-    """Until a standing shaft of second order reaches a threshold below its goal, s."""
+    """Returns the time until a standing shaft of second order reaches a threshold below its
+    goal, s."""
     low, high = 0.0, STEP_S
     while follows(shaft, 0.0, 0.0, shaft_rpm, high)[0] < threshold:
         low, high = high, 2.0 * high
@@ -52,19 +53,18 @@ def _rises_s(shaft: Shaft, shaft_rpm: float, threshold: float) -> float:
 
 
 def change_response_s(machine: Machine) -> float:
-    """Time from a command until a shaft that turns already changes its speed, s."""
+    """Returns the time from a command until a turning shaft changes its speed, s."""
     return dead_s(machine.shaft)
 
 
 def find_first_fall_s(machine: Machine, fall: Fall, shaft_rpm: float) -> float:
-    """From 2 r/min to the first granule on the ground, s: the rig's test played through the
-    model (lag paper, table 3).
+    """Returns the time from 2 r/min to the first granule on the ground, s: the rig's test
+    simulated with the model (lag paper, table 3).
 
-    Where the stream carries all along, the first granule leaves as the shaft begins to turn,
-    and is carried along by the stream behind it while the shaft speeds up; else one that a
-    quicker shaft released may overtake it. With the parts of `fall` that say how much longer a
-    start takes it is `find_start_drop_s`, within 4 ms from 10 to 70 r/min.
-    """
+    Where the stream carries all along, the first granule leaves as the shaft begins to turn and
+    is carried along by the stream behind it while the shaft speeds up; else a granule released
+    by a quicker shaft may overtake it. With the parts of `fall` for the additional time of a
+    start it equals `find_start_drop_s`, within 4 ms from 10 to 70 r/min."""
     shaft, share = machine.shaft, fall.carried_share
     rpm, rate = min(TURNS_RPM, 0.5 * shaft_rpm), 0.0
     speeds = []
@@ -80,13 +80,16 @@ def find_first_fall_s(machine: Machine, fall: Fall, shaft_rpm: float) -> float:
 
 
 def with_carried_share(machine: Machine, carried_share: float) -> Machine:
-    """The machine whose stream sets this share of the pace in the tube, and whose starts are
-    the same as before.
+    """Returns the machine whose stream sets this share of the pace in the tube, with unchanged
+    starts.
 
-    A rig that times starts cannot tell the two apart: for another share the running shaft's
-    drop is another line over shaft speed. Singly, the lag paper's line of starts gives 1.79 -
-    0.0133 n s. Raises ValueError outside 0 to 1.
-    """
+    A rig that times starts cannot separate the two: for another share the running shaft's drop
+    is another line over shaft speed. Singly, the lag paper's line of starts gives 1.79 - 0.0133
+    n s.
+
+    Raises
+    ------
+    ValueError : the share is outside 0 to 1."""
     if not 0.0 <= carried_share <= 1.0:
         raise ValueError(f"carried_share {carried_share:g}: allowed 0 to 1")
     if carried_share == machine.fall.carried_share:
@@ -97,8 +100,9 @@ def with_carried_share(machine: Machine, carried_share: float) -> Machine:
 
 
 def resettled(machine: Machine) -> Machine:
-    """The machine with its running shaft's drop such that its starts are `find_start_drop_s`: least
-    squares of `find_first_fall_s` over the line's range, Gauss-Newton."""
+    """Returns the machine with the running shaft's drop fitted so that its starts are
+    `find_start_drop_s`: least squares of `find_first_fall_s` over the line's range,
+    Gauss-Newton."""
     parts = (
         ("start_more_per_rpm",)
         if machine.fall.carried_share >= 1.0
@@ -131,8 +135,8 @@ def _more(fall: Fall, part: str, step: float) -> Fall:
 
 
 def find_start_lag_s(machine: Machine, shaft_rpm: float) -> float:
-    """From the command to the first granule on the ground out of a standing shaft, s (lag
-    paper, tables 1 and 4)."""
+    """Returns the time from the command to the first granule on the ground from a standing
+    shaft, s (lag paper, tables 1 and 4)."""
     return (
         response_s(machine, shaft_rpm)
         + find_first_fall_s(machine, machine.fall, shaft_rpm)

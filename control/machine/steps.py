@@ -1,5 +1,5 @@
-"""Compiled steps in place of interpreted ones, as whoever begins a long run hands them in: what
-takes them loads no compiler."""
+"""Which compiled steps replace interpreted ones in a long run? The caller passes them in, so
+that modules that use them load no compiler."""
 
 from __future__ import annotations
 

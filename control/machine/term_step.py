@@ -1,8 +1,6 @@
-"""The evaluator of terms: one value of one term, from its variables and what it remembers.
-Compiles as it stands.
+"""What is the value of a term, from its variables and its memory? Compiles as it stands.
 
-Plant, prediction, control and diagnosis ask this step and no other. Scalars in, scalars out.
-"""
+Plant, prediction, control and diagnosis all use this step. Scalars in, scalars out."""
 
 from __future__ import annotations
 
@@ -16,8 +14,8 @@ from .forms import VALUES, clipped
 
 
 class TermState(NamedTuple):
-    """What a term remembers: its variable's first-order memory, the value held since, 1 once it
-    has had one."""
+    """Holds the memory of a term: its variable's first-order memory, the last value, and 1 once
+    it has a value."""
 
     slow: float = 0.0
     last: float = 0.0
@@ -25,8 +23,8 @@ class TermState(NamedTuple):
 
 
 def remembered(p: TermParams, s: TermState, x: float, dt_s: float) -> TermState:
-    """The memory after `dt_s` in which the last value was held; it begins settled. Exact for
-    held inputs."""
+    """Returns the memory after `dt_s` in which the last value was held; it begins settled. Exact
+    for held inputs."""
     if s.known == 0.0:
         return TermState(x, x, 1.0)
     keep = exp(-dt_s / p.tau_s)
@@ -34,15 +32,14 @@ def remembered(p: TermParams, s: TermState, x: float, dt_s: float) -> TermState:
 
 
 def value_of(p: TermParams, x: float, y: float, slow: float) -> float:
-    """The value of the form that has the number; `compiled.py` has it compiled."""
+    """Returns the value of the form with this number; `compiled.py` compiles it."""
     return VALUES[p.form](p, x, y, slow)
 
 
 def term_step(
     p: TermParams, s: TermState, x: float, y: float, dt_s: float
 ) -> tuple[TermState, float]:
-    """Value of a term where its variables have come to `x` and `y`, `dt_s` after the step
-    before."""
+    """Returns the value of a term whose variables are `x` and `y`, `dt_s` after the step before."""
     x = clipped(x, p.low, p.high)
     y = clipped(y, p.second_low, p.second_high)
     if p.tau_s > 0.0:
@@ -51,8 +48,8 @@ def term_step(
 
 
 def over_rows(step: Any) -> Any:
-    """`run(params, x, y, time_s) -> (rows,)`: a term over a log. x, y : its variables at each
-    row (rows,)."""
+    """Returns `run(params, x, y, time_s) -> (rows,)`: a term over a log. x, y: its variables at
+    each row (rows,)."""
 
     def run(params, x, y, time_s):  # type: ignore[no-untyped-def]
         out = np.empty(len(x))

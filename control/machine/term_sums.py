@@ -1,4 +1,4 @@
-"""What a machine's terms come to together, quantity by quantity: tick by tick, or over a log by
+"""What do a machine's terms add up to, quantity by quantity? Tick by tick, or over a log with
 the same evaluator."""
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ from .terms import COMMANDED_MM, COMMANDED_RPM, Acts, Term, needed, params_of
 
 
 class More(NamedTuple):
-    """What terms add to each quantity, in its own unit (`terms.UNIT_OF`); the names are those
-    of `Acts`."""
+    """Holds the sum of the terms for each quantity, in its own unit (`terms.UNIT_OF`); the names
+    are those of `Acts`."""
 
     shaft_percent: float = 0.0
     shaft_rpm: float = 0.0
@@ -34,8 +34,8 @@ NOTHING = More()
 
 
 class TermSums:
-    """The terms of a machine and what each remembers. Values that are not given leave their
-    terms out."""
+    """Advances the terms of a machine with their memories. A term without its values is left
+    out."""
 
     def __init__(self, terms: Iterable[Term]) -> None:
         self._terms = [(term.acts_on.value, params_of(term), needed(term)) for term in terms]
@@ -46,7 +46,7 @@ class TermSums:
         return bool(self._terms)
 
     def step(self, values: Mapping[str, float], dt_s: float) -> More:
-        """The sums where the variables have come to `values`, `dt_s` after the step before."""
+        """Returns the sums where the variables are `values`, `dt_s` after the step before."""
         more = dict.fromkeys(More._fields, 0.0)
         for k, (acts_on, params, names) in enumerate(self._terms):
             if all(name in values for name in names):
@@ -56,20 +56,20 @@ class TermSums:
         return More(**more)
 
     def frozen(self, values: Mapping[str, float]) -> StandingTerms:
-        """The terms as they stand, to be asked at other set-points."""
+        """Returns the terms in their present state, for other set-points."""
         return StandingTerms(tuple(self._terms), tuple(self._states), dict(values))
 
 
 class StandingTerms(NamedTuple):
-    """Terms in conditions that hold: what they come to at given set-points, for the inverse of
-    the model."""
+    """Holds terms in constant conditions, with their sums at given set-points: for the inverse
+    of the model."""
 
     terms: tuple[tuple[str, TermParams, tuple[str, ...]], ...]
     states: tuple[TermState, ...]
     values: dict[str, float]
 
     def at(self, only: Sequence[Acts], **set_points: float) -> More:
-        """The sums of some quantities with some of the values replaced."""
+        """Returns the sums of some quantities with some of the values replaced."""
         values = {**self.values, **set_points}
         more: dict[str, float] = {}
         for (acts_on, params, names), state in zip(self.terms, self.states, strict=True):
@@ -80,8 +80,8 @@ class StandingTerms(NamedTuple):
 
 
 class HeldCommands:
-    """Means of the commands that the drives follow by now, over each step: their dead times are
-    past."""
+    """Averages over each step the commands that the drives follow by now, after their dead
+    times."""
 
     def __init__(self, machine: Machine, shaft_rpm: float, opening_mm: float) -> None:
         self._dead_s = dead_times_s(machine)
@@ -93,7 +93,7 @@ class HeldCommands:
     def step(
         self, now_s: float, shaft_rpm: float, opening_mm: float, dt_s: float
     ) -> dict[str, float]:
-        """The commands given at `now_s` and held for `dt_s`."""
+        """Takes the commands given at `now_s` and held for `dt_s`."""
         found = {}
         for k, (name, value) in enumerate(((COMMANDED_RPM, shaft_rpm), (COMMANDED_MM, opening_mm))):
             begin_s = now_s - self._dead_s[k]
@@ -104,17 +104,16 @@ class HeldCommands:
 
 
 def dead_times_s(machine: Machine) -> tuple[float, float]:
-    """Of shaft and gate."""
+    """Returns the dead times of shaft and gate, s."""
     return dead_s(machine.shaft), machine.gate.dead_time_s
 
 
 def over_log(
     terms: Iterable[Term], values: Mapping[str, Array], time_s: Array, run: TermRun
 ) -> dict[str, Array]:
-    """The sums over a log, (rows,) by quantity; quantities without a term are left out.
+    """Returns the sums over a log, (rows,) by quantity; quantities without a term are left out.
 
-    values : by the names of `needed`, (rows,) each. Terms whose values are not there add nothing.
-    """
+    values: by the names of `needed`, (rows,) each. Terms without their values add nothing."""
     found: dict[str, Array] = {}
     for term in terms:
         names = needed(term)
@@ -130,8 +129,8 @@ def over_log(
 
 
 def commanded_over_log(command: Array, time_s: Array, dead_s: float) -> Array:
-    """What `HeldCommands` gives, over a log: mean of the held command over each row, `dead_s`
-    late (rows,)."""
+    """Returns the values of `HeldCommands` over a log: mean of the held command over each row,
+    `dead_s` late (rows,)."""
     if len(time_s) < 2:
         return command
     spans = np.diff(time_s)
@@ -151,15 +150,15 @@ def commanded_over_log(command: Array, time_s: Array, dead_s: float) -> Array:
 
 
 def angle_over_log(shaft_rpm: Array, time_s: Array) -> Array:
-    """Angle of the shaft in the middle of each row, degrees since the log began (rows,)."""
+    """Returns the shaft's angle in the middle of each row, degrees since the log began (rows,)."""
     spans = np.diff(time_s, append=time_s[-1])
     turned = 6.0 * shaft_rpm * spans
     return np.asarray(np.concatenate(([0.0], np.cumsum(turned)[:-1])) + 0.5 * turned)
 
 
 def not_compensated(term: Term, known: Iterable[str] = ()) -> str:
-    """Why control cannot take a term's error back; "" where it does. known : further columns
-    that a device gives."""
+    """Returns why control cannot compensate a term; "" where it does. known: further columns of
+    a device."""
     if FORMS[term.form].one_run:
         return "it holds for a span of one run"
     if SHAFT_ANGLE in term.variables:
@@ -173,8 +172,8 @@ def not_compensated(term: Term, known: Iterable[str] = ()) -> str:
 
 
 def partly_compensated(term: Term) -> str:
-    """What of a term control cannot know in advance although it takes it back; "" where it is
-    known."""
+    """Returns which part of a compensated term control cannot know in advance; "" where it knows
+    all."""
     if "speed_mps" in term.variables:
         return "with the speed of now, not with that at landing"
     if "time_s" in term.variables:

@@ -1,9 +1,8 @@
-"""Terms: what a machine does beyond the catalogue, as data in its file. The evaluator is
-`term_step`.
+"""What does a machine do beyond the catalogue? Terms, as data in its file. `term_step` evaluates
+them.
 
-A term adds a value to one quantity of one stage (`acts_on`); the value is a form over one or
-two recorded variables.
-"""
+A term adds a value to one quantity of one stage (`acts_on`); the value is a form over one or two
+recorded variables."""
 
 from __future__ import annotations
 
@@ -23,7 +22,7 @@ from .forms import NODES, Form, params
 
 
 class Acts(StrEnum):
-    """What a term acts on: a quantity of one stage, the unit in its name."""
+    """Names the quantity of a stage that a term acts on, with its unit."""
 
     SHAFT_PERCENT = "shaft_percent"  # of the speed that the shaft was commanded
     # added to it while the shaft is commanded to turn
@@ -56,8 +55,8 @@ UNIT_OF = {
     Acts.SCALE_KG_MIN: "kg/min",
     Acts.WHEEL_PERCENT: "%",
 }
-# Recorded variables with their units. Of its own stage a term sees the command that the drive
-# follows by now; the shaft's angle is counted from the beginning of the run.
+# Recorded variables with their units. For its own stage a term uses the command that the drive
+# follows by now; the shaft's angle counts from the beginning of the run.
 VARIABLES = {
     "shaft_rpm": "r/min",
     "opening_mm": "mm",
@@ -76,8 +75,8 @@ Number = Annotated[float, Field(ge=-1e9, le=1e9)]
 
 
 class Variable(FrozenModel):
-    """What a term depends on. valid : range in which it was seen; beyond it the term holds its
-    edge value."""
+    """Holds a variable that a term depends on. valid: range in which it was seen; beyond it the
+    term keeps its edge value."""
 
     name: Annotated[str, Field(min_length=1, max_length=200)]
     unit: str = ""  # of a column that is none of the run log's
@@ -108,7 +107,7 @@ class Variable(FrozenModel):
 
 
 class Source(FrozenModel):
-    """Where a term comes from."""
+    """Holds the origin of a term."""
 
     data: str = ""
     sha256: str = ""
@@ -117,7 +116,7 @@ class Source(FrozenModel):
 
 
 class Interval(NamedTuple):
-    """90 % interval of a coefficient."""
+    """Holds the 90 % interval of a coefficient."""
 
     name: str
     low: Number
@@ -125,7 +124,7 @@ class Interval(NamedTuple):
 
 
 class Term(FrozenModel):
-    """One term of the machine file."""
+    """Holds one term of the machine file."""
 
     id: Annotated[str, Field(min_length=1, max_length=80, pattern=r"^[a-z][a-z0-9_.]*$")]
     title: str = ""
@@ -218,7 +217,7 @@ class Term(FrozenModel):
 
     @property
     def unit(self) -> str:
-        """Of its value."""
+        """Returns the unit of its value."""
         return UNIT_OF[self.acts_on]
 
     @property
@@ -236,7 +235,7 @@ def _listed(names: Iterable[str]) -> str:
 
 @lru_cache(maxsize=256)
 def params_of(term: Term) -> TermParams:
-    """A term as the numbers that its evaluator takes."""
+    """Returns a term as the numbers of its evaluator."""
     low, high = term.over[0].valid or (-1e300, 1e300)
     second_low, second_high = (
         (term.over[1].valid or (-1e300, 1e300)) if len(term.over) > 1 else (-1e300, 1e300)
@@ -255,7 +254,7 @@ def params_of(term: Term) -> TermParams:
 
 
 def _filled(numbers: tuple[float, ...], step: float) -> Table:
-    """Eight numbers: beyond the last node the table is held."""
+    """Returns eight numbers: beyond the last node the table is constant."""
     more = NODES - len(numbers)
     a, b, c, d, e, f, g, h = (
         *map(float, numbers),
@@ -265,14 +264,14 @@ def _filled(numbers: tuple[float, ...], step: float) -> Table:
 
 
 def name_own_command(stage: str, variable: str) -> str:
-    """Name of the value that a term of a stage is asked with: of its own drive, the command
+    """Returns the name of the value that a term of a stage uses: for its own drive, the command
     that it follows by now."""
     commands = {("shaft", "shaft_rpm"): COMMANDED_RPM, ("gate", "opening_mm"): COMMANDED_MM}
     return commands.get((stage, variable), variable)
 
 
 def needed(term: Term) -> tuple[str, ...]:
-    """Names of the values that a term is asked with."""
+    """Returns the names of the values that a term uses."""
     return tuple(name_own_command(term.stage, name) for name in term.variables)
 
 
@@ -294,8 +293,8 @@ OLD_NOTE = "was a table in an older machine file (tables_over)"
 
 
 def without_old_tables(data: dict[str, Any]) -> dict[str, Any]:
-    """A machine file of before there were terms: its tables become terms, those that no
-    variable was named for go."""
+    """Converts a machine file from before there were terms: its tables become terms; tables
+    without a variable are dropped."""
     over = data.get("tables_over")
     data = {key: value for key, value in data.items() if key != "tables_over"}
     named: dict[str, Any] = over if isinstance(over, dict) else {}
@@ -336,8 +335,11 @@ EXAMPLE = "flow_percent bend speed_mps bend=-4.4 at=1.2 valid=0.6:2.3"
 
 
 def parse_term(text: str, explained: Callable[[dict[str, Any]], Term]) -> Term:
-    """One `--term`. explained : makes the term of plain data. Raises ValueError with one plain
-    line."""
+    """Reads one `--term`. explained: makes the term from plain data.
+
+    Raises
+    ------
+    ValueError : in one plain line."""
     words = text.split()
     items = [_ITEM.fullmatch(word) for word in words[3:]]
     if len(words) < 3 or any(item is None for item in items):
