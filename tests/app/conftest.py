@@ -14,6 +14,7 @@ for _name in ("NO_COLOR", "TEXTUAL_THEME"):  # textual reads them when it is imp
 import pytest  # noqa: E402
 import textual.app  # noqa: E402
 import textual.pilot  # noqa: E402
+from textual._compositor import Compositor, LayoutUpdate  # noqa: E402
 from textual.app import App  # noqa: E402
 from textual.css.model import RuleSet  # noqa: E402
 from textual.css.stylesheet import Stylesheet  # noqa: E402
@@ -64,12 +65,17 @@ async def come_to_rest(_min_sleep: float = 0.0, max_sleep: float = 1.0) -> None:
     loop = asyncio.get_running_loop()
     start_s = monotonic() - _queued_s()
     while monotonic() - _queued_s() - start_s < max_sleep:
-        before_s = process_time()
         wait_s = LOOK_S if _threads_work(loop) else min(_next_s(loop), LOOK_S)
-        await asyncio.sleep(wait_s)
-        computes = _threads_work(loop) and (wait_s < LOOK_S or process_time() - before_s > IDLE_S)
-        # something that repeats, and does little
-        still = wait_s >= LOOK_S and process_time() - before_s < IDLE_S
+        if wait_s < LOOK_S:
+            await asyncio.sleep(wait_s)
+            computes, still = _threads_work(loop), False
+        else:
+            # The time of a process takes 0.7 ms to read where many threads run.
+            before_s = process_time()
+            await asyncio.sleep(wait_s)
+            # something that repeats, and does little
+            still = (spent_s := process_time() - before_s) < IDLE_S
+            computes = _threads_work(loop) and spent_s > IDLE_S
         if still or (not computes and _next_s(loop) >= LOOK_S):
             return
 
@@ -93,6 +99,29 @@ def _rest(monkeypatch):
         monkeypatch.setattr(module, "wait_for_idle", come_to_rest)
     monkeypatch.setattr(Pilot, "press", pressed)
     monkeypatch.setattr(App, "run_test", begun)
+
+
+def _forget_update(
+    compositor: Compositor, full=False, screen_stack=None, simplify=False
+) -> LayoutUpdate | None:
+    """A picture that is exported is drawn whole; what would go to a terminal is not drawn."""
+    if full:
+        return compositor.render_full_update(simplify=simplify)
+    compositor._dirty_regions.clear()
+    return None
+
+
+@pytest.fixture
+def drawn_at_once():
+    """Asks for every change to be drawn when it is made, for tests of the drawing itself."""
+
+
+@pytest.fixture(autouse=True)
+def _draw_when_read(request, monkeypatch):
+    """A screen is drawn where a test reads it (`rows_of`, pictures): nobody sees what a headless
+    app sends to its terminal, which is half of an app's work."""
+    if "drawn_at_once" not in request.fixturenames:
+        monkeypatch.setattr(Compositor, "render_update", _forget_update)
 
 
 @pytest.fixture(autouse=True, scope="session")

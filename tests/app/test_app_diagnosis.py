@@ -437,6 +437,7 @@ async def test_an_error_is_said_in_one_line_and_stays(app, service, shown):
         assert any("! run.csv: no usable time column" in row for row in shown(app))
 
 
+@pytest.mark.usefixtures("drawn_at_once")
 async def test_the_mouse_chooses_and_begins(app, service, pilot, page):
     await pilot.click("#dia-sources", offset=(10, 4))
     assert page.at == 2 and service.asked == []

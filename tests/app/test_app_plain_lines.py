@@ -46,6 +46,7 @@ def drawn(app) -> str:
     )
 
 
+@pytest.mark.usefixtures("drawn_at_once")
 @pytest.mark.parametrize("key", ["f1", "f2", "f4", "f10"])
 async def test_no_page_lets_a_text_steer(app, source, key):
     bad = "".join(STEERING)

@@ -136,6 +136,7 @@ async def test_a_widget_is_touched_only_when_what_it_shows_changes(
     assert changed == {"tiles"}
 
 
+@pytest.mark.usefixtures("drawn_at_once")
 async def test_of_a_panel_those_rows_alone_are_drawn_that_look_other(
     app, source, frames, monkeypatch
 ):
@@ -235,6 +236,7 @@ async def test_speeds_in_alarms_are_shown_in_the_units_in_use(app, source, frame
         assert "at most 4.5 mph" in shown(app)[1]
 
 
+@pytest.mark.usefixtures("drawn_at_once")
 async def test_an_alarm_is_seen_while_a_dialog_is_open(app, source, clock, frames, shown):
     async with app.run_test(size=(80, 24)) as pilot:
         await pilot.press("m")
