@@ -5,7 +5,7 @@ Not in use on a rig yet: compiled and its logic run, its pins not.
 
 import time
 
-import machine  # type: ignore[import-not-found]
+import machine
 
 from drivers.board.lag_rig import RigPins, RigProgram, RigSettings
 from drivers.board.rp2 import Board

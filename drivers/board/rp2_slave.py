@@ -7,7 +7,7 @@ Not in use on a machine yet: compiled and its logic run, its pins not.
 import os
 import time
 
-import machine  # type: ignore[import-not-found]
+import machine
 
 from drivers.board.parts import LoadCell, Tilt
 from drivers.board.rp2 import Board
@@ -180,7 +180,7 @@ def own_settings() -> Rp2Settings:
     `BoardSettings.take` does."""
     settings = Rp2Settings()
     try:
-        import board_settings  # type: ignore[import-not-found]
+        import board_settings
     except ImportError:
         return settings
     settings.take(board_settings)
